@@ -1,0 +1,1 @@
+#include "rays.h"

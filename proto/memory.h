@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * memory.h - the seam through which the builder allocates whatever grows with its input.
+ *
+ * A struct memory is a budget: it counts what is live and the peak, refuses what would pass the limit, and can be told to fail the
+ * n-th allocation (tests). Functions are safe from any thread. Blocks are 64-byte aligned; blocks of some MiB and more are laid for
+ * huge pages, because touching new pages costs a build more than computing on them. Contents are uninitialised.
+ */
+#ifndef BVHD_MEMORY_H
+#define BVHD_MEMORY_H
+
+#include <stdatomic.h>
+#include <stdint.h>
+
+struct memory {
+    uint64_t limit; /* bytes that may be live at once; UINT64_MAX = no limit */
+    _Atomic uint64_t live; /* bytes now */
+    _Atomic uint64_t peak; /* the most that were live at once */
+    _Atomic int64_t fail_after; /* < 0: never; n >= 0: the allocation after n more successes fails, and all later ones succeed */
+};
+
+void memory_init(struct memory *memory, uint64_t limit);
+
+/* NULL when the budget, the machine or the test says no, or when size is 0. */
+void *memory_alloc(struct memory *memory, uint64_t size);
+
+/* As memory_alloc, for count * size, NULL also on overflow. */
+void *memory_array(struct memory *memory, uint64_t count, uint64_t size);
+
+/* Like realloc; on failure the old block lives on and NULL is returned. block may be NULL. */
+void *memory_resize(struct memory *memory, void *block, uint64_t size);
+
+/* block may be NULL. The block must come from the same struct memory. */
+void memory_free(struct memory *memory, void *block);
+
+#endif

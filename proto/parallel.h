@@ -1,0 +1,35 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * parallel.h - how code that does not own threads asks for them.
+ *
+ * for_each calls task(context, i) once for every i in [0, count), in any order, on any threads, the caller's among them, and returns
+ * when all have returned. Results must not depend on the order or on the number of threads. Tasks may call for_each again.
+ */
+#ifndef BVHD_PARALLEL_H
+#define BVHD_PARALLEL_H
+
+#include <stddef.h>
+
+typedef void (*parallel_task)(void *context, size_t index);
+
+struct parallel {
+    unsigned threads; /* how many tasks can run at once; at least 1 */
+    void (*for_each)(const struct parallel *self, size_t count, parallel_task task, void *context);
+};
+
+/* Runs every task on the calling thread, in order. */
+extern const struct parallel parallel_serial;
+
+static inline void parallel_for(const struct parallel *parallel, size_t count, parallel_task task, void *context)
+{
+    parallel->for_each(parallel, count, task, context);
+}
+
+/* The half-open range [*ret_begin, *ret_end) of item `index` when `total` things are cut into chunks of `chunk`. */
+static inline void parallel_chunk(size_t index, size_t chunk, size_t total, size_t *ret_begin, size_t *ret_end)
+{
+    *ret_begin = index * chunk;
+    *ret_end = total - *ret_begin < chunk ? total : *ret_begin + chunk;
+}
+
+#endif

@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * vuid.h - Vulkan's valid-usage rules that bvhd decides, by name.
+ *
+ * vuid.def lists them once, as BVHD_VUID(name, "VUID-..."). Numbers are wire ABI: append, never reorder.
+ */
+#ifndef BVHD_VUID_H
+#define BVHD_VUID_H
+
+enum bvhd_vuid {
+    BVHD_VUID_NONE = 0,
+#define BVHD_VUID(name, string) BVHD_VUID_##name,
+#include "vuid.def"
+#undef BVHD_VUID
+    BVHD_VUID_COUNT
+};
+
+/* The identifier verbatim, "VUID-..."; "" for NONE and for a number that this version does not know. */
+const char *bvhd_vuid_string(enum bvhd_vuid vuid);
+
+#endif
