@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * build.h - the second step: a canonical copy to a serialized structure.
+ *
+ * primitive boxes -> our own top-level split into pieces -> a builder for each piece -> one ir -> passes -> collapse -> layout. Stages
+ * run on the caller's struct parallel; cancellation is looked at between pieces and stages.
+ */
+#ifndef BVHD_BUILD_H
+#define BVHD_BUILD_H
+
+#include <stdatomic.h>
+
+#include "canonical.h"
+#include "embree.h"
+#include "layout.h"
+#include "memory.h"
+#include "parallel.h"
+
+enum { BUILD_VERSION = 1 }; /* changes whenever the same request would give other bytes: part of every key */
+
+enum { BUILD_PIECE_SIZE = 50000 }; /* most refs that are built without a look at the cancel flag */
+
+struct build_context {
+    struct embree *embree;
+    struct memory *memory;
+    const struct parallel *parallel;
+    const atomic_bool *cancel; /* may be NULL */
+    /* Called from any thread, with done <= total in refs, not more often than once a piece and stage. May be NULL. */
+    void (*progress)(void *context, uint64_t done, uint64_t total);
+    void *progress_context;
+};
+
+/* Wall time of the stages, in milliseconds. */
+struct build_times {
+    double boxes, split, pieces, join, depth, collapse, write;
+};
+
+struct build_stats {
+    uint64_t primitives, triangles, instances; /* as asked */
+    uint64_t inactive, degenerate, skipped; /* primitive.h */
+    uint64_t refs; /* in leaves; more than the primitives in the tree when split */
+    uint32_t depth; /* levels of the 2-wide ir, after the depth pass */
+    double sah; /* of the 2-wide ir; 0 when empty */
+    const char *method; /* "embree-medium", ...; static */
+    struct box bounds; /* of the whole structure */
+    struct build_times ms;
+    struct layout_sizes sizes;
+};
+
+/* The quality that is built: named ones first, then Vulkan's PREFER flags, then balanced. Never UNSPECIFIED or AUTO. */
+enum build_quality build_quality_resolve(enum build_quality asked, uint32_t build_flags);
+const char *build_quality_name(enum build_quality quality);
+
+/*
+ * *ret_blob: context->memory, 64-byte aligned, caller frees. On failure nothing is held. BVHD_CANCELLED soon after the flag is set.
+ * `canonical` comes from prepare (checked). The same bytes for any number of threads, compiler and instruction set.
+ */
+enum bvhd_status build(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
+                       unsigned char **ret_blob, struct build_stats *ret_stats, struct bvhd_error *error);
+
+/* The first half of build(), for benchmarks and tests: the ir after its passes. The caller ends it with ir_finish. */
+enum bvhd_status build_ir(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
+                          struct ir *ret_ir, struct build_stats *ret_stats, struct bvhd_error *error);
+
+#endif

@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * layout.h - writers of serialized structures, by target. A layout states what it needs of the tree; the builder provides it.
+ */
+#ifndef BVHD_LAYOUT_H
+#define BVHD_LAYOUT_H
+
+#include "canonical.h"
+#include "ir.h"
+#include "parallel.h"
+#include "wide.h"
+
+/* Where the bytes of a blob go. */
+struct layout_sizes {
+    uint64_t total, header, nodes, records, vertices, geometries;
+};
+
+struct layout_input {
+    const struct canonical *canonical;
+    const struct ir *ir;
+    const struct wide *wide; /* NULL when the layout's arity is 2 */
+    uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
+    struct memory *memory;
+    const struct parallel *parallel;
+};
+
+struct layout {
+    enum target target;
+    const char *name; /* "portable" */
+    uint32_t version; /* part of every key */
+    uint32_t arity; /* 2 or 8 */
+    uint32_t leaf_max; /* most refs a leaf may hold */
+    uint32_t depth_limit; /* most levels of its nodes */
+    uint32_t flags; /* layout_flags that it knows */
+
+    /*
+     * Writes the whole blob: *ret_blob from input->memory, 64-byte aligned, the caller frees it. The same input gives the same bytes
+     * for any number of threads. BVHD_NO_MEMORY, BVHD_TOO_LARGE (a section passes 32-bit ids).
+     */
+    enum bvhd_status (*write)(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
+                              struct bvhd_error *error);
+};
+
+extern const struct layout layout_portable;
+
+/* NULL for an unknown target. */
+const struct layout *layout_find(enum target target);
+const struct layout *layout_find_name(const char *name);
+
+#endif

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * wide.h - a wide tree over an ir: which ir nodes become the up to 8 children of each wide node, in the order in which a layout
+ * writes them. Made by collapse.h; layouts map node i to their node i.
+ *
+ * Node 0 is the root (count 0 for an empty structure). Slots are octants: the child in slot s lies towards +x when bit 0 of s is set,
+ * +y for bit 1, +z for bit 2, as far as the assignment that minimises the sum over children could have it; slots may be empty.
+ * Inner children of a node are adjacent in the array, in slot order, from first_child on, and follow their parent: first_child > index.
+ * The refs of a node's leaf children are written adjacently, in slot order, from first_leaf on; those blocks follow each other in node
+ * order, so that first_leaf of node i + 1 = first_leaf of node i plus the refs of node i's leaf children.
+ */
+#ifndef BVHD_WIDE_H
+#define BVHD_WIDE_H
+
+#include <stdint.h>
+
+#include "memory.h"
+
+enum { WIDE_ARITY = 8, WIDE_NONE = 0 };
+
+/* A child that is a leaf covers refs[first_ref .. first_ref + ref_count) of the ir; an inner child has ref_count 0. */
+struct wide_child {
+    uint32_t node; /* ir node whose box bounds the child; WIDE_NONE (the root is nobody's child) for an empty slot */
+    uint32_t first_ref; /* leaves only */
+    uint32_t ref_count; /* leaves: 1 .. leaf_max; inner: 0 */
+};
+
+struct wide_node {
+    uint32_t node; /* the ir node that it stands for */
+    uint32_t first_child; /* wide index of the first inner child */
+    uint32_t first_leaf; /* see above */
+    struct wide_child slots[WIDE_ARITY];
+};
+
+struct wide {
+    uint32_t node_count;
+    uint32_t leaf_refs; /* refs over all leaf children */
+    uint32_t depth; /* levels of wide nodes */
+    struct wide_node *nodes;
+    struct memory *memory;
+};
+
+/* NULL-safe, idempotent. */
+void wide_finish(struct wide *wide);
+
+#endif

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * primitive.h - from a canonical copy to the boxes that builders sort: one 32-byte ref for each primitive that can be hit.
+ *
+ * Left out are inactive primitives (row F12: a triangle with a NaN in any component, an AABB with a NaN minimum x, an instance without a
+ * reference) and, unless the build says ALLOW_UPDATE, degenerate ones (row F13: triangles of zero area, instances of an empty structure) and
+ * triangles with infinite corners, which no ray can meet. Point AABBs stay. With ALLOW_UPDATE infinite coordinates are clamped to the
+ * largest float.
+ *
+ * Instances: the box of the reference's bounds through the transform, in double, rounded outward.
+ */
+#ifndef BVHD_PRIMITIVE_H
+#define BVHD_PRIMITIVE_H
+
+#include "canonical.h"
+#include "memory.h"
+#include "parallel.h"
+
+/* The layout of Embree's RTCBuildPrimitive, so that pieces go to it without a copy. */
+struct primitive_ref {
+    float min[3];
+    uint32_t geometry; /* 0; kept for that layout */
+    float max[3];
+    uint32_t id; /* flat primitive id */
+};
+
+struct primitive_refs {
+    struct primitive_ref *refs; /* 64-byte aligned; in order of ids */
+    uint32_t count;
+    struct box bounds; /* of all refs */
+    struct box centroids; /* of min + max of all refs: twice the centres */
+    uint64_t inactive; /* counted in ids, not in refs */
+    uint64_t degenerate; /* of zero extent or area, whether kept or not */
+    uint64_t skipped; /* active, but left out: degenerate or infinite */
+};
+
+/* The box of primitive `index` of `geometry` (float, conservative), or an empty box when it is left out. */
+struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index);
+
+/* On success the caller frees ret_refs->refs with memory_free (NULL when count is 0). The same for any number of threads. */
+enum bvhd_status primitive_collect(const struct canonical *canonical, struct memory *memory, const struct parallel *parallel,
+                                   struct primitive_refs *ret_refs, struct bvhd_error *error);
+
+#endif

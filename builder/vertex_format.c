@@ -1,0 +1,1 @@
+#include "vertex_format.h"
