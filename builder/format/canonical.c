@@ -1,1 +1,35 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #include "canonical.h"
+
+#include <assert.h>
+
+struct canonical_instance canonical_instance(const struct canonical_geometry *geometry, uint32_t index)
+{
+    assert(index < geometry->primitive_count);
+    const unsigned char *record = geometry->instances + (uint64_t)64 * index;
+    uint32_t custom_and_mask = bytes_get32(record + 48), sbt_and_flags = bytes_get32(record + 52);
+    struct canonical_instance instance = {
+        .custom_index = custom_and_mask & 0xffffff,
+        .mask = custom_and_mask >> 24,
+        .sbt_offset = sbt_and_flags & 0xffffff,
+        .flags = sbt_and_flags >> 24,
+        .reference = bytes_get64(record + 56),
+    };
+    memcpy(instance.transform, record, sizeof instance.transform);
+    return instance;
+}
+
+uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primitive)
+{
+    assert(primitive < canonical->primitive_count);
+    /* The last geometry that starts at or before the primitive is never an empty one: the next would start at the same place. */
+    uint32_t low = 0, high = canonical->geometry_count;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if (canonical->geometries[middle].first_primitive <= primitive)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
