@@ -1,1 +1,88 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #include "content_key.h"
+
+#include <openssl/evp.h>
+
+#include "build.h"
+#include "layout.h"
+
+/* The terminating NULs are hashed too: what follows begins at a known place. */
+static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 1";
+
+struct part {
+    const void *data;
+    size_t size;
+};
+
+static bool digest_parts(const struct part *parts, int count, struct key *ret_digest)
+{
+    EVP_MD_CTX *context = EVP_MD_CTX_new();
+    bool good = context && EVP_DigestInit_ex(context, EVP_sha256(), NULL) == 1;
+    for (int i = 0; good && i < count; i++)
+        good = EVP_DigestUpdate(context, parts[i].data, parts[i].size) == 1;
+    good = good && EVP_DigestFinal_ex(context, ret_digest->bytes, NULL) == 1;
+    EVP_MD_CTX_free(context);
+    return good;
+}
+
+struct leaves {
+    struct bytes block;
+    struct key *digests;
+    atomic_bool failed;
+};
+
+static void digest_leaf(void *context, size_t index)
+{
+    struct leaves *leaves = context;
+    size_t begin, end;
+    parallel_chunk(index, CONTENT_KEY_LEAF, leaves->block.size, &begin, &end);
+    unsigned char length[8];
+    bytes_put64(length, end - begin);
+    const struct part parts[] = {{leaf_domain, sizeof leaf_domain}, {length, sizeof length}, {leaves->block.data + begin, end - begin}};
+    if (!digest_parts(parts, 3, &leaves->digests[index]))
+        atomic_store_explicit(&leaves->failed, true, memory_order_relaxed);
+}
+
+struct root {
+    unsigned char bytes[28]; /* what stands between the domain and the digests */
+};
+
+static struct root describe_root(uint64_t size, enum build_quality quality, const struct layout *layout, uint32_t layout_flags)
+{
+    struct root root;
+    bytes_put64(root.bytes, size);
+    bytes_put32(root.bytes + 8, BUILD_VERSION);
+    bytes_put32(root.bytes + 12, layout->target);
+    bytes_put32(root.bytes + 16, layout->version);
+    bytes_put32(root.bytes + 20, layout_flags);
+    bytes_put32(root.bytes + 24, quality);
+    return root;
+}
+
+enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,
+                             struct memory *memory, const struct parallel *parallel, struct key *ret_key, struct bvhd_error *error)
+{
+    const struct layout *layout = layout_find(target);
+    if (!layout)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)target);
+
+    uint64_t leaf_count = canonical->size / CONTENT_KEY_LEAF + (canonical->size % CONTENT_KEY_LEAF != 0);
+    struct leaves leaves = {.block = {canonical->bytes, canonical->size}};
+    if (leaf_count > 0) {
+        leaves.digests = memory_array(memory, leaf_count, sizeof *leaves.digests);
+        if (!leaves.digests)
+            return bvhd_error_set(error, BVHD_NO_MEMORY, "key", "out of memory for %llu digests", (unsigned long long)leaf_count);
+    }
+    parallel_for(parallel, leaf_count, digest_leaf, &leaves);
+
+    struct root root = describe_root(canonical->size, quality, layout, layout_flags);
+    const struct part parts[] = {
+        {root_domain, sizeof root_domain}, {root.bytes, sizeof root.bytes}, {leaves.digests, leaf_count * sizeof *leaves.digests}};
+    struct key key;
+    bool good = !atomic_load_explicit(&leaves.failed, memory_order_relaxed) && digest_parts(parts, 3, &key);
+    memory_free(memory, leaves.digests);
+    if (!good)
+        return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");
+    *ret_key = key;
+    return BVHD_OK;
+}

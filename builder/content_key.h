@@ -2,8 +2,13 @@
 /*
  * content_key.h - the key of a build: SHA-256 over its canonical bytes and everything else that decides the result.
  *
- * Leaves of 1 MiB are hashed in parallel, a root over their digests; both are domain-separated and cover lengths. The root also covers
- * the resolved quality, target, layout version and flags, and the builder's version. Not the number of threads nor the machine.
+ * The canonical block is cut into leaves of CONTENT_KEY_LEAF bytes (the last may be shorter; an empty block has none), hashed in parallel:
+ *
+ *     leaf = SHA-256("bvhd key leaf 1\0", u64 bytes in the leaf, the bytes)
+ *     key  = SHA-256("bvhd key root 1\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version, u32 layout flags,
+ *                    u32 quality, the leaves' digests in order)
+ *
+ * Numbers are little-endian. Neither the number of threads nor the machine is in it.
  */
 #ifndef BVHD_CONTENT_KEY_H
 #define BVHD_CONTENT_KEY_H
@@ -13,7 +18,12 @@
 #include "memory.h"
 #include "parallel.h"
 
-/* `quality` is resolved (build_quality_resolve). BVHD_UNSUPPORTED for an unknown target; BVHD_INTERNAL when the hash library fails. */
+enum { CONTENT_KEY_LEAF = 1 << 20 };
+
+/*
+ * `quality` is resolved (build_quality_resolve). BVHD_UNSUPPORTED for an unknown target, BVHD_NO_MEMORY, BVHD_INTERNAL when the hash library
+ * fails.
+ */
 enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,
                              struct memory *memory, const struct parallel *parallel, struct key *ret_key, struct bvhd_error *error);
 

@@ -1,1 +1,265 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #include "workers.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+/* One call of for_each; lives on its caller's stack. Fields without a word are constant once it is posted. */
+struct call {
+    parallel_task task;
+    void *context;
+    size_t count;
+    struct workers *workers;
+    struct call *parent; /* the call whose task made this one, if it runs on the same workers */
+    atomic_size_t next; /* the first task that nobody has taken; may pass count */
+    atomic_uint helpers; /* workers inside; changed under the lock */
+    struct call *after; /* in the list of open calls, under the lock */
+    bool waiting; /* its caller sleeps on `changed`; under the lock */
+    pthread_cond_t changed; /* a helper has left, or a task has made a call */
+};
+
+/* What callers hold; leads from the const interface back to the workers. */
+struct face {
+    struct parallel parallel;
+    struct workers *workers;
+};
+
+struct workers {
+    struct face face;
+    pthread_mutex_t lock;
+    pthread_cond_t work; /* a call was posted, or it is time to stop */
+    struct call *oldest; /* open calls in the order of posting; under the lock */
+    unsigned sleepers; /* workers that wait on `work`; under the lock */
+    bool stop; /* under the lock */
+    atomic_uint posted; /* counts calls, changed under the lock: what free workers look at before they sleep */
+    unsigned thread_count; /* of `threads`: one less than face.parallel.threads */
+    pthread_t threads[];
+};
+
+/* Rounds of looking before sleeping: about 10 us, what a sleep and a wake would cost. */
+enum { SPIN_ROUNDS = 250 };
+
+/* The innermost call whose task this thread is running. */
+static _Thread_local struct call *current;
+
+static void pause_briefly(void)
+{
+#if defined(__x86_64__) || defined(__i386__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    __asm__ volatile("yield");
+#endif
+}
+
+static void run_tasks(struct call *call)
+{
+    struct call *outer = current;
+    current = call;
+    for (;;) {
+        size_t index = atomic_fetch_add_explicit(&call->next, 1, memory_order_relaxed);
+        if (index >= call->count)
+            break;
+        call->task(call->context, index);
+    }
+    current = outer;
+}
+
+static bool descends_from(const struct call *call, const struct call *ancestor)
+{
+    for (call = call->parent; call; call = call->parent)
+        if (call == ancestor)
+            return true;
+    return false;
+}
+
+/* The oldest open call with tasks to give; with an ancestor, only among those that its tasks have made. The lock is held. */
+static struct call *find_work(struct workers *workers, const struct call *ancestor)
+{
+    for (struct call *call = workers->oldest; call; call = call->after)
+        if (atomic_load_explicit(&call->next, memory_order_relaxed) < call->count && (!ancestor || descends_from(call, ancestor)))
+            return call;
+    return NULL;
+}
+
+/* Works on somebody else's call. The lock is held, but not while tasks run. */
+static void help(struct workers *workers, struct call *call)
+{
+    atomic_fetch_add_explicit(&call->helpers, 1, memory_order_relaxed);
+    pthread_mutex_unlock(&workers->lock);
+    run_tasks(call);
+    pthread_mutex_lock(&workers->lock);
+    if (atomic_fetch_sub_explicit(&call->helpers, 1, memory_order_release) == 1 && call->waiting)
+        pthread_cond_signal(&call->changed);
+}
+
+static void post(struct workers *workers, struct call *call)
+{
+    pthread_mutex_lock(&workers->lock);
+    struct call **end = &workers->oldest;
+    while (*end)
+        end = &(*end)->after;
+    *end = call;
+    atomic_fetch_add_explicit(&workers->posted, 1, memory_order_relaxed);
+    for (struct call *ancestor = call->parent; ancestor; ancestor = ancestor->parent)
+        if (ancestor->waiting)
+            pthread_cond_signal(&ancestor->changed);
+    unsigned sleepers = workers->sleepers;
+    pthread_mutex_unlock(&workers->lock);
+
+    if (sleepers >= call->count)
+        for (size_t i = 1; i < call->count; i++)
+            pthread_cond_signal(&workers->work);
+    else if (sleepers > 0)
+        pthread_cond_broadcast(&workers->work);
+}
+
+/* From here on nobody new comes in. */
+static void withdraw(struct workers *workers, struct call *call)
+{
+    pthread_mutex_lock(&workers->lock);
+    struct call **link = &workers->oldest;
+    while (*link != call)
+        link = &(*link)->after;
+    *link = call->after;
+    pthread_mutex_unlock(&workers->lock);
+}
+
+static void wait_for_helpers(struct workers *workers, struct call *call)
+{
+    for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&call->helpers, memory_order_relaxed) > 0; i++)
+        pause_briefly();
+    pthread_mutex_lock(&workers->lock);
+    while (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
+        struct call *below = find_work(workers, call);
+        if (below) {
+            help(workers, below);
+        } else {
+            call->waiting = true;
+            pthread_cond_wait(&call->changed, &workers->lock);
+            call->waiting = false;
+        }
+    }
+    pthread_mutex_unlock(&workers->lock);
+}
+
+static void workers_for_each(const struct parallel *self, size_t count, parallel_task task, void *context)
+{
+    struct workers *workers = ((const struct face *)self)->workers;
+    if (count <= 1 || workers->thread_count == 0) {
+        parallel_serial.for_each(&parallel_serial, count, task, context);
+        return;
+    }
+    struct call call = {
+        .task = task,
+        .context = context,
+        .count = count,
+        .workers = workers,
+        .parent = current && current->workers == workers ? current : NULL,
+        .changed = PTHREAD_COND_INITIALIZER,
+    };
+    post(workers, &call);
+    run_tasks(&call);
+    withdraw(workers, &call);
+    wait_for_helpers(workers, &call);
+    pthread_cond_destroy(&call.changed);
+}
+
+/* Looks for a new call for a while, without the lock. */
+static void await_post(struct workers *workers, unsigned seen)
+{
+    for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen; i++)
+        pause_briefly();
+}
+
+static void *work_until_stopped(void *argument)
+{
+    struct workers *workers = argument;
+    pthread_mutex_lock(&workers->lock);
+    while (!workers->stop) {
+        struct call *call = find_work(workers, NULL);
+        if (call) {
+            help(workers, call);
+            continue;
+        }
+        unsigned seen = atomic_load_explicit(&workers->posted, memory_order_relaxed);
+        pthread_mutex_unlock(&workers->lock);
+        await_post(workers, seen);
+        pthread_mutex_lock(&workers->lock);
+        if (atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen && !workers->stop) {
+            workers->sleepers++;
+            pthread_cond_wait(&workers->work, &workers->lock);
+            workers->sleepers--;
+        }
+    }
+    pthread_mutex_unlock(&workers->lock);
+    return NULL;
+}
+
+static unsigned usable_processors(void)
+{
+    cpu_set_t set;
+    long count = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : sysconf(_SC_NPROCESSORS_ONLN);
+    return count < 1 ? 1 : count > WORKERS_MAX_THREADS ? WORKERS_MAX_THREADS : (unsigned)count;
+}
+
+/* 0 or an errno value. Signals are for the threads of the program. */
+static int start_threads(struct workers *workers, unsigned count)
+{
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    int failure = 0;
+    while (!failure && workers->thread_count < count) {
+        failure = pthread_create(&workers->threads[workers->thread_count], NULL, work_until_stopped, workers);
+        workers->thread_count += failure == 0;
+    }
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return failure;
+}
+
+enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, struct bvhd_error *error)
+{
+    if (threads > WORKERS_MAX_THREADS)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "threads", "%u threads are more than %d", threads, WORKERS_MAX_THREADS);
+    if (threads == 0)
+        threads = usable_processors();
+    struct workers *workers = calloc(1, sizeof *workers + (threads - 1) * sizeof workers->threads[0]);
+    if (!workers)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "threads", "out of memory for %u threads", threads);
+    workers->face = (struct face){{.threads = threads, .for_each = workers_for_each}, workers};
+    pthread_mutex_init(&workers->lock, NULL);
+    pthread_cond_init(&workers->work, NULL);
+    int failure = start_threads(workers, threads - 1);
+    if (failure) {
+        workers_destroy(workers);
+        return bvhd_error_set(error, BVHD_IO, "threads", "cannot start %u threads: %s", threads, strerror(failure));
+    }
+    *ret_workers = workers;
+    return BVHD_OK;
+}
+
+void workers_destroy(struct workers *workers)
+{
+    if (!workers)
+        return;
+    pthread_mutex_lock(&workers->lock);
+    workers->stop = true;
+    pthread_mutex_unlock(&workers->lock);
+    pthread_cond_broadcast(&workers->work);
+    for (unsigned i = 0; i < workers->thread_count; i++)
+        pthread_join(workers->threads[i], NULL);
+    pthread_cond_destroy(&workers->work);
+    pthread_mutex_destroy(&workers->lock);
+    free(workers);
+}
+
+const struct parallel *workers_parallel(const struct workers *workers)
+{
+    return &workers->face.parallel;
+}

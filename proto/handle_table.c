@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "handle_table.h"
+
+#include <stdbool.h>
+#include <string.h>
+
+enum { DIGIT_BITS = 8, DIGITS = 1 << DIGIT_BITS };
+
+static unsigned digit(uint64_t handle, unsigned shift)
+{
+    return handle >> shift & (DIGITS - 1);
+}
+
+/* Moves the entries to `target` by one digit; false, and nothing moved, when all have the same there. */
+static bool sort_by_digit(const struct handle_entry *source, struct handle_entry *target, uint32_t count, unsigned shift)
+{
+    uint32_t starts[DIGITS] = {0};
+    for (uint32_t i = 0; i < count; i++)
+        starts[digit(source[i].handle, shift)]++;
+    if (starts[digit(source[0].handle, shift)] == count)
+        return false;
+
+    uint32_t start = 0;
+    for (unsigned i = 0; i < DIGITS; i++) {
+        uint32_t size = starts[i];
+        starts[i] = start;
+        start += size;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        target[starts[digit(source[i].handle, shift)]++] = source[i];
+    return true;
+}
+
+void handle_sort(struct handle_entry *entries, struct handle_entry *scratch, uint32_t count)
+{
+    struct handle_entry *from = entries, *to = scratch;
+    for (unsigned shift = 0; count > 0 && shift < 64; shift += DIGIT_BITS) {
+        if (!sort_by_digit(from, to, count, shift))
+            continue;
+        struct handle_entry *swap = from;
+        from = to;
+        to = swap;
+    }
+    if (from != entries)
+        memcpy(entries, from, count * sizeof *entries);
+}
+
+uint32_t handle_find(const struct handle_entry *entries, uint32_t count, uint64_t handle)
+{
+    uint32_t first = 0, left = count;
+    while (left > 0) {
+        uint32_t half = left / 2;
+        bool after = entries[first + half].handle < handle;
+        first = after ? first + half + 1 : first;
+        left = after ? left - half - 1 : half;
+    }
+    return first < count && entries[first].handle == handle ? first : HANDLE_NONE;
+}
