@@ -7,7 +7,8 @@
  * +y for bit 1, +z for bit 2, as far as the assignment that minimises the sum over children could have it; slots may be empty.
  * Inner children of a node are adjacent in the array, in slot order, from first_child on, and follow their parent: first_child > index.
  * The refs of a node's leaf children are written adjacently, in slot order, from first_leaf on; those blocks follow each other in node
- * order, so that first_leaf of node i + 1 = first_leaf of node i plus the refs of node i's leaf children.
+ * order, so that first_leaf of node i + 1 = first_leaf of node i plus the refs of node i's leaf children. The order is depth first: a block of
+ * inner children, then the subtree of each.
  */
 #ifndef BVHD_WIDE_H
 #define BVHD_WIDE_H
@@ -18,16 +19,26 @@
 
 enum { WIDE_ARITY = 8, WIDE_NONE = 0 };
 
-/* A child that is a leaf covers refs[first_ref .. first_ref + ref_count) of the ir; an inner child has ref_count 0. */
+/*
+ * A child that is a leaf covers refs[first_ref .. first_ref + ref_count) of the ir; an inner child has ref_count 0. An ir of one leaf gives one
+ * wide node with one child: node 0, and a ref_count. An empty slot is all zeros.
+ */
 struct wide_child {
-    uint32_t node; /* ir node whose box bounds the child; WIDE_NONE (the root is nobody's child) for an empty slot */
+    uint32_t node; /* ir node whose box bounds the child; WIDE_NONE in an empty slot */
     uint32_t first_ref; /* leaves only */
     uint32_t ref_count; /* leaves: 1 .. leaf_max; inner: 0 */
 };
 
+enum wide_kind { WIDE_EMPTY, WIDE_INNER, WIDE_LEAF };
+
+static inline enum wide_kind wide_kind(const struct wide_child *child)
+{
+    return child->ref_count ? WIDE_LEAF : child->node != WIDE_NONE ? WIDE_INNER : WIDE_EMPTY;
+}
+
 struct wide_node {
     uint32_t node; /* the ir node that it stands for */
-    uint32_t first_child; /* wide index of the first inner child */
+    uint32_t first_child; /* wide index of the first inner child; 0 without one */
     uint32_t first_leaf; /* see above */
     struct wide_child slots[WIDE_ARITY];
 };

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * collapse_cost.h - the table behind collapse.h: for each node of an ir, what its subtree costs as a forest of at most 1, 2, ... 7 wide trees
+ * (Ylitie 2017, section 4.1), and the lookups that turn the table into decisions.
+ *
+ * With C(n, i) for node n as at most i trees, l and r its children:
+ *   C(n, 1) = min(leaf(n), area(n) + D(n, 8))    C(n, i) = min(C(n, 1), D(n, i))    D(n, i) = min over k of C(l, k) + C(r, i - k)
+ * C never rises with i. Areas are relative to the root's, so that they fit floats at any magnitude of the scene; where the root has none,
+ * lengths stand in for areas.
+ */
+#ifndef BVHD_COLLAPSE_COST_H
+#define BVHD_COLLAPSE_COST_H
+
+#include "collapse.h"
+
+enum { COLLAPSE_BUDGETS = 7 };
+
+struct collapse_cost {
+    float as[COLLAPSE_BUDGETS]; /* as[i - 1] is C(n, i) */
+    uint32_t leaf_refs; /* refs of the node where C(n, 1) is a leaf, else 0 */
+};
+
+_Static_assert(sizeof(struct collapse_cost) == 32, "one store of 8 lanes");
+
+struct collapse_table {
+    const struct ir *ir;
+    uint32_t leaf_max;
+    double leaf_cost;
+    double node_cost; /* added for each wide node: what one more of them is worth, as a share of the root's area */
+    double inverse_measure; /* of the root */
+    bool lengths; /* the root has no area */
+    const uint32_t *counts; /* refs below each node */
+    struct collapse_cost *costs;
+};
+
+/* Fills leaf_max, the costs and the measure from the root; `ir` has nodes. */
+void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options);
+
+/* Fills costs[node] from the costs of its children. */
+void collapse_cost_of(const struct collapse_table *table, uint32_t node);
+
+/*
+ * The ir nodes that become the children of the wide node for `node`, an inner ir node: at most WIDE_ARITY, in the order of the ir. Returns how
+ * many.
+ */
+unsigned collapse_children(const struct collapse_table *table, uint32_t node, uint32_t ret_children[WIDE_ARITY]);
+
+#endif

@@ -1,0 +1,317 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "collapse_emit.h"
+
+#include <assert.h>
+#include <string.h>
+
+#include "octants.h"
+
+/* Subtrees of this many refs are laid out apart: small enough to share out evenly, large enough to be worth a copy. */
+enum { TASK_MAX = 8192, TASK_MIN = 256 };
+
+#define NO_NODE UINT32_C(0xffffffff)
+
+/*
+ * A growing run of wide nodes. While a node waits for its visit, its first_child links the stack of waiting nodes and its first_leaf is its
+ * level; afterwards first_leaf is the number of its leaf refs, until place() turns those into positions.
+ */
+struct run {
+    struct wide_node *nodes;
+    uint32_t count, capacity;
+    uint32_t depth;
+    uint32_t waiting; /* top of the stack, or NO_NODE */
+};
+
+struct task {
+    uint32_t skeleton; /* index of its root there */
+    uint32_t node; /* its root in the ir */
+    uint32_t base; /* where its nodes below the root go */
+    struct run run;
+};
+
+struct emission {
+    const struct collapse_table *table;
+    const atomic_bool *cancel;
+    struct memory *memory;
+    struct task *tasks;
+    uint32_t task_count, task_capacity;
+    struct wide_node *placed;
+    _Atomic int status;
+};
+
+static bool fail(struct emission *emission, enum bvhd_status status)
+{
+    int none = BVHD_OK;
+    atomic_compare_exchange_strong(&emission->status, &none, (int)status);
+    return false;
+}
+
+static bool reserve(struct emission *emission, struct run *run, uint32_t count)
+{
+    uint64_t needed = (uint64_t)run->count + count;
+    if (needed <= run->capacity)
+        return true;
+    uint64_t capacity = needed + run->capacity / 2;
+    struct wide_node *nodes = capacity <= NO_NODE / 2 ? memory_resize(emission->memory, run->nodes, capacity * sizeof *nodes) : NULL;
+    if (!nodes)
+        return fail(emission, BVHD_NO_MEMORY);
+    run->nodes = nodes;
+    run->capacity = (uint32_t)capacity;
+    return true;
+}
+
+/* The run's first node waits for its visit; the rest is room for a subtree of `refs` refs. */
+static bool start(struct emission *emission, struct run *run, uint32_t node, uint32_t refs)
+{
+    *run = (struct run){.waiting = NO_NODE};
+    if (!reserve(emission, run, refs / 6 + 8))
+        return false;
+    run->nodes[0] = (struct wide_node){.node = node, .first_child = NO_NODE, .first_leaf = 1};
+    run->count = 1;
+    run->waiting = 0;
+    return true;
+}
+
+/* Eighths of distances between centres: no sum of three of them overflows. */
+static void centre_offsets(const struct ir *ir, uint32_t parent, const uint32_t *children, unsigned count, float ret_offsets[3][8])
+{
+    const struct box *boxes = ir->boxes[0], *outer = &boxes[parent];
+    for (int axis = 0; axis < 3; axis++) {
+        float centre = 0.125f * outer->min[axis] + 0.125f * outer->max[axis];
+        for (unsigned i = 0; i < count; i++) {
+            const struct box *box = &boxes[children[i]];
+            ret_offsets[axis][i] = 0.125f * box->min[axis] + 0.125f * box->max[axis] - centre;
+        }
+    }
+}
+
+/* A subtree that becomes a leaf has a handful of nodes. */
+static uint32_t first_ref(const struct ir *ir, uint32_t node)
+{
+    uint32_t first = ir->nodes[node].first;
+    if (ir_is_leaf(ir, node))
+        return first;
+    uint32_t left = first_ref(ir, first), right = first_ref(ir, first + 1);
+    return left < right ? left : right;
+}
+
+/* Fills the slots of a node; returns the number of inner children, and counts the refs of the others. */
+static unsigned fill_slots(const struct collapse_table *table, struct wide_node *wide, uint32_t *ret_leaf_refs)
+{
+    const struct ir *ir = table->ir;
+    uint32_t children[WIDE_ARITY];
+    float offsets[3][WIDE_ARITY];
+    uint8_t slots[WIDE_ARITY];
+    unsigned count, inner = 0;
+    if (ir_is_leaf(ir, wide->node)) { /* the root alone */
+        count = 1;
+        children[0] = wide->node;
+    } else {
+        count = collapse_children(table, wide->node, children);
+    }
+    centre_offsets(ir, wide->node, children, count, offsets);
+    octants_assign((const float(*)[8])offsets, count, slots);
+
+    memset(wide->slots, 0, sizeof wide->slots);
+    uint32_t leaf_refs = 0;
+    for (unsigned i = 0; i < count; i++) {
+        struct wide_child *child = &wide->slots[slots[i]];
+        child->node = children[i];
+        child->ref_count = table->costs[children[i]].leaf_refs;
+        child->first_ref = child->ref_count ? first_ref(ir, children[i]) : 0;
+        leaf_refs += child->ref_count;
+        inner += child->ref_count == 0;
+    }
+    *ret_leaf_refs = leaf_refs;
+    return inner;
+}
+
+/* Visits the waiting node on top; its inner children wait after it, in slot order. */
+static bool visit(struct emission *emission, struct run *run)
+{
+    if (!reserve(emission, run, WIDE_ARITY))
+        return false;
+    struct wide_node *node = &run->nodes[run->waiting];
+    uint32_t level = node->first_leaf;
+    run->waiting = node->first_child;
+    run->depth = level > run->depth ? level : run->depth;
+    unsigned inner = fill_slots(emission->table, node, &node->first_leaf);
+    node->first_child = inner ? run->count : 0;
+    run->count += inner;
+    uint32_t place = run->count;
+    for (int slot = WIDE_ARITY - 1; slot >= 0; slot--) {
+        const struct wide_child *child = &node->slots[slot];
+        if (wide_kind(child) != WIDE_INNER)
+            continue;
+        run->nodes[--place] = (struct wide_node){.node = child->node, .first_child = run->waiting, .first_leaf = level + 1};
+        run->waiting = place;
+    }
+    return true;
+}
+
+static bool add_task(struct emission *emission, uint32_t skeleton, uint32_t node)
+{
+    if (emission->task_count == emission->task_capacity) {
+        uint32_t capacity = emission->task_capacity * 2 + 64;
+        struct task *tasks = memory_resize(emission->memory, emission->tasks, capacity * sizeof *tasks);
+        if (!tasks)
+            return fail(emission, BVHD_NO_MEMORY);
+        emission->tasks = tasks;
+        emission->task_capacity = capacity;
+    }
+    emission->tasks[emission->task_count++] = (struct task){.skeleton = skeleton, .node = node};
+    return true;
+}
+
+/* Lays out the top of the tree; subtrees of middle size become tasks, whose roots stay as they wait: no slots, their level in first_leaf. */
+static bool emit_skeleton(struct emission *emission, struct run *run)
+{
+    const uint32_t *counts = emission->table->counts;
+    if (!start(emission, run, 0, 0))
+        return false;
+    while (run->waiting != NO_NODE) {
+        uint32_t node = run->nodes[run->waiting].node;
+        if (counts[node] > TASK_MAX || counts[node] < TASK_MIN) {
+            if (!visit(emission, run))
+                return false;
+        } else {
+            if (!add_task(emission, run->waiting, node))
+                return false;
+            run->waiting = run->nodes[run->waiting].first_child;
+        }
+    }
+    return true;
+}
+
+static void emit_task(void *context, size_t index)
+{
+    struct emission *emission = context;
+    struct task *task = &emission->tasks[index];
+    if (emission->cancel && atomic_load_explicit(emission->cancel, memory_order_relaxed))
+        fail(emission, BVHD_CANCELLED);
+    if (atomic_load_explicit(&emission->status, memory_order_relaxed) != BVHD_OK)
+        return;
+    if (!start(emission, &task->run, task->node, emission->table->counts[task->node]))
+        return;
+    while (task->run.waiting != NO_NODE)
+        if (!visit(emission, &task->run))
+            return;
+}
+
+static void copy_task(void *context, size_t index)
+{
+    struct emission *emission = context;
+    const struct task *task = &emission->tasks[index];
+    const struct run *run = &task->run;
+    for (uint32_t i = 1; i < run->count; i++) {
+        struct wide_node *placed = &emission->placed[task->base + i - 1];
+        *placed = run->nodes[i];
+        if (placed->first_child)
+            placed->first_child += task->base - 1;
+    }
+}
+
+/*
+ * Gives every node of the skeleton its place, depth first as before, with gaps for the nodes of tasks. The skeleton was laid out in the
+ * order of visits, so a second walk meets tasks in their order.
+ */
+static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
+{
+    struct wide_node *placed = emission->placed;
+    struct task *task = emission->tasks, *end = task + emission->task_count;
+    uint32_t next = 1, waiting = 0;
+    placed[0] = skeleton->nodes[0];
+    /* A placed node that waits has its skeleton index in first_leaf and the stack's link in slots[0].node. */
+    placed[0].first_leaf = 0;
+    placed[0].slots[0].node = NO_NODE;
+    while (waiting != NO_NODE) {
+        struct wide_node *place = &placed[waiting];
+        uint32_t source = place->first_leaf, here = waiting;
+        waiting = place->slots[0].node;
+        if (task < end && task->skeleton == source) {
+            *place = task->run.nodes[0];
+            if (place->first_child)
+                place->first_child += next - 1;
+            task->base = next;
+            next += task->run.count - 1;
+            task++;
+            continue;
+        }
+        *place = skeleton->nodes[source];
+        unsigned inner = 0;
+        for (int slot = 0; slot < WIDE_ARITY; slot++)
+            inner += wide_kind(&place->slots[slot]) == WIDE_INNER;
+        if (inner == 0)
+            continue;
+        uint32_t from = placed[here].first_child;
+        placed[here].first_child = next;
+        for (unsigned i = inner; i-- > 0;) {
+            placed[next + i].first_leaf = from + i;
+            placed[next + i].slots[0].node = waiting;
+            waiting = next + i;
+        }
+        next += inner;
+    }
+    return next;
+}
+
+/* Turns the numbers of leaf refs in first_leaf into their running sum. */
+static uint32_t place_leaves(struct wide_node *nodes, uint32_t count)
+{
+    uint32_t sum = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t refs = nodes[i].first_leaf;
+        nodes[i].first_leaf = sum;
+        sum += refs;
+    }
+    return sum;
+}
+
+static uint32_t total_depth(const struct emission *emission, const struct run *skeleton)
+{
+    uint32_t depth = skeleton->depth;
+    for (uint32_t i = 0; i < emission->task_count; i++) {
+        const struct task *task = &emission->tasks[i];
+        uint32_t below = skeleton->nodes[task->skeleton].first_leaf - 1 + task->run.depth;
+        depth = below > depth ? below : depth;
+    }
+    return depth;
+}
+
+static enum bvhd_status join(struct emission *emission, struct run *skeleton, const struct parallel *parallel, struct wide *ret_wide)
+{
+    uint64_t count = skeleton->count;
+    for (uint32_t i = 0; i < emission->task_count; i++)
+        count += emission->tasks[i].run.count - 1;
+    emission->placed = count < NO_NODE ? memory_array(emission->memory, count, sizeof *emission->placed) : NULL;
+    if (!emission->placed)
+        return BVHD_NO_MEMORY;
+    uint32_t placed = place_skeleton(emission, skeleton);
+    assert(placed == count);
+    parallel_for(parallel, emission->task_count, copy_task, emission);
+    *ret_wide = (struct wide){
+        .node_count = placed,
+        .leaf_refs = place_leaves(emission->placed, placed),
+        .depth = total_depth(emission, skeleton),
+        .nodes = emission->placed,
+        .memory = emission->memory,
+    };
+    return BVHD_OK;
+}
+
+enum bvhd_status collapse_emit(const struct collapse_table *table, const atomic_bool *cancel, struct memory *memory,
+                               const struct parallel *parallel, struct wide *ret_wide)
+{
+    struct emission emission = {.table = table, .cancel = cancel, .memory = memory, .status = BVHD_OK};
+    struct run skeleton;
+    if (emit_skeleton(&emission, &skeleton))
+        parallel_for(parallel, emission.task_count, emit_task, &emission);
+    enum bvhd_status status = (enum bvhd_status)atomic_load(&emission.status);
+    if (status == BVHD_OK)
+        status = join(&emission, &skeleton, parallel, ret_wide);
+    for (uint32_t i = 0; i < emission.task_count; i++)
+        memory_free(memory, emission.tasks[i].run.nodes);
+    memory_free(memory, emission.tasks);
+    memory_free(memory, skeleton.nodes);
+    return status;
+}
