@@ -1,3 +1,4 @@
+# shellcheck shell=sh disable=SC2034
 # SPDX-License-Identifier: Apache-2.0
 # setup.sh - what ./demo and ./check need before they start. Sourced by them, with the repository's root as the working directory.
 #

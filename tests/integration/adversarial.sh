@@ -1,0 +1,27 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# adversarial.sh MAKE_SCENE BVHCTL SCENE... - each generated scene: built in each quality, then checked against brute force. Status 1 when
+# a build fails or an answer is wrong. $SIZE and $RAYS say how much, 4000 triangles and 1000 rays by default.
+set -eu
+make_scene=$1
+bvhctl=$2
+shift 2
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+status=0
+for name; do
+    "$make_scene" "$name" --size "${SIZE:-4000}" -o "$scratch/$name.ply"
+    for quality in fast balanced high; do
+        out=$scratch/$name-$quality
+        if ! "$bvhctl" --local build "$scratch/$name.ply" -o "$out" --quality "$quality" >"$scratch/log" 2>&1; then
+            echo "$name, $quality: the build failed"
+        elif ! "$bvhctl" --local check "$out" "$scratch/$name.ply" --rays "${RAYS:-1000}" >"$scratch/log" 2>&1; then
+            echo "$name, $quality: the check failed"
+        else
+            continue
+        fi
+        cat "$scratch/log"
+        status=1
+    done
+done
+exit $status

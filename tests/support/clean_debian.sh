@@ -1,0 +1,64 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# clean_debian.sh SUITE FOLDER - runs ./demo and ./check of the committed tree in a fresh Debian SUITE (bookworm, trixie), made by
+# debootstrap below FOLDER and removed afterwards. Needs root, git, debootstrap and unshare. The packages come from where this machine gets
+# its own. Mounts are made in a namespace that ends with the run.
+set -eu
+suite=$1
+root=$2/clean-$suite
+
+# The archive of this machine's own apt sources, whatever their format: the first that holds Debian's main component.
+mirror()
+{
+    # shellcheck disable=SC2016 # apt fills these in
+    apt-get indextargets --format '$(REPO_URI)|$(COMPONENT)|$(CODENAME)|$(ORIGIN)' 'Created-By: Packages' |
+        awk -F'|' '$2 == "main" && $3 !~ /-/ && ($4 == "Debian" || $4 == "") { print $1; exit }'
+}
+
+# A mirror list stands for its first mirror.
+resolve()
+{
+    case $1 in
+    mirror+file:*) awk '!/^#/ && NF { print $1; exit }' "${1#mirror+file:}" ;;
+    *) echo "$1" ;;
+    esac
+}
+
+# What apt and the resolver need to reach the archive as this machine does.
+copy_network_settings()
+{
+    cp -L /etc/resolv.conf "$root/etc/resolv.conf"
+    apt-config dump | grep -Ei '^Acquire::(.*::)?(Proxy|Retries|Check-)' >"$root/etc/apt/apt.conf.d/99outside" || :
+    if [ -d /usr/local/share/ca-certificates ]; then
+        mkdir -p "$root/usr/local/share"
+        cp -RL /usr/local/share/ca-certificates "$root/usr/local/share/"
+        chroot "$root" update-ca-certificates >/dev/null 2>&1 || :
+    fi
+}
+
+# inside COMMAND - in the fresh system, with nothing of this machine's environment.
+inside()
+{
+    # shellcheck disable=SC2016 # the inner shell fills these in
+    unshare --mount --pid --fork sh -eu -c '
+        mount --make-rprivate /
+        mount -t proc proc "$1/proc"
+        mount -t sysfs -o ro sysfs "$1/sys"
+        mount --rbind /dev "$1/dev"
+        exec chroot "$1" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LANG=C.UTF-8 sh -euc "$2"' sh "$root" "$1"
+}
+
+[ "$(id -u)" -eq 0 ] || { echo "clean_debian: needs root" >&2; exit 1; }
+for tool in debootstrap unshare git; do
+    command -v "$tool" >/dev/null || { echo "clean_debian: needs $tool" >&2; exit 1; }
+done
+url=$(resolve "$(mirror)")
+[ -n "$url" ] || { echo "clean_debian: found no Debian archive in apt's sources" >&2; exit 1; }
+
+rm -rf --one-file-system "$root"
+trap 'rm -rf --one-file-system "$root"' EXIT
+mkdir -p "$root"
+debootstrap --variant=minbase --include=git,ca-certificates "$suite" "$root" "$url"
+copy_network_settings
+git clone --quiet . "$root/root/bvhd"
+inside 'cd /root/bvhd && ./demo && ./check'
