@@ -52,6 +52,7 @@ inside()
 for tool in debootstrap unshare git; do
     command -v "$tool" >/dev/null || { echo "clean_debian: needs $tool" >&2; exit 1; }
 done
+[ -n "$(mirror)" ] || apt-get update -q
 url=$(resolve "$(mirror)")
 [ -n "$url" ] || { echo "clean_debian: found no Debian archive in apt's sources" >&2; exit 1; }
 

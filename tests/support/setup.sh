@@ -1,5 +1,5 @@
-# shellcheck shell=sh disable=SC2034
 # SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=sh disable=SC2034
 # setup.sh - what ./demo and ./check need before they start. Sourced by them, with the repository's root as the working directory.
 #
 # Packages are looked up with dpkg first, so that a machine that has them needs neither network nor rights.
