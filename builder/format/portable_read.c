@@ -1,1 +1,318 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #include "portable.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+
+#include "portable_records.h"
+#include "serialized.h"
+
+struct reading {
+    struct bytes body;
+    struct portable_view view;
+    uint8_t *levels; /* of each node, 1 for the root; 0 until a parent names it */
+    struct bvhd_error *error;
+};
+
+static enum bvhd_status corrupt_at(const struct reading *r, const char *section, uint32_t row, const char *field, const char *reason)
+{
+    char where[64];
+    snprintf(where, sizeof where, "%s[%" PRIu32 "]%s%s", section, row, *field ? "." : "", field);
+    return bvhd_error_set(r->error, BVHD_CORRUPT, where, "%s", reason);
+}
+
+static enum bvhd_status corrupt(const struct reading *r, const char *where, const char *reason)
+{
+    return bvhd_error_set(r->error, BVHD_CORRUPT, where, "%s", reason);
+}
+
+/* What can be said of the header's fields by themselves. */
+static enum bvhd_status check_counts(const struct reading *r)
+{
+    const struct portable_header *h = r->view.header;
+    bool instances = h->content == PORTABLE_INSTANCES;
+    if (h->magic != PORTABLE_MAGIC)
+        return corrupt(r, "body.magic", "this is no portable structure");
+    if (h->version != PORTABLE_VERSION)
+        return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "body.version", "version %" PRIu32 ", known is %d", h->version,
+                              PORTABLE_VERSION);
+    if (h->content > PORTABLE_INSTANCES)
+        return corrupt(r, "body.content", "unknown content");
+    if (h->primitive_count > PORTABLE_ID_MASK)
+        return corrupt(r, "body.primitiveCount", "does not fit into 29 bits");
+    if (h->depth > PORTABLE_MAX_DEPTH || (h->depth == 0) != (h->node_count == 0))
+        return corrupt(r, "body.depth", "too deep, or not the depth of so many nodes");
+    if ((h->record_count == 0) != (h->node_count == 0))
+        return corrupt(r, "body.recordCount", "records without nodes, or nodes without records");
+    if (h->vertex_count != 0 && h->content != PORTABLE_INDEXED_TRIANGLES)
+        return corrupt(r, "body.vertexCount", "this content has no vertices");
+    if (h->geometry_count != 0 && instances)
+        return corrupt(r, "body.geometryCount", "a top level has no geometries");
+    if (r->view.handle_count != 0 && !instances)
+        return corrupt(r, "header.handleCount", "a bottom level has no handles");
+    for (int i = 0; i < 6; i++)
+        if (h->reserved[i] != 0)
+            return corrupt(r, "body.reserved", "not zero");
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_bounds(const struct reading *r)
+{
+    const struct portable_header *h = r->view.header;
+    for (int axis = 0; axis < 3 && h->node_count > 0; axis++)
+        if (!(h->bounds[axis] <= h->bounds[3 + axis]) || !isfinite(h->bounds[axis]) || !isfinite(h->bounds[3 + axis]))
+            return corrupt(r, "body.bounds", "not a finite box");
+    if (h->node_count == 0 && !(h->bounds[0] > h->bounds[3]))
+        return corrupt(r, "body.bounds", "nothing has bounds");
+    return BVHD_OK;
+}
+
+/* [offset, offset + count * size) follows what came before, *end, and lies inside the body; then it is the new *end. */
+static bool take_section(const struct reading *r, uint64_t offset, uint32_t count, uint32_t size, uint64_t *end)
+{
+    if (offset % 16 != 0 || offset < *end || offset > r->body.size || (uint64_t)count * size > r->body.size - offset)
+        return false;
+    *end = offset + (uint64_t)count * size;
+    return true;
+}
+
+static enum bvhd_status find_sections(struct reading *r)
+{
+    const struct portable_header *h = r->view.header;
+    uint64_t end = sizeof *h;
+    if (h->body_size != r->body.size)
+        return corrupt(r, "body.bodySize", "not what follows the header");
+    if (h->node_offset % 64 != 0 || !take_section(r, h->node_offset, h->node_count, sizeof(struct portable_node), &end))
+        return corrupt(r, "body.nodeOffset", "nodes are misplaced");
+    if (!take_section(r, h->record_offset, h->record_count, portable_record_size((enum portable_content)h->content), &end))
+        return corrupt(r, "body.recordOffset", "records are misplaced");
+    if (!take_section(r, h->vertex_offset, h->vertex_count, 12, &end))
+        return corrupt(r, "body.vertexOffset", "vertices are misplaced");
+    if (!take_section(r, h->geometry_offset, h->geometry_count, sizeof(struct portable_geometry), &end))
+        return corrupt(r, "body.geometryOffset", "geometries are misplaced");
+    r->view.nodes = (const struct portable_node *)(const void *)(r->body.data + h->node_offset);
+    r->view.records = r->body.data + h->record_offset;
+    r->view.vertices = (const float *)(const void *)(r->body.data + h->vertex_offset);
+    r->view.geometries = (const struct portable_geometry *)(const void *)(r->body.data + h->geometry_offset);
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_geometries(const struct reading *r)
+{
+    const struct portable_header *h = r->view.header;
+    uint32_t sum = 0;
+    for (uint32_t i = 0; i < h->geometry_count; i++) {
+        const struct portable_geometry *geometry = &r->view.geometries[i];
+        if (geometry->first_primitive != sum)
+            return corrupt_at(r, "geometries", i, "firstPrimitive", "not the sum of those before");
+        if (geometry->primitive_count > h->primitive_count - sum)
+            return corrupt_at(r, "geometries", i, "primitiveCount", "more than there are in all");
+        if (geometry->reserved != 0)
+            return corrupt_at(r, "geometries", i, "reserved", "not zero");
+        sum += geometry->primitive_count;
+    }
+    if (h->content != PORTABLE_INSTANCES && sum != h->primitive_count)
+        return corrupt(r, "body.primitiveCount", "not the sum over the geometries");
+    return BVHD_OK;
+}
+
+/* Every byte of `lo` at most that of `hi`, for slots whose bit is set; 255 and 0 in the others. */
+static bool boxes_are_sound(const struct portable_node *node, unsigned occupied)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        unsigned inverted = 0, cleared = 0;
+        for (unsigned slot = 0; slot < 8; slot++) {
+            uint8_t lo = node->lo[axis][slot], hi = node->hi[axis][slot];
+            inverted |= (unsigned)(lo > hi) << slot;
+            cleared |= (unsigned)(lo == 255 && hi == 0) << slot;
+        }
+        if (!isfinite(node->origin[axis]) || node->exponent[axis] == 255)
+            return false;
+        if (inverted != (~occupied & 0xff) || cleared != (~occupied & 0xff))
+            return false;
+    }
+    return true;
+}
+
+/* Each inner child is named once, by a node before it. */
+static enum bvhd_status claim_children(const struct reading *r, uint32_t i, unsigned count)
+{
+    const struct portable_header *h = r->view.header;
+    uint32_t first = r->view.nodes[i].first_child;
+    if (first <= i || first >= h->node_count || count > h->node_count - first)
+        return corrupt_at(r, "nodes", i, "firstChild", "children do not follow their parent");
+    if (r->levels[i] == h->depth)
+        return corrupt_at(r, "nodes", i, "firstChild", "deeper than the header says");
+    for (unsigned k = 0; k < count; k++) {
+        if (r->levels[first + k] != 0)
+            return corrupt_at(r, "nodes", i, "firstChild", "a child has two parents");
+        r->levels[first + k] = (uint8_t)(r->levels[i] + 1);
+    }
+    return BVHD_OK;
+}
+
+/* Adds the node's records to *records, which come in the order of nodes and slots. */
+static enum bvhd_status check_node(const struct reading *r, uint32_t i, uint32_t *records)
+{
+    const struct portable_node *node = &r->view.nodes[i];
+    unsigned occupied = 0, inner = 0, leaf_records = 0;
+    if (r->levels[i] == 0)
+        return corrupt_at(r, "nodes", i, "", "has no parent");
+    for (unsigned slot = 0; slot < 8; slot++) {
+        unsigned meta = node->meta[slot], unary = meta >> 5;
+        if (meta == 0)
+            continue;
+        occupied |= 1u << slot;
+        if (meta == (0x20 | (24 + slot))) {
+            inner |= 1u << slot;
+            continue;
+        }
+        if ((unary != 1 && unary != 3 && unary != 7) || (meta & 31) != leaf_records)
+            return corrupt_at(r, "nodes", i, "meta", "neither an inner child nor the next leaf");
+        leaf_records += (unsigned)__builtin_popcount(unary);
+    }
+    if (occupied == 0 || inner != node->inner_mask)
+        return corrupt_at(r, "nodes", i, "innerMask", "does not fit to the children");
+    if (node->first_record != *records || leaf_records > r->view.header->record_count - *records)
+        return corrupt_at(r, "nodes", i, "firstRecord", "records are not in order");
+    if (!boxes_are_sound(node, occupied))
+        return corrupt_at(r, "nodes", i, "boxes", "not finite, inverted, or in an empty slot");
+    *records += leaf_records;
+    if (inner == 0)
+        return node->first_child == 0 ? BVHD_OK : corrupt_at(r, "nodes", i, "firstChild", "there are no children");
+    return claim_children(r, i, (unsigned)__builtin_popcount(inner));
+}
+
+static enum bvhd_status check_nodes(const struct reading *r)
+{
+    const struct portable_header *h = r->view.header;
+    uint32_t records = 0;
+    uint8_t depth = 0;
+    for (uint32_t i = 0; i < h->node_count; i++) {
+        enum bvhd_status status = check_node(r, i, &records);
+        if (status != BVHD_OK)
+            return status;
+        depth = r->levels[i] > depth ? r->levels[i] : depth;
+    }
+    if (records != h->record_count)
+        return corrupt(r, "body.recordCount", "not what the nodes hold");
+    if (depth != h->depth)
+        return corrupt(r, "body.depth", "not the depth of the nodes");
+    return BVHD_OK;
+}
+
+static bool id_is_sound(const struct portable_header *header, uint32_t id)
+{
+    uint32_t flags = id & ~(uint32_t)PORTABLE_ID_MASK;
+    return (flags == 0 || flags == PORTABLE_ID_OPAQUE) && (id & PORTABLE_ID_MASK) < header->primitive_count;
+}
+
+static bool record_is_sound(const struct reading *r, uint32_t i)
+{
+    const struct portable_header *h = r->view.header;
+    switch ((enum portable_content)h->content) {
+    case PORTABLE_INDEXED_TRIANGLES: {
+        const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)r->view.records + i;
+        const uint32_t *v = triangle->vertices;
+        return v[0] < h->vertex_count && v[1] < h->vertex_count && v[2] < h->vertex_count && id_is_sound(h, triangle->id);
+    }
+    case PORTABLE_TRIANGLES: {
+        const struct portable_triangle *triangle = (const struct portable_triangle *)r->view.records + i;
+        return id_is_sound(h, triangle->id) && triangle->reserved1 == 0 && triangle->reserved2 == 0;
+    }
+    case PORTABLE_AABBS: {
+        const struct portable_aabb *aabb = (const struct portable_aabb *)r->view.records + i;
+        bool ordered = aabb->min[0] <= aabb->max[0] && aabb->min[1] <= aabb->max[1] && aabb->min[2] <= aabb->max[2];
+        return id_is_sound(h, aabb->id) && ordered && aabb->reserved == 0;
+    }
+    case PORTABLE_INSTANCES: {
+        const struct portable_instance *instance = (const struct portable_instance *)r->view.records + i;
+        uint32_t reserved = instance->reserved[0] | instance->reserved[1] | instance->reserved[2] | instance->reserved[3];
+        return instance->instance < h->primitive_count && instance->handle < r->view.handle_count && reserved == 0;
+    }
+    }
+    return false;
+}
+
+static enum bvhd_status check_records(const struct reading *r)
+{
+    for (uint32_t i = 0; i < r->view.header->record_count; i++)
+        if (!record_is_sound(r, i))
+            return corrupt_at(r, "records", i, "", "an id, an index, a box or a reserved field is out of range");
+    return BVHD_OK;
+}
+
+/* Finds the body behind a header that names this layout. */
+static enum bvhd_status find_body(struct reading *r, struct bytes blob)
+{
+    struct serialized_header header;
+    enum bvhd_status status = serialized_read(blob, &header, r->error);
+    if (status != BVHD_OK)
+        return status;
+    if (memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid) != 0)
+        return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "header.driverUUID", "written for another driver");
+    if (memcmp(header.compatibility_uuid, portable_compatibility_uuid, sizeof header.compatibility_uuid) != 0)
+        return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "header.compatibilityUUID", "written by another version");
+    uint64_t offset = bytes_align(SERIALIZED_HANDLES + 8 * header.handle_count, PORTABLE_BODY_ALIGNMENT);
+    if (offset > blob.size || blob.size - offset < sizeof(struct portable_header))
+        return corrupt(r, "body", "too short");
+    if (header.deserialized_size != blob.size - offset)
+        return corrupt(r, "header.deserializedSize", "not the size of the body");
+    r->body = (struct bytes){blob.data + offset, blob.size - offset};
+    r->view.header = (const struct portable_header *)(const void *)r->body.data;
+    r->view.handles = blob.data + SERIALIZED_HANDLES;
+    r->view.handle_count = header.handle_count;
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_tree(struct reading *r, struct memory *memory)
+{
+    uint32_t count = r->view.header->node_count;
+    if (count == 0)
+        return BVHD_OK;
+    r->levels = memory_alloc(memory, count);
+    if (!r->levels)
+        return bvhd_error_set(r->error, BVHD_NO_MEMORY, "nodes", "levels of %" PRIu32 " nodes", count);
+    memset(r->levels, 0, count);
+    r->levels[0] = 1;
+    enum bvhd_status status = check_nodes(r);
+    memory_free(memory, r->levels);
+    return status;
+}
+
+enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view, struct bvhd_error *error)
+{
+    assert((uintptr_t)blob.data % 16 == 0);
+    struct reading r = {.error = error};
+    enum bvhd_status status = find_body(&r, blob);
+    if (status == BVHD_OK)
+        status = check_counts(&r);
+    if (status == BVHD_OK)
+        status = check_bounds(&r);
+    if (status == BVHD_OK)
+        status = find_sections(&r);
+    if (status == BVHD_OK)
+        status = check_geometries(&r);
+    if (status == BVHD_OK)
+        status = check_tree(&r, memory);
+    if (status == BVHD_OK)
+        status = check_records(&r);
+    if (status == BVHD_OK)
+        *ret_view = r.view;
+    return status;
+}
+
+uint32_t portable_geometry_of(const struct portable_view *view, uint32_t id)
+{
+    uint32_t low = 0, high = view->header->geometry_count;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if (view->geometries[middle].first_primitive <= id)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}

@@ -1,2 +1,132 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-typedef int portable_records_placeholder;
+#include "portable_records.h"
+
+#include <assert.h>
+#include <float.h>
+#include <math.h>
+
+uint32_t portable_record_size(enum portable_content content)
+{
+    static const uint8_t sizes[] = {
+        [PORTABLE_INDEXED_TRIANGLES] = sizeof(struct portable_indexed_triangle),
+        [PORTABLE_TRIANGLES] = sizeof(struct portable_triangle),
+        [PORTABLE_AABBS] = sizeof(struct portable_aabb),
+        [PORTABLE_INSTANCES] = sizeof(struct portable_instance),
+    };
+    return sizes[content];
+}
+
+static uint32_t id_of(const struct canonical_geometry *geometry, uint32_t primitive)
+{
+    return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
+}
+
+static void write_indexed_triangle(const struct portable_records *writer, const struct canonical_geometry *geometry, uint32_t primitive,
+                                   unsigned char *record)
+{
+    uint64_t corner = (uint64_t)3 * (primitive - geometry->first_primitive);
+    struct portable_indexed_triangle triangle = {.id = id_of(geometry, primitive)};
+    for (int k = 0; k < 3; k++) {
+        uint32_t vertex = geometry->first_vertex + (geometry->indices ? geometry->indices[corner + k] : (uint32_t)corner + k);
+        triangle.vertices[k] = vertex;
+        __atomic_store_n(&writer->used[vertex], 1, __ATOMIC_RELAXED);
+    }
+    memcpy(record, &triangle, sizeof triangle);
+}
+
+static void write_triangle(const struct canonical_geometry *geometry, uint32_t primitive, unsigned char *record)
+{
+    float corners[3][3];
+    canonical_triangle(geometry, primitive - geometry->first_primitive, corners);
+    struct portable_triangle triangle = {.id = id_of(geometry, primitive)};
+    memcpy(triangle.v0, corners[0], sizeof triangle.v0);
+    memcpy(triangle.v1, corners[1], sizeof triangle.v1);
+    memcpy(triangle.v2, corners[2], sizeof triangle.v2);
+    memcpy(record, &triangle, sizeof triangle);
+}
+
+static void write_aabb(const struct canonical_geometry *geometry, uint32_t primitive, unsigned char *record)
+{
+    const float *box = geometry->boxes + (uint64_t)6 * (primitive - geometry->first_primitive);
+    struct portable_aabb aabb = {.id = id_of(geometry, primitive)};
+    memcpy(aabb.min, box, sizeof aabb.min);
+    memcpy(aabb.max, box + 3, sizeof aabb.max);
+    memcpy(record, &aabb, sizeof aabb);
+}
+
+static void write_instance(const struct canonical_geometry *geometry, uint32_t primitive, unsigned char *record)
+{
+    const unsigned char *source = geometry->instances + (uint64_t)64 * primitive;
+    uint64_t reference = bytes_get64(source + 56);
+    assert(reference != 0); /* inactive instances are in no tree */
+    struct portable_instance instance = {
+        .custom_and_mask = bytes_get32(source + 48),
+        .sbt_and_flags = bytes_get32(source + 52),
+        .instance = primitive,
+        .handle = (uint32_t)(reference - 1),
+    };
+    memcpy(instance.object_to_world, source, sizeof instance.object_to_world);
+    portable_invert(instance.object_to_world, instance.world_to_object);
+    memcpy(record, &instance, sizeof instance);
+}
+
+static bool lies_in(const struct canonical_geometry *geometry, uint32_t primitive)
+{
+    return primitive >= geometry->first_primitive && primitive - geometry->first_primitive < geometry->primitive_count;
+}
+
+void portable_records_write(const struct portable_records *writer, uint32_t first, const uint32_t *refs, uint32_t count)
+{
+    const struct canonical *canonical = writer->canonical;
+    const struct canonical_geometry *geometry = canonical->geometries;
+    uint32_t size = portable_record_size(writer->content);
+    unsigned char *record = writer->records + (uint64_t)first * size;
+    for (uint32_t i = 0; i < count; i++, record += size) {
+        if (!lies_in(geometry, refs[i]))
+            geometry = &canonical->geometries[canonical_geometry_of(canonical, refs[i])];
+        switch (writer->content) {
+        case PORTABLE_INDEXED_TRIANGLES:
+            write_indexed_triangle(writer, geometry, refs[i], record);
+            break;
+        case PORTABLE_TRIANGLES:
+            write_triangle(geometry, refs[i], record);
+            break;
+        case PORTABLE_AABBS:
+            write_aabb(geometry, refs[i], record);
+            break;
+        case PORTABLE_INSTANCES:
+            write_instance(geometry, refs[i], record);
+            break;
+        }
+    }
+}
+
+static double minor(const float m[12], int row, int column)
+{
+    static const int others[3][2] = {{1, 2}, {2, 0}, {0, 1}};
+    const int *r = others[row], *c = others[column];
+    return (double)m[4 * r[0] + c[0]] * m[4 * r[1] + c[1]] - (double)m[4 * r[0] + c[1]] * m[4 * r[1] + c[0]];
+}
+
+void portable_invert(const float matrix[12], float ret_inverse[12])
+{
+    double cofactors[3][3];
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 3; column++)
+            cofactors[row][column] = minor(matrix, row, column);
+    double determinant = matrix[0] * cofactors[0][0] + matrix[1] * cofactors[0][1] + matrix[2] * cofactors[0][2];
+    bool finite = determinant < 0 || determinant > 0;
+    for (int row = 0; row < 3 && finite; row++) {
+        double move = 0;
+        for (int column = 0; column < 3; column++) {
+            double entry = cofactors[column][row] / determinant;
+            move -= entry * matrix[4 * column + 3];
+            finite = finite && fabs(entry) <= FLT_MAX;
+            ret_inverse[4 * row + column] = (float)entry;
+        }
+        finite = finite && fabs(move) <= FLT_MAX;
+        ret_inverse[4 * row + 3] = (float)move;
+    }
+    if (!finite)
+        memset(ret_inverse, 0, 12 * sizeof *ret_inverse);
+}

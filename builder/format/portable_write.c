@@ -1,1 +1,374 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #include "portable.h"
+
+#include <inttypes.h>
+
+#include "layout.h"
+#include "portable_quantise.h"
+#include "portable_records.h"
+#include "serialized.h"
+
+const uint8_t portable_driver_uuid[16] = "bvhd portable";
+const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', 'o', 'r',
+                                                 't', 'a', 'b', 'l', 'e', 0,   0,   PORTABLE_VERSION};
+
+enum { NODE_CHUNK = 512, VERTEX_CHUNK = 32768, RECORD_CHUNK = 65536 };
+
+struct writing {
+    const struct layout_input *input;
+    struct portable_header header;
+    uint64_t body_offset;
+    unsigned char *blob, *body;
+    struct portable_records records;
+    uint32_t *first_kept; /* of each chunk of vertices: how many are kept before it; then their sum */
+    uint32_t *remap; /* of each vertex; NULL while all are kept */
+};
+
+static enum portable_content content_of(const struct canonical *canonical, uint32_t layout_flags)
+{
+    if (canonical->type == STRUCTURE_TOP)
+        return PORTABLE_INSTANCES;
+    if (canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_AABBS)
+        return PORTABLE_AABBS;
+    return layout_flags & PORTABLE_FAST_TRIANGLES ? PORTABLE_TRIANGLES : PORTABLE_INDEXED_TRIANGLES;
+}
+
+static void fill_bounds(const struct ir *ir, float ret_bounds[6])
+{
+    struct box box = box_empty();
+    for (uint32_t key = 0; ir->node_count > 0 && key < ir->key_count; key++)
+        box_grow(&box, &ir->boxes[key][0]);
+    memcpy(ret_bounds, box.min, sizeof box.min);
+    memcpy(ret_bounds + 3, box.max, sizeof box.max);
+}
+
+/* Counts below 2^32 times small sizes: these sums do not overflow. */
+static void place_sections(struct portable_header *header)
+{
+    header->node_offset = sizeof *header;
+    header->record_offset = header->node_offset + (uint64_t)header->node_count * sizeof(struct portable_node);
+    header->vertex_offset =
+        header->record_offset + (uint64_t)header->record_count * portable_record_size((enum portable_content)header->content);
+    header->geometry_offset = bytes_align(header->vertex_offset + (uint64_t)header->vertex_count * 12, 16);
+    header->body_size = header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry);
+}
+
+/* As if all vertices were kept. */
+static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
+{
+    const struct canonical *canonical = w->input->canonical;
+    const struct wide *wide = w->input->wide;
+    enum portable_content content = content_of(canonical, w->input->layout_flags);
+    if (canonical->primitive_count > PORTABLE_ID_MASK)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "primitives", "%" PRIu32 " do not fit into 29 bits", canonical->primitive_count);
+    if (wide->depth > PORTABLE_MAX_DEPTH)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "depth", "%" PRIu32 " levels of nodes, at most %d", wide->depth,
+                              PORTABLE_MAX_DEPTH);
+    w->header = (struct portable_header){
+        .magic = PORTABLE_MAGIC,
+        .version = PORTABLE_VERSION,
+        .content = content,
+        .build_flags = canonical->flags,
+        .depth = wide->depth,
+        .node_count = wide->node_count,
+        .record_count = wide->leaf_refs,
+        .vertex_count = content == PORTABLE_INDEXED_TRIANGLES ? canonical->vertex_count : 0,
+        .geometry_count = content == PORTABLE_INSTANCES ? 0 : canonical->geometry_count,
+        .primitive_count = canonical->primitive_count,
+    };
+    fill_bounds(w->input->ir, w->header.bounds);
+    place_sections(&w->header);
+    uint32_t handles = content == PORTABLE_INSTANCES ? canonical->reference_count : 0;
+    w->body_offset = bytes_align(SERIALIZED_HANDLES + (uint64_t)8 * handles, PORTABLE_BODY_ALIGNMENT);
+    return BVHD_OK;
+}
+
+static uint32_t vertex_chunks(const struct writing *w)
+{
+    return (uint32_t)(((uint64_t)w->records.canonical->vertex_count + VERTEX_CHUNK - 1) / VERTEX_CHUNK);
+}
+
+static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
+{
+    struct memory *memory = w->input->memory;
+    uint64_t total = w->body_offset + w->header.body_size;
+    w->blob = memory_alloc(memory, total);
+    bool indexed = w->header.vertex_count > 0;
+    if (w->blob && indexed) {
+        w->records.used = memory_alloc(memory, w->header.vertex_count);
+        w->first_kept = memory_array(memory, (uint64_t)vertex_chunks(w) + 1, sizeof *w->first_kept);
+    }
+    if (!w->blob || (indexed && (!w->records.used || !w->first_kept)))
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "%" PRIu64 " bytes", total);
+    w->body = w->blob + w->body_offset;
+    w->records.records = w->body + w->header.record_offset;
+    if (indexed)
+        memset(w->records.used, 0, w->header.vertex_count);
+    return BVHD_OK;
+}
+
+static void load_box(const struct ir *ir, uint32_t node, unsigned slot, struct portable_boxes *boxes)
+{
+    struct box box = ir->boxes[0][node];
+    for (uint32_t key = 1; key < ir->key_count; key++)
+        box_grow(&box, &ir->boxes[key][node]);
+    for (int axis = 0; axis < 3; axis++) {
+        boxes->min[axis][slot] = box.min[axis];
+        boxes->max[axis][slot] = box.max[axis];
+    }
+}
+
+static void write_node(const struct writing *w, const struct wide_node *wide, unsigned char *place)
+{
+    static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
+    struct portable_node node = {.first_child = wide->first_child, .first_record = wide->first_leaf};
+    struct portable_boxes boxes;
+    unsigned occupied = 0, records = 0;
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
+        const struct wide_child *child = &wide->slots[slot];
+        enum wide_kind kind = wide_kind(child);
+        if (kind == WIDE_EMPTY)
+            continue;
+        occupied |= 1u << slot;
+        load_box(w->input->ir, child->node, slot, &boxes);
+        if (kind == WIDE_INNER) {
+            node.meta[slot] = (uint8_t)(0x20 | (24 + slot));
+            node.inner_mask |= (uint8_t)(1u << slot);
+            continue;
+        }
+        node.meta[slot] = (uint8_t)(unary[child->ref_count] | records);
+        portable_records_write(&w->records, wide->first_leaf + records, w->input->ir->refs + child->first_ref, child->ref_count);
+        records += child->ref_count;
+    }
+    unsigned filler = (unsigned)__builtin_ctz(occupied);
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
+        if (!(occupied >> slot & 1))
+            load_box(w->input->ir, wide->slots[filler].node, slot, &boxes);
+    portable_quantise(&boxes, occupied, &node);
+    memcpy(place, &node, sizeof node);
+}
+
+static void write_nodes(void *context, size_t index)
+{
+    const struct writing *w = context;
+    const struct wide *wide = w->input->wide;
+    size_t begin, end;
+    parallel_chunk(index, NODE_CHUNK, wide->node_count, &begin, &end);
+    unsigned char *place = w->body + w->header.node_offset + begin * sizeof(struct portable_node);
+    for (size_t i = begin; i < end; i++, place += sizeof(struct portable_node))
+        write_node(w, &wide->nodes[i], place);
+}
+
+static void count_kept(void *context, size_t index)
+{
+    struct writing *w = context;
+    size_t begin, end;
+    uint32_t kept = 0;
+    parallel_chunk(index, VERTEX_CHUNK, w->records.canonical->vertex_count, &begin, &end);
+    const uint8_t *used = w->records.used;
+    for (size_t i = begin; i < end; i++)
+        kept += used[i];
+    w->first_kept[index] = kept;
+}
+
+static void sum_kept(struct writing *w)
+{
+    uint32_t sum = 0, chunks = vertex_chunks(w);
+    for (uint32_t i = 0; i < chunks; i++) {
+        uint32_t kept = w->first_kept[i];
+        w->first_kept[i] = sum;
+        sum += kept;
+    }
+    w->first_kept[chunks] = sum;
+}
+
+static void remap_chunk(void *context, size_t index)
+{
+    struct writing *w = context;
+    size_t begin, end;
+    parallel_chunk(index, VERTEX_CHUNK, w->records.canonical->vertex_count, &begin, &end);
+    const uint8_t *used = w->records.used;
+    uint32_t next = w->first_kept[index];
+    for (size_t i = begin; i < end; i++) {
+        w->remap[i] = next;
+        next += used[i];
+    }
+}
+
+static void remap_records(void *context, size_t index)
+{
+    const struct writing *w = context;
+    size_t begin, end;
+    parallel_chunk(index, RECORD_CHUNK, w->header.record_count, &begin, &end);
+    unsigned char *record = w->records.records + begin * sizeof(struct portable_indexed_triangle);
+    for (size_t i = begin; i < end; i++, record += sizeof(struct portable_indexed_triangle))
+        for (int k = 0; k < 3; k++)
+            bytes_put32(record + 4 * k, w->remap[bytes_get32(record + 4 * k)]);
+}
+
+/* Copies kept vertices `begin` to `end` of one geometry to their places. */
+static void copy_run(const struct writing *w, const struct canonical_geometry *geometry, size_t begin, size_t end)
+{
+    const float *source = geometry->positions + 3 * (begin - geometry->first_vertex);
+    unsigned char *vertices = w->body + w->header.vertex_offset;
+    const uint8_t *used = w->records.used;
+    if (!w->remap) {
+        memcpy(vertices + 12 * begin, source, 12 * (end - begin));
+        return;
+    }
+    for (size_t i = begin; i < end; i++, source += 3)
+        if (used[i])
+            memcpy(vertices + (size_t)12 * w->remap[i], source, 12);
+}
+
+/* The last geometry that starts at or before a vertex; that is never one without vertices. */
+static uint32_t geometry_of_vertex(const struct canonical *canonical, size_t vertex)
+{
+    uint32_t low = 0, high = canonical->geometry_count;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if (canonical->geometries[middle].first_vertex <= vertex)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+static void copy_vertices(void *context, size_t index)
+{
+    const struct writing *w = context;
+    const struct canonical *canonical = w->records.canonical;
+    size_t begin, end;
+    parallel_chunk(index, VERTEX_CHUNK, canonical->vertex_count, &begin, &end);
+    const struct canonical_geometry *geometry = &canonical->geometries[geometry_of_vertex(canonical, begin)];
+    while (begin < end) {
+        size_t limit = (size_t)geometry->first_vertex + geometry->vertex_count;
+        limit = limit < end ? limit : end;
+        copy_run(w, geometry, begin, limit);
+        begin = limit;
+        geometry++;
+    }
+}
+
+/* Vertices that no record names are dropped; the others keep their order. */
+static enum bvhd_status write_vertices(struct writing *w, struct bvhd_error *error)
+{
+    const struct parallel *parallel = w->input->parallel;
+    uint32_t all = w->header.vertex_count, chunks = vertex_chunks(w);
+    if (all == 0)
+        return BVHD_OK;
+    parallel_for(parallel, chunks, count_kept, w);
+    sum_kept(w);
+    if (w->first_kept[chunks] < all) {
+        w->remap = memory_array(w->input->memory, all, sizeof *w->remap);
+        if (!w->remap)
+            return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "%" PRIu32 " new indices", all);
+        parallel_for(parallel, chunks, remap_chunk, w);
+        parallel_for(parallel, ((size_t)w->header.record_count + RECORD_CHUNK - 1) / RECORD_CHUNK, remap_records, w);
+        w->header.vertex_count = w->first_kept[chunks];
+        place_sections(&w->header);
+    }
+    parallel_for(parallel, chunks, copy_vertices, w);
+    return BVHD_OK;
+}
+
+static void write_tables(const struct writing *w)
+{
+    const struct canonical *canonical = w->input->canonical;
+    const struct portable_header *header = &w->header;
+    uint64_t vertex_end = header->vertex_offset + (uint64_t)header->vertex_count * 12;
+    memset(w->body + vertex_end, 0, header->geometry_offset - vertex_end);
+    for (uint32_t i = 0; i < header->geometry_count; i++) {
+        const struct canonical_geometry *geometry = &canonical->geometries[i];
+        struct portable_geometry row = {geometry->flags, geometry->first_primitive, geometry->primitive_count, 0};
+        memcpy(w->body + header->geometry_offset + (uint64_t)i * sizeof row, &row, sizeof row);
+    }
+    memcpy(w->body, header, sizeof *header);
+}
+
+/* Handle i is i + 1, like the references of the canonical copy, until a loader puts the device's own in its place. */
+static void write_serialized_header(const struct writing *w)
+{
+    uint32_t handles = w->header.content == PORTABLE_INSTANCES ? w->input->canonical->reference_count : 0;
+    struct serialized_header header = {
+        .serialized_size = w->body_offset + w->header.body_size,
+        .deserialized_size = w->header.body_size,
+        .handle_count = handles,
+    };
+    memcpy(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);
+    memcpy(header.compatibility_uuid, portable_compatibility_uuid, sizeof header.compatibility_uuid);
+    memset(w->blob, 0, w->body_offset);
+    serialized_write(w->blob, &header);
+    for (uint32_t i = 0; i < handles; i++)
+        bytes_put64(w->blob + SERIALIZED_HANDLES + (uint64_t)8 * i, i + 1);
+}
+
+static struct layout_sizes sizes_of(const struct writing *w)
+{
+    const struct portable_header *header = &w->header;
+    return (struct layout_sizes){
+        .total = w->body_offset + header->body_size,
+        .header = w->body_offset + header->node_offset,
+        .nodes = header->record_offset - header->node_offset,
+        .records = header->vertex_offset - header->record_offset,
+        .vertices = header->geometry_offset - header->vertex_offset,
+        .geometries = header->body_size - header->geometry_offset,
+    };
+}
+
+static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
+{
+    const struct wide *wide = w->input->wide;
+    parallel_for(w->input->parallel, ((size_t)wide->node_count + NODE_CHUNK - 1) / NODE_CHUNK, write_nodes, w);
+    enum bvhd_status status = write_vertices(w, error);
+    if (status != BVHD_OK)
+        return status;
+    write_tables(w);
+    write_serialized_header(w);
+    return BVHD_OK;
+}
+
+/* Gives back what dropped vertices leave over; when that fails the block is only larger than it needs to be. */
+static unsigned char *trim(const struct writing *w, uint64_t planned)
+{
+    uint64_t total = w->body_offset + w->header.body_size;
+    unsigned char *trimmed = total < planned ? memory_resize(w->input->memory, w->blob, total) : NULL;
+    return trimmed ? trimmed : w->blob;
+}
+
+static enum bvhd_status portable_write(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
+                                       struct bvhd_error *error)
+{
+    struct writing w = {.input = input};
+    enum bvhd_status status = plan(&w, error);
+    if (status != BVHD_OK)
+        return status;
+    uint64_t planned = w.body_offset + w.header.body_size;
+    w.records.content = (enum portable_content)w.header.content;
+    w.records.canonical = input->canonical;
+    status = allocate(&w, error);
+    if (status == BVHD_OK)
+        status = fill(&w, error);
+    if (status == BVHD_OK) {
+        *ret_blob = trim(&w, planned);
+        *ret_sizes = sizes_of(&w);
+    } else {
+        memory_free(input->memory, w.blob);
+    }
+    memory_free(input->memory, w.remap);
+    memory_free(input->memory, w.first_kept);
+    memory_free(input->memory, w.records.used);
+    return status;
+}
+
+const struct layout layout_portable = {
+    .target = TARGET_PORTABLE,
+    .name = "portable",
+    .version = PORTABLE_VERSION,
+    .arity = WIDE_ARITY,
+    .leaf_max = PORTABLE_LEAF_MAX,
+    .depth_limit = PORTABLE_MAX_DEPTH,
+    .flags = PORTABLE_FAST_TRIANGLES,
+    .write = portable_write,
+};
