@@ -88,7 +88,7 @@ static struct header *header_of(void *block)
 static void *map_aligned(uint64_t length)
 {
     uint64_t padded;
-    if (!bytes_add(length, HUGE_PAGE, &padded) || padded > SIZE_MAX)
+    if (!bytes_add(length, HUGE_PAGE, &padded) || padded > PTRDIFF_MAX)
         return NULL;
     unsigned char *base = mmap(NULL, padded, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (base == MAP_FAILED)
@@ -118,7 +118,7 @@ static struct header *obtain(uint64_t size)
         base = map_aligned(mapped);
         if (base)
             madvise(base, mapped, MADV_HUGEPAGE); /* advice: a kernel without huge pages says no, and that is fine */
-    } else if (bytes_add(size, ALIGNMENT, &total) && total <= SIZE_MAX) {
+    } else if (bytes_add(size, ALIGNMENT, &total) && total <= PTRDIFF_MAX) {
         if (posix_memalign(&base, ALIGNMENT, total) != 0)
             base = NULL;
     }

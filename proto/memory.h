@@ -3,8 +3,9 @@
  * memory.h - the seam through which the builder allocates whatever grows with its input.
  *
  * A struct memory is a budget: it counts what is live and the peak, refuses what would pass the limit, and can be told to fail the
- * n-th allocation (tests). Functions are safe from any thread. Blocks are 64-byte aligned; blocks of some MiB and more are laid for
- * huge pages, because touching new pages costs a build more than computing on them. Contents are uninitialised.
+ * n-th allocation (tests). What counts are the sizes that were asked for. Functions are safe from any thread. Blocks are 64-byte aligned;
+ * blocks of 4 MiB and more are mappings of their own, laid for huge pages: the first touch of 256 MiB takes a third of the time that it
+ * takes with small pages, and a block grows by moving pages instead of bytes. Contents are uninitialised.
  */
 #ifndef BVHD_MEMORY_H
 #define BVHD_MEMORY_H
@@ -27,7 +28,10 @@ void *memory_alloc(struct memory *memory, uint64_t size);
 /* As memory_alloc, for count * size, NULL also on overflow. */
 void *memory_array(struct memory *memory, uint64_t count, uint64_t size);
 
-/* Like realloc; on failure the old block lives on and NULL is returned. block may be NULL. */
+/*
+ * Like realloc; on failure, and when size is 0, the old block lives on and NULL is returned. block may be NULL. While bytes are copied both
+ * blocks count; a large block that stays large counts only the difference.
+ */
 void *memory_resize(struct memory *memory, void *block, uint64_t size);
 
 /* block may be NULL. The block must come from the same struct memory. */

@@ -44,7 +44,8 @@ const char *bvhd_status_name(enum bvhd_status status);
 
 /*
  * Fills *error and returns `status`, so that a function can end with `return bvhd_error_set(...)`. `where` is copied and cut to
- * fit; the text is printf style. `error` may be NULL: then only the status is returned.
+ * fit; the text is printf style, and control characters become spaces. Both may come from *error itself, to tell an error again with more
+ * words. `error` may be NULL: then only the status is returned.
  */
 enum bvhd_status bvhd_error_set(struct bvhd_error *error, enum bvhd_status status, const char *where, const char *format, ...)
     __attribute__((format(printf, 4, 5)));

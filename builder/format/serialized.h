@@ -22,7 +22,10 @@ struct serialized_header {
     uint64_t handle_count;
 };
 
-/* Reads and checks the header of a hostile blob: sizes fit, handles lie inside. BVHD_CORRUPT names the field. */
+/*
+ * Reads and checks the header of a hostile blob of any alignment: the size it says is the blob's, the handles lie inside. BVHD_CORRUPT names
+ * the field ("header.serializedSize"), BVHD_INCOMPATIBLE is the block form. The UUIDs and the deserialized size are the layout's to check.
+ */
 enum bvhd_status serialized_read(struct bytes blob, struct serialized_header *ret_header, struct bvhd_error *error);
 
 /* Writes the first 56 bytes; the handles are the caller's. */
