@@ -1,1 +1,342 @@
-typedef int nothing;
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdio.h>
+#include <string.h>
+
+#include "assemble.h"
+#include "commands.h"
+#include "depfile.h"
+#include "files.h"
+#include "manifest.h"
+
+struct failure {
+    char *what;
+    struct bvhd_error error;
+};
+
+/* One call of `bvhctl build`. */
+struct run {
+    const struct options *options;
+    struct local local;
+    struct json report; /* what --json prints */
+    struct json manifest;
+    struct json scenes; /* the report's part about scenes */
+    struct depfile depfile;
+    struct failure *failures;
+    uint32_t failure_count, failure_capacity;
+    uint64_t structure_count, changed_count, byte_count;
+    double start;
+};
+
+/* Says it at once, and keeps it for the JSON object. */
+static void fail(struct run *run, const char *what, const struct bvhd_error *error)
+{
+    progress_end(&run->local.progress);
+    report_line(what, error);
+    if (run->failure_count == run->failure_capacity) {
+        uint32_t capacity = run->failure_capacity * 2 + 8;
+        struct failure *grown = memory_resize(&run->local.memory, run->failures, capacity * sizeof *grown);
+        if (!grown) {
+            run->report.failed = true;
+            return;
+        }
+        run->failures = grown;
+        run->failure_capacity = capacity;
+    }
+    char *copy = files_copy_text(&run->local.memory, what);
+    run->report.failed |= !copy;
+    if (copy)
+        run->failures[run->failure_count++] = (struct failure){copy, *error};
+}
+
+static void note_import(const struct import *import)
+{
+    const struct import_counts *counts = &import->counts;
+    if (counts->points || counts->lines)
+        report_note(import->name, "not geometry, left out: %llu points, %llu lines", (unsigned long long)counts->points,
+                    (unsigned long long)counts->lines);
+    if (counts->skins || counts->morphs)
+        report_note(import->name, "not geometry, built at rest: %llu skinned meshes, %llu morph targets",
+                    (unsigned long long)counts->skins, (unsigned long long)counts->morphs);
+    if (import->skipped_instances)
+        report_note(import->name, "%llu instances made inactive: their matrix has no inverse (%s)",
+                    (unsigned long long)import->skipped_instances, bvhd_vuid_string(BVHD_VUID_03799));
+}
+
+static void write_scene(struct run *run, const struct import *import, const char *path)
+{
+    struct json *json = &run->scenes;
+    json_object(json, NULL);
+    json_text(json, "scene", import->name);
+    json_text(json, "source", path);
+    json_integer(json, "meshes", import->mesh_count);
+    json_integer(json, "triangles", import->triangle_count);
+    json_integer(json, "instances", import->instance_count);
+    json_integer(json, "skipped_instances", import->skipped_instances);
+    json_object(json, "not_geometry");
+    json_integer(json, "points", import->counts.points);
+    json_integer(json, "lines", import->counts.lines);
+    json_integer(json, "skins", import->counts.skins);
+    json_integer(json, "morphs", import->counts.morphs);
+    json_object_end(json);
+    json_object_end(json);
+}
+
+static void print_structure(const struct batch_item *item, const char *file, bool is_top)
+{
+    const struct build_stats *stats = &item->stats;
+    uint64_t count = is_top ? stats->instances : stats->primitives;
+    printf("%-40s %9llu %-9s %8.2f MB  %5.1f B each  SAH %6.2f  depth %2u  %8.1f ms  %s\n", file, (unsigned long long)count,
+           is_top ? "instances" : "triangles", (double)item->size / 1e6, count ? (double)item->size / (double)count : 0.0, stats->sah,
+           stats->depth, item->prepare_ms + item->build_ms, stats->method ? stats->method : "");
+}
+
+/* Writes the file, and its entry everywhere. */
+static enum bvhd_status keep_structure(struct run *run, const struct assembly *assembly, uint32_t index, char *const *files,
+                                       struct bvhd_error *error)
+{
+    const struct batch_item *item = &assembly->items[index];
+    char *path = files_join(&run->local.memory, run->options->output, files[index]);
+    if (!path)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, files[index], "no memory to write it");
+    bool changed = false;
+    enum bvhd_status status = files_write(path, (struct bytes){item->blob, item->size}, &run->local.memory, &changed, error);
+    memory_free(&run->local.memory, path);
+    if (status)
+        return status;
+    manifest_write_structure(&run->report, assembly, index, files[index], files, true);
+    manifest_write_structure(&run->manifest, assembly, index, files[index], files, false);
+    run->structure_count++;
+    run->changed_count += changed;
+    run->byte_count += item->size;
+    if (!run->options->json)
+        print_structure(item, files[index], index == assembly->import->part_count);
+    return BVHD_OK;
+}
+
+static bool is_interrupted(const struct run *run)
+{
+    return atomic_load(run->local.build.cancel);
+}
+
+static bool keep_structures(struct run *run, const struct assembly *assembly, char **files)
+{
+    bool ok = true;
+    for (uint32_t i = 0; i <= assembly->import->part_count && !is_interrupted(run); i++) {
+        struct bvhd_error error = assembly->items[i].error;
+        enum bvhd_status status = assembly->items[i].status;
+        if (!status)
+            status = keep_structure(run, assembly, i, files, &error);
+        if (status)
+            fail(run, files[i], &error);
+        ok &= !status;
+    }
+    return ok;
+}
+
+static char **make_file_names(const struct import *import)
+{
+    uint64_t count = (uint64_t)import->part_count + 1;
+    char **files = memory_array(import->memory, count, sizeof *files);
+    bool ok = files != NULL;
+    for (uint64_t i = 0; i < count && files; i++)
+        ok &= (files[i] = manifest_file_name(import, (uint32_t)i)) != NULL;
+    for (uint64_t i = 0; i < count && files && !ok; i++)
+        memory_free(import->memory, files[i]);
+    if (!ok)
+        memory_free(import->memory, files);
+    return ok ? files : NULL;
+}
+
+static void free_file_names(const struct import *import, char **files)
+{
+    for (uint64_t i = 0; i <= import->part_count; i++)
+        memory_free(import->memory, files[i]);
+    memory_free(import->memory, files);
+}
+
+static enum bvhd_status build_imported(struct run *run, const struct import *import, struct bvhd_error *error)
+{
+    struct assembly assembly;
+    char **files = make_file_names(import);
+    if (!files)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, import->name, "no memory for its files' names");
+    progress_begin(&run->local.progress, "building", import->name);
+    enum bvhd_status status = assemble(import, run->options, &run->local.build, &assembly, error);
+    progress_end(&run->local.progress);
+    if (!status) {
+        keep_structures(run, &assembly, files);
+        assembly_finish(&assembly);
+    }
+    free_file_names(import, files);
+    return status;
+}
+
+static void build_scene(struct run *run, const char *path)
+{
+    struct import import;
+    struct bvhd_error error = {0};
+    enum bvhd_status status = import_scene(path, &run->local.memory, &import, &error);
+    if (status) {
+        fail(run, "build", &error);
+        return;
+    }
+    note_import(&import);
+    write_scene(run, &import, path);
+    for (uint32_t i = 0; i < import.file_count; i++)
+        depfile_add(&run->depfile, import.files[i]);
+    status = build_imported(run, &import, &error);
+    if (status)
+        fail(run, "build", &error);
+    import_finish(&import);
+}
+
+/* Two scenes of one name would write the same files. */
+static enum bvhd_status check_names(const struct options *options, struct memory *memory, struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    char **names = memory_array(memory, (uint64_t)options->operand_count, sizeof *names);
+    int count = 0;
+    for (; names && count < options->operand_count && !status; count++) {
+        char *raw = import_name(options->operands[count], memory);
+        names[count] = raw ? manifest_safe_name(raw, memory) : NULL;
+        memory_free(memory, raw);
+        if (!names[count])
+            status = bvhd_error_set(error, BVHD_NO_MEMORY, options->operands[count], "no memory for its name");
+        for (int i = 0; i < count && !status; i++)
+            if (!strcmp(names[i], names[count]))
+                status = bvhd_error_set(error, BVHD_INVALID, options->operands[count],
+                                        "another scene has the name '%s', too: give them different directories", names[i]);
+    }
+    for (int i = 0; i < count; i++)
+        memory_free(memory, names[i]);
+    memory_free(memory, names);
+    return names ? status : bvhd_error_set(error, BVHD_NO_MEMORY, "build", "no memory for the scenes' names");
+}
+
+static enum bvhd_status write_manifest(struct run *run, struct bvhd_error *error)
+{
+    struct json *json = &run->manifest;
+    json_array_end(json);
+    json_object_end(json);
+    json_newline(json);
+    char *path = files_join(&run->local.memory, run->options->output, MANIFEST_NAME);
+    enum bvhd_status status = BVHD_OK;
+    if (!path || json->failed)
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, MANIFEST_NAME, "no memory for the manifest");
+    else
+        status = files_write(path, (struct bytes){(const unsigned char *)json->data, json->size}, &run->local.memory, NULL, error);
+    memory_free(&run->local.memory, path);
+    return status;
+}
+
+static void begin_output(struct run *run)
+{
+    char *target = files_join(&run->local.memory, run->options->output, MANIFEST_NAME);
+    depfile_init(&run->depfile, &run->local.memory, target ? target : "");
+    run->depfile.failed |= !target;
+    memory_free(&run->local.memory, target);
+    json_init(&run->report, &run->local.memory, false);
+    json_init(&run->manifest, &run->local.memory, true);
+    json_init(&run->scenes, &run->local.memory, false);
+    struct json *both[] = {&run->report, &run->manifest};
+    for (int i = 0; i < 2; i++) {
+        json_object(both[i], NULL);
+        json_integer(both[i], "schema", 1);
+        json_array(both[i], "structures");
+    }
+}
+
+static void print_report(struct run *run)
+{
+    struct json *json = &run->report;
+    json_array_end(json);
+    json_array(json, "scenes");
+    json_append(json, &run->scenes);
+    json_array_end(json);
+    json_array(json, "errors");
+    for (uint32_t i = 0; i < run->failure_count; i++) {
+        json_object(json, NULL);
+        json_text(json, "what", run->failures[i].what);
+        report_members(json, &run->failures[i].error);
+        json_object_end(json);
+    }
+    json_array_end(json);
+    json_number(json, "wall_ms", progress_now() - run->start);
+    json_object_end(json);
+}
+
+static void print_summary(const struct run *run)
+{
+    printf("%llu structures, %.2f MB, %llu files changed, %.0f ms\n", (unsigned long long)run->structure_count,
+           (double)run->byte_count / 1e6, (unsigned long long)run->changed_count, progress_now() - run->start);
+}
+
+static void write_lists(struct run *run)
+{
+    struct bvhd_error error;
+    if (write_manifest(run, &error))
+        fail(run, "build", &error);
+    else if (run->options->depfile && run->failure_count == 0 && depfile_write(&run->depfile, run->options->depfile, &error))
+        fail(run, "build", &error);
+}
+
+static enum exit_code finish_output(struct run *run)
+{
+    struct bvhd_error error;
+    if (is_interrupted(run)) {
+        bvhd_error_set(&error, BVHD_CANCELLED, run->options->output, "interrupted");
+        return report_failure(run->options->json, "build", &error);
+    }
+    write_lists(run);
+    bool ok = true;
+    if (!run->options->json) {
+        print_summary(run);
+        ok = report_flush();
+    } else if (run->structure_count == 0 && run->failure_count) {
+        report_failure_json(&run->failures[0].error);
+    } else {
+        print_report(run);
+        ok = report_print(&run->report);
+    }
+    return ok && run->failure_count == 0 ? EXIT_DONE : EXIT_FAILED;
+}
+
+static void release(struct run *run)
+{
+    for (uint32_t i = 0; i < run->failure_count; i++)
+        memory_free(&run->local.memory, run->failures[i].what);
+    memory_free(&run->local.memory, run->failures);
+    json_finish(&run->report);
+    json_finish(&run->manifest);
+    json_finish(&run->scenes);
+    depfile_finish(&run->depfile);
+    local_close(&run->local);
+}
+
+enum exit_code command_build(const struct options *options, const atomic_bool *cancel)
+{
+    struct bvhd_error error;
+    if (!options->local) {
+        bvhd_error_set(&error, BVHD_UNAVAILABLE, options->socket ? options->socket : "socket",
+                       "no daemon: this version builds with --local");
+        return report_failure(options->json, "build", &error);
+    }
+    struct run run = {.options = options, .start = progress_now()};
+    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, true, cancel, &error);
+    if (status)
+        return report_failure(options->json, "build", &error);
+    enum exit_code code;
+    if (check_names(options, &run.local.memory, &error)) {
+        report_failure(options->json, "build", &error);
+        code = error.status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED;
+    } else if (files_make_directory(options->output, &error)) {
+        code = report_failure(options->json, "build", &error);
+    } else {
+        begin_output(&run);
+        for (int i = 0; i < options->operand_count && !is_interrupted(&run); i++)
+            build_scene(&run, options->operands[i]);
+        code = finish_output(&run);
+    }
+    release(&run);
+    return code;
+}

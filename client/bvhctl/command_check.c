@@ -1,1 +1,164 @@
-typedef int nothing;
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdio.h>
+#include <string.h>
+
+#include "commands.h"
+#include "import.h"
+#include "local.h"
+#include "rays.h"
+#include "structures.h"
+
+enum { DEFAULT_RAYS = 4000 };
+
+/* One call of `bvhctl check`. */
+struct run {
+    const struct options *options;
+    struct local local;
+    struct import import;
+    struct structures structures;
+    struct oracle_mesh *meshes;
+    uint32_t mesh_count;
+    struct ray *rays;
+    struct oracle_answer *answers;
+    uint32_t ray_count;
+    bool answered;
+};
+
+struct tally {
+    uint64_t hits, uncertain, wrong_miss, wrong_hit, wrong_primitive;
+    double t_rel_err_max;
+};
+
+static enum bvhd_status no_memory(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "check", "no memory for the rays");
+}
+
+static enum bvhd_status open_both(struct run *run, struct bvhd_error *error)
+{
+    struct memory *memory = &run->local.memory;
+    const struct options *options = run->options;
+    enum bvhd_status status = import_scene(options->operands[1], memory, &run->import, error);
+    if (!status)
+        status =
+            structures_open(options->operands[0], options->scene ? options->scene : run->import.name, memory, &run->structures, error);
+    if (!status)
+        status = import_oracle_meshes(&run->import, run->structures.top != NULL, &run->meshes, &run->mesh_count, error);
+    return status;
+}
+
+static enum bvhd_status ask_oracle(struct run *run, struct bvhd_error *error)
+{
+    struct memory *memory = &run->local.memory;
+    run->ray_count = run->options->rays > 0 ? (uint32_t)run->options->rays : DEFAULT_RAYS;
+    run->rays = memory_array(memory, run->ray_count, sizeof *run->rays);
+    run->answers = memory_array(memory, run->ray_count, sizeof *run->answers);
+    if (!run->rays || !run->answers)
+        return no_memory(error);
+    rays_make(run->meshes, run->mesh_count, run->options->seed, run->ray_count, run->rays);
+    progress_begin(&run->local.progress, "brute force over", run->import.name);
+    enum bvhd_status status = oracle_trace(run->meshes, run->mesh_count, run->rays, run->ray_count, memory, run->local.build.parallel,
+                                           progress_update, &run->local.progress, run->answers, error);
+    progress_end(&run->local.progress);
+    run->answered = !status;
+    return status;
+}
+
+static void count_verdict(struct tally *tally, enum oracle_verdict verdict, double t_rel_err)
+{
+    tally->uncertain += verdict == ORACLE_UNDECIDED;
+    tally->wrong_miss += verdict == ORACLE_WRONG_MISS;
+    tally->wrong_hit += verdict == ORACLE_WRONG_HIT;
+    tally->wrong_primitive += verdict == ORACLE_WRONG_PRIMITIVE;
+    if (t_rel_err > tally->t_rel_err_max)
+        tally->t_rel_err_max = t_rel_err;
+}
+
+static struct tally judge_all(const struct run *run)
+{
+    struct tally tally = {0};
+    struct traverse_options options = {.flip_order = run->options->flip_order};
+    for (uint32_t i = 0; i < run->ray_count; i++) {
+        struct ray_hit hit;
+        double t_rel_err = 0;
+        bool is_hit = traverse(&run->structures.scene, &run->rays[i], &options, &hit, NULL);
+        tally.hits += is_hit;
+        count_verdict(&tally, oracle_judge(&run->answers[i], is_hit ? &hit : NULL, &t_rel_err), t_rel_err);
+    }
+    return tally;
+}
+
+static void write_tally(const struct run *run, const struct tally *tally, struct json *json)
+{
+    json_object(json, NULL);
+    json_integer(json, "schema", 1);
+    json_text(json, "scene", run->import.name);
+    json_integer(json, "rays", run->ray_count);
+    json_integer(json, "hits", tally->hits);
+    json_integer(json, "uncertain", tally->uncertain);
+    json_integer(json, "wrong_miss", tally->wrong_miss);
+    json_integer(json, "wrong_hit", tally->wrong_hit);
+    json_integer(json, "wrong_primitive", tally->wrong_primitive);
+    json_number(json, "t_rel_err_max", tally->t_rel_err_max);
+    json_integer(json, "seed", run->options->seed);
+    json_bool(json, "flip_order", run->options->flip_order);
+    json_object_end(json);
+}
+
+static bool print_tally(struct run *run, const struct tally *tally)
+{
+    uint64_t wrong = tally->wrong_miss + tally->wrong_hit + tally->wrong_primitive;
+    if (!run->options->json) {
+        printf("%s: %u rays, %llu hits, %llu uncertain, %llu wrong (%llu missed, %llu hit nothing there, %llu another primitive), "
+               "t within %.2g\n",
+               run->import.name, run->ray_count, (unsigned long long)tally->hits, (unsigned long long)tally->uncertain,
+               (unsigned long long)wrong, (unsigned long long)tally->wrong_miss, (unsigned long long)tally->wrong_hit,
+               (unsigned long long)tally->wrong_primitive, tally->t_rel_err_max);
+        return report_flush();
+    }
+    struct json json;
+    json_init(&json, &run->local.memory, false);
+    write_tally(run, tally, &json);
+    bool ok = report_print(&json);
+    json_finish(&json);
+    return ok;
+}
+
+static enum exit_code judge(struct run *run)
+{
+    struct tally tally = judge_all(run);
+    uint64_t wrong = tally.wrong_miss + tally.wrong_hit + tally.wrong_primitive;
+    if (!print_tally(run, &tally))
+        return EXIT_FAILED;
+    if (wrong)
+        report_note(run->import.name, "%llu of %u rays have a wrong answer", (unsigned long long)wrong, run->ray_count);
+    return wrong ? EXIT_WRONG : EXIT_DONE;
+}
+
+static void release(struct run *run)
+{
+    struct memory *memory = &run->local.memory;
+    if (run->answered)
+        oracle_finish(run->answers, run->ray_count, memory);
+    memory_free(memory, run->answers);
+    memory_free(memory, run->rays);
+    memory_free(memory, run->meshes);
+    structures_close(&run->structures);
+    import_finish(&run->import);
+    local_close(&run->local);
+}
+
+enum exit_code command_check(const struct options *options)
+{
+    struct run run = {.options = options};
+    struct bvhd_error error;
+    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, false, NULL, &error);
+    if (status)
+        return report_failure(options->json, "check", &error);
+    status = open_both(&run, &error);
+    if (!status)
+        status = ask_oracle(&run, &error);
+    enum exit_code code = status ? report_failure(options->json, "check", &error) : judge(&run);
+    release(&run);
+    return code;
+}

@@ -1,1 +1,56 @@
-int main(void){return 0;}
+/* SPDX-License-Identifier: Apache-2.0 */
+/* bvhctl: builds acceleration structures from scene files, checks them, looks into them, makes pictures of them. */
+#include <signal.h>
+#include <stdio.h>
+
+#include "commands.h"
+
+static atomic_bool cancelled;
+
+static void interrupt(int number)
+{
+    (void)number;
+    atomic_store(&cancelled, true);
+}
+
+/* The first interrupt ends a build in order, without a half-written file; the second one ends the process. */
+static void watch_signals(void)
+{
+    struct sigaction action = {.sa_handler = interrupt, .sa_flags = SA_RESETHAND | SA_RESTART};
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+static enum exit_code run(const struct options *options)
+{
+    switch (options->command) {
+    case COMMAND_BUILD:
+        watch_signals();
+        return command_build(options, &cancelled);
+    case COMMAND_CHECK:
+        return command_check(options);
+    case COMMAND_INSPECT:
+        return command_inspect(options);
+    case COMMAND_TRACE:
+        return command_trace(options);
+    case COMMAND_VERSION:
+        printf("bvhctl %s\n", BVHCTL_VERSION);
+        return report_flush() ? EXIT_DONE : EXIT_FAILED;
+    default:
+        options_print_help(options->help_about);
+        return report_flush() ? EXIT_DONE : EXIT_FAILED;
+    }
+}
+
+int main(int argc, char **argv)
+{
+    struct options options;
+    struct bvhd_error error;
+    if (options_parse(argc, argv, &options, &error)) {
+        report_failure(options_want_json(argc, argv), "usage", &error);
+        return EXIT_USAGE;
+    }
+    return run(&options);
+}

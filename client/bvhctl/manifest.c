@@ -1,1 +1,132 @@
-typedef int nothing;
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "manifest.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "layout.h"
+
+enum { NAME_PART_MAX = 48 }; /* of a mesh's or node's name, in a file name */
+
+static bool is_safe(unsigned char character)
+{
+    return (character >= 'a' && character <= 'z') || (character >= 'A' && character <= 'Z') || (character >= '0' && character <= '9') ||
+           character == '.' || character == '-' || character == '_';
+}
+
+/* Runs of other characters become one '_'; no leading dot, so that nothing is hidden. */
+static size_t make_safe(const char *name, size_t limit, char *ret_safe)
+{
+    size_t size = 0;
+    for (const unsigned char *at = (const unsigned char *)name; *at && size < limit; at++) {
+        bool ok = is_safe(*at) && !(size == 0 && (*at == '.' || *at == '-'));
+        if (ok)
+            ret_safe[size++] = (char)*at;
+        else if (size == 0 || ret_safe[size - 1] != '_')
+            ret_safe[size++] = '_';
+    }
+    ret_safe[size] = '\0';
+    return size;
+}
+
+char *manifest_safe_name(const char *name, struct memory *memory)
+{
+    size_t length = strlen(name);
+    char *safe = memory_alloc(memory, length + 2);
+    if (safe && make_safe(name, length, safe) == 0)
+        memcpy(safe, "_", 2);
+    return safe;
+}
+
+char *manifest_file_name(const struct import *import, uint32_t index)
+{
+    char part_name[NAME_PART_MAX + 1] = "", part[NAME_PART_MAX + 32];
+    char *scene = manifest_safe_name(import->name, import->memory);
+    if (!scene)
+        return NULL;
+    bool is_top = index == import->part_count;
+    size_t named = is_top ? 0 : make_safe(import->parts[index].name, NAME_PART_MAX, part_name);
+    if (is_top)
+        snprintf(part, sizeof part, "tlas");
+    else
+        snprintf(part, sizeof part, "blas-%u%s%s", index, named ? "-" : "", part_name);
+    uint64_t size = strlen(scene) + strlen(part) + sizeof "..as";
+    char *file = memory_alloc(import->memory, size);
+    if (file)
+        snprintf(file, size, "%s.%s.as", scene, part);
+    memory_free(import->memory, scene);
+    return file;
+}
+
+static void write_geometries(struct json *json, const struct import *import, uint32_t index)
+{
+    json_array(json, "geometries");
+    const struct import_part *part = index < import->part_count ? &import->parts[index] : NULL;
+    for (uint32_t i = 0; part && i < part->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[part->meshes[i]];
+        json_object(json, NULL);
+        json_text(json, "name", mesh->name);
+        json_text(json, "material", mesh->material);
+        json_integer(json, "primitives", mesh->triangle_count);
+        json_object_end(json);
+    }
+    json_array_end(json);
+}
+
+static void write_handles(struct json *json, const struct assembly *assembly, char *const *all_files)
+{
+    json_array(json, "handles");
+    for (uint32_t i = 0; i < assembly->handle_count; i++)
+        json_text(json, NULL, all_files[assembly->handles[i]]);
+    json_array_end(json);
+}
+
+static void write_times(struct json *json, const struct batch_item *item)
+{
+    json_bool(json, "cached", false);
+    json_bool(json, "coalesced", item->coalesced);
+    json_number(json, "prepare_ms", item->prepare_ms);
+    json_number(json, "build_ms", item->build_ms);
+    json_integer(json, "peak_bytes", item->peak_bytes);
+}
+
+static const char *structure_name(const struct import *import, uint32_t index)
+{
+    bool named = index < import->part_count && *import->parts[index].name;
+    return named ? import->parts[index].name : import->name;
+}
+
+void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index, const char *file,
+                              char *const *all_files, bool times)
+{
+    const struct import *import = assembly->import;
+    const struct batch_item *item = &assembly->items[index];
+    const struct build_stats *stats = &item->stats;
+    char key[KEY_TEXT_SIZE];
+    key_to_text(&item->key, key);
+    bool is_top = index == import->part_count;
+    json_object(json, NULL);
+    json_text(json, "file", file);
+    json_text(json, "type", is_top ? "tlas" : "blas");
+    json_text(json, "scene", import->name);
+    json_text(json, "name", structure_name(import, index));
+    write_geometries(json, import, index);
+    json_integer(json, "primitives", stats->primitives);
+    json_integer(json, "triangles", stats->triangles);
+    json_integer(json, "instances", stats->instances);
+    json_integer(json, "inactive", stats->inactive);
+    json_integer(json, "degenerate", stats->degenerate);
+    json_integer(json, "skipped", stats->skipped);
+    json_integer(json, "bytes", item->size);
+    json_text(json, "key", key);
+    if (times)
+        write_times(json, item);
+    json_integer(json, "depth", stats->depth);
+    json_number(json, "sah", stats->sah);
+    json_integer(json, "refs", stats->refs);
+    json_text(json, "method", stats->method ? stats->method : "");
+    json_text(json, "target", layout_portable.name);
+    if (is_top)
+        write_handles(json, assembly, all_files);
+    json_object_end(json);
+}

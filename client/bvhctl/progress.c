@@ -1,1 +1,56 @@
-typedef int nothing;
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "progress.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { BAR_WIDTH = 30, DRAW_INTERVAL = 100 };
+
+double progress_now(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec / 1e6;
+}
+
+static void put(const char *text, size_t size)
+{
+    if (write(STDERR_FILENO, text, size) < 0)
+        return; /* a terminal that went away is no reason to stop */
+}
+
+void progress_begin(struct progress *progress, const char *verb, const char *name)
+{
+    progress->shown = isatty(STDERR_FILENO);
+    snprintf(progress->label, sizeof progress->label, "%s %s", verb, name);
+    atomic_store(&progress->next, (int64_t)progress_now() + DRAW_INTERVAL);
+}
+
+static void draw(const struct progress *progress, double part)
+{
+    char bar[BAR_WIDTH + 1] = "";
+    for (int i = 0; i < BAR_WIDTH; i++)
+        bar[i] = i < (int)(part * BAR_WIDTH) ? '#' : '.';
+    char line[160];
+    int size = snprintf(line, sizeof line, "\r%s  %s %3d %%\033[K", progress->label, bar, (int)(part * 100));
+    put(line, (size_t)size);
+}
+
+void progress_update(void *context, uint64_t done, uint64_t total)
+{
+    struct progress *progress = context;
+    if (!progress->shown || total == 0)
+        return;
+    int64_t now = (int64_t)progress_now(), next = atomic_load(&progress->next);
+    if (now >= next && atomic_compare_exchange_strong(&progress->next, &next, now + DRAW_INTERVAL))
+        draw(progress, done < total ? (double)done / (double)total : 1);
+}
+
+void progress_end(struct progress *progress)
+{
+    if (progress->shown)
+        put("\r\033[K", 4);
+    progress->shown = false;
+}

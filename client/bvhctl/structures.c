@@ -1,1 +1,134 @@
-typedef int nothing;
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "structures.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "files.h"
+
+static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, where, "no memory to open it");
+}
+
+/* Puts the file's name before the place inside it. */
+static void prefix_where(struct bvhd_error *error, const char *path)
+{
+    char where[sizeof error->where];
+    const char *slash = strrchr(path, '/');
+    snprintf(where, sizeof where, "%.60s: %.55s", slash ? slash + 1 : path, error->where);
+    memcpy(error->where, where, sizeof where);
+}
+
+enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file, struct bvhd_error *error)
+{
+    struct structure_file file = {0};
+    enum bvhd_status status = files_read(path, UINT64_C(1) << 40, memory, &file.data, &file.size, error);
+    if (status)
+        return status;
+    static const unsigned char nothing[16] __attribute__((aligned(16)));
+    struct bytes blob = {file.data ? file.data : nothing, file.size};
+    struct bvhd_error inner = {0};
+    status = portable_open(blob, memory, &file.view, &inner);
+    if (status) {
+        prefix_where(&inner, path);
+        *error = inner;
+        memory_free(memory, file.data);
+        return status;
+    }
+    *ret_file = file;
+    return BVHD_OK;
+}
+
+static const struct manifest_entry *find_entry(const struct manifest *manifest, const char *scene, bool is_top)
+{
+    for (uint32_t i = 0; i < manifest->count; i++)
+        if (manifest->entries[i].is_top == is_top && !strcmp(manifest->entries[i].scene, scene))
+            return &manifest->entries[i];
+    return NULL;
+}
+
+static enum bvhd_status read_one(struct structures *structures, const char *directory, const char *file, bool is_top,
+                                 struct bvhd_error *error)
+{
+    char *path = files_join(structures->memory, directory, file);
+    if (!path)
+        return no_memory(file, error);
+    struct structure_file *opened = &structures->files[structures->file_count];
+    enum bvhd_status status = structures_read(path, structures->memory, opened, error);
+    memory_free(structures->memory, path);
+    if (status)
+        return status;
+    structures->file_count++;
+    if ((opened->view.header->content == PORTABLE_INSTANCES) != is_top)
+        return bvhd_error_set(error, BVHD_CORRUPT, file, "the manifest says that it is a %s level", is_top ? "top" : "bottom");
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_files(struct structures *structures, const char *directory, const struct manifest_entry *top,
+                                   const struct manifest_entry *bottom, struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    uint32_t bottom_count = top ? top->handle_count : 1;
+    structures->files = memory_array(structures->memory, (uint64_t)bottom_count + 1, sizeof *structures->files);
+    structures->bottoms = memory_array(structures->memory, (uint64_t)bottom_count + 1, sizeof *structures->bottoms);
+    if (!structures->files || !structures->bottoms)
+        return no_memory(directory, error);
+    for (uint32_t i = 0; i < bottom_count && !status; i++)
+        status = read_one(structures, directory, top ? top->handles[i] : bottom->file, false, error);
+    for (uint32_t i = 0; i < bottom_count && !status; i++)
+        structures->bottoms[i] = &structures->files[i].view;
+    if (!status && top) {
+        status = read_one(structures, directory, top->file, true, error);
+        structures->top = &structures->files[bottom_count].view;
+    }
+    if (!status && top && structures->top->handle_count != top->handle_count)
+        status = bvhd_error_set(error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u",
+                                (unsigned long long)structures->top->handle_count, top->handle_count);
+    structures->scene = (struct scene){structures->top, structures->bottoms, bottom_count};
+    return status;
+}
+
+static enum bvhd_status open_scene(struct structures *structures, const char *directory, const struct manifest *manifest,
+                                   const char *name, struct bvhd_error *error)
+{
+    if (manifest->count == 0)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no structure");
+    const char *scene = name ? name : manifest->entries[0].scene;
+    const struct manifest_entry *top = find_entry(manifest, scene, true), *bottom = find_entry(manifest, scene, false);
+    if (!top && !bottom)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no scene '%s'", scene);
+    structures->name = files_copy_text(structures->memory, scene);
+    if (!structures->name)
+        return no_memory(directory, error);
+    return read_files(structures, directory, top, bottom, error);
+}
+
+enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory, struct structures *ret_structures,
+                                 struct bvhd_error *error)
+{
+    struct manifest manifest;
+    enum bvhd_status status = manifest_read(directory, memory, &manifest, error);
+    if (status)
+        return status;
+    struct structures structures = {.memory = memory};
+    status = open_scene(&structures, directory, &manifest, name, error);
+    manifest_finish(&manifest);
+    if (status)
+        structures_close(&structures);
+    else
+        *ret_structures = structures;
+    return status;
+}
+
+void structures_close(struct structures *structures)
+{
+    if (!structures || !structures->memory)
+        return;
+    for (uint32_t i = 0; i < structures->file_count; i++)
+        memory_free(structures->memory, structures->files[i].data);
+    memory_free(structures->memory, structures->files);
+    memory_free(structures->memory, structures->bottoms);
+    memory_free(structures->memory, structures->name);
+    *structures = (struct structures){0};
+}

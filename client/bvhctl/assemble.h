@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * assemble.h - the acceleration structures of an imported scene: asked for in Vulkan's structs, as any client does, built in this process.
+ *
+ * One batch for the bottom levels, one for the top level, which names them by key and bounds. A structure that fails does not disturb the others;
+ * a top level fails when a bottom level that it needs has failed.
+ */
+#ifndef BVHCTL_ASSEMBLE_H
+#define BVHCTL_ASSEMBLE_H
+
+#include "batch.h"
+#include "import.h"
+#include "local.h"
+#include "options.h"
+
+struct assembly {
+    const struct import *import;
+    struct batch_item *items; /* bottom levels in the order of parts, then the top level: part_count + 1 */
+    uint32_t *handles; /* parts in the order of the top level's handles */
+    uint32_t handle_count;
+    struct memory *memory;
+};
+
+/* Fails only when nothing could be tried; else look at each item's status. `import` must outlive *ret_assembly. */
+enum bvhd_status assemble(const struct import *import, const struct options *options, const struct build_context *context,
+                          struct assembly *ret_assembly, struct bvhd_error *error);
+
+/* NULL-safe, idempotent. */
+void assembly_finish(struct assembly *assembly);
+
+#endif

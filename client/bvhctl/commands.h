@@ -1,0 +1,17 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* commands.h - one function a command, with the parsed command line; returns the exit code. */
+#ifndef BVHCTL_COMMANDS_H
+#define BVHCTL_COMMANDS_H
+
+#include <stdatomic.h>
+
+#include "options.h"
+#include "report.h"
+
+/* `cancel` is set when the user interrupts. */
+enum exit_code command_build(const struct options *options, const atomic_bool *cancel);
+enum exit_code command_check(const struct options *options);
+enum exit_code command_inspect(const struct options *options);
+enum exit_code command_trace(const struct options *options);
+
+#endif

@@ -1,0 +1,38 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* structures.h - the built files of one scene of a directory, opened for tracing. */
+#ifndef BVHCTL_STRUCTURES_H
+#define BVHCTL_STRUCTURES_H
+
+#include "manifest.h"
+#include "traverse.h"
+
+struct structure_file {
+    unsigned char *data;
+    uint64_t size;
+    struct portable_view view;
+};
+
+struct structures {
+    char *name; /* of the scene */
+    struct structure_file *files; /* bottom levels in handle order, then the top level if there is one */
+    uint32_t file_count;
+    const struct portable_view **bottoms;
+    struct portable_view *top; /* NULL: the scene is one bottom level */
+    struct scene scene; /* to traverse */
+    struct memory *memory;
+};
+
+/*
+ * Opens the scene called `name` (NULL: the first one in the manifest): its top level and what that names, else its first bottom level. Files are
+ * hostile: BVHD_CORRUPT, BVHD_INCOMPATIBLE, BVHD_NOT_FOUND say which one and where. End with structures_close.
+ */
+enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory, struct structures *ret_structures,
+                                 struct bvhd_error *error);
+
+/* NULL-safe, idempotent. */
+void structures_close(struct structures *structures);
+
+/* Reads and opens one file. On success the caller frees ret_file->data with memory_free. */
+enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file, struct bvhd_error *error);
+
+#endif
