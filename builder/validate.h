@@ -16,19 +16,29 @@
 #include "status.h"
 
 /*
- * Rules between the entries of one call (row F17), for entry `index`: its destination is nobody else's (03698), its source nobody's
- * destination (03403), none of its references another entry's destination (03407). Handles 0 are ignored. An entry that breaks a rule
- * fails alone. Use validate_batch to check all entries in O(n log n).
+ * Rules between the entries of one call (row F17), for each entry: its destination is nobody else's (03698), its source, when it updates,
+ * is no other entry's destination (03403), none of its references is another entry's destination (03407). Handles 0 are ignored. An entry
+ * that breaks a rule fails alone; of two with one destination both do. O(n log n) in entries and references.
  *
  * ret_errors[count]: BVHD_OK or the error of each entry. BVHD_NO_MEMORY when it could not check.
  */
 enum bvhd_status validate_batch(const struct build_input *inputs, uint32_t count, struct memory *memory, struct bvhd_error *ret_errors);
 
-/* Rules on the fields of one entry, `index` in its batch: types, flags, modes, formats, strides, alignments, counts, presence of memory. */
+/*
+ * Rules on the fields of one entry, `index` in its batch: types, flags, modes, options, formats, strides, alignments, counts, presence of
+ * memory. Looks at no byte of the geometry's memory. Modes and flags that Vulkan knows and bvhd does not do: BVHD_UNSUPPORTED.
+ */
 enum bvhd_status validate_input(const struct build_input *input, uint32_t index, const struct limits *limits, struct bvhd_error *error);
 
-/* Rules on contents: AABB min <= max, invertible matrices, instance flags. Indices are checked while they are fetched (prepare.h). */
+/*
+ * Rules on contents: AABB min <= max, invertible matrices and flags of active instances (flags of inactive ones too). Indices are checked
+ * while they are fetched (prepare.h).
+ */
 enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, struct bvhd_error *error);
+
+/* The same rules as a yes or no, over a run of boxes (six floats each) or canonical instance records. */
+bool validate_boxes(const float *boxes, uint64_t count);
+bool validate_instances(const unsigned char *records, uint64_t count);
 
 /* 3x3 part of a row-major 3x4 matrix is invertible: its determinant, in double, is finite and not 0. */
 bool validate_invertible(const float matrix[12]);

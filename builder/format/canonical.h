@@ -2,9 +2,9 @@
 /*
  * canonical.h - the canonical form of a request: what was asked, reduced to what decides the answer.
  *
- * One block of versioned little-endian bytes (FORMATS.md has the table): header, geometry table, reference table, then each
- * geometry's arrays. prepare.h writes it from a description; key.h hashes it; the builder reads it through this view; it is also
- * what travels between machines, so canonical_open() treats it as hostile.
+ * One block of versioned little-endian bytes (FORMATS.md has the table): header, geometry table, each geometry's arrays, reference
+ * table. prepare.h writes it from a description; content_key.h hashes it; the builder reads it through this view; it is also what travels
+ * between machines, so prepare_open() treats it as hostile.
  *
  * Triangles: positions are three floats each, after the geometry transform, starting at the range's firstVertex, up to the highest
  * index in use; indices are u32 (three a triangle) or absent (triangle i = vertices 3i..3i+2). AABBs: six floats each. Instances: 64-byte
@@ -49,6 +49,7 @@ struct canonical {
     uint32_t vertex_count; /* over all geometries */
     struct canonical_geometry *geometries; /* parsed tables; owned by whoever made the view */
     struct canonical_reference *references;
+    unsigned char *owned; /* `bytes` when it belongs to the view, else NULL */
 };
 
 /* The Vulkan instance record as fields, bit exact (row F11). */

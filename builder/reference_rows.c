@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "reference_rows.h"
+
+#include "place.h"
+
+static enum bvhd_status check_reference(const struct reference *reference, struct place where, struct bvhd_error *error)
+{
+    if (reference->kind != REFERENCE_BLAS)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "reference kind %u", (unsigned)reference->kind);
+    if (reference->handle == 0)
+        return bvhd_error_set(error, BVHD_INVALID, where.text, "handle 0 names nothing");
+    for (int axis = 0; axis < 3; axis++)
+        if (!__builtin_isfinite(reference->bounds.min[axis]) || !__builtin_isfinite(reference->bounds.max[axis]))
+            return bvhd_error_set(error, BVHD_INVALID, where.text, "bounds are not finite");
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_references(const struct build_input *input, uint32_t index, struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    if (input->reference_count > 0 && !input->references)
+        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references", index).text, "no references given");
+    for (uint32_t i = 0; status == BVHD_OK && i < input->reference_count; i++)
+        status = check_reference(&input->references[i], place("infos[%u].references[%u]", index, i), error);
+    return status;
+}
+
+static enum bvhd_status check_unique(const struct handle_entry *entries, uint32_t count, uint32_t index, struct bvhd_error *error)
+{
+    for (uint32_t i = 1; i < count; i++)
+        if (entries[i].handle == entries[i - 1].handle)
+            return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references[%u]", index, entries[i].number).text,
+                                  "the same handle as references[%u]", entries[i - 1].number);
+    return BVHD_OK;
+}
+
+enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index, struct memory *memory,
+                                       struct reference_lookup *ret_lookup, struct bvhd_error *error)
+{
+    uint32_t count = input->reference_count;
+    enum bvhd_status status = check_references(input, index, error);
+    if (status != BVHD_OK || count == 0) {
+        if (status == BVHD_OK)
+            *ret_lookup = (struct reference_lookup){NULL, 0};
+        return status;
+    }
+    struct handle_entry *entries = memory_array(memory, count, 2 * sizeof *entries);
+    if (!entries)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, place("infos[%u].references", index).text, "%u references", count);
+    for (uint32_t i = 0; i < count; i++)
+        entries[i] = (struct handle_entry){input->references[i].handle, i};
+    handle_sort(entries, entries + count, count);
+    status = check_unique(entries, count, index, error);
+    if (status == BVHD_OK)
+        *ret_lookup = (struct reference_lookup){entries, count};
+    else
+        memory_free(memory, entries);
+    return status;
+}
+
+void reference_lookup_finish(struct reference_lookup *lookup, struct memory *memory)
+{
+    if (!lookup)
+        return;
+    memory_free(memory, lookup->entries);
+    *lookup = (struct reference_lookup){NULL, 0};
+}
+
+uint64_t reference_lookup_find(const struct reference_lookup *lookup, uint64_t handle)
+{
+    uint32_t at = handle_find(lookup->entries, lookup->count, handle);
+    return at == HANDLE_NONE ? 0 : (uint64_t)lookup->entries[at].number + 1;
+}
+
+static struct form_reference row_of(const struct reference *reference)
+{
+    struct form_reference row = {.kind = reference->kind};
+    if (reference->has_key)
+        row.key = reference->key;
+    row.bounds = box_is_empty(&reference->bounds) ? box_empty() : reference->bounds;
+    return row;
+}
+
+/* Numbers what is named in the order of first use: a row for each, and the records say which. Returns how many. */
+static uint32_t number_references(unsigned char *records, uint32_t record_count, const struct reference *references,
+                                  uint32_t *row_of_reference, struct form_reference *rows)
+{
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < record_count; i++) {
+        unsigned char *field = records + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
+        uint64_t reference = bytes_get64(field);
+        if (reference == 0)
+            continue;
+        uint32_t *row = &row_of_reference[reference - 1];
+        if (*row == 0) {
+            rows[count] = row_of(&references[reference - 1]);
+            *row = ++count;
+        }
+        bytes_put64(field, *row);
+    }
+    return count;
+}
+
+/* Groups likely-equal rows; whoever makes rows collide pays with a slower sort only. */
+static uint64_t row_hash(const struct form_reference *row)
+{
+    const unsigned char *bytes = (const unsigned char *)row;
+    uint64_t hash = 0;
+    for (unsigned i = 0; i < sizeof *row; i += 8) {
+        hash = (hash ^ bytes_get64(bytes + i)) * UINT64_C(0x9e3779b97f4a7c15);
+        hash ^= hash >> 32;
+    }
+    return hash;
+}
+
+static bool row_before(const struct form_reference *rows, uint32_t a, uint32_t b)
+{
+    int order = memcmp(&rows[a], &rows[b], sizeof *rows);
+    return order < 0 || (order == 0 && a < b);
+}
+
+static void sift_down(const struct form_reference *rows, struct handle_entry *heap, uint32_t at, uint32_t count)
+{
+    for (uint32_t child = 2 * at + 1; child < count; at = child, child = 2 * at + 1) {
+        if (child + 1 < count && row_before(rows, heap[child].number, heap[child + 1].number))
+            child++;
+        if (!row_before(rows, heap[at].number, heap[child].number))
+            return;
+        struct handle_entry swap = heap[at];
+        heap[at] = heap[child];
+        heap[child] = swap;
+    }
+}
+
+/* Heap sort: in place, and n log n whatever the rows are. */
+static void sort_group(const struct form_reference *rows, struct handle_entry *group, uint32_t count)
+{
+    for (uint32_t i = count / 2; i-- > 0;)
+        sift_down(rows, group, i, count);
+    for (uint32_t end = count; end-- > 1;) {
+        struct handle_entry swap = group[0];
+        group[0] = group[end];
+        group[end] = swap;
+        sift_down(rows, group, 0, end);
+    }
+}
+
+/* leaders[i]: the first row that equals row i. `entries` is sorted so that equal rows are adjacent. */
+static void find_leaders(const struct form_reference *rows, struct handle_entry *entries, uint32_t count, uint32_t *leaders)
+{
+    for (uint32_t first = 0, end; first < count; first = end) {
+        for (end = first + 1; end < count && entries[end].handle == entries[first].handle; end++)
+            ;
+        if (end - first > 1)
+            sort_group(rows, entries + first, end - first);
+        for (uint32_t i = first; i < end; i++) {
+            bool equal = i > first && memcmp(&rows[entries[i].number], &rows[entries[i - 1].number], sizeof *rows) == 0;
+            leaders[entries[i].number] = equal ? leaders[entries[i - 1].number] : entries[i].number;
+        }
+    }
+}
+
+/* Keeps leaders only. leaders[] becomes the 1-based number of each row among them. Returns how many there are. */
+static uint32_t keep_leaders(struct form_reference *rows, uint32_t count, uint32_t *leaders)
+{
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        if (leaders[i] == i) {
+            rows[kept] = rows[i];
+            leaders[i] = ++kept;
+        } else {
+            leaders[i] = leaders[leaders[i]];
+        }
+    }
+    return kept;
+}
+
+static void renumber(unsigned char *records, uint32_t record_count, const uint32_t *numbers)
+{
+    for (uint32_t i = 0; i < record_count; i++) {
+        unsigned char *field = records + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
+        uint64_t reference = bytes_get64(field);
+        if (reference)
+            bytes_put64(field, numbers[reference - 1]);
+    }
+}
+
+/* Makes one row of equal rows. False without memory. */
+static bool merge_rows(unsigned char *records, uint32_t record_count, struct reference_rows *rows, struct memory *memory)
+{
+    uint32_t count = rows->count;
+    struct handle_entry *entries = memory_array(memory, count, 2 * sizeof *entries);
+    uint32_t *leaders = memory_array(memory, count, sizeof *leaders);
+    if (entries && leaders) {
+        for (uint32_t i = 0; i < count; i++)
+            entries[i] = (struct handle_entry){row_hash(&rows->rows[i]), i};
+        handle_sort(entries, entries + count, count);
+        find_leaders(rows->rows, entries, count, leaders);
+        rows->count = keep_leaders(rows->rows, count, leaders);
+        if (rows->count < count)
+            renumber(records, record_count, leaders);
+    }
+    bool done = entries && leaders;
+    memory_free(memory, leaders);
+    memory_free(memory, entries);
+    return done;
+}
+
+enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,
+                                     uint32_t reference_count, struct memory *memory, struct reference_rows *ret_rows,
+                                     struct bvhd_error *error)
+{
+    struct reference_rows made = {NULL, 0};
+    uint32_t capacity = reference_count < record_count ? reference_count : record_count;
+    if (capacity > 0) {
+        uint32_t *numbers = memory_array(memory, reference_count, sizeof *numbers);
+        made.rows = memory_array(memory, capacity, sizeof *made.rows);
+        bool ready = numbers && made.rows;
+        if (ready) {
+            memset(numbers, 0, reference_count * sizeof *numbers);
+            made.count = number_references(records, record_count, references, numbers, made.rows);
+        }
+        memory_free(memory, numbers);
+        if (!ready || (made.count > 1 && !merge_rows(records, record_count, &made, memory))) {
+            memory_free(memory, made.rows);
+            return bvhd_error_set(error, BVHD_NO_MEMORY, "references", "%u references", reference_count);
+        }
+    }
+    *ret_rows = made;
+    return BVHD_OK;
+}
