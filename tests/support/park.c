@@ -5,8 +5,8 @@
 
 #include "plants.h"
 
-static const double island_radius = 64, plateau_radius = 17, plateau_height = 3;
-static const double pond[2] = {31, 20}, pond_radius = 13, water_height = -0.2;
+static const double island_radius = 53, plateau_radius = 17, plateau_height = 3;
+static const double pond[2] = {27, 17}, pond_radius = 12, water_height = -0.2;
 
 struct materials {
     int grass, soil, water, marble, bronze, wood, needles, leaves, blossom, stone, blades;
@@ -94,9 +94,10 @@ static double rim(double x, double z)
 
 static void add_island(struct gltf *gltf, const struct materials *materials, uint32_t size)
 {
-    static const double at[3] = {0, 0, 0}, scale[3] = {1, 1, 1}, lake[3] = {31, -0.2, 20};
+    static const double at[3] = {0, 0, 0}, scale[3] = {1, 1, 1};
     static const double disc[2][2] = {{18, 0}, {0, 0}};
     enum { EDGE = 512 };
+    double lake[3] = {pond[0], water_height, pond[1]};
     int island = gltf_add_mesh(gltf, "island"), water = gltf_add_mesh(gltf, "pond");
     uint32_t side = (uint32_t)sqrt(size / 2.5) + 8;
     add_disc(gltf_add_part(gltf, island, materials->grass), side, ground, 1);
@@ -234,8 +235,8 @@ void park_make(struct gltf *gltf, uint32_t size, struct random *random)
     struct materials m = add_materials(gltf);
     add_island(gltf, &m, size);
     add_temple(gltf, &m);
-    struct kind conifers = {"conifer", {0}, 2, 240, 0.8, 1.7, 1}, broadleaf = {"tree", {0}, 3, 60, 0.9, 1.7, 1};
-    struct kind rocks = {"rock", {0}, 3, 150, 0.15, 1.1, 0}, grass = {"tuft", {0}, 2, 2200, 0.6, 1.3, 0};
+    struct kind conifers = {"conifer", {0}, 2, 200, 0.8, 1.7, 1}, broadleaf = {"tree", {0}, 3, 56, 0.9, 1.7, 1};
+    struct kind rocks = {"rock", {0}, 3, 130, 0.15, 1.1, 0}, grass = {"tuft", {0}, 2, 1900, 0.6, 1.3, 0};
     conifers.meshes[0] = plants_add_conifer(gltf, "spruce", m.wood, m.needles, random);
     conifers.meshes[1] = plants_add_conifer(gltf, "fir", m.wood, m.needles, random);
     broadleaf.meshes[0] = plants_add_broadleaf(gltf, "lime", m.wood, m.leaves, random);
