@@ -3,10 +3,10 @@
  * traverse.h - rays through portable structures, on the CPU. The reference for shaders, and what `bvhctl check` and `trace` run.
  *
  * Vulkan's semantics (row F62): triangles are hit for tmin < t < tmax, AABB candidates are reported for intersections of the closed
- * interval. Boxes are tested conservatively (Ize 2013; rounding is bounded and added), triangles watertight (Woop 2013): a float filter
- * rejects what certainly misses, double decides the rest, so no ray slips between triangles that share an edge. Rays or structures with
- * magnitudes outside 2^-60 .. 2^60 take the same path in double throughout. Answers do not depend on the order of visits: of equal t, the
- * lowest (instance, geometry, primitive) wins.
+ * interval. Boxes are tested conservatively (boxtest.h), in float, or in double for rays or structures with magnitudes outside 2^-60 ..
+ * 2^60. Triangles are decided in double with exact signs (triangle.h): no ray slips between triangles that share an edge or a vertex, none
+ * hits twice there. Answers do not depend on the order of visits: of equal t, the lowest (instance, geometry, primitive) wins. An instance's
+ * ray is transformed in double; t is the same in both spaces, facing is that of object space.
  */
 #ifndef BVHD_TRAVERSE_H
 #define BVHD_TRAVERSE_H
@@ -31,14 +31,14 @@ enum {
 struct ray {
     float origin[3];
     float tmin;
-    float direction[3]; /* need not be of unit length; a zero or non-finite ray hits nothing */
-    float tmax;
+    float direction[3]; /* need not be of unit length; zero, or an origin or direction that is not finite, hits nothing */
+    float tmax; /* may be infinite; hits nothing unless tmin <= tmax */
     uint32_t flags;
     uint8_t cull_mask; /* instances with mask & cull_mask == 0 are not there */
 };
 
 struct ray_hit {
-    float t;
+    float t; /* t, u, v are computed in double and rounded once */
     float u, v; /* barycentrics: position = (1-u-v) v0 + u v1 + v v2; 0 for AABBs */
     uint32_t instance; /* position in the TLAS request; RAY_NO_INSTANCE without a TLAS */
     uint32_t custom_index; /* 24 bits */
@@ -72,6 +72,8 @@ struct traverse_options {
     candidate_function candidate; /* NULL: triangles are accepted, AABBs are accepted at their entry distance */
     void *context;
     bool flip_order; /* visit children in the opposite order; answers are the same */
+    bool narrow_only; /* use no instructions beyond the baseline; answers and counters are the same */
+    bool exact_only; /* test all boxes in double; answers are the same */
 };
 
 /* What it cost; added to, not reset. */
@@ -83,7 +85,7 @@ struct traverse_counters {
 bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options, struct ray_hit *ret_hit,
               struct traverse_counters *counters);
 
-/* Position fetch: object-space corners of the triangle that was hit, exactly as stored. */
+/* Position fetch: object-space corners of the triangle that was hit, exactly as stored. Not for AABBs. */
 void traverse_positions(const struct scene *scene, const struct ray_hit *hit, float ret_corners[3][3]);
 
 #endif

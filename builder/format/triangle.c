@@ -1,1 +1,113 @@
-#include "portable.h"
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "triangle.h"
+
+#include <math.h>
+
+/* A vertex in the ray's space: the ray runs along z through the origin of x and y; z is in units of t. */
+struct corner {
+    double x, y, z;
+};
+
+void triangle_ray_init(const double origin[3], const double direction[3], struct triangle_ray *ret_ray)
+{
+    int z = fabs(direction[1]) > fabs(direction[0]) ? 1 : 0;
+    z = fabs(direction[2]) > fabs(direction[z]) ? 2 : z;
+    int x = (z + 1) % 3, y = (z + 2) % 3;
+    bool backwards = direction[z] < 0;
+    for (int axis = 0; axis < 3; axis++)
+        ret_ray->origin[axis] = origin[axis];
+    ret_ray->axis[0] = backwards ? y : x;
+    ret_ray->axis[1] = backwards ? x : y;
+    ret_ray->axis[2] = z;
+    ret_ray->shear[0] = direction[ret_ray->axis[0]] / direction[z];
+    ret_ray->shear[1] = direction[ret_ray->axis[1]] / direction[z];
+    ret_ray->shear[2] = 1 / direction[z];
+}
+
+static struct corner move_and_shear(const struct triangle_ray *ray, const float vertex[3])
+{
+    double x = vertex[ray->axis[0]] - ray->origin[ray->axis[0]];
+    double y = vertex[ray->axis[1]] - ray->origin[ray->axis[1]];
+    double z = vertex[ray->axis[2]] - ray->origin[ray->axis[2]];
+    return (struct corner){x - ray->shear[0] * z, y - ray->shear[1] * z, ray->shear[2] * z};
+}
+
+static double edge_function(const struct corner *from, const struct corner *to)
+{
+    return to->x * from->y - to->y * from->x;
+}
+
+/*
+ * The edge function to about twice double's precision, rounded once: the two products' rounding errors are doubles themselves. Its sign is
+ * exact. Swapping the ends changes the sign and nothing else.
+ */
+static double edge_function_exact(const struct corner *from, const struct corner *to)
+{
+    double left = to->x * from->y, right = to->y * from->x;
+    double left_error = fma(to->x, from->y, -left), right_error = fma(to->y, from->x, -right);
+    return (left - right) + (left_error - right_error);
+}
+
+/* Of the edge function after moving the ray by (e, e * e), e > 0 infinitely small: 0 only for an edge without length. */
+static int edge_sign(const struct corner *from, const struct corner *to, double value)
+{
+    if (value == 0)
+        value = to->y - from->y;
+    if (value == 0)
+        value = from->x - to->x;
+    return (value > 0) - (value < 0);
+}
+
+/* Fills edges[3] with edge functions of full relative precision, when the ray is on their common side. */
+static bool decide_exactly(const struct corner corners[3], double ret_edges[3])
+{
+    int signs = 0;
+    for (int k = 0; k < 3; k++) {
+        const struct corner *from = &corners[(k + 1) % 3], *to = &corners[(k + 2) % 3];
+        ret_edges[k] = edge_function_exact(from, to);
+        signs += edge_sign(from, to, ret_edges[k]);
+    }
+    return signs == 3 || signs == -3;
+}
+
+/*
+ * Below this share of the products that it is made of, the sum of the edge functions has lost more than 8 of double's 53 bits. The weights
+ * that it divides would put the hit somewhere else on the triangle, up to outside of the boxes that hold it.
+ */
+static const double cancellation = 0x1p-8;
+
+static bool is_cancelled(const struct corner corners[3], double sum)
+{
+    double products = 0;
+    for (int k = 0; k < 3; k++) {
+        const struct corner *from = &corners[(k + 1) % 3], *to = &corners[(k + 2) % 3];
+        products += fabs(to->x * from->y) + fabs(to->y * from->x);
+    }
+    return fabs(sum) < cancellation * products;
+}
+
+bool triangle_intersect(const struct triangle_ray *ray, const float v0[3], const float v1[3], const float v2[3],
+                        struct triangle_hit *ret_hit)
+{
+    const struct corner corners[3] = {move_and_shear(ray, v0), move_and_shear(ray, v1), move_and_shear(ray, v2)};
+    double edges[3] = {edge_function(&corners[1], &corners[2]), edge_function(&corners[2], &corners[0]),
+                       edge_function(&corners[0], &corners[1])};
+    if ((edges[0] < 0 || edges[1] < 0 || edges[2] < 0) && (edges[0] > 0 || edges[1] > 0 || edges[2] > 0))
+        return false;
+
+    double sum = edges[0] + edges[1] + edges[2];
+    if (edges[0] == 0 || edges[1] == 0 || edges[2] == 0 || is_cancelled(corners, sum)) {
+        if (!decide_exactly(corners, edges))
+            return false;
+        sum = edges[0] + edges[1] + edges[2];
+    }
+    if (!(sum != 0 && isfinite(sum)))
+        return false;
+
+    double weights[3] = {edges[0] / sum, edges[1] / sum, edges[2] / sum};
+    ret_hit->t = weights[0] * corners[0].z + weights[1] * corners[1].z + weights[2] * corners[2].z;
+    ret_hit->u = weights[1];
+    ret_hit->v = weights[2];
+    ret_hit->front = sum > 0;
+    return true;
+}

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * boxtest.h - a ray against the eight children of a node, and against one AABB. Never misses a box that the ray meets (Ize 2013).
+ *
+ * Child planes lie at origin + q * scale. With A = (origin - o) / d and S = scale / d the ray meets one at t = A + q * S: one multiplication
+ * and one addition a plane. What rounding does to it, with u = 2^-24 (float) and every operation's error at most u of its result:
+ *
+ *   1 / d                     u                        of A and of S
+ *   origin - o, times 1 / d   2u                       of A
+ *   scale / d                 u                        of S (a power of two)
+ *   A -+ E, q * S, their sum  2u |A| + 2u |q S|        E is the bound itself; its own rounding is of second order
+ *
+ * altogether 5u |A| + 4u |q S|, so E = 8u (|A| + 255 |S|) + slack is a bound with room to spare. The slack, in units of t and constant over a
+ * structure, covers what does not shrink with A and S:
+ *  - the rounding of an instance's ray, whose origin is known in double, to a float origin: |o - (float)o| / |d|;
+ *  - underflow of products: below 2^-118 for the ranges that boxtest_init accepts;
+ *  - the triangle test (triangle.h). On each axis it moves corners by less than 2^-51 of their distance from the ray's origin, along that axis
+ *    and along the ray's main axis, and t by less than 2^-42 of the latter; the structure's bounds limit both. So what it calls a hit at t
+ *    lies in the intervals of all boxes around it, and culling by the closest hit so far cannot change an answer.
+ *
+ * An axis along which the ray hardly moves has no usable 1 / d. There the position is compared instead, with a slack in units of length that
+ * covers the small movement within the structure's bounds.
+ */
+#ifndef BVHD_BOXTEST_H
+#define BVHD_BOXTEST_H
+
+#include "portable.h"
+
+/* A ray in one structure's space, for float tests. The fourth lanes are 0. */
+struct boxtest_ray {
+    float origin[4];
+    float inverse[4]; /* 1 / direction; 0 for parallel axes */
+    float slack[4]; /* in t; FLT_MAX for parallel axes, which makes their interval everything */
+    uint32_t near_planes[3], far_planes[3]; /* byte offsets in a node: lo or hi of each axis, by the direction's sign */
+    float tmin;
+    uint32_t parallel_axes; /* bit a: axis a is compared by position */
+    float parallel_slack[3]; /* in length */
+};
+
+/* The same in double, for every ray and structure. */
+struct boxtest_exact {
+    double origin[3], inverse[3], slack[3];
+    double tmin;
+    uint32_t parallel_axes; /* only exactly parallel ones */
+    double parallel_slack[3];
+};
+
+/*
+ * Prepares a ray for the structure with these bounds (min xyz, max xyz). False when float tests can not be trusted: a coordinate or a
+ * direction beyond 2^60, a longest direction component below 2^-32, or bounds that lie altogether within 2^-60 of zero.
+ */
+bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray);
+
+/* Prepares any ray of finite origin and finite, non-zero direction. */
+void boxtest_init_exact(const double origin[3], const double direction[3], float tmin, const float bounds[6],
+                        struct boxtest_exact *ret_ray);
+
+/*
+ * Bit s of the result: the ray meets child s at some t in [tmin, tmax]; ret_near[s] is a lower bound of where. Empty slots are never met.
+ * boxtest_wide and boxtest_float give the same bits and the same floats; boxtest_has_wide says whether this machine can run the former.
+ */
+unsigned boxtest_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8]);
+unsigned boxtest_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8]);
+unsigned boxtest_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax, double ret_near[8]);
+bool boxtest_has_wide(void);
+
+/* For parallel axes: those of the children `hits` whose boxes reach as far as the ray's position. */
+unsigned boxtest_beside(const struct boxtest_ray *ray, const struct portable_node *node, unsigned hits);
+
+/*
+ * One exact box against the closed interval [tmin, tmax], in double: may report a box that the ray misses by rounding, never misses one.
+ * *ret_entry is where the ray enters, within the interval; tmin when it starts inside. Empty and NaN boxes are never met.
+ */
+bool boxtest_aabb(const double origin[3], const double direction[3], const float min[3], const float max[3], double tmin, double tmax,
+                  double *ret_entry);
+
+#endif

@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * boxtest_kernels.h - the inner part of boxtest.h, to be compiled into the loops that use it: in plain C, in double, and eight wide.
+ *
+ * kernel_float and kernel_wide do the same operations in the same order. Comparisons are written so that a NaN, which only a node that no
+ * writer makes can cause, misses.
+ */
+#ifndef BVHD_BOXTEST_KERNELS_H
+#define BVHD_BOXTEST_KERNELS_H
+
+#include <float.h>
+#include <math.h>
+
+#include "boxtest.h"
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#include <immintrin.h>
+#define BOXTEST_WIDE __attribute__((target("avx2")))
+#endif
+
+#define BOXTEST_INLINE static inline __attribute__((always_inline))
+
+static const float boxtest_gamma = 0x1p-21f;
+static const double boxtest_gamma_double = 0x1p-49;
+
+/* 2^(exponent - 127), 0 for exponent 0: the bits of a float. */
+BOXTEST_INLINE float boxtest_scale(uint8_t exponent)
+{
+    uint32_t bits = (uint32_t)exponent << 23;
+    float scale;
+    memcpy(&scale, &bits, sizeof scale);
+    return scale;
+}
+
+BOXTEST_INLINE float greater(float a, float b)
+{
+    return a > b ? a : b;
+}
+
+BOXTEST_INLINE float lesser(float a, float b)
+{
+    return a < b ? a : b;
+}
+
+BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])
+{
+    float lo[3], hi[3], step[3];
+    const uint8_t *near_planes[3], *far_planes[3];
+    for (int axis = 0; axis < 3; axis++) {
+        float offset = (node->origin[axis] - ray->origin[axis]) * ray->inverse[axis];
+        step[axis] = boxtest_scale(node->exponent[axis]) * ray->inverse[axis];
+        float error = boxtest_gamma * (fabsf(offset) + 255.0f * fabsf(step[axis])) + ray->slack[axis];
+        lo[axis] = offset - error;
+        hi[axis] = offset + error;
+        near_planes[axis] = (const uint8_t *)node + ray->near_planes[axis];
+        far_planes[axis] = (const uint8_t *)node + ray->far_planes[axis];
+    }
+    unsigned hits = 0;
+    for (unsigned s = 0; s < 8; s++) {
+        float near = greater(greater((float)near_planes[0][s] * step[0] + lo[0], (float)near_planes[1][s] * step[1] + lo[1]),
+                             greater((float)near_planes[2][s] * step[2] + lo[2], ray->tmin));
+        float far = lesser(lesser((float)far_planes[0][s] * step[0] + hi[0], (float)far_planes[1][s] * step[1] + hi[1]),
+                           lesser((float)far_planes[2][s] * step[2] + hi[2], tmax));
+        hits |= (unsigned)(near <= far && node->meta[s] != 0) << s;
+        ret_near[s] = near;
+    }
+    return ray->parallel_axes ? boxtest_beside(ray, node, hits) : hits;
+}
+
+/* Whether child s reaches the ray's position along an axis that it is exactly parallel to. */
+BOXTEST_INLINE bool is_beside(double offset, double lo, double hi, double moved)
+{
+    double slack = boxtest_gamma_double * (fabs(offset) + fabs(lo) + fabs(hi)) + moved;
+    return offset + lo <= slack && offset + hi >= -slack;
+}
+
+BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax,
+                                      double ret_near[8])
+{
+    unsigned hits = 0;
+    for (unsigned s = 0; s < 8; s++) {
+        double near = ray->tmin, far = tmax;
+        bool beside = node->meta[s] != 0;
+        for (int axis = 0; axis < 3; axis++) {
+            double offset = node->origin[axis] - ray->origin[axis], scale = boxtest_scale(node->exponent[axis]);
+            double lo = node->lo[axis][s] * scale, hi = node->hi[axis][s] * scale, inverse = ray->inverse[axis];
+            if (ray->parallel_axes >> axis & 1) {
+                beside = beside && is_beside(offset, lo, hi, ray->parallel_slack[axis]);
+                continue;
+            }
+            double first = (offset + (inverse < 0 ? hi : lo)) * inverse, last = (offset + (inverse < 0 ? lo : hi)) * inverse;
+            double error = boxtest_gamma_double * ((fabs(offset) + fabs(hi)) * fabs(inverse)) + ray->slack[axis];
+            near = fmax(near, first - error);
+            far = fmin(far, last + error);
+        }
+        hits |= (unsigned)(beside && near <= far) << s;
+        ret_near[s] = near;
+    }
+    return hits;
+}
+
+#ifdef BOXTEST_WIDE
+
+/* One axis' value to all eight children. */
+#define SPREAD(vector, lane) _mm256_permutevar8x32_ps(_mm256_castps128_ps256(vector), _mm256_set1_epi32(lane))
+
+/* Eight quantised planes as floats. */
+BOXTEST_WIDE static inline __attribute__((always_inline)) __m256 load_planes(const struct portable_node *node, uint32_t at)
+{
+    return _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)((const char *)node + at))));
+}
+
+BOXTEST_WIDE static inline __attribute__((always_inline)) unsigned kernel_wide(const struct boxtest_ray *ray,
+                                                                               const struct portable_node *node, float tmax,
+                                                                               float ret_near[8])
+{
+    const __m128 sign = _mm_set1_ps(-0.0f);
+    __m128 inverse = _mm_loadu_ps(ray->inverse);
+    __m128 node_origin = _mm_loadu_ps(node->origin); /* and, unused, the exponents */
+    int exponents = (int)bytes_get32(node->exponent);
+    __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
+    __m128 offset = _mm_mul_ps(_mm_sub_ps(node_origin, _mm_loadu_ps(ray->origin)), inverse);
+    __m128 step = _mm_mul_ps(scale, inverse);
+    __m128 size = _mm_add_ps(_mm_andnot_ps(sign, offset), _mm_mul_ps(_mm_set1_ps(255.0f), _mm_andnot_ps(sign, step)));
+    __m128 error = _mm_add_ps(_mm_mul_ps(_mm_set1_ps(boxtest_gamma), size), _mm_loadu_ps(ray->slack));
+    __m128 lo = _mm_sub_ps(offset, error), hi = _mm_add_ps(offset, error);
+
+    __m256 step_x = SPREAD(step, 0), step_y = SPREAD(step, 1), step_z = SPREAD(step, 2);
+    __m256 near_x = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->near_planes[0]), step_x), SPREAD(lo, 0));
+    __m256 near_y = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->near_planes[1]), step_y), SPREAD(lo, 1));
+    __m256 near_z = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->near_planes[2]), step_z), SPREAD(lo, 2));
+    __m256 far_x = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->far_planes[0]), step_x), SPREAD(hi, 0));
+    __m256 far_y = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->far_planes[1]), step_y), SPREAD(hi, 1));
+    __m256 far_z = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->far_planes[2]), step_z), SPREAD(hi, 2));
+    __m256 near = _mm256_max_ps(_mm256_max_ps(near_x, near_y), _mm256_max_ps(near_z, _mm256_set1_ps(ray->tmin)));
+    __m256 far = _mm256_min_ps(_mm256_min_ps(far_x, far_y), _mm256_min_ps(far_z, _mm256_set1_ps(tmax)));
+    _mm256_storeu_ps(ret_near, near);
+
+    __m128i meta = _mm_loadl_epi64((const __m128i *)(const void *)node->meta);
+    unsigned empty = (unsigned)_mm_movemask_epi8(_mm_cmpeq_epi8(meta, _mm_setzero_si128()));
+    unsigned hits = (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(near, far, _CMP_LE_OQ)) & ~empty;
+    return __builtin_expect(ray->parallel_axes != 0, 0) ? boxtest_beside(ray, node, hits) : hits;
+}
+
+#endif
+#endif

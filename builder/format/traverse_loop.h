@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * traverse_loop.h - the loop over the nodes of one level, compiled once for each kind of box test. Not a header: traverse_loops.c includes it
+ * with these defined:
+ *
+ *   LOOP_NAME     the function
+ *   LOOP_TARGET   its attributes
+ *   LOOP_REAL     what distances are: float or double
+ *   LOOP_RAY      the box test's ray
+ *   LOOP_BOXES    the box test
+ *   LOOP_LIMIT    the member of the state that holds the end of the interval
+ *   LOOP_LEAF     what to do at a leaf
+ *
+ * Children are visited nearest first (with flip_order: farthest first); those that wait on the stack are dropped when they come up and a
+ * closer hit has been found meanwhile. A stack entry is a node, or a leaf: its records' number in the two highest bits, the first one below.
+ */
+LOOP_TARGET void LOOP_NAME(struct traverse_state *state, const LOOP_RAY *ray, traverse_leaf leaf)
+{
+    struct {
+        LOOP_REAL near;
+        uint32_t child;
+    } stack[STACK_SIZE];
+    const struct portable_node *nodes = state->view->nodes;
+    const bool flip = state->options->flip_order;
+    unsigned top = 0;
+    uint32_t child = 0;
+    uint64_t visited = 0;
+    (void)leaf;
+
+    for (;;) {
+        if (child >> CHILD_COUNT_SHIFT) {
+            LOOP_LEAF(state, child & CHILD_INDEX_MASK, child >> CHILD_COUNT_SHIFT);
+            if (state->is_done)
+                break;
+        } else {
+            LOOP_REAL near[8];
+            const struct portable_node *node = &nodes[child];
+            unsigned hits = LOOP_BOXES(ray, node, state->LOOP_LIMIT, near);
+            visited++;
+            if (hits && !(hits & (hits - 1))) {
+                child = child_in_slot(node, (unsigned)__builtin_ctz(hits));
+                continue;
+            }
+            for (unsigned base = top; hits; hits &= hits - 1) {
+                unsigned slot = (unsigned)__builtin_ctz(hits), at = top++;
+                LOOP_REAL distance = near[slot];
+                for (; at > base && (flip ? stack[at - 1].near > distance : stack[at - 1].near < distance); at--)
+                    stack[at] = stack[at - 1];
+                stack[at].near = distance;
+                stack[at].child = child_in_slot(node, slot);
+            }
+        }
+        do {
+            if (top == 0) {
+                state->counters.nodes += visited;
+                return;
+            }
+            top--;
+        } while (!(stack[top].near <= state->LOOP_LIMIT));
+        child = stack[top].child;
+    }
+    state->counters.nodes += visited;
+}
+
+#undef LOOP_NAME
+#undef LOOP_TARGET
+#undef LOOP_REAL
+#undef LOOP_RAY
+#undef LOOP_BOXES
+#undef LOOP_LIMIT
+#undef LOOP_LEAF
