@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # house_rules.sh ROOT - the rules of the house that no compiler checks: includes point one way, each foreign library has its door, every
-# source says its licence, no file grows too long. Prints what breaks them; status 1 when anything does.
+# source says its licence, no file grows too long, ARCHITECTURE.md names every module. Prints what breaks them; status 1 when anything does.
 # house_rules.sh --self-test - breaks each rule in a scratch tree and fails unless that is found.
 set -eu
 
@@ -89,6 +89,13 @@ check_files()
     done
 }
 
+check_modules()
+{
+    sources | sed 's|.*/||; s|\.[^.]*$||' | sort -u | while read -r module; do
+        grep -q "\`$module\(\.[a-z]*\)\{0,1\}\`" ARCHITECTURE.md || complain "$module: ARCHITECTURE.md does not name it"
+    done
+}
+
 check_house()
 {
     cd "$1"
@@ -97,6 +104,7 @@ check_house()
     : >"$scratch/complaints"
     check_includes
     check_files
+    check_modules
     [ ! -s "$scratch/complaints" ]
 }
 
@@ -117,6 +125,8 @@ self_test()
     trap 'rm -rf "$tree"' EXIT
     spdx='/* SPDX-License-Identifier: Apache-2.0 */'
     mkdir -p "$tree/proto" "$tree/builder/format" "$tree/client/bvhctl" "$tree/daemon" "$tree/tests"
+    # shellcheck disable=SC2016 # these are quotation marks of the text
+    echo '`low` `middle` `high.h` `beside` `embree` `a`' >"$tree/ARCHITECTURE.md"
     for place in proto/low builder/format/middle builder/high client/beside; do
         echo "$spdx" >"$tree/$place.h"
     done
@@ -133,6 +143,7 @@ self_test()
     printf '%s\n#include <png.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "libpng's door" client/a.c
     echo 'int x;' >"$tree/tests/a.c" && must_fail 'no licence' tests/a.c
     { echo "$spdx" && yes 'int x;' | head -n 600; } >"$tree/proto/a.c" && must_fail 'a long file' proto/a.c
+    echo "$spdx" >"$tree/proto/b.c" && must_fail 'a module that is not described' proto/b.c
     printf '%s\nint x; \n' "$spdx" >"$tree/proto/a.c" && must_fail 'a space at the end' proto/a.c
 }
 
