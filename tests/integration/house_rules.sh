@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # house_rules.sh ROOT - the rules of the house that no compiler checks: includes point one way, each foreign library has its door, every
-# source says its licence, no file grows too long, ARCHITECTURE.md names every module. Prints what breaks them; status 1 when anything does.
+# source says its licence, no file grows too long, ARCHITECTURE.md names every header. Prints what breaks them; status 1 when anything does.
 # house_rules.sh --self-test - breaks each rule in a scratch tree and fails unless that is found.
 set -eu
 
@@ -89,10 +89,10 @@ check_files()
     done
 }
 
-check_modules()
+check_headers()
 {
-    sources | sed 's|.*/||; s|\.[^.]*$||' | sort -u | while read -r module; do
-        grep -q "\`$module\(\.[a-z]*\)\{0,1\}\`" ARCHITECTURE.md || complain "$module: ARCHITECTURE.md does not name it"
+    sources | sed -n 's|.*/\(.*\)\.h$|\1|p' | while read -r module; do
+        grep -q "\`$module\(\.h\)\{0,1\}\`" ARCHITECTURE.md || complain "$module.h: ARCHITECTURE.md does not name it"
     done
 }
 
@@ -104,7 +104,7 @@ check_house()
     : >"$scratch/complaints"
     check_includes
     check_files
-    check_modules
+    check_headers
     [ ! -s "$scratch/complaints" ]
 }
 
@@ -143,7 +143,7 @@ self_test()
     printf '%s\n#include <png.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "libpng's door" client/a.c
     echo 'int x;' >"$tree/tests/a.c" && must_fail 'no licence' tests/a.c
     { echo "$spdx" && yes 'int x;' | head -n 600; } >"$tree/proto/a.c" && must_fail 'a long file' proto/a.c
-    echo "$spdx" >"$tree/proto/b.c" && must_fail 'a module that is not described' proto/b.c
+    echo "$spdx" >"$tree/proto/b.h" && must_fail 'a header that is not described' proto/b.h
     printf '%s\nint x; \n' "$spdx" >"$tree/proto/a.c" && must_fail 'a space at the end' proto/a.c
 }
 
