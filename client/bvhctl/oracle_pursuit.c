@@ -3,9 +3,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
-
-enum { DOUBTS = 64 }; /* kept for a ray; further ones count as not made up for */
 
 void oracle_pursuit_init(struct oracle_pursuit *ret_pursuit, const struct ray *ray)
 {
@@ -28,11 +25,18 @@ static void drop_beaten(struct oracle_pursuit *pursuit)
         if (pursuit->contenders[i].crossing.low <= pursuit->best_high)
             pursuit->contenders[kept++] = pursuit->contenders[i];
     pursuit->count = kept;
-    kept = 0;
-    for (uint32_t i = 0; i < pursuit->doubt_count; i++)
-        if (pursuit->doubts[i].contender.crossing.low <= pursuit->best_high)
-            pursuit->doubts[kept++] = pursuit->doubts[i];
-    pursuit->doubt_count = kept;
+}
+
+static void drop_beaten_doubts(struct oracle_pursuit *pursuit)
+{
+    struct oracle_doubts *doubts = pursuit->doubts;
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < doubts->count; i++)
+        if (doubts->contenders[i].crossing.low <= pursuit->best_high) {
+            doubts->contenders[kept] = doubts->contenders[i];
+            doubts->triangles[kept++] = doubts->triangles[i];
+        }
+    doubts->count = kept;
 }
 
 /* Identical triangles in a row make one contender, or many copies of a triangle would need memory for each pair. */
@@ -74,23 +78,28 @@ static bool add_contender(struct oracle_pursuit *pursuit, const struct oracle_co
 }
 
 static bool add_doubt(struct oracle_pursuit *pursuit, const struct oracle_contender *next, const struct oracle_triangle *triangle,
-                      struct memory *memory)
+                      const struct oracle_outline *outline, struct memory *memory)
 {
-    if (!pursuit->doubts)
-        pursuit->doubts = memory_array(memory, DOUBTS, sizeof *pursuit->doubts);
-    if (!pursuit->doubts)
-        return false;
-    if (pursuit->doubt_count == DOUBTS)
-        drop_beaten(pursuit);
-    if (pursuit->doubt_count == DOUBTS) {
+    struct oracle_doubts *doubts = pursuit->doubts;
+    if (!doubts) {
+        doubts = memory_alloc(memory, sizeof *doubts);
+        if (!doubts)
+            return false;
+        doubts->count = 0;
+        pursuit->doubts = doubts;
+    }
+    if (doubts->count == ORACLE_PATCH_MAX)
+        drop_beaten_doubts(pursuit);
+    if (doubts->count == ORACLE_PATCH_MAX) {
         pursuit->doubt_low = fmin(pursuit->doubt_low, next->crossing.low);
         return true;
     }
-    struct oracle_doubt *doubt = &pursuit->doubts[pursuit->doubt_count++];
-    doubt->contender = *next;
-    for (int end = 0; end < 2; end++)
-        for (int axis = 0; axis < 3; axis++)
-            doubt->edge[end][axis] = triangle->corners[(next->crossing.open_edge + 1 + end) % 3][axis].centre;
+    struct oracle_patch_triangle *open = &doubts->triangles[doubts->count];
+    for (int k = 0; k < 9; k++)
+        open->corners[k / 3][k % 3] = triangle->corners[k / 3][k % 3].centre;
+    open->instance = next->id.instance;
+    open->outline = *outline;
+    doubts->contenders[doubts->count++] = *next;
     return true;
 }
 
@@ -98,58 +107,58 @@ bool oracle_pursuit_meet(struct oracle_pursuit *pursuit, const struct oracle_tri
                          struct memory *memory)
 {
     struct oracle_contender next = {.id = *id};
-    enum oracle_presence presence = oracle_triangle_meet(&pursuit->ray, triangle, &next.crossing);
+    struct oracle_outline outline;
+    enum oracle_presence presence = oracle_triangle_meet(&pursuit->ray, triangle, &next.crossing, &outline);
     if (presence == ORACLE_ABSENT || next.crossing.low > pursuit->best_high)
         return true;
     if (presence == ORACLE_SURE)
         return add_contender(pursuit, &next, memory);
-    if (next.crossing.open_edge >= 0)
-        return add_doubt(pursuit, &next, triangle, memory);
+    if (outline.open)
+        return add_doubt(pursuit, &next, triangle, &outline, memory);
     pursuit->doubt_low = fmin(pursuit->doubt_low, next.crossing.low);
     return true;
 }
 
-static bool ends_equal(const double a[3], const double b[3])
+/* One of the patch's triangles is hit: each is a contender, anywhere in the range of all. */
+static bool add_patch(struct oracle_pursuit *pursuit, const uint32_t *patch, uint32_t which, struct memory *memory)
 {
-    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
-}
-
-/* The ray hits a or b, whichever side of their common edge it passes. Only within one instance: there, equal corners are rounded alike. */
-static bool make_up(const struct oracle_doubt *a, const struct oracle_doubt *b)
-{
-    if (a->contender.id.instance != b->contender.id.instance)
-        return false;
-    bool same_signs = a->contender.crossing.positive == b->contender.crossing.positive;
-    if (ends_equal(a->edge[0], b->edge[1]) && ends_equal(a->edge[1], b->edge[0]))
-        return same_signs;
-    if (ends_equal(a->edge[0], b->edge[0]) && ends_equal(a->edge[1], b->edge[1]))
-        return !same_signs;
-    return false;
-}
-
-/* Doubts that make up for each other become contenders, over the range of both; the others stay doubts. */
-static bool settle_doubts(struct oracle_pursuit *pursuit, struct memory *memory)
-{
-    for (uint32_t i = 0; i < pursuit->doubt_count; i++) {
-        struct oracle_contender both = pursuit->doubts[i].contender;
-        double high = INFINITY, low = both.crossing.low;
-        for (uint32_t k = 0; k < pursuit->doubt_count; k++) {
-            const struct oracle_crossing *other = &pursuit->doubts[k].contender.crossing;
-            if (!make_up(&pursuit->doubts[i], &pursuit->doubts[k]) || other->high >= high)
-                continue;
-            high = other->high;
-            low = other->low;
+    const struct oracle_doubts *doubts = pursuit->doubts;
+    double low = INFINITY, high = -INFINITY;
+    for (uint32_t i = 0; i < doubts->count; i++)
+        if (patch[i] == which) {
+            low = fmin(low, doubts->contenders[i].crossing.low);
+            high = fmax(high, doubts->contenders[i].crossing.high);
         }
-        if (high == INFINITY) {
-            pursuit->doubt_low = fmin(pursuit->doubt_low, both.crossing.low);
-            continue;
-        }
-        both.crossing.low = fmin(both.crossing.low, low);
-        both.crossing.high = fmax(both.crossing.high, high);
-        if (!add_contender(pursuit, &both, memory))
+    for (uint32_t i = 0; i < doubts->count; i++) {
+        struct oracle_contender next = doubts->contenders[i];
+        next.crossing.low = low;
+        next.crossing.high = high;
+        if (patch[i] == which && !add_contender(pursuit, &next, memory))
             return false;
     }
-    pursuit->doubt_count = 0;
+    return true;
+}
+
+static bool settle_doubts(struct oracle_pursuit *pursuit, struct memory *memory)
+{
+    if (!pursuit->doubts)
+        return true;
+    drop_beaten_doubts(pursuit);
+    const struct oracle_doubts *doubts = pursuit->doubts;
+    uint32_t patch[ORACLE_PATCH_MAX];
+    oracle_patch_find(doubts->triangles, doubts->count, patch);
+    for (uint32_t which = 0; which < doubts->count; which++) {
+        if (patch[which] != which)
+            continue;
+        if (oracle_patch_covers(doubts->triangles, doubts->count, patch, which)) {
+            if (!add_patch(pursuit, patch, which, memory))
+                return false;
+            continue;
+        }
+        for (uint32_t i = which; i < doubts->count; i++)
+            if (patch[i] == which)
+                pursuit->doubt_low = fmin(pursuit->doubt_low, doubts->contenders[i].crossing.low);
+    }
     return true;
 }
 

@@ -2,35 +2,34 @@
 /*
  * oracle_pursuit.h - what one ray has met so far, and what follows from it.
  *
- * Kept are the sure hits that may still be the closest, and the triangles that leave a doubt at one edge only: two of them on both sides of an
- * edge that they share make a sure hit of one of the two, so a ray at the inner edges of a mesh is certain and shows its leaks.
+ * Kept are the sure hits that may still be the closest, and the triangles whose edges leave a doubt, which their neighbours may settle.
  */
 #ifndef BVHD_ORACLE_PURSUIT_H
 #define BVHD_ORACLE_PURSUIT_H
 
 #include "oracle.h"
-#include "oracle_triangle.h"
+#include "oracle_patch.h"
 
 struct oracle_contender {
     struct oracle_crossing crossing;
     struct oracle_triangle_id id;
 };
 
-/* A triangle that is hit if the ray passes on its side of the edge. */
-struct oracle_doubt {
-    struct oracle_contender contender;
-    double edge[2][3]; /* its ends, in the order of the winding */
+/* Open triangles that may be hit. */
+struct oracle_doubts {
+    uint32_t count;
+    struct oracle_contender contenders[ORACLE_PATCH_MAX];
+    struct oracle_patch_triangle triangles[ORACLE_PATCH_MAX];
 };
 
 struct oracle_pursuit {
     struct oracle_ray ray;
     enum oracle_ray_kind kind;
     double best_high; /* no sure hit beyond it can be the closest */
-    double doubt_low; /* from where on triangles are possible that no neighbour makes up for */
+    double doubt_low; /* from where on triangles are possible that no neighbour settles */
     struct oracle_contender *contenders;
     uint32_t count, capacity;
-    struct oracle_doubt *doubts;
-    uint32_t doubt_count;
+    struct oracle_doubts *doubts; /* NULL: none */
 };
 
 void oracle_pursuit_init(struct oracle_pursuit *ret_pursuit, const struct ray *ray);

@@ -93,30 +93,74 @@ enum oracle_ray_kind oracle_ray_init(struct oracle_ray *ret_prepared, const stru
     return ORACLE_RAY_GOOD;
 }
 
-/* The corner relative to the ray: on it where x = y = 0; z along it, in which the origin counts as exact. */
-static void shear_corner(const struct oracle_ray *ray, const struct radial corner[3], struct radial ret_sheared[3])
+static struct radial exact(double value)
 {
-    struct radial z = radial_sub(corner[ray->z], ray->origin[2]);
-    ret_sheared[0] = radial_sub(radial_sub(corner[ray->x], ray->origin[0]), radial_mul(ray->shear[0], z));
-    ret_sheared[1] = radial_sub(radial_sub(corner[ray->y], ray->origin[1]), radial_mul(ray->shear[1], z));
-    ret_sheared[2] = radial_sub(corner[ray->z], (struct radial){ray->origin[2].centre, 0});
+    return (struct radial){value, 0};
+}
+
+/*
+ * Corners relative to the ray: it passes where x = y = 0; z runs along it, and the origin counts as exact there. Radii are of what moves a corner
+ * alone. What moves all corners alike, the ray's own moves, stands in `common`: it matters to a triangle only as far as the triangle reaches.
+ */
+struct sheared {
+    struct radial corners[3][3];
+    double common[2];
+};
+
+static void shear(const struct oracle_ray *ray, const struct oracle_triangle *triangle, struct sheared *ret_sheared)
+{
+    struct radial z[3];
+    for (int k = 0; k < 3; k++)
+        z[k] = radial_sub(triangle->corners[k][ray->z], exact(ray->origin[2].centre));
+    double middle = (z[0].centre + z[1].centre + z[2].centre) / 3;
+    for (int axis = 0; axis < 2; axis++) {
+        struct radial slope = ray->shear[axis], start = ray->origin[axis];
+        for (int k = 0; k < 3; k++) {
+            struct radial across = radial_sub(triangle->corners[k][axis ? ray->y : ray->x], exact(start.centre));
+            struct radial moved = radial_sub(across, radial_mul(exact(slope.centre), z[k]));
+            moved.radius += slope.radius * (fabs(z[k].centre - middle) + z[k].radius) * WIDEN;
+            ret_sheared->corners[k][axis] = moved;
+            ret_sheared->corners[k][2] = z[k];
+        }
+        double turned = slope.radius * (fabs(middle) + ray->origin[2].radius);
+        ret_sheared->common[axis] = (start.radius + fabs(slope.centre) * ray->origin[2].radius + turned) * WIDEN;
+    }
 }
 
 /* All three corners on one side of the ray, along x or y. */
-static bool lies_aside(struct radial sheared[3][3])
+static bool lies_aside(const struct sheared *sheared)
 {
     for (int axis = 0; axis < 2; axis++) {
-        if (surely_positive(sheared[0][axis]) && surely_positive(sheared[1][axis]) && surely_positive(sheared[2][axis]))
-            return true;
-        if (surely_negative(sheared[0][axis]) && surely_negative(sheared[1][axis]) && surely_negative(sheared[2][axis]))
+        double low = INFINITY, high = -INFINITY;
+        for (int k = 0; k < 3; k++) {
+            struct radial at = sheared->corners[k][axis];
+            low = fmin(low, at.centre - at.radius);
+            high = fmax(high, at.centre + at.radius);
+        }
+        if (low > sheared->common[axis] || high < -sheared->common[axis])
             return true;
     }
     return false;
 }
 
-static struct radial edge_function(const struct radial from[3], const struct radial to[3])
+static struct radial edge_function(const struct sheared *sheared, int from_corner, int to_corner)
 {
-    return radial_sub(radial_mul(to[0], from[1]), radial_mul(to[1], from[0]));
+    const struct radial *from = sheared->corners[from_corner], *to = sheared->corners[to_corner];
+    struct radial edge = radial_sub(radial_mul(to[0], from[1]), radial_mul(to[1], from[0]));
+    double x = fabs(to[0].centre - from[0].centre) + to[0].radius + from[0].radius;
+    double y = fabs(to[1].centre - from[1].centre) + to[1].radius + from[1].radius;
+    edge.radius = (edge.radius + sheared->common[0] * y + sheared->common[1] * x) * WIDEN;
+    return edge;
+}
+
+/* The sum of the edge functions: a moving ray leaves it alone. */
+static struct radial determinant(const struct sheared *sheared)
+{
+    struct radial sides[2][2];
+    for (int k = 0; k < 2; k++)
+        for (int axis = 0; axis < 2; axis++)
+            sides[k][axis] = radial_sub(sheared->corners[k + 1][axis], sheared->corners[0][axis]);
+    return radial_sub(radial_mul(sides[1][0], sides[0][1]), radial_mul(sides[1][1], sides[0][0]));
 }
 
 /* edges[i] is the function of the edge opposite to corner i. */
@@ -136,20 +180,21 @@ static enum oracle_presence presence_of(const struct radial edges[3])
  * z where the ray meets the plane: a mean of the corners' z, weighted by the edge functions, taken about the middle corner, where the radii of
  * the weights count least. Never outside of the corners' own range.
  */
-static void meeting_z(struct radial sheared[3][3], const struct radial edges[3], struct radial det, double *ret_z, double *ret_low,
+static void meeting_z(const struct sheared *sheared, const struct radial edges[3], struct radial det, double *ret_z, double *ret_low,
                       double *ret_high)
 {
-    double low = INFINITY, high = -INFINITY, middle = (sheared[0][2].centre + sheared[1][2].centre + sheared[2][2].centre) / 3;
+    double low = INFINITY, high = -INFINITY;
+    double middle = (sheared->corners[0][2].centre + sheared->corners[1][2].centre + sheared->corners[2][2].centre) / 3;
     struct radial sum = {0, 0};
     for (int i = 0; i < 3; i++) {
-        struct radial z = sheared[i][2];
+        struct radial z = sheared->corners[i][2];
         low = fmin(low, z.centre - z.radius);
         high = fmax(high, z.centre + z.radius);
-        sum = radial_add(sum, radial_mul(edges[i], radial_sub(z, (struct radial){middle, 0})));
+        sum = radial_add(sum, radial_mul(edges[i], radial_sub(z, exact(middle))));
     }
     double z = middle;
     if (surely_nonzero(det)) {
-        struct radial offset = radial_add((struct radial){middle, 0}, radial_div(sum, det));
+        struct radial offset = radial_add(exact(middle), radial_div(sum, det));
         low = fmax(low, offset.centre - offset.radius);
         high = fmin(high, offset.centre + offset.radius);
         z = offset.centre;
@@ -196,45 +241,39 @@ static enum oracle_presence presence_of_facing(const struct oracle_ray *ray, str
     return (front != mirrored ? keep_front : keep_back) ? ORACLE_SURE : ORACLE_ABSENT;
 }
 
-/* Two edges are sure and agree, one is not sure. */
-static void find_open_edge(const struct radial edges[3], struct oracle_crossing *crossing)
+static struct oracle_outline outline_of(const struct sheared *sheared, const struct radial edges[3], struct radial det, bool open)
 {
-    int open = 0;
-    crossing->open_edge = -1;
-    for (int k = 0; k < 3; k++)
-        if (!surely_nonzero(edges[k])) {
-            open++;
-            crossing->open_edge = k;
-            crossing->positive = edges[(k + 1) % 3].centre > 0;
-        }
-    if (open != 1)
-        crossing->open_edge = -1;
+    struct oracle_outline outline = {.positive = det.centre > 0, .open = open};
+    for (int k = 0; k < 3; k++) {
+        outline.sure[k] = surely_nonzero(edges[k]);
+        outline.corners[k][0] = sheared->corners[k][0].centre;
+        outline.corners[k][1] = sheared->corners[k][1].centre;
+    }
+    return outline;
 }
 
 enum oracle_presence oracle_triangle_meet(const struct oracle_ray *ray, const struct oracle_triangle *triangle,
-                                          struct oracle_crossing *ret_crossing)
+                                          struct oracle_crossing *ret_crossing, struct oracle_outline *ret_outline)
 {
-    struct radial sheared[3][3];
-    for (int k = 0; k < 3; k++)
-        shear_corner(ray, triangle->corners[k], sheared[k]);
-    if (lies_aside(sheared))
+    struct sheared sheared;
+    shear(ray, triangle, &sheared);
+    if (lies_aside(&sheared))
         return ORACLE_ABSENT;
     struct radial edges[3];
     for (int k = 0; k < 3; k++)
-        edges[k] = edge_function(sheared[(k + 1) % 3], sheared[(k + 2) % 3]);
-    struct radial det = radial_add(radial_add(edges[0], edges[1]), edges[2]);
+        edges[k] = edge_function(&sheared, (k + 1) % 3, (k + 2) % 3);
+    struct radial det = determinant(&sheared);
     enum oracle_presence inside = presence_of(edges), facing = presence_of_facing(ray, det, triangle->mirrored);
     if (worse(inside, facing) == ORACLE_ABSENT)
         return ORACLE_ABSENT;
     double z, low, high;
-    meeting_z(sheared, edges, det, &z, &low, &high);
+    meeting_z(&sheared, edges, det, &z, &low, &high);
     struct oracle_crossing crossing = crossing_of(ray, z, low, high);
     enum oracle_presence otherwise = worse(facing, presence_between(ray, &crossing));
     if (otherwise == ORACLE_ABSENT)
         return ORACLE_ABSENT;
-    crossing.open_edge = -1;
-    if (otherwise == ORACLE_SURE && inside == ORACLE_POSSIBLE)
-        find_open_edge(edges, &crossing);
+    if (worse(inside, otherwise) == ORACLE_POSSIBLE)
+        *ret_outline = outline_of(&sheared, edges, det, otherwise == ORACLE_SURE);
     *ret_crossing = crossing;
     return worse(inside, otherwise);
 }

@@ -54,13 +54,21 @@ struct oracle_crossing {
     /* Where t lies beside the t of other triangles on the same ray. Moves that shift all of them alike are left out. */
     double low, high;
     double shift; /* those moves: t as such lies in [low - shift, high + shift] */
-    /* POSSIBLE only for a doubt on which side of one edge the ray passes: the edge opposite to this corner; else -1. */
-    int open_edge;
-    bool positive; /* sign of the other two edge functions */
 };
 
-/* Does the ray meet the triangle between tmin and tmax? Fills *ret_crossing unless ABSENT. Facing is honoured, no other flag. */
+/* The triangle seen along the ray, which passes at 0. */
+struct oracle_outline {
+    double corners[3][2];
+    bool sure[3]; /* the ray surely does not pass through the line of edge k, opposite to corner k */
+    bool positive; /* the sign of the area */
+    bool open; /* whether it is hit depends on its edges alone: distance and facing are sure */
+};
+
+/*
+ * Does the ray meet the triangle between tmin and tmax? Facing is honoured, no other flag. Fills *ret_crossing unless ABSENT, *ret_outline when
+ * POSSIBLE.
+ */
 enum oracle_presence oracle_triangle_meet(const struct oracle_ray *ray, const struct oracle_triangle *triangle,
-                                          struct oracle_crossing *ret_crossing);
+                                          struct oracle_crossing *ret_crossing, struct oracle_outline *ret_outline);
 
 #endif
