@@ -1,1 +1,349 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #include "build.h"
+
+#include <string.h>
+#include <time.h>
+
+#include "clip.h"
+#include "collapse.h"
+#include "depth.h"
+#include "pieces.h"
+#include "primitive.h"
+#include "rescale.h"
+#include "split.h"
+
+/* A tree of this depth is not touched before it is known how deep its wide form is: eight-wide nodes make a third of the levels. */
+enum { BINARY_DEPTH_LIMIT = 64 };
+
+/* What one build goes through; stages share it. */
+struct construction {
+    const struct canonical *canonical;
+    const struct layout *layout;
+    const struct build_context *context;
+    enum build_quality quality;
+    bool spatial_splits;
+    struct primitive_refs refs;
+    struct primitive_ref *scratch;
+    struct split_tree tree;
+    bool rescaled;
+    struct ir ir;
+    struct wide wide;
+    struct build_stats stats;
+    double clock; /* ms, when the running stage began */
+    struct bvhd_error *error;
+};
+
+enum build_quality build_quality_resolve(enum build_quality asked, uint32_t build_flags)
+{
+    if (asked == QUALITY_FAST || asked == QUALITY_BALANCED || asked == QUALITY_HIGH)
+        return asked;
+    if (asked == QUALITY_UNSPECIFIED && (build_flags & BUILD_PREFER_FAST_BUILD))
+        return QUALITY_FAST;
+    if (asked == QUALITY_UNSPECIFIED && (build_flags & BUILD_PREFER_FAST_TRACE))
+        return QUALITY_HIGH;
+    return QUALITY_BALANCED;
+}
+
+const char *build_quality_name(enum build_quality quality)
+{
+    static const char *const names[] = {
+        [QUALITY_UNSPECIFIED] = "unspecified", [QUALITY_FAST] = "fast", [QUALITY_BALANCED] = "balanced",
+        [QUALITY_HIGH] = "high",               [QUALITY_AUTO] = "auto",
+    };
+    return (unsigned)quality < sizeof names / sizeof *names ? names[quality] : "unknown";
+}
+
+static double milliseconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
+}
+
+/* Ends a stage: adds its time, looks at the cancel flag. */
+static enum bvhd_status stage_end(struct construction *construction, double *ms)
+{
+    double now = milliseconds();
+    *ms += now - construction->clock;
+    construction->clock = now;
+    const atomic_bool *cancel = construction->context->cancel;
+    if (cancel && atomic_load_explicit(cancel, memory_order_relaxed))
+        return bvhd_error_set(construction->error, BVHD_CANCELLED, "", "cancelled");
+    return BVHD_OK;
+}
+
+static enum bvhd_status no_memory(const struct construction *construction)
+{
+    return bvhd_error_set(construction->error, BVHD_NO_MEMORY, "", "no memory to build over %u primitives",
+                          construction->canonical->primitive_count);
+}
+
+static void count_primitives(const struct canonical *canonical, struct build_stats *stats)
+{
+    stats->primitives = canonical->primitive_count;
+    for (uint32_t i = 0; i < canonical->geometry_count; i++) {
+        const struct canonical_geometry *geometry = &canonical->geometries[i];
+        stats->triangles += geometry->type == GEOMETRY_TRIANGLES ? geometry->primitive_count : 0;
+        stats->instances += geometry->type == GEOMETRY_INSTANCES ? geometry->primitive_count : 0;
+    }
+}
+
+static enum bvhd_status collect(struct construction *construction)
+{
+    const struct build_context *context = construction->context;
+    struct build_stats *stats = &construction->stats;
+    struct primitive_refs *refs = &construction->refs;
+    enum bvhd_status status =
+        primitive_collect(construction->canonical, context->memory, context->parallel, refs, construction->error);
+    if (status != BVHD_OK)
+        return status;
+    count_primitives(construction->canonical, stats);
+    stats->inactive = refs->inactive;
+    stats->degenerate = refs->degenerate;
+    stats->skipped = refs->skipped;
+    stats->bounds = refs->bounds;
+    construction->rescaled = rescale_is_needed(&refs->bounds);
+    if (construction->rescaled)
+        rescale_refs(refs, context->parallel);
+    return stage_end(construction, &stats->ms.boxes);
+}
+
+/* Our own splitting costs less than Embree's and runs on all threads: pieces are as small as serves that, whatever the number of threads. */
+static uint32_t piece_size(uint32_t count)
+{
+    enum { SMALLEST = 4096, PIECES = 64 };
+    uint32_t size = count / PIECES;
+    return size < SMALLEST ? SMALLEST : size > BUILD_PIECE_SIZE ? BUILD_PIECE_SIZE : size;
+}
+
+static enum bvhd_status split(struct construction *construction)
+{
+    const struct build_context *context = construction->context;
+    const struct primitive_refs *refs = &construction->refs;
+    construction->scratch = memory_array(context->memory, refs->count, sizeof *construction->scratch);
+    if (!construction->scratch)
+        return no_memory(construction);
+    struct split_request request = {
+        .refs = refs->refs,
+        .scratch = construction->scratch,
+        .count = refs->count,
+        .piece_size = piece_size(refs->count),
+        .bounds = refs->bounds,
+        .centroids = refs->centroids,
+        .cancel = context->cancel,
+    };
+    enum bvhd_status status = split_refs(&request, context->memory, context->parallel, &construction->tree, construction->error);
+    return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.split) : status;
+}
+
+static const char *method_name(const struct construction *construction, const struct pieces *pieces)
+{
+    if (pieces->all_split)
+        return "split";
+    if (construction->quality == QUALITY_FAST)
+        return "embree-low";
+    return construction->spatial_splits ? "embree-high" : "embree-medium";
+}
+
+static struct pieces_request pieces_wanted(const struct construction *construction)
+{
+    const struct build_context *context = construction->context;
+    return (struct pieces_request){
+        .tree = &construction->tree,
+        .refs = construction->refs.refs,
+        .scratch = construction->scratch,
+        .embree = context->embree,
+        .quality = construction->quality == QUALITY_FAST    ? EMBREE_LOW
+                   : construction->spatial_splits           ? EMBREE_HIGH
+                                                            : EMBREE_MEDIUM,
+        .leaf_max = construction->layout->leaf_max,
+        .split = construction->spatial_splits ? clip_primitive : NULL,
+        .split_context = construction->canonical,
+        .cancel = context->cancel,
+        .progress = context->progress,
+        .progress_context = context->progress_context,
+    };
+}
+
+static void free_refs(struct construction *construction)
+{
+    struct memory *memory = construction->context->memory;
+    memory_free(memory, construction->refs.refs);
+    memory_free(memory, construction->scratch);
+    memory_free(memory, construction->tree.nodes);
+    construction->refs.refs = construction->scratch = NULL;
+    construction->tree.nodes = NULL;
+}
+
+/* All pieces, joined; the refs are given back as soon as nobody needs them. */
+static enum bvhd_status build_pieces(struct construction *construction)
+{
+    const struct build_context *context = construction->context;
+    struct build_stats *stats = &construction->stats;
+    struct pieces pieces;
+    double cost;
+    /* Rescaling replaces boxes by those of whole primitives: splits would be lost. */
+    construction->spatial_splits = construction->quality == QUALITY_HIGH && !construction->rescaled &&
+                                   !(construction->canonical->flags & BUILD_LOW_MEMORY) && clip_allowed(construction->canonical);
+    struct pieces_request request = pieces_wanted(construction);
+    enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
+    if (status != BVHD_OK)
+        return status;
+    stats->method = method_name(construction, &pieces);
+    status = stage_end(construction, &stats->ms.pieces);
+    if (status == BVHD_OK)
+        status = pieces_join(&pieces, context->parallel, &construction->ir, &stats->depth, &cost, construction->error);
+    pieces_finish(&pieces);
+    if (status != BVHD_OK)
+        return status;
+    free_refs(construction);
+    if (construction->rescaled) {
+        rescale_restore(construction->canonical, context->parallel, &construction->ir);
+        cost = ir_cost(&construction->ir, 0, construction->ir.node_count);
+    }
+    double root = box_half_area(&construction->ir.boxes[0][0]);
+    stats->sah = root > 0 ? cost / root : 0;
+    return stage_end(construction, &stats->ms.join);
+}
+
+static enum bvhd_status limit_depth(struct construction *construction, uint32_t limit)
+{
+    struct ir *ir = &construction->ir;
+    if (construction->stats.depth > limit) {
+        enum bvhd_status status = depth_limit(ir, limit, construction->error);
+        if (status != BVHD_OK)
+            return status;
+        construction->stats.depth = ir_depth(ir, ir->memory);
+        construction->stats.sah = ir_sah(ir);
+        if (construction->stats.depth == IR_DEPTH_UNKNOWN)
+            return no_memory(construction);
+    }
+    return stage_end(construction, &construction->stats.ms.depth);
+}
+
+static enum bvhd_status make_tree(struct construction *construction)
+{
+    enum bvhd_status status = collect(construction);
+    construction->stats.method = "none";
+    if (status != BVHD_OK || construction->refs.count == 0)
+        return status == BVHD_OK ? ir_init(&construction->ir, construction->context->memory, 0, 0, construction->error) : status;
+    status = split(construction);
+    if (status == BVHD_OK)
+        status = build_pieces(construction);
+    uint32_t limit = construction->layout->arity == 2 ? construction->layout->depth_limit : BINARY_DEPTH_LIMIT;
+    if (status == BVHD_OK)
+        status = limit_depth(construction, limit);
+    construction->stats.refs = construction->ir.ref_count;
+    return status;
+}
+
+/* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */
+static float leaf_cost(const struct canonical *canonical)
+{
+    bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
+    return triangles ? 0.3f : 1.0f;
+}
+
+static enum bvhd_status collapse_once(struct construction *construction)
+{
+    const struct build_context *context = construction->context;
+    struct collapse_options options = {construction->layout->leaf_max, leaf_cost(construction->canonical), context->cancel};
+    enum bvhd_status status =
+        collapse(&construction->ir, &options, context->memory, context->parallel, &construction->wide, construction->error);
+    return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.collapse) : status;
+}
+
+/* A wide tree is never deeper than the binary one. */
+static enum bvhd_status make_wide(struct construction *construction)
+{
+    if (construction->layout->arity == 2)
+        return BVHD_OK;
+    enum bvhd_status status = collapse_once(construction);
+    if (status != BVHD_OK || construction->wide.depth <= construction->layout->depth_limit)
+        return status;
+    wide_finish(&construction->wide);
+    status = limit_depth(construction, construction->layout->depth_limit);
+    return status == BVHD_OK ? collapse_once(construction) : status;
+}
+
+static enum bvhd_status write_blob(struct construction *construction, uint32_t layout_flags, unsigned char **ret_blob)
+{
+    const struct build_context *context = construction->context;
+    struct layout_input input = {
+        .canonical = construction->canonical,
+        .ir = &construction->ir,
+        .wide = construction->layout->arity == 2 ? NULL : &construction->wide,
+        .layout_flags = layout_flags,
+        .memory = context->memory,
+        .parallel = context->parallel,
+    };
+    unsigned char *blob;
+    enum bvhd_status status = construction->layout->write(&input, &blob, &construction->stats.sizes, construction->error);
+    if (status != BVHD_OK)
+        return status;
+    status = stage_end(construction, &construction->stats.ms.write);
+    if (status != BVHD_OK) {
+        memory_free(context->memory, blob);
+        return status;
+    }
+    *ret_blob = blob;
+    return BVHD_OK;
+}
+
+static enum bvhd_status construction_init(struct construction *construction, const struct canonical *canonical,
+                                          const struct build_options *options, const struct build_context *context,
+                                          struct bvhd_error *error)
+{
+    *construction = (struct construction){.canonical = canonical, .context = context, .error = error, .clock = milliseconds()};
+    construction->quality = build_quality_resolve(options->quality, canonical->flags);
+    construction->layout = layout_find(options->target);
+    if (!construction->layout)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.target", "unknown target %d", (int)options->target);
+    if (options->layout_flags & ~construction->layout->flags)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.layoutFlags", "flags 0x%x are unknown to the %s layout",
+                              options->layout_flags & ~construction->layout->flags, construction->layout->name);
+    return BVHD_OK;
+}
+
+static void construction_finish(struct construction *construction)
+{
+    free_refs(construction);
+    wide_finish(&construction->wide);
+    ir_finish(&construction->ir);
+}
+
+enum bvhd_status build(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
+                       unsigned char **ret_blob, struct build_stats *ret_stats, struct bvhd_error *error)
+{
+    struct construction construction;
+    enum bvhd_status status = construction_init(&construction, canonical, options, context, error);
+    if (status == BVHD_OK)
+        status = make_tree(&construction);
+    if (status == BVHD_OK)
+        status = make_wide(&construction);
+    if (status == BVHD_OK)
+        status = write_blob(&construction, options->layout_flags, ret_blob);
+    construction_finish(&construction);
+    if (status != BVHD_OK)
+        return status;
+    if (context->progress)
+        context->progress(context->progress_context, canonical->primitive_count, canonical->primitive_count);
+    *ret_stats = construction.stats;
+    return BVHD_OK;
+}
+
+enum bvhd_status build_ir(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
+                          struct ir *ret_ir, struct build_stats *ret_stats, struct bvhd_error *error)
+{
+    struct construction construction;
+    enum bvhd_status status = construction_init(&construction, canonical, options, context, error);
+    if (status == BVHD_OK)
+        status = make_tree(&construction);
+    if (status == BVHD_OK) {
+        *ret_ir = construction.ir;
+        *ret_stats = construction.stats;
+        memset(&construction.ir, 0, sizeof construction.ir);
+    }
+    construction_finish(&construction);
+    return status;
+}

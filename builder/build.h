@@ -25,7 +25,7 @@ struct build_context {
     struct memory *memory;
     const struct parallel *parallel;
     const atomic_bool *cancel; /* may be NULL */
-    /* Called from any thread, with done <= total in refs, not more often than once a piece and stage. May be NULL. */
+    /* Called from any thread, with done <= total in primitives, once a piece and at the end; calls may overtake each other. May be NULL. */
     void (*progress)(void *context, uint64_t done, uint64_t total);
     void *progress_context;
 };
@@ -47,7 +47,10 @@ struct build_stats {
     struct layout_sizes sizes;
 };
 
-/* The quality that is built: named ones first, then Vulkan's PREFER flags, then balanced. Never UNSPECIFIED or AUTO. */
+/*
+ * The quality that is built: a named one, which AUTO is too, before Vulkan's PREFER flags (FAST_BUILD: fast, FAST_TRACE: high), else balanced.
+ * AUTO is balanced. Never UNSPECIFIED or AUTO.
+ */
 enum build_quality build_quality_resolve(enum build_quality asked, uint32_t build_flags);
 const char *build_quality_name(enum build_quality quality);
 
@@ -58,7 +61,10 @@ const char *build_quality_name(enum build_quality quality);
 enum bvhd_status build(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
                        unsigned char **ret_blob, struct build_stats *ret_stats, struct bvhd_error *error);
 
-/* The first half of build(), for benchmarks and tests: the ir after its passes. The caller ends it with ir_finish. */
+/*
+ * The first half of build(), for benchmarks and tests: the ir after its passes, with leaves as options->target wants them. The caller ends it
+ * with ir_finish.
+ */
 enum bvhd_status build_ir(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
                           struct ir *ret_ir, struct build_stats *ret_stats, struct bvhd_error *error);
 

@@ -6,9 +6,9 @@
 #include "ir.h"
 
 /*
- * Rebuilds, balanced over their leaves in order, the smallest subtrees that reach below `limit` levels and have an ancestor where that
- * fits. Needs ceil(log2(leaves)) + 1 <= limit, else BVHD_TOO_LARGE. Refs and their order stay; node indices change. Does nothing to a
- * tree that fits.
+ * Rebuilds, balanced over their leaves in the order of their refs, the smallest subtrees that reach below `limit` levels and are not so deep
+ * already that balance does not help. Needs ceil(log2(leaves)) + 1 <= limit, else BVHD_TOO_LARGE. Refs and their order stay; nodes are moved
+ * within the places of the rebuilt subtrees. Does nothing to a tree that fits. On failure the tree is as it was. O(nodes).
  */
 enum bvhd_status depth_limit(struct ir *ir, uint32_t limit, struct bvhd_error *error);
 

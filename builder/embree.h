@@ -25,18 +25,19 @@ typedef void (*embree_split_function)(const void *context, const struct primitiv
                                       struct box *ret_left, struct box *ret_right);
 
 struct embree_request {
-    struct primitive_ref *refs; /* permuted; with splits, changed */
+    struct primitive_ref *refs; /* 32-byte aligned; permuted; with splits, changed */
     uint32_t count; /* >= 1 */
     uint32_t capacity; /* refs that fit there; > count leaves room for splits */
     enum embree_quality quality;
-    uint32_t leaf_max;
+    uint32_t leaf_max; /* 1 .. 31 */
     embree_split_function split; /* with EMBREE_HIGH; NULL: no splits */
     const void *split_context;
 };
 
 /*
- * Builds into *ret_ir, made by ir_init from `memory`; the root is node 0; leaves of at most leaf_max refs, but for identical boxes that Embree
- * does not separate: those come as larger leaves, for build.c to cut. BVHD_UNSUPPORTED: Embree gave up; refs hold the same set in any order.
+ * Builds into *ret_ir, made by ir_init from `memory`; the root is node 0; leaves of at most leaf_max refs. Where a primitive was split, its id
+ * appears in several leaves. BVHD_UNSUPPORTED: Embree gave up, or called back from other threads (as it does while the process has another
+ * Embree device with more than one thread); refs hold the same set in any order, but for splits.
  */
 enum bvhd_status embree_build(struct embree *embree, const struct embree_request *request, struct memory *memory, struct ir *ret_ir,
                               struct bvhd_error *error);

@@ -1,1 +1,292 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #include "primitive.h"
+
+#include <math.h>
+#include <stddef.h>
+
+#include "vec4.h"
+
+enum { CHUNK = 8192 }; /* primitives a task */
+
+/* What becomes of one primitive. */
+struct finding {
+    bool active, degenerate, kept;
+    struct box box; /* if kept */
+};
+
+static float clamp_to_finite(float value)
+{
+    return value > FLT_MAX ? FLT_MAX : value < -FLT_MAX ? -FLT_MAX : value;
+}
+
+static bool any_nan(const float *values, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (isnan(values[i]))
+            return true;
+    return false;
+}
+
+static bool any_infinite(const float *values, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (isinf(values[i]))
+            return true;
+    return false;
+}
+
+static bool has_no_area(const float corners[3][3])
+{
+    double a[3], b[3];
+    for (int axis = 0; axis < 3; axis++) {
+        a[axis] = (double)corners[1][axis] - corners[0][axis];
+        b[axis] = (double)corners[2][axis] - corners[0][axis];
+    }
+    return a[1] * b[2] == a[2] * b[1] && a[2] * b[0] == a[0] * b[2] && a[0] * b[1] == a[1] * b[0];
+}
+
+static struct finding look_at_triangle(const struct canonical_geometry *geometry, uint32_t index, bool keep_all)
+{
+    struct finding finding = {.box = box_empty()};
+    float corners[3][3];
+    canonical_triangle(geometry, index, corners);
+    if (any_nan(corners[0], 9))
+        return finding;
+    finding.active = true;
+    bool infinite = any_infinite(corners[0], 9);
+    for (int k = 0; k < 3; k++) {
+        for (int axis = 0; axis < 3; axis++)
+            corners[k][axis] = clamp_to_finite(corners[k][axis]);
+        box_add_point(&finding.box, corners[k]);
+    }
+    finding.degenerate = !infinite && has_no_area((const float(*)[3])corners);
+    finding.kept = keep_all || !(infinite || finding.degenerate);
+    return finding;
+}
+
+static struct finding look_at_aabb(const struct canonical_geometry *geometry, uint32_t index)
+{
+    struct finding finding = {.box = box_empty()};
+    const float *box = geometry->boxes + (uint64_t)6 * index;
+    if (any_nan(box, 6))
+        return finding;
+    finding.active = finding.kept = finding.degenerate = true;
+    for (int axis = 0; axis < 3; axis++) {
+        finding.box.min[axis] = clamp_to_finite(box[axis]);
+        finding.box.max[axis] = clamp_to_finite(box[axis + 3]);
+        finding.degenerate &= finding.box.min[axis] == finding.box.max[axis];
+    }
+    return finding;
+}
+
+static float round_down(double value)
+{
+    float rounded = (float)value;
+    return clamp_to_finite((double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded);
+}
+
+static float round_up(double value)
+{
+    float rounded = (float)value;
+    return clamp_to_finite((double)rounded < value ? nextafterf(rounded, INFINITY) : rounded);
+}
+
+/*
+ * Centre and half extent through the affine map: c' = M c + t, e' = |M| e. `slack` bounds the rounding of the few operations, relative to the
+ * sum of magnitudes.
+ */
+static void transform_box(const float matrix[12], const struct box *box, struct box *ret_box)
+{
+    for (int row = 0; row < 3; row++) {
+        const float *m = matrix + 4 * row;
+        double centre = m[3], extent = 0, magnitude = fabs((double)m[3]);
+        for (int axis = 0; axis < 3; axis++) {
+            double min = box->min[axis], max = box->max[axis];
+            centre += m[axis] * (0.5 * (min + max));
+            extent += fabs((double)m[axis]) * (0.5 * (max - min));
+            magnitude += fabs((double)m[axis]) * (fabs(min) + fabs(max));
+        }
+        double slack = magnitude * 0x1p-48;
+        ret_box->min[row] = round_down(centre - extent - slack);
+        ret_box->max[row] = round_up(centre + extent + slack);
+    }
+}
+
+static struct finding look_at_instance(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
+                                       bool keep_all)
+{
+    struct finding finding = {.box = box_empty()};
+    struct canonical_instance instance = canonical_instance(geometry, index);
+    if (instance.reference == 0 || any_nan(instance.transform, 12))
+        return finding;
+    finding.active = true;
+    struct box bounds = canonical->references[instance.reference - 1].bounds;
+    bool infinite = any_infinite(instance.transform, 12);
+    finding.degenerate = box_is_empty(&bounds);
+    finding.kept = keep_all || !(infinite || finding.degenerate);
+    for (int k = 0; k < 12; k++)
+        instance.transform[k] = clamp_to_finite(instance.transform[k]);
+    for (int axis = 0; axis < 3; axis++) {
+        bounds.min[axis] = finding.degenerate ? 0 : clamp_to_finite(bounds.min[axis]);
+        bounds.max[axis] = finding.degenerate ? 0 : clamp_to_finite(bounds.max[axis]);
+    }
+    transform_box(instance.transform, &bounds, &finding.box);
+    return finding;
+}
+
+static struct finding look(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index)
+{
+    bool keep_all = canonical->flags & BUILD_ALLOW_UPDATE;
+    switch (geometry->type) {
+    case GEOMETRY_TRIANGLES:
+        return look_at_triangle(geometry, index, keep_all);
+    case GEOMETRY_AABBS:
+        return look_at_aabb(geometry, index);
+    default:
+        return look_at_instance(canonical, geometry, index, keep_all);
+    }
+}
+
+struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index)
+{
+    struct finding finding = look(canonical, geometry, index);
+    return finding.kept ? finding.box : box_empty();
+}
+
+/*
+ * The usual triangle: finite, and a component of the cross product of its edges is so much above the rounding error of floats that it is not
+ * zero in double. Everything else is looked at again, slowly. The box is the same as there, to the sign of zeros.
+ */
+static inline bool plain_triangle(const float *a, const float *b, const float *c, struct vec4_box *ret_box)
+{
+    vec4 p = vec4_load3(a), q = vec4_load3(b), r = vec4_load3(c);
+    vec4 u = q - p, v = r - p;
+    vec4 left = u * vec4_rotate(v), right = vec4_rotate(u) * v;
+    vec4 cross = vec4_abs(left - right);
+    vec4 bound = vec4_max((vec4_abs(left) + vec4_abs(right)) * 1e-6f, vec4_all(1e-30f));
+    *ret_box = (struct vec4_box){vec4_min(r, vec4_min(q, p)), vec4_max(r, vec4_max(q, p))};
+    unsigned finite = vec4_bits((u + v) * 0.0f == vec4_all(0));
+    return finite == 15 && (vec4_bits(cross > bound) & 7);
+}
+
+static bool fast_ref(const struct canonical_geometry *geometry, uint32_t index, struct primitive_ref *ref)
+{
+    if (geometry->type != GEOMETRY_TRIANGLES)
+        return false;
+    uint64_t at = (uint64_t)3 * index;
+    const float *p = geometry->positions;
+    const uint32_t *v = geometry->indices ? geometry->indices + at : NULL;
+    uint64_t a = v ? v[0] : at, b = v ? v[1] : at + 1, c = v ? v[2] : at + 2;
+    struct vec4_box box;
+    if (!plain_triangle(p + 3 * a, p + 3 * b, p + 3 * c, &box))
+        return false;
+    vec4_box_store(ref, box);
+    return true;
+}
+
+void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct box *ret_bounds, struct box *ret_centroids)
+{
+    struct vec4_box bounds = vec4_box_empty(), centroids = vec4_box_empty();
+    for (uint32_t i = 0; i < count; i++) {
+        struct vec4_box box = vec4_box_load(&refs[i]);
+        vec4 centroid = box.min + box.max;
+        vec4_box_grow(&bounds, box.min, box.max);
+        vec4_box_grow(&centroids, centroid, centroid);
+    }
+    *ret_bounds = vec4_box_get(bounds);
+    *ret_centroids = vec4_box_get(centroids);
+}
+
+/* What a task found; its refs stand where they would be if nothing were left out. */
+struct chunk {
+    uint32_t count;
+    struct box bounds, centroids;
+    uint64_t inactive, degenerate, skipped;
+};
+
+struct collection {
+    const struct canonical *canonical;
+    struct primitive_ref *refs;
+    struct chunk *chunks;
+    size_t chunk_count;
+};
+
+static void collect_one(const struct collection *collection, const struct canonical_geometry *geometry, uint32_t index,
+                        struct chunk *chunk, struct primitive_ref *refs)
+{
+    struct primitive_ref *ref = &refs[chunk->count];
+    if (!fast_ref(geometry, index, ref)) {
+        struct finding finding = look(collection->canonical, geometry, index);
+        chunk->inactive += !finding.active;
+        chunk->degenerate += finding.degenerate;
+        chunk->skipped += finding.active && !finding.kept;
+        if (!finding.kept)
+            return;
+        memcpy(ref->min, finding.box.min, sizeof ref->min);
+        memcpy(ref->max, finding.box.max, sizeof ref->max);
+    }
+    ref->geometry = 0;
+    ref->id = geometry->first_primitive + index;
+    chunk->count++;
+}
+
+static void collect_chunk(void *context, size_t index)
+{
+    const struct collection *collection = context;
+    const struct canonical *canonical = collection->canonical;
+    struct chunk chunk = {0};
+    size_t id, end;
+    parallel_chunk(index, CHUNK, canonical->primitive_count, &id, &end);
+    struct primitive_ref *refs = collection->refs + id;
+    while (id < end) {
+        const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, (uint32_t)id)];
+        size_t last = (size_t)geometry->first_primitive + geometry->primitive_count;
+        for (last = last < end ? last : end; id < last; id++)
+            collect_one(collection, geometry, (uint32_t)(id - geometry->first_primitive), &chunk, refs);
+    }
+    primitive_bounds(refs, chunk.count, &chunk.bounds, &chunk.centroids);
+    collection->chunks[index] = chunk;
+}
+
+/* Adds the chunks up, in their order, and closes the gaps between their refs. */
+static void combine(const struct collection *collection, struct primitive_refs *refs)
+{
+    *refs = (struct primitive_refs){.refs = collection->refs, .bounds = box_empty(), .centroids = box_empty()};
+    for (size_t i = 0; i < collection->chunk_count; i++) {
+        const struct chunk *chunk = &collection->chunks[i];
+        if (refs->count != i * CHUNK)
+            memmove(refs->refs + refs->count, refs->refs + i * CHUNK, chunk->count * sizeof *refs->refs);
+        refs->count += chunk->count;
+        refs->inactive += chunk->inactive;
+        refs->degenerate += chunk->degenerate;
+        refs->skipped += chunk->skipped;
+        box_grow(&refs->bounds, &chunk->bounds);
+        box_grow(&refs->centroids, &chunk->centroids);
+    }
+}
+
+enum bvhd_status primitive_collect(const struct canonical *canonical, struct memory *memory, const struct parallel *parallel,
+                                   struct primitive_refs *ret_refs, struct bvhd_error *error)
+{
+    struct collection collection = {.canonical = canonical};
+    struct primitive_refs refs = {.bounds = box_empty(), .centroids = box_empty()};
+    collection.chunk_count = ((size_t)canonical->primitive_count + CHUNK - 1) / CHUNK;
+    if (collection.chunk_count > 0) {
+        collection.refs = memory_array(memory, canonical->primitive_count, sizeof *collection.refs);
+        collection.chunks = memory_array(memory, collection.chunk_count, sizeof *collection.chunks);
+        if (!collection.refs || !collection.chunks) {
+            memory_free(memory, collection.refs);
+            memory_free(memory, collection.chunks);
+            return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for the boxes of %u primitives", canonical->primitive_count);
+        }
+        parallel_for(parallel, collection.chunk_count, collect_chunk, &collection);
+        combine(&collection, &refs);
+        memory_free(memory, collection.chunks);
+    }
+    if (refs.count == 0) {
+        memory_free(memory, refs.refs);
+        refs.refs = NULL;
+    }
+    *ret_refs = refs;
+    return BVHD_OK;
+}

@@ -2,12 +2,13 @@
 /*
  * primitive.h - from a canonical copy to the boxes that builders sort: one 32-byte ref for each primitive that can be hit.
  *
- * Left out are inactive primitives (row F12: a triangle with a NaN in any component, an AABB with a NaN minimum x, an instance without a
- * reference) and, unless the build says ALLOW_UPDATE, degenerate ones (row F13: triangles of zero area, instances of an empty structure) and
- * triangles with infinite corners, which no ray can meet. Point AABBs stay. With ALLOW_UPDATE infinite coordinates are clamped to the
- * largest float.
+ * Left out are inactive primitives (row F12: a triangle or an AABB with a NaN in any component, an instance without a reference or with a
+ * transform that leads nowhere, a NaN) and, unless the build says ALLOW_UPDATE, degenerate ones (row F13: triangles of zero area, instances
+ * of an empty structure), triangles with infinite corners and instances moved to infinity, which no ray can meet. Point AABBs stay. What is
+ * kept and infinite is clamped to the largest float.
  *
- * Instances: the box of the reference's bounds through the transform, in double, rounded outward.
+ * Boxes are exact for triangles and AABBs. Instances: the box of the reference's bounds through the transform, in double, rounded outward; of
+ * an empty structure, the transform's translation.
  */
 #ifndef BVHD_PRIMITIVE_H
 #define BVHD_PRIMITIVE_H
@@ -29,16 +30,24 @@ struct primitive_refs {
     uint32_t count;
     struct box bounds; /* of all refs */
     struct box centroids; /* of min + max of all refs: twice the centres */
-    uint64_t inactive; /* counted in ids, not in refs */
-    uint64_t degenerate; /* of zero extent or area, whether kept or not */
+    uint64_t inactive; /* primitives */
+    uint64_t degenerate; /* active, of zero area or extent, or instances of an empty structure, whether kept or not */
     uint64_t skipped; /* active, but left out: degenerate or infinite */
 };
 
-/* The box of primitive `index` of `geometry` (float, conservative), or an empty box when it is left out. */
+/* The box of primitive `index` of `geometry`, or an empty box when it is left out. */
 struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index);
 
 /* On success the caller frees ret_refs->refs with memory_free (NULL when count is 0). The same for any number of threads. */
 enum bvhd_status primitive_collect(const struct canonical *canonical, struct memory *memory, const struct parallel *parallel,
                                    struct primitive_refs *ret_refs, struct bvhd_error *error);
+
+/* Box and centroid box (see above) of refs; both empty when there are none. */
+void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct box *ret_bounds, struct box *ret_centroids);
+
+static inline struct box primitive_ref_box(const struct primitive_ref *ref)
+{
+    return (struct box){{ref->min[0], ref->min[1], ref->min[2]}, {ref->max[0], ref->max[1], ref->max[2]}};
+}
 
 #endif

@@ -11,6 +11,7 @@
 
 #include <stdatomic.h>
 
+#include "ir.h"
 #include "memory.h"
 #include "parallel.h"
 #include "primitive.h"
@@ -28,12 +29,24 @@ struct split_tree {
     uint32_t piece_count;
 };
 
-/*
- * Permutes `refs` so that each piece is contiguous and no piece has more than `piece_size` refs. `scratch` has room for as many refs. The
- * caller frees ret_tree->nodes. The result does not depend on the number of threads. `cancel` may be NULL; checked at every node.
- */
-enum bvhd_status split_refs(struct primitive_ref *refs, struct primitive_ref *scratch, uint32_t count, uint32_t piece_size,
-                            const atomic_bool *cancel, struct memory *memory, const struct parallel *parallel,
+struct split_request {
+    struct primitive_ref *refs; /* permuted so that each piece is contiguous; magnitudes of at most 2^60 */
+    struct primitive_ref *scratch; /* room for as many */
+    uint32_t count; /* >= 1 */
+    uint32_t piece_size; /* no piece is larger; >= 1 */
+    struct box bounds, centroids; /* of all refs (primitive_bounds) */
+    const atomic_bool *cancel; /* may be NULL; looked at for every node */
+};
+
+/* The caller frees ret_tree->nodes. The same for any number of threads. BVHD_CANCELLED, BVHD_NO_MEMORY: refs are in no useful state. */
+enum bvhd_status split_refs(const struct split_request *request, struct memory *memory, const struct parallel *parallel,
                             struct split_tree *ret_tree, struct bvhd_error *error);
+
+/*
+ * A whole builder: splits down to leaves of at most request->piece_size refs and makes an ir of them, by ir_init from `memory`. Errors as
+ * above. (split_build.c)
+ */
+enum bvhd_status split_build(const struct split_request *request, struct memory *memory, const struct parallel *parallel,
+                             struct ir *ret_ir, struct bvhd_error *error);
 
 #endif

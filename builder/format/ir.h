@@ -57,10 +57,20 @@ void ir_finish(struct ir *ir);
 enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const struct box *primitive_boxes, bool allow_split,
                           struct memory *memory, struct bvhd_error *error);
 
-/* SAH cost with traversal = intersection = 1: sum over inner nodes of area, over leaves of area * count, divided by the root's area. */
+/*
+ * SAH cost with traversal = intersection = 1: sum over inner nodes of area, over leaves of area * count, divided by the root's area; 0 for an
+ * empty tree and for a root without area.
+ */
 double ir_sah(const struct ir *ir);
 
-/* Levels of the tree: 0 when empty, 1 for a root that is a leaf. */
+/* The undivided sum over nodes [first, end). */
+double ir_cost(const struct ir *ir, uint32_t first, uint32_t end);
+
+/* Levels of the tree: 0 when empty, 1 for a root that is a leaf; IR_DEPTH_UNKNOWN when `memory` does not give 4 bytes a node. */
+#define IR_DEPTH_UNKNOWN UINT32_MAX
 uint32_t ir_depth(const struct ir *ir, struct memory *memory);
+
+/* The same for a tree that is not empty, with ret_levels[node_count] from the caller: the level of each node, 1 for the root. */
+uint32_t ir_levels(const struct ir *ir, uint32_t *ret_levels);
 
 #endif

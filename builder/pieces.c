@@ -1,0 +1,254 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "pieces.h"
+
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct piece {
+    uint32_t node; /* of the split tree */
+    uint32_t first, count; /* refs of the split */
+    struct ir ir;
+    uint32_t depth;
+    double cost; /* ir_cost */
+    bool was_split; /* built by split_build */
+    enum bvhd_status status;
+    uint32_t node_base, ref_base; /* in the joined tree: of the ir's node 1, of its ref 0 */
+};
+
+struct build {
+    const struct pieces_request *request;
+    struct memory *memory;
+    struct piece *pieces;
+    uint32_t *order; /* largest first, so that threads end together */
+    uint64_t total;
+    _Atomic uint64_t done;
+};
+
+static enum bvhd_status build_by_split(const struct build *build, struct piece *piece)
+{
+    const struct pieces_request *request = build->request;
+    struct split_request split = {
+        .refs = request->refs + piece->first,
+        .scratch = request->scratch + piece->first,
+        .count = piece->count,
+        .piece_size = request->leaf_max,
+        .cancel = request->cancel,
+    };
+    primitive_bounds(split.refs, split.count, &split.bounds, &split.centroids);
+    piece->was_split = true;
+    return split_build(&split, build->memory, &parallel_serial, &piece->ir, NULL);
+}
+
+/* With room for half as many refs again. In an array of its own: if Embree gives up half-way, the refs are as they were. */
+static enum bvhd_status build_with_splits(const struct build *build, struct piece *piece, struct embree_request *embree)
+{
+    uint64_t capacity = (uint64_t)piece->count + piece->count / 2 + 16;
+    embree->refs = memory_array(build->memory, capacity, sizeof *embree->refs);
+    if (!embree->refs)
+        return BVHD_NO_MEMORY;
+    memcpy(embree->refs, build->request->refs + piece->first, piece->count * sizeof *embree->refs);
+    embree->capacity = (uint32_t)capacity;
+    enum bvhd_status status = embree_build(build->request->embree, embree, build->memory, &piece->ir, NULL);
+    memory_free(build->memory, embree->refs);
+    return status;
+}
+
+static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
+{
+    const struct pieces_request *request = build->request;
+    struct embree_request embree = {
+        .refs = request->refs + piece->first,
+        .count = piece->count,
+        .capacity = piece->count,
+        .quality = request->quality,
+        .leaf_max = request->leaf_max,
+        .split = request->split,
+        .split_context = request->split_context,
+    };
+    enum bvhd_status status = request->split ? build_with_splits(build, piece, &embree)
+                                             : embree_build(request->embree, &embree, build->memory, &piece->ir, NULL);
+    return status == BVHD_UNSUPPORTED ? build_by_split(build, piece) : status;
+}
+
+static bool cancelled(const struct pieces_request *request)
+{
+    return request->cancel && atomic_load_explicit(request->cancel, memory_order_relaxed);
+}
+
+/* The piece's part of the scratch array is 32 bytes a ref, two levels a node fit. With splits they may not. */
+static enum bvhd_status measure(const struct build *build, struct piece *piece)
+{
+    uint32_t *levels = (uint32_t *)(void *)(build->request->scratch + piece->first);
+    bool fits = (uint64_t)piece->ir.node_count * sizeof *levels <= (uint64_t)piece->count * sizeof(struct primitive_ref);
+    piece->depth = fits ? ir_levels(&piece->ir, levels) : ir_depth(&piece->ir, build->memory);
+    piece->cost = ir_cost(&piece->ir, 0, piece->ir.node_count);
+    return piece->depth == IR_DEPTH_UNKNOWN ? BVHD_NO_MEMORY : BVHD_OK;
+}
+
+static void run_piece(void *context, size_t index)
+{
+    struct build *build = context;
+    struct piece *piece = &build->pieces[build->order[index]];
+    const struct pieces_request *request = build->request;
+    piece->status = cancelled(request) ? BVHD_CANCELLED : build_piece(build, piece);
+    if (piece->status == BVHD_OK)
+        piece->status = measure(build, piece);
+    uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
+    if (request->progress && piece->status == BVHD_OK)
+        request->progress(request->progress_context, done, build->total);
+}
+
+static int by_first(const void *a, const void *b)
+{
+    uint32_t x = ((const struct piece *)a)->first, y = ((const struct piece *)b)->first;
+    return (x > y) - (x < y);
+}
+
+static int by_size(const void *a, const void *b, void *context)
+{
+    const struct piece *pieces = context;
+    uint32_t i = *(const uint32_t *)a, k = *(const uint32_t *)b;
+    if (pieces[i].count != pieces[k].count)
+        return pieces[i].count < pieces[k].count ? 1 : -1;
+    return (i > k) - (i < k);
+}
+
+static void list_pieces(struct build *build, uint32_t count)
+{
+    const struct split_tree *tree = build->request->tree;
+    for (uint32_t node = 0, i = 0; node < tree->node_count; node++)
+        if (tree->nodes[node].child == 0)
+            build->pieces[i++] = (struct piece){.node = node, .first = tree->nodes[node].first, .count = tree->nodes[node].count};
+    qsort(build->pieces, count, sizeof *build->pieces, by_first);
+    for (uint32_t i = 0; i < count; i++)
+        build->order[i] = i;
+    qsort_r(build->order, count, sizeof *build->order, by_size, build->pieces);
+}
+
+/* The first failure in the order of the pieces, a shortage before a cancellation. */
+static enum bvhd_status worst(const struct build *build, uint32_t count)
+{
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < count; i++)
+        if (build->pieces[i].status != BVHD_OK && (status == BVHD_OK || status == BVHD_CANCELLED))
+            status = build->pieces[i].status;
+    return status;
+}
+
+enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
+                              struct pieces *ret_pieces, struct bvhd_error *error)
+{
+    struct pieces pieces = {.count = request->tree->piece_count, .tree = request->tree, .memory = memory, .all_split = true};
+    struct build build = {.request = request, .memory = memory, .total = request->tree->nodes[0].count};
+    pieces.pieces = build.pieces = memory_array(memory, pieces.count, sizeof *pieces.pieces);
+    build.order = memory_array(memory, pieces.count, sizeof *build.order);
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    if (build.pieces && build.order) {
+        list_pieces(&build, pieces.count);
+        parallel_for(parallel, pieces.count, run_piece, &build);
+        status = worst(&build, pieces.count);
+    } else {
+        pieces.count = 0;
+    }
+    memory_free(memory, build.order);
+    if (status != BVHD_OK) {
+        pieces_finish(&pieces);
+        return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory to build a tree");
+    }
+    for (uint32_t i = 0; i < pieces.count; i++)
+        pieces.all_split &= pieces.pieces[i].was_split;
+    *ret_pieces = pieces;
+    return BVHD_OK;
+}
+
+void pieces_finish(struct pieces *pieces)
+{
+    if (!pieces || !pieces->memory)
+        return;
+    for (uint32_t i = 0; i < pieces->count; i++)
+        ir_finish(&pieces->pieces[i].ir);
+    memory_free(pieces->memory, pieces->pieces);
+    memset(pieces, 0, sizeof *pieces);
+}
+
+struct join {
+    const struct pieces *pieces;
+    struct ir ir;
+};
+
+static void copy_piece(void *context, size_t index)
+{
+    const struct join *join = context;
+    const struct piece *piece = &join->pieces->pieces[index];
+    const struct ir *from = &piece->ir, *to = &join->ir;
+    for (uint32_t i = 0; i < from->node_count; i++) {
+        struct ir_node node = from->nodes[i];
+        node.first += node.count ? piece->ref_base : piece->node_base - 1;
+        to->nodes[i ? piece->node_base + i - 1 : piece->node] = node;
+    }
+    to->boxes[0][piece->node] = from->boxes[0][0];
+    memcpy(to->boxes[0] + piece->node_base, from->boxes[0] + 1, (from->node_count - 1) * sizeof *to->boxes[0]);
+    memcpy(to->refs + piece->ref_base, from->refs, from->ref_count * sizeof *to->refs);
+}
+
+/* The nodes above the pieces keep their places. */
+static void copy_top(const struct split_tree *tree, struct ir *ir)
+{
+    for (uint32_t i = 0; i < tree->node_count; i++)
+        if (tree->nodes[i].child) {
+            ir->nodes[i] = (struct ir_node){.first = tree->nodes[i].child};
+            ir->boxes[0][i] = tree->nodes[i].bounds;
+        }
+}
+
+static void sum_up(const struct pieces *pieces, uint32_t *levels, uint32_t *ret_depth, double *ret_cost)
+{
+    const struct split_tree *tree = pieces->tree;
+    uint32_t depth = 0;
+    double cost = 0;
+    levels[0] = 1;
+    for (uint32_t i = 0; i < tree->node_count; i++)
+        if (tree->nodes[i].child) {
+            levels[tree->nodes[i].child] = levels[tree->nodes[i].child + 1] = levels[i] + 1;
+            cost += box_half_area(&tree->nodes[i].bounds);
+        }
+    for (uint32_t i = 0; i < pieces->count; i++) {
+        const struct piece *piece = &pieces->pieces[i];
+        uint32_t lowest = levels[piece->node] + piece->depth - 1;
+        depth = lowest > depth ? lowest : depth;
+        cost += piece->cost;
+    }
+    *ret_depth = depth;
+    *ret_cost = cost;
+}
+
+enum bvhd_status pieces_join(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir, uint32_t *ret_depth,
+                             double *ret_cost, struct bvhd_error *error)
+{
+    struct join join = {.pieces = pieces};
+    uint64_t nodes = pieces->tree->node_count, refs = 0;
+    for (uint32_t i = 0; i < pieces->count; i++) {
+        struct piece *piece = &pieces->pieces[i];
+        piece->node_base = (uint32_t)nodes;
+        piece->ref_base = (uint32_t)refs;
+        nodes += piece->ir.node_count - 1;
+        refs += piece->ir.ref_count;
+    }
+    if (nodes > UINT32_MAX || refs > UINT32_MAX)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "", "more references than 32 bits can name");
+    uint32_t *levels = memory_array(pieces->memory, pieces->tree->node_count, sizeof *levels);
+    if (!levels)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to join a tree");
+    enum bvhd_status status = ir_init(&join.ir, pieces->memory, (uint32_t)nodes, (uint32_t)refs, error);
+    if (status == BVHD_OK) {
+        join.ir.node_count = (uint32_t)nodes;
+        join.ir.ref_count = (uint32_t)refs;
+        copy_top(pieces->tree, &join.ir);
+        parallel_for(parallel, pieces->count, copy_piece, &join);
+        sum_up(pieces, levels, ret_depth, ret_cost);
+        *ret_ir = join.ir;
+    }
+    memory_free(pieces->memory, levels);
+    return status;
+}

@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * pieces.h - the middle of a build: a tree for each piece of the top-level split, side by side, and all of them joined into one ir.
+ */
+#ifndef BVHD_PIECES_H
+#define BVHD_PIECES_H
+
+#include <stdatomic.h>
+
+#include "embree.h"
+#include "ir.h"
+#include "split.h"
+
+struct pieces_request {
+    const struct split_tree *tree;
+    struct primitive_ref *refs, *scratch; /* of the split; both are written to */
+    struct embree *embree;
+    enum embree_quality quality;
+    uint32_t leaf_max;
+    embree_split_function split; /* NULL: no spatial splits */
+    const void *split_context;
+    const atomic_bool *cancel; /* may be NULL; looked at before each piece */
+    void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
+    void *progress_context;
+};
+
+struct pieces {
+    struct piece *pieces; /* in the order of their refs */
+    uint32_t count;
+    bool all_split; /* every piece came from split_build, none from Embree */
+    const struct split_tree *tree;
+    struct memory *memory;
+};
+
+/* BVHD_CANCELLED, BVHD_NO_MEMORY. A piece that Embree gives up on is built by split_build. The caller ends *ret_pieces with pieces_finish. */
+enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
+                              struct pieces *ret_pieces, struct bvhd_error *error);
+
+/* The whole tree, its depth and its SAH cost (undivided, as ir_cost). Refs and scratch of the split are not needed any more. */
+enum bvhd_status pieces_join(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir, uint32_t *ret_depth,
+                             double *ret_cost, struct bvhd_error *error);
+
+/* NULL-safe, idempotent. */
+void pieces_finish(struct pieces *pieces);
+
+#endif

@@ -1,0 +1,86 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "rescale.h"
+
+#include <math.h>
+
+enum { CHUNK = 16384 };
+
+static float magnitude(const struct box *bounds)
+{
+    float largest = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        largest = fmaxf(largest, fabsf(bounds->min[axis]));
+        largest = fmaxf(largest, fabsf(bounds->max[axis]));
+    }
+    return largest;
+}
+
+bool rescale_is_needed(const struct box *bounds)
+{
+    float largest = magnitude(bounds);
+    return !box_is_empty(bounds) && largest != 0 && (largest < 0x1p-20f || largest > 0x1p40f);
+}
+
+struct scaling {
+    struct primitive_ref *refs;
+    uint32_t count;
+    double factor;
+};
+
+static void scale_chunk(void *context, size_t index)
+{
+    const struct scaling *scaling = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, scaling->count, &begin, &end);
+    for (size_t i = begin; i < end; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            scaling->refs[i].min[axis] = (float)(scaling->refs[i].min[axis] * scaling->factor);
+            scaling->refs[i].max[axis] = (float)(scaling->refs[i].max[axis] * scaling->factor);
+        }
+}
+
+void rescale_refs(struct primitive_refs *refs, const struct parallel *parallel)
+{
+    struct scaling scaling = {refs->refs, refs->count, ldexp(1, -ilogbf(magnitude(&refs->bounds)))};
+    parallel_for(parallel, ((size_t)refs->count + CHUNK - 1) / CHUNK, scale_chunk, &scaling);
+    primitive_bounds(refs->refs, refs->count, &refs->bounds, &refs->centroids);
+}
+
+struct restoring {
+    const struct canonical *canonical;
+    struct ir *ir;
+};
+
+static struct box leaf_box(const struct restoring *restoring, struct ir_node leaf)
+{
+    const struct canonical *canonical = restoring->canonical;
+    struct box box = box_empty();
+    for (uint32_t i = leaf.first; i < leaf.first + leaf.count; i++) {
+        uint32_t id = restoring->ir->refs[i];
+        const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
+        struct box own = primitive_box(canonical, geometry, id - geometry->first_primitive);
+        box_grow(&box, &own);
+    }
+    return box;
+}
+
+static void restore_chunk(void *context, size_t index)
+{
+    const struct restoring *restoring = context;
+    const struct ir *ir = restoring->ir;
+    size_t node, end;
+    for (parallel_chunk(index, CHUNK, ir->node_count, &node, &end); node < end; node++)
+        if (ir_is_leaf(ir, (uint32_t)node))
+            ir->boxes[0][node] = leaf_box(restoring, ir->nodes[node]);
+}
+
+void rescale_restore(const struct canonical *canonical, const struct parallel *parallel, struct ir *ir)
+{
+    struct restoring restoring = {canonical, ir};
+    parallel_for(parallel, ((size_t)ir->node_count + CHUNK - 1) / CHUNK, restore_chunk, &restoring);
+    for (uint32_t node = ir->node_count; node-- > 0;)
+        if (!ir_is_leaf(ir, node)) {
+            ir->boxes[0][node] = ir->boxes[0][ir->nodes[node].first];
+            box_grow(&ir->boxes[0][node], &ir->boxes[0][ir->nodes[node].first + 1]);
+        }
+}

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * rescale.h - builders work on moderate numbers: squares of what is far from 1 leave float's range. Scenes out of theirs are scaled by a
+ * power of two, and the tree gets the true boxes afterwards.
+ */
+#ifndef BVHD_RESCALE_H
+#define BVHD_RESCALE_H
+
+#include "canonical.h"
+#include "ir.h"
+#include "parallel.h"
+#include "primitive.h"
+
+/* True when the largest magnitude of any coordinate is not 0 and outside 2^-20 .. 2^40. */
+bool rescale_is_needed(const struct box *bounds);
+
+/* Scales all refs, and bounds and centroids with them, so that the largest magnitude is in [1, 2). What gets too small to tell apart is flat. */
+void rescale_refs(struct primitive_refs *refs, const struct parallel *parallel);
+
+/* Gives all nodes of a tree over scaled refs, without spatial splits, the boxes of their primitives. */
+void rescale_restore(const struct canonical *canonical, const struct parallel *parallel, struct ir *ir);
+
+#endif

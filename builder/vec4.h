@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * vec4.h - four floats at once, for the loops over refs: the compiler's vector type, and the few operations that it has no operator for.
+ *
+ * On x86-64 each is one or two SSE2 instructions; elsewhere the same results come from plain loops. vec4_min(a, b) is a < b ? a : b in each
+ * lane, so that a NaN in `a` leaves `b` as it is.
+ */
+#ifndef BVHD_VEC4_H
+#define BVHD_VEC4_H
+
+#include <stdint.h>
+#include <string.h>
+
+#include "box.h"
+
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
+
+typedef float vec4 __attribute__((vector_size(16)));
+typedef int32_t vec4_int __attribute__((vector_size(16)));
+
+static inline vec4 vec4_all(float value)
+{
+    return (vec4){value, value, value, value};
+}
+
+/* Three floats and a zero, without reading a fourth. */
+static inline vec4 vec4_load3(const float at[3])
+{
+#if defined(__SSE2__)
+    double xy;
+    memcpy(&xy, at, sizeof xy);
+    return _mm_movelh_ps(_mm_castpd_ps(_mm_set_sd(xy)), _mm_set_ss(at[2]));
+#else
+    return (vec4){at[0], at[1], at[2], 0};
+#endif
+}
+
+static inline vec4 vec4_min(vec4 a, vec4 b)
+{
+#if defined(__SSE2__)
+    return _mm_min_ps(a, b);
+#else
+    for (int lane = 0; lane < 4; lane++)
+        a[lane] = a[lane] < b[lane] ? a[lane] : b[lane];
+    return a;
+#endif
+}
+
+static inline vec4 vec4_max(vec4 a, vec4 b)
+{
+#if defined(__SSE2__)
+    return _mm_max_ps(a, b);
+#else
+    for (int lane = 0; lane < 4; lane++)
+        a[lane] = a[lane] > b[lane] ? a[lane] : b[lane];
+    return a;
+#endif
+}
+
+/* x y z w -> y z x w */
+static inline vec4 vec4_rotate(vec4 v)
+{
+#if defined(__SSE2__)
+    return _mm_shuffle_ps(v, v, _MM_SHUFFLE(3, 0, 2, 1));
+#else
+    return (vec4){v[1], v[2], v[0], v[3]};
+#endif
+}
+
+/* Bit `lane` is set where the comparison (an all-ones or all-zeros lane) holds. */
+static inline unsigned vec4_bits(vec4_int comparison)
+{
+#if defined(__SSE2__)
+    return (unsigned)_mm_movemask_ps((__m128)comparison);
+#else
+    unsigned bits = 0;
+    for (int lane = 0; lane < 4; lane++)
+        bits |= (unsigned)(comparison[lane] != 0) << lane;
+    return bits;
+#endif
+}
+
+/* Bitwise, as on integers. */
+static inline vec4 vec4_and(vec4 v, vec4_int mask)
+{
+    return (vec4)((vec4_int)v & mask);
+}
+
+static inline vec4 vec4_or(vec4 v, vec4_int mask)
+{
+    return (vec4)((vec4_int)v | mask);
+}
+
+static inline vec4 vec4_abs(vec4 v)
+{
+    return vec4_and(v, (vec4_int){INT32_MAX, INT32_MAX, INT32_MAX, INT32_MAX});
+}
+
+/* Clears the fourth lane. */
+static inline vec4 vec4_xyz(vec4 v)
+{
+    return vec4_and(v, (vec4_int){-1, -1, -1, 0});
+}
+
+/* A struct box that stays in registers. */
+struct vec4_box {
+    vec4 min, max;
+};
+
+static inline struct vec4_box vec4_box_empty(void)
+{
+    return (struct vec4_box){vec4_all(FLT_MAX), vec4_all(-FLT_MAX)};
+}
+
+static inline struct vec4_box vec4_box_from(const struct box *box)
+{
+    return (struct vec4_box){vec4_load3(box->min), vec4_load3(box->max)};
+}
+
+static inline struct box vec4_box_get(struct vec4_box box)
+{
+    return (struct box){{box.min[0], box.min[1], box.min[2]}, {box.max[0], box.max[1], box.max[2]}};
+}
+
+/* 32 bytes of any alignment, such as a struct primitive_ref: minimum, a lane, maximum, a lane. */
+static inline struct vec4_box vec4_box_load(const void *at)
+{
+    struct vec4_box box;
+    memcpy(&box, at, sizeof box);
+    return box;
+}
+
+static inline void vec4_box_store(void *at, struct vec4_box box)
+{
+    memcpy(at, &box, sizeof box);
+}
+
+static inline void vec4_box_grow(struct vec4_box *box, vec4 min, vec4 max)
+{
+    box->min = vec4_min(min, box->min);
+    box->max = vec4_max(max, box->max);
+}
+
+#endif
