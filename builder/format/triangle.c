@@ -86,6 +86,20 @@ static bool is_cancelled(const struct corner corners[3], double sum)
     return fabs(sum) < cancellation * products;
 }
 
+/*
+ * Whether the triangle has no area, as the builder decides it when it leaves such triangles out. Kept ones must not be hit either, but
+ * rounding in the ray's space can give them some.
+ */
+static bool is_flat(const float v0[3], const float v1[3], const float v2[3])
+{
+    double a[3], b[3];
+    for (int axis = 0; axis < 3; axis++) {
+        a[axis] = (double)v1[axis] - v0[axis];
+        b[axis] = (double)v2[axis] - v0[axis];
+    }
+    return a[1] * b[2] == a[2] * b[1] && a[2] * b[0] == a[0] * b[2] && a[0] * b[1] == a[1] * b[0];
+}
+
 bool triangle_intersect(const struct triangle_ray *ray, const float v0[3], const float v1[3], const float v2[3],
                         struct triangle_hit *ret_hit)
 {
@@ -97,7 +111,7 @@ bool triangle_intersect(const struct triangle_ray *ray, const float v0[3], const
 
     double sum = edges[0] + edges[1] + edges[2];
     if (edges[0] == 0 || edges[1] == 0 || edges[2] == 0 || is_cancelled(corners, sum)) {
-        if (!decide_exactly(corners, edges))
+        if (!decide_exactly(corners, edges) || is_flat(v0, v1, v2))
             return false;
         sum = edges[0] + edges[1] + edges[2];
     }

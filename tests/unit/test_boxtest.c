@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "unit.h"
+
+#include <float.h>
+#include <math.h>
+
+#include "boxtest.h"
+#include "random.h"
+
+/* A node in [-2, 2) * 2^magnitude, shifted; flat axes now and then, some slots empty; and the bounds of a structure around it. */
+static void make_node(struct random *random, int magnitude, struct portable_node *ret_node, float ret_bounds[6])
+{
+    memset(ret_node, 0, sizeof *ret_node);
+    for (int axis = 0; axis < 3; axis++) {
+        double step = ldexp(1, magnitude - (int)random_between(random, 0, 12));
+        bool flat = random_next(random) % 8 == 0;
+        ret_node->origin[axis] = (float)ldexp(random_between(random, -2, 2), magnitude);
+        ret_node->exponent[axis] = flat ? 0 : (uint8_t)(127 + ilogb(step / 128));
+        for (int s = 0; s < 8; s++) {
+            unsigned a = random_next(random) & 255, b = random_next(random) & 255;
+            ret_node->meta[s] = random_next(random) % 6 ? 0x20 : 0;
+            ret_node->lo[axis][s] = (uint8_t)(a < b ? a : b);
+            ret_node->hi[axis][s] = (uint8_t)(a < b ? b : a);
+        }
+        ret_bounds[axis] = ret_node->origin[axis];
+        ret_bounds[3 + axis] = (float)(ret_node->origin[axis] + (flat ? 0 : 4 * step));
+    }
+}
+
+struct span {
+    long double near, far;
+};
+
+/* Where the ray is within child s, in long double: exact for what these tests ask. Empty when near > far. */
+static struct span exact_span(const struct portable_node *node, int s, const double origin[3], const double direction[3])
+{
+    struct span span = {-INFINITY, INFINITY};
+    for (int axis = 0; axis < 3; axis++) {
+        long double scale = node->exponent[axis] ? ldexpl(1, node->exponent[axis] - 127) : 0;
+        long double lo = (long double)node->origin[axis] + node->lo[axis][s] * scale - origin[axis];
+        long double hi = (long double)node->origin[axis] + node->hi[axis][s] * scale - origin[axis];
+        if (direction[axis] == 0) {
+            if (lo > 0 || hi < 0)
+                span = (struct span){INFINITY, -INFINITY};
+            continue;
+        }
+        long double first = (direction[axis] > 0 ? lo : hi) / direction[axis], last = (direction[axis] > 0 ? hi : lo) / direction[axis];
+        span.near = fmaxl(span.near, first);
+        span.far = fminl(span.far, last);
+    }
+    return span;
+}
+
+/* A ray towards the node, with components that are zero or tiny now and then. */
+static void make_ray(struct random *random, const struct portable_node *node, bool floats, double ret_origin[3],
+                     double ret_direction[3])
+{
+    int s = (int)(random_next(random) & 7);
+    double distance = pow(2, random_between(random, -6, 10));
+    for (int axis = 0; axis < 3; axis++) {
+        double scale = node->exponent[axis] ? ldexp(1, node->exponent[axis] - 127) : 0;
+        double q = random_next(random) % 4 ? random_between(random, node->lo[axis][s], node->hi[axis][s]) : node->lo[axis][s];
+        double target = node->origin[axis] + q * scale, size = ldexp(1, ilogb(fabs(node->origin[axis]) + 256 * scale));
+        double direction = random_between(random, -1, 1) * size;
+        if (random_next(random) % 8 == 0)
+            direction = 0;
+        else if (random_next(random) % 8 == 0)
+            direction *= pow(2, random_between(random, -60, 0));
+        ret_direction[axis] = floats ? (float)direction : direction;
+        ret_origin[axis] = floats ? (float)(target - direction * distance) : target - direction * distance;
+    }
+}
+
+struct tally {
+    int met, apart, kept_apart;
+};
+
+/* Every child that is exactly met must be reported; counts those that are clearly missed. */
+static void check_bits(const struct portable_node *node, const double origin[3], const double direction[3], double tmin, double tmax,
+                       unsigned bits, const double near[8], double tolerance, struct tally *tally)
+{
+    for (int s = 0; s < 8; s++) {
+        struct span span = exact_span(node, s, origin, direction);
+        bool meets = fmaxl(span.near, tmin) <= fminl(span.far, tmax);
+        bool reported = bits >> s & 1;
+        if (node->meta[s] == 0) {
+            assert_false(reported);
+            continue;
+        }
+        if (meets) {
+            assert_true(reported);
+            assert_true(near[s] <= fmaxl(span.near, tmin));
+            tally->met++;
+        }
+        long double margin = tolerance * (fabsl(span.near) + fabsl(span.far) + tmin);
+        bool comparable = isfinite((double)span.near) && isfinite((double)span.far);
+        if (comparable && span.near - margin > span.far + margin && span.near > 0 && span.far > 0) {
+            tally->apart++;
+            tally->kept_apart += !reported;
+        }
+    }
+}
+
+static void test_float_is_conservative(void **state)
+{
+    (void)state;
+    struct random random = {1};
+    struct tally tally = {0};
+    int floats = 0;
+    for (int i = 0; i < 300000; i++) {
+        struct portable_node node;
+        float bounds[6], near[8], near_wide[8];
+        double origin[3], direction[3], near_double[8];
+        struct boxtest_ray ray;
+        make_node(&random, (int)random_between(&random, -20, 20), &node, bounds);
+        make_ray(&random, &node, i % 2, origin, direction);
+        float tmin = i % 3 ? 0 : (float)random_between(&random, 0, 4),
+              tmax = i % 5 ? FLT_MAX : tmin + (float)random_between(&random, 0, 64);
+        if (!boxtest_init(origin, direction, tmin, bounds, &ray))
+            continue;
+        floats++;
+        unsigned bits = boxtest_float(&ray, &node, tmax, near);
+        for (int s = 0; s < 8; s++)
+            near_double[s] = near[s];
+        check_bits(&node, origin, direction, tmin, tmax, bits, near_double, 1e-5, &tally);
+        if (boxtest_has_wide()) {
+            assert_int_equal(boxtest_wide(&ray, &node, tmax, near_wide), bits);
+            assert_memory_equal(near_wide, near, sizeof near);
+        }
+    }
+    assert_true(floats > 200000 && tally.met > 200000 && tally.apart > 100000 && tally.kept_apart > 0.99 * tally.apart);
+}
+
+/* The same from the smallest to the largest floats, in double. */
+static void test_double_is_conservative(void **state)
+{
+    (void)state;
+    struct random random = {2};
+    struct tally tally = {0};
+    for (int i = 0; i < 100000; i++) {
+        struct portable_node node;
+        float bounds[6];
+        double origin[3], direction[3], near[8];
+        struct boxtest_exact ray;
+        make_node(&random, (int)random_between(&random, -100, 124), &node, bounds);
+        make_ray(&random, &node, i % 2, origin, direction);
+        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
+            continue;
+        boxtest_init_exact(origin, direction, 0, bounds, &ray);
+        unsigned bits = boxtest_double(&ray, &node, FLT_MAX, near);
+        check_bits(&node, origin, direction, 0, FLT_MAX, bits, near, 1e-9, &tally);
+    }
+    assert_true(tally.met > 50000 && tally.apart > 30000 && tally.kept_apart > 0.99 * tally.apart);
+}
+
+/* Where float tests may be used. */
+static void test_range(void **state)
+{
+    (void)state;
+    struct boxtest_ray ray;
+    const float bounds[6] = {-1, -1, -1, 1, 1, 1}, large[6] = {0, 0, 0, 1, 1, 0x1p61f}, small[6] = {0, 0, 0, 0x1p-61f, 0x1p-70f, 0};
+    const double origin[3] = {0, 0, 5}, far[3] = {0x1p61, 0, 0}, ahead[3] = {0, 0, -1}, long_one[3] = {0x1p61, 0, 0},
+                 short_one[3] = {0x1p-33, 0, 0}, tiny_axis[3] = {0x1p-100, 0x1p-140, 1};
+    assert_true(boxtest_init(origin, ahead, 0, bounds, &ray));
+    assert_int_equal(ray.parallel_axes, 3);
+    assert_true(boxtest_init(origin, tiny_axis, 0, bounds, &ray));
+    assert_int_equal(ray.parallel_axes, 3);
+    assert_false(boxtest_init(far, ahead, 0, bounds, &ray));
+    assert_false(boxtest_init(origin, long_one, 0, bounds, &ray));
+    assert_false(boxtest_init(origin, short_one, 0, bounds, &ray));
+    assert_false(boxtest_init(origin, ahead, 0, large, &ray));
+    assert_false(boxtest_init(origin, ahead, 0, small, &ray));
+}
+
+/* Against long double; touching counts, starting inside enters at tmin. */
+static void test_aabb(void **state)
+{
+    (void)state;
+    struct random random = {3};
+    int met = 0, missed = 0;
+    for (int i = 0; i < 300000; i++) {
+        float min[3], max[3];
+        double origin[3], direction[3], entry;
+        int magnitude = (int)random_between(&random, -140, 120);
+        for (int axis = 0; axis < 3; axis++) {
+            float a = (float)ldexp(random_between(&random, -1, 1), magnitude),
+                  b = (float)ldexp(random_between(&random, -1, 1), magnitude);
+            if (random_next(&random) % 6 == 0)
+                b = a;
+            min[axis] = fminf(a, b);
+            max[axis] = fmaxf(a, b);
+            origin[axis] = (float)ldexp(random_between(&random, -2, 2), magnitude);
+            double target = i % 2 ? min[axis] : (min[axis] + (double)max[axis]) * random_between(&random, 0, 1);
+            direction[axis] = random_next(&random) % 6 ? target - origin[axis] : 0;
+        }
+        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
+            continue;
+        long double near = -INFINITY, far = INFINITY;
+        bool beside = true;
+        for (int axis = 0; axis < 3; axis++) {
+            if (direction[axis] == 0) {
+                beside = beside && origin[axis] >= min[axis] && origin[axis] <= max[axis];
+                continue;
+            }
+            long double first = ((long double)(direction[axis] > 0 ? min[axis] : max[axis]) - origin[axis]) / direction[axis];
+            long double last = ((long double)(direction[axis] > 0 ? max[axis] : min[axis]) - origin[axis]) / direction[axis];
+            near = fmaxl(near, first);
+            far = fminl(far, last);
+        }
+        bool reported = boxtest_aabb(origin, direction, min, max, 0, 4, &entry);
+        bool meets = beside && fmaxl(near, 0) <= fminl(far, 4);
+        if (meets) {
+            assert_true(reported);
+            long double expected = fmaxl(near, 0);
+            assert_true(fabsl(entry - expected) <= 1e-14L * expected && entry >= 0 && entry <= 4);
+        }
+        if (!beside || near * (1 - 1e-14L) > far * (1 + 1e-14L) || far < 0 || near > 4 + 1e-13L)
+            assert_false(reported);
+        met += meets;
+        missed += !reported;
+    }
+    assert_true(met > 20000 && missed > 20000);
+}
+
+static void test_aabb_edges(void **state)
+{
+    (void)state;
+    const float min[3] = {1, -1, -1}, max[3] = {2, 1, 1}, nan_min[3] = {NAN, -1, -1}, swapped[3] = {3, -1, -1};
+    const double origin[3] = {0, 0, 0}, ahead[3] = {1, 0, 0}, inside[3] = {1.5, 0, 0}, grazing[3] = {0, 1, -1};
+    double entry = -1;
+    assert_true(boxtest_aabb(origin, ahead, min, max, 0, 10, &entry) && entry == 1);
+    assert_true(boxtest_aabb(origin, ahead, min, max, 2, 10, &entry) && entry == 2);
+    assert_true(boxtest_aabb(origin, ahead, min, max, 0, 1, &entry) && entry == 1);
+    assert_false(boxtest_aabb(origin, ahead, min, max, 2.5, 10, &entry));
+    assert_false(boxtest_aabb(origin, ahead, min, max, 0, 0.5, &entry));
+    assert_true(boxtest_aabb(inside, ahead, min, max, 0, 10, &entry) && entry == 0);
+    assert_true(boxtest_aabb(grazing, ahead, min, max, 0, 10, &entry) && entry == 1);
+    assert_true(boxtest_aabb(origin, ahead, min, max, 0, INFINITY, &entry));
+    assert_false(boxtest_aabb(origin, ahead, nan_min, max, 0, 10, &entry));
+    assert_false(boxtest_aabb(origin, ahead, swapped, max, 0, 10, &entry));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_float_is_conservative),
+        cmocka_unit_test(test_double_is_conservative),
+        cmocka_unit_test(test_range),
+        cmocka_unit_test(test_aabb),
+        cmocka_unit_test(test_aabb_edges),
+    };
+    return cmocka_run_group_tests_name("boxtest", tests, NULL, NULL);
+}
