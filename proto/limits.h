@@ -5,6 +5,10 @@
 #ifndef BVHD_LIMITS_H
 #define BVHD_LIMITS_H
 
+/* The C library has a header of this name, which others' headers want and find here first: pass it on. */
+#pragma GCC system_header
+#include_next <limits.h>
+
 #include <stdint.h>
 
 /* The specification's minima, and the most that the ids of the formats hold (row F61). */

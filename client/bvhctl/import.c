@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "import.h"
 
-#include "assimp_scene.h"
-
 #include <assimp/cimport.h>
 #include <assimp/postprocess.h>
+#include <assimp/scene.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>

@@ -3,7 +3,7 @@
 #ifndef BVHCTL_IMPORT_NODES_H
 #define BVHCTL_IMPORT_NODES_H
 
-#include "assimp_scene.h"
+#include <assimp/scene.h>
 
 #include "import.h"
 

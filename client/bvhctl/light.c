@@ -1,0 +1,189 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "light.h"
+
+#include "rays.h"
+
+enum { BOUNCES = 2 }; /* rays that look for ambient light at each sample's surface */
+
+static const double pi = 3.14159265358979323846;
+static const double sun_radius = 0.022; /* of its disc, in radians: softer than the real one */
+static const struct vector sun_light = {3.1, 2.75, 2.3};
+static const struct vector horizon = {0.92, 0.93, 0.95}, zenith = {0.36, 0.55, 0.92};
+static const struct vector floor_albedo = {0.56, 0.55, 0.53};
+static const struct vector floor_bounce = {0.36, 0.35, 0.33}; /* of a floor in the sun, seen from below */
+static const struct vector inside_fill = {0.20, 0.19, 0.18}, outside_fill = {0.16, 0.17, 0.19}; /* light after more than one bounce */
+
+/* Muted, and told apart at a glance. The first one is for all that is there when a scene is one geometry. */
+static const struct vector palette[] = {
+    {0.64, 0.50, 0.38}, {0.30, 0.44, 0.20}, {0.36, 0.48, 0.60}, {0.72, 0.58, 0.28}, {0.62, 0.34, 0.26},
+    {0.52, 0.52, 0.50}, {0.45, 0.36, 0.50}, {0.24, 0.48, 0.46}, {0.70, 0.64, 0.54},
+};
+enum { COLOURS = sizeof palette / sizeof *palette };
+
+static double smooth_step(double low, double high, double value)
+{
+    double part = fmin(fmax((value - low) / (high - low), 0), 1);
+    return part * part * (3 - 2 * part);
+}
+
+void light_init(struct light *light, const struct stage *stage, const struct camera *camera)
+{
+    struct vector flat = vector_unit(vector_mad(camera->forward, stage->up, -vector_dot(camera->forward, stage->up)));
+    struct vector side = vector_unit(vector_cross(flat, stage->up));
+    /* From the left and behind the camera; steeper inside, where it has to come in from above. */
+    struct vector level = vector_add(vector_scale(flat, -0.45), vector_scale(side, -0.9));
+    double height = camera->is_inside ? 1.9 : 0.95;
+    *light = (struct light){.stage = stage,
+                            .camera = camera,
+                            .sun = vector_unit(vector_mad(vector_unit(level), stage->up, height)),
+                            .has_floor = !camera->is_inside};
+}
+
+static struct vector sky(const struct light *light, struct vector direction)
+{
+    double height = vector_dot(direction, light->stage->up);
+    if (height < 0)
+        return light->has_floor ? floor_bounce : vector_scale(horizon, 0.5);
+    return vector_mix(horizon, zenith, pow(height, 0.6));
+}
+
+/* What the camera sees behind everything: paler than the sky that gives light, so that it does not compete with the scene. */
+static struct vector backdrop(const struct light *light, struct vector direction)
+{
+    double height = vector_dot(direction, light->stage->up);
+    if (light->camera->is_inside)
+        return vector_scale(sky(light, direction), 1.4);
+    return vector_mix(vector_make(0.86, 0.88, 0.90), vector_make(0.42, 0.54, 0.70), smooth_step(-0.02, 0.75, height));
+}
+
+static struct vector surface_albedo(const struct light *light, const struct stage_hit *hit)
+{
+    uint64_t state = hit->instance * UINT64_C(0x9e3779b97f4a7c15) + 1;
+    struct vector albedo = palette[(hit->handle * 5 + hit->geometry) % COLOURS];
+    if (light->stage->triangle_count && light->stage->instance_count > 1) {
+        double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
+        albedo = vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
+    }
+    /* A hint of where surfaces face, also where no light tells. */
+    struct vector n = hit->normal;
+    return vector_mul(albedo, vector_make(1 + 0.05 * n.x, 1 + 0.05 * n.y, 1 + 0.05 * n.z));
+}
+
+/* A unit vector within the cone or hemisphere around `axis`: x turns, y in [0, 1) goes outward. */
+static struct vector around(struct vector axis, double turn, double sine, double cosine)
+{
+    struct vector a, b;
+    vector_basis(axis, &a, &b);
+    double angle = 2 * pi * turn;
+    return vector_mad(vector_mad(vector_scale(axis, cosine), a, sine * cos(angle)), b, sine * sin(angle));
+}
+
+/* The sun's light on a surface, from a random point of its disc. */
+static struct vector sun_on(const struct light *light, struct vector position, struct vector normal, double turn, double outward,
+                            uint32_t *rays)
+{
+    struct vector towards = vector_unit(around(light->sun, turn, sun_radius * sqrt(outward), 1));
+    double cosine = vector_dot(normal, towards);
+    if (cosine <= 0)
+        return vector_make(0, 0, 0);
+    ++*rays;
+    bool is_lit = isinf(stage_clearance(light->stage, position, towards));
+    return vector_scale(sun_light, is_lit ? cosine : 0);
+}
+
+/* Light that arrives from one direction: the sky, or a surface that the sun shines on. */
+static struct vector arriving(const struct light *light, struct vector position, struct vector direction, uint64_t *state,
+                              uint32_t *rays)
+{
+    struct stage_hit hit;
+    ++*rays;
+    if (!stage_look(light->stage, position, direction, &hit))
+        return sky(light, direction);
+    struct vector from = stage_leave(light->stage, &hit);
+    double turn = rays_uniform(state), outward = rays_uniform(state);
+    struct vector sun = sun_on(light, from, hit.normal, turn, outward, rays);
+    struct vector fill = light->camera->is_inside ? inside_fill : outside_fill;
+    double room = hit.distance / (hit.distance + 0.03 * light->stage->size); /* corners get less of what bounces on and on */
+    return vector_mul(surface_albedo(light, &hit), vector_mad(sun, fill, 2 * room));
+}
+
+/* The hemisphere is shared out among a pixel's samples in squares, so that together they cover it evenly. */
+static struct vector ambient_on(const struct light *light, struct vector position, struct vector normal, unsigned index,
+                                uint64_t *state, uint32_t *rays)
+{
+    struct vector sum = {0, 0, 0};
+    for (unsigned i = 0; i < BOUNCES; i++) {
+        unsigned cell = index * BOUNCES + i;
+        double turn = (cell % LIGHT_STRATA + rays_uniform(state)) / LIGHT_STRATA;
+        double outward = (cell / LIGHT_STRATA % 2 + rays_uniform(state)) / 2;
+        struct vector direction = vector_unit(around(normal, turn, sqrt(outward), sqrt(1 - outward)));
+        sum = vector_add(sum, arriving(light, position, direction, state, rays));
+    }
+    return vector_scale(sum, 1.0 / BOUNCES);
+}
+
+static void shade(const struct light *light, struct vector position, struct vector normal, struct vector albedo, double share,
+                  unsigned index, uint64_t *state, struct light_sample *sample)
+{
+    double turn = (index % 4 + rays_uniform(state)) / 4, outward = rays_uniform(state);
+    struct vector sun = sun_on(light, position, normal, turn, outward, &sample->rays);
+    sample->ambient = ambient_on(light, position, normal, index, state, &sample->rays);
+    sample->albedo = vector_scale(albedo, share);
+    sample->direct = vector_mul(sample->albedo, sun);
+    sample->position = position;
+    sample->normal = normal;
+    sample->is_surface = true;
+}
+
+/* The distance to the floor along a ray from the camera, INFINITY when it does not come down. */
+static double floor_distance(const struct light *light, struct vector direction)
+{
+    double down = -vector_dot(direction, light->stage->up);
+    double height = vector_dot(light->camera->origin, light->stage->up) - light->stage->floor;
+    return light->has_floor && down > 0 && height > 0 ? height / down : INFINITY;
+}
+
+static void look_at_floor(const struct light *light, struct vector direction, double distance, unsigned index, uint64_t *state,
+                          struct light_sample *sample)
+{
+    const struct stage *stage = light->stage;
+    struct vector position = vector_mad(light->camera->origin, direction, distance);
+    struct vector middle = stage_to_world(stage, vector_scale(vector_add(stage->low, stage->high), 0.5));
+    double away = vector_length(vector_sub(position, middle)) / stage->size;
+    double share = 1 - smooth_step(0.7, 2.6, away);
+    sample->backdrop = vector_scale(backdrop(light, direction), 1 - share);
+    if (share > 0)
+        shade(light, vector_mad(position, stage->up, 1e-5 * stage->size), stage->up, floor_albedo, share, index, state, sample);
+}
+
+struct light_sample light_look(const struct light *light, struct vector direction, unsigned index, uint64_t *state)
+{
+    struct light_sample sample = {.rays = 1};
+    struct stage_hit hit = {.distance = INFINITY};
+    bool is_hit = stage_look(light->stage, light->camera->origin, direction, &hit);
+    double to_floor = floor_distance(light, direction);
+    if (is_hit && hit.distance <= to_floor)
+        shade(light, stage_leave(light->stage, &hit), hit.normal, surface_albedo(light, &hit), 1, index, state, &sample);
+    else if (isfinite(to_floor))
+        look_at_floor(light, direction, to_floor, index, state, &sample);
+    else
+        sample.backdrop = backdrop(light, direction);
+    return sample;
+}
+
+/* A filmic curve: a toe, a nearly straight part, a long shoulder (the fit of Narkowicz 2015). */
+static double film(double value)
+{
+    double x = fmax(value, 0) * 0.62;
+    return fmin(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 1);
+}
+
+static double srgb(double value)
+{
+    return value <= 0.0031308 ? 12.92 * value : 1.055 * pow(value, 1 / 2.4) - 0.055;
+}
+
+struct vector light_display(struct vector colour)
+{
+    return vector_make(srgb(film(colour.x)), srgb(film(colour.y)), srgb(film(colour.z)));
+}

@@ -1,0 +1,251 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "stage.h"
+
+#include <float.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "rays.h"
+
+/* The bulk leaves out so many of a thousand samples on each side of each axis. */
+enum { OUTLIERS = 4 };
+
+static const double clear_of_box = 1.6; /* how much larger the whole may be than the bulk before the rest counts as outliers */
+
+static struct vector from_floats(const float at[3])
+{
+    return vector_make((double)at[0], (double)at[1], (double)at[2]);
+}
+
+static struct vector transform_point(const float m[12], struct vector p)
+{
+    return vector_make(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3], m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
+                       m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
+}
+
+struct ray stage_ray(struct vector origin, struct vector direction)
+{
+    return (struct ray){.origin = {(float)origin.x, (float)origin.y, (float)origin.z},
+                        .direction = {(float)direction.x, (float)direction.y, (float)direction.z},
+                        .tmin = 0,
+                        .tmax = FLT_MAX,
+                        .cull_mask = 0xff};
+}
+
+static struct vector world_normal(const struct stage *stage, const struct ray_hit *hit)
+{
+    float corners[3][3];
+    struct vector p[3];
+    traverse_positions(stage->scene, hit, corners);
+    for (int i = 0; i < 3; i++) {
+        p[i] = from_floats(corners[i]);
+        if (stage->scene->top)
+            p[i] = transform_point(stage->instances[hit->instance]->object_to_world, p[i]);
+    }
+    /* Sides first to unit length: squares of tiny or huge ones would leave the range. */
+    return vector_unit(vector_cross(vector_unit(vector_sub(p[1], p[0])), vector_unit(vector_sub(p[2], p[0]))));
+}
+
+bool stage_look(const struct stage *stage, struct vector origin, struct vector direction, struct stage_hit *ret_hit)
+{
+    struct ray ray = stage_ray(origin, direction);
+    struct ray_hit hit;
+    if (!traverse(stage->scene, &ray, NULL, &hit, NULL))
+        return false;
+    struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit);
+    if (vector_dot(normal, direction) > 0)
+        normal = vector_scale(normal, -1);
+    *ret_hit = (struct stage_hit){.position = vector_mad(from_floats(ray.origin), from_floats(ray.direction), (double)hit.t),
+                                  .normal = normal,
+                                  .distance = (double)hit.t,
+                                  .instance = stage->scene->top ? hit.instance : 0,
+                                  .handle = hit.handle,
+                                  .geometry = hit.geometry};
+    return true;
+}
+
+double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction)
+{
+    struct ray ray = stage_ray(origin, direction);
+    struct ray_hit hit;
+    return traverse(stage->scene, &ray, NULL, &hit, NULL) ? (double)hit.t : INFINITY;
+}
+
+struct vector stage_leave(const struct stage *stage, const struct stage_hit *hit)
+{
+    const struct vector *p = &hit->position;
+    double magnitude = fmax(fmax(fabs(p->x), fabs(p->y)), fmax(fabs(p->z), hit->distance));
+    return vector_mad(*p, hit->normal, 4 * FLT_EPSILON * magnitude + 1e-6 * stage->size);
+}
+
+struct vector stage_to_local(const struct stage *stage, struct vector point)
+{
+    return vector_make(vector_dot(point, stage->east), vector_dot(point, stage->north), vector_dot(point, stage->up));
+}
+
+struct vector stage_to_world(const struct stage *stage, struct vector local)
+{
+    return vector_mad(vector_mad(vector_scale(stage->east, local.x), stage->north, local.y), stage->up, local.z);
+}
+
+static uint64_t triangle_records(const struct portable_view *view)
+{
+    bool is_triangles = view && view->header->content <= PORTABLE_TRIANGLES;
+    return is_triangles ? view->header->record_count : 0;
+}
+
+static enum bvhd_status find_instances(struct stage *stage, struct bvhd_error *error)
+{
+    const struct portable_view *top = stage->scene->top;
+    if (!top) {
+        stage->triangle_count = triangle_records(stage->scene->bottoms[0]);
+        return BVHD_OK;
+    }
+    const struct portable_instance *records = top->records;
+    stage->instance_count = top->header->primitive_count;
+    stage->instances = memory_array(stage->memory, (uint64_t)stage->instance_count + 1, sizeof *stage->instances);
+    if (!stage->instances)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the instances");
+    memset(stage->instances, 0, stage->instance_count * sizeof *stage->instances);
+    for (uint32_t i = 0; i < top->header->record_count; i++) {
+        stage->instances[records[i].instance] = &records[i];
+        stage->triangle_count += triangle_records(stage->scene->bottoms[records[i].handle]);
+    }
+    return BVHD_OK;
+}
+
+static void record_corners(const struct portable_view *view, uint64_t index, struct vector ret_corners[3])
+{
+    if (view->header->content == PORTABLE_TRIANGLES) {
+        const struct portable_triangle *triangle = (const struct portable_triangle *)view->records + index;
+        ret_corners[0] = from_floats(triangle->v0);
+        ret_corners[1] = from_floats(triangle->v1);
+        ret_corners[2] = from_floats(triangle->v2);
+        return;
+    }
+    const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)view->records + index;
+    for (int i = 0; i < 3; i++)
+        ret_corners[i] = from_floats(view->vertices + UINT64_C(3) * triangle->vertices[i]);
+}
+
+/* A random point on triangle `index` of one bottom level, in the world. */
+static void add_sample(struct stage *stage, const struct portable_view *view, const float *transform, uint64_t index, uint64_t *state)
+{
+    struct vector corners[3];
+    record_corners(view, index, corners);
+    double u = rays_uniform(state), v = rays_uniform(state);
+    if (u + v > 1) {
+        u = 1 - u;
+        v = 1 - v;
+    }
+    struct vector point = vector_mad(vector_mad(vector_scale(corners[0], 1 - u - v), corners[1], u), corners[2], v);
+    point = transform ? transform_point(transform, point) : point;
+    if (isfinite(point.x) && isfinite(point.y) && isfinite(point.z))
+        stage->samples[stage->sample_count++] = point;
+}
+
+/* Every so many triangles, counted through all instances, from a random one on: as many samples as there is room for. */
+static void sample_triangles(struct stage *stage)
+{
+    const struct portable_view *top = stage->scene->top;
+    const struct portable_instance *records = top ? top->records : NULL;
+    uint32_t bottom_count = top ? top->header->record_count : 1;
+    double step = fmax(1, (double)stage->triangle_count / STAGE_SAMPLES), next = 0, base = 0;
+    uint64_t state = 0x5eed;
+    for (uint32_t i = 0; i < bottom_count; i++) {
+        const struct portable_view *view = stage->scene->bottoms[top ? records[i].handle : 0];
+        uint64_t count = triangle_records(view);
+        for (; next < base + (double)count && stage->sample_count < STAGE_SAMPLES; next += step)
+            add_sample(stage, view, top ? records[i].object_to_world : NULL, (uint64_t)(next - base), &state);
+        base += (double)count;
+    }
+}
+
+static int compare_doubles(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double component(struct vector vector, int axis)
+{
+    return axis == 0 ? vector.x : axis == 1 ? vector.y : vector.z;
+}
+
+static void set_component(struct vector *vector, int axis, double value)
+{
+    *(axis == 0 ? &vector->x : axis == 1 ? &vector->y : &vector->z) = value;
+}
+
+/* The extent along each axis of nearly all samples; of all, where that is not much more. `sorted` has room for all of them. */
+static void measure(const struct stage *stage, bool local, double *sorted, struct vector *ret_low, struct vector *ret_high)
+{
+    uint32_t count = stage->sample_count, cut = count * OUTLIERS / 1000;
+    for (int axis = 0; axis < 3; axis++) {
+        for (uint32_t i = 0; i < count; i++)
+            sorted[i] = component(local ? stage_to_local(stage, stage->samples[i]) : stage->samples[i], axis);
+        qsort(sorted, count, sizeof *sorted, compare_doubles);
+        bool all = sorted[count - 1] - sorted[0] <= clear_of_box * (sorted[count - 1 - cut] - sorted[cut]);
+        set_component(ret_low, axis, sorted[all ? 0 : cut]);
+        set_component(ret_high, axis, sorted[all ? count - 1 : count - 1 - cut]);
+    }
+}
+
+/* Things made for pictures mostly have y up; flat ones that are thin along z - maps, terrain, plans - have z up. */
+static char guess_up(const struct stage *stage, double *sorted)
+{
+    struct vector low, high;
+    measure(stage, false, sorted, &low, &high);
+    struct vector extent = vector_sub(high, low);
+    return extent.z < 0.5 * fmin(extent.x, extent.y) ? 'z' : 'y';
+}
+
+static void orient(struct stage *stage, char up)
+{
+    static const struct vector axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    int axis = up == 'x' ? 0 : up == 'y' ? 1 : 2;
+    stage->up = axes[axis];
+    stage->east = axes[(axis + 1) % 3];
+    stage->north = axes[(axis + 2) % 3];
+}
+
+static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_error *error)
+{
+    double *sorted = memory_array(stage->memory, STAGE_SAMPLES, sizeof *sorted);
+    stage->samples = memory_array(stage->memory, STAGE_SAMPLES, sizeof *stage->samples);
+    enum bvhd_status status = BVHD_OK;
+    if (!sorted || !stage->samples)
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for samples of the scene");
+    else
+        sample_triangles(stage);
+    if (!status && stage->sample_count == 0)
+        status = bvhd_error_set(error, BVHD_INVALID, "trace", "the scene has no triangle that could be seen");
+    if (!status) {
+        orient(stage, up == 'a' ? guess_up(stage, sorted) : up);
+        measure(stage, true, sorted, &stage->low, &stage->high);
+        stage->size = fmax(vector_length(vector_sub(stage->high, stage->low)), 1e-44);
+        stage->floor = stage->low.z - 1e-4 * stage->size;
+    }
+    memory_free(stage->memory, sorted);
+    return status;
+}
+
+enum bvhd_status stage_init(struct stage *stage, const struct scene *scene, char up, struct memory *memory, struct bvhd_error *error)
+{
+    *stage = (struct stage){.scene = scene, .memory = memory};
+    enum bvhd_status status = find_instances(stage, error);
+    if (!status)
+        status = find_bulk(stage, up, error);
+    if (status)
+        stage_finish(stage);
+    return status;
+}
+
+void stage_finish(struct stage *stage)
+{
+    if (!stage || !stage->memory)
+        return;
+    memory_free(stage->memory, stage->instances);
+    memory_free(stage->memory, stage->samples);
+    *stage = (struct stage){0};
+}

@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* unpack.h - the exact triangles in opened structures, as brute force takes them: to check a picture without the file it was built from. */
+#ifndef BVHCTL_UNPACK_H
+#define BVHCTL_UNPACK_H
+
+#include "oracle.h"
+
+struct unpacked {
+    struct oracle_mesh *meshes; /* one for each geometry of each instance */
+    uint32_t mesh_count;
+    uint64_t triangle_count; /* over all meshes */
+    float **positions; /* of each bottom level: nine floats a primitive, NaN where it is not in the structure */
+    uint32_t bottom_count;
+    struct memory *memory;
+};
+
+/* The meshes point into the structures. Bottom levels of AABBs have no triangles. End with unpack_finish. */
+enum bvhd_status unpack_scene(const struct scene *scene, struct memory *memory, struct unpacked *ret_unpacked,
+                              struct bvhd_error *error);
+
+/* NULL-safe, idempotent. */
+void unpack_finish(struct unpacked *unpacked);
+
+#endif
