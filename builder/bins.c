@@ -146,8 +146,8 @@ uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane
     return count;
 }
 
-void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs, uint32_t count,
-                    struct primitive_ref *left, struct primitive_ref *right, struct box ret_centroids[2])
+void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs,
+                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct box ret_centroids[2])
 {
     const struct bins_mapping local = *mapping;
     vec4 threshold = vec4_all(-INFINITY);

@@ -47,8 +47,11 @@ enum build_quality build_quality_resolve(enum build_quality asked, uint32_t buil
 const char *build_quality_name(enum build_quality quality)
 {
     static const char *const names[] = {
-        [QUALITY_UNSPECIFIED] = "unspecified", [QUALITY_FAST] = "fast", [QUALITY_BALANCED] = "balanced",
-        [QUALITY_HIGH] = "high",               [QUALITY_AUTO] = "auto",
+        [QUALITY_UNSPECIFIED] = "unspecified",
+        [QUALITY_FAST] = "fast",
+        [QUALITY_BALANCED] = "balanced",
+        [QUALITY_HIGH] = "high",
+        [QUALITY_AUTO] = "auto",
     };
     return (unsigned)quality < sizeof names / sizeof *names ? names[quality] : "unknown";
 }
@@ -93,8 +96,7 @@ static enum bvhd_status collect(struct construction *construction)
     const struct build_context *context = construction->context;
     struct build_stats *stats = &construction->stats;
     struct primitive_refs *refs = &construction->refs;
-    enum bvhd_status status =
-        primitive_collect(construction->canonical, context->memory, context->parallel, refs, construction->error);
+    enum bvhd_status status = primitive_collect(construction->canonical, context->memory, context->parallel, refs, construction->error);
     if (status != BVHD_OK)
         return status;
     count_primitives(construction->canonical, stats);
@@ -153,9 +155,9 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .refs = construction->refs.refs,
         .scratch = construction->scratch,
         .embree = context->embree,
-        .quality = construction->quality == QUALITY_FAST    ? EMBREE_LOW
-                   : construction->spatial_splits           ? EMBREE_HIGH
-                                                            : EMBREE_MEDIUM,
+        .quality = construction->quality == QUALITY_FAST ? EMBREE_LOW
+                   : construction->spatial_splits        ? EMBREE_HIGH
+                                                         : EMBREE_MEDIUM,
         .leaf_max = construction->layout->leaf_max,
         .split = construction->spatial_splits ? clip_primitive : NULL,
         .split_context = construction->canonical,

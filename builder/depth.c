@@ -156,7 +156,8 @@ static enum bvhd_status limit_depth(struct limiter *limiter, struct bvhd_error *
         return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to limit a tree's depth");
     gather_facts(limiter);
     if (!limiter->facts[0].solved)
-        return bvhd_error_set(error, BVHD_TOO_LARGE, "", "%u leaves do not fit into %u levels", limiter->facts[0].leaves, limiter->limit);
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "", "%u leaves do not fit into %u levels", limiter->facts[0].leaves,
+                              limiter->limit);
     rebuild_all(limiter);
     return BVHD_OK;
 }

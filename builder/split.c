@@ -117,7 +117,8 @@ static void finish_piece(const struct split_request *request, const struct part 
     list->pieces++;
 }
 
-static void split_small(const struct split_request *request, struct node_list *list, const struct part *part, struct part ret_children[2])
+static void split_small(const struct split_request *request, struct node_list *list, const struct part *part,
+                        struct part ret_children[2])
 {
     const struct primitive_ref *from = array_of(request, part->in_scratch) + part->first;
     struct primitive_ref *to = array_of(request, !part->in_scratch) + part->first;
@@ -139,7 +140,8 @@ static void split_small(const struct split_request *request, struct node_list *l
 /*
  * Splits a part to the end on the calling thread. The larger child waits while the smaller is split, so that at most 32 wait.
  */
-static enum bvhd_status split_to_end(const struct split_request *request, struct node_list *list, struct part part, struct memory *memory)
+static enum bvhd_status split_to_end(const struct split_request *request, struct node_list *list, struct part part,
+                                     struct memory *memory)
 {
     struct part waiting[33], children[2];
     uint32_t waiting_count = 0;
@@ -224,7 +226,8 @@ static void partition_chunk(void *context, size_t index)
         return;
     const struct primitive_ref *from = array_of(splitter->request, part->in_scratch) + chunk->first;
     struct primitive_ref *to = array_of(splitter->request, !part->in_scratch);
-    bins_partition(&division->mapping, &division->plane, from, chunk->count, to + chunk->left_at, to + chunk->right_at, chunk->centroids);
+    bins_partition(&division->mapping, &division->plane, from, chunk->count, to + chunk->left_at, to + chunk->right_at,
+                   chunk->centroids);
 }
 
 static void sum_centroids(struct splitter *splitter, struct division *division)

@@ -1,0 +1,278 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * bench_build - how fast structures are built, beside rtcBuildBVH MEDIUM in the same run, and what they are worth.
+ *
+ *     bench_build [--quality fast|balanced|high] [--runs N] SCENE.ply...
+ *
+ * For 2 threads and for 1, per scene: medians of N runs (5), ours and Embree's taking turns. "build" is what build() takes: boxes, splitting,
+ * pieces, joining, depth, collapse and the writing of the layout; prepare stands apart. SAH of both binary trees by the same formula.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "build.h"
+#include "ply.h"
+#include "prepare.h"
+#include "primitive.h"
+#include "reference_builder.h"
+#include "workers.h"
+
+enum { MAX_RUNS = 101, VALUES = 10, MAX_SCENES = 64 };
+
+/* The columns of times, ms. */
+enum { PREPARE, BOXES, SPLIT, PIECES, JOIN, DEPTH, COLLAPSE, WRITE, BUILD, REFERENCE };
+
+struct options {
+    enum build_quality quality;
+    int runs;
+};
+
+struct row {
+    const char *name;
+    double triangles;
+    double ms[VALUES]; /* medians */
+    double sah, reference_sah;
+    struct build_stats stats;
+};
+
+struct bench {
+    const struct options *options;
+    unsigned threads;
+    struct memory memory;
+    const struct parallel *parallel;
+    struct embree *embree;
+};
+
+static double milliseconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
+}
+
+static int by_value(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median(double *values, int count)
+{
+    qsort(values, (size_t)count, sizeof *values, by_value);
+    return count % 2 ? values[count / 2] : (values[count / 2 - 1] + values[count / 2]) / 2;
+}
+
+static void fail(const char *what, const struct bvhd_error *error)
+{
+    fprintf(stderr, "bench_build: %s: %s\n", what, error->text);
+    exit(1);
+}
+
+static struct build_input describe(const struct ply *ply, struct geometry *geometry, const struct options *options)
+{
+    *geometry = (struct geometry){
+        .type = GEOMETRY_TRIANGLES,
+        .flags = GEOMETRY_OPAQUE,
+        .triangles = {.vertex_format = 106, /* R32G32B32_SFLOAT */
+                      .max_vertex = ply->vertex_count - 1,
+                      .vertex_stride = 12,
+                      .index_type = INDEX_UINT32,
+                      .vertices = {(const unsigned char *)ply->positions, (uint64_t)ply->vertex_count * 12},
+                      .indices = {(const unsigned char *)ply->indices, (uint64_t)ply->triangle_count * 12}},
+        .range = {.primitive_count = ply->triangle_count},
+    };
+    return (struct build_input){
+        .type = STRUCTURE_BOTTOM,
+        .geometry_count = 1,
+        .geometries = geometry,
+        .options = {.quality = options->quality, .target = TARGET_PORTABLE},
+    };
+}
+
+static void run_ours(struct bench *bench, const struct build_input *input, struct row *row, double times[VALUES])
+{
+    struct bvhd_error error;
+    struct limits limits = limits_default();
+    struct canonical canonical;
+    unsigned char *blob;
+    double begin = milliseconds();
+    if (prepare(input, 0, &limits, &bench->memory, bench->parallel, &canonical, &error) != BVHD_OK)
+        fail(row->name, &error);
+    times[PREPARE] = milliseconds() - begin;
+    struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
+    begin = milliseconds();
+    if (build(&canonical, &input->options, &context, &blob, &row->stats, &error) != BVHD_OK)
+        fail(row->name, &error);
+    times[BUILD] = milliseconds() - begin;
+    memory_free(&bench->memory, blob);
+    prepare_finish(&canonical, &bench->memory);
+    const struct build_times *ms = &row->stats.ms;
+    const double stages[] = {ms->boxes, ms->split, ms->pieces, ms->join, ms->depth, ms->collapse, ms->write};
+    memcpy(times + BOXES, stages, sizeof stages);
+}
+
+static void run_reference(struct bench *bench, const struct build_input *input, struct row *row, double *ret_ms)
+{
+    struct bvhd_error error;
+    struct limits limits = limits_default();
+    struct canonical canonical;
+    struct primitive_refs refs;
+    struct reference_result result;
+    if (prepare(input, 0, &limits, &bench->memory, bench->parallel, &canonical, &error) != BVHD_OK ||
+        primitive_collect(&canonical, &bench->memory, bench->parallel, &refs, &error) != BVHD_OK)
+        fail(row->name, &error);
+    if (!reference_build(refs.refs, refs.count, bench->threads, &result))
+        exit(1);
+    memory_free(&bench->memory, refs.refs);
+    prepare_finish(&canonical, &bench->memory);
+    row->reference_sah = result.sah;
+    *ret_ms = result.ms;
+}
+
+static struct row measure(struct bench *bench, const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    struct row row = {.name = slash ? slash + 1 : path};
+    double samples[VALUES][MAX_RUNS], times[VALUES];
+    struct ply *ply = ply_read(path);
+    struct geometry geometry;
+    if (!ply)
+        exit(1);
+    struct build_input input = describe(ply, &geometry, bench->options);
+    row.triangles = ply->triangle_count;
+    for (int run = 0; run < bench->options->runs; run++) {
+        run_ours(bench, &input, &row, times);
+        run_reference(bench, &input, &row, &times[REFERENCE]);
+        for (int i = 0; i < VALUES; i++)
+            samples[i][run] = times[i];
+    }
+    for (int i = 0; i < VALUES; i++)
+        row.ms[i] = median(samples[i], bench->options->runs);
+    row.sah = row.stats.sah;
+    ply_free(ply);
+    return row;
+}
+
+static double rate(const struct row *row, int column)
+{
+    return row->triangles / row->ms[column] * 1e-3;
+}
+
+static void print_row(const struct row *row)
+{
+    printf("%-18s %8.0f |", row->name, row->triangles);
+    for (int i = PREPARE; i <= BUILD; i++)
+        printf(" %7.2f", row->ms[i]);
+    const struct layout_sizes *sizes = &row->stats.sizes;
+    printf(" | %6.2f %6.2f %5.2f | %7.2f %7.2f %5.3f | %5.1f %5.1f %5.1f %5.1f | %3u %s\n", rate(row, BUILD), rate(row, REFERENCE),
+           rate(row, BUILD) / rate(row, REFERENCE), row->sah, row->reference_sah, row->sah / row->reference_sah,
+           (double)sizes->nodes / row->triangles, (double)sizes->records / row->triangles, (double)sizes->vertices / row->triangles,
+           (double)sizes->total / row->triangles, row->stats.depth, row->stats.method);
+}
+
+/* Geometric mean of a figure and the scene where it is worst. */
+static void print_mean(const char *what, const struct row *rows, int count, double (*figure)(const struct row *row), bool low_is_bad)
+{
+    double sum = 0;
+    int worst = 0;
+    for (int i = 0; i < count; i++) {
+        sum += log(figure(&rows[i]));
+        double own = figure(&rows[i]), other = figure(&rows[worst]);
+        worst = (low_is_bad ? own < other : own > other) ? i : worst;
+    }
+    printf("  %-34s %8.3f   worst %8.3f (%s)\n", what, exp(sum / count), figure(&rows[worst]), rows[worst].name);
+}
+
+static double own_rate(const struct row *row)
+{
+    return rate(row, BUILD);
+}
+
+static double reference_rate(const struct row *row)
+{
+    return rate(row, REFERENCE);
+}
+
+static double rate_ratio(const struct row *row)
+{
+    return rate(row, BUILD) / rate(row, REFERENCE);
+}
+
+static double sah_ratio(const struct row *row)
+{
+    return row->sah / row->reference_sah;
+}
+
+static double bytes_a_triangle(const struct row *row)
+{
+    return (double)row->stats.sizes.total / row->triangles;
+}
+
+static void bench_threads(const struct options *options, unsigned threads, char **paths, int count)
+{
+    struct bench bench = {.options = options, .threads = threads};
+    struct bvhd_error error;
+    struct workers *workers;
+    struct row rows[MAX_SCENES];
+    memory_init(&bench.memory, UINT64_MAX);
+    if (workers_create(threads, &workers, &error) != BVHD_OK || embree_create(&bench.embree, &error) != BVHD_OK)
+        fail("start", &error);
+    bench.parallel = workers_parallel(workers);
+    printf("%u thread%s, %s; times in ms, rates in million triangles a second, bytes a triangle\n", threads, threads == 1 ? "" : "s",
+           build_quality_name(options->quality));
+    printf("%-18s %8s | %7s %7s %7s %7s %7s %7s %7s %7s %7s | %6s %6s %5s | %7s %7s %5s | %5s %5s %5s %5s | %s\n", "scene", "tris",
+           "prepare", "boxes", "split", "pieces", "join", "depth", "collaps", "write", "build", "rate", "embree", "ratio", "SAH",
+           "embree", "ratio", "nodes", "recs", "verts", "all", "depth, method");
+    for (int i = 0; i < count; i++) {
+        rows[i] = measure(&bench, paths[i]);
+        print_row(&rows[i]);
+        fflush(stdout);
+    }
+    printf("geometric means:\n");
+    print_mean("rate", rows, count, own_rate, true);
+    print_mean("rtcBuildBVH MEDIUM", rows, count, reference_rate, true);
+    print_mean("rate / rtcBuildBVH MEDIUM", rows, count, rate_ratio, true);
+    print_mean("SAH / rtcBuildBVH MEDIUM", rows, count, sah_ratio, false);
+    print_mean("bytes a triangle", rows, count, bytes_a_triangle, false);
+    embree_destroy(bench.embree);
+    workers_destroy(workers);
+}
+
+static int usage(void)
+{
+    fprintf(stderr, "usage: bench_build [--quality fast|balanced|high] [--runs N] SCENE.ply...\n");
+    return 2;
+}
+
+static bool parse(struct options *options, const char *name, const char *value)
+{
+    if (strcmp(name, "--runs") == 0) {
+        options->runs = atoi(value);
+        return options->runs >= 1 && options->runs <= MAX_RUNS;
+    }
+    if (strcmp(name, "--quality") != 0)
+        return false;
+    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++)
+        if (strcmp(value, build_quality_name(quality)) == 0) {
+            options->quality = quality;
+            return true;
+        }
+    return false;
+}
+
+int main(int argc, char **argv)
+{
+    struct options options = {QUALITY_BALANCED, 5};
+    int first = 1;
+    for (; first + 1 < argc && strncmp(argv[first], "--", 2) == 0; first += 2)
+        if (!parse(&options, argv[first], argv[first + 1]))
+            return usage();
+    if (first >= argc || argc - first > MAX_SCENES)
+        return usage();
+    bench_threads(&options, 2, argv + first, argc - first);
+    bench_threads(&options, 1, argv + first, argc - first);
+    return 0;
+}

@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "reference_builder.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#if defined(__has_include) && __has_include(<embree4/rtcore.h>)
+#include <embree4/rtcore.h>
+#else
+#include <embree3/rtcore.h>
+#endif
+
+struct node {
+    uint32_t count; /* of a leaf's primitives; 0: inner */
+    struct box boxes[2];
+    struct node *children[2];
+};
+
+static void *create_node(RTCThreadLocalAllocator allocator, unsigned children, void *context)
+{
+    (void)children, (void)context;
+    struct node *node = rtcThreadLocalAlloc(allocator, sizeof *node, 16);
+    node->count = 0;
+    return node;
+}
+
+static void set_children(void *at, void **children, unsigned count, void *context)
+{
+    (void)context;
+    struct node *node = at;
+    for (unsigned i = 0; i < count; i++)
+        node->children[i] = children[i];
+}
+
+static void set_bounds(void *at, const struct RTCBounds **bounds, unsigned count, void *context)
+{
+    (void)context;
+    struct node *node = at;
+    for (unsigned i = 0; i < count; i++)
+        node->boxes[i] = (struct box){{bounds[i]->lower_x, bounds[i]->lower_y, bounds[i]->lower_z},
+                                      {bounds[i]->upper_x, bounds[i]->upper_y, bounds[i]->upper_z}};
+}
+
+/* The ids follow the count. */
+static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count, void *context)
+{
+    (void)context;
+    uint32_t *leaf = rtcThreadLocalAlloc(allocator, (count + 1) * sizeof *leaf, 16);
+    leaf[0] = (uint32_t)count;
+    for (size_t i = 0; i < count; i++)
+        leaf[i + 1] = primitives[i].primID;
+    return leaf;
+}
+
+static double cost_below(const struct node *node, const struct box *box)
+{
+    if (node->count)
+        return box_half_area(box) * node->count;
+    return box_half_area(box) + cost_below(node->children[0], &node->boxes[0]) + cost_below(node->children[1], &node->boxes[1]);
+}
+
+static double tree_sah(const struct node *root, const struct primitive_ref *refs, uint32_t count)
+{
+    struct box bounds, centroids;
+    primitive_bounds(refs, count, &bounds, &centroids);
+    double area = box_half_area(&bounds);
+    return area > 0 ? cost_below(root, &bounds) / area : 0;
+}
+
+static struct RTCBuildArguments arguments_for(RTCBVH bvh, struct primitive_ref *refs, uint32_t count)
+{
+    struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
+    arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
+    arguments.maxBranchingFactor = 2;
+    arguments.maxDepth = 1024;
+    arguments.bvh = bvh;
+    arguments.primitives = (struct RTCBuildPrimitive *)(void *)refs;
+    arguments.primitiveCount = arguments.primitiveArrayCapacity = count;
+    arguments.createNode = create_node;
+    arguments.setNodeChildren = set_children;
+    arguments.setNodeBounds = set_bounds;
+    arguments.createLeaf = create_leaf;
+    return arguments;
+}
+
+bool reference_build(const struct primitive_ref *refs, uint32_t count, unsigned threads, struct reference_result *ret_result)
+{
+    char config[32];
+    snprintf(config, sizeof config, "threads=%u", threads);
+    size_t size = count * sizeof *refs;
+    struct primitive_ref *copy = aligned_alloc(64, (size + 63) & ~(size_t)63);
+    RTCDevice device = rtcNewDevice(config);
+    RTCBVH bvh = device ? rtcNewBVH(device) : NULL;
+    void *root = NULL;
+    if (copy && bvh) {
+        struct timespec begin, end;
+        memcpy(copy, refs, size);
+        struct RTCBuildArguments arguments = arguments_for(bvh, copy, count);
+        clock_gettime(CLOCK_MONOTONIC, &begin);
+        root = rtcBuildBVH(&arguments);
+        clock_gettime(CLOCK_MONOTONIC, &end);
+        ret_result->ms = (double)(end.tv_sec - begin.tv_sec) * 1e3 + (double)(end.tv_nsec - begin.tv_nsec) * 1e-6;
+    }
+    if (root)
+        ret_result->sah = tree_sah(root, refs, count);
+    else
+        fprintf(stderr, "Embree failed\n");
+    if (bvh)
+        rtcReleaseBVH(bvh);
+    if (device)
+        rtcReleaseDevice(device);
+    free(copy);
+    return root;
+}
