@@ -32,7 +32,7 @@ struct bytes test_blob_make(const struct test_shape *shape, uint64_t seed, uint3
     struct test_model model;
     struct layout_sizes sizes;
     unsigned char *blob;
-    void *copy;
+    void *copy = NULL;
     memory_init(&memory, UINT64_MAX);
     test_model_make(shape, seed, &model);
     if (test_blob_write(&model, layout_flags, &memory, &parallel_serial, &blob, &sizes, NULL) != BVHD_OK ||
