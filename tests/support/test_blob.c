@@ -45,3 +45,12 @@ struct bytes test_blob_make(const struct test_shape *shape, uint64_t seed, uint3
     test_model_finish(&model);
     return (struct bytes){copy, sizes.total};
 }
+
+void test_blob_free(struct bytes blob)
+{
+    union {
+        const void *in;
+        void *out;
+    } block = {blob.data};
+    free(block.out);
+}

@@ -12,7 +12,8 @@ enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout
                                  const struct parallel *parallel, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
                                  struct bvhd_error *error);
 
-/* The same in one step from a shape, in a 64-byte aligned block of exactly the right size, for free(). */
+/* The same in one step from a shape, in a 64-byte aligned block of exactly the right size. */
 struct bytes test_blob_make(const struct test_shape *shape, uint64_t seed, uint32_t layout_flags);
+void test_blob_free(struct bytes blob);
 
 #endif

@@ -34,11 +34,7 @@ static struct subject subject_make(const struct test_shape *shape, uint32_t flag
     s.nodes = (struct portable_node *)(void *)(body + s.header->node_offset);
     s.records = body + s.header->record_offset;
     s.geometries = (struct portable_geometry *)(void *)(body + s.header->geometry_offset);
-    union {
-        const void *in;
-        void *out;
-    } original = {bytes.data};
-    free(original.out);
+    test_blob_free(bytes);
     return s;
 }
 
