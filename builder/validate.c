@@ -264,7 +264,7 @@ static enum bvhd_status check_instances(const struct subject *subject)
     return BVHD_OK;
 }
 
-/* Adds the geometry's primitives to *total; before its memory is looked for, so that a count beyond all limits is called that. */
+/* Adds the geometry's primitives to *total. */
 static enum bvhd_status check_primitive_count(const struct subject *subject, const struct limits *limits, uint64_t *total)
 {
     bool instances = subject->geometry->type == GEOMETRY_INSTANCES, triangles = subject->geometry->type == GEOMETRY_TRIANGLES;
@@ -279,16 +279,18 @@ static enum bvhd_status check_primitive_count(const struct subject *subject, con
                            "%" PRIu64 " primitives up to here, at most %" PRIu64, *total, most);
 }
 
-static enum bvhd_status check_geometry(const struct subject *subject, const struct build_input *input, const struct limits *limits,
-                                       uint64_t *total)
+/* What a geometry is, and how much of it. */
+static enum bvhd_status check_shape(const struct subject *subject, const struct build_input *input, const struct limits *limits,
+                                    uint64_t *total)
 {
     enum bvhd_status status = check_geometry_type(subject, input);
     if (status == BVHD_OK)
         status = check_geometry_flags(subject);
-    if (status == BVHD_OK)
-        status = check_primitive_count(subject, limits, total);
-    if (status != BVHD_OK)
-        return status;
+    return status == BVHD_OK ? check_primitive_count(subject, limits, total) : status;
+}
+
+static enum bvhd_status check_data(const struct subject *subject)
+{
     switch (subject->geometry->type) {
     case GEOMETRY_TRIANGLES:
         return check_triangles(subject);
@@ -297,6 +299,23 @@ static enum bvhd_status check_geometry(const struct subject *subject, const stru
     default:
         return check_instances(subject);
     }
+}
+
+/* All shapes come before all data, so that what is over a limit is not looked into. */
+static enum bvhd_status check_geometries(const struct build_input *input, uint32_t index, const struct limits *limits,
+                                         struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    uint64_t total = 0;
+    for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
+        struct subject subject = {&input->geometries[i], index, i, error};
+        status = check_shape(&subject, input, limits, &total);
+    }
+    for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
+        struct subject subject = {&input->geometries[i], index, i, error};
+        status = check_data(&subject);
+    }
+    return status;
 }
 
 enum bvhd_status validate_input(const struct build_input *input, uint32_t index, const struct limits *limits, struct bvhd_error *error)
@@ -310,11 +329,7 @@ enum bvhd_status validate_input(const struct build_input *input, uint32_t index,
         status = check_options(&input->options, index, error);
     if (status == BVHD_OK)
         status = check_geometry_count(input, index, limits, error);
-
-    uint64_t total = 0;
-    for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
-        struct subject subject = {&input->geometries[i], index, i, error};
-        status = check_geometry(&subject, input, limits, &total);
-    }
+    if (status == BVHD_OK)
+        status = check_geometries(input, index, limits, error);
     return status;
 }
