@@ -218,7 +218,7 @@ static void copy_task(void *context, size_t index)
 static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
 {
     struct wide_node *placed = emission->placed;
-    struct task *task = emission->tasks, *end = task + emission->task_count;
+    struct task *task = emission->tasks, *end = emission->task_count ? task + emission->task_count : task;
     uint32_t next = 1, waiting = 0;
     placed[0] = skeleton->nodes[0];
     /* A placed node that waits has its skeleton index in first_leaf and the stack's link in slots[0].node. */
