@@ -127,15 +127,15 @@ static void shear(const struct oracle_ray *ray, const struct oracle_triangle *tr
     }
 }
 
-/* All three corners on one side of the ray, along x or y. */
-static bool lies_aside(const struct sheared *sheared)
+/* All corners but `but` (-1: all of them) surely on one side of the ray, along x or y. */
+static bool lies_aside(const struct sheared *sheared, int but)
 {
     for (int axis = 0; axis < 2; axis++) {
         double low = INFINITY, high = -INFINITY;
         for (int k = 0; k < 3; k++) {
             struct radial at = sheared->corners[k][axis];
-            low = fmin(low, at.centre - at.radius);
-            high = fmax(high, at.centre + at.radius);
+            low = k == but ? low : fmin(low, at.centre - at.radius);
+            high = k == but ? high : fmax(high, at.centre + at.radius);
         }
         if (low > sheared->common[axis] || high < -sheared->common[axis])
             return true;
@@ -245,7 +245,7 @@ static struct oracle_outline outline_of(const struct sheared *sheared, const str
 {
     struct oracle_outline outline = {.positive = det.centre > 0, .open = open};
     for (int k = 0; k < 3; k++) {
-        outline.sure[k] = surely_nonzero(edges[k]);
+        outline.sure[k] = surely_nonzero(edges[k]) || lies_aside(sheared, k);
         outline.corners[k][0] = sheared->corners[k][0].centre;
         outline.corners[k][1] = sheared->corners[k][1].centre;
     }
@@ -257,7 +257,7 @@ enum oracle_presence oracle_triangle_meet(const struct oracle_ray *ray, const st
 {
     struct sheared sheared;
     shear(ray, triangle, &sheared);
-    if (lies_aside(&sheared))
+    if (lies_aside(&sheared, -1))
         return ORACLE_ABSENT;
     struct radial edges[3];
     for (int k = 0; k < 3; k++)

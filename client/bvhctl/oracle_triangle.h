@@ -59,7 +59,7 @@ struct oracle_crossing {
 /* The triangle seen along the ray, which passes at 0. */
 struct oracle_outline {
     double corners[3][2];
-    bool sure[3]; /* the ray surely does not pass through the line of edge k, opposite to corner k */
+    bool sure[3]; /* the ray surely does not pass through edge k, opposite to corner k */
     bool positive; /* the sign of the area */
     bool open; /* whether it is hit depends on its edges alone: distance and facing are sure */
 };
