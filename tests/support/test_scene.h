@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_scene.h - small scenes, built through the whole pipeline and opened for traversal, and brute force over them.
+ *
+ * For test programs only: without memory, or when something does not build, they say so and end.
+ */
+#ifndef BVHD_TEST_SCENE_H
+#define BVHD_TEST_SCENE_H
+
+#include "batch.h"
+#include "geometry.h"
+#include "traverse.h"
+
+enum { TEST_SCENE_BOTTOMS = 8 };
+
+struct test_instance {
+    float transform[12];
+    uint32_t custom_index, mask, sbt_offset, flags;
+    uint32_t bottom;
+};
+
+struct test_scene {
+    struct memory memory;
+    struct embree *embree;
+    struct batch_item items[TEST_SCENE_BOTTOMS + 1]; /* the last one is the top level */
+    struct portable_view views[TEST_SCENE_BOTTOMS + 1];
+    const struct portable_view *bottoms[TEST_SCENE_BOTTOMS];
+    const struct test_instance *instances; /* NULL without a top level */
+    uint32_t instance_count;
+    struct scene scene;
+};
+
+void test_scene_init(struct test_scene *scene);
+void test_scene_finish(struct test_scene *scene);
+
+/* Builds another bottom level; returns its number. */
+uint32_t test_scene_add(struct test_scene *scene, const struct geometry *geometries, uint32_t count, uint32_t layout_flags);
+
+/* Builds a top level over all bottom levels. The instances must outlive the scene. */
+void test_scene_add_top(struct test_scene *scene, const struct test_instance *instances, uint32_t count);
+
+/* A geometry of `count` triangles without indices, or of boxes; the floats must outlive the build. */
+struct geometry test_scene_triangles(const float (*corners)[3][3], uint32_t count, uint32_t flags);
+struct geometry test_scene_aabbs(const float (*boxes)[6], uint32_t count, uint32_t flags);
+
+/* What brute force says. */
+struct test_answer {
+    bool is_hit;
+    bool is_doubtful; /* something is hit or missed by too little to tell */
+    double t;
+    uint32_t instance, geometry, primitive;
+};
+
+/*
+ * Every triangle of every instance, by signed volumes in long double. Honours the mask and culling by facing, nothing else of the flags; every
+ * triangle counts.
+ */
+struct test_answer test_scene_brute_force(const struct test_scene *scene, const struct ray *ray);
+
+#endif
