@@ -66,9 +66,9 @@ struct portable_header {
  * Bits 0, 1, 2 of a slot's number stand for +x, +y, +z: children are put where their centres lie, so that slots in the order s ^ (mask of the
  * ray's negative directions) come about front to back.
  *
- * meta[s]: 0 = empty, with lo 255 and hi 0. Inner child: 0x20 | (24 + s), its node = first_child + number of inner children in lower slots. Leaf: bits 7..5 the
- * count in unary (001, 011, 111), bits 4..0 the first record, from first_record on (0 .. 23). inner_mask bit s: slot s is inner. Records
- * stand in the order of nodes and slots, without gaps: first_record = the number of records of all nodes before.
+ * meta[s]: 0 = empty, with lo 255 and hi 0. Inner child: 0x20 | (24 + s), its node = first_child + number of inner children in lower slots.
+ * Leaf: bits 7..5 the count in unary (001, 011, 111), bits 4..0 the first record, from first_record on (0 .. 23). inner_mask bit s: slot s is
+ * inner. Records stand in the order of nodes and slots, without gaps: first_record = the number of records of all nodes before.
  */
 struct portable_node {
     float origin[3];
