@@ -42,12 +42,19 @@ static void aim(struct camera *camera, const struct stage *stage, struct vector 
     camera->half_width = camera->half_height * aspect;
 }
 
-static bool in_bulk(const struct stage *stage, struct vector point)
+static double flatness(const struct stage *stage)
 {
-    struct vector local = stage_to_local(stage, point);
-    double slack = 1e-6 * stage->size;
-    return local.x >= stage->low.x - slack && local.x <= stage->high.x + slack && local.y >= stage->low.y - slack &&
-           local.y <= stage->high.y + slack && local.z >= stage->low.z - slack && local.z <= stage->high.z + slack;
+    struct vector extent = vector_sub(stage->high, stage->low);
+    return extent.z / fmax(fmax(extent.x, extent.y), 1e-44);
+}
+
+/* What should be in the picture: the bulk; of land that is much wider than high only the middle, or all on it would be tiny. */
+static bool in_focus(const struct stage *stage, struct vector point)
+{
+    struct vector extent = vector_sub(stage->high, stage->low), middle = vector_scale(vector_add(stage->low, stage->high), 0.5);
+    struct vector away = vector_sub(stage_to_local(stage, point), middle);
+    double flat = flatness(stage), part = flat < 0.12 ? 0.24 : flat < 0.25 ? 0.36 : 0.501;
+    return fabs(away.x) <= part * extent.x && fabs(away.y) <= part * extent.y && fabs(away.z) <= 0.501 * extent.z;
 }
 
 /* What the samples of the bulk need of the picture when seen from far away, in units of its half sides at distance 1. */
@@ -62,7 +69,7 @@ static struct fit fit_samples(const struct stage *stage, const struct camera *ca
     double wide = camera->half_width * margin, high = camera->half_height * margin;
     struct fit fit = {INFINITY, -INFINITY, INFINITY, -INFINITY, 0};
     for (uint32_t i = 0; i < stage->sample_count; i++) {
-        if (!in_bulk(stage, stage->samples[i]))
+        if (!in_focus(stage, stage->samples[i]))
             continue;
         struct vector q = vector_sub(stage->samples[i], target);
         double x = vector_dot(q, camera->right), y = vector_dot(q, camera->up), z = vector_dot(q, camera->forward);
@@ -184,12 +191,36 @@ static double score_outside(const struct probe *probe, double elevation_bonus)
     return 1.5 * fmin(coverage, 0.55) + 0.25 * facing_entropy(probe) + 1.2 * fmin(outline, 0.3) + elevation_bonus;
 }
 
-static double score_inside(const struct stage *stage, const struct probe *probe)
+struct vector camera_sun(const struct stage *stage, const struct camera *camera)
+{
+    struct vector flat = vector_unit(vector_mad(camera->forward, stage->up, -vector_dot(camera->forward, stage->up)));
+    struct vector level = vector_unit(vector_mad(vector_scale(flat, -0.45), camera->right, -0.9));
+    return vector_unit(vector_mad(level, stage->up, camera->is_inside ? 1.7 : 0.95));
+}
+
+/* The share of the picture that the sun shines on. */
+static double sunlit(const struct stage *stage, const struct camera *camera, const struct probe *probe)
+{
+    struct vector sun = camera_sun(stage, camera);
+    uint32_t lit = 0;
+    for (int y = 0; y < PROBE_HEIGHT; y++)
+        for (int x = 0; x < PROBE_WIDTH; x++) {
+            if (!isfinite(probe->distance[y][x]) || vector_dot(probe->normal[y][x], sun) <= 0)
+                continue;
+            struct vector direction = camera_direction(camera, (x + 0.5) / PROBE_WIDTH, (y + 0.5) / PROBE_HEIGHT);
+            struct vector place = vector_mad(camera->origin, direction, probe->distance[y][x] * 0.9999);
+            lit += isinf(stage_clearance(stage, place, sun));
+        }
+    return (double)lit / (PROBE_WIDTH * PROBE_HEIGHT);
+}
+
+static double score_inside(const struct stage *stage, const struct camera *camera, const struct probe *probe)
 {
     double coverage = (double)probe->hits / (PROBE_WIDTH * PROBE_HEIGHT);
     if (probe->nearest < 0.03 * stage->size || coverage < 0.8)
         return -1;
-    return coverage + 0.3 * facing_entropy(probe) + 2 * outlines(probe) + 0.3 * depth_entropy(probe);
+    return coverage + 0.3 * facing_entropy(probe) + 2 * outlines(probe) + 0.3 * depth_entropy(probe) +
+           3 * fmin(sunlit(stage, camera, probe), 0.3);
 }
 
 static double score_view(const struct stage *stage, const struct camera *camera, int index)
@@ -199,10 +230,9 @@ static double score_view(const struct stage *stage, const struct camera *camera,
     if (probe.hits == 0)
         return -1;
     /* Flat scenes are seen better from above, compact ones from nearly level; a corner view is the usual one. */
-    struct vector extent = vector_sub(stage->high, stage->low);
-    double flatness = extent.z / fmax(fmax(extent.x, extent.y), 1e-44), best = flatness < 0.35 ? 2 : flatness < 0.8 ? 1.2 : 0.6;
+    double flat = flatness(stage), best = flat < 0.35 ? 2 : flat < 0.8 ? 1.2 : 0.6;
     double level = index / AZIMUTHS - best;
-    return camera->is_inside ? score_inside(stage, &probe) : score_outside(&probe, -0.12 * level * level);
+    return camera->is_inside ? score_inside(stage, camera, &probe) : score_outside(&probe, -0.12 * level * level);
 }
 
 struct contest {

@@ -15,6 +15,9 @@ struct camera {
 /* Unit direction through a point of the picture: x from 0 (left) to 1, y from 0 (top) to 1. */
 struct vector camera_direction(const struct camera *camera, double x, double y);
 
+/* Unit direction towards the sun of a picture: from the left and behind the camera; steeper inside, where it has to come in from above. */
+struct vector camera_sun(const struct stage *stage, const struct camera *camera);
+
 /*
  * Tries views from around the stage and, where it encloses one, from inside, looks through each with few rays, and takes the one that shows most.
  * `aspect`: width by height. The same for any number of threads. *ret_rays: how many were traced for it.

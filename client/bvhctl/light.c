@@ -6,16 +6,16 @@
 enum { BOUNCES = 2 }; /* rays that look for ambient light at each sample's surface */
 
 static const double pi = 3.14159265358979323846;
-static const double sun_radius = 0.022; /* of its disc, in radians: softer than the real one */
-static const struct vector sun_light = {3.1, 2.75, 2.3};
+static const double sun_radius = 0.012; /* of its disc, in radians: softer than the real one */
+static const struct vector sun_light = {2.5, 2.2, 1.8};
 static const struct vector horizon = {0.92, 0.93, 0.95}, zenith = {0.36, 0.55, 0.92};
-static const struct vector floor_albedo = {0.56, 0.55, 0.53};
-static const struct vector floor_bounce = {0.36, 0.35, 0.33}; /* of a floor in the sun, seen from below */
+static const struct vector floor_albedo = {0.42, 0.415, 0.41};
+static const struct vector floor_bounce = {0.34, 0.32, 0.29}; /* of a floor in the sun, seen from below */
 static const struct vector inside_fill = {0.20, 0.19, 0.18}, outside_fill = {0.16, 0.17, 0.19}; /* light after more than one bounce */
 
 /* Muted, and told apart at a glance. The first one is for all that is there when a scene is one geometry. */
 static const struct vector palette[] = {
-    {0.64, 0.50, 0.38}, {0.30, 0.44, 0.20}, {0.36, 0.48, 0.60}, {0.72, 0.58, 0.28}, {0.62, 0.34, 0.26},
+    {0.56, 0.38, 0.25}, {0.30, 0.44, 0.20}, {0.36, 0.48, 0.60}, {0.72, 0.58, 0.28}, {0.62, 0.34, 0.26},
     {0.52, 0.52, 0.50}, {0.45, 0.36, 0.50}, {0.24, 0.48, 0.46}, {0.70, 0.64, 0.54},
 };
 enum { COLOURS = sizeof palette / sizeof *palette };
@@ -28,15 +28,7 @@ static double smooth_step(double low, double high, double value)
 
 void light_init(struct light *light, const struct stage *stage, const struct camera *camera)
 {
-    struct vector flat = vector_unit(vector_mad(camera->forward, stage->up, -vector_dot(camera->forward, stage->up)));
-    struct vector side = vector_unit(vector_cross(flat, stage->up));
-    /* From the left and behind the camera; steeper inside, where it has to come in from above. */
-    struct vector level = vector_add(vector_scale(flat, -0.45), vector_scale(side, -0.9));
-    double height = camera->is_inside ? 1.9 : 0.95;
-    *light = (struct light){.stage = stage,
-                            .camera = camera,
-                            .sun = vector_unit(vector_mad(vector_unit(level), stage->up, height)),
-                            .has_floor = !camera->is_inside};
+    *light = (struct light){.stage = stage, .camera = camera, .sun = camera_sun(stage, camera), .has_floor = !camera->is_inside};
 }
 
 static struct vector sky(const struct light *light, struct vector direction)
@@ -53,17 +45,19 @@ static struct vector backdrop(const struct light *light, struct vector direction
     double height = vector_dot(direction, light->stage->up);
     if (light->camera->is_inside)
         return vector_scale(sky(light, direction), 1.4);
-    return vector_mix(vector_make(0.86, 0.88, 0.90), vector_make(0.42, 0.54, 0.70), smooth_step(-0.02, 0.75, height));
+    return vector_mix(vector_make(0.74, 0.77, 0.80), vector_make(0.30, 0.42, 0.58), smooth_step(-0.02, 0.75, height));
 }
 
 static struct vector surface_albedo(const struct light *light, const struct stage_hit *hit)
 {
     uint64_t state = hit->instance * UINT64_C(0x9e3779b97f4a7c15) + 1;
-    struct vector albedo = palette[(hit->handle * 5 + hit->geometry) % COLOURS];
+    struct vector albedo = palette[(hit->handle + hit->geometry) % COLOURS];
     if (light->stage->triangle_count && light->stage->instance_count > 1) {
         double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
         albedo = vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
     }
+    if (light->camera->is_inside) /* light that bounces on and on would take too much of the colour */
+        albedo = vector_mix(albedo, vector_make(0.62, 0.59, 0.55), 0.6);
     /* A hint of where surfaces face, also where no light tells. */
     struct vector n = hit->normal;
     return vector_mul(albedo, vector_make(1 + 0.05 * n.x, 1 + 0.05 * n.y, 1 + 0.05 * n.z));
@@ -174,7 +168,7 @@ struct light_sample light_look(const struct light *light, struct vector directio
 /* A filmic curve: a toe, a nearly straight part, a long shoulder (the fit of Narkowicz 2015). */
 static double film(double value)
 {
-    double x = fmax(value, 0) * 0.62;
+    double x = fmax(value, 0) * 0.55;
     return fmin(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 1);
 }
 

@@ -35,7 +35,7 @@ enum { LIGHT_STRATA = 4 }; /* samples of one pixel share the sky out among them;
 /* Sample `index` (of a number) of a pixel. *state: random numbers of that pixel. */
 struct light_sample light_look(const struct light *light, struct vector direction, unsigned index, uint64_t *state);
 
-/* A linear colour as it is shown: 0 to 1, in sRGB's curve, highlights compressed. */
+/* A linear colour as it is shown: 0 to 1, in sRGB's curve, highlights compressed. 1 is a white wall in the sun. */
 struct vector light_display(struct vector colour);
 
 #endif

@@ -20,6 +20,7 @@ struct rendering {
     _Atomic uint64_t rays, rows;
     void (*progress)(void *context, uint64_t done, uint64_t total);
     void *progress_context;
+    double exposure;
 };
 
 static void add_floats(float sum[3], struct vector value, double factor)
@@ -96,6 +97,26 @@ static void take_row(void *context, size_t row)
         rendering->progress(rendering->progress_context, done, rendering->height);
 }
 
+static struct vector pixel_colour(const struct pixel *pixel)
+{
+    struct vector reflected = vector_mul(from_floats(pixel->albedo), from_floats(pixel->ambient));
+    return vector_add(vector_add(from_floats(pixel->backdrop), from_floats(pixel->direct)), reflected);
+}
+
+/* Outdoors the light is known; inside it depends on the windows: the geometric mean of what is seen becomes a middle grey. */
+static double choose_exposure(const struct rendering *rendering)
+{
+    static const double middle_grey = 0.26;
+    uint64_t count = (uint64_t)rendering->width * rendering->height;
+    double sum = 0;
+    for (uint64_t i = 0; i < count; i++) {
+        struct vector colour = pixel_colour(&rendering->pixels[i]);
+        sum += log(fmax(0.2126 * colour.x + 0.7152 * colour.y + 0.0722 * colour.z, 1e-3));
+    }
+    double exposure = middle_grey / exp(sum / (double)count);
+    return rendering->light->camera->is_inside ? fmin(fmax(exposure, 0.5), 8) : 1;
+}
+
 /* Corners a little darker, as through a lens. */
 static double vignette(const struct rendering *rendering, uint32_t x, uint32_t y)
 {
@@ -108,9 +129,7 @@ static void develop_row(void *context, size_t row)
     const struct rendering *rendering = context;
     for (uint32_t x = 0; x < rendering->width; x++) {
         size_t index = row * rendering->width + x;
-        const struct pixel *pixel = &rendering->pixels[index];
-        struct vector reflected = vector_mul(from_floats(pixel->albedo), from_floats(pixel->ambient));
-        struct vector colour = vector_add(vector_add(from_floats(pixel->backdrop), from_floats(pixel->direct)), reflected);
+        struct vector colour = vector_scale(pixel_colour(&rendering->pixels[index]), rendering->exposure);
         colour = light_display(vector_scale(colour, vignette(rendering, x, (uint32_t)row)));
         rendering->rgb[3 * index] = (uint8_t)lround(255 * colour.x);
         rendering->rgb[3 * index + 1] = (uint8_t)lround(255 * colour.y);
@@ -132,8 +151,10 @@ enum bvhd_status picture_render(const struct light *light, uint32_t width, uint3
     if (ok)
         parallel_for(parallel, height, take_row, &rendering);
     double seconds = (progress_now() - start) / 1e3;
-    if (ok && (ok = smooth_ambient(rendering.pixels, width, height, parallel, memory)))
+    if (ok && (ok = smooth_ambient(rendering.pixels, width, height, parallel, memory))) {
+        rendering.exposure = choose_exposure(&rendering);
         parallel_for(parallel, height, develop_row, &rendering);
+    }
     memory_free(memory, rendering.pixels);
     if (!ok) {
         memory_free(memory, rendering.rgb);

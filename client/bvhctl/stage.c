@@ -10,6 +10,8 @@
 /* The bulk leaves out so many of a thousand samples on each side of each axis. */
 enum { OUTLIERS = 4 };
 
+enum { MANY_INSTANCES = 16 };
+
 static const double clear_of_box = 1.6; /* how much larger the whole may be than the bulk before the rest counts as outliers */
 
 static struct vector from_floats(const float at[3])
@@ -191,12 +193,28 @@ static void measure(const struct stage *stage, bool local, double *sorted, struc
     }
 }
 
-/* Things made for pictures mostly have y up; flat ones that are thin along z - maps, terrain, plans - have z up. */
+/* The extent of the places where instances stand. */
+static struct vector spread_of_instances(const struct stage *stage)
+{
+    struct vector low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    for (uint32_t i = 0; i < stage->instance_count; i++)
+        for (int axis = 0; axis < 3 && stage->instances[i]; axis++) {
+            double at = (double)stage->instances[i]->object_to_world[4 * axis + 3];
+            set_component(&low, axis, fmin(component(low, axis), at));
+            set_component(&high, axis, fmax(component(high, axis), at));
+        }
+    return vector_sub(high, low);
+}
+
+/*
+ * Things made for pictures mostly have y up. What is thin along z - maps, terrain, plans - has z up, and so have many things that stand side by
+ * side in one plane across z.
+ */
 static char guess_up(const struct stage *stage, double *sorted)
 {
-    struct vector low, high;
+    struct vector low = {0}, high = {0};
     measure(stage, false, sorted, &low, &high);
-    struct vector extent = vector_sub(high, low);
+    struct vector extent = stage->instance_count >= MANY_INSTANCES ? spread_of_instances(stage) : vector_sub(high, low);
     return extent.z < 0.5 * fmin(extent.x, extent.y) ? 'z' : 'y';
 }
 
