@@ -78,6 +78,8 @@ static enum bvhd_status check_row(const struct reader *reader, uint32_t index)
         return corrupt_row(reader, index, "flags", "unknown bits");
     if (row->indexed > (row->type == GEOMETRY_TRIANGLES && row->primitive_count > 0))
         return corrupt_row(reader, index, "indexed", "not 0");
+    if (row->type != GEOMETRY_TRIANGLES && row->index_offset != 0)
+        return corrupt_row(reader, index, "indexOffset", "not 0");
     bool derived = row->type != GEOMETRY_TRIANGLES || !row->indexed;
     uint64_t vertices = row->type == GEOMETRY_TRIANGLES ? (uint64_t)3 * row->primitive_count : 0;
     if (derived ? row->vertex_count != vertices : row->vertex_count == 0)
