@@ -10,7 +10,7 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 status=0
 for name; do
-    "$make_scene" "$name" --size "${SIZE:-4000}" -o "$scratch/$name.ply"
+    "$make_scene" "$name" --size "${SIZE:-4000}" -o "$scratch/$name.ply" >/dev/null
     for quality in fast balanced high; do
         out=$scratch/$name-$quality
         if ! "$bvhctl" --local build "$scratch/$name.ply" -o "$out" --quality "$quality" >"$scratch/log" 2>&1; then
