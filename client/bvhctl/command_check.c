@@ -83,7 +83,8 @@ static struct tally judge_all(const struct run *run)
         double t_rel_err = 0;
         bool is_hit = traverse(&run->structures.scene, &run->rays[i], &options, &hit, NULL);
         tally.hits += is_hit;
-        count_verdict(&tally, oracle_judge(&run->answers[i], is_hit ? &hit : NULL, &t_rel_err), t_rel_err);
+        enum oracle_verdict verdict = oracle_judge(&run->answers[i], is_hit ? &hit : NULL, &t_rel_err);
+        count_verdict(&tally, verdict, t_rel_err);
     }
     return tally;
 }
