@@ -17,28 +17,32 @@ static int main_axis(const double direction[3])
     return fabs(direction[2]) > fabs(direction[axis]) ? 2 : axis;
 }
 
+static double larger(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 /* How far from the origin the structure reaches along an axis. */
 static double reach(const double origin[3], const float bounds[6], int axis)
 {
-    return fmax(fabs(bounds[axis] - origin[axis]), fabs(bounds[3 + axis] - origin[axis]));
+    return larger(fabs(bounds[axis] - origin[axis]), fabs(bounds[3 + axis] - origin[axis]));
 }
 
-static bool in_float_range(const double origin[3], const double direction[3], const float bounds[6])
+static bool in_float_range(const double origin[3], double longest, const float bounds[6])
 {
-    double largest = 0, longest = 0;
+    double largest = 0, farthest = 0;
     for (int axis = 0; axis < 3; axis++) {
-        largest = fmax(largest, fmax(fabs(bounds[axis]), fabs(bounds[3 + axis])));
-        longest = fmax(longest, fabs(direction[axis]));
-        if (!(fabs(origin[axis]) <= range_max))
-            return false;
+        largest = larger(largest, larger(fabs(bounds[axis]), fabs(bounds[3 + axis])));
+        farthest = larger(farthest, fabs(origin[axis]));
     }
-    return largest >= structure_min && largest <= range_max && longest >= direction_min && longest <= range_max;
+    return largest >= structure_min && largest <= range_max && farthest <= range_max && longest >= direction_min &&
+           longest <= range_max;
 }
 
-static float round_up(double value)
+/* An upper bound of a sum of errors: a thousandth more than covers the rounding of the sum and of this. */
+static float round_up(double error)
 {
-    float nearest = (float)value;
-    return nearest < value ? nextafterf(nearest, INFINITY) : nearest;
+    return (float)(1.001 * error + underflow_error);
 }
 
 static void init_planes(const double direction[3], struct boxtest_ray *ray)
@@ -53,27 +57,32 @@ static void init_planes(const double direction[3], struct boxtest_ray *ray)
 
 bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray)
 {
-    if (!in_float_range(origin, direction, bounds))
-        return false;
     int longest = main_axis(direction);
+    double speed = fabs(direction[longest]);
+    if (!in_float_range(origin, speed, bounds))
+        return false;
     /* No structure point is met at a greater |t|. */
-    double t_reach = reach(origin, bounds, longest) / fabs(direction[longest]);
+    double t_reach = reach(origin, bounds, longest) / speed;
 
-    struct boxtest_ray ray = {.tmin = tmin};
+    struct boxtest_ray *ray = ret_ray;
+    ray->tmin = tmin;
+    ray->parallel_axes = 0;
+    ray->origin[3] = ray->inverse[3] = ray->slack[3] = 0;
     for (int axis = 0; axis < 3; axis++) {
-        ray.origin[axis] = (float)origin[axis];
-        double moved = fabs(origin[axis] - ray.origin[axis]) + corner_error * reach(origin, bounds, axis);
-        if (fabs(direction[axis]) < parallel_ratio * fabs(direction[longest])) {
-            ray.parallel_axes |= 1u << axis;
-            ray.parallel_slack[axis] = round_up(1.001 * (moved + t_reach * fabs(direction[axis])));
-            ray.slack[axis] = FLT_MAX;
+        ray->origin[axis] = (float)origin[axis];
+        double moved = fabs(origin[axis] - ray->origin[axis]) + corner_error * reach(origin, bounds, axis);
+        if (fabs(direction[axis]) < parallel_ratio * speed) {
+            ray->parallel_axes |= 1u << axis;
+            ray->parallel_slack[axis] = round_up(moved + t_reach * fabs(direction[axis]));
+            ray->inverse[axis] = 0;
+            ray->slack[axis] = FLT_MAX;
         } else {
-            ray.inverse[axis] = (float)(1 / direction[axis]);
-            ray.slack[axis] = round_up(1.001 * (moved / fabs(direction[axis]) + t_error * t_reach + underflow_error));
+            double inverse = 1 / direction[axis];
+            ray->inverse[axis] = (float)inverse;
+            ray->slack[axis] = round_up(moved * fabs(inverse) + t_error * t_reach);
         }
     }
-    init_planes(direction, &ray);
-    *ret_ray = ray;
+    init_planes(direction, ray);
     return true;
 }
 

@@ -47,7 +47,8 @@ struct boxtest_exact {
 
 /*
  * Prepares a ray for the structure with these bounds (min xyz, max xyz). False when float tests can not be trusted: a coordinate or a
- * direction beyond 2^60, a longest direction component below 2^-32, or bounds that lie altogether within 2^-60 of zero.
+ * direction beyond 2^60, a longest direction component below 2^-32, or bounds that lie altogether within 2^-60 of zero. *ret_ray holds nothing of
+ * use then.
  */
 bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray);
 

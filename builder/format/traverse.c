@@ -128,24 +128,32 @@ static void visit_scene(struct traverse_state *state)
     }
 }
 
+/* Field by field: clearing all of it costs more than a short traversal. */
+static void start(struct traverse_state *state, const struct scene *scene, const struct ray *ray,
+                  const struct traverse_options *options)
+{
+    static const struct traverse_options defaults = {0};
+    state->scene = scene;
+    state->ray = ray;
+    state->options = options ? options : &defaults;
+    state->counters = (struct traverse_counters){0, 0, 0};
+    state->wide = !state->options->narrow_only && boxtest_has_wide();
+    state->tmax = ray->tmax;
+    state->tmax_above = ray->tmax;
+    state->is_hit = state->is_done = false;
+    for (int axis = 0; axis < 3; axis++) {
+        state->origin[axis] = ray->origin[axis];
+        state->direction[axis] = ray->direction[axis];
+    }
+}
+
 bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options, struct ray_hit *ret_hit,
               struct traverse_counters *counters)
 {
-    static const struct traverse_options defaults = {0};
-    struct traverse_state state = {
-        .scene = scene,
-        .ray = ray,
-        .options = options ? options : &defaults,
-        .tmax = ray->tmax,
-        .tmax_above = ray->tmax,
-    };
-    for (int axis = 0; axis < 3; axis++) {
-        state.origin[axis] = ray->origin[axis];
-        state.direction[axis] = ray->direction[axis];
-    }
+    struct traverse_state state;
+    start(&state, scene, ray, options);
     if (!is_usable(state.origin, state.direction) || !(ray->tmin <= ray->tmax))
         return false;
-    state.wide = !state.options->narrow_only && boxtest_has_wide();
     visit_scene(&state);
     if (counters) {
         counters->nodes += state.counters.nodes;

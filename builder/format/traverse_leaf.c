@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* traverse_leaf.c - what a ray does at a leaf: intersections, opacity, facing, candidates, and which of two hits is the answer. */
-#include <math.h>
-
 #include "traverse_state.h"
 
 static uint32_t flat_id(const struct traverse_found *found)
@@ -51,12 +49,22 @@ static bool is_better(const struct traverse_state *state, const struct traverse_
     return found->t < state->tmax;
 }
 
+/* The next float, of one that is not infinite. */
+static float next_up(float value)
+{
+    int32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = value == 0 ? 1 : bits + (bits < 0 ? -1 : 1);
+    memcpy(&value, &bits, sizeof bits);
+    return value;
+}
+
 static void accept(struct traverse_state *state, const struct traverse_found *found)
 {
     float nearest = (float)found->t;
     state->best = *found;
     state->tmax = found->t;
-    state->tmax_above = nearest < found->t ? nextafterf(nearest, INFINITY) : nearest;
+    state->tmax_above = nearest < found->t ? next_up(nearest) : nearest;
     state->is_hit = true;
     state->is_done = state->is_done || (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT);
 }

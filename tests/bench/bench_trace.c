@@ -1,0 +1,318 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * bench_trace.c - rays a second through a portable structure, against Embree's rtcIntersect1 on its own robust scene of the same triangles.
+ *
+ *   bench_trace [--size N] [--seconds S] [--fast-triangles] SCENE.ply...
+ *
+ * One thread, its processor time. Primary rays of an N x N picture (in tiles), diffuse rays from what those hit (in the same order), and random ones through the
+ * box. Rates are medians over repetitions that take turns; then the geometric mean of the ratios, and the worst.
+ */
+#include <embree3/rtcore.h>
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "batch.h"
+#include "ply.h"
+#include "random.h"
+#include "traverse.h"
+
+enum { KINDS = 3, TILE = 8, MAX_REPEATS = 64 };
+
+static const char *const kind_names[KINDS] = {"primary", "diffuse", "random"};
+
+struct settings {
+    int size;
+    double seconds;
+    uint32_t layout_flags;
+    enum build_quality quality;
+};
+
+struct totals {
+    double log_ratio[KINDS], worst[KINDS];
+    int scenes;
+};
+
+struct subject {
+    const struct ply *ply;
+    RTCScene embree;
+    struct scene scene;
+    float bounds[6];
+};
+
+static double now(void)
+{
+    struct timespec time;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
+}
+
+static void *need(size_t size)
+{
+    void *block = calloc(size ? size : 1, 1);
+    if (!block) {
+        fprintf(stderr, "bench_trace: no memory\n");
+        exit(1);
+    }
+    return block;
+}
+
+static struct ray make_ray(const double origin[3], const double direction[3], float tmin)
+{
+    struct ray ray = {.tmin = tmin, .tmax = FLT_MAX, .cull_mask = 0xff};
+    double length = sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+    for (int axis = 0; axis < 3; axis++) {
+        ray.origin[axis] = (float)origin[axis];
+        ray.direction[axis] = (float)(direction[axis] / length);
+    }
+    return ray;
+}
+
+/* A camera that looks at the middle of the scene from outside, 40 degrees wide. */
+static uint32_t make_primary(const struct subject *subject, int size, struct ray *ret_rays)
+{
+    static const double forward[3] = {-0.6, -0.5, -0.6244998}, right[3] = {0.7211103, 0, -0.6928203},
+                        up[3] = {-0.3464102, 0.8660254, -0.3605551};
+    double centre[3], eye[3], radius = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        centre[axis] = 0.5 * ((double)subject->bounds[axis] + subject->bounds[3 + axis]);
+        radius += pow(subject->bounds[3 + axis] - centre[axis], 2);
+    }
+    radius = sqrt(radius);
+    for (int axis = 0; axis < 3; axis++)
+        eye[axis] = centre[axis] - 1.6 * radius * forward[axis];
+    uint32_t count = 0;
+    for (int tile = 0; tile < size / TILE * (size / TILE); tile++)
+        for (int pixel = 0; pixel < TILE * TILE; pixel++) {
+            double x = ((tile % (size / TILE)) * TILE + pixel % TILE + 0.5) / size * 2 - 1, direction[3];
+            double y = ((tile / (size / TILE)) * TILE + pixel / TILE + 0.5) / size * 2 - 1;
+            for (int axis = 0; axis < 3; axis++)
+                direction[axis] = forward[axis] + 0.45 * (x * right[axis] - y * up[axis]);
+            ret_rays[count++] = make_ray(eye, direction, 0);
+        }
+    return count;
+}
+
+/* One ray from each primary hit, cosine-distributed around the normal that faces the viewer. */
+static uint32_t make_diffuse(const struct subject *subject, const struct ray *primary, uint32_t primary_count, struct ray *ret_rays)
+{
+    struct random random = {1};
+    uint32_t count = 0;
+    double size = 0;
+    for (int axis = 0; axis < 3; axis++)
+        size = fmax(size, (double)subject->bounds[3 + axis] - subject->bounds[axis]);
+    for (uint32_t i = 0; i < primary_count; i++) {
+        struct ray_hit hit;
+        float corners[3][3];
+        double a[3], b[3], point[3], on_sphere[3], direction[3], length, facing = 0;
+        if (!traverse(&subject->scene, &primary[i], NULL, &hit, NULL))
+            continue;
+        traverse_positions(&subject->scene, &hit, corners);
+        for (int axis = 0; axis < 3; axis++) {
+            a[axis] = (double)corners[1][axis] - corners[0][axis];
+            b[axis] = (double)corners[2][axis] - corners[0][axis];
+            point[axis] = primary[i].origin[axis] + (double)hit.t * primary[i].direction[axis];
+        }
+        double normal[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+        length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+        for (int axis = 0; axis < 3; axis++)
+            facing += normal[axis] * primary[i].direction[axis];
+        do {
+            random_point(&random, on_sphere);
+        } while (on_sphere[0] * on_sphere[0] + on_sphere[1] * on_sphere[1] + on_sphere[2] * on_sphere[2] > 1);
+        double radius = sqrt(on_sphere[0] * on_sphere[0] + on_sphere[1] * on_sphere[1] + on_sphere[2] * on_sphere[2]);
+        for (int axis = 0; axis < 3; axis++)
+            direction[axis] = (facing < 0 ? 1 : -1) * normal[axis] / length + on_sphere[axis] / radius;
+        ret_rays[count++] = make_ray(point, direction, (float)(1e-5 * size));
+    }
+    return count;
+}
+
+static uint32_t make_random(const struct subject *subject, uint32_t wanted, struct ray *ret_rays)
+{
+    struct random random = {2};
+    for (uint32_t i = 0; i < wanted; i++) {
+        double origin[3], direction[3];
+        random_point(&random, direction);
+        for (int axis = 0; axis < 3; axis++)
+            origin[axis] = random_between(&random, subject->bounds[axis], subject->bounds[3 + axis]);
+        ret_rays[i] = make_ray(origin, direction, 0);
+    }
+    return wanted;
+}
+
+static RTCScene build_embree(RTCDevice device, const struct ply *ply)
+{
+    RTCScene scene = rtcNewScene(device);
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    void *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, ply->vertex_count);
+    void *indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, ply->triangle_count);
+    memcpy(vertices, ply->positions, (size_t)12 * ply->vertex_count);
+    memcpy(indices, ply->indices, (size_t)12 * ply->triangle_count);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(scene, geometry);
+    rtcReleaseGeometry(geometry);
+    rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneBuildQuality(scene, RTC_BUILD_QUALITY_MEDIUM);
+    rtcCommitScene(scene);
+    return scene;
+}
+
+static uint32_t run_embree(RTCScene scene, const struct ray *rays, uint32_t count)
+{
+    uint32_t hits = 0;
+    struct RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    for (uint32_t i = 0; i < count; i++) {
+        struct RTCRayHit hit = {.ray = {.org_x = rays[i].origin[0],
+                                        .org_y = rays[i].origin[1],
+                                        .org_z = rays[i].origin[2],
+                                        .dir_x = rays[i].direction[0],
+                                        .dir_y = rays[i].direction[1],
+                                        .dir_z = rays[i].direction[2],
+                                        .tnear = rays[i].tmin,
+                                        .tfar = rays[i].tmax,
+                                        .mask = ~0u},
+                                .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
+        rtcIntersect1(scene, &context, &hit);
+        hits += hit.hit.geomID != RTC_INVALID_GEOMETRY_ID;
+    }
+    return hits;
+}
+
+static uint32_t run_portable(const struct scene *scene, const struct ray *rays, uint32_t count)
+{
+    uint32_t hits = 0;
+    struct ray_hit hit;
+    for (uint32_t i = 0; i < count; i++)
+        hits += traverse(scene, &rays[i], NULL, &hit, NULL);
+    return hits;
+}
+
+static int compare_doubles(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void measure(const struct subject *subject, const struct settings *settings, int kind, const struct ray *rays, uint32_t count,
+                    struct totals *totals)
+{
+    double times[2][MAX_REPEATS], start = now();
+    uint32_t hits[2] = {0, 0};
+    int repeats = 0;
+    struct traverse_counters counters = {0};
+    struct ray_hit hit;
+    if (count == 0)
+        return;
+    while (repeats < 3 || (repeats < MAX_REPEATS && now() - start < settings->seconds)) {
+        double from = now();
+        hits[0] = run_embree(subject->embree, rays, count);
+        double middle = now();
+        hits[1] = run_portable(&subject->scene, rays, count);
+        times[0][repeats] = middle - from;
+        times[1][repeats++] = now() - middle;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        traverse(&subject->scene, &rays[i], NULL, &hit, &counters);
+    for (int k = 0; k < 2; k++)
+        qsort(times[k], (size_t)repeats, sizeof(double), compare_doubles);
+    double embree = 1e-6 * count / times[0][repeats / 2], portable = 1e-6 * count / times[1][repeats / 2], ratio = portable / embree;
+    printf("  %-8s %7u rays, hits %6.2f %% (embree %+d): embree %6.2f, portable %6.2f Mray/s, ratio %5.3f; a ray: %5.1f nodes, %5.1f "
+           "triangles\n",
+           kind_names[kind], count, 100.0 * hits[1] / count, (int)hits[0] - (int)hits[1], embree, portable, ratio,
+           (double)counters.nodes / count, (double)counters.triangles / count);
+    totals->log_ratio[kind] += log(ratio);
+    totals->worst[kind] = fmin(totals->worst[kind], ratio);
+}
+
+static void measure_all(const struct subject *subject, const struct settings *settings, struct totals *totals)
+{
+    uint32_t pixels = (uint32_t)settings->size * (uint32_t)settings->size, count;
+    struct ray *primary = need(pixels * sizeof *primary), *others = need(pixels * sizeof *others);
+    count = make_primary(subject, settings->size, primary);
+    measure(subject, settings, 0, primary, count, totals);
+    measure(subject, settings, 1, others, make_diffuse(subject, primary, count, others), totals);
+    measure(subject, settings, 2, others, make_random(subject, pixels, others), totals);
+    totals->scenes++;
+    free(others);
+    free(primary);
+}
+
+static void run_scene(const char *path, const struct settings *settings, RTCDevice device, struct embree *embree, struct totals *totals)
+{
+    struct memory memory;
+    struct bvhd_error error;
+    struct batch_item item;
+    struct portable_view view;
+    const struct portable_view *bottoms[1] = {&view};
+    struct ply *ply = ply_read(path);
+    if (!ply)
+        exit(1);
+    memory_init(&memory, UINT64_MAX);
+    struct geometry geometry = {
+        .type = GEOMETRY_TRIANGLES,
+        .flags = GEOMETRY_OPAQUE,
+        .triangles = {.vertex_format = 106,
+                      .max_vertex = ply->vertex_count - 1,
+                      .vertex_stride = 12,
+                      .index_type = INDEX_UINT32,
+                      .vertices = {(const unsigned char *)ply->positions, (uint64_t)12 * ply->vertex_count},
+                      .indices = {(const unsigned char *)ply->indices, (uint64_t)12 * ply->triangle_count}},
+        .range.primitive_count = ply->triangle_count,
+    };
+    struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                .geometry_count = 1,
+                                .geometries = &geometry,
+                                .options = {settings->quality, TARGET_PORTABLE, settings->layout_flags}};
+    struct limits limits = limits_default();
+    struct build_context context = {.embree = embree, .memory = &memory, .parallel = &parallel_serial};
+    if (batch_build(&input, 1, &limits, &context, &item, &error) != BVHD_OK || item.status != BVHD_OK ||
+        portable_open((struct bytes){item.blob, item.size}, &memory, &view, &error) != BVHD_OK) {
+        fprintf(stderr, "bench_trace: %s does not build\n", path);
+        exit(1);
+    }
+    struct subject subject = {.ply = ply, .scene = {.bottoms = bottoms, .bottom_count = 1}, .embree = build_embree(device, ply)};
+    memcpy(subject.bounds, view.header->bounds, sizeof subject.bounds);
+    printf("%s: %u triangles, %.1f MiB, %s, SAH %.2f\n", path, ply->triangle_count, (double)item.size / 1048576, item.stats.method,
+           item.stats.sah);
+    measure_all(&subject, settings, totals);
+    rtcReleaseScene(subject.embree);
+    batch_finish(&item, 1, &memory);
+    ply_free(ply);
+}
+
+int main(int argc, char **argv)
+{
+    struct settings settings = {.size = 512, .seconds = 1, .quality = QUALITY_BALANCED};
+    struct totals totals = {.worst = {DBL_MAX, DBL_MAX, DBL_MAX}};
+    struct bvhd_error error;
+    struct embree *embree;
+    RTCDevice device = rtcNewDevice("threads=1");
+    if (!device || embree_create(&embree, &error) != BVHD_OK) {
+        fprintf(stderr, "bench_trace: no Embree device\n");
+        return 1;
+    }
+    for (int i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--size") == 0 && i + 1 < argc)
+            settings.size = atoi(argv[++i]) / TILE * TILE;
+        else if (strcmp(argv[i], "--seconds") == 0 && i + 1 < argc)
+            settings.seconds = atof(argv[++i]);
+        else if (strcmp(argv[i], "--fast-triangles") == 0)
+            settings.layout_flags = PORTABLE_FAST_TRIANGLES;
+        else if (strcmp(argv[i], "--high") == 0)
+            settings.quality = QUALITY_HIGH;
+        else
+            run_scene(argv[i], &settings, device, embree, &totals);
+        fflush(stdout);
+    }
+    for (int kind = 0; kind < KINDS && totals.scenes > 0; kind++)
+        printf("%-8s: geometric mean of portable / embree %.3f, worst %.3f\n", kind_names[kind],
+               exp(totals.log_ratio[kind] / totals.scenes), totals.worst[kind]);
+    embree_destroy(embree);
+    rtcReleaseDevice(device);
+    return 0;
+}
