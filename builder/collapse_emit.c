@@ -2,7 +2,6 @@
 #include "collapse_emit.h"
 
 #include <assert.h>
-#include <string.h>
 
 #include "octants.h"
 
@@ -72,16 +71,17 @@ static bool start(struct emission *emission, struct run *run, uint32_t node, uin
     return true;
 }
 
-/* Eighths of distances between centres: no sum of three of them overflows. */
-static void centre_offsets(const struct ir *ir, uint32_t parent, const uint32_t *children, unsigned count, float ret_offsets[3][8])
+/* Sixteenths of twice the distances between centres: no sum of six of them overflows. */
+static void centre_offsets(const struct ir *ir, uint32_t parent, const uint32_t *children, unsigned count, float ret_offsets[8][4])
 {
     const struct box *boxes = ir->boxes[0], *outer = &boxes[parent];
-    for (int axis = 0; axis < 3; axis++) {
-        float centre = 0.125f * outer->min[axis] + 0.125f * outer->max[axis];
-        for (unsigned i = 0; i < count; i++) {
-            const struct box *box = &boxes[children[i]];
-            ret_offsets[axis][i] = 0.125f * box->min[axis] + 0.125f * box->max[axis] - centre;
-        }
+    float centre[3];
+    for (int axis = 0; axis < 3; axis++)
+        centre[axis] = 0.0625f * outer->min[axis] + 0.0625f * outer->max[axis];
+    for (unsigned i = 0; i < count; i++) {
+        const struct box *box = &boxes[children[i]];
+        for (int axis = 0; axis < 3; axis++)
+            ret_offsets[i][axis] = 0.0625f * box->min[axis] + 0.0625f * box->max[axis] - centre[axis];
     }
 }
 
@@ -100,8 +100,8 @@ static unsigned fill_slots(const struct collapse_table *table, struct wide_node 
 {
     const struct ir *ir = table->ir;
     uint32_t children[WIDE_ARITY];
-    float offsets[3][WIDE_ARITY];
-    uint8_t slots[WIDE_ARITY];
+    float offsets[WIDE_ARITY][4] = {{0}};
+    uint8_t order[WIDE_ARITY];
     unsigned count, inner = 0;
     if (ir_is_leaf(ir, wide->node)) { /* the root alone */
         count = 1;
@@ -110,17 +110,19 @@ static unsigned fill_slots(const struct collapse_table *table, struct wide_node 
         count = collapse_children(table, wide->node, children);
     }
     centre_offsets(ir, wide->node, children, count, offsets);
-    octants_assign((const float(*)[8])offsets, count, slots);
+    octants_assign((const float(*)[4])offsets, order);
 
-    memset(wide->slots, 0, sizeof wide->slots);
     uint32_t leaf_refs = 0;
-    for (unsigned i = 0; i < count; i++) {
-        struct wide_child *child = &wide->slots[slots[i]];
-        child->node = children[i];
-        child->ref_count = table->costs[children[i]].leaf_refs;
-        child->first_ref = child->ref_count ? first_ref(ir, children[i]) : 0;
-        leaf_refs += child->ref_count;
-        inner += child->ref_count == 0;
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
+        struct wide_child child = {0};
+        if (order[slot] < count) {
+            child.node = children[order[slot]];
+            child.ref_count = table->costs[child.node].leaf_refs;
+            child.first_ref = child.ref_count ? first_ref(ir, child.node) : 0;
+            inner += child.ref_count == 0;
+        }
+        leaf_refs += child.ref_count;
+        wide->slots[slot] = child;
     }
     *ret_leaf_refs = leaf_refs;
     return inner;
