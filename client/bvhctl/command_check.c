@@ -80,7 +80,7 @@ static struct tally judge_all(const struct run *run)
     struct traverse_options options = {.flip_order = run->options->flip_order};
     for (uint32_t i = 0; i < run->ray_count; i++) {
         struct ray_hit hit;
-        double t_rel_err = 0;
+        double t_rel_err;
         bool is_hit = traverse(&run->structures.scene, &run->rays[i], &options, &hit, NULL);
         tally.hits += is_hit;
         enum oracle_verdict verdict = oracle_judge(&run->answers[i], is_hit ? &hit : NULL, &t_rel_err);
