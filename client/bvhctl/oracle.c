@@ -95,7 +95,7 @@ static void block_add(struct block *block, const struct oracle_mesh *mesh, bool 
     triangle->mirrored = mirrored;
     for (int k = 0; k < 3; k++)
         transform_corner(mesh->transform, corners[k], triangle->corners[k]);
-    block->ids[at] = (struct oracle_triangle_id){mesh->instance, mesh->geometry, primitive, 1};
+    block->ids[at] = (struct oracle_triangle_id){mesh->instance, mesh->geometry, primitive, 1, 0};
     oracle_filter_add(&block->filter, triangle->corners);
 }
 
@@ -237,14 +237,14 @@ void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct mem
 
 /* ---- judging ---- */
 
-static bool is_tied(const struct oracle_answer *answer, const struct ray_hit *hit)
+static const struct oracle_triangle_id *find_tied(const struct oracle_answer *answer, const struct ray_hit *hit)
 {
     for (uint32_t i = 0; i < answer->tied_count; i++) {
         const struct oracle_triangle_id *id = &answer->tied[i];
         if (id->instance == hit->instance && id->geometry == hit->geometry && hit->primitive - id->primitive < id->count)
-            return true;
+            return id;
     }
-    return false;
+    return NULL;
 }
 
 /* Within the bounds, and what a reader that computes in float may add. */
@@ -264,11 +264,12 @@ enum oracle_verdict oracle_judge(const struct oracle_answer *answer, const struc
         return hit ? ORACLE_WRONG_HIT : ORACLE_RIGHT;
     if (!hit)
         return ORACLE_WRONG_MISS;
-    if (hit->is_aabb || !is_tied(answer, hit))
+    const struct oracle_triangle_id *tied = hit->is_aabb ? NULL : find_tied(answer, hit);
+    if (!tied)
         return ORACLE_WRONG_PRIMITIVE;
     if (!is_possible_t(answer, hit->t))
         return ORACLE_WRONG_HIT;
     if (ret_t_rel_err)
-        *ret_t_rel_err = fabs(hit->t - answer->t) / fmax(fabs(answer->t), FLT_TRUE_MIN);
+        *ret_t_rel_err = fabs(hit->t - tied->t) / fmax(fabs(tied->t), FLT_TRUE_MIN);
     return ORACLE_RIGHT;
 }

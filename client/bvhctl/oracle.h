@@ -29,6 +29,7 @@ enum oracle_kind { ORACLE_MISS, ORACLE_HIT, ORACLE_UNCERTAIN };
 struct oracle_triangle_id {
     uint32_t instance, geometry, primitive;
     uint32_t count;
+    double t; /* of a tied one */
 };
 
 struct oracle_answer {
@@ -57,7 +58,7 @@ void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct mem
 
 /*
  * `hit` NULL: the traversal missed. WRONG_HIT: there is nothing to be hit, or the right triangle is reported at a t that it cannot have.
- * *ret_t_rel_err (may be NULL): |t - answer| / |answer| on a right, certain hit, else 0.
+ * *ret_t_rel_err (may be NULL): |t - own t| / |own t| of the triangle that is hit, when right; else 0.
  */
 enum oracle_verdict oracle_judge(const struct oracle_answer *answer, const struct ray_hit *hit, double *ret_t_rel_err);
 

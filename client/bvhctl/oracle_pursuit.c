@@ -198,7 +198,8 @@ bool oracle_pursuit_answer(struct oracle_pursuit *pursuit, struct memory *memory
             return false;
         for (uint32_t i = 0; i < pursuit->count; i++) {
             const struct oracle_crossing *crossing = &pursuit->contenders[i].crossing;
-            answer.tied[answer.tied_count++] = pursuit->contenders[i].id;
+            answer.tied[answer.tied_count] = pursuit->contenders[i].id;
+            answer.tied[answer.tied_count++].t = crossing->t;
             answer.t_low = fmin(answer.t_low, crossing->low - crossing->shift);
             answer.t_end = fmax(answer.t_end, crossing->high + crossing->shift);
         }

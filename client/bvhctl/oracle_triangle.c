@@ -192,12 +192,11 @@ static void meeting_z(const struct sheared *sheared, const struct radial edges[3
         high = fmax(high, z.centre + z.radius);
         sum = radial_add(sum, radial_mul(edges[i], radial_sub(z, exact(middle))));
     }
-    double z = middle;
+    double z = det.centre != 0 ? middle + sum.centre / det.centre : middle;
     if (surely_nonzero(det)) {
         struct radial offset = radial_add(exact(middle), radial_div(sum, det));
         low = fmax(low, offset.centre - offset.radius);
         high = fmin(high, offset.centre + offset.radius);
-        z = offset.centre;
     }
     *ret_z = fmin(fmax(z, low), high);
     *ret_low = low;
