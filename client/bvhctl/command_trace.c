@@ -143,7 +143,7 @@ static enum bvhd_status make_picture(struct run *run, struct bvhd_error *error)
     const struct options *options = run->options;
     enum bvhd_status status = structures_open(options->operands[0], options->scene, memory, &run->structures, error);
     if (!status)
-        status = stage_init(&run->stage, &run->structures.scene, options->up[0], memory, error);
+        status = stage_init(&run->stage, &run->structures, options->up[0], memory, error);
     if (!status)
         status = render(run, error);
     if (!status)

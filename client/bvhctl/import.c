@@ -70,21 +70,40 @@ static void copy_positions(const struct aiMesh *source, struct import_mesh *mesh
     }
 }
 
+/* Nameless and default materials have a colour that nobody chose. */
+static void copy_colour(const struct aiMaterial *material, struct import_mesh *mesh)
+{
+    struct aiColor4D colour;
+    if (!*mesh->material || !strcmp(mesh->material, AI_DEFAULT_MATERIAL_NAME))
+        return;
+    if (aiGetMaterialColor(material, AI_MATKEY_BASE_COLOR, &colour) != aiReturn_SUCCESS &&
+        aiGetMaterialColor(material, AI_MATKEY_COLOR_DIFFUSE, &colour) != aiReturn_SUCCESS)
+        return;
+    const float parts[3] = {(float)colour.r, (float)colour.g, (float)colour.b};
+    mesh->has_colour = true;
+    for (int i = 0; i < 3; i++)
+        mesh->colour[i] = parts[i] >= 0 && parts[i] <= 1 ? parts[i] : parts[i] > 1 ? 1.0f : 0.0f;
+}
+
 static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMesh *source, const char *path, struct import *import,
                                   struct import_mesh *mesh, struct bvhd_error *error)
 {
-    struct aiString material = {0};
-    if (source->mMaterialIndex < scene->mNumMaterials)
-        aiGetMaterialString(scene->mMaterials[source->mMaterialIndex], AI_MATKEY_NAME, &material);
+    struct aiString name = {0};
+    const struct aiMaterial *material =
+        source->mMaterialIndex < scene->mNumMaterials ? scene->mMaterials[source->mMaterialIndex] : NULL;
+    if (material)
+        aiGetMaterialString(material, AI_MATKEY_NAME, &name);
     count_faces(source, mesh, &import->counts);
     mesh->vertex_count = source->mVertices ? source->mNumVertices : 0;
     mesh->name = copy_name(import->memory, &source->mName);
-    mesh->material = copy_name(import->memory, &material);
+    mesh->material = copy_name(import->memory, &name);
     /* Room for one more, so that a mesh without triangles has an address as well. */
     mesh->positions = memory_array(import->memory, (uint64_t)mesh->vertex_count + 1, 3 * sizeof *mesh->positions);
     mesh->indices = memory_array(import->memory, (uint64_t)mesh->triangle_count + 1, 3 * sizeof *mesh->indices);
     if (!mesh->name || !mesh->material || !mesh->positions || !mesh->indices)
         return no_memory(path, error);
+    if (material)
+        copy_colour(material, mesh);
     if (!copy_faces(source, mesh))
         return bvhd_error_set(error, BVHD_INVALID, path, "mesh '%s' has an index beyond its vertices", mesh->name);
     if (mesh->vertex_count)

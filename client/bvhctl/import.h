@@ -15,6 +15,8 @@
 
 struct import_mesh {
     char *name, *material; /* may be "" */
+    bool has_colour;
+    float colour[3]; /* of the material: base colour, linear, 0 to 1 */
     float *positions; /* xyz each; never NULL */
     uint32_t *indices; /* three a triangle, each < vertex_count; never NULL */
     uint32_t vertex_count, triangle_count;

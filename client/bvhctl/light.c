@@ -48,11 +48,20 @@ static struct vector backdrop(const struct light *light, struct vector direction
     return vector_mix(vector_make(0.74, 0.77, 0.80), vector_make(0.30, 0.42, 0.58), smooth_step(-0.02, 0.75, height));
 }
 
+/* No real surface takes or gives back all light. */
+static double reflectance(float colour)
+{
+    return 0.03 + 0.82 * (double)colour;
+}
+
 static struct vector surface_albedo(const struct light *light, const struct stage_hit *hit)
 {
     uint64_t state = hit->instance * UINT64_C(0x9e3779b97f4a7c15) + 1;
     struct vector albedo = palette[(hit->handle + hit->geometry) % COLOURS];
-    if (light->stage->triangle_count && light->stage->instance_count > 1) {
+    const float *colour = structures_colour(light->stage->structures, hit->handle, hit->geometry);
+    if (colour)
+        albedo = vector_make(reflectance(colour[0]), reflectance(colour[1]), reflectance(colour[2]));
+    if (light->stage->instance_count > 1) {
         double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
         albedo = vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
     }

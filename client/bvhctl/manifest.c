@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "manifest.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -58,6 +59,14 @@ char *manifest_file_name(const struct import *import, uint32_t index)
     return file;
 }
 
+static void write_colour(struct json *json, const float colour[3])
+{
+    json_array(json, "color");
+    for (int i = 0; i < 3; i++)
+        json_number(json, NULL, round((double)colour[i] * 1e4) / 1e4);
+    json_array_end(json);
+}
+
 static void write_geometries(struct json *json, const struct import *import, uint32_t index)
 {
     json_array(json, "geometries");
@@ -68,6 +77,8 @@ static void write_geometries(struct json *json, const struct import *import, uin
         json_text(json, "name", mesh->name);
         json_text(json, "material", mesh->material);
         json_integer(json, "primitives", mesh->triangle_count);
+        if (mesh->has_colour)
+            write_colour(json, mesh->colour);
         json_object_end(json);
     }
     json_array_end(json);

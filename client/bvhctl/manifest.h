@@ -27,11 +27,18 @@ char *manifest_safe_name(const char *name, struct memory *memory);
 void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index, const char *file,
                               char *const *all_files, bool times);
 
+/* A geometry's base colour, linear; red < 0: none given. */
+struct manifest_colour {
+    float rgb[3];
+};
+
 struct manifest_entry {
     char *file, *scene, *name;
     bool is_top;
     char **handles; /* of a top level: files in handle order */
     uint32_t handle_count;
+    struct manifest_colour *colours; /* one for each geometry */
+    uint32_t colour_count;
 };
 
 struct manifest {

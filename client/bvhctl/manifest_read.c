@@ -64,6 +64,32 @@ static enum bvhd_status read_handles(const struct reader *reader, const cJSON *o
     return BVHD_OK;
 }
 
+static struct manifest_colour read_colour(const cJSON *geometry)
+{
+    struct manifest_colour colour;
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(geometry, "color");
+    for (int i = 0; i < 3; i++) {
+        const cJSON *part = cJSON_IsArray(list) ? cJSON_GetArrayItem(list, i) : NULL;
+        bool is_valid = cJSON_IsNumber(part) && part->valuedouble >= 0 && part->valuedouble <= 1;
+        if (!is_valid)
+            return (struct manifest_colour){{-1, -1, -1}};
+        colour.rgb[i] = (float)part->valuedouble;
+    }
+    return colour;
+}
+
+static enum bvhd_status read_colours(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "geometries"), *geometry;
+    if (!cJSON_IsArray(list))
+        return corrupt(reader, "geometries", "not a list");
+    entry->colours = memory_array(reader->memory, (uint64_t)cJSON_GetArraySize(list) + 1, sizeof *entry->colours);
+    if (!entry->colours)
+        return no_memory(reader);
+    cJSON_ArrayForEach(geometry, list) entry->colours[entry->colour_count++] = read_colour(geometry);
+    return BVHD_OK;
+}
+
 static enum bvhd_status read_entry(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
 {
     enum bvhd_status status = read_text(reader, object, "file", &entry->file);
@@ -73,6 +99,8 @@ static enum bvhd_status read_entry(const struct reader *reader, const cJSON *obj
         status = read_text(reader, object, "scene", &entry->scene);
     if (!status)
         status = read_text(reader, object, "name", &entry->name);
+    if (!status)
+        status = read_colours(reader, object, entry);
     if (status)
         return status;
     const cJSON *type = cJSON_GetObjectItemCaseSensitive(object, "type");
@@ -143,6 +171,7 @@ static void finish_entry(struct manifest_entry *entry, struct memory *memory)
     for (uint32_t i = 0; i < entry->handle_count; i++)
         memory_free(memory, entry->handles[i]);
     memory_free(memory, entry->handles);
+    memory_free(memory, entry->colours);
 }
 
 void manifest_finish(struct manifest *manifest)

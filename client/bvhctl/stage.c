@@ -248,9 +248,10 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
     return status;
 }
 
-enum bvhd_status stage_init(struct stage *stage, const struct scene *scene, char up, struct memory *memory, struct bvhd_error *error)
+enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct memory *memory,
+                            struct bvhd_error *error)
 {
-    *stage = (struct stage){.scene = scene, .memory = memory};
+    *stage = (struct stage){.structures = structures, .scene = &structures->scene, .memory = memory};
     enum bvhd_status status = find_instances(stage, error);
     if (!status)
         status = find_bulk(stage, up, error);

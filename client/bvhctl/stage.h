@@ -13,7 +13,8 @@
 enum { STAGE_SAMPLES = 8192 };
 
 struct stage {
-    const struct scene *scene;
+    const struct structures *structures;
+    const struct scene *scene; /* theirs */
     const struct portable_instance **instances; /* by position in the request; NULL entries are inactive */
     uint32_t instance_count;
     uint64_t triangle_count; /* of all instances */
@@ -27,7 +28,8 @@ struct stage {
 };
 
 /* `up`: 'x', 'y', 'z', or 'a' for a guess. Fails on a scene without a triangle that could be seen. End with stage_finish. */
-enum bvhd_status stage_init(struct stage *stage, const struct scene *scene, char up, struct memory *memory, struct bvhd_error *error);
+enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct memory *memory,
+                            struct bvhd_error *error);
 /* NULL-safe, idempotent. */
 void stage_finish(struct stage *stage);
 

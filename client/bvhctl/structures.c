@@ -48,8 +48,30 @@ static const struct manifest_entry *find_entry(const struct manifest *manifest, 
     return NULL;
 }
 
-static enum bvhd_status read_one(struct structures *structures, const char *directory, const char *file, bool is_top,
-                                 struct bvhd_error *error)
+const float *structures_colour(const struct structures *structures, uint32_t handle, uint32_t geometry)
+{
+    const struct structure_file *file = &structures->files[handle];
+    bool is_there = handle < structures->scene.bottom_count && geometry < file->colour_count && file->colours[geometry].rgb[0] >= 0;
+    return is_there ? file->colours[geometry].rgb : NULL;
+}
+
+/* Takes them over from the manifest. */
+static void take_colours(struct manifest *manifest, const char *file, struct structure_file *opened)
+{
+    for (uint32_t i = 0; i < manifest->count; i++) {
+        struct manifest_entry *entry = &manifest->entries[i];
+        if (!entry->colours || strcmp(entry->file, file))
+            continue;
+        opened->colours = entry->colours;
+        opened->colour_count = entry->colour_count;
+        entry->colours = NULL;
+        entry->colour_count = 0;
+        return;
+    }
+}
+
+static enum bvhd_status read_one(struct structures *structures, const char *directory, struct manifest *manifest, const char *file,
+                                 bool is_top, struct bvhd_error *error)
 {
     char *path = files_join(structures->memory, directory, file);
     if (!path)
@@ -60,13 +82,14 @@ static enum bvhd_status read_one(struct structures *structures, const char *dire
     if (status)
         return status;
     structures->file_count++;
+    take_colours(manifest, file, opened);
     if ((opened->view.header->content == PORTABLE_INSTANCES) != is_top)
         return bvhd_error_set(error, BVHD_CORRUPT, file, "the manifest says that it is a %s level", is_top ? "top" : "bottom");
     return BVHD_OK;
 }
 
-static enum bvhd_status read_files(struct structures *structures, const char *directory, const struct manifest_entry *top,
-                                   const struct manifest_entry *bottom, struct bvhd_error *error)
+static enum bvhd_status read_files(struct structures *structures, const char *directory, struct manifest *manifest,
+                                   const struct manifest_entry *top, const struct manifest_entry *bottom, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
     uint32_t bottom_count = top ? top->handle_count : 1;
@@ -75,11 +98,11 @@ static enum bvhd_status read_files(struct structures *structures, const char *di
     if (!structures->files || !structures->bottoms)
         return no_memory(directory, error);
     for (uint32_t i = 0; i < bottom_count && !status; i++)
-        status = read_one(structures, directory, top ? top->handles[i] : bottom->file, false, error);
+        status = read_one(structures, directory, manifest, top ? top->handles[i] : bottom->file, false, error);
     for (uint32_t i = 0; i < bottom_count && !status; i++)
         structures->bottoms[i] = &structures->files[i].view;
     if (!status && top) {
-        status = read_one(structures, directory, top->file, true, error);
+        status = read_one(structures, directory, manifest, top->file, true, error);
         structures->top = &structures->files[bottom_count].view;
     }
     if (!status && top && structures->top->handle_count != top->handle_count)
@@ -89,8 +112,8 @@ static enum bvhd_status read_files(struct structures *structures, const char *di
     return status;
 }
 
-static enum bvhd_status open_scene(struct structures *structures, const char *directory, const struct manifest *manifest,
-                                   const char *name, struct bvhd_error *error)
+static enum bvhd_status open_scene(struct structures *structures, const char *directory, struct manifest *manifest, const char *name,
+                                   struct bvhd_error *error)
 {
     if (manifest->count == 0)
         return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no structure");
@@ -101,7 +124,7 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
     structures->name = files_copy_text(structures->memory, scene);
     if (!structures->name)
         return no_memory(directory, error);
-    return read_files(structures, directory, top, bottom, error);
+    return read_files(structures, directory, manifest, top, bottom, error);
 }
 
 enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory, struct structures *ret_structures,
@@ -125,8 +148,10 @@ void structures_close(struct structures *structures)
 {
     if (!structures || !structures->memory)
         return;
-    for (uint32_t i = 0; i < structures->file_count; i++)
+    for (uint32_t i = 0; i < structures->file_count; i++) {
         memory_free(structures->memory, structures->files[i].data);
+        memory_free(structures->memory, structures->files[i].colours);
+    }
     memory_free(structures->memory, structures->files);
     memory_free(structures->memory, structures->bottoms);
     memory_free(structures->memory, structures->name);

@@ -10,6 +10,8 @@ struct structure_file {
     unsigned char *data;
     uint64_t size;
     struct portable_view view;
+    struct manifest_colour *colours; /* of its geometries, as far as the manifest has them */
+    uint32_t colour_count;
 };
 
 struct structures {
@@ -32,7 +34,10 @@ enum bvhd_status structures_open(const char *directory, const char *name, struct
 /* NULL-safe, idempotent. */
 void structures_close(struct structures *structures);
 
-/* Reads and opens one file. On success the caller frees ret_file->data with memory_free. */
+/* The base colour of a geometry of bottom level `handle`, or NULL. */
+const float *structures_colour(const struct structures *structures, uint32_t handle, uint32_t geometry);
+
+/* Reads and opens one file, without colours. On success the caller frees ret_file->data with memory_free. */
 enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file, struct bvhd_error *error);
 
 #endif
