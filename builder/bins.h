@@ -47,7 +47,7 @@ bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, ui
 uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane);
 
 /* Copies the refs to the ends of two arrays, in their order; returns both sides' centroid boxes. */
-void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs, uint32_t count,
-                    struct primitive_ref *left, struct primitive_ref *right, struct box ret_centroids[2]);
+void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs,
+                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct box ret_centroids[2]);
 
 #endif

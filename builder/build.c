@@ -329,7 +329,7 @@ enum bvhd_status build(const struct canonical *canonical, const struct build_opt
     if (status != BVHD_OK)
         return status;
     if (context->progress)
-        context->progress(context->progress_context, canonical->primitive_count, canonical->primitive_count);
+        context->progress(context->progress_context, construction.refs.count, construction.refs.count);
     *ret_stats = construction.stats;
     return BVHD_OK;
 }

@@ -39,7 +39,7 @@ struct check {
     bool allow_split;
     struct span {
         uint32_t first, count; /* refs below the node; count 0: not yet anybody's child */
-    } *spans;
+    } * spans;
     unsigned char *seen_nodes; /* is somebody's child */
     unsigned char *seen_primitives;
     struct bvhd_error *error;
