@@ -191,6 +191,15 @@ static void mark_inactive(float *boxes, size_t count)
     }
 }
 
+/* Minimum <= maximum on each axis, so that nothing is NaN: what nearly all boxes are. */
+static bool are_ordinary(const float *boxes, size_t count)
+{
+    bool ordinary = true;
+    for (size_t i = 0; i < count; i++, boxes += 6)
+        ordinary &= (boxes[0] <= boxes[3]) & (boxes[1] <= boxes[4]) & (boxes[2] <= boxes[5]);
+    return ordinary;
+}
+
 static void fetch_boxes(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
 {
     const struct geometry *geometry = &fetch->input->geometries[index];
@@ -202,6 +211,8 @@ static void fetch_boxes(struct fetch *fetch, uint32_t index, uint32_t first, uin
         float *boxes = target + (size_t)6 * at;
         copy_strided(source + at * stride, stride, some, boxes);
         settle();
+        if (are_ordinary(boxes, some))
+            continue;
         mark_inactive(boxes, some);
         if (!validate_boxes(boxes, some))
             atomic_store_explicit(&fetch->suspect, true, memory_order_relaxed);

@@ -45,14 +45,14 @@ void handle_sort(struct handle_entry *entries, struct handle_entry *scratch, uin
         memcpy(entries, from, count * sizeof *entries);
 }
 
+/* Without a branch on what is compared: handles are as good as random, and searches that follow each other then overlap. */
 uint32_t handle_find(const struct handle_entry *entries, uint32_t count, uint64_t handle)
 {
     uint32_t first = 0, left = count;
-    while (left > 0) {
-        uint32_t half = left / 2;
-        bool after = entries[first + half].handle < handle;
-        first = after ? first + half + 1 : first;
-        left = after ? left - half - 1 : half;
+    while (left > 1) {
+        uint32_t half = left / 2, after = entries[first + half - 1].handle < handle;
+        first += half & -after;
+        left -= half;
     }
-    return first < count && entries[first].handle == handle ? first : HANDLE_NONE;
+    return count > 0 && entries[first].handle == handle ? first : HANDLE_NONE;
 }
