@@ -23,26 +23,57 @@ static uint64_t peak_begin(struct memory *memory)
     return live;
 }
 
-/* The earlier item that has the same bytes, or NULL. */
-static const struct batch_item *find_equal(const struct batch_item *items, uint32_t index)
+/*
+ * Items that were built, by key: open addressing, slots hold an item's index + 1 or 0. A key is a cryptographic hash, so its first bytes spread
+ * whatever a client sends.
+ */
+struct built {
+    uint32_t *slots;
+    uint64_t mask; /* a power of two - 1, with at least half of the slots free */
+};
+
+static enum bvhd_status built_init(struct built *built, uint32_t count, struct memory *memory)
 {
-    for (uint32_t i = 0; i < index; i++)
-        if (items[i].status == BVHD_OK && !items[i].coalesced && key_equal(&items[i].key, &items[index].key))
-            return &items[i];
-    return NULL;
+    uint64_t size = 2;
+    while (size < 2 * (uint64_t)count)
+        size *= 2;
+    built->mask = size - 1;
+    built->slots = memory_array(memory, size, sizeof *built->slots);
+    if (!built->slots)
+        return BVHD_NO_MEMORY;
+    memset(built->slots, 0, size * sizeof *built->slots);
+    return BVHD_OK;
 }
 
-static enum bvhd_status build_item(const struct canonical *canonical, const struct build_options *options,
-                                   const struct build_context *context, struct batch_item *items, uint32_t index)
+/* The slot of the item with that key, or the free one where it belongs. */
+static uint32_t *built_find(const struct built *built, const struct batch_item *items, const struct key *key)
 {
-    struct batch_item *item = &items[index];
+    uint64_t at = bytes_get64(key->bytes) & built->mask;
+    while (built->slots[at] && !key_equal(&items[built->slots[at] - 1].key, key))
+        at = (at + 1) & built->mask;
+    return &built->slots[at];
+}
+
+struct batch {
+    const struct limits *limits;
+    const struct build_context *context;
+    struct batch_item *items;
+    struct built built;
+};
+
+static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical, const struct build_options *options,
+                                   uint32_t index)
+{
+    const struct build_context *context = batch->context;
+    struct batch_item *item = &batch->items[index];
     enum build_quality quality = build_quality_resolve(options->quality, canonical->flags);
     enum bvhd_status status = content_key(canonical, quality, options->target, options->layout_flags, context->memory,
                                           context->parallel, &item->key, &item->error);
     if (status != BVHD_OK)
         return status;
-    const struct batch_item *equal = find_equal(items, index);
-    if (equal) {
+    uint32_t *slot = built_find(&batch->built, batch->items, &item->key);
+    if (*slot) {
+        const struct batch_item *equal = &batch->items[*slot - 1];
         item->coalesced = true;
         item->blob = equal->blob;
         item->size = equal->size;
@@ -52,46 +83,57 @@ static enum bvhd_status build_item(const struct canonical *canonical, const stru
     double begin = milliseconds();
     status = build(canonical, options, context, &item->blob, &item->stats, &item->error);
     item->build_ms = milliseconds() - begin;
-    item->size = status == BVHD_OK ? item->stats.sizes.total : 0;
+    if (status == BVHD_OK) {
+        item->size = item->stats.sizes.total;
+        *slot = index + 1;
+    }
     return status;
 }
 
-static void run_item(const struct build_input *input, const struct limits *limits, const struct build_context *context,
-                     struct batch_item *items, uint32_t index)
+static void run_item(const struct batch *batch, const struct build_input *input, uint32_t index)
 {
-    struct batch_item *item = &items[index];
+    struct batch_item *item = &batch->items[index];
+    struct memory *memory = batch->context->memory;
     struct canonical canonical;
-    uint64_t live = peak_begin(context->memory);
+    uint64_t live = peak_begin(memory);
     double begin = milliseconds();
-    item->status = prepare(input, index, limits, context->memory, context->parallel, &canonical, &item->error);
+    item->status = prepare(input, index, batch->limits, memory, batch->context->parallel, &canonical, &item->error);
     item->prepare_ms = milliseconds() - begin;
     if (item->status != BVHD_OK)
         return;
-    item->status = build_item(&canonical, &input->options, context, items, index);
-    prepare_finish(&canonical, context->memory);
-    item->peak_bytes = atomic_load(&context->memory->peak) - live;
+    item->status = build_item(batch, &canonical, &input->options, index);
+    prepare_finish(&canonical, memory);
+    item->peak_bytes = atomic_load(&memory->peak) - live;
+}
+
+/* `errors`: of the rules between entries. */
+static void run_items(const struct batch *batch, const struct build_input *inputs, uint32_t count, const struct bvhd_error *errors)
+{
+    memset(batch->items, 0, count * sizeof *batch->items);
+    for (uint32_t i = 0; i < count; i++) {
+        batch->items[i].status = errors[i].status;
+        batch->items[i].error = errors[i];
+        if (errors[i].status == BVHD_OK)
+            run_item(batch, &inputs[i], i);
+    }
 }
 
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
                              const struct build_context *context, struct batch_item *ret_items, struct bvhd_error *error)
 {
-    struct bvhd_error *errors = count ? memory_array(context->memory, count, sizeof *errors) : NULL;
-    if (count && !errors)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for a batch of %u", count);
-    enum bvhd_status status = count ? validate_batch(inputs, count, context->memory, errors) : BVHD_OK;
-    if (status != BVHD_OK) {
-        memory_free(context->memory, errors);
-        return bvhd_error_set(error, status, "", "a batch of %u could not be checked", count);
-    }
-    memset(ret_items, 0, count * sizeof *ret_items);
-    for (uint32_t i = 0; i < count; i++) {
-        ret_items[i].status = errors[i].status;
-        ret_items[i].error = errors[i];
-        if (errors[i].status == BVHD_OK)
-            run_item(&inputs[i], limits, context, ret_items, i);
-    }
-    memory_free(context->memory, errors);
-    return BVHD_OK;
+    if (count == 0)
+        return BVHD_OK;
+    struct batch batch = {limits, context, ret_items, {0}};
+    struct memory *memory = context->memory;
+    struct bvhd_error *errors = memory_array(memory, count, sizeof *errors);
+    enum bvhd_status status = errors ? built_init(&batch.built, count, memory) : BVHD_NO_MEMORY;
+    if (status == BVHD_OK)
+        status = validate_batch(inputs, count, memory, errors);
+    if (status == BVHD_OK)
+        run_items(&batch, inputs, count, errors);
+    memory_free(memory, batch.built.slots);
+    memory_free(memory, errors);
+    return status == BVHD_OK ? status : bvhd_error_set(error, status, "", "no memory for a batch of %u", count);
 }
 
 void batch_finish(struct batch_item *items, uint32_t count, struct memory *memory)
