@@ -117,114 +117,6 @@ static void boxes_are_copied(void **state)
     finish(&canonical);
 }
 
-static void instances_are_copied(void **state)
-{
-    (void)state;
-    struct test_input test;
-    inputs_instances(&test);
-    struct canonical canonical = make(&test);
-    static const uint64_t rows[INPUTS_RECORDS] = {1, 0, 2, 1};
-    assert_int_equal(canonical.type, STRUCTURE_TOP);
-    assert_int_equal(canonical.reference_count, 2);
-    for (uint32_t i = 0; i < INPUTS_RECORDS; i++) {
-        struct canonical_instance instance = canonical_instance(canonical.geometries, i);
-        assert_int_equal(instance.reference, rows[i]);
-        assert_int_equal(instance.custom_index, 0x123450 + i);
-        assert_int_equal(instance.sbt_offset, 0x54321 + i);
-        assert_memory_equal(canonical.geometries[0].instances + (ptrdiff_t)64 * i, test.records[i], 56);
-    }
-    /* 77 was used first and has bounds alone; 55 has a key; 33 is not named */
-    struct key none = {{0}};
-    assert_true(key_equal(&canonical.references[0].key, &none));
-    assert_memory_equal(&canonical.references[0].bounds, &test.references[2].bounds, sizeof(struct box));
-    assert_true(key_equal(&canonical.references[1].key, &test.references[1].key));
-    finish(&canonical);
-}
-
-/* Handles and unnamed references do not count, equal references are one. */
-static void references_are_canonical(void **state)
-{
-    (void)state;
-    struct test_input test, other;
-    inputs_instances(&test);
-    inputs_instances(&other);
-    other.references[0] = test.references[2];
-    other.references[1] = test.references[1];
-    other.references[0].handle = 1;
-    other.references[1].handle = UINT64_MAX;
-    other.input.reference_count = 2;
-    static const uint64_t handles[INPUTS_RECORDS] = {1, 0, UINT64_MAX, 1};
-    for (int i = 0; i < INPUTS_RECORDS; i++)
-        memcpy(other.records[i] + 14, &handles[i], 8);
-    compare(&test, &other, true);
-
-    other.references[2] = other.references[0];
-    other.references[2].handle = 2;
-    other.input.reference_count = 3;
-    memcpy(other.records[3] + 14, &other.references[2].handle, 8);
-    compare(&test, &other, true);
-    other.references[2].bounds.max[0] = 2;
-    compare(&test, &other, false);
-
-    /* an empty structure is empty in one way */
-    test.references[2].bounds = box_empty();
-    other.references[0].bounds = other.references[2].bounds = (struct box){{1, 1, 1}, {0, 5, 5}};
-    compare(&test, &other, true);
-}
-
-/* Many references, of which groups are equal: against a quadratic search. */
-static void many_references_are_merged(void **state)
-{
-    (void)state;
-    enum { COUNT = 400 };
-    struct random random = {3};
-    static struct reference references[COUNT];
-    static uint32_t records[COUNT * 2][16];
-    struct test_input test;
-    inputs_instances(&test);
-    for (uint64_t i = 0; i < COUNT; i++) {
-        references[i] = test.references[2];
-        references[i].handle = random_next(&random) | 1;
-        references[i].bounds.max[0] = (float)(random_next(&random) % 60);
-        references[i].has_key = i % 3 == 0;
-        references[i].key.bytes[9] = (uint8_t)(random_next(&random) % 5);
-    }
-    for (uint64_t i = 0; i < 2 * COUNT; i++) {
-        memcpy(records[i], test.records[0], 64);
-        uint64_t handle = i % 7 ? references[random_next(&random) % COUNT].handle : 0;
-        memcpy(records[i] + 14, &handle, 8);
-    }
-    test.input.references = references;
-    test.input.reference_count = COUNT;
-    test.geometries[0].instances.records = (struct bytes){(const unsigned char *)records, sizeof records};
-    test.geometries[0].range.primitive_count = 2 * COUNT;
-
-    struct canonical canonical = make(&test);
-    uint64_t seen = 0;
-    for (uint32_t i = 0; i < 2 * COUNT; i++) {
-        uint64_t handle, row = canonical_instance(canonical.geometries, i).reference;
-        memcpy(&handle, records[i] + 14, 8);
-        assert_int_equal(row == 0, handle == 0);
-        if (row == 0)
-            continue;
-        assert_true(row <= seen + 1);
-        seen = row > seen ? row : seen;
-        const struct reference *reference = references;
-        while (reference->handle != handle)
-            reference++;
-        struct key none = {{0}};
-        const struct canonical_reference *got = &canonical.references[row - 1];
-        assert_true(key_equal(&got->key, reference->has_key ? &reference->key : &none));
-        assert_memory_equal(&got->bounds, &reference->bounds, sizeof(struct box));
-    }
-    assert_int_equal(seen, canonical.reference_count);
-    for (uint32_t i = 0; i < canonical.reference_count; i++)
-        for (uint32_t j = 0; j < i; j++)
-            assert_true(!key_equal(&canonical.references[i].key, &canonical.references[j].key) ||
-                        memcmp(&canonical.references[i].bounds, &canonical.references[j].bounds, sizeof(struct box)) != 0);
-    finish(&canonical);
-}
-
 /* Strides, offsets, first vertices, maxVertex and index widths do not count. */
 static void layout_of_input_does_not_count(void **state)
 {
@@ -430,27 +322,6 @@ static void contents_are_checked(void **state)
     memset(test.records[1], 0xff, 48); /* the transform of an inactive instance is nobody's business */
     struct canonical canonical = make(&test);
     finish(&canonical);
-}
-
-static void references_are_checked(void **state)
-{
-    (void)state;
-    struct test_input test;
-    inputs_instances(&test);
-    test.references[1].handle = 0;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[1]");
-    inputs_instances(&test);
-    test.references[2].handle = 33;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[2]");
-    inputs_instances(&test);
-    test.references[0].bounds.max[1] = INFINITY;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
-    inputs_instances(&test);
-    test.references[0].kind = (enum reference_kind)2;
-    refuse(&test, BVHD_UNSUPPORTED, "", "infos[2].references[0]");
-    inputs_instances(&test);
-    test.input.references = NULL;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references");
 }
 
 static void empty_structures_are_small(void **state)
@@ -686,15 +557,11 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(triangles_are_copied),
         cmocka_unit_test(boxes_are_copied),
-        cmocka_unit_test(instances_are_copied),
-        cmocka_unit_test(references_are_canonical),
-        cmocka_unit_test(many_references_are_merged),
         cmocka_unit_test(layout_of_input_does_not_count),
         cmocka_unit_test(formats_of_equal_value_do_not_count),
         cmocka_unit_test(stride_zero_keeps_one_vertex),
         cmocka_unit_test(what_counts_changes_the_bytes),
         cmocka_unit_test(contents_are_checked),
-        cmocka_unit_test(references_are_checked),
         cmocka_unit_test(empty_structures_are_small),
         cmocka_unit_test(limits_are_kept),
         cmocka_unit_test(every_allocation_may_fail),

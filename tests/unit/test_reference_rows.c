@@ -1,0 +1,273 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* References as prepare makes them: what instances name, in the order of first use, equal ones once. */
+#include "unit.h"
+
+#include <math.h>
+
+#include "inputs.h"
+#include "prepare.h"
+#include "random.h"
+#include "reference_rows.h"
+
+static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+
+static enum bvhd_status try(const struct test_input *test, struct canonical *ret_canonical, struct bvhd_error *error)
+{
+    struct limits limits = limits_default();
+    return prepare(&test->input, 2, &limits, &memory, &parallel_serial, ret_canonical, error);
+}
+
+static struct canonical make(const struct test_input *test)
+{
+    struct canonical canonical;
+    struct bvhd_error error;
+    if (try(test, &canonical, &error) != BVHD_OK)
+        fail_msg("%s at %s: %s", bvhd_vuid_string(error.vuid), error.where, error.text);
+    return canonical;
+}
+
+static void refuse(const struct test_input *test, enum bvhd_status want, const char *vuid, const char *where)
+{
+    struct canonical canonical;
+    struct bvhd_error error;
+    assert_int_equal(try(test, &canonical, &error), want);
+    assert_string_equal(bvhd_vuid_string(error.vuid), vuid);
+    assert_string_equal(error.where, where);
+    assert_int_equal(memory.live, 0);
+}
+
+static void finish(struct canonical *canonical)
+{
+    prepare_finish(canonical, &memory);
+    prepare_finish(canonical, &memory);
+    assert_int_equal(memory.live, 0);
+}
+
+/* Both give the same bytes, or not. */
+static void compare(const struct test_input *a, const struct test_input *b, bool equal)
+{
+    struct canonical first = make(a), second = make(b);
+    bool same = first.size == second.size && memcmp(first.bytes, second.bytes, first.size) == 0;
+    assert_int_equal(same, equal);
+    prepare_finish(&first, &memory);
+    finish(&second);
+}
+
+static void instances_are_copied(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_instances(&test);
+    struct canonical canonical = make(&test);
+    static const uint64_t rows[INPUTS_RECORDS] = {1, 0, 2, 1};
+    assert_int_equal(canonical.type, STRUCTURE_TOP);
+    assert_int_equal(canonical.reference_count, 2);
+    for (uint32_t i = 0; i < INPUTS_RECORDS; i++) {
+        struct canonical_instance instance = canonical_instance(canonical.geometries, i);
+        assert_int_equal(instance.reference, rows[i]);
+        assert_int_equal(instance.custom_index, 0x123450 + i);
+        assert_int_equal(instance.sbt_offset, 0x54321 + i);
+        assert_memory_equal(canonical.geometries[0].instances + (ptrdiff_t)64 * i, test.records[i], 56);
+    }
+    /* 77 was used first and has bounds alone; 55 has a key; 33 is not named */
+    struct key none = {{0}};
+    assert_true(key_equal(&canonical.references[0].key, &none));
+    assert_memory_equal(&canonical.references[0].bounds, &test.references[2].bounds, sizeof(struct box));
+    assert_true(key_equal(&canonical.references[1].key, &test.references[1].key));
+    finish(&canonical);
+}
+
+/* Handles and unnamed references do not count, equal references are one. */
+static void references_are_canonical(void **state)
+{
+    (void)state;
+    struct test_input test, other;
+    inputs_instances(&test);
+    inputs_instances(&other);
+    other.references[0] = test.references[2];
+    other.references[1] = test.references[1];
+    other.references[0].handle = 1;
+    other.references[1].handle = UINT64_MAX;
+    other.input.reference_count = 2;
+    static const uint64_t handles[INPUTS_RECORDS] = {1, 0, UINT64_MAX, 1};
+    for (int i = 0; i < INPUTS_RECORDS; i++)
+        memcpy(other.records[i] + 14, &handles[i], 8);
+    compare(&test, &other, true);
+
+    other.references[2] = other.references[0];
+    other.references[2].handle = 2;
+    other.input.reference_count = 3;
+    memcpy(other.records[3] + 14, &other.references[2].handle, 8);
+    compare(&test, &other, true);
+    other.references[2].bounds.max[0] = 2;
+    compare(&test, &other, false);
+
+    /* an empty structure is empty in one way */
+    test.references[2].bounds = box_empty();
+    other.references[0].bounds = other.references[2].bounds = (struct box){{1, 1, 1}, {0, 5, 5}};
+    compare(&test, &other, true);
+}
+
+/* Many references, of which groups are equal: against a quadratic search. */
+static void many_references_are_merged(void **state)
+{
+    (void)state;
+    enum { COUNT = 400 };
+    struct random random = {3};
+    static struct reference references[COUNT];
+    static uint32_t records[COUNT * 2][16];
+    struct test_input test;
+    inputs_instances(&test);
+    for (uint64_t i = 0; i < COUNT; i++) {
+        references[i] = test.references[2];
+        references[i].handle = random_next(&random) | 1;
+        references[i].bounds.max[0] = (float)(random_next(&random) % 60);
+        references[i].has_key = i % 3 == 0;
+        references[i].key.bytes[9] = (uint8_t)(random_next(&random) % 5);
+    }
+    for (uint64_t i = 0; i < 2 * COUNT; i++) {
+        memcpy(records[i], test.records[0], 64);
+        uint64_t handle = i % 7 ? references[random_next(&random) % COUNT].handle : 0;
+        memcpy(records[i] + 14, &handle, 8);
+    }
+    test.input.references = references;
+    test.input.reference_count = COUNT;
+    test.geometries[0].instances.records = (struct bytes){(const unsigned char *)records, sizeof records};
+    test.geometries[0].range.primitive_count = 2 * COUNT;
+
+    struct canonical canonical = make(&test);
+    uint64_t seen = 0;
+    for (uint32_t i = 0; i < 2 * COUNT; i++) {
+        uint64_t handle, row = canonical_instance(canonical.geometries, i).reference;
+        memcpy(&handle, records[i] + 14, 8);
+        assert_int_equal(row == 0, handle == 0);
+        if (row == 0)
+            continue;
+        assert_true(row <= seen + 1);
+        seen = row > seen ? row : seen;
+        const struct reference *reference = references;
+        while (reference->handle != handle)
+            reference++;
+        struct key none = {{0}};
+        const struct canonical_reference *got = &canonical.references[row - 1];
+        assert_true(key_equal(&got->key, reference->has_key ? &reference->key : &none));
+        assert_memory_equal(&got->bounds, &reference->bounds, sizeof(struct box));
+    }
+    assert_int_equal(seen, canonical.reference_count);
+    for (uint32_t i = 0; i < canonical.reference_count; i++)
+        for (uint32_t j = 0; j < i; j++)
+            assert_true(!key_equal(&canonical.references[i].key, &canonical.references[j].key) ||
+                        memcmp(&canonical.references[i].bounds, &canonical.references[j].bounds, sizeof(struct box)) != 0);
+    finish(&canonical);
+}
+
+static void references_are_checked(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_instances(&test);
+    test.references[1].handle = 0;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[1]");
+    inputs_instances(&test);
+    test.references[2].handle = 33;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[2]");
+    inputs_instances(&test);
+    test.references[0].bounds.max[1] = INFINITY;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].kind = (enum reference_kind)2;
+    refuse(&test, BVHD_UNSUPPORTED, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.input.references = NULL;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references");
+}
+
+/* The hash that rows are grouped by, but for its last word: it can be undone, and here it is. */
+static uint64_t hash_before_last(const struct reference *reference)
+{
+    struct form_reference row = {.kind = reference->kind, .key = reference->key, .bounds = reference->bounds};
+    uint64_t hash = 0;
+    for (int i = 0; i < 7; i++) {
+        hash = (hash ^ bytes_get64((const unsigned char *)&row + (ptrdiff_t)8 * i)) * UINT64_C(0x9e3779b97f4a7c15);
+        hash ^= hash >> 32;
+    }
+    return hash;
+}
+
+static uint64_t last_word(const struct reference *reference)
+{
+    return bytes_get64(&reference->bounds.max[1]);
+}
+
+/* Changes a row's key by `number` and its bounds so that the hash is that of another row. */
+static void collide(struct reference *reference, const struct reference *other, uint8_t number)
+{
+    reference->key.bytes[2] = number;
+    do {
+        reference->key.bytes[3]++;
+        uint64_t word = hash_before_last(reference) ^ hash_before_last(other) ^ last_word(other);
+        memcpy(&reference->bounds.max[1], &word, sizeof word);
+    } while (!form_bounds_valid(&reference->bounds));
+    assert_true((hash_before_last(reference) ^ last_word(reference)) == (hash_before_last(other) ^ last_word(other)));
+}
+
+/* Rows that were made to collide are told apart, and equal ones among them are still found. */
+static void colliding_rows_differ(void **state)
+{
+    (void)state;
+    enum { COUNT = 60, DISTINCT = 20 };
+    static struct reference references[COUNT];
+    static uint32_t records[COUNT][16];
+    struct random random = {9};
+    struct test_input test;
+    inputs_instances(&test);
+    for (uint64_t i = 0; i < COUNT; i++) {
+        struct reference *reference = &references[i];
+        *reference = i < DISTINCT ? test.references[1] : references[random_next(&random) % DISTINCT];
+        reference->handle = i + 1;
+        if (i > 0 && i < DISTINCT)
+            collide(reference, &references[0], (uint8_t)i);
+        memcpy(records[i], test.records[0], 64);
+        memcpy(records[i] + 14, &(uint64_t){i + 1}, 8);
+    }
+    struct reference_rows rows;
+    assert_int_equal(reference_rows_make((unsigned char *)records, COUNT, references, COUNT, &memory, &rows, NULL), BVHD_OK);
+    assert_int_equal(rows.count, DISTINCT);
+    for (uint32_t i = 0; i < COUNT; i++) {
+        const struct form_reference *row = &rows.rows[bytes_get64(records[i] + 14) - 1];
+        assert_true(key_equal(&row->key, &references[i].key));
+        assert_memory_equal(&row->bounds, &references[i].bounds, sizeof(struct box));
+    }
+    memory_free(&memory, rows.rows);
+    assert_int_equal(memory.live, 0);
+}
+
+static void failing_merges_hold_nothing(void **state)
+{
+    (void)state;
+    struct test_input test;
+    for (int failures = 0; failures < 5; failures++) {
+        struct reference_rows rows = {NULL, 7};
+        inputs_instances(&test);
+        for (uint64_t i = 0; i < INPUTS_RECORDS; i++)
+            memcpy(test.records[i] + 14, &(uint64_t){i % 4}, 8);
+        atomic_store(&memory.fail_after, failures);
+        enum bvhd_status status =
+            reference_rows_make((unsigned char *)test.records, INPUTS_RECORDS, test.references, 3, &memory, &rows, NULL);
+        assert_int_equal(status, failures < 4 ? BVHD_NO_MEMORY : BVHD_OK);
+        assert_int_equal(rows.count, failures < 4 ? 7 : 3);
+        memory_free(&memory, rows.rows);
+        assert_int_equal(memory.live, 0);
+    }
+    atomic_store(&memory.fail_after, -1);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(instances_are_copied),       cmocka_unit_test(references_are_canonical),
+        cmocka_unit_test(many_references_are_merged), cmocka_unit_test(references_are_checked),
+        cmocka_unit_test(colliding_rows_differ),      cmocka_unit_test(failing_merges_hold_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
