@@ -14,35 +14,47 @@ struct collapsing {
     struct collapse_table table;
     const atomic_bool *cancel;
     uint32_t *counts;
+    uint32_t *tops; /* nodes above them, parents first */
     uint32_t *roots; /* of subtrees of at most GRAIN refs, every node of which is in one task */
     uint32_t *groups; /* task i: roots[groups[i]] .. roots[groups[i + 1] - 1] */
-    uint32_t root_count, group_count;
+    uint32_t top_count, root_count, group_count;
 };
 
 static bool is_top(const struct collapsing *c, uint32_t node)
 {
-    return c->counts[node] > GRAIN;
+    return collapse_count(&c->table, node) > GRAIN;
 }
 
-/* Children follow their parents, so counting backwards finds them done. */
-static enum bvhd_status count_refs(const struct ir *ir, uint32_t leaf_max, uint32_t *counts, uint32_t *ret_tops,
-                                   struct bvhd_error *error)
+static enum bvhd_status check_leaves(const struct ir *ir, uint32_t leaf_max, struct bvhd_error *error)
+{
+    uint32_t largest = 0, node = 0;
+    for (uint32_t i = 0; i < ir->node_count; i++)
+        largest = ir->nodes[i].count > largest ? ir->nodes[i].count : largest;
+    if (largest <= leaf_max)
+        return BVHD_OK;
+    while (ir->nodes[node].count <= leaf_max)
+        node++;
+    char where[32];
+    snprintf(where, sizeof where, "ir.nodes[%" PRIu32 "]", node);
+    return bvhd_error_set(error, BVHD_INTERNAL, where, "a leaf of %" PRIu32 " refs, but %" PRIu32 " are allowed", ir->nodes[node].count,
+                          leaf_max);
+}
+
+/* Children follow their parents, so counting backwards finds them done. Without branches: which nodes are leaves cannot be foreseen. */
+static uint32_t count_refs(const struct ir *ir, uint32_t *counts)
 {
     uint32_t tops = 0;
-    for (uint32_t i = ir->node_count; i-- > 0;) {
-        const struct ir_node *node = &ir->nodes[i];
-        uint32_t count = node->count ? node->count : counts[node->first] + counts[node->first + 1];
-        if (node->count > leaf_max) {
-            char where[32];
-            snprintf(where, sizeof where, "ir.nodes[%" PRIu32 "]", i);
-            return bvhd_error_set(error, BVHD_INTERNAL, where, "a leaf of %" PRIu32 " refs, but %" PRIu32 " are allowed", count,
-                                  leaf_max);
+    for (uint32_t row = collapse_rows(ir); row-- > 0;) {
+        uint32_t sum = 0;
+        for (int k = 1; k <= 2; k++) {
+            const struct ir_node *child = &ir->nodes[2 * row + k];
+            uint32_t below = counts[child->count ? 0 : child->first / 2];
+            sum += child->count ? child->count : below;
         }
-        counts[i] = count;
-        tops += count > GRAIN;
+        counts[row] = sum;
+        tops += sum > GRAIN;
     }
-    *ret_tops = tops;
-    return BVHD_OK;
+    return tops;
 }
 
 static void add_root(struct collapsing *c, uint32_t node, uint32_t *refs)
@@ -50,42 +62,52 @@ static void add_root(struct collapsing *c, uint32_t node, uint32_t *refs)
     if (*refs == 0)
         c->groups[c->group_count++] = c->root_count;
     c->roots[c->root_count++] = node;
-    *refs += c->counts[node];
+    *refs += collapse_count(&c->table, node);
     if (*refs >= GRAIN / 2)
         *refs = 0;
 }
 
-/* Each top node's children that are not at the top themselves, gathered to groups of about even size. */
+/* Below the top nodes there is a root for each child that is none; roots are gathered to groups of about even size. */
 static void gather_roots(struct collapsing *c)
 {
     const struct ir *ir = c->table.ir;
     uint32_t refs = 0;
-    if (!is_top(c, 0))
+    if (is_top(c, 0))
+        c->tops[c->top_count++] = 0;
+    else
         add_root(c, 0, &refs);
-    for (uint32_t i = 0; i < ir->node_count; i++) {
-        if (!is_top(c, i))
-            continue;
-        for (uint32_t child = ir->nodes[i].first; child < ir->nodes[i].first + 2; child++)
-            if (!is_top(c, child))
+    for (uint32_t i = 0; i < c->top_count; i++) {
+        uint32_t first = ir->nodes[c->tops[i]].first;
+        for (uint32_t child = first; child < first + 2; child++) {
+            if (is_top(c, child))
+                c->tops[c->top_count++] = child;
+            else
                 add_root(c, child, &refs);
+        }
     }
     c->groups[c->group_count] = c->root_count;
 }
 
-/* A subtree of n refs has at most 2n - 1 nodes. Parents first in the list, so it is worked off backwards. */
+/*
+ * Lists a subtree's inner nodes depth first, which is about their order in memory, parents before children, and works the list off backwards.
+ * The list grows from one end of the array, the stack from the other; a subtree of n refs has at most n - 1 inner nodes.
+ */
 static void cost_subtree(const struct collapsing *c, uint32_t root)
 {
-    uint32_t list[2 * GRAIN], count = 0;
-    list[count++] = root;
-    for (uint32_t i = 0; i < count; i++) {
-        const struct ir_node *node = &c->table.ir->nodes[list[i]];
-        if (node->count)
-            continue;
-        list[count++] = node->first;
-        list[count++] = node->first + 1;
+    const struct ir *ir = c->table.ir;
+    uint32_t nodes[GRAIN], count = 0, top = GRAIN;
+    if (!ir_is_leaf(ir, root))
+        nodes[--top] = root;
+    while (top < GRAIN) {
+        uint32_t node = nodes[top++], first = ir->nodes[node].first;
+        nodes[count++] = node;
+        if (!ir_is_leaf(ir, first + 1))
+            nodes[--top] = first + 1;
+        if (!ir_is_leaf(ir, first))
+            nodes[--top] = first;
     }
     while (count > 0)
-        collapse_cost_of(&c->table, list[--count]);
+        collapse_cost_of(&c->table, nodes[--count]);
 }
 
 static void cost_group(void *context, size_t index)
@@ -97,19 +119,13 @@ static void cost_group(void *context, size_t index)
         cost_subtree(c, c->roots[i]);
 }
 
-static void cost_tops(const struct collapsing *c)
-{
-    for (uint32_t i = c->table.ir->node_count; i-- > 0;)
-        if (is_top(c, i))
-            collapse_cost_of(&c->table, i);
-}
-
 static bool allocate_lists(struct collapsing *c, uint32_t tops, struct memory *memory)
 {
-    c->table.costs = memory_array(memory, c->table.ir->node_count, sizeof *c->table.costs);
+    c->table.costs = memory_array(memory, (uint64_t)collapse_rows(c->table.ir) + 1, sizeof *c->table.costs);
+    c->tops = memory_array(memory, (uint64_t)tops + 1, sizeof *c->tops);
     c->roots = memory_array(memory, (uint64_t)tops + 1, sizeof *c->roots);
     c->groups = memory_array(memory, (uint64_t)tops + 2, sizeof *c->groups);
-    return c->table.costs && c->roots && c->groups;
+    return c->table.costs && c->tops && c->roots && c->groups;
 }
 
 static bool is_cancelled(const struct collapsing *c)
@@ -121,21 +137,22 @@ static enum bvhd_status decide(struct collapsing *c, const struct collapse_optio
                                const struct parallel *parallel, struct bvhd_error *error)
 {
     const struct ir *ir = c->table.ir;
-    uint32_t tops = 0;
-    c->counts = memory_array(memory, ir->node_count, sizeof *c->counts);
-    if (!c->counts)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "collapse", "counts of %" PRIu32 " nodes", ir->node_count);
-    enum bvhd_status status = count_refs(ir, options->leaf_max, c->counts, &tops, error);
+    enum bvhd_status status = check_leaves(ir, options->leaf_max, error);
     if (status != BVHD_OK)
         return status;
+    c->counts = memory_array(memory, (uint64_t)collapse_rows(ir) + 1, sizeof *c->counts);
+    if (!c->counts)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "collapse", "counts of %" PRIu32 " nodes", ir->node_count);
     c->table.counts = c->counts;
-    if (!allocate_lists(c, tops, memory))
+    c->counts[0] = 0;
+    if (!allocate_lists(c, count_refs(ir, c->counts), memory))
         return bvhd_error_set(error, BVHD_NO_MEMORY, "collapse", "costs of %" PRIu32 " nodes", ir->node_count);
     gather_roots(c);
     parallel_for(parallel, c->group_count, cost_group, c);
     if (is_cancelled(c))
         return bvhd_error_set(error, BVHD_CANCELLED, "collapse", "cancelled");
-    cost_tops(c);
+    while (c->top_count > 0)
+        collapse_cost_of(&c->table, c->tops[--c->top_count]);
     return BVHD_OK;
 }
 
@@ -143,6 +160,7 @@ static void finish(struct collapsing *c, struct memory *memory)
 {
     memory_free(memory, c->groups);
     memory_free(memory, c->roots);
+    memory_free(memory, c->tops);
     memory_free(memory, c->table.costs);
     memory_free(memory, c->counts);
 }

@@ -3,7 +3,8 @@
 
 #include <math.h>
 
-#ifdef __SSE2__
+#if defined(__SSE2__) && !defined(BVHD_SCALAR)
+#define USE_SSE2 1
 #include <emmintrin.h>
 #endif
 
@@ -13,20 +14,40 @@
  */
 static const double NODE_SHARE = 0.05;
 
-static double lengths_of(const struct box *box)
+/* Sides in the table's scale. Their rounding is no matter for a cost, but it is the same everywhere. */
+static inline void sides_of(const struct box *box, float scale, float ret_sides[3])
 {
-    return ((double)box->max[0] - box->min[0]) + ((double)box->max[1] - box->min[1]) + ((double)box->max[2] - box->min[2]);
+    for (int axis = 0; axis < 3; axis++)
+        ret_sides[axis] = box->max[axis] * scale - box->min[axis] * scale;
 }
 
-/* Over all motion keys: areas of linearly moving boxes average over time. */
-static double measure(const struct collapse_table *table, uint32_t node)
+static inline float measure_box(const struct collapse_table *table, const struct box *box)
 {
-    double sum = 0;
-    for (uint32_t key = 0; key < table->ir->key_count; key++) {
-        const struct box *box = &table->ir->boxes[key][node];
-        sum += table->lengths ? lengths_of(box) : box_half_area(box);
-    }
-    return sum * table->inverse_measure;
+    float d[3];
+    sides_of(box, table->scale, d);
+    return table->lengths ? d[0] + d[1] + d[2] : d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
+}
+
+/* Relative to the root's. Over all motion keys: areas of linearly moving boxes average over time. */
+static inline float measure(const struct collapse_table *table, uint32_t node)
+{
+    float sum = measure_box(table, &table->ir->boxes[0][node]);
+    for (uint32_t key = 1; key < table->ir->key_count; key++)
+        sum += measure_box(table, &table->ir->boxes[key][node]);
+    return sum * table->inverse;
+}
+
+/* Brings the longest side between 1 and 2, as far as powers of two that are normal floats allow. */
+static float scale_for(const struct box *box)
+{
+    double longest = 0;
+    int exponent;
+    for (int axis = 0; axis < 3; axis++)
+        longest = fmax(longest, (double)box->max[axis] - box->min[axis]);
+    if (longest == 0)
+        return 1;
+    frexp(longest, &exponent);
+    return ldexpf(1, 1 - exponent < -126 ? -126 : 1 - exponent > 126 ? 126 : 1 - exponent);
 }
 
 void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options)
@@ -35,22 +56,23 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
         .ir = ir,
         .leaf_max = options->leaf_max,
         .leaf_cost = options->leaf_cost,
-        .node_cost = NODE_SHARE / (ir->ref_count + 1.0),
-        .inverse_measure = 1,
+        .node_cost = (float)(NODE_SHARE / (ir->ref_count + 1.0)),
+        .scale = scale_for(&ir->boxes[0][0]),
+        .inverse = 1,
     };
-    double root = measure(table, 0);
+    float root = measure(table, 0);
     if (root == 0) {
         table->lengths = true;
         root = measure(table, 0);
     }
-    table->inverse_measure = root > 0 ? 1 / root : 0;
+    table->inverse = root > 0 ? 1 / root : 0;
 }
 
 /*
  * ret[m] = min over a + b = m of left[a] + right[b], for m = 0 .. 6. A minimum does not depend on the order, so both versions give the same
  * bits.
  */
-#ifdef __SSE2__
+#ifdef USE_SSE2
 
 /* Costs 4 to 6; the last lane, which is no cost, is cleared. */
 static inline __m128 load_high(const struct collapse_cost *cost)
@@ -106,28 +128,41 @@ static inline void combine(const struct collapse_cost *left, const struct collap
 
 #endif
 
-static void cost_of_leaf(const struct collapse_table *table, uint32_t node, struct collapse_cost *cost)
+static inline float leaf_cost_of(const struct collapse_table *table, uint32_t leaf)
 {
-    float leaf = (float)(measure(table, node) * table->counts[node] * table->leaf_cost);
+    return measure(table, leaf) * (float)table->ir->nodes[leaf].count * table->leaf_cost;
+}
+
+/* The sum of what two children cost, for 2 .. 8 trees. A leaf takes one tree and leaves the rest, which is never worse, to its sibling. */
+static inline void forest_of(const struct collapse_table *table, uint32_t first, float ret_forest[8])
+{
+    bool left_leaf = ir_is_leaf(table->ir, first), right_leaf = ir_is_leaf(table->ir, first + 1);
+    if (!left_leaf && !right_leaf) {
+        combine(&table->costs[collapse_row(table->ir, first)], &table->costs[collapse_row(table->ir, first + 1)], ret_forest);
+        return;
+    }
+    float cost = leaf_cost_of(table, left_leaf ? first : first + 1);
+    if (left_leaf && right_leaf) {
+        cost += leaf_cost_of(table, first + 1);
+        for (int i = 0; i < COLLAPSE_BUDGETS; i++)
+            ret_forest[i] = cost;
+        return;
+    }
+    const struct collapse_cost *other = &table->costs[collapse_row(table->ir, left_leaf ? first + 1 : first)];
     for (int i = 0; i < COLLAPSE_BUDGETS; i++)
-        cost->as[i] = leaf;
-    cost->leaf_refs = table->counts[node];
+        ret_forest[i] = cost + other->as[i];
 }
 
 void collapse_cost_of(const struct collapse_table *table, uint32_t node)
 {
-    struct collapse_cost *cost = &table->costs[node];
-    if (ir_is_leaf(table->ir, node)) {
-        cost_of_leaf(table, node, cost);
-        return;
-    }
-    uint32_t first = table->ir->nodes[node].first, refs = table->counts[node];
+    uint32_t first = table->ir->nodes[node].first, refs = table->counts[first / 2];
+    struct collapse_cost *cost = &table->costs[first / 2];
     float forest[8];
-    combine(&table->costs[first], &table->costs[first + 1], forest);
+    forest_of(table, first, forest);
 
-    double area = measure(table, node);
-    float inner = (float)(area + table->node_cost) + forest[6];
-    float leaf = refs <= table->leaf_max ? (float)(area * refs * table->leaf_cost) : INFINITY;
+    float area = measure(table, node);
+    float inner = area + table->node_cost + forest[6];
+    float leaf = refs <= table->leaf_max ? area * (float)refs * table->leaf_cost : INFINITY;
     float one = leaf <= inner ? leaf : inner;
     cost->leaf_refs = leaf <= inner ? refs : 0;
     cost->as[0] = one;
@@ -135,13 +170,18 @@ void collapse_cost_of(const struct collapse_table *table, uint32_t node)
         cost->as[i] = forest[i - 1] < one ? forest[i - 1] : one;
 }
 
-/* How many of `budget` trees the left child takes. */
-static unsigned left_share(const struct collapse_cost *left, const struct collapse_cost *right, unsigned budget)
+/* How many of `budget` trees the left one of two siblings takes. */
+static unsigned left_share(const struct collapse_table *table, uint32_t first, unsigned budget)
 {
+    if (ir_is_leaf(table->ir, first))
+        return 1;
+    if (ir_is_leaf(table->ir, first + 1))
+        return budget - 1;
+    const float *left = table->costs[collapse_row(table->ir, first)].as, *right = table->costs[collapse_row(table->ir, first + 1)].as;
     unsigned best = 1;
-    float least = left->as[0] + right->as[budget - 2];
+    float least = left[0] + right[budget - 2];
     for (unsigned k = 2; k < budget; k++) {
-        float cost = left->as[k - 1] + right->as[budget - k - 1];
+        float cost = left[k - 1] + right[budget - k - 1];
         best = cost < least ? k : best;
         least = cost < least ? cost : least;
     }
@@ -157,7 +197,7 @@ unsigned collapse_children(const struct collapse_table *table, uint32_t node, ui
     unsigned depth = 0, count = 0, budget = WIDE_ARITY;
     for (;;) {
         uint32_t first = table->ir->nodes[node].first;
-        unsigned share = left_share(&table->costs[first], &table->costs[first + 1], budget);
+        unsigned share = left_share(table, first, budget);
         stack[depth].node = first + 1;
         stack[depth++].budget = budget - share;
         stack[depth].node = first;
@@ -167,9 +207,11 @@ unsigned collapse_children(const struct collapse_table *table, uint32_t node, ui
                 return count;
             node = stack[--depth].node;
             budget = stack[depth].budget;
-            const struct collapse_cost *cost = &table->costs[node];
-            if (budget > 1 && cost->as[budget - 1] < cost->as[0])
-                break; /* cheaper as a forest */
+            if (budget > 1 && !ir_is_leaf(table->ir, node)) {
+                const struct collapse_cost *cost = &table->costs[collapse_row(table->ir, node)];
+                if (cost->as[budget - 1] < cost->as[0])
+                    break; /* cheaper as a forest */
+            }
             ret_children[count++] = node;
         }
     }

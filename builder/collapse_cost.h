@@ -20,23 +20,54 @@ struct collapse_cost {
     uint32_t leaf_refs; /* refs of the node where C(n, 1) is a leaf, else 0 */
 };
 
-_Static_assert(sizeof(struct collapse_cost) == 32, "one store of 8 lanes");
+_Static_assert(sizeof(struct collapse_cost) == 32, "two stores of 4 lanes");
 
+/* Rows are those of inner nodes; what a leaf of the ir costs is computed when it is asked for. */
 struct collapse_table {
     const struct ir *ir;
     uint32_t leaf_max;
-    double leaf_cost;
-    double node_cost; /* added for each wide node: what one more of them is worth, as a share of the root's area */
-    double inverse_measure; /* of the root */
+    float leaf_cost;
+    float node_cost; /* added for each wide node: what one more of them is worth, as a share of the root's area */
+    float scale; /* a power of two that brings the root to about unit size */
+    float inverse; /* of the root's scaled area */
     bool lengths; /* the root has no area */
-    const uint32_t *counts; /* refs below each node */
+    const uint32_t *counts; /* refs below each inner node */
     struct collapse_cost *costs;
 };
+
+/*
+ * The row of an inner node: the number of its pair of children. Siblings are adjacent and all nodes but the root are siblings, so pairs begin at
+ * odd indices.
+ */
+static inline uint32_t collapse_row(const struct ir *ir, uint32_t inner)
+{
+    return ir->nodes[inner].first / 2;
+}
+
+/* How many rows a tree has. */
+static inline uint32_t collapse_rows(const struct ir *ir)
+{
+    return ir->node_count / 2;
+}
+
+/* Refs below a node. */
+static inline uint32_t collapse_count(const struct collapse_table *table, uint32_t node)
+{
+    const struct ir_node *n = &table->ir->nodes[node];
+    return n->count ? n->count : table->counts[n->first / 2];
+}
+
+/* The refs of a node that becomes a leaf when it becomes one child; 0 for an inner child. */
+static inline uint32_t collapse_leaf_refs(const struct collapse_table *table, uint32_t node)
+{
+    const struct ir_node *n = &table->ir->nodes[node];
+    return n->count ? n->count : table->costs[n->first / 2].leaf_refs;
+}
 
 /* Fills leaf_max, the costs and the measure from the root; `ir` has nodes. */
 void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options);
 
-/* Fills costs[node] from the costs of its children. */
+/* Fills the row of an inner node from those of its children. */
 void collapse_cost_of(const struct collapse_table *table, uint32_t node);
 
 /*

@@ -117,7 +117,7 @@ static unsigned fill_slots(const struct collapse_table *table, struct wide_node 
         struct wide_child child = {0};
         if (order[slot] < count) {
             child.node = children[order[slot]];
-            child.ref_count = table->costs[child.node].leaf_refs;
+            child.ref_count = collapse_leaf_refs(table, child.node);
             child.first_ref = child.ref_count ? first_ref(ir, child.node) : 0;
             inner += child.ref_count == 0;
         }
@@ -168,12 +168,12 @@ static bool add_task(struct emission *emission, uint32_t skeleton, uint32_t node
 /* Lays out the top of the tree; subtrees of middle size become tasks, whose roots stay as they wait: no slots, their level in first_leaf. */
 static bool emit_skeleton(struct emission *emission, struct run *run)
 {
-    const uint32_t *counts = emission->table->counts;
     if (!start(emission, run, 0, 0))
         return false;
     while (run->waiting != NO_NODE) {
         uint32_t node = run->nodes[run->waiting].node;
-        if (counts[node] > TASK_MAX || counts[node] < TASK_MIN) {
+        uint32_t refs = collapse_count(emission->table, node);
+        if (refs > TASK_MAX || refs < TASK_MIN) {
             if (!visit(emission, run))
                 return false;
         } else {
@@ -193,7 +193,7 @@ static void emit_task(void *context, size_t index)
         fail(emission, BVHD_CANCELLED);
     if (atomic_load_explicit(&emission->status, memory_order_relaxed) != BVHD_OK)
         return;
-    if (!start(emission, &task->run, task->node, emission->table->counts[task->node]))
+    if (!start(emission, &task->run, task->node, collapse_count(emission->table, task->node)))
         return;
     while (task->run.waiting != NO_NODE)
         if (!visit(emission, &task->run))
