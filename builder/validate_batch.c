@@ -32,7 +32,7 @@ static enum bvhd_status check_entry(const struct build_input *input, uint32_t in
     if (other != HANDLE_NONE)
         return bvhd_error_rule(error, BVHD_VUID_03403, place("infos[%u].srcAccelerationStructure", index).text,
                                "infos[%u] builds into this source", other);
-    for (uint32_t i = 0; i < input->reference_count; i++) {
+    for (uint32_t i = 0; input->references && i < input->reference_count; i++) {
         other = other_destination(destinations, input->references[i].handle, index);
         if (other != HANDLE_NONE)
             return bvhd_error_rule(error, BVHD_VUID_03407, place("infos[%u].references[%u]", index, i).text,
