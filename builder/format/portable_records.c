@@ -21,17 +21,17 @@ static uint32_t id_of(const struct canonical_geometry *geometry, uint32_t primit
     return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
 }
 
+/* Field by field into its place: a struct that is filled in pieces and copied as a whole waits for its pieces. */
 static void write_indexed_triangle(const struct portable_records *writer, const struct canonical_geometry *geometry, uint32_t primitive,
                                    unsigned char *record)
 {
     uint64_t corner = (uint64_t)3 * (primitive - geometry->first_primitive);
-    struct portable_indexed_triangle triangle = {.id = id_of(geometry, primitive)};
     for (int k = 0; k < 3; k++) {
         uint32_t vertex = geometry->first_vertex + (geometry->indices ? geometry->indices[corner + k] : (uint32_t)corner + k);
-        triangle.vertices[k] = vertex;
+        bytes_put32(record + 4 * k, vertex);
         __atomic_store_n(&writer->used[vertex], 1, __ATOMIC_RELAXED);
     }
-    memcpy(record, &triangle, sizeof triangle);
+    bytes_put32(record + 12, id_of(geometry, primitive));
 }
 
 static void write_triangle(const struct canonical_geometry *geometry, uint32_t primitive, unsigned char *record)
@@ -98,6 +98,18 @@ void portable_records_write(const struct portable_records *writer, uint32_t firs
             write_instance(geometry, refs[i], record);
             break;
         }
+    }
+}
+
+void portable_records_prefetch(const struct portable_records *writer, const uint32_t *refs, uint32_t count)
+{
+    const struct canonical_geometry *geometry = writer->canonical->geometries;
+    for (uint32_t i = 0; i < count; i++) {
+        if (!lies_in(geometry, refs[i]))
+            continue;
+        uint64_t index = refs[i] - geometry->first_primitive;
+        if (geometry->type == GEOMETRY_TRIANGLES && geometry->indices)
+            __builtin_prefetch(geometry->indices + 3 * index);
     }
 }
 

@@ -12,7 +12,7 @@ const uint8_t portable_driver_uuid[16] = "bvhd portable";
 const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', 'o', 'r',
                                                  't', 'a', 'b', 'l', 'e', 0,   0,   PORTABLE_VERSION};
 
-enum { NODE_CHUNK = 512, VERTEX_CHUNK = 32768, RECORD_CHUNK = 65536 };
+enum { NODE_CHUNK = 512, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, RECORD_CHUNK = 65536 };
 
 struct writing {
     const struct layout_input *input;
@@ -107,45 +107,62 @@ static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
     return BVHD_OK;
 }
 
+/* Over all motion keys. */
 static void load_box(const struct ir *ir, uint32_t node, unsigned slot, struct portable_boxes *boxes)
 {
-    struct box box = ir->boxes[0][node];
-    for (uint32_t key = 1; key < ir->key_count; key++)
-        box_grow(&box, &ir->boxes[key][node]);
+    const struct box *box = &ir->boxes[0][node];
+    struct box both;
+    if (ir->key_count > 1) {
+        both = *box;
+        box_grow(&both, &ir->boxes[1][node]);
+        box = &both;
+    }
     for (int axis = 0; axis < 3; axis++) {
-        boxes->min[axis][slot] = box.min[axis];
-        boxes->max[axis][slot] = box.max[axis];
+        boxes->min[axis][slot] = box->min[axis];
+        boxes->max[axis][slot] = box->max[axis];
     }
 }
 
-static void write_node(const struct writing *w, const struct wide_node *wide, unsigned char *place)
+/* Writes the leaf's records too; `record` counts those of the node. */
+static uint8_t write_child(const struct writing *w, const struct wide_node *wide, unsigned slot, unsigned *record)
 {
     static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
-    struct portable_node node = {.first_child = wide->first_child, .first_record = wide->first_leaf};
+    const struct wide_child *child = &wide->slots[slot];
+    if (wide_kind(child) == WIDE_INNER)
+        return (uint8_t)(0x20 | (24 + slot));
+    unsigned first = *record;
+    portable_records_write(&w->records, wide->first_leaf + first, w->input->ir->refs + child->first_ref, child->ref_count);
+    *record += child->ref_count;
+    return (uint8_t)(unary[child->ref_count] | first);
+}
+
+static void write_node(const struct writing *w, const struct wide_node *wide, struct portable_node *node)
+{
     struct portable_boxes boxes;
-    unsigned occupied = 0, records = 0;
+    unsigned occupied = 0, inner = 0, records = 0, filler = 0;
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
+        enum wide_kind kind = wide_kind(&wide->slots[slot]);
+        occupied |= (unsigned)(kind != WIDE_EMPTY) << slot;
+        inner |= (unsigned)(kind == WIDE_INNER) << slot;
+        node->meta[slot] = kind == WIDE_EMPTY ? 0 : write_child(w, wide, slot, &records);
+        filler = kind == WIDE_EMPTY ? filler : slot;
+    }
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
+        load_box(w->input->ir, wide->slots[occupied >> slot & 1 ? slot : filler].node, slot, &boxes);
+    node->inner_mask = (uint8_t)inner;
+    node->first_child = wide->first_child;
+    node->first_record = wide->first_leaf;
+    portable_quantise(&boxes, occupied, node);
+}
+
+/* What a node is written from lies far apart: boxes in the order of the tree, primitives in that of the request. */
+static void prefetch_node(const struct writing *w, const struct wide_node *wide)
+{
     for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
         const struct wide_child *child = &wide->slots[slot];
-        enum wide_kind kind = wide_kind(child);
-        if (kind == WIDE_EMPTY)
-            continue;
-        occupied |= 1u << slot;
-        load_box(w->input->ir, child->node, slot, &boxes);
-        if (kind == WIDE_INNER) {
-            node.meta[slot] = (uint8_t)(0x20 | (24 + slot));
-            node.inner_mask |= (uint8_t)(1u << slot);
-            continue;
-        }
-        node.meta[slot] = (uint8_t)(unary[child->ref_count] | records);
-        portable_records_write(&w->records, wide->first_leaf + records, w->input->ir->refs + child->first_ref, child->ref_count);
-        records += child->ref_count;
+        __builtin_prefetch(&w->input->ir->boxes[0][child->node]);
+        portable_records_prefetch(&w->records, w->input->ir->refs + child->first_ref, child->ref_count);
     }
-    unsigned filler = (unsigned)__builtin_ctz(occupied);
-    for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
-        if (!(occupied >> slot & 1))
-            load_box(w->input->ir, wide->slots[filler].node, slot, &boxes);
-    portable_quantise(&boxes, occupied, &node);
-    memcpy(place, &node, sizeof node);
 }
 
 static void write_nodes(void *context, size_t index)
@@ -154,9 +171,12 @@ static void write_nodes(void *context, size_t index)
     const struct wide *wide = w->input->wide;
     size_t begin, end;
     parallel_chunk(index, NODE_CHUNK, wide->node_count, &begin, &end);
-    unsigned char *place = w->body + w->header.node_offset + begin * sizeof(struct portable_node);
-    for (size_t i = begin; i < end; i++, place += sizeof(struct portable_node))
-        write_node(w, &wide->nodes[i], place);
+    struct portable_node *nodes = (struct portable_node *)(void *)(w->body + w->header.node_offset);
+    for (size_t i = begin; i < end; i++) {
+        if (end - i > PREFETCH_AHEAD)
+            prefetch_node(w, &wide->nodes[i + PREFETCH_AHEAD]);
+        write_node(w, &wide->nodes[i], &nodes[i]);
+    }
 }
 
 static void count_kept(void *context, size_t index)
