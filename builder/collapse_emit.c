@@ -6,7 +6,7 @@
 #include "octants.h"
 
 /* Subtrees of this many refs are laid out apart: small enough to share out evenly, large enough to be worth a copy. */
-enum { TASK_MAX = 8192, TASK_MIN = 256 };
+enum { TASK_MAX = 4096, TASK_MIN = 256 };
 
 #define NO_NODE UINT32_C(0xffffffff)
 
@@ -63,7 +63,7 @@ static bool reserve(struct emission *emission, struct run *run, uint32_t count)
 static bool start(struct emission *emission, struct run *run, uint32_t node, uint32_t refs)
 {
     *run = (struct run){.waiting = NO_NODE};
-    if (!reserve(emission, run, refs / 6 + 8))
+    if (!reserve(emission, run, refs / 8 + 8))
         return false;
     run->nodes[0] = (struct wide_node){.node = node, .first_child = NO_NODE, .first_leaf = 1};
     run->count = 1;
