@@ -4,6 +4,9 @@
 #
 # Packages are looked up with dpkg first, so that a machine that has them needs neither network nor rights.
 
+# Numbers and messages as the scripts expect them.
+export LC_ALL=C
+
 setup_build_packages="gcc libc6-dev meson ninja-build pkg-config cmake libembree-dev libassimp-dev libcjson-dev libssl-dev libpng-dev libvulkan-dev"
 setup_check_packages="$setup_build_packages clang libclang-rt-dev libcmocka-dev"
 
