@@ -1,0 +1,303 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * determinism [COUNT [SEED]] - the same request gives the same bytes: with 1, 2 and 8 threads, and written in other strides, offsets and index widths.
+ * determinism --digest [COUNT [SEED]] - prints nothing but one digest over all keys and blobs, to be compared between compilers and machines.
+ *
+ * Random requests, and generated meshes large enough to be cut into several pieces. Ends with status 1 if anything differs.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "batch.h"
+#include "random_input.h"
+#include "random_top.h"
+#include "workers.h"
+
+enum { TEAMS = 3, GRID = 260 }; /* 135,200 triangles: three pieces at least */
+
+static const unsigned team_sizes[TEAMS] = {1, 2, 8};
+
+struct run {
+    struct memory memory;
+    struct embree *embree;
+    struct workers *workers[TEAMS];
+    uint64_t digest, failures, blobs, bytes;
+};
+
+/* FNV-1a, which is enough where nobody cheats. */
+static void digest_bytes(struct run *run, const void *data, uint64_t size)
+{
+    const unsigned char *bytes = data;
+    for (uint64_t i = 0; i < size; i++)
+        run->digest = (run->digest ^ bytes[i]) * UINT64_C(0x100000001b3);
+}
+
+static void fail(struct run *run, const char *what, const char *how)
+{
+    fprintf(stderr, "determinism: %s: %s\n", what, how);
+    run->failures++;
+}
+
+static bool build_one(struct run *run, const struct build_input *input, int team, const char *what, struct batch_item *ret_item)
+{
+    struct build_context context = {.embree = run->embree, .memory = &run->memory, .parallel = workers_parallel(run->workers[team])};
+    struct limits limits = limits_default();
+    struct bvhd_error error;
+    enum bvhd_status status = batch_build(input, 1, &limits, &context, ret_item, &error);
+    if (status || ret_item->status) {
+        fail(run, what, status ? error.text : ret_item->error.text);
+        if (!status)
+            batch_finish(ret_item, 1, &run->memory);
+        return false;
+    }
+    return true;
+}
+
+static bool items_equal(const struct batch_item *a, const struct batch_item *b)
+{
+    return key_equal(&a->key, &b->key) && a->size == b->size && memcmp(a->blob, b->blob, a->size) == 0;
+}
+
+/* One request with every team. False if it could not be built; else the caller ends *ret_first. */
+static bool build_with_all(struct run *run, const struct build_input *input, const char *what, struct batch_item *ret_first)
+{
+    if (!build_one(run, input, 0, what, ret_first))
+        return false;
+    digest_bytes(run, &ret_first->key, sizeof ret_first->key);
+    digest_bytes(run, ret_first->blob, ret_first->size);
+    run->blobs++;
+    run->bytes += ret_first->size;
+    for (int team = 1; team < TEAMS; team++) {
+        struct batch_item item;
+        if (!build_one(run, input, team, what, &item))
+            continue;
+        if (!items_equal(ret_first, &item))
+            fail(run, what, team == 1 ? "1 and 2 threads differ" : "1 and 8 threads differ");
+        batch_finish(&item, 1, &run->memory);
+    }
+    return true;
+}
+
+/* ---- random requests ---- */
+
+static void run_bottom(struct run *run, struct random *random)
+{
+    struct random_input bottom;
+    struct batch_item item;
+    random_input_bottom(&bottom, random, 3000);
+    if (build_with_all(run, &bottom.input, "a random bottom level", &item))
+        batch_finish(&item, 1, &run->memory);
+    random_input_finish(&bottom);
+}
+
+static void run_top(struct run *run, struct random *random)
+{
+    struct random_top top;
+    struct batch_item item;
+    random_top_init(&top, random, 200);
+    for (uint32_t i = 0; i < top.bottom_count; i++) {
+        if (!build_with_all(run, &top.bottoms[i].input, "a bottom level", &item))
+            continue;
+        top.references[i].key = item.key;
+        top.references[i].bounds = item.stats.bounds;
+        batch_finish(&item, 1, &run->memory);
+    }
+    if (build_with_all(run, &top.input, "a random top level", &item))
+        batch_finish(&item, 1, &run->memory);
+    random_top_finish(&top);
+}
+
+/* ---- one mesh, written in many ways ---- */
+
+struct mesh {
+    float (*positions)[3];
+    uint32_t (*triangles)[3];
+    uint32_t vertex_count, triangle_count;
+};
+
+static void *allocate(size_t size)
+{
+    void *block = malloc(size);
+    if (!block) {
+        fprintf(stderr, "determinism: no memory\n");
+        exit(1);
+    }
+    return block;
+}
+
+/* Hills on a grid, with a share of triangles put elsewhere so that boxes overlap. */
+static struct mesh make_mesh(uint32_t side, uint64_t seed)
+{
+    struct mesh mesh = {.vertex_count = (side + 1) * (side + 1), .triangle_count = 2 * side * side};
+    struct random random = {seed};
+    mesh.positions = allocate(mesh.vertex_count * sizeof *mesh.positions);
+    mesh.triangles = allocate(mesh.triangle_count * sizeof *mesh.triangles);
+    for (uint32_t i = 0; i < mesh.vertex_count; i++) {
+        double x = (double)(i % (side + 1)) / side, y = (double)(i / (side + 1)) / side;
+        mesh.positions[i][0] = (float)(x + random_between(&random, -0.3, 0.3) / side);
+        mesh.positions[i][1] = (float)(y + random_between(&random, -0.3, 0.3) / side);
+        mesh.positions[i][2] = (float)(x * (1 - x) * y * y + random_between(&random, 0, 0.2) / side);
+    }
+    for (uint32_t i = 0; i < side * side; i++) {
+        uint32_t at = i / side * (side + 1) + i % side;
+        const uint32_t quad[2][3] = {{at, at + 1, at + side + 2}, {at, at + side + 2, at + side + 1}};
+        memcpy(mesh.triangles[2 * (size_t)i], quad, sizeof quad);
+        if (random_chance(&random, 0.01))
+            mesh.triangles[2 * (size_t)i][random_below(&random, 3)] = random_below(&random, mesh.vertex_count);
+    }
+    return mesh;
+}
+
+static void free_mesh(struct mesh *mesh)
+{
+    free(mesh->positions);
+    free(mesh->triangles);
+}
+
+/* How a mesh is written down. */
+struct writing {
+    const char *name;
+    uint32_t format, stride, first_vertex, index_type, offset;
+};
+
+static const struct writing writings[] = {
+    {"tightly", 106, 12, 0, INDEX_UINT32, 0},
+    {"in a wide stride", 106, 36, 0, INDEX_UINT32, 0},
+    {"with four components", 109, 16, 0, INDEX_UINT32, 0},
+    {"in double", 118, 24, 0, INDEX_UINT32, 0},
+    {"behind a first vertex", 106, 16, 5, INDEX_UINT32, 0},
+    {"at an index offset", 106, 12, 0, INDEX_UINT32, 20},
+    {"with 16-bit indices", 106, 12, 0, INDEX_UINT16, 0},
+    {"with 16-bit indices, otherwise too", 121, 40, 3, INDEX_UINT16, 6},
+};
+
+enum { WRITINGS = sizeof writings / sizeof writings[0] };
+
+static unsigned char *write_vertices(const struct mesh *mesh, const struct writing *writing, uint64_t *ret_size)
+{
+    uint64_t size = (uint64_t)writing->stride * (writing->first_vertex + mesh->vertex_count);
+    unsigned char *bytes = allocate(size);
+    memset(bytes, 0x55, size);
+    for (uint32_t i = 0; i < mesh->vertex_count; i++) {
+        unsigned char *at = bytes + (uint64_t)writing->stride * (writing->first_vertex + i);
+        double wide[3] = {mesh->positions[i][0], mesh->positions[i][1], mesh->positions[i][2]};
+        if (writing->format >= 115)
+            memcpy(at, wide, sizeof wide);
+        else
+            memcpy(at, mesh->positions[i], sizeof mesh->positions[i]);
+    }
+    *ret_size = size;
+    return bytes;
+}
+
+static unsigned char *write_indices(const struct mesh *mesh, const struct writing *writing, uint64_t *ret_size)
+{
+    uint32_t width = writing->index_type == INDEX_UINT16 ? 2 : 4;
+    uint64_t size = writing->offset + (uint64_t)width * 3 * mesh->triangle_count;
+    unsigned char *bytes = allocate(size);
+    memset(bytes, 0xaa, size);
+    for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++)
+        memcpy(bytes + writing->offset + (uint64_t)width * i, &mesh->triangles[i / 3][i % 3], width);
+    *ret_size = size;
+    return bytes;
+}
+
+static struct geometry write_mesh(const struct mesh *mesh, const struct writing *writing)
+{
+    struct geometry geometry = {.type = GEOMETRY_TRIANGLES, .flags = GEOMETRY_OPAQUE};
+    struct geometry_triangles *triangles = &geometry.triangles;
+    triangles->vertex_format = writing->format;
+    triangles->vertex_stride = writing->stride;
+    triangles->max_vertex = writing->first_vertex + mesh->vertex_count - 1;
+    triangles->index_type = writing->index_type;
+    triangles->vertices.data = write_vertices(mesh, writing, &triangles->vertices.size);
+    triangles->indices.data = write_indices(mesh, writing, &triangles->indices.size);
+    geometry.range = (struct geometry_range){mesh->triangle_count, writing->offset, writing->first_vertex, 0};
+    return geometry;
+}
+
+static void run_writing(struct run *run, const struct mesh *mesh, const struct writing *writing, const struct build_options *options,
+                        const struct batch_item *first)
+{
+    struct geometry geometry = write_mesh(mesh, writing);
+    struct build_input input = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry, .options = *options};
+    struct batch_item item;
+    if (build_one(run, &input, 1, writing->name, &item)) {
+        if (!items_equal(first, &item))
+            fail(run, writing->name, "the same mesh has another key or other bytes");
+        batch_finish(&item, 1, &run->memory);
+    }
+    free((void *)(uintptr_t)geometry.triangles.vertices.data);
+    free((void *)(uintptr_t)geometry.triangles.indices.data);
+}
+
+/* Every writing of a mesh against the first; 16-bit ones where they fit. */
+static void run_mesh(struct run *run, uint32_t side, enum build_quality quality, uint32_t layout_flags)
+{
+    struct mesh mesh = make_mesh(side, side);
+    struct geometry geometry = write_mesh(&mesh, &writings[0]);
+    struct build_input input = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry};
+    struct batch_item first;
+    input.options = (struct build_options){quality, TARGET_PORTABLE, layout_flags};
+    if (build_with_all(run, &input, build_quality_name(quality), &first)) {
+        for (int i = 1; i < WRITINGS; i++)
+            if (writings[i].index_type == INDEX_UINT32 || mesh.vertex_count <= 65536)
+                run_writing(run, &mesh, &writings[i], &input.options, &first);
+        batch_finish(&first, 1, &run->memory);
+    }
+    free((void *)(uintptr_t)geometry.triangles.vertices.data);
+    free((void *)(uintptr_t)geometry.triangles.indices.data);
+    free_mesh(&mesh);
+}
+
+/* ---- all ---- */
+
+static bool run_init(struct run *run)
+{
+    struct bvhd_error error;
+    *run = (struct run){.digest = UINT64_C(0xcbf29ce484222325)};
+    memory_init(&run->memory, UINT64_MAX);
+    enum bvhd_status status = embree_create(&run->embree, &error);
+    for (int team = 0; team < TEAMS && !status; team++)
+        status = workers_create(team_sizes[team], &run->workers[team], &error);
+    if (status)
+        fprintf(stderr, "determinism: %s\n", error.text);
+    return !status;
+}
+
+static void run_finish(struct run *run)
+{
+    for (int team = 0; team < TEAMS; team++)
+        workers_destroy(run->workers[team]);
+    embree_destroy(run->embree);
+    if (run->memory.live)
+        fail(run, "memory", "something is left");
+}
+
+int main(int argc, char **argv)
+{
+    bool digest_only = argc > 1 && strcmp(argv[1], "--digest") == 0;
+    char **numbers = argv + (digest_only ? 2 : 1);
+    int number_count = argc - (digest_only ? 2 : 1);
+    uint64_t count = number_count > 0 ? strtoull(numbers[0], NULL, 10) : 100;
+    uint64_t seed = number_count > 1 ? strtoull(numbers[1], NULL, 10) : 1;
+    struct run run;
+    if (!run_init(&run))
+        return 1;
+    for (uint64_t i = seed; i < seed + count; i++) {
+        struct random random = {i * UINT64_C(0x632be59bd9b4e019)};
+        (i % 4 ? run_bottom : run_top)(&run, &random);
+    }
+    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_BALANCED; quality++) {
+        run_mesh(&run, 40, quality, quality == QUALITY_FAST ? PORTABLE_FAST_TRIANGLES : 0);
+        run_mesh(&run, GRID, quality, 0);
+    }
+    run_mesh(&run, 60, QUALITY_HIGH, 0);
+    run_finish(&run);
+    if (digest_only)
+        printf("%016llx\n", (unsigned long long)run.digest);
+    else
+        printf("digest %016llx over %llu structures, %llu bytes; %llu differences\n", (unsigned long long)run.digest,
+               (unsigned long long)run.blobs, (unsigned long long)run.bytes, (unsigned long long)run.failures);
+    return run.failures != 0;
+}
