@@ -10,6 +10,8 @@ static const double range_max = 0x1p60, structure_min = 0x1p-60, direction_min =
 /* Axes whose direction is this much below the longest count as parallel: float's rounding of the position is of that size. */
 static const double parallel_ratio = 0x1p-30;
 static const double corner_error = 0x1p-50, t_error = 0x1p-40, underflow_error = 0x1p-118;
+/* 8u of the distance is 1/64 of 256 steps of this size. */
+static const double wide_share = 0x1p-23;
 
 static int main_axis(const double direction[3])
 {
@@ -67,19 +69,23 @@ bool boxtest_init(const double origin[3], const double direction[3], float tmin,
     struct boxtest_ray *ray = ret_ray;
     ray->tmin = tmin;
     ray->parallel_axes = 0;
-    ray->origin[3] = ray->inverse[3] = ray->slack[3] = 0;
+    ray->origin[3] = ray->inverse[3] = ray->slack[3] = ray->wide_slack[3] = ray->wide_scale[3] = 0;
     for (int axis = 0; axis < 3; axis++) {
         ray->origin[axis] = (float)origin[axis];
-        double moved = fabs(origin[axis] - ray->origin[axis]) + corner_error * reach(origin, bounds, axis);
+        double distance = reach(origin, bounds, axis);
+        double moved = fabs(origin[axis] - ray->origin[axis]) + corner_error * distance;
+        ray->wide_scale[axis] = (float)(wide_share * distance);
         if (fabs(direction[axis]) < parallel_ratio * speed) {
             ray->parallel_axes |= 1u << axis;
             ray->parallel_slack[axis] = round_up(moved + t_reach * fabs(direction[axis]));
             ray->inverse[axis] = 0;
-            ray->slack[axis] = FLT_MAX;
+            ray->slack[axis] = ray->wide_slack[axis] = FLT_MAX;
         } else {
             double inverse = 1 / direction[axis];
             ray->inverse[axis] = (float)inverse;
-            ray->slack[axis] = round_up(moved * fabs(inverse) + t_error * t_reach);
+            double slack = moved * fabs(inverse) + t_error * t_reach;
+            ray->slack[axis] = round_up(slack);
+            ray->wide_slack[axis] = round_up(slack + boxtest_gamma * distance * fabs(inverse));
         }
     }
     init_planes(direction, ray);
@@ -134,7 +140,7 @@ unsigned boxtest_double(const struct boxtest_exact *ray, const struct portable_n
 #ifdef BOXTEST_WIDE
 bool boxtest_has_wide(void)
 {
-    return __builtin_cpu_supports("avx2");
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
 }
 
 BOXTEST_WIDE unsigned boxtest_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])

@@ -18,6 +18,12 @@
  *    and along the ray's main axis, and t by less than 2^-42 of the latter; the structure's bounds limit both. So what it calls a hit at t
  *    lies in the intervals of all boxes around it, and culling by the closest hit so far cannot change an answer.
  *
+ * Eight wide, with fused operations, the bound shrinks to 3u |A| + u |q S| + u |A + q S|. With R the distance from the ray's origin to the
+ * farthest corner of the structure on that axis, over |d|: |A| and |A + q S| are at most R and |q S| at most 2R (and some hundredths more, as
+ * planes are rounded outward), so 8u R + slack bounds it for every node. That is a constant of the ray, and what makes the test fast; but it
+ * can pass the size of small nodes of structures that have an outlier. Those are left to the test above: nodes with an axis on which 8u of
+ * that distance is more than about 1/64 of the node.
+ *
  * An axis along which the ray hardly moves has no usable 1 / d. There the position is compared instead, with a slack in units of length that
  * covers the small movement within the structure's bounds.
  */
@@ -28,9 +34,11 @@
 
 /* A ray in one structure's space, for float tests. The fourth lanes are 0. */
 struct boxtest_ray {
-    float origin[4];
+    _Alignas(16) float origin[4];
     float inverse[4]; /* 1 / direction; 0 for parallel axes */
     float slack[4]; /* in t; FLT_MAX for parallel axes, which makes their interval everything */
+    float wide_slack[4]; /* the same with the bound for all nodes */
+    float wide_scale[4]; /* nodes with a smaller scale, but for 0, are too small for that bound */
     uint32_t near_planes[3], far_planes[3]; /* byte offsets in a node: lo or hi of each axis, by the direction's sign */
     float tmin;
     uint32_t parallel_axes; /* bit a: axis a is compared by position */
@@ -58,7 +66,7 @@ void boxtest_init_exact(const double origin[3], const double direction[3], float
 
 /*
  * Bit s of the result: the ray meets child s at some t in [tmin, tmax]; ret_near[s] is a lower bound of where. Empty slots are never met.
- * boxtest_wide and boxtest_float give the same bits and the same floats; boxtest_has_wide says whether this machine can run the former.
+ * boxtest_has_wide says whether this machine can run boxtest_wide.
  */
 unsigned boxtest_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8]);
 unsigned boxtest_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8]);

@@ -2,8 +2,7 @@
 /*
  * boxtest_kernels.h - the inner part of boxtest.h, to be compiled into the loops that use it: in plain C, in double, and eight wide.
  *
- * kernel_float and kernel_wide do the same operations in the same order. Comparisons are written so that a NaN, which only a node that no
- * writer makes can cause, misses.
+ * Comparisons are written so that a NaN, which only a node that no writer makes can cause, misses.
  */
 #ifndef BVHD_BOXTEST_KERNELS_H
 #define BVHD_BOXTEST_KERNELS_H
@@ -15,7 +14,7 @@
 
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <immintrin.h>
-#define BOXTEST_WIDE __attribute__((target("avx2")))
+#define BOXTEST_WIDE __attribute__((target("avx2,fma")))
 #endif
 
 #define BOXTEST_INLINE static inline __attribute__((always_inline))
@@ -101,37 +100,39 @@ BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const str
 
 #ifdef BOXTEST_WIDE
 
-/* One axis' value to all eight children. */
-#define SPREAD(vector, lane) _mm256_permutevar8x32_ps(_mm256_castps128_ps256(vector), _mm256_set1_epi32(lane))
+#define BOXTEST_WIDE_INLINE BOXTEST_WIDE static inline __attribute__((always_inline))
 
 /* Eight quantised planes as floats. */
-BOXTEST_WIDE static inline __attribute__((always_inline)) __m256 load_planes(const struct portable_node *node, uint32_t at)
+BOXTEST_WIDE_INLINE __m256 load_planes(const struct portable_node *node, uint32_t at)
 {
     return _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)((const char *)node + at))));
 }
 
-BOXTEST_WIDE static inline __attribute__((always_inline)) unsigned kernel_wide(const struct boxtest_ray *ray,
-                                                                               const struct portable_node *node, float tmax,
-                                                                               float ret_near[8])
+/* One axis' interval of each child. `step` holds all three axes' step / d. */
+BOXTEST_WIDE_INLINE void span_wide(const struct boxtest_ray *ray, const struct portable_node *node, int axis, __m128 step,
+                                   __m256 *ret_near, __m256 *ret_far)
 {
-    const __m128 sign = _mm_set1_ps(-0.0f);
-    __m128 inverse = _mm_loadu_ps(ray->inverse);
-    __m128 node_origin = _mm_loadu_ps(node->origin); /* and, unused, the exponents */
-    int exponents = (int)bytes_get32(node->exponent);
-    __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
-    __m128 offset = _mm_mul_ps(_mm_sub_ps(node_origin, _mm_loadu_ps(ray->origin)), inverse);
-    __m128 step = _mm_mul_ps(scale, inverse);
-    __m128 size = _mm_add_ps(_mm_andnot_ps(sign, offset), _mm_mul_ps(_mm_set1_ps(255.0f), _mm_andnot_ps(sign, step)));
-    __m128 error = _mm_add_ps(_mm_mul_ps(_mm_set1_ps(boxtest_gamma), size), _mm_loadu_ps(ray->slack));
-    __m128 lo = _mm_sub_ps(offset, error), hi = _mm_add_ps(offset, error);
+    __m256 offset = _mm256_sub_ps(_mm256_broadcast_ss(&node->origin[axis]), _mm256_broadcast_ss(&ray->origin[axis]));
+    __m256 inverse = _mm256_broadcast_ss(&ray->inverse[axis]), slack = _mm256_broadcast_ss(&ray->wide_slack[axis]);
+    __m256 lo = _mm256_fmsub_ps(offset, inverse, slack), hi = _mm256_fmadd_ps(offset, inverse, slack);
+    __m256 steps = _mm256_permutevar8x32_ps(_mm256_castps128_ps256(step), _mm256_set1_epi32(axis));
+    *ret_near = _mm256_fmadd_ps(load_planes(node, ray->near_planes[axis]), steps, lo);
+    *ret_far = _mm256_fmadd_ps(load_planes(node, ray->far_planes[axis]), steps, hi);
+}
 
-    __m256 step_x = SPREAD(step, 0), step_y = SPREAD(step, 1), step_z = SPREAD(step, 2);
-    __m256 near_x = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->near_planes[0]), step_x), SPREAD(lo, 0));
-    __m256 near_y = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->near_planes[1]), step_y), SPREAD(lo, 1));
-    __m256 near_z = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->near_planes[2]), step_z), SPREAD(lo, 2));
-    __m256 far_x = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->far_planes[0]), step_x), SPREAD(hi, 0));
-    __m256 far_y = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->far_planes[1]), step_y), SPREAD(hi, 1));
-    __m256 far_z = _mm256_add_ps(_mm256_mul_ps(load_planes(node, ray->far_planes[2]), step_z), SPREAD(hi, 2));
+BOXTEST_WIDE_INLINE unsigned kernel_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])
+{
+    int exponents = (int)bytes_get32(node->exponent); /* and, in the fourth lane and unused, the mask */
+    __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
+    __m128 is_small = _mm_and_ps(_mm_cmplt_ps(scale, _mm_load_ps(ray->wide_scale)), _mm_cmpgt_ps(scale, _mm_setzero_ps()));
+    if (__builtin_expect(_mm_movemask_ps(is_small), 0))
+        return boxtest_float(ray, node, tmax, ret_near);
+
+    __m256 near_x, near_y, near_z, far_x, far_y, far_z;
+    __m128 step = _mm_mul_ps(scale, _mm_load_ps(ray->inverse));
+    span_wide(ray, node, 0, step, &near_x, &far_x);
+    span_wide(ray, node, 1, step, &near_y, &far_y);
+    span_wide(ray, node, 2, step, &near_z, &far_z);
     __m256 near = _mm256_max_ps(_mm256_max_ps(near_x, near_y), _mm256_max_ps(near_z, _mm256_set1_ps(ray->tmin)));
     __m256 far = _mm256_min_ps(_mm256_min_ps(far_x, far_y), _mm256_min_ps(far_z, _mm256_set1_ps(tmax)));
     _mm256_storeu_ps(ret_near, near);

@@ -72,7 +72,7 @@ struct traverse_options {
     candidate_function candidate; /* NULL: triangles are accepted, AABBs are accepted at their entry distance */
     void *context;
     bool flip_order; /* visit children in the opposite order; answers are the same */
-    bool narrow_only; /* use no instructions beyond the baseline; answers and counters are the same */
+    bool narrow_only; /* use no instructions beyond the baseline; answers are the same */
     bool exact_only; /* test all boxes in double; answers are the same */
 };
 

@@ -5,7 +5,7 @@
  *   bench_trace [--size N] [--seconds S] [--fast-triangles] SCENE.ply...
  *
  * One thread, its processor time. Primary rays of an N x N picture (in tiles), diffuse rays from what those hit (in the same order), and random ones through the
- * box. Rates are medians over repetitions that take turns; then the geometric mean of the ratios, and the worst.
+ * box. Rates are those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
  */
 #include <embree3/rtcore.h>
 #include <float.h>
@@ -20,7 +20,7 @@
 #include "random.h"
 #include "traverse.h"
 
-enum { KINDS = 3, TILE = 8, MAX_REPEATS = 64 };
+enum { KINDS = 3, TILE = 8 };
 
 static const char *const kind_names[KINDS] = {"primary", "diffuse", "random"};
 
@@ -192,35 +192,28 @@ static uint32_t run_portable(const struct scene *scene, const struct ray *rays, 
     return hits;
 }
 
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static void measure(const struct subject *subject, const struct settings *settings, int kind, const struct ray *rays, uint32_t count,
                     struct totals *totals)
 {
-    double times[2][MAX_REPEATS], start = now();
+    double best[2] = {DBL_MAX, DBL_MAX}, start = now();
     uint32_t hits[2] = {0, 0};
     int repeats = 0;
     struct traverse_counters counters = {0};
     struct ray_hit hit;
     if (count == 0)
         return;
-    while (repeats < 3 || (repeats < MAX_REPEATS && now() - start < settings->seconds)) {
+    while (repeats < 3 || now() - start < settings->seconds) {
         double from = now();
         hits[0] = run_embree(subject->embree, rays, count);
         double middle = now();
         hits[1] = run_portable(&subject->scene, rays, count);
-        times[0][repeats] = middle - from;
-        times[1][repeats++] = now() - middle;
+        best[0] = fmin(best[0], middle - from);
+        best[1] = fmin(best[1], now() - middle);
+        repeats++;
     }
     for (uint32_t i = 0; i < count; i++)
         traverse(&subject->scene, &rays[i], NULL, &hit, &counters);
-    for (int k = 0; k < 2; k++)
-        qsort(times[k], (size_t)repeats, sizeof(double), compare_doubles);
-    double embree = 1e-6 * count / times[0][repeats / 2], portable = 1e-6 * count / times[1][repeats / 2], ratio = portable / embree;
+    double embree = 1e-6 * count / best[0], portable = 1e-6 * count / best[1], ratio = portable / embree;
     printf("  %-8s %7u rays, hits %6.2f %% (embree %+d): embree %6.2f, portable %6.2f Mray/s, ratio %5.3f; a ray: %5.1f nodes, %5.1f "
            "triangles\n",
            kind_names[kind], count, 100.0 * hits[1] / count, (int)hits[0] - (int)hits[1], embree, portable, ratio,
