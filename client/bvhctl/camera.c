@@ -53,7 +53,7 @@ static bool in_focus(const struct stage *stage, struct vector point)
 {
     struct vector extent = vector_sub(stage->high, stage->low), middle = vector_scale(vector_add(stage->low, stage->high), 0.5);
     struct vector away = vector_sub(stage_to_local(stage, point), middle);
-    double flat = flatness(stage), part = flat < 0.12 ? 0.24 : flat < 0.25 ? 0.36 : 0.501;
+    double part = flatness(stage) < 0.05 ? 0.26 : 0.501;
     return fabs(away.x) <= part * extent.x && fabs(away.y) <= part * extent.y && fabs(away.z) <= 0.501 * extent.z;
 }
 

@@ -45,7 +45,7 @@ static struct vector backdrop(const struct light *light, struct vector direction
     double height = vector_dot(direction, light->stage->up);
     if (light->camera->is_inside)
         return vector_scale(sky(light, direction), 1.4);
-    return vector_mix(vector_make(0.74, 0.77, 0.80), vector_make(0.30, 0.42, 0.58), smooth_step(-0.02, 0.75, height));
+    return vector_mix(vector_make(0.72, 0.77, 0.83), vector_make(0.27, 0.41, 0.62), smooth_step(-0.02, 0.75, height));
 }
 
 /* No real surface takes or gives back all light. */

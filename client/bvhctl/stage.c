@@ -12,6 +12,8 @@ enum { OUTLIERS = 4 };
 
 enum { MANY_INSTANCES = 16 };
 
+enum { TOUR_STRIDE = 8 }; /* triangles that are looked at, for each one that a sample is taken from */
+
 static const double clear_of_box = 1.6; /* how much larger the whole may be than the bulk before the rest counts as outliers */
 
 static struct vector from_floats(const float at[3])
@@ -130,37 +132,73 @@ static void record_corners(const struct portable_view *view, uint64_t index, str
         ret_corners[i] = from_floats(view->vertices + UINT64_C(3) * triangle->vertices[i]);
 }
 
-/* A random point on triangle `index` of one bottom level, in the world. */
-static void add_sample(struct stage *stage, const struct portable_view *view, const float *transform, uint64_t index, uint64_t *state)
+static struct vector random_point(const struct vector corners[3], uint64_t *state)
 {
-    struct vector corners[3];
-    record_corners(view, index, corners);
     double u = rays_uniform(state), v = rays_uniform(state);
     if (u + v > 1) {
         u = 1 - u;
         v = 1 - v;
     }
-    struct vector point = vector_mad(vector_mad(vector_scale(corners[0], 1 - u - v), corners[1], u), corners[2], v);
-    point = transform ? transform_point(transform, point) : point;
-    if (isfinite(point.x) && isfinite(point.y) && isfinite(point.z))
+    return vector_mad(vector_mad(vector_scale(corners[0], 1 - u - v), corners[1], u), corners[2], v);
+}
+
+/* Goes through some triangles of all instances, in order. */
+struct tour {
+    struct stage *stage;
+    uint64_t state; /* of random numbers */
+    double area, area_step, area_next; /* area so far, and where the next point by area is taken; area_step 0: only adds up */
+    uint64_t seen;
+};
+
+static void add_sample(struct tour *tour, const struct vector corners[3])
+{
+    struct stage *stage = tour->stage;
+    struct vector point = random_point(corners, &tour->state);
+    if (stage->sample_count < STAGE_SAMPLES && isfinite(point.x) && isfinite(point.y) && isfinite(point.z))
         stage->samples[stage->sample_count++] = point;
 }
 
-/* Every so many triangles, counted through all instances, from a random one on: as many samples as there is room for. */
-static void sample_triangles(struct stage *stage)
+static void visit_triangle(struct tour *tour, const struct portable_view *view, const float *transform, uint64_t index)
 {
+    struct vector corners[3];
+    record_corners(view, index, corners);
+    for (int i = 0; i < 3 && transform; i++)
+        corners[i] = transform_point(transform, corners[i]);
+    if (tour->seen++ % TOUR_STRIDE == 0 && tour->area_step == 0)
+        add_sample(tour, corners);
+    struct vector normal = vector_cross(vector_sub(corners[1], corners[0]), vector_sub(corners[2], corners[0]));
+    double area = vector_length(normal);
+    tour->area += isfinite(area) ? area : 0;
+    for (; tour->area_step > 0 && tour->area_next < tour->area && isfinite(area); tour->area_next += tour->area_step)
+        add_sample(tour, corners);
+}
+
+static void take_tour(struct tour *tour)
+{
+    const struct stage *stage = tour->stage;
     const struct portable_view *top = stage->scene->top;
     const struct portable_instance *records = top ? top->records : NULL;
     uint32_t bottom_count = top ? top->header->record_count : 1;
-    double step = fmax(1, (double)stage->triangle_count / STAGE_SAMPLES), next = 0, base = 0;
-    uint64_t state = 0x5eed;
+    double step = fmax(1, (double)stage->triangle_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE)), next = 0, base = 0;
     for (uint32_t i = 0; i < bottom_count; i++) {
         const struct portable_view *view = stage->scene->bottoms[top ? records[i].handle : 0];
         uint64_t count = triangle_records(view);
-        for (; next < base + (double)count && stage->sample_count < STAGE_SAMPLES; next += step)
-            add_sample(stage, view, top ? records[i].object_to_world : NULL, (uint64_t)(next - base), &state);
+        for (; next < base + (double)count; next += step)
+            visit_triangle(tour, view, top ? records[i].object_to_world : NULL, (uint64_t)(next - base));
         base += (double)count;
     }
+}
+
+/* First points that tell where most triangles are, then points that tell where most of what can be seen is. */
+static void sample_triangles(struct stage *stage)
+{
+    struct tour by_number = {.stage = stage, .state = 0x5eed};
+    take_tour(&by_number);
+    stage->even_count = stage->sample_count;
+    struct tour by_area = {.stage = stage, .state = 0xa4ea};
+    by_area.area_step = by_number.area / (STAGE_SAMPLES - STAGE_EVEN_SAMPLES);
+    if (by_area.area_step > 0)
+        take_tour(&by_area);
 }
 
 static int compare_doubles(const void *a, const void *b)
@@ -179,17 +217,23 @@ static void set_component(struct vector *vector, int axis, double value)
     *(axis == 0 ? &vector->x : axis == 1 ? &vector->y : &vector->z) = value;
 }
 
-/* The extent along each axis of nearly all samples; of all, where that is not much more. `sorted` has room for all of them. */
-static void measure(const struct stage *stage, bool local, double *sorted, struct vector *ret_low, struct vector *ret_high)
+/*
+ * The extent along each axis of nearly all samples; or of everything, where that is not much more. `axes` are the world's, in any order. `sorted`
+ * has room for all samples.
+ */
+static void measure(const struct stage *stage, const int axes[3], double *sorted, struct vector *ret_low, struct vector *ret_high)
 {
-    uint32_t count = stage->sample_count, cut = count * OUTLIERS / 1000;
-    for (int axis = 0; axis < 3; axis++) {
-        for (uint32_t i = 0; i < count; i++)
-            sorted[i] = component(local ? stage_to_local(stage, stage->samples[i]) : stage->samples[i], axis);
+    const struct portable_view *view = stage->scene->top ? stage->scene->top : stage->scene->bottoms[0];
+    uint32_t count = stage->even_count, cut = count * OUTLIERS / 1000;
+    for (int i = 0; i < 3; i++) {
+        for (uint32_t k = 0; k < count; k++)
+            sorted[k] = component(stage->samples[k], axes[i]);
         qsort(sorted, count, sizeof *sorted, compare_doubles);
-        bool all = sorted[count - 1] - sorted[0] <= clear_of_box * (sorted[count - 1 - cut] - sorted[cut]);
-        set_component(ret_low, axis, sorted[all ? 0 : cut]);
-        set_component(ret_high, axis, sorted[all ? count - 1 : count - 1 - cut]);
+        double low = sorted[cut], high = sorted[count - 1 - cut];
+        double least = (double)view->header->bounds[axes[i]], most = (double)view->header->bounds[3 + axes[i]];
+        bool all = most - least <= clear_of_box * (high - low);
+        set_component(ret_low, i, all ? least : low);
+        set_component(ret_high, i, all ? most : high);
     }
 }
 
@@ -213,18 +257,20 @@ static struct vector spread_of_instances(const struct stage *stage)
 static char guess_up(const struct stage *stage, double *sorted)
 {
     struct vector low = {0}, high = {0};
-    measure(stage, false, sorted, &low, &high);
+    measure(stage, (const int[3]){0, 1, 2}, sorted, &low, &high);
     struct vector extent = stage->instance_count >= MANY_INSTANCES ? spread_of_instances(stage) : vector_sub(high, low);
     return extent.z < 0.5 * fmin(extent.x, extent.y) ? 'z' : 'y';
 }
 
-static void orient(struct stage *stage, char up)
+static void orient(struct stage *stage, char up, double *sorted)
 {
-    static const struct vector axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    static const struct vector units[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     int axis = up == 'x' ? 0 : up == 'y' ? 1 : 2;
-    stage->up = axes[axis];
-    stage->east = axes[(axis + 1) % 3];
-    stage->north = axes[(axis + 2) % 3];
+    const int axes[3] = {(axis + 1) % 3, (axis + 2) % 3, axis};
+    stage->east = units[axes[0]];
+    stage->north = units[axes[1]];
+    stage->up = units[axes[2]];
+    measure(stage, axes, sorted, &stage->low, &stage->high);
 }
 
 static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_error *error)
@@ -236,11 +282,10 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
         status = bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for samples of the scene");
     else
         sample_triangles(stage);
-    if (!status && stage->sample_count == 0)
+    if (!status && stage->even_count == 0)
         status = bvhd_error_set(error, BVHD_INVALID, "trace", "the scene has no triangle that could be seen");
     if (!status) {
-        orient(stage, up == 'a' ? guess_up(stage, sorted) : up);
-        measure(stage, true, sorted, &stage->low, &stage->high);
+        orient(stage, up == 'a' ? guess_up(stage, sorted) : up, sorted);
         stage->size = fmax(vector_length(vector_sub(stage->high, stage->low)), 1e-44);
         stage->floor = stage->low.z - 1e-4 * stage->size;
     }

@@ -10,7 +10,7 @@
 #include "structures.h"
 #include "vector.h"
 
-enum { STAGE_SAMPLES = 8192 };
+enum { STAGE_EVEN_SAMPLES = 8192, STAGE_SAMPLES = 12288 };
 
 struct stage {
     const struct structures *structures;
@@ -19,8 +19,8 @@ struct stage {
     uint32_t instance_count;
     uint64_t triangle_count; /* of all instances */
     struct vector up, east, north; /* right-handed: east x north = up; north and east are other axes of the scene */
-    struct vector *samples; /* points on triangles, each triangle as likely as any other */
-    uint32_t sample_count;
+    struct vector *samples; /* points on triangles: first so many with each triangle as likely as any other, then more by area */
+    uint32_t even_count, sample_count;
     struct vector low, high; /* the bulk, along east, north and up */
     double size; /* diagonal of the bulk; > 0 */
     double floor; /* height of the floor under the bulk */
