@@ -2,7 +2,8 @@
 /*
  * collapse.h - from the binary ir to an 8-wide tree of least SAH cost, by dynamic programming (Ylitie 2017, section 4).
  *
- * Subtrees of at most leaf_max refs may become leaves. Cost: an inner node counts its area, a leaf its area times refs times leaf_cost.
+ * Subtrees of at most leaf_max refs may become leaves. Cost: an inner node counts its area and a little more
+ * (collapse_cost.h), a leaf its area times refs times leaf_cost.
  */
 #ifndef BVHD_COLLAPSE_H
 #define BVHD_COLLAPSE_H

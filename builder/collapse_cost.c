@@ -8,12 +8,6 @@
 #include <emmintrin.h>
 #endif
 
-/*
- * A wide node costs its area, plus this share of the root's area divided by the number of refs: it breaks ties among nodes without area
- * and fills nodes better where that costs next to nothing.
- */
-static const double NODE_SHARE = 0.05;
-
 /* Sides in the table's scale. Their rounding is no matter for a cost, but it is the same everywhere. */
 static inline void sides_of(const struct box *box, float scale, float ret_sides[3])
 {
@@ -56,7 +50,7 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
         .ir = ir,
         .leaf_max = options->leaf_max,
         .leaf_cost = options->leaf_cost,
-        .node_cost = (float)(NODE_SHARE / (ir->ref_count + 1.0)),
+        .node_cost = (float)(COLLAPSE_NODE_SHARE / (ir->ref_count + 1.0)),
         .scale = scale_for(&ir->boxes[0][0]),
         .inverse = 1,
     };

@@ -15,6 +15,12 @@
 
 enum { COLLAPSE_BUDGETS = 7 };
 
+/*
+ * A wide node costs its area, plus this share of the root's area divided by the number of refs (and one). It breaks ties among nodes without
+ * area, and fills nodes better where that costs next to nothing: over real scenes 6 % fewer nodes at 0.05 % more area.
+ */
+#define COLLAPSE_NODE_SHARE 2.0
+
 struct collapse_cost {
     float as[COLLAPSE_BUDGETS]; /* as[i - 1] is C(n, i) */
     uint32_t leaf_refs; /* refs of the node where C(n, 1) is a leaf, else 0 */
