@@ -142,8 +142,10 @@ static struct mesh make_mesh(uint32_t side, uint64_t seed)
         uint32_t at = i / side * (side + 1) + i % side;
         const uint32_t quad[2][3] = {{at, at + 1, at + side + 2}, {at, at + side + 2, at + side + 1}};
         memcpy(mesh.triangles[2 * (size_t)i], quad, sizeof quad);
-        if (random_chance(&random, 0.01))
-            mesh.triangles[2 * (size_t)i][random_below(&random, 3)] = random_below(&random, mesh.vertex_count);
+        if (random_chance(&random, 0.01)) {
+            uint32_t corner = random_below(&random, 3);
+            mesh.triangles[2 * (size_t)i][corner] = random_below(&random, mesh.vertex_count);
+        }
     }
     return mesh;
 }
