@@ -17,12 +17,14 @@ struct failure {
 struct run {
     const struct options *options;
     struct local local;
+    struct memory notes; /* for what is said and listed: outside the budget, so that its end can be reported */
     struct json report; /* what --json prints */
     struct json manifest;
     struct json scenes; /* the report's part about scenes */
     struct depfile depfile;
     struct failure *failures;
     uint32_t failure_count, failure_capacity;
+    bool failed;
     uint64_t structure_count, changed_count, byte_count;
     double start;
 };
@@ -32,9 +34,10 @@ static void fail(struct run *run, const char *what, const struct bvhd_error *err
 {
     progress_end(&run->local.progress);
     report_line(what, error);
+    run->failed = true;
     if (run->failure_count == run->failure_capacity) {
         uint32_t capacity = run->failure_capacity * 2 + 8;
-        struct failure *grown = memory_resize(&run->local.memory, run->failures, capacity * sizeof *grown);
+        struct failure *grown = memory_resize(&run->notes, run->failures, capacity * sizeof *grown);
         if (!grown) {
             run->report.failed = true;
             return;
@@ -42,7 +45,7 @@ static void fail(struct run *run, const char *what, const struct bvhd_error *err
         run->failures = grown;
         run->failure_capacity = capacity;
     }
-    char *copy = files_copy_text(&run->local.memory, what);
+    char *copy = files_copy_text(&run->notes, what);
     run->report.failed |= !copy;
     if (copy)
         run->failures[run->failure_count++] = (struct failure){copy, *error};
@@ -219,25 +222,25 @@ static enum bvhd_status write_manifest(struct run *run, struct bvhd_error *error
     json_array_end(json);
     json_object_end(json);
     json_newline(json);
-    char *path = files_join(&run->local.memory, run->options->output, MANIFEST_NAME);
+    char *path = files_join(&run->notes, run->options->output, MANIFEST_NAME);
     enum bvhd_status status = BVHD_OK;
     if (!path || json->failed)
         status = bvhd_error_set(error, BVHD_NO_MEMORY, MANIFEST_NAME, "no memory for the manifest");
     else
-        status = files_write(path, (struct bytes){(const unsigned char *)json->data, json->size}, &run->local.memory, NULL, error);
-    memory_free(&run->local.memory, path);
+        status = files_write(path, (struct bytes){(const unsigned char *)json->data, json->size}, &run->notes, NULL, error);
+    memory_free(&run->notes, path);
     return status;
 }
 
 static void begin_output(struct run *run)
 {
-    char *target = files_join(&run->local.memory, run->options->output, MANIFEST_NAME);
-    depfile_init(&run->depfile, &run->local.memory, target ? target : "");
+    char *target = files_join(&run->notes, run->options->output, MANIFEST_NAME);
+    depfile_init(&run->depfile, &run->notes, target ? target : "");
     run->depfile.failed |= !target;
-    memory_free(&run->local.memory, target);
-    json_init(&run->report, &run->local.memory, false);
-    json_init(&run->manifest, &run->local.memory, true);
-    json_init(&run->scenes, &run->local.memory, false);
+    memory_free(&run->notes, target);
+    json_init(&run->report, &run->notes, false);
+    json_init(&run->manifest, &run->notes, true);
+    json_init(&run->scenes, &run->notes, false);
     struct json *both[] = {&run->report, &run->manifest};
     for (int i = 0; i < 2; i++) {
         json_object(both[i], NULL);
@@ -276,7 +279,7 @@ static void write_lists(struct run *run)
     struct bvhd_error error;
     if (write_manifest(run, &error))
         fail(run, "build", &error);
-    else if (run->options->depfile && run->failure_count == 0 && depfile_write(&run->depfile, run->options->depfile, &error))
+    else if (run->options->depfile && !run->failed && depfile_write(&run->depfile, run->options->depfile, &error))
         fail(run, "build", &error);
 }
 
@@ -298,14 +301,14 @@ static enum exit_code finish_output(struct run *run)
         print_report(run);
         ok = report_print(&run->report);
     }
-    return ok && run->failure_count == 0 ? EXIT_DONE : EXIT_FAILED;
+    return ok && !run->failed ? EXIT_DONE : EXIT_FAILED;
 }
 
 static void release(struct run *run)
 {
     for (uint32_t i = 0; i < run->failure_count; i++)
-        memory_free(&run->local.memory, run->failures[i].what);
-    memory_free(&run->local.memory, run->failures);
+        memory_free(&run->notes, run->failures[i].what);
+    memory_free(&run->notes, run->failures);
     json_finish(&run->report);
     json_finish(&run->manifest);
     json_finish(&run->scenes);
@@ -322,11 +325,12 @@ enum exit_code command_build(const struct options *options, const atomic_bool *c
         return report_failure(options->json, "build", &error);
     }
     struct run run = {.options = options, .start = progress_now()};
+    memory_init(&run.notes, UINT64_MAX);
     enum bvhd_status status = local_open(&run.local, options->threads, options->memory, true, cancel, &error);
     if (status)
         return report_failure(options->json, "build", &error);
     enum exit_code code;
-    if (check_names(options, &run.local.memory, &error)) {
+    if (check_names(options, &run.notes, &error)) {
         report_failure(options->json, "build", &error);
         code = error.status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED;
     } else if (files_make_directory(options->output, &error)) {

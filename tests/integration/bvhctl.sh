@@ -1,0 +1,202 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# bvhctl.sh MAKE_SCENE BVHCTL - the command line as its users meet it: exit codes, error lines, JSON, files that stay untouched. Prints each
+# expectation that does not hold; status 1 when one does not.
+set -u
+make_scene=$1
+bvhctl=$2
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+cd "$scratch" || exit 1
+failures=0
+checks=0
+
+# expect WHAT COMMAND... - the command succeeds.
+expect()
+{
+    what=$1
+    shift
+    checks=$((checks + 1))
+    "$@" && return
+    echo "does not hold: $what"
+    failures=$((failures + 1))
+}
+
+# run CODE ARGUMENT... - bvhctl ends with that code; its output is in `out` and `err`.
+run()
+{
+    code=$1
+    shift
+    "$bvhctl" "$@" >out 2>err
+    got=$?
+    expect "status $code of: bvhctl $* (got $got)" [ $got -eq "$code" ]
+}
+
+one_error_line()
+{
+    expect "one line on stderr: $(cat err)" [ "$(wc -l <err)" -eq 1 ]
+    expect "it reads bvhctl: WHAT: WHERE: ...: $(cat err)" grep -Eq '^bvhctl: [^:]+: .+: .+' err
+}
+
+one_json_object()
+{
+    expect 'one line of JSON' [ "$(wc -l <out)" -eq 1 ]
+    expect 'schema 1' grep -q '^{"schema":1,.*}$' out
+}
+
+sums()
+{
+    (cd "$1" && sha256sum -- * | sort -k 2)
+}
+
+same_sums()
+{
+    [ "$(sums "$1")" = "$(sums "$2")" ]
+}
+
+newest()
+{
+    find "$1" -type f -newer "$2"
+}
+
+"$make_scene" sphere --size 500 -o ball.ply >/dev/null
+"$make_scene" grid --size 300 -o 'flat land.ply' >/dev/null
+"$make_scene" nan --size 300 -o nan.ply >/dev/null
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nl 1 2\n' >mixed.obj
+
+# Usage.
+run 2
+one_error_line
+run 2 fly
+one_error_line
+run 2 --local build ball.ply
+one_error_line
+run 2 --local build ball.ply -o d --quality best
+one_error_line
+run 2 build --json --nonsense
+one_error_line
+one_json_object
+expect 'the error object names the option' grep -q '"error":{"status":"INVALID","vuid":"","where":"--nonsense","text":"' out
+run 0 --help
+expect 'the help names the commands' grep -q trace out
+run 0 build --help
+expect 'the help names the options' grep -q -- --depfile out
+run 0 --version
+expect 'a version' grep -Eq '^bvhctl [0-9]+\.[0-9]+\.[0-9]+$' out
+
+# Without a daemon.
+run 4 build ball.ply -o d
+one_error_line
+run 4 --socket "$scratch/none.sock" build ball.ply -o d --json
+one_json_object
+expect 'the error is UNAVAILABLE' grep -q '"status":"UNAVAILABLE"' out
+expect 'nothing was written' [ ! -e d ]
+
+# Building.
+run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d --json --depfile 'dep s.d'
+one_json_object
+for field in structures file type name geometries material primitives triangles instances inactive degenerate skipped bytes key cached \
+    coalesced prepare_ms build_ms peak_bytes depth sah refs method target wall_ms; do
+    expect "the field $field" grep -q "\"$field\":" out
+done
+expect 'lines are counted aloud' grep -q '^bvhctl: mixed: not geometry.* 1 lines' err
+expect 'inactive triangles are counted' grep -Eq '"scene":"nan".*"inactive":[1-9]' out
+expect 'names are made safe' [ -f d/flat_land.tlas.as ]
+expect 'a top level names its files' grep -q 'mixed.blas-0' d/manifest.json
+expect 'no times in the manifest' sh -c '! grep -Eq "_ms|cached|coalesced|peak" d/manifest.json'
+expect 'the manifest has handles' grep -q '"handles"' d/manifest.json
+expect 'no temporary files' [ "$(find d -type f | wc -l)" -eq 9 ]
+expect 'the depfile is a rule for the manifest' grep -q '^d/manifest.json:' 'dep s.d'
+expect 'the depfile quotes blanks' grep -q 'flat\\ land.ply' 'dep s.d'
+
+# Unchanged files stay untouched, and the same input gives the same bytes.
+touch -d '2001-01-01' d/*
+touch -d '2002-02-02' stamp
+run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d
+expect 'nothing was rewritten' [ -z "$(newest d stamp)" ]
+for threads in 1 2 8; do
+    run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o "d$threads" --threads $threads
+    expect "the same bytes with $threads threads" same_sums d "d$threads"
+done
+run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d --quality fast --flags allow-update
+expect 'something was rewritten' [ -n "$(newest d stamp)" ]
+
+# What fails, fails alone.
+run 1 --local build missing.ply ball.ply -o part --json
+one_json_object
+one_error_line
+expect 'the error is listed' grep -q '"errors":\[{"what":"build","status":"NOT_FOUND","vuid":"","where":"missing.ply"' out
+expect 'the other scene is there' [ -f part/ball.tlas.as ]
+run 1 --local build missing.ply -o none --json
+one_json_object
+expect 'the error object' grep -q '^{"schema":1,"error":{"status":"NOT_FOUND"' out
+run 2 --local build ball.ply "$scratch/ball.ply" -o two
+one_error_line
+run 1 --local build ball.ply -o stamp/inside
+one_error_line
+run 1 --local build ball.ply -o small --memory 1000
+run 1 --local build ball.ply -o dep --depfile no/such/place.d
+expect 'a Vulkan rule is named' sh -c "'$bvhctl' --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build 2>&1 |
+    grep -q '^bvhctl: ball.blas-0.as: .*VUID-VkAccelerationStructureBuildGeometryInfoKHR-flags-03796'"
+
+# Checking.
+run 0 --local build ball.ply mixed.obj -o good
+run 0 check good ball.ply --rays 500 --json
+one_json_object
+for field in rays hits uncertain wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
+    expect "the field $field" grep -q "\"$field\":" out
+done
+cp out first
+run 0 check good ball.ply --rays 500 --json
+expect 'the same rays again' cmp -s out first
+run 0 check good ball.ply --rays 500 --flip-order
+run 0 check good mixed.obj --rays 500
+run 3 check good nan.ply --scene ball --rays 500 --json
+one_json_object
+run 1 check good nan.ply
+one_error_line
+run 1 check nowhere ball.ply
+one_error_line
+
+# Looking inside.
+run 0 inspect good
+run 0 inspect good/ball.tlas.as --json
+one_json_object
+run 1 inspect missing.as
+one_error_line
+run 3 inspect ball.ply
+one_error_line
+head -c 1000 good/ball.blas-0.as >cut.as
+run 3 inspect cut.as --json
+one_json_object
+expect 'the damage has a place' grep -q '"where":"cut.as: ' out
+cp -r good bad
+head -c 1000 good/ball.blas-0.as >bad/ball.blas-0.as
+run 1 check bad ball.ply
+one_error_line
+
+# Pictures.
+run 0 trace good --device cpu -o a.png --size 48x32 --json --threads 1
+one_json_object
+for field in device target rays mrays_s mismatches uncertain; do
+    expect "the field $field" grep -q "\"$field\":" out
+done
+expect 'a PNG file' [ "$(head -c 4 a.png | tail -c 3)" = PNG ]
+run 0 trace good --device auto -o b.png --size 48x32 --threads 3
+expect 'the same picture with other threads' cmp -s a.png b.png
+run 1 trace good --device cpu -o no/such/c.png --size 8x8
+one_error_line
+run 1 trace good --device voodoo -o c.png
+one_error_line
+run 1 trace bad --device cpu -o c.png --size 8x8
+expect 'no picture of damaged files' [ ! -e c.png ]
+
+# A full disk, as far as output goes.
+if [ -w /dev/full ]; then
+    "$bvhctl" --version >/dev/full 2>err
+    expect 'output that cannot be written fails' [ $? -eq 1 ]
+    one_error_line
+fi
+
+echo "$checks expectations, $failures of them do not hold"
+[ $failures -eq 0 ]
