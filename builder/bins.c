@@ -3,27 +3,41 @@
 
 #include <math.h>
 
-void bins_map(const struct box *centroids, uint32_t count, struct bins_mapping *ret_mapping)
+/* Evaluating planes costs as much as binning some refs a plane; where there are few refs, few planes are enough. */
+static uint32_t bins_for(uint32_t count)
 {
-    struct bins_mapping mapping = {.bins = count >= 1024 ? BINS_MAX : count >= 64 ? 16 : 8};
-    for (int axis = 0; axis < 3; axis++) {
-        /* A little less than the number of bins, so that the largest centroid falls into the last one. */
-        float scale = ((float)mapping.bins - 0.01f) / (centroids->max[axis] - centroids->min[axis]);
-        bool usable = scale > 0 && scale <= FLT_MAX;
-        mapping.base[axis] = centroids->min[axis];
-        mapping.scale[axis] = usable ? scale : 0;
-        mapping.axes |= (unsigned)usable << axis;
+    uint32_t bins = 4 + count / 16;
+    return bins < BINS_MAX ? bins : BINS_MAX;
+}
+
+void bins_bound(const struct primitive_ref *refs, uint32_t count, struct vec4_box *ret_bounds, struct vec4_box *ret_centroids)
+{
+    struct vec4_box bounds = vec4_box_empty(), centroids = vec4_box_empty();
+    for (uint32_t i = 0; i < count; i++) {
+        struct vec4_box box = vec4_box_load(&refs[i]);
+        vec4 centroid = box.min + box.max;
+        vec4_box_grow(&bounds, box.min, box.max);
+        vec4_box_grow(&centroids, centroid, centroid);
     }
-    *ret_mapping = mapping;
+    *ret_bounds = bounds;
+    *ret_centroids = centroids;
+}
+
+void bins_map(const struct vec4_box *centroids, uint32_t count, struct bins_mapping *ret_mapping)
+{
+    ret_mapping->bins = bins_for(count);
+    /* A little less than the number of bins, so that the largest centroid falls into the last one. */
+    vec4 scale = vec4_all((float)ret_mapping->bins - 0.01f) / vec4_xyz(centroids->max - centroids->min);
+    ret_mapping->base = centroids->min;
+    ret_mapping->scale = vec4_xyz(vec4_and(scale, (scale > vec4_all(0)) & (scale <= vec4_all(FLT_MAX))));
 }
 
 void bins_clear(struct bins *bins, const struct bins_mapping *mapping)
 {
     for (int axis = 0; axis < 3; axis++)
-        for (uint32_t bin = 0; bin < mapping->bins; bin++) {
+        for (uint32_t bin = 0; bin < mapping->bins; bin++)
             bins->boxes[axis][bin] = vec4_box_empty();
-            bins->counts[axis][bin] = 0;
-        }
+    memset(bins->counts, 0, mapping->bins * sizeof *bins->counts);
 }
 
 /* The fourth lanes hold integers that may look like denormals, slow to multiply: they are cleared. */
@@ -41,7 +55,7 @@ void bins_add(struct bins *bins, const struct bins_mapping *mapping, const struc
         vec4_int bin = __builtin_convertvector(vec4_min(place(&local, box.min + box.max), last), vec4_int);
         for (int axis = 0; axis < 3; axis++) {
             vec4_box_grow(&bins->boxes[axis][bin[axis]], box.min, box.max);
-            bins->counts[axis][bin[axis]]++;
+            bins->counts[bin[axis]][axis]++;
         }
     }
 }
@@ -49,105 +63,87 @@ void bins_add(struct bins *bins, const struct bins_mapping *mapping, const struc
 void bins_merge(struct bins *bins, const struct bins_mapping *mapping, const struct bins *other)
 {
     for (int axis = 0; axis < 3; axis++)
-        for (uint32_t bin = 0; bin < mapping->bins; bin++) {
+        for (uint32_t bin = 0; bin < mapping->bins; bin++)
             vec4_box_grow(&bins->boxes[axis][bin], other->boxes[axis][bin].min, other->boxes[axis][bin].max);
-            bins->counts[axis][bin] += other->counts[axis][bin];
-        }
+    for (uint32_t bin = 0; bin < mapping->bins; bin++)
+        bins->counts[bin] += other->counts[bin];
 }
 
-/* Half area, of a box whose sides are at most about 1 after `scale`: neither overflow nor, where it matters, underflow. */
-static inline float area(struct vec4_box box, vec4 scale)
+/* Grows three boxes, one an axis, by those of a bin, and returns their half areas. */
+static inline vec4 grow_all(struct vec4_box boxes[3], const struct bins *bins, uint32_t bin)
 {
-    vec4 sides = vec4_xyz(box.max - box.min) * scale;
-    vec4 products = sides * vec4_rotate(sides);
-    return products[0] + products[1] + products[2];
+    vec4 x, y, z;
+    for (int axis = 0; axis < 3; axis++)
+        vec4_box_grow(&boxes[axis], bins->boxes[axis][bin].min, bins->boxes[axis][bin].max);
+    vec4_transpose3(boxes[0].max - boxes[0].min, boxes[1].max - boxes[1].min, boxes[2].max - boxes[2].min, &x, &y, &z);
+    return x * y + y * z + z * x;
 }
 
-struct candidate {
-    float cost;
-    uint32_t larger; /* the larger side's count */
+/* The best plane of each axis, a lane an axis. */
+struct candidates {
+    vec4 cost;
+    vec4 larger; /* the larger side's count */
+    vec4 bin; /* 0: none */
 };
 
-static bool better(struct candidate a, struct candidate b)
+/* Where nothing lies on one side its area is infinite and its count 0: the cost is NaN and never taken. */
+static struct candidates find_candidates(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count)
 {
-    return a.cost < b.cost || (a.cost == b.cost && a.larger < b.larger);
-}
-
-/* Of one axis. Bins 0 and the last are never empty, so that areas are of boxes. */
-static struct candidate choose_on_axis(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count, vec4 scale,
-                                       unsigned axis, uint32_t *ret_bin)
-{
-    float right_areas[BINS_MAX];
-    struct vec4_box box = vec4_box_empty();
+    vec4 right_costs[BINS_MAX], right_counts[BINS_MAX];
+    struct vec4_box boxes[3] = {vec4_box_empty(), vec4_box_empty(), vec4_box_empty()};
+    vec4_int sum = {0};
     for (uint32_t bin = mapping->bins - 1; bin > 0; bin--) {
-        vec4_box_grow(&box, bins->boxes[axis][bin].min, bins->boxes[axis][bin].max);
-        right_areas[bin] = area(box, scale);
+        sum += bins->counts[bin];
+        right_counts[bin] = __builtin_convertvector(sum, vec4);
+        right_costs[bin] = grow_all(boxes, bins, bin) * right_counts[bin];
     }
-    struct candidate best = {INFINITY, UINT32_MAX};
-    box = vec4_box_empty();
-    for (uint32_t bin = 1, left = 0; bin < mapping->bins; bin++) {
-        vec4_box_grow(&box, bins->boxes[axis][bin - 1].min, bins->boxes[axis][bin - 1].max);
-        left += bins->counts[axis][bin - 1];
-        uint32_t right = count - left;
-        struct candidate candidate = {area(box, scale) * (float)left + right_areas[bin] * (float)right, left > right ? left : right};
-        if (better(candidate, best)) {
-            best = candidate;
-            *ret_bin = bin;
-        }
+    struct candidates best = {vec4_all(INFINITY), vec4_all(INFINITY), vec4_all(0)};
+    boxes[0] = boxes[1] = boxes[2] = vec4_box_empty();
+    for (uint32_t bin = 1; bin < mapping->bins; bin++) {
+        vec4 left_count = vec4_all((float)count) - right_counts[bin];
+        vec4 cost = grow_all(boxes, bins, bin - 1) * left_count + right_costs[bin];
+        vec4 larger = vec4_max(left_count, right_counts[bin]);
+        vec4_int better = (cost < best.cost) | ((cost == best.cost) & (larger < best.larger));
+        best.cost = vec4_select(better, cost, best.cost);
+        best.larger = vec4_select(better, larger, best.larger);
+        best.bin = vec4_select(better, vec4_all((float)bin), best.bin);
     }
     return best;
 }
 
-static void describe_sides(const struct bins *bins, const struct bins_mapping *mapping, struct bins_plane *plane)
+bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count, struct bins_plane *ret_plane)
 {
+    struct candidates found = find_candidates(bins, mapping, count);
+    int best = 0;
+    for (int axis = 1; axis < 3; axis++)
+        if (found.cost[axis] < found.cost[best] || (found.cost[axis] == found.cost[best] && found.larger[axis] < found.larger[best]))
+            best = axis;
+    if (found.bin[best] == 0)
+        return false;
     struct vec4_box sides[2] = {vec4_box_empty(), vec4_box_empty()};
-    for (uint32_t bin = 0; bin < mapping->bins; bin++)
-        vec4_box_grow(&sides[bin >= plane->bin], bins->boxes[plane->axis][bin].min, bins->boxes[plane->axis][bin].max);
-    plane->left_count = bins_left_count(bins, plane);
-    plane->left = vec4_box_get(sides[0]);
-    plane->right = vec4_box_get(sides[1]);
-}
-
-bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count, const struct box *bounds,
-                 struct bins_plane *ret_plane)
-{
-    float side = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        float own = bounds->max[axis] - bounds->min[axis];
-        side = own > side ? own : side;
-    }
-    vec4 scale = vec4_xyz(vec4_all(1 / side <= FLT_MAX ? 1 / side : 1));
-    struct candidate best = {INFINITY, UINT32_MAX};
-    struct bins_plane plane = {0};
-    for (unsigned axis = 0; axis < 3; axis++) {
-        uint32_t bin = 0;
-        if (!(mapping->axes >> axis & 1))
-            continue;
-        struct candidate candidate = choose_on_axis(bins, mapping, count, scale, axis, &bin);
-        if (better(candidate, best)) {
-            best = candidate;
-            plane = (struct bins_plane){.axis = axis, .bin = bin};
-        }
-    }
-    if (plane.bin == 0)
-        return false;
-    describe_sides(bins, mapping, &plane);
-    if (plane.left_count == 0 || plane.left_count == count)
-        return false;
-    *ret_plane = plane;
+    uint32_t bin = 0;
+    ret_plane->axis = (unsigned)best;
+    ret_plane->bin = (uint32_t)found.bin[best];
+    for (; bin < ret_plane->bin; bin++)
+        vec4_box_grow(&sides[0], bins->boxes[best][bin].min, bins->boxes[best][bin].max);
+    for (; bin < mapping->bins; bin++)
+        vec4_box_grow(&sides[1], bins->boxes[best][bin].min, bins->boxes[best][bin].max);
+    ret_plane->left_count = bins_left_count(bins, ret_plane);
+    ret_plane->left = sides[0];
+    ret_plane->right = sides[1];
     return true;
 }
 
 uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane)
 {
-    uint32_t count = 0;
+    vec4_int sum = {0};
     for (uint32_t bin = 0; bin < plane->bin; bin++)
-        count += bins->counts[plane->axis][bin];
-    return count;
+        sum += bins->counts[bin];
+    return (uint32_t)sum[plane->axis];
 }
 
 void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs,
-                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct box ret_centroids[2])
+                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct vec4_box ret_centroids[2])
 {
     const struct bins_mapping local = *mapping;
     vec4 threshold = vec4_all(-INFINITY);
@@ -166,6 +162,6 @@ void bins_partition(const struct bins_mapping *mapping, const struct bins_plane 
         vec4_box_grow(&left_box, for_left, for_left);
         vec4_box_grow(&right_box, for_right, for_right);
     }
-    ret_centroids[0] = vec4_box_get(left_box);
-    ret_centroids[1] = vec4_box_get(right_box);
+    ret_centroids[0] = left_box;
+    ret_centroids[1] = right_box;
 }

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * bins.h - the kernels of binned SAH (Wald 2007): sort refs into bins by their centroids along all three axes, choose the cheapest plane
- * between bins, partition by it. Used by split.c alone.
+ * between bins, partition by it. For split.c, which works on many chunks at once, and binned.c, which goes down to the leaves.
  *
- * Centroids are min + max, twice the centre. Values must stay so far from the ends of float's range that sums of two do not overflow. Results
- * depend on the refs, their order and nothing else.
+ * Centroids are min + max, twice the centre. Magnitudes are at most 2^40 (rescale.h), so that areas times counts stay in float's range. Results
+ * depend on the refs, their order and nothing else. Fourth lanes of boxes are of no meaning.
  */
 #ifndef BVHD_BINS_H
 #define BVHD_BINS_H
@@ -18,12 +18,11 @@ enum { BINS_MAX = 32 };
 struct bins_mapping {
     vec4 base, scale; /* bin = (centroid - base) * scale; scale 0 on an axis along which nothing can be separated */
     uint32_t bins; /* at most BINS_MAX; fewer for few refs */
-    unsigned axes; /* bit a: axis a can be separated */
 };
 
 struct bins {
-    struct vec4_box boxes[3][BINS_MAX];
-    uint32_t counts[3][BINS_MAX];
+    struct vec4_box boxes[3][BINS_MAX]; /* by axis */
+    vec4_int counts[BINS_MAX]; /* a lane an axis */
 };
 
 /* A plane: refs whose bin on `axis` is below `bin` go left. Both sides get at least one ref. */
@@ -31,23 +30,28 @@ struct bins_plane {
     unsigned axis;
     uint32_t bin;
     uint32_t left_count;
-    struct box left, right; /* of the refs */
+    struct vec4_box left, right; /* of the refs */
 };
 
-void bins_map(const struct box *centroids, uint32_t count, struct bins_mapping *ret_mapping);
+/* Box and centroid box of refs; as primitive_bounds, in registers. */
+void bins_bound(const struct primitive_ref *refs, uint32_t count, struct vec4_box *ret_bounds, struct vec4_box *ret_centroids);
+
+void bins_map(const struct vec4_box *centroids, uint32_t count, struct bins_mapping *ret_mapping);
 
 void bins_clear(struct bins *bins, const struct bins_mapping *mapping);
 void bins_add(struct bins *bins, const struct bins_mapping *mapping, const struct primitive_ref *refs, uint32_t count);
 void bins_merge(struct bins *bins, const struct bins_mapping *mapping, const struct bins *other);
 
-/* The cheapest plane; of equals the one that divides best, then the first. False when there is none. `count`, `bounds`: of all refs in the bins. */
-bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count, const struct box *bounds,
-                 struct bins_plane *ret_plane);
+/*
+ * The cheapest plane; of equals the one that divides best, then the first of an axis, then the first axis. False when there is none. `count`: of
+ * all refs in the bins.
+ */
+bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count, struct bins_plane *ret_plane);
 
 uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane);
 
 /* Copies the refs to the ends of two arrays, in their order; returns both sides' centroid boxes. */
 void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs,
-                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct box ret_centroids[2]);
+                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct vec4_box ret_centroids[2]);
 
 #endif

@@ -21,7 +21,6 @@ struct construction {
     const struct layout *layout;
     const struct build_context *context;
     enum build_quality quality;
-    bool spatial_splits;
     struct primitive_refs refs;
     struct primitive_ref *scratch;
     struct split_tree tree;
@@ -138,28 +137,46 @@ static enum bvhd_status split(struct construction *construction)
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.split) : status;
 }
 
-static const char *method_name(const struct construction *construction, const struct pieces *pieces)
+/* Rescaling replaces boxes by those of whole primitives: splits would be lost. */
+static enum pieces_method method_for(const struct construction *construction)
 {
-    if (pieces->all_split)
-        return "split";
+    const struct canonical *canonical = construction->canonical;
     if (construction->quality == QUALITY_FAST)
-        return "embree-low";
-    return construction->spatial_splits ? "embree-high" : "embree-medium";
+        return PIECES_EMBREE_LOW;
+    bool splits = construction->quality == QUALITY_HIGH && !construction->rescaled && !(canonical->flags & BUILD_LOW_MEMORY);
+    return splits && clip_allowed(canonical) ? PIECES_EMBREE_HIGH : PIECES_BINNED;
+}
+
+static const char *method_name(enum pieces_method method)
+{
+    static const char *const names[] = {
+        [PIECES_BINNED] = "binned", [PIECES_EMBREE_LOW] = "embree-low", [PIECES_EMBREE_HIGH] = "embree-high"};
+    return names[method];
+}
+
+static bool is_of_triangles(const struct canonical *canonical)
+{
+    return canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
+}
+
+/* Triangles that end up in one leaf need no tree of their own; boxes and instances are dearer, and the collapse may decide on each. */
+static uint32_t leaf_max(const struct construction *construction)
+{
+    return is_of_triangles(construction->canonical) ? construction->layout->leaf_max : 1;
 }
 
 static struct pieces_request pieces_wanted(const struct construction *construction)
 {
     const struct build_context *context = construction->context;
+    enum pieces_method method = method_for(construction);
     return (struct pieces_request){
         .tree = &construction->tree,
         .refs = construction->refs.refs,
         .scratch = construction->scratch,
         .embree = context->embree,
-        .quality = construction->quality == QUALITY_FAST ? EMBREE_LOW
-                   : construction->spatial_splits        ? EMBREE_HIGH
-                                                         : EMBREE_MEDIUM,
-        .leaf_max = construction->layout->leaf_max,
-        .split = construction->spatial_splits ? clip_primitive : NULL,
+        .method = method,
+        .leaf_max = leaf_max(construction),
+        .split = method == PIECES_EMBREE_HIGH ? clip_primitive : NULL,
         .split_context = construction->canonical,
         .cancel = context->cancel,
         .progress = context->progress,
@@ -184,14 +201,11 @@ static enum bvhd_status build_pieces(struct construction *construction)
     struct build_stats *stats = &construction->stats;
     struct pieces pieces;
     double cost;
-    /* Rescaling replaces boxes by those of whole primitives: splits would be lost. */
-    construction->spatial_splits = construction->quality == QUALITY_HIGH && !construction->rescaled &&
-                                   !(construction->canonical->flags & BUILD_LOW_MEMORY) && clip_allowed(construction->canonical);
     struct pieces_request request = pieces_wanted(construction);
     enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
     if (status != BVHD_OK)
         return status;
-    stats->method = method_name(construction, &pieces);
+    stats->method = method_name(pieces.all_binned ? PIECES_BINNED : request.method);
     status = stage_end(construction, &stats->ms.pieces);
     if (status == BVHD_OK)
         status = pieces_join(&pieces, context->parallel, &construction->ir, &stats->depth, &cost, construction->error);
@@ -242,8 +256,7 @@ static enum bvhd_status make_tree(struct construction *construction)
 /* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */
 static float leaf_cost(const struct canonical *canonical)
 {
-    bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
-    return triangles ? 0.3f : 1.0f;
+    return is_of_triangles(canonical) ? 0.3f : 1.0f;
 }
 
 static enum bvhd_status collapse_once(struct construction *construction)

@@ -191,7 +191,7 @@ static struct RTCBuildArguments arguments_for(struct construction *construction,
     arguments.buildQuality = qualities[request->quality];
     arguments.maxBranchingFactor = 2;
     arguments.maxDepth = 1024;
-    arguments.minLeafSize = 1;
+    arguments.minLeafSize = request->leaf_min;
     arguments.maxLeafSize = request->leaf_max;
     arguments.bvh = bvh;
     arguments.primitives = (struct RTCBuildPrimitive *)(void *)request->refs;

@@ -29,7 +29,7 @@ struct embree_request {
     uint32_t count; /* >= 1 */
     uint32_t capacity; /* refs that fit there; > count leaves room for splits */
     enum embree_quality quality;
-    uint32_t leaf_max; /* 1 .. 31 */
+    uint32_t leaf_min, leaf_max; /* 1 .. 31: so few refs are a leaf, more are not */
     embree_split_function split; /* with EMBREE_HIGH; NULL: no splits */
     const void *split_context;
 };

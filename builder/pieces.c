@@ -5,13 +5,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "binned.h"
+
 struct piece {
     uint32_t node; /* of the split tree */
     uint32_t first, count; /* refs of the split */
     struct ir ir;
     uint32_t depth;
     double cost; /* ir_cost */
-    bool was_split; /* built by split_build */
+    bool was_binned; /* built by binned_build */
     enum bvhd_status status;
     uint32_t node_base, ref_base; /* in the joined tree: of the ir's node 1, of its ref 0 */
 };
@@ -25,19 +27,17 @@ struct build {
     _Atomic uint64_t done;
 };
 
-static enum bvhd_status build_by_split(const struct build *build, struct piece *piece)
+static enum bvhd_status build_binned(const struct build *build, struct piece *piece)
 {
     const struct pieces_request *request = build->request;
-    struct split_request split = {
+    struct binned_request binned = {
         .refs = request->refs + piece->first,
         .scratch = request->scratch + piece->first,
         .count = piece->count,
-        .piece_size = request->leaf_max,
-        .cancel = request->cancel,
+        .leaf_max = request->leaf_max,
     };
-    primitive_bounds(split.refs, split.count, &split.bounds, &split.centroids);
-    piece->was_split = true;
-    return split_build(&split, build->memory, &parallel_serial, &piece->ir, NULL);
+    piece->was_binned = true;
+    return binned_build(&binned, build->memory, &piece->ir, NULL);
 }
 
 /* With room for half as many refs again. In an array of its own: if Embree gives up half-way, the refs are as they were. */
@@ -57,18 +57,21 @@ static enum bvhd_status build_with_splits(const struct build *build, struct piec
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
 {
     const struct pieces_request *request = build->request;
+    if (request->method == PIECES_BINNED)
+        return build_binned(build, piece);
     struct embree_request embree = {
         .refs = request->refs + piece->first,
         .count = piece->count,
         .capacity = piece->count,
-        .quality = request->quality,
+        .quality = request->method == PIECES_EMBREE_LOW ? EMBREE_LOW : EMBREE_HIGH,
+        .leaf_min = request->leaf_max,
         .leaf_max = request->leaf_max,
         .split = request->split,
         .split_context = request->split_context,
     };
     enum bvhd_status status = request->split ? build_with_splits(build, piece, &embree)
                                              : embree_build(request->embree, &embree, build->memory, &piece->ir, NULL);
-    return status == BVHD_UNSUPPORTED ? build_by_split(build, piece) : status;
+    return status == BVHD_UNSUPPORTED ? build_binned(build, piece) : status;
 }
 
 static bool cancelled(const struct pieces_request *request)
@@ -139,7 +142,7 @@ static enum bvhd_status worst(const struct build *build, uint32_t count)
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error)
 {
-    struct pieces pieces = {.count = request->tree->piece_count, .tree = request->tree, .memory = memory, .all_split = true};
+    struct pieces pieces = {.count = request->tree->piece_count, .tree = request->tree, .memory = memory, .all_binned = true};
     struct build build = {.request = request, .memory = memory, .total = request->tree->nodes[0].count};
     pieces.pieces = build.pieces = memory_array(memory, pieces.count, sizeof *pieces.pieces);
     build.order = memory_array(memory, pieces.count, sizeof *build.order);
@@ -157,7 +160,7 @@ enum bvhd_status pieces_build(const struct pieces_request *request, struct memor
         return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory to build a tree");
     }
     for (uint32_t i = 0; i < pieces.count; i++)
-        pieces.all_split &= pieces.pieces[i].was_split;
+        pieces.all_binned &= pieces.pieces[i].was_binned;
     *ret_pieces = pieces;
     return BVHD_OK;
 }

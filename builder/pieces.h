@@ -11,13 +11,15 @@
 #include "ir.h"
 #include "split.h"
 
+enum pieces_method { PIECES_BINNED, PIECES_EMBREE_LOW, PIECES_EMBREE_HIGH };
+
 struct pieces_request {
     const struct split_tree *tree;
     struct primitive_ref *refs, *scratch; /* of the split; both are written to */
     struct embree *embree;
-    enum embree_quality quality;
+    enum pieces_method method;
     uint32_t leaf_max;
-    embree_split_function split; /* NULL: no spatial splits */
+    embree_split_function split; /* with PIECES_EMBREE_HIGH */
     const void *split_context;
     const atomic_bool *cancel; /* may be NULL; looked at before each piece */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
@@ -27,12 +29,12 @@ struct pieces_request {
 struct pieces {
     struct piece *pieces; /* in the order of their refs */
     uint32_t count;
-    bool all_split; /* every piece came from split_build, none from Embree */
+    bool all_binned; /* every piece came from binned_build, none from Embree */
     const struct split_tree *tree;
     struct memory *memory;
 };
 
-/* BVHD_CANCELLED, BVHD_NO_MEMORY. A piece that Embree gives up on is built by split_build. The caller ends *ret_pieces with pieces_finish. */
+/* BVHD_CANCELLED, BVHD_NO_MEMORY. A piece that Embree gives up on is built by binned_build. The caller ends *ret_pieces with pieces_finish. */
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error);
 

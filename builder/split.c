@@ -9,13 +9,13 @@
  * Parts of more than LARGE refs are split in rounds: all of a level at once, in chunks that are binned and partitioned in parallel. What is
  * smaller is split to the end by one task. Refs move between the two arrays; a part lies in one of them.
  */
-enum { LARGE = 8192, CHUNK = 4096 };
+enum { LARGE = 32768, CHUNK = 4096 };
 
 /* A node on its way to being split. */
 struct part {
     uint32_t node, first, count;
     bool in_scratch;
-    struct box centroids;
+    struct vec4_box centroids;
 };
 
 /* Nodes as they are made. A list's own root is node 0. */
@@ -30,7 +30,7 @@ struct chunk {
     uint32_t part; /* in the round */
     uint32_t first, count;
     uint32_t left_at, right_at; /* where its refs go */
-    struct box centroids[2];
+    struct vec4_box centroids[2];
     struct bins bins;
 };
 
@@ -38,7 +38,7 @@ struct chunk {
 struct division {
     struct bins_mapping mapping;
     struct bins_plane plane;
-    struct box centroids[2];
+    struct vec4_box centroids[2];
     bool halved; /* no plane: the refs stay where they are */
     uint32_t first_chunk, chunk_count;
 };
@@ -90,24 +90,24 @@ static bool node_list_grow(struct node_list *list, uint32_t more, struct memory 
 
 /* Makes the two children of a part, whose list has room for them. */
 static void add_children(struct node_list *list, const struct part *part, const struct bins_plane *plane, bool halved,
-                         const struct box centroids[2], struct part ret_children[2])
+                         const struct vec4_box centroids[2], struct part ret_children[2])
 {
     uint32_t child = list->count, counts[2] = {plane->left_count, part->count - plane->left_count};
     list->nodes[part->node].child = child;
     for (int side = 0; side < 2; side++) {
         uint32_t first = part->first + (side ? counts[0] : 0);
-        list->nodes[child + side] = (struct split_node){side ? plane->right : plane->left, first, counts[side], 0};
+        list->nodes[child + side] = (struct split_node){vec4_box_get(side ? plane->right : plane->left), first, counts[side], 0};
         ret_children[side] = (struct part){child + side, first, counts[side], part->in_scratch != !halved, centroids[side]};
     }
     list->count += 2;
 }
 
 /* The other way to divide: in the middle of the order as it is. */
-static void halve(const struct primitive_ref *refs, uint32_t count, struct bins_plane *ret_plane, struct box ret_centroids[2])
+static void halve(const struct primitive_ref *refs, uint32_t count, struct bins_plane *ret_plane, struct vec4_box ret_centroids[2])
 {
     ret_plane->left_count = count / 2;
-    primitive_bounds(refs, count / 2, &ret_plane->left, &ret_centroids[0]);
-    primitive_bounds(refs + count / 2, count - count / 2, &ret_plane->right, &ret_centroids[1]);
+    bins_bound(refs, count / 2, &ret_plane->left, &ret_centroids[0]);
+    bins_bound(refs + count / 2, count - count / 2, &ret_plane->right, &ret_centroids[1]);
 }
 
 static void finish_piece(const struct split_request *request, const struct part *part, struct node_list *list)
@@ -124,12 +124,12 @@ static void split_small(const struct split_request *request, struct node_list *l
     struct primitive_ref *to = array_of(request, !part->in_scratch) + part->first;
     struct bins_mapping mapping;
     struct bins_plane plane;
-    struct box centroids[2];
+    struct vec4_box centroids[2];
     struct bins bins;
     bins_map(&part->centroids, part->count, &mapping);
     bins_clear(&bins, &mapping);
     bins_add(&bins, &mapping, from, part->count);
-    bool halved = !bins_choose(&bins, &mapping, part->count, &list->nodes[part->node].bounds, &plane);
+    bool halved = !bins_choose(&bins, &mapping, part->count, &plane);
     if (halved)
         halve(from, part->count, &plane, centroids);
     else
@@ -199,8 +199,7 @@ static void divide(void *context, size_t index)
     bins_clear(&sum, &division->mapping);
     for (uint32_t i = 0; i < division->chunk_count; i++)
         bins_merge(&sum, &division->mapping, &chunks[i].bins);
-    const struct box *bounds = &splitter->list.nodes[part->node].bounds;
-    division->halved = !bins_choose(&sum, &division->mapping, part->count, bounds, &division->plane);
+    division->halved = !bins_choose(&sum, &division->mapping, part->count, &division->plane);
     if (division->halved) {
         const struct primitive_ref *refs = array_of(splitter->request, part->in_scratch) + part->first;
         halve(refs, part->count, &division->plane, division->centroids);
@@ -232,10 +231,12 @@ static void partition_chunk(void *context, size_t index)
 
 static void sum_centroids(struct splitter *splitter, struct division *division)
 {
-    division->centroids[0] = division->centroids[1] = box_empty();
-    for (uint32_t i = 0; i < division->chunk_count; i++)
+    division->centroids[0] = division->centroids[1] = vec4_box_empty();
+    for (uint32_t i = 0; i < division->chunk_count; i++) {
+        const struct chunk *chunk = &splitter->chunks[division->first_chunk + i];
         for (int side = 0; side < 2; side++)
-            box_grow(&division->centroids[side], &splitter->chunks[division->first_chunk + i].centroids[side]);
+            vec4_box_grow(&division->centroids[side], chunk->centroids[side].min, chunk->centroids[side].max);
+    }
 }
 
 /* A part is for the next round when it is large, else for a task; pieces as well, since they may have to be copied back. */
@@ -374,7 +375,7 @@ static enum bvhd_status split(struct splitter *splitter)
         return BVHD_NO_MEMORY;
     splitter->list.nodes[0] = (struct split_node){request->bounds, 0, request->count, 0};
     splitter->list.count = 1;
-    assign(splitter, &(struct part){0, 0, request->count, false, request->centroids});
+    assign(splitter, &(struct part){0, 0, request->count, false, vec4_box_from(&request->centroids)});
     struct part *swap = splitter->parts;
     splitter->parts = splitter->next_parts;
     splitter->next_parts = swap;

@@ -2,16 +2,14 @@
 /*
  * split.h - our own binned SAH splitting (Wald 2007), which cuts a set of refs into pieces.
  *
- * Used above Embree, to make pieces of bounded size so that a build can be cancelled, shared out and take turns; and as a whole builder
- * where a piece comes back from elsewhere too coarse or not at all (piece size = leaf size). Where nothing separates the refs they are halved
- * in their order, so the depth stays within log2 of the count there.
+ * Used above all builders, to make pieces of bounded size so that a build can be cancelled, shared out and take turns. Where nothing separates
+ * the refs they are halved in their order, so the depth stays within log2 of the count there.
  */
 #ifndef BVHD_SPLIT_H
 #define BVHD_SPLIT_H
 
 #include <stdatomic.h>
 
-#include "ir.h"
 #include "memory.h"
 #include "parallel.h"
 #include "primitive.h"
@@ -30,7 +28,7 @@ struct split_tree {
 };
 
 struct split_request {
-    struct primitive_ref *refs; /* permuted so that each piece is contiguous; magnitudes of at most 2^60 */
+    struct primitive_ref *refs; /* permuted so that each piece is contiguous; magnitudes of at most 2^40 */
     struct primitive_ref *scratch; /* room for as many */
     uint32_t count; /* >= 1 */
     uint32_t piece_size; /* no piece is larger; >= 1 */
@@ -41,12 +39,5 @@ struct split_request {
 /* The caller frees ret_tree->nodes. The same for any number of threads. BVHD_CANCELLED, BVHD_NO_MEMORY: refs are in no useful state. */
 enum bvhd_status split_refs(const struct split_request *request, struct memory *memory, const struct parallel *parallel,
                             struct split_tree *ret_tree, struct bvhd_error *error);
-
-/*
- * A whole builder: splits down to leaves of at most request->piece_size refs and makes an ir of them, by ir_init from `memory`. Errors as
- * above. (split_build.c)
- */
-enum bvhd_status split_build(const struct split_request *request, struct memory *memory, const struct parallel *parallel,
-                             struct ir *ret_ir, struct bvhd_error *error);
 
 #endif

@@ -19,6 +19,7 @@
 
 typedef float vec4 __attribute__((vector_size(16)));
 typedef int32_t vec4_int __attribute__((vector_size(16)));
+typedef float vec4_loose __attribute__((vector_size(16), aligned(4), may_alias)); /* in memory, at any place for a float */
 
 static inline vec4 vec4_all(float value)
 {
@@ -69,6 +70,21 @@ static inline vec4 vec4_rotate(vec4 v)
 #endif
 }
 
+/* Of three vectors, the vectors of their first, second and third lanes; fourth lanes are of no meaning. */
+static inline void vec4_transpose3(vec4 a, vec4 b, vec4 c, vec4 *ret_x, vec4 *ret_y, vec4 *ret_z)
+{
+#if defined(__SSE2__)
+    vec4 xy = _mm_unpacklo_ps(a, b);
+    *ret_x = _mm_shuffle_ps(xy, c, _MM_SHUFFLE(0, 0, 1, 0));
+    *ret_y = _mm_shuffle_ps(xy, c, _MM_SHUFFLE(1, 1, 3, 2));
+    *ret_z = _mm_shuffle_ps(_mm_unpackhi_ps(a, b), c, _MM_SHUFFLE(2, 2, 1, 0));
+#else
+    *ret_x = (vec4){a[0], b[0], c[0], 0};
+    *ret_y = (vec4){a[1], b[1], c[1], 0};
+    *ret_z = (vec4){a[2], b[2], c[2], 0};
+#endif
+}
+
 /* Bit `lane` is set where the comparison (an all-ones or all-zeros lane) holds. */
 static inline unsigned vec4_bits(vec4_int comparison)
 {
@@ -91,6 +107,12 @@ static inline vec4 vec4_and(vec4 v, vec4_int mask)
 static inline vec4 vec4_or(vec4 v, vec4_int mask)
 {
     return (vec4)((vec4_int)v | mask);
+}
+
+/* `a` where the mask's lane is all ones, `b` where it is zero. */
+static inline vec4 vec4_select(vec4_int mask, vec4 a, vec4 b)
+{
+    return (vec4)(((vec4_int)a & mask) | ((vec4_int)b & ~mask));
 }
 
 static inline vec4 vec4_abs(vec4 v)
@@ -124,17 +146,18 @@ static inline struct box vec4_box_get(struct vec4_box box)
     return (struct box){{box.min[0], box.min[1], box.min[2]}, {box.max[0], box.max[1], box.max[2]}};
 }
 
-/* 32 bytes of any alignment, such as a struct primitive_ref: minimum, a lane, maximum, a lane. */
+/* 32 bytes at any place for a float, such as a struct primitive_ref: minimum, a lane, maximum, a lane. */
 static inline struct vec4_box vec4_box_load(const void *at)
 {
-    struct vec4_box box;
-    memcpy(&box, at, sizeof box);
-    return box;
+    const vec4_loose *from = at;
+    return (struct vec4_box){from[0], from[1]};
 }
 
 static inline void vec4_box_store(void *at, struct vec4_box box)
 {
-    memcpy(at, &box, sizeof box);
+    vec4_loose *to = at;
+    to[0] = box.min;
+    to[1] = box.max;
 }
 
 static inline void vec4_box_grow(struct vec4_box *box, vec4 min, vec4 max)

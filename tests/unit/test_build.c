@@ -68,8 +68,7 @@ static struct ir sound_ir(const struct canonical *canonical, enum build_quality 
 static void every_kind_of_primitive_and_quality(void **state)
 {
     (void)state;
-    static const char *const methods[] = {
-        [QUALITY_FAST] = "embree-low", [QUALITY_BALANCED] = "embree-medium", [QUALITY_HIGH] = "embree-high"};
+    static const char *const methods[] = {[QUALITY_FAST] = "embree-low", [QUALITY_BALANCED] = "binned", [QUALITY_HIGH] = "embree-high"};
     static const uint32_t types[] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
@@ -89,7 +88,7 @@ static void every_kind_of_primitive_and_quality(void **state)
                 struct ir ir = sound_ir(&model.canonical, quality, &context, &stats);
                 bool splits = types[t] == GEOMETRY_TRIANGLES || quality != QUALITY_HIGH;
                 if (stats.refs > 0)
-                    assert_string_equal(stats.method, splits ? methods[quality] : "embree-medium");
+                    assert_string_equal(stats.method, splits ? methods[quality] : "binned");
                 assert_int_equal(stats.primitives, model.canonical.primitive_count);
                 assert_int_equal(stats.triangles, types[t] == GEOMETRY_TRIANGLES ? stats.primitives : 0);
                 assert_int_equal(stats.instances, types[t] == GEOMETRY_INSTANCES ? stats.primitives : 0);
@@ -120,12 +119,12 @@ static void qualities_differ(void **state)
     /* No splits for those who want little memory, nor where an any-hit shader must run once. */
     model.canonical.flags = BUILD_LOW_MEMORY;
     struct ir ir = sound_ir(&model.canonical, QUALITY_HIGH, &context, &stats[0]);
-    assert_string_equal(stats[0].method, "embree-medium");
+    assert_string_equal(stats[0].method, "binned");
     ir_finish(&ir);
     model.canonical.flags = 0;
     model.canonical.geometries[0].flags = GEOMETRY_NO_DUPLICATE_ANY_HIT;
     ir = sound_ir(&model.canonical, QUALITY_HIGH, &context, &stats[0]);
-    assert_string_equal(stats[0].method, "embree-medium");
+    assert_string_equal(stats[0].method, "binned");
     assert_int_equal(stats[0].refs, stats[QUALITY_BALANCED].refs);
     ir_finish(&ir);
     test_model_finish(&model);

@@ -1,0 +1,98 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "binned.h"
+
+#include "bins.h"
+
+/* A node on its way to being split. Refs move between the two arrays; a part lies in one of them. */
+struct part {
+    struct vec4_box bounds, centroids;
+    struct primitive_ref *refs, *other; /* where it lies, where it may go */
+    uint32_t node, first, count;
+};
+
+/* The other way to divide: in the middle of the order as it is. */
+static void halve(const struct part *part, struct part ret_children[2])
+{
+    uint32_t half = part->count / 2;
+    ret_children[0].count = half;
+    ret_children[1].count = part->count - half;
+    bins_bound(part->refs, half, &ret_children[0].bounds, &ret_children[0].centroids);
+    bins_bound(part->refs + half, part->count - half, &ret_children[1].bounds, &ret_children[1].centroids);
+    ret_children[0].refs = part->refs;
+    ret_children[0].other = part->other;
+}
+
+static void divide(const struct part *part, struct part ret_children[2])
+{
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    struct vec4_box centroids[2];
+    struct bins bins;
+    bins_map(&part->centroids, part->count, &mapping);
+    bins_clear(&bins, &mapping);
+    bins_add(&bins, &mapping, part->refs, part->count);
+    if (bins_choose(&bins, &mapping, part->count, &plane)) {
+        bins_partition(&mapping, &plane, part->refs, part->count, part->other, part->other + plane.left_count, centroids);
+        ret_children[0].bounds = plane.left;
+        ret_children[1].bounds = plane.right;
+        ret_children[0].centroids = centroids[0];
+        ret_children[1].centroids = centroids[1];
+        ret_children[0].count = plane.left_count;
+        ret_children[1].count = part->count - plane.left_count;
+        ret_children[0].refs = part->other;
+        ret_children[0].other = part->refs;
+    } else {
+        halve(part, ret_children);
+    }
+    ret_children[0].first = part->first;
+    ret_children[1].first = part->first + ret_children[0].count;
+    ret_children[1].refs = ret_children[0].refs + ret_children[0].count;
+    ret_children[1].other = ret_children[0].other + ret_children[0].count;
+}
+
+static void make_leaf(struct ir *ir, const struct part *part)
+{
+    ir->nodes[part->node] = (struct ir_node){part->first, part->count};
+    for (uint32_t i = 0; i < part->count; i++)
+        ir->refs[part->first + i] = part->refs[i].id;
+}
+
+/* The larger child waits while the smaller is split, so that at most 32 wait. */
+static void split_to_end(struct ir *ir, struct part part, uint32_t leaf_max)
+{
+    struct part waiting[33], children[2];
+    uint32_t waiting_count = 0;
+    for (;;) {
+        ir->boxes[0][part.node] = vec4_box_get(part.bounds);
+        if (part.count <= leaf_max) {
+            make_leaf(ir, &part);
+            if (waiting_count == 0)
+                return;
+            part = waiting[--waiting_count];
+            continue;
+        }
+        divide(&part, children);
+        ir->nodes[part.node] = (struct ir_node){.first = ir->node_count};
+        children[0].node = ir->node_count;
+        children[1].node = ir->node_count + 1;
+        ir->node_count += 2;
+        bool right_first = children[1].count < children[0].count;
+        waiting[waiting_count++] = children[!right_first];
+        part = children[right_first];
+    }
+}
+
+enum bvhd_status binned_build(const struct binned_request *request, struct memory *memory, struct ir *ret_ir, struct bvhd_error *error)
+{
+    struct ir ir;
+    enum bvhd_status status = ir_init(&ir, memory, 2 * request->count - 1, request->count, error);
+    if (status != BVHD_OK)
+        return status;
+    struct part root = {.refs = request->refs, .other = request->scratch, .count = request->count};
+    bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
+    ir.node_count = 1;
+    ir.ref_count = request->count;
+    split_to_end(&ir, root, request->leaf_max);
+    *ret_ir = ir;
+    return BVHD_OK;
+}
