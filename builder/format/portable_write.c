@@ -229,6 +229,8 @@ static void remap_records(void *context, size_t index)
 /* Copies kept vertices `begin` to `end` of one geometry to their places. */
 static void copy_run(const struct writing *w, const struct canonical_geometry *geometry, size_t begin, size_t end)
 {
+    if (begin == end)
+        return; /* a geometry without vertices has no positions */
     const float *source = geometry->positions + 3 * (begin - geometry->first_vertex);
     unsigned char *vertices = w->body + w->header.vertex_offset;
     const uint8_t *used = w->records.used;

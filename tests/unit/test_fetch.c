@@ -106,15 +106,10 @@ static struct geometry some_boxes(struct random *random)
 
 static uint32_t index_at(const struct geometry *geometry, uint64_t k)
 {
-    const unsigned char *at = geometry->triangles.indices.data + geometry->range.primitive_offset;
-    switch (geometry->triangles.index_type) {
-    case INDEX_UINT16:
-        return bytes_get16(at + 2 * k);
-    case INDEX_UINT32:
-        return bytes_get32(at + 4 * k);
-    default:
+    if (geometry->triangles.index_type == INDEX_NONE)
         return (uint32_t)k;
-    }
+    const unsigned char *at = geometry->triangles.indices.data + geometry->range.primitive_offset;
+    return geometry->triangles.index_type == INDEX_UINT16 ? bytes_get16(at + 2 * k) : bytes_get32(at + 4 * k);
 }
 
 /* Corner k, read as the specification says, one at a time. */
