@@ -3,8 +3,8 @@
 # bvhctl.sh MAKE_SCENE BVHCTL - the command line as its users meet it: exit codes, error lines, JSON, files that stay untouched. Prints each
 # expectation that does not hold; status 1 when one does not.
 set -u
-make_scene=$1
-bvhctl=$2
+make_scene=$(realpath "$1")
+bvhctl=$(realpath "$2")
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
