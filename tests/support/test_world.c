@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "test_world.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static char ground_name[] = "ground", cube_name[] = "cube", material_name[] = "stone", world_name[] = "world",
+            file_name[] = "world.gltf";
+
+static float ground_positions[] = {-8, 0, -8, 8, 0, -8, 8, 0, 8, -8, 0, 8};
+static uint32_t ground_indices[] = {0, 2, 1, 0, 3, 2};
+
+/* Corner i has x, y, z from bits 0, 1, 2 of i. */
+static float cube_positions[] = {-1, -1, -1, 1, -1, -1, -1, 1, -1, 1, 1, -1, -1, -1, 1, 1, -1, 1, -1, 1, 1, 1, 1, 1};
+static uint32_t cube_indices[] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
+                                  2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
+
+static struct import_mesh meshes[] = {
+    {.name = ground_name,
+     .material = material_name,
+     .positions = ground_positions,
+     .indices = ground_indices,
+     .vertex_count = 4,
+     .triangle_count = 2},
+    {.name = cube_name,
+     .material = material_name,
+     .positions = cube_positions,
+     .indices = cube_indices,
+     .vertex_count = 8,
+     .triangle_count = 12},
+};
+
+static uint32_t ground_list[] = {0}, cube_list[] = {1};
+static struct import_part parts[] = {{ground_name, ground_list, 1}, {cube_name, cube_list, 1}};
+
+static struct import_instance instances[TEST_WORLD_INSTANCES] = {
+    {0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, false},
+    {1, {1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 0}, false},
+    {1, {1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0}, true},
+    {1, {0.5f, 0, 0, 3, 0, 0.5f, 0, 0.5f, 0, 0, 0.5f, 0}, false},
+};
+
+static char *files[] = {file_name};
+
+void test_world_import(struct import *ret_import, struct memory *memory)
+{
+    *ret_import = (struct import){.name = world_name,
+                                  .meshes = meshes,
+                                  .parts = parts,
+                                  .instances = instances,
+                                  .files = files,
+                                  .mesh_count = 2,
+                                  .part_count = 2,
+                                  .instance_count = TEST_WORLD_INSTANCES,
+                                  .file_count = 1,
+                                  .skipped_instances = 1,
+                                  .triangle_count = 14,
+                                  .memory = memory};
+}
+
+static void end(const char *what, const struct bvhd_error *error)
+{
+    fprintf(stderr, "test_world: %s: %s: %s\n", what, error->where, error->text);
+    exit(1);
+}
+
+void test_world_init(struct test_world *world, uint32_t threads)
+{
+    struct bvhd_error error = {0};
+    *world = (struct test_world){.options = {.build = {.target = TARGET_PORTABLE}, .geometry_flags = GEOMETRY_OPAQUE}};
+    if (local_open(&world->local, threads, UINT64_MAX, true, NULL, &error))
+        end("open", &error);
+    test_world_import(&world->import, &world->local.memory);
+    if (assemble(&world->import, &world->options, &world->local.build, &world->assembly, &error))
+        end("assemble", &error);
+    for (int i = 0; i < TEST_WORLD_FILES; i++) {
+        const struct batch_item *item = &world->assembly.items[i];
+        if (item->status)
+            end("build", &item->error);
+        world->files[i] = (struct structure_file){.data = item->blob, .size = item->size};
+        if (portable_open((struct bytes){item->blob, item->size}, &world->local.memory, &world->files[i].view, &error))
+            end("portable_open", &error);
+        world->bottoms[i] = &world->files[i].view;
+    }
+    world->structures = (struct structures){.files = world->files, .file_count = TEST_WORLD_FILES, .bottoms = world->bottoms};
+    world->structures.top = &world->files[2].view;
+    world->structures.scene = (struct scene){world->structures.top, world->bottoms, 2};
+}
+
+void test_world_finish(struct test_world *world)
+{
+    assembly_finish(&world->assembly);
+    local_close(&world->local);
+}

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_world.h - a small imported scene, built and opened: a ground of two triangles, and two cubes that stand on it; y is up.
+ *
+ * Instances: 0 the ground, 1 a cube of side 2 at (0, 1, 0), 2 a cube that is flattened to nothing (skipped), 3 a cube of side 1 at (3, 0.5, 0).
+ * For test programs only.
+ */
+#ifndef BVHD_TEST_WORLD_H
+#define BVHD_TEST_WORLD_H
+
+#include "assemble.h"
+#include "structures.h"
+
+enum { TEST_WORLD_INSTANCES = 4, TEST_WORLD_FILES = 3 };
+
+/* The import alone: static arrays, nothing to end. `memory` is what it says it comes from. */
+void test_world_import(struct import *ret_import, struct memory *memory);
+
+struct test_world {
+    struct local local;
+    struct options options;
+    struct import import;
+    struct assembly assembly;
+    struct structure_file files[TEST_WORLD_FILES];
+    const struct portable_view *bottoms[TEST_WORLD_FILES];
+    struct structures structures;
+};
+
+/* Ends the program when something fails. `threads` as for local_open. */
+void test_world_init(struct test_world *world, uint32_t threads);
+void test_world_finish(struct test_world *world);
+
+#endif

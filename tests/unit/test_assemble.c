@@ -1,0 +1,152 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "unit.h"
+
+#include "test_world.h"
+#include "traverse.h"
+#include "unpack.h"
+
+static void test_structures(void **state)
+{
+    (void)state;
+    struct test_world world;
+    test_world_init(&world, 1);
+    const struct batch_item *items = world.assembly.items;
+    assert_int_equal(items[0].stats.triangles, 2);
+    assert_int_equal(items[1].stats.triangles, 12);
+    assert_int_equal(items[2].stats.instances, TEST_WORLD_INSTANCES);
+    assert_int_equal(items[2].stats.inactive, 1);
+    assert_int_equal(world.assembly.handle_count, 2);
+    assert_int_equal(world.assembly.handles[0], 0);
+    assert_int_equal(world.assembly.handles[1], 1);
+    assert_int_equal(world.structures.top->handle_count, 2);
+    test_world_finish(&world);
+}
+
+static bool shoot_down(const struct test_world *world, float x, float z, struct ray_hit *ret_hit)
+{
+    struct ray ray = {.origin = {x, 10, z}, .direction = {0, -1, 0}, .tmax = 100, .cull_mask = 0xff};
+    return traverse(&world->structures.scene, &ray, NULL, ret_hit, NULL);
+}
+
+/* Rays from above, where what they meet is plain. */
+static void test_answers(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct ray_hit hit;
+    test_world_init(&world, 2);
+    assert_true(shoot_down(&world, 0.25f, 0.5f, &hit));
+    assert_int_equal(hit.instance, 1);
+    assert_int_equal(hit.custom_index, 1);
+    assert_true(hit.t == 8);
+    assert_true(shoot_down(&world, 3.25f, 0.125f, &hit));
+    assert_int_equal(hit.instance, 3);
+    assert_true(hit.t == 9);
+    assert_true(shoot_down(&world, -5, 2, &hit));
+    assert_int_equal(hit.instance, 0);
+    assert_true(hit.t == 10);
+    assert_false(shoot_down(&world, 9, 0, &hit));
+    test_world_finish(&world);
+}
+
+/* What comes out of the files are the imported triangles, bit by bit, in their numbering. */
+static void test_unpack(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct unpacked unpacked;
+    test_world_init(&world, 1);
+    assert_int_equal(unpack_scene(&world.structures.scene, &world.local.memory, &unpacked, NULL), BVHD_OK);
+    assert_int_equal(unpacked.mesh_count, 3);
+    assert_int_equal(unpacked.triangle_count, 2 + 12 + 12);
+    for (uint32_t m = 0; m < unpacked.mesh_count; m++) {
+        const struct oracle_mesh *mesh = &unpacked.meshes[m];
+        const struct import_instance *instance = &world.import.instances[mesh->instance];
+        const struct import_mesh *source = &world.import.meshes[world.import.parts[instance->part].meshes[mesh->geometry]];
+        assert_int_equal(mesh->triangle_count, source->triangle_count);
+        assert_memory_equal(mesh->transform, instance->transform, sizeof instance->transform);
+        for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++)
+            assert_memory_equal(mesh->positions + 3 * i, source->positions + 3 * source->indices[i], 3 * sizeof(float));
+    }
+    unpack_finish(&unpacked);
+    unpack_finish(&unpacked);
+    test_world_finish(&world);
+    assert_int_equal(world.local.memory.live, 0);
+}
+
+/* Forbidden together (03796): every structure says so, and the one above says what it lacks. */
+static void test_rules_are_reported(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    test_world_init(&world, 1);
+    world.options.build_flags = BUILD_PREFER_FAST_BUILD | BUILD_PREFER_FAST_TRACE;
+    assert_int_equal(assemble(&world.import, &world.options, &world.local.build, &assembly, NULL), BVHD_OK);
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(assembly.items[i].status, BVHD_INVALID);
+        assert_int_equal(assembly.items[i].error.vuid, BVHD_VUID_03796);
+    }
+    assert_int_equal(assembly.items[2].status, BVHD_INVALID);
+    assert_non_null(strstr(assembly.items[2].error.text, "bottom level 0"));
+    assembly_finish(&assembly);
+    assembly_finish(&assembly);
+    test_world_finish(&world);
+}
+
+static void test_cancelled(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    atomic_bool cancel = true;
+    test_world_init(&world, 1);
+    world.local.build.cancel = &cancel;
+    assert_int_equal(assemble(&world.import, &world.options, &world.local.build, &assembly, NULL), BVHD_OK);
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(assembly.items[i].status, BVHD_CANCELLED);
+    assembly_finish(&assembly);
+    test_world_finish(&world);
+}
+
+static bool all_built(const struct assembly *assembly)
+{
+    bool all = true;
+    for (int i = 0; i < 3; i++) {
+        enum bvhd_status status = assembly->items[i].status;
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        all &= status == BVHD_OK;
+    }
+    return all;
+}
+
+static void test_no_memory(void **state)
+{
+    (void)state;
+    struct test_world world;
+    test_world_init(&world, 1);
+    uint64_t live = world.local.memory.live;
+    bool done = false;
+    for (int64_t after = 0; !done; after++) {
+        struct assembly assembly;
+        atomic_store(&world.local.memory.fail_after, after);
+        enum bvhd_status status = assemble(&world.import, &world.options, &world.local.build, &assembly, &(struct bvhd_error){0});
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        if (!status) {
+            done = all_built(&assembly);
+            assembly_finish(&assembly);
+        }
+        assert_int_equal(world.local.memory.live, live);
+        assert_true(after < 2000);
+    }
+    test_world_finish(&world);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_structures),         cmocka_unit_test(test_answers),   cmocka_unit_test(test_unpack),
+        cmocka_unit_test(test_rules_are_reported), cmocka_unit_test(test_cancelled), cmocka_unit_test(test_no_memory),
+    };
+    return cmocka_run_group_tests_name("assemble", tests, NULL, NULL);
+}
