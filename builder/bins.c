@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "bins_kernels.h"
+
 /* Evaluating planes costs as much as binning some refs a plane; where there are few refs, few planes are enough. */
 static uint32_t bins_for(uint32_t count)
 {
@@ -32,50 +34,68 @@ void bins_map(const struct vec4_box *centroids, uint32_t count, struct bins_mapp
     ret_mapping->scale = vec4_xyz(vec4_and(scale, (scale > vec4_all(0)) & (scale <= vec4_all(FLT_MAX))));
 }
 
+/* As vec4_box_grow, of a box with negated maximum. */
+static inline void grow(struct vec4_box *box, const struct vec4_box *bin)
+{
+    box->min = vec4_min(bin->min, box->min);
+    box->max = vec4_min(bin->max, box->max);
+}
+
+static inline struct vec4_box nothing(void)
+{
+    return (struct vec4_box){vec4_all(FLT_MAX), vec4_all(FLT_MAX)};
+}
+
 void bins_clear(struct bins *bins, const struct bins_mapping *mapping)
 {
     for (int axis = 0; axis < 3; axis++)
         for (uint32_t bin = 0; bin < mapping->bins; bin++)
-            bins->boxes[axis][bin] = vec4_box_empty();
+            bins->boxes[axis][bin] = nothing();
     memset(bins->counts, 0, mapping->bins * sizeof *bins->counts);
 }
 
-/* The fourth lanes hold integers that may look like denormals, slow to multiply: they are cleared. */
-static inline vec4 place(const struct bins_mapping *mapping, vec4 centroid)
+static const struct bins_kernels *kernels(void)
 {
-    return vec4_xyz(centroid - mapping->base) * mapping->scale;
+    const struct bins_kernels *best = bins_kernels_avx2();
+    return best ? best : &bins_kernels_plain;
 }
 
 void bins_add(struct bins *bins, const struct bins_mapping *mapping, const struct primitive_ref *refs, uint32_t count)
 {
-    const struct bins_mapping local = *mapping;
-    const vec4 last = vec4_all((float)(local.bins - 1));
-    for (uint32_t i = 0; i < count; i++) {
-        struct vec4_box box = vec4_box_load(&refs[i]);
-        vec4_int bin = __builtin_convertvector(vec4_min(place(&local, box.min + box.max), last), vec4_int);
-        for (int axis = 0; axis < 3; axis++) {
-            vec4_box_grow(&bins->boxes[axis][bin[axis]], box.min, box.max);
-            bins->counts[bin[axis]][axis]++;
-        }
+    enum { TWO_SETS_FROM = 1024 };
+    struct bins *sets[2] = {bins, bins}, other;
+    /* Neighbours tend to fall into one bin, and each would wait for the other's box: with two sets only every second does. */
+    if (count >= TWO_SETS_FROM) {
+        sets[1] = &other;
+        bins_clear(&other, mapping);
     }
+    kernels()->add(sets, mapping, refs, count);
+    if (count >= TWO_SETS_FROM)
+        bins_merge(bins, mapping, &other);
+}
+
+void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs,
+                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct vec4_box ret_centroids[2])
+{
+    kernels()->partition(mapping, plane, refs, count, left, right, ret_centroids);
 }
 
 void bins_merge(struct bins *bins, const struct bins_mapping *mapping, const struct bins *other)
 {
     for (int axis = 0; axis < 3; axis++)
         for (uint32_t bin = 0; bin < mapping->bins; bin++)
-            vec4_box_grow(&bins->boxes[axis][bin], other->boxes[axis][bin].min, other->boxes[axis][bin].max);
+            grow(&bins->boxes[axis][bin], &other->boxes[axis][bin]);
     for (uint32_t bin = 0; bin < mapping->bins; bin++)
         bins->counts[bin] += other->counts[bin];
 }
 
-/* Grows three boxes, one an axis, by those of a bin, and returns their half areas. */
+/* Grows three boxes, one an axis, by those of a bin, and returns their half areas: of negated sides, which is the same. */
 static inline vec4 grow_all(struct vec4_box boxes[3], const struct bins *bins, uint32_t bin)
 {
     vec4 x, y, z;
     for (int axis = 0; axis < 3; axis++)
-        vec4_box_grow(&boxes[axis], bins->boxes[axis][bin].min, bins->boxes[axis][bin].max);
-    vec4_transpose3(boxes[0].max - boxes[0].min, boxes[1].max - boxes[1].min, boxes[2].max - boxes[2].min, &x, &y, &z);
+        grow(&boxes[axis], &bins->boxes[axis][bin]);
+    vec4_transpose3(boxes[0].min + boxes[0].max, boxes[1].min + boxes[1].max, boxes[2].min + boxes[2].max, &x, &y, &z);
     return x * y + y * z + z * x;
 }
 
@@ -90,7 +110,7 @@ struct candidates {
 static struct candidates find_candidates(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count)
 {
     vec4 right_costs[BINS_MAX], right_counts[BINS_MAX];
-    struct vec4_box boxes[3] = {vec4_box_empty(), vec4_box_empty(), vec4_box_empty()};
+    struct vec4_box boxes[3] = {nothing(), nothing(), nothing()};
     vec4_int sum = {0};
     for (uint32_t bin = mapping->bins - 1; bin > 0; bin--) {
         sum += bins->counts[bin];
@@ -98,7 +118,7 @@ static struct candidates find_candidates(const struct bins *bins, const struct b
         right_costs[bin] = grow_all(boxes, bins, bin) * right_counts[bin];
     }
     struct candidates best = {vec4_all(INFINITY), vec4_all(INFINITY), vec4_all(0)};
-    boxes[0] = boxes[1] = boxes[2] = vec4_box_empty();
+    boxes[0] = boxes[1] = boxes[2] = nothing();
     for (uint32_t bin = 1; bin < mapping->bins; bin++) {
         vec4 left_count = vec4_all((float)count) - right_counts[bin];
         vec4 cost = grow_all(boxes, bins, bin - 1) * left_count + right_costs[bin];
@@ -120,17 +140,17 @@ bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, ui
             best = axis;
     if (found.bin[best] == 0)
         return false;
-    struct vec4_box sides[2] = {vec4_box_empty(), vec4_box_empty()};
+    struct vec4_box sides[2] = {nothing(), nothing()};
     uint32_t bin = 0;
     ret_plane->axis = (unsigned)best;
     ret_plane->bin = (uint32_t)found.bin[best];
     for (; bin < ret_plane->bin; bin++)
-        vec4_box_grow(&sides[0], bins->boxes[best][bin].min, bins->boxes[best][bin].max);
+        grow(&sides[0], &bins->boxes[best][bin]);
     for (; bin < mapping->bins; bin++)
-        vec4_box_grow(&sides[1], bins->boxes[best][bin].min, bins->boxes[best][bin].max);
+        grow(&sides[1], &bins->boxes[best][bin]);
     ret_plane->left_count = bins_left_count(bins, ret_plane);
-    ret_plane->left = sides[0];
-    ret_plane->right = sides[1];
+    ret_plane->left = (struct vec4_box){sides[0].min, -sides[0].max};
+    ret_plane->right = (struct vec4_box){sides[1].min, -sides[1].max};
     return true;
 }
 
@@ -140,28 +160,4 @@ uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane
     for (uint32_t bin = 0; bin < plane->bin; bin++)
         sum += bins->counts[bin];
     return (uint32_t)sum[plane->axis];
-}
-
-void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane, const struct primitive_ref *refs,
-                    uint32_t count, struct primitive_ref *left, struct primitive_ref *right, struct vec4_box ret_centroids[2])
-{
-    const struct bins_mapping local = *mapping;
-    vec4 threshold = vec4_all(-INFINITY);
-    threshold[plane->axis] = (float)plane->bin;
-    struct vec4_box left_box = vec4_box_empty(), right_box = vec4_box_empty();
-    for (uint32_t i = 0; i < count; i++) {
-        struct vec4_box box = vec4_box_load(&refs[i]);
-        vec4 centroid = box.min + box.max;
-        int32_t goes_left = vec4_bits(place(&local, centroid) < threshold) != 0;
-        vec4_box_store(goes_left ? left : right, box);
-        left += goes_left;
-        right += 1 - goes_left;
-        /* All bits set make a NaN, which the boxes of the other side do not take. */
-        vec4_int to_left = {-goes_left, -goes_left, -goes_left, -goes_left};
-        vec4 for_left = vec4_or(centroid, ~to_left), for_right = vec4_or(centroid, to_left);
-        vec4_box_grow(&left_box, for_left, for_left);
-        vec4_box_grow(&right_box, for_right, for_right);
-    }
-    ret_centroids[0] = left_box;
-    ret_centroids[1] = right_box;
 }

@@ -20,8 +20,9 @@ struct bins_mapping {
     uint32_t bins; /* at most BINS_MAX; fewer for few refs */
 };
 
+/* Of each bin the box's minimum and negated maximum, so that one operation grows both. */
 struct bins {
-    struct vec4_box boxes[3][BINS_MAX]; /* by axis */
+    _Alignas(32) struct vec4_box boxes[3][BINS_MAX]; /* by axis */
     vec4_int counts[BINS_MAX]; /* a lane an axis */
 };
 

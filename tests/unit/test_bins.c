@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#include "bins.h"
+#include "bins_kernels.h"
 #include "test_refs.h"
 
 static void fill(struct bins *bins, struct bins_mapping *mapping, const struct primitive_ref *refs, uint32_t count)
@@ -151,13 +151,66 @@ static void planes_are_found_where_there_are_any(void **state)
     free(refs);
 }
 
+/* Boxes but for their fourth lanes, with the signs of zeros. */
+static void assert_same_bits(const struct vec4_box *a, const struct vec4_box *b)
+{
+    struct box x = vec4_box_get(*a), y = vec4_box_get(*b);
+    assert_memory_equal(&x, &y, sizeof x);
+}
+
+static void run_kernels(const struct bins_kernels *kernels, const struct primitive_ref *refs, uint32_t count, struct bins *ret_bins,
+                        struct primitive_ref *ret_refs, struct vec4_box ret_centroids[2])
+{
+    struct bins second, *sets[2] = {ret_bins, &second};
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    fill(ret_bins, &mapping, refs, count);
+    bool found = bins_choose(ret_bins, &mapping, count, &plane);
+    bins_clear(ret_bins, &mapping);
+    bins_clear(&second, &mapping);
+    kernels->add(sets, &mapping, refs, count);
+    bins_merge(ret_bins, &mapping, &second);
+    if (found)
+        kernels->partition(&mapping, &plane, refs, count, ret_refs, ret_refs + plane.left_count, ret_centroids);
+}
+
+static void every_machine_gets_the_same_bits(void **state)
+{
+    (void)state;
+    const struct bins_kernels *kernels[2] = {&bins_kernels_plain, bins_kernels_avx2()};
+    if (!kernels[1])
+        skip();
+    for (int kind = 0; kind < REFS_KINDS; kind++)
+        for (uint32_t count = 2; count < 3000; count = count * 2 + 1) {
+            struct primitive_ref *refs = test_refs_make((enum test_refs_kind)kind, count, count), *out[2];
+            struct vec4_box centroids[2][2] = {{vec4_box_empty(), vec4_box_empty()}, {vec4_box_empty(), vec4_box_empty()}};
+            struct bins bins[2];
+            for (uint32_t i = 0; i < count; i += 3) /* zeros of both signs */
+                refs[i].min[i / 3 % 3] = refs[i].max[i / 3 % 3] = i % 2 ? 0.0f : -0.0f;
+            for (int i = 0; i < 2; i++) {
+                out[i] = test_refs_make(REFS_SAME, count, 0);
+                run_kernels(kernels[i], refs, count, &bins[i], out[i], centroids[i]);
+            }
+            for (uint32_t bin = 0; bin < 4 + count / 16 && bin < BINS_MAX; bin++) {
+                assert_memory_equal(&bins[0].counts[bin], &bins[1].counts[bin], 12);
+                for (int axis = 0; axis < 3; axis++)
+                    assert_same_bits(&bins[0].boxes[axis][bin], &bins[1].boxes[axis][bin]);
+            }
+            assert_memory_equal(out[0], out[1], count * sizeof *refs);
+            assert_same_bits(&centroids[0][0], &centroids[1][0]);
+            assert_same_bits(&centroids[0][1], &centroids[1][1]);
+            free(refs);
+            free(out[0]);
+            free(out[1]);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_plane_is_the_best_of_all),
-        cmocka_unit_test(partitions_keep_order_and_boxes),
-        cmocka_unit_test(merged_bins_are_those_of_all),
-        cmocka_unit_test(planes_are_found_where_there_are_any),
+        cmocka_unit_test(the_plane_is_the_best_of_all),     cmocka_unit_test(partitions_keep_order_and_boxes),
+        cmocka_unit_test(merged_bins_are_those_of_all),     cmocka_unit_test(planes_are_found_where_there_are_any),
+        cmocka_unit_test(every_machine_gets_the_same_bits),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
