@@ -3,11 +3,19 @@
 
 #include <float.h>
 
+#if defined(__SSE2__) && !defined(BVHD_SCALAR)
+#define USE_SSE2 1
+#include <emmintrin.h>
+#endif
+
 /*
  * In steps: the spare that the format promises, and a bit more than all rounding below can take away. Differences of floats are rounded to
  * double once (relative error 2^-53, at most 255 steps), so that coordinates in steps are wrong by less than 2^-44.
  */
 static const double MARGIN = 1.0 / 64 + 0x1p-40;
+
+/* Of an extent: the step with which it just fits, but for rounding, which the check afterwards sees. */
+static const double PER_STEPS = 1 / (255 - 2 * (1.0 / 64 + 0x1p-40));
 
 static double power_of_two(int exponent)
 {
@@ -57,29 +65,55 @@ struct grid {
 
 static struct grid fit_grid(float low, float high)
 {
-    int exponent = exponent_above(((double)high - low) / (255 - 2 * MARGIN));
+    int exponent = exponent_above(((double)high - low) * PER_STEPS);
     for (;; exponent++) {
         double inverse = power_of_two(127 - exponent);
         float origin = origin_below(low, power_of_two(exponent - 127), inverse);
-        if (((double)high - origin) * inverse + MARGIN <= 255)
+        if (256 - MARGIN - (high - (double)origin) * inverse >= 1) /* as below, so that hi is at most 255 */
             return (struct grid){origin, inverse, (uint8_t)exponent};
     }
 }
 
-/* Truncation rounds down what is not negative, and up when counted from the other end. */
+/* Truncation rounds down what is not negative, and up when counted from the other end. Both versions do the same operations in double. */
+#ifdef USE_SSE2
+
+/* Of 8 coordinates: trunc(offset + sign * ((value - origin) / step)), as 16-bit integers. */
+static inline __m128i in_steps(const float values[8], const struct grid *grid, double offset, __m128d sign)
+{
+    const __m128d origin = _mm_set1_pd(grid->origin), inverse = _mm_set1_pd(grid->inverse), shift = _mm_set1_pd(offset);
+    __m128i pairs[4];
+    for (int i = 0; i < 4; i++) {
+        __m128 two = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)(values + 2 * i)));
+        __m128d steps = _mm_mul_pd(_mm_sub_pd(_mm_cvtps_pd(two), origin), inverse);
+        steps = _mm_add_pd(_mm_xor_pd(steps, sign), shift);
+        pairs[i] = _mm_cvttpd_epi32(steps);
+    }
+    return _mm_packs_epi32(_mm_unpacklo_epi64(pairs[0], pairs[1]), _mm_unpacklo_epi64(pairs[2], pairs[3]));
+}
+
+static inline void store_bytes(__m128i words, uint8_t ret[8])
+{
+    _mm_storel_epi64((__m128i *)(void *)ret, _mm_packus_epi16(words, words));
+}
+
+static inline void quantise(const float min[8], const float max[8], const struct grid *grid, uint8_t ret_lo[8], uint8_t ret_hi[8])
+{
+    store_bytes(in_steps(min, grid, -MARGIN, _mm_setzero_pd()), ret_lo);
+    store_bytes(_mm_sub_epi16(_mm_set1_epi16(256), in_steps(max, grid, 256 - MARGIN, _mm_set1_pd(-0.0))), ret_hi);
+}
+
+#else
+
 static void quantise(const float min[8], const float max[8], const struct grid *grid, uint8_t ret_lo[8], uint8_t ret_hi[8])
 {
-    int32_t lo[8], hi[8];
     double origin = grid->origin, inverse = grid->inverse;
-    for (int slot = 0; slot < 8; slot++)
-        lo[slot] = (int32_t)((min[slot] - origin) * inverse - MARGIN);
-    for (int slot = 0; slot < 8; slot++)
-        hi[slot] = 256 - (int32_t)(256 - ((max[slot] - origin) * inverse + MARGIN));
     for (int slot = 0; slot < 8; slot++) {
-        ret_lo[slot] = (uint8_t)lo[slot];
-        ret_hi[slot] = (uint8_t)hi[slot];
+        ret_lo[slot] = (uint8_t)(int32_t)((min[slot] - origin) * inverse - MARGIN);
+        ret_hi[slot] = (uint8_t)(256 - (int32_t)((256 - MARGIN) - (max[slot] - origin) * inverse));
     }
 }
+
+#endif
 
 static void clear_empty(unsigned occupied, uint8_t lo[8], uint8_t hi[8])
 {
@@ -90,17 +124,32 @@ static void clear_empty(unsigned occupied, uint8_t lo[8], uint8_t hi[8])
         }
 }
 
+/* By halves, which compilers turn into few instructions. */
+static inline float least_of(const float values[8])
+{
+    float least[4];
+    for (int i = 0; i < 4; i++)
+        least[i] = values[i] < values[i + 4] ? values[i] : values[i + 4];
+    float a = least[0] < least[2] ? least[0] : least[2], b = least[1] < least[3] ? least[1] : least[3];
+    return a < b ? a : b;
+}
+
+static inline float greatest_of(const float values[8])
+{
+    float greatest[4];
+    for (int i = 0; i < 4; i++)
+        greatest[i] = values[i] > values[i + 4] ? values[i] : values[i + 4];
+    float a = greatest[0] > greatest[2] ? greatest[0] : greatest[2], b = greatest[1] > greatest[3] ? greatest[1] : greatest[3];
+    return a > b ? a : b;
+}
+
 void portable_quantise(const struct portable_boxes *boxes, unsigned occupied, struct portable_node *ret_node)
 {
     for (int axis = 0; axis < 3; axis++) {
         const float *min = boxes->min[axis], *max = boxes->max[axis];
-        float low = min[0], high = max[0];
-        for (int slot = 1; slot < 8; slot++) {
-            low = min[slot] < low ? min[slot] : low;
-            high = max[slot] > high ? max[slot] : high;
-        }
+        float low = least_of(min), high = greatest_of(max);
         uint8_t *lo = ret_node->lo[axis], *hi = ret_node->hi[axis];
-        struct grid grid = {low, 0, 0};
+        struct grid grid = {low + 0.0f, 0, 0}; /* no -0, whichever zero came first */
         if (low < high) {
             grid = fit_grid(low, high);
             quantise(min, max, &grid, lo, hi);
