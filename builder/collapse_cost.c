@@ -44,6 +44,9 @@ static float scale_for(const struct box *box)
     return ldexpf(1, 1 - exponent < -126 ? -126 : 1 - exponent > 126 ? 126 : 1 - exponent);
 }
 
+/* Below it an area counts as none: it has lost its bits, and its inverse is not finite. */
+static const float smallest_area = 0x1p-100f;
+
 void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options)
 {
     *table = (struct collapse_table){
@@ -55,7 +58,7 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
         .inverse = 1,
     };
     float root = measure(table, 0);
-    if (root == 0) {
+    if (root < smallest_area) {
         table->lengths = true;
         root = measure(table, 0);
     }

@@ -36,7 +36,7 @@ struct collapse_table {
     float node_cost; /* added for each wide node: what one more of them is worth, as a share of the root's area */
     float scale; /* a power of two that brings the root to about unit size */
     float inverse; /* of the root's scaled area */
-    bool lengths; /* the root has no area */
+    bool lengths; /* the root has no area, or next to none */
     const uint32_t *counts; /* refs below each inner node */
     struct collapse_cost *costs;
 };
