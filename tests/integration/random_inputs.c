@@ -113,11 +113,11 @@ static void check_variants(struct run *run, const struct scene *scene, const str
         fail(run, "any hit says %d, closest hit %d", !is_hit, is_hit);
 }
 
-/* Farther out than floats reach there are no boxes. An instance can move a triangle there. */
-static bool is_beyond_floats(const struct ray *ray, const struct oracle_answer *answer)
+/* Farther out than floats reach there are no boxes. An instance can move things there. */
+static bool is_beyond_floats(const struct ray *ray, long double t)
 {
     for (int axis = 0; axis < 3; axis++)
-        if (fabs(ray->origin[axis] + answer->t_end * ray->direction[axis]) > (double)FLT_MAX)
+        if (fabsl(ray->origin[axis] + t * ray->direction[axis]) > (long double)FLT_MAX)
             return true;
     return false;
 }
@@ -131,7 +131,7 @@ static void judge_ray(struct run *run, const struct scene *scene, const struct r
     run->rays++;
     run->hits += is_hit;
     run->uncertain += verdict == ORACLE_UNDECIDED;
-    if (verdict > ORACLE_UNDECIDED && !is_beyond_floats(ray, answer))
+    if (verdict > ORACLE_UNDECIDED && !is_beyond_floats(ray, answer->t_end))
         fail(run, "%s: t %.9g instead of %.9g [%.9g, %.9g], primitive %u.%u.%u, ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x",
              names[verdict], (double)hit.t, answer->t, answer->t_low, answer->t_end, hit.instance, hit.geometry, hit.primitive,
              (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2], (double)ray->direction[0],
@@ -201,24 +201,38 @@ static long double reach_of(const struct long_ray *ray, const float box[6])
     return reach;
 }
 
-/* `slack`: what the way into an instance's space may add, as a share. */
-static void check_box(struct run *run, const struct long_ray *ray, const float box[6], bool seen, long double slack, const char *what)
+struct box_check {
+    const struct ray *world;
+    struct long_ray local;
+    long double slack; /* what the way into an instance's space may add, as a share */
+    const char *what;
+};
+
+static const char *wrong_candidate(const struct box_check *check, const float box[6], bool seen)
 {
-    long double near, far;
-    const char *wrong = NULL;
+    const struct long_ray *ray = &check->local;
+    long double near = 0, far = 0;
     float ends[6]; /* a box that is infinite ends where floats do */
     bool is_finite = true;
     for (int i = 0; i < 6; i++) {
         is_finite = is_finite && isfinite(box[i]);
         ends[i] = isinf(box[i]) ? copysignf(FLT_MAX, box[i]) : box[i];
     }
-    run->boxes++;
-    if (!seen && candidates_surely_meet(ray, ends, slack))
-        wrong = "no candidate though it is met";
     if (seen && is_finite && !candidates_meet(ray, box, 1e-5L * reach_of(ray, box), &near, &far))
-        wrong = "a candidate though it is far";
+        return "a candidate though it is far";
+    if (seen || !candidates_surely_meet(ray, ends, check->slack))
+        return NULL;
+    candidates_meet(ray, ends, 0, &near, &far);
+    return is_beyond_floats(check->world, near) || is_beyond_floats(check->world, far) ? NULL : "no candidate though it is met";
+}
+
+static void check_box(struct run *run, const struct box_check *check, const float box[6], bool seen)
+{
+    const struct long_ray *ray = &check->local;
+    const char *wrong = wrong_candidate(check, box, seen);
+    run->boxes++;
     if (wrong)
-        fail(run, "%s: box (%a %a %a .. %a %a %a) is %s, ray (%La %La %La) + t (%La %La %La), %La .. %La", what, (double)box[0],
+        fail(run, "%s: box (%a %a %a .. %a %a %a) is %s, ray (%La %La %La) + t (%La %La %La), %La .. %La", check->what, (double)box[0],
              (double)box[1], (double)box[2], (double)box[3], (double)box[4], (double)box[5], wrong, ray->origin[0], ray->origin[1],
              ray->origin[2], ray->direction[0], ray->direction[1], ray->direction[2], ray->tmin, ray->tmax);
 }
@@ -236,11 +250,13 @@ static void check_boxes(struct run *run, const struct scene *scene, const struct
     only_boxes.flags = RAY_SKIP_TRIANGLES;
     if (traverse(scene, &only_boxes, &options, &hit, NULL))
         fail(run, "a candidate that was ignored is a hit");
-    struct long_ray exact = candidates_ray(ray), local = matrix ? candidates_ray_into(&exact, matrix) : exact;
+    struct long_ray exact = candidates_ray(ray);
+    struct box_check check = {ray, exact, 0, "bottom level"};
+    if (matrix)
+        check = (struct box_check){ray, candidates_ray_into(&exact, matrix), 1e-9L, "under a top level"};
     for (uint32_t g = 0; g < bottom->input.geometry_count; g++)
         for (uint32_t i = 0; i < bottom->meanings[g].count; i++)
-            check_box(run, &local, bottom->meanings[g].boxes[i], found.seen[first[g] + i], matrix ? 1e-9L : 0,
-                      matrix ? "under a top level" : "bottom level");
+            check_box(run, &check, bottom->meanings[g].boxes[i], found.seen[first[g] + i]);
     free(found.seen);
 }
 
