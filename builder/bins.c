@@ -46,18 +46,15 @@ static inline struct vec4_box nothing(void)
     return (struct vec4_box){vec4_all(FLT_MAX), vec4_all(FLT_MAX)};
 }
 
-void bins_clear(struct bins *bins, const struct bins_mapping *mapping)
-{
-    for (int axis = 0; axis < 3; axis++)
-        for (uint32_t bin = 0; bin < mapping->bins; bin++)
-            bins->boxes[axis][bin] = nothing();
-    memset(bins->counts, 0, mapping->bins * sizeof *bins->counts);
-}
-
 static const struct bins_kernels *kernels(void)
 {
     const struct bins_kernels *best = bins_kernels_avx2();
     return best ? best : &bins_kernels_plain;
+}
+
+void bins_clear(struct bins *bins, const struct bins_mapping *mapping)
+{
+    kernels()->clear(bins, mapping);
 }
 
 void bins_add(struct bins *bins, const struct bins_mapping *mapping, const struct primitive_ref *refs, uint32_t count)

@@ -8,6 +8,8 @@
 #include "bins.h"
 
 struct bins_kernels {
+    /* As bins_clear. What is stored in two halves is slow to load as a whole right after: who adds must have cleared. */
+    void (*clear)(struct bins *bins, const struct bins_mapping *mapping);
     /* Even refs go to sets[0], odd ones to sets[1]; the two may be one. */
     void (*add)(struct bins *const sets[2], const struct bins_mapping *mapping, const struct primitive_ref *refs, uint32_t count);
     /* As bins_partition. */
