@@ -161,7 +161,7 @@ static enum bvhd_status read_scene(const char *path, struct import_files *files,
     return status;
 }
 
-enum bvhd_status import_scene(const char *path, struct memory *memory, struct import *ret_import, struct bvhd_error *error)
+enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import, struct bvhd_error *error)
 {
     struct import import = {.memory = memory, .name = import_name(path, memory)};
     if (!import.name)

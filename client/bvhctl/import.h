@@ -53,8 +53,15 @@ struct import {
     struct memory *memory;
 };
 
-/* BVHD_NOT_FOUND: no such file; BVHD_UNSUPPORTED: assimp does not read it; BVHD_INVALID: no triangles in it. End with import_finish. */
+/*
+ * BVHD_NOT_FOUND: no such file; BVHD_UNSUPPORTED: assimp does not read it; BVHD_INVALID: no triangles in it. End with import_finish.
+ *
+ * Reads in a child process: broken files make some of assimp's importers abort, or run for ever; here that is BVHD_UNSUPPORTED.
+ */
 enum bvhd_status import_scene(const char *path, struct memory *memory, struct import *ret_import, struct bvhd_error *error);
+
+/* The same in this process, come what may. */
+enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
 void import_finish(struct import *import);

@@ -6,7 +6,7 @@
 enum { BOUNCES = 2 }; /* rays that look for ambient light at each sample's surface */
 
 static const double pi = 3.14159265358979323846;
-static const double sun_radius = 0.012; /* of its disc, in radians: softer than the real one */
+static const double sun_radius = 0.012, sun_radius_inside = 0.0045; /* of its disc, in radians: a little softer than the real one */
 static const struct vector sun_light = {2.5, 2.2, 1.8};
 static const struct vector horizon = {0.92, 0.93, 0.95}, zenith = {0.36, 0.55, 0.92};
 static const struct vector floor_albedo = {0.42, 0.415, 0.41};
@@ -85,7 +85,8 @@ static struct vector around(struct vector axis, double turn, double sine, double
 static struct vector sun_on(const struct light *light, struct vector position, struct vector normal, double turn, double outward,
                             uint32_t *rays)
 {
-    struct vector towards = vector_unit(around(light->sun, turn, sun_radius * sqrt(outward), 1));
+    double radius = light->camera->is_inside ? sun_radius_inside : sun_radius;
+    struct vector towards = vector_unit(around(light->sun, turn, radius * sqrt(outward), 1));
     double cosine = vector_dot(normal, towards);
     if (cosine <= 0)
         return vector_make(0, 0, 0);

@@ -10,7 +10,7 @@
 #include "rays.h"
 #include "smooth.h"
 
-enum { GRID = 2, SAMPLES = GRID * GRID };
+enum { GRID = 2, SAMPLES = GRID * GRID, EDGE_GRID = 3 }; /* pixels on edges get the samples of both grids */
 
 struct rendering {
     const struct light *light;
@@ -22,13 +22,6 @@ struct rendering {
     void *progress_context;
     double exposure;
 };
-
-static void add_floats(float sum[3], struct vector value, double factor)
-{
-    sum[0] += (float)(value.x * factor);
-    sum[1] += (float)(value.y * factor);
-    sum[2] += (float)(value.z * factor);
-}
 
 static struct vector from_floats(const float at[3])
 {
@@ -56,32 +49,61 @@ static uint64_t pixel_seed(uint32_t x, uint32_t y)
     return rays_random(&state);
 }
 
-static void take_pixel(struct rendering *rendering, uint32_t x, uint32_t y, uint64_t *rays)
+/* What a pixel's samples add up to. */
+struct sums {
+    struct vector backdrop, albedo, direct, ambient, normal, position;
+    unsigned samples, surfaces;
+    double darkest, brightest; /* of what is seen without ambient light: edges of things and of shadows show in it */
+    uint64_t rays;
+};
+
+static void add_sample(struct sums *sums, const struct light_sample *sample)
+{
+    struct vector seen = vector_add(sample->backdrop, sample->direct);
+    double brightness = seen.x + seen.y + seen.z;
+    sums->darkest = sums->samples ? fmin(sums->darkest, brightness) : brightness;
+    sums->brightest = sums->samples ? fmax(sums->brightest, brightness) : brightness;
+    sums->backdrop = vector_add(sums->backdrop, sample->backdrop);
+    sums->samples++;
+    sums->rays += sample->rays;
+    if (!sample->is_surface)
+        return;
+    sums->albedo = vector_add(sums->albedo, sample->albedo);
+    sums->direct = vector_add(sums->direct, sample->direct);
+    sums->ambient = vector_add(sums->ambient, sample->ambient);
+    sums->normal = vector_add(sums->normal, sample->normal);
+    sums->position = vector_add(sums->position, sample->position);
+    sums->surfaces++;
+}
+
+/* One sample in each cell of a grid over the pixel. */
+static void take_samples(const struct rendering *rendering, uint32_t x, uint32_t y, unsigned grid, uint64_t *state, struct sums *sums)
 {
     const struct light *light = rendering->light;
+    for (unsigned i = 0; i < grid * grid; i++) {
+        double u = (x + (i % grid + rays_uniform(state)) / grid) / rendering->width;
+        double v = (y + (i / grid + rays_uniform(state)) / grid) / rendering->height;
+        struct light_sample sample = light_look(light, camera_direction(light->camera, u, v), i % SAMPLES, state);
+        add_sample(sums, &sample);
+    }
+}
+
+static void take_pixel(struct rendering *rendering, uint32_t x, uint32_t y, uint64_t *rays)
+{
     struct pixel pixel = {0};
+    struct sums sums = {0};
     uint64_t state = pixel_seed(x, y);
-    struct vector normal = {0, 0, 0}, position = {0, 0, 0};
-    unsigned surfaces = 0;
-    for (unsigned i = 0; i < SAMPLES; i++) {
-        double u = (x + (i % GRID + rays_uniform(&state)) / GRID) / rendering->width;
-        double v = (y + (i / GRID + rays_uniform(&state)) / GRID) / rendering->height;
-        struct light_sample sample = light_look(light, camera_direction(light->camera, u, v), i, &state);
-        add_floats(pixel.backdrop, sample.backdrop, 1.0 / SAMPLES);
-        *rays += sample.rays;
-        if (!sample.is_surface)
-            continue;
-        add_floats(pixel.albedo, sample.albedo, 1.0 / SAMPLES);
-        add_floats(pixel.direct, sample.direct, 1.0 / SAMPLES);
-        add_floats(pixel.ambient, sample.ambient, 1);
-        normal = vector_add(normal, sample.normal);
-        position = vector_add(position, sample.position);
-        surfaces++;
+    take_samples(rendering, x, y, GRID, &state, &sums);
+    if (sums.brightest - sums.darkest > 0.12 * (sums.brightest + 0.1))
+        take_samples(rendering, x, y, EDGE_GRID, &state, &sums);
+    put_floats(pixel.backdrop, vector_scale(sums.backdrop, 1.0 / sums.samples));
+    put_floats(pixel.albedo, vector_scale(sums.albedo, 1.0 / sums.samples));
+    put_floats(pixel.direct, vector_scale(sums.direct, 1.0 / sums.samples));
+    if (sums.surfaces) {
+        put_floats(pixel.ambient, vector_scale(sums.ambient, 1.0 / sums.surfaces));
+        set_surface(rendering->light, &pixel, sums.normal, vector_scale(sums.position, 1.0 / sums.surfaces));
     }
-    if (surfaces) {
-        put_floats(pixel.ambient, vector_scale(from_floats(pixel.ambient), 1.0 / surfaces));
-        set_surface(light, &pixel, normal, vector_scale(position, 1.0 / surfaces));
-    }
+    *rays += sums.rays;
     rendering->pixels[(size_t)y * rendering->width + x] = pixel;
 }
 
