@@ -24,7 +24,8 @@ static struct embree *make(void)
 static enum bvhd_status run(struct embree *embree, struct primitive_ref *refs, uint32_t count, enum embree_quality quality,
                             uint32_t leaf_max, struct memory *memory, struct ir *ret_ir, struct bvhd_error *error)
 {
-    struct embree_request request = {.refs = refs, .count = count, .capacity = count, .quality = quality, .leaf_min = 1, .leaf_max = leaf_max};
+    struct embree_request request = {
+        .refs = refs, .count = count, .capacity = count, .quality = quality, .leaf_min = 1, .leaf_max = leaf_max};
     return embree_build(embree, &request, memory, ret_ir, error);
 }
 
@@ -151,7 +152,7 @@ static void spatial_splits_are_made(void **state)
                                      .capacity = CAPACITY,
                                      .quality = EMBREE_HIGH,
                                      .leaf_min = 1,
-.leaf_max = 3,
+                                     .leaf_max = 3,
                                      .split = split_box,
                                      .split_context = &calls};
     assert_int_equal(embree_build(embree, &request, &memory, &ir, NULL), BVHD_OK);
