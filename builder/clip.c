@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "clip.h"
 
-#include <math.h>
+#include "vec4.h"
 
 bool clip_allowed(const struct canonical *canonical)
 {
@@ -14,60 +14,37 @@ bool clip_allowed(const struct canonical *canonical)
     return true;
 }
 
-/* Not fminf and fmaxf, which may take either of two zeros. */
-static float smaller(float a, float b)
+/*
+ * Grows both sides by the point where the edge p-q meets the plane, if its ends are on different sides. With u = 2^-24, rounding moves the
+ * interpolated point by at most 5 u |q-p|, its sum and the slack's by 2 u of the larger end: less than 8 u (|p| + |q|). On the plane's axis the
+ * position is exact.
+ */
+static inline void grow_by_crossing(struct vec4_box sides[2], vec4 p, vec4 q, unsigned axis, vec4 position, vec4_int on_axis)
 {
-    return a < b ? a : b;
+    if (!((p[axis] < position[0]) & (q[axis] > position[0])) && !((p[axis] > position[0]) & (q[axis] < position[0])))
+        return;
+    float weight = (position[0] - p[axis]) / (q[axis] - p[axis]);
+    vec4 point = p + (q - p) * weight, slack = (vec4_abs(p) + vec4_abs(q)) * 0x1p-21f + FLT_MIN;
+    vec4 low = vec4_select(on_axis, position, point - slack), high = vec4_select(on_axis, position, point + slack);
+    vec4_box_grow(&sides[0], low, high);
+    vec4_box_grow(&sides[1], low, high);
 }
 
-static float larger(float a, float b)
+/* A corner belongs to the side that it is on, one in the plane to both. */
+static inline void grow_by_corner(struct vec4_box sides[2], vec4 corner, unsigned axis, float position)
 {
-    return a > b ? a : b;
+    if (corner[axis] <= position)
+        vec4_box_grow(&sides[0], corner, corner);
+    if (corner[axis] >= position)
+        vec4_box_grow(&sides[1], corner, corner);
 }
 
-static float below(double value)
+/* `box` cut to `limit`; on an axis where nothing would be left, which only rounding can bring about, `limit` itself. */
+static inline struct box cut_to(struct vec4_box box, struct vec4_box limit)
 {
-    float rounded = (float)value;
-    return (double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded;
-}
-
-static float above(double value)
-{
-    float rounded = (float)value;
-    return (double)rounded < value ? nextafterf(rounded, INFINITY) : rounded;
-}
-
-static void add_interval(struct box *box, int axis, float low, float high)
-{
-    box->min[axis] = smaller(low, box->min[axis]);
-    box->max[axis] = larger(high, box->max[axis]);
-}
-
-/* Where the edge a-b, whose ends are on different sides, meets the plane. The interpolation is off by a few units in the last place. */
-static void add_crossing(const float a[3], const float b[3], unsigned axis, float position, struct box sides[2])
-{
-    double weight = ((double)position - a[axis]) / ((double)b[axis] - a[axis]);
-    for (int k = 0; k < 3; k++) {
-        double value = a[k] + weight * ((double)b[k] - a[k]), slack = 0x1p-48 * (fabs((double)a[k]) + fabs((double)b[k]));
-        float low = k == (int)axis ? position : below(value - slack), high = k == (int)axis ? position : above(value + slack);
-        add_interval(&sides[0], k, low, high);
-        add_interval(&sides[1], k, low, high);
-    }
-}
-
-/* `box` cut to `limit`; `limit` itself where nothing would be left, which only rounding can bring about. */
-static struct box cut_to(const struct box *box, const struct box *limit)
-{
-    struct box cut;
-    for (int axis = 0; axis < 3; axis++) {
-        cut.min[axis] = larger(box->min[axis], limit->min[axis]);
-        cut.max[axis] = smaller(box->max[axis], limit->max[axis]);
-        if (cut.min[axis] > cut.max[axis]) {
-            cut.min[axis] = limit->min[axis];
-            cut.max[axis] = limit->max[axis];
-        }
-    }
-    return cut;
+    vec4 min = vec4_max(box.min, limit.min), max = vec4_min(box.max, limit.max);
+    vec4_int good = min <= max;
+    return vec4_box_get((struct vec4_box){vec4_select(good, min, limit.min), vec4_select(good, max, limit.max)});
 }
 
 void clip_primitive(const void *context, const struct primitive_ref *ref, unsigned axis, float position, struct box *ret_left,
@@ -75,19 +52,19 @@ void clip_primitive(const void *context, const struct primitive_ref *ref, unsign
 {
     const struct canonical *canonical = context;
     const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, ref->id)];
-    struct box sides[2] = {box_empty(), box_empty()}, limits[2] = {primitive_ref_box(ref), primitive_ref_box(ref)};
-    float corners[3][3];
-    canonical_triangle(geometry, ref->id - geometry->first_primitive, corners);
+    const uint64_t first = (uint64_t)3 * (ref->id - geometry->first_primitive);
+    struct vec4_box sides[2] = {vec4_box_empty(), vec4_box_empty()}, limit = vec4_box_load(ref);
+    vec4_int on_axis = {axis == 0 ? -1 : 0, axis == 1 ? -1 : 0, axis == 2 ? -1 : 0, 0};
+    vec4 corners[3], plane = vec4_all(position);
     for (int i = 0; i < 3; i++) {
-        const float *a = corners[i], *b = corners[(i + 1) % 3];
-        if (a[axis] <= position)
-            box_add_point(&sides[0], a);
-        if (a[axis] >= position)
-            box_add_point(&sides[1], a);
-        if ((a[axis] < position && b[axis] > position) || (a[axis] > position && b[axis] < position))
-            add_crossing(a, b, axis, position, sides);
+        uint64_t vertex = geometry->indices ? geometry->indices[first + (unsigned)i] : first + (unsigned)i;
+        corners[i] = vec4_load3(geometry->positions + 3 * vertex);
+        grow_by_corner(sides, corners[i], axis, position);
     }
-    limits[0].max[axis] = limits[1].min[axis] = larger(ref->min[axis], smaller(ref->max[axis], position));
-    *ret_left = cut_to(&sides[0], &limits[0]);
-    *ret_right = cut_to(&sides[1], &limits[1]);
+    for (int i = 0; i < 3; i++)
+        grow_by_crossing(sides, corners[i], corners[i == 2 ? 0 : i + 1], axis, plane, on_axis);
+    /* A plane outside of the box leaves all of it on one side, and its face on the other. */
+    vec4 cut = vec4_select(on_axis, vec4_max(limit.min, vec4_min(limit.max, plane)), limit.max);
+    *ret_left = cut_to(sides[0], (struct vec4_box){limit.min, cut});
+    *ret_right = cut_to(sides[1], (struct vec4_box){vec4_select(on_axis, cut, limit.min), limit.max});
 }

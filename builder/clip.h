@@ -2,8 +2,8 @@
 /*
  * clip.h - the boxes of a triangle's parts on both sides of a plane, for spatial splits (Stich 2009).
  *
- * Computed in double, rounded outward, never larger than the part of the old box on that side and never empty: what a ray can meet of the
- * triangle inside the old box lies in one of the two.
+ * Rounded outward, by 2^-21 of the coordinates, never larger than the part of the old box on that side and never empty: what a ray can meet of
+ * the triangle inside the old box lies in one of the two. Magnitudes are at most 2^40 (rescale.h).
  */
 #ifndef BVHD_CLIP_H
 #define BVHD_CLIP_H
