@@ -6,13 +6,6 @@
 
 #include "boxtest_kernels.h"
 
-static const double range_max = 0x1p60, structure_min = 0x1p-60, direction_min = 0x1p-32;
-/* Axes whose direction is this much below the longest count as parallel: float's rounding of the position is of that size. */
-static const double parallel_ratio = 0x1p-30;
-static const double corner_error = 0x1p-50, t_error = 0x1p-40, underflow_error = 0x1p-118;
-/* 8u of the distance is 1/64 of 256 steps of this size. */
-static const double wide_share = 0x1p-23;
-
 static int main_axis(const double direction[3])
 {
     int axis = fabs(direction[1]) > fabs(direction[0]) ? 1 : 0;
@@ -30,15 +23,16 @@ static double reach(const double origin[3], const float bounds[6], int axis)
     return larger(fabs(bounds[axis] - origin[axis]), fabs(bounds[3 + axis] - origin[axis]));
 }
 
-static bool in_float_range(const double origin[3], double longest, const float bounds[6])
+static bool in_float_range(const double origin[3], const double direction[3], const float bounds[6])
 {
-    double largest = 0, farthest = 0;
+    double largest = 0, longest = 0;
     for (int axis = 0; axis < 3; axis++) {
         largest = larger(largest, larger(fabs(bounds[axis]), fabs(bounds[3 + axis])));
-        farthest = larger(farthest, fabs(origin[axis]));
+        longest = larger(longest, fabs(direction[axis]));
+        if (!(fabs(origin[axis]) <= range_max && fabs(direction[axis]) <= range_max))
+            return false;
     }
-    return largest >= structure_min && largest <= range_max && farthest <= range_max && longest >= direction_min &&
-           longest <= range_max;
+    return largest >= structure_min && largest <= range_max && longest >= direction_min;
 }
 
 /* An upper bound of a sum of errors: a thousandth more than covers the rounding of the sum and of this. */
@@ -47,48 +41,53 @@ static float round_up(double error)
     return (float)(1.001 * error + underflow_error);
 }
 
-static void init_planes(const double direction[3], struct boxtest_ray *ray)
-{
-    for (int axis = 0; axis < 3; axis++) {
-        uint32_t lo = (uint32_t)(offsetof(struct portable_node, lo) + sizeof(uint8_t[8]) * (unsigned)axis);
-        uint32_t hi = (uint32_t)(offsetof(struct portable_node, hi) + sizeof(uint8_t[8]) * (unsigned)axis);
-        ray->near_planes[axis] = direction[axis] < 0 ? hi : lo;
-        ray->far_planes[axis] = direction[axis] < 0 ? lo : hi;
+#define PLANES(axis, is_negative) (uint32_t)(offsetof(struct portable_node, lo) + 8 * (axis) + 24 * (is_negative))
+#define PLANES_OF(x, y, z)                                                                                                             \
+    {                                                                                                                                  \
+        {PLANES(0, x), PLANES(1, y), PLANES(2, z)},                                                                                    \
+        {                                                                                                                              \
+            PLANES(0, !(x)), PLANES(1, !(y)), PLANES(2, !(z))                                                                          \
+        }                                                                                                                              \
     }
-}
+
+_Static_assert(offsetof(struct portable_node, hi) == offsetof(struct portable_node, lo) + 24, "hi follows lo");
+
+const struct boxtest_planes boxtest_planes[8] = {
+    PLANES_OF(0, 0, 0), PLANES_OF(1, 0, 0), PLANES_OF(0, 1, 0), PLANES_OF(1, 1, 0),
+    PLANES_OF(0, 0, 1), PLANES_OF(1, 0, 1), PLANES_OF(0, 1, 1), PLANES_OF(1, 1, 1),
+};
 
 bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray)
 {
-    int longest = main_axis(direction);
-    double speed = fabs(direction[longest]);
-    if (!in_float_range(origin, speed, bounds))
+    if (!in_float_range(origin, direction, bounds))
         return false;
-    /* No structure point is met at a greater |t|. */
-    double t_reach = reach(origin, bounds, longest) / speed;
+    double speed = fabs(direction[main_axis(direction)]), farthest = 0;
+    for (int axis = 0; axis < 3; axis++)
+        farthest = larger(farthest, reach(origin, bounds, axis));
+    /* No point of the structure is met at a greater |t|. */
+    double t_reach = farthest / speed;
 
-    struct boxtest_ray *ray = ret_ray;
-    ray->tmin = tmin;
-    ray->parallel_axes = 0;
-    ray->origin[3] = ray->inverse[3] = ray->slack[3] = ray->wide_slack[3] = ray->wide_scale[3] = 0;
+    struct boxtest_ray ray = {.tmin = tmin};
+    unsigned backward = 0;
     for (int axis = 0; axis < 3; axis++) {
-        ray->origin[axis] = (float)origin[axis];
         double distance = reach(origin, bounds, axis);
-        double moved = fabs(origin[axis] - ray->origin[axis]) + corner_error * distance;
-        ray->wide_scale[axis] = (float)(wide_share * distance);
+        ray.origin[axis] = (float)origin[axis];
+        double moved = fabs(origin[axis] - ray.origin[axis]) + corner_error * distance;
+        ray.wide_scale[axis] = (float)(wide_share * distance);
+        backward |= (unsigned)(direction[axis] < 0) << axis;
         if (fabs(direction[axis]) < parallel_ratio * speed) {
-            ray->parallel_axes |= 1u << axis;
-            ray->parallel_slack[axis] = round_up(moved + t_reach * fabs(direction[axis]));
-            ray->inverse[axis] = 0;
-            ray->slack[axis] = ray->wide_slack[axis] = FLT_MAX;
+            ray.parallel_axes |= 1u << axis;
+            ray.parallel_slack[axis] = round_up(moved + t_reach * fabs(direction[axis]));
+            ray.slack[axis] = ray.wide_slack[axis] = FLT_MAX;
         } else {
-            double inverse = 1 / direction[axis];
-            ray->inverse[axis] = (float)inverse;
-            double slack = moved * fabs(inverse) + t_error * t_reach;
-            ray->slack[axis] = round_up(slack);
-            ray->wide_slack[axis] = round_up(slack + boxtest_gamma * distance * fabs(inverse));
+            double inverse = 1 / direction[axis], slack = moved * fabs(inverse) + t_error * t_reach;
+            ray.inverse[axis] = (float)inverse;
+            ray.slack[axis] = round_up(slack);
+            ray.wide_slack[axis] = round_up(slack + boxtest_gamma * distance * fabs(inverse));
         }
     }
-    init_planes(direction, ray);
+    ray.planes = &boxtest_planes[backward];
+    *ret_ray = ray;
     return true;
 }
 
@@ -136,28 +135,6 @@ unsigned boxtest_double(const struct boxtest_exact *ray, const struct portable_n
 {
     return kernel_double(ray, node, tmax, ret_near);
 }
-
-#ifdef BOXTEST_WIDE
-bool boxtest_has_wide(void)
-{
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-}
-
-BOXTEST_WIDE unsigned boxtest_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])
-{
-    return kernel_wide(ray, node, tmax, ret_near);
-}
-#else
-bool boxtest_has_wide(void)
-{
-    return false;
-}
-
-unsigned boxtest_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])
-{
-    return kernel_float(ray, node, tmax, ret_near);
-}
-#endif
 
 /* Subtraction and division round twice, at most 2^-52 in all. */
 static const double aabb_gamma = 0x1p-50;

@@ -32,14 +32,19 @@
 
 #include "portable.h"
 
-/* A ray in one structure's space, for float tests. The fourth lanes are 0. */
+/* Where in a node the planes lie that a ray meets first, and last: lo or hi of each axis, by the direction's sign. Bytes. */
+struct boxtest_planes {
+    uint32_t near[3], far[3];
+};
+
+/* A ray in one structure's space, for float tests. Of the arrays of four, the last is of no use. */
 struct boxtest_ray {
     _Alignas(16) float origin[4];
     float inverse[4]; /* 1 / direction; 0 for parallel axes */
     float slack[4]; /* in t; FLT_MAX for parallel axes, which makes their interval everything */
     float wide_slack[4]; /* the same with the bound for all nodes */
-    float wide_scale[4]; /* nodes with a smaller scale, but for 0, are too small for that bound */
-    uint32_t near_planes[3], far_planes[3]; /* byte offsets in a node: lo or hi of each axis, by the direction's sign */
+    float wide_scale[4]; /* nodes with a smaller scale, but for 0, are too small for that bound; the last is 0 */
+    const struct boxtest_planes *planes;
     float tmin;
     uint32_t parallel_axes; /* bit a: axis a is compared by position */
     float parallel_slack[3]; /* in length */
@@ -53,11 +58,16 @@ struct boxtest_exact {
     double parallel_slack[3];
 };
 
+/* Whether this machine can run the functions called wide. */
+bool boxtest_has_wide(void);
+
 /*
  * Prepares a ray for the structure with these bounds (min xyz, max xyz). False when float tests can not be trusted: a coordinate or a
- * direction beyond 2^60, a longest direction component below 2^-32, or bounds that lie altogether within 2^-60 of zero. *ret_ray holds nothing of
- * use then.
+ * direction beyond 2^60 or not a number, a longest direction component below 2^-32, or bounds that lie altogether within 2^-60 of zero.
+ * *ret_ray holds nothing of use then. Both fill in the same, to the last bits of the slacks.
  */
+bool boxtest_init_wide(const double origin[3], const double direction[3], float tmin, const float bounds[6],
+                       struct boxtest_ray *ret_ray);
 bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray);
 
 /* Prepares any ray of finite origin and finite, non-zero direction. */
@@ -66,12 +76,10 @@ void boxtest_init_exact(const double origin[3], const double direction[3], float
 
 /*
  * Bit s of the result: the ray meets child s at some t in [tmin, tmax]; ret_near[s] is a lower bound of where. Empty slots are never met.
- * boxtest_has_wide says whether this machine can run boxtest_wide.
  */
 unsigned boxtest_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8]);
 unsigned boxtest_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8]);
 unsigned boxtest_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax, double ret_near[8]);
-bool boxtest_has_wide(void);
 
 /* For parallel axes: those of the children `hits` whose boxes reach as far as the ray's position. */
 unsigned boxtest_beside(const struct boxtest_ray *ray, const struct portable_node *node, unsigned hits);

@@ -19,6 +19,17 @@
 
 #define BOXTEST_INLINE static inline __attribute__((always_inline))
 
+/* For which rays and structures float will do. */
+static const double range_max = 0x1p60, structure_min = 0x1p-60, direction_min = 0x1p-32;
+/* Axes whose direction is this much below the longest count as parallel: float's rounding of the position is of that size. */
+static const double parallel_ratio = 0x1p-30;
+static const double corner_error = 0x1p-50, t_error = 0x1p-40, underflow_error = 0x1p-118;
+/* 8u of the distance is 1/64 of 256 steps of this size. */
+static const double wide_share = 0x1p-23;
+
+/* By the signs of the direction: bit a for axis a. */
+extern const struct boxtest_planes boxtest_planes[8];
+
 static const float boxtest_gamma = 0x1p-21f;
 static const double boxtest_gamma_double = 0x1p-49;
 
@@ -51,8 +62,8 @@ BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct
         float error = boxtest_gamma * (fabsf(offset) + 255.0f * fabsf(step[axis])) + ray->slack[axis];
         lo[axis] = offset - error;
         hi[axis] = offset + error;
-        near_planes[axis] = (const uint8_t *)node + ray->near_planes[axis];
-        far_planes[axis] = (const uint8_t *)node + ray->far_planes[axis];
+        near_planes[axis] = (const uint8_t *)node + ray->planes->near[axis];
+        far_planes[axis] = (const uint8_t *)node + ray->planes->far[axis];
     }
     unsigned hits = 0;
     for (unsigned s = 0; s < 8; s++) {
@@ -116,8 +127,8 @@ BOXTEST_WIDE_INLINE void span_wide(const struct boxtest_ray *ray, const struct p
     __m256 inverse = _mm256_broadcast_ss(&ray->inverse[axis]), slack = _mm256_broadcast_ss(&ray->wide_slack[axis]);
     __m256 lo = _mm256_fmsub_ps(offset, inverse, slack), hi = _mm256_fmadd_ps(offset, inverse, slack);
     __m256 steps = _mm256_permutevar8x32_ps(_mm256_castps128_ps256(step), _mm256_set1_epi32(axis));
-    *ret_near = _mm256_fmadd_ps(load_planes(node, ray->near_planes[axis]), steps, lo);
-    *ret_far = _mm256_fmadd_ps(load_planes(node, ray->far_planes[axis]), steps, hi);
+    *ret_near = _mm256_fmadd_ps(load_planes(node, ray->planes->near[axis]), steps, lo);
+    *ret_far = _mm256_fmadd_ps(load_planes(node, ray->planes->far[axis]), steps, hi);
 }
 
 BOXTEST_WIDE_INLINE unsigned kernel_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])

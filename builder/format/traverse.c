@@ -5,6 +5,7 @@
 
 #include "traverse_state.h"
 
+/* What float box tests accept is usable in any case; this is asked about the others. */
 static bool is_usable(const double origin[3], const double direction[3])
 {
     bool is_zero = direction[0] == 0 && direction[1] == 0 && direction[2] == 0;
@@ -17,19 +18,19 @@ static bool is_usable(const double origin[3], const double direction[3])
 void traverse_level(struct traverse_state *state, traverse_leaf leaf)
 {
     const struct portable_header *header = state->view->header;
+    const double *origin = state->origin, *direction = state->direction;
+    float tmin = state->ray->tmin;
     struct boxtest_ray ray;
+    struct boxtest_exact exact;
     if (header->node_count == 0)
         return;
-    if (state->options->exact_only || !boxtest_init(state->origin, state->direction, state->ray->tmin, header->bounds, &ray)) {
-        struct boxtest_exact exact;
-        boxtest_init_exact(state->origin, state->direction, state->ray->tmin, header->bounds, &exact);
-        traverse_loop_double(state, &exact, leaf);
-    } else if (!state->wide) {
+    if (state->wide && boxtest_init_wide(origin, direction, tmin, header->bounds, &ray)) {
+        (leaf == traverse_leaf_triangles ? traverse_loop_wide_triangles : traverse_loop_wide)(state, &ray, leaf);
+    } else if (!state->options->exact_only && boxtest_init(origin, direction, tmin, header->bounds, &ray)) {
         traverse_loop_float(state, &ray, leaf);
-    } else if (leaf == traverse_leaf_triangles) {
-        traverse_loop_wide_triangles(state, &ray, leaf);
-    } else {
-        traverse_loop_wide(state, &ray, leaf);
+    } else if (is_usable(origin, direction)) {
+        boxtest_init_exact(origin, direction, tmin, header->bounds, &exact);
+        traverse_loop_double(state, &exact, leaf);
     }
 }
 
@@ -56,7 +57,8 @@ static void visit_bottom(struct traverse_state *state, const struct portable_vie
     bool is_flipped = instance_flags & INSTANCE_FLIP_FACING, is_culled = !(instance_flags & INSTANCE_CULL_DISABLE);
     state->cull_front = is_culled && (ray_flags & (is_flipped ? RAY_CULL_BACK_FACING : RAY_CULL_FRONT_FACING));
     state->cull_back = is_culled && (ray_flags & (is_flipped ? RAY_CULL_FRONT_FACING : RAY_CULL_BACK_FACING));
-    triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
+    if (!is_aabbs)
+        triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
     traverse_level(state, is_aabbs ? traverse_leaf_aabbs : traverse_leaf_triangles);
 }
 
@@ -106,8 +108,7 @@ static void visit_instance(struct traverse_state *state, const struct portable_i
         return;
     to_object_space(instance, state->ray, state->origin, state->direction);
     state->counters.instances++;
-    if (is_usable(state->origin, state->direction))
-        visit_bottom(state, view, instance);
+    visit_bottom(state, view, instance);
 }
 
 static void visit_instances(struct traverse_state *state, uint32_t first, uint32_t count)
@@ -137,7 +138,7 @@ static void start(struct traverse_state *state, const struct scene *scene, const
     state->ray = ray;
     state->options = options ? options : &defaults;
     state->counters = (struct traverse_counters){0, 0, 0};
-    state->wide = !state->options->narrow_only && boxtest_has_wide();
+    state->wide = !state->options->narrow_only && !state->options->exact_only && boxtest_has_wide();
     state->tmax = ray->tmax;
     state->tmax_above = ray->tmax;
     state->is_hit = state->is_done = false;
@@ -152,7 +153,7 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
 {
     struct traverse_state state;
     start(&state, scene, ray, options);
-    if (!is_usable(state.origin, state.direction) || !(ray->tmin <= ray->tmax))
+    if (!(ray->tmin <= ray->tmax))
         return false;
     visit_scene(&state);
     if (counters) {

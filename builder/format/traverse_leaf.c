@@ -33,14 +33,14 @@ void traverse_leaf_describe(const struct traverse_found *found, struct ray_hit *
 }
 
 /* The order of equal t. Flat ids are in the order of (geometry, primitive). */
-static bool comes_first(const struct traverse_found *a, const struct traverse_found *b)
+static inline bool comes_first(const struct traverse_found *a, const struct traverse_found *b)
 {
     uint32_t instance_a = instance_of(a), instance_b = instance_of(b);
     return instance_a != instance_b ? instance_a < instance_b : flat_id(a) < flat_id(b);
 }
 
 /* Whether `found` could become the answer: triangles within the open interval, AABBs within the closed one, then the closest. */
-static bool is_better(const struct traverse_state *state, const struct traverse_found *found)
+static inline bool is_better(const struct traverse_state *state, const struct traverse_found *found)
 {
     if (found->is_aabb ? !(found->t >= state->ray->tmin) : !(found->t > state->ray->tmin))
         return false;
@@ -59,12 +59,12 @@ static float next_up(float value)
     return value;
 }
 
-static void accept(struct traverse_state *state, const struct traverse_found *found)
+static inline void accept(struct traverse_state *state, struct traverse_found found)
 {
-    float nearest = (float)found->t;
-    state->best = *found;
-    state->tmax = found->t;
-    state->tmax_above = nearest < found->t ? next_up(nearest) : nearest;
+    float nearest = (float)found.t;
+    state->best = found;
+    state->tmax = found.t;
+    state->tmax_above = nearest < found.t ? next_up(nearest) : nearest;
     state->is_hit = true;
     state->is_done = state->is_done || (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT);
 }
@@ -75,27 +75,28 @@ static bool is_opaque(const struct traverse_state *state, uint32_t id)
 }
 
 /* Asks the caller about a candidate. */
-static void offer(struct traverse_state *state, struct traverse_found *found)
+static void offer(struct traverse_state *state, struct traverse_found found)
 {
     struct ray_hit hit;
-    traverse_leaf_describe(found, &hit);
+    traverse_leaf_describe(&found, &hit);
     enum candidate_verdict verdict = state->options->candidate(state->options->context, state->ray, &hit);
     if (verdict == CANDIDATE_IGNORE)
         return;
-    if (found->is_aabb)
-        found->t = hit.t;
-    if (!is_better(state, found))
+    if (found.is_aabb)
+        found.t = hit.t;
+    if (!is_better(state, &found))
         return;
     accept(state, found);
     state->is_done = state->is_done || verdict == CANDIDATE_ACCEPT_AND_END;
 }
 
-static void consider(struct traverse_state *state, struct traverse_found *found)
+/* Values go by value here: kept in registers, they are stored once. */
+static inline void consider(struct traverse_state *state, struct traverse_found found)
 {
-    bool opaque = is_opaque(state, found->id);
-    if (state->ray->flags & (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE))
+    bool opaque = is_opaque(state, found.id);
+    if (!is_better(state, &found) || state->ray->flags & (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE))
         return;
-    if (state->options->candidate && (found->is_aabb || !opaque))
+    if (state->options->candidate && (found.is_aabb || !opaque))
         offer(state, found);
     else
         accept(state, found);
@@ -119,8 +120,7 @@ void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint3
         .record = record,
         .front_face = hit.front != is_flipped,
     };
-    if (is_better(state, &found))
-        consider(state, &found);
+    consider(state, found);
 }
 
 void traverse_leaf_triangles(struct traverse_state *state, uint32_t first, uint32_t count)
@@ -148,7 +148,6 @@ void traverse_leaf_aabbs(struct traverse_state *state, uint32_t first, uint32_t 
         };
         if (!boxtest_aabb(state->origin, state->direction, aabb->min, aabb->max, state->ray->tmin, state->tmax, &found.t))
             continue;
-        if (is_better(state, &found))
-            consider(state, &found);
+        consider(state, found);
     }
 }

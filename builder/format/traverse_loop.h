@@ -16,10 +16,8 @@
  */
 LOOP_TARGET void LOOP_NAME(struct traverse_state *state, const LOOP_RAY *ray, traverse_leaf leaf)
 {
-    struct {
-        LOOP_REAL near;
-        uint32_t child;
-    } stack[STACK_SIZE];
+    LOOP_REAL distances[STACK_SIZE]; /* the stack, in two arrays: */
+    uint32_t children[STACK_SIZE]; /* what is stored in one piece can be loaded at once */
     const struct portable_node *nodes = state->view->nodes;
     const bool flip = state->options->flip_order;
     unsigned top = 0;
@@ -44,10 +42,12 @@ LOOP_TARGET void LOOP_NAME(struct traverse_state *state, const LOOP_RAY *ray, tr
             for (unsigned base = top; hits; hits &= hits - 1) {
                 unsigned slot = (unsigned)__builtin_ctz(hits), at = top++;
                 LOOP_REAL distance = near[slot];
-                for (; at > base && (flip ? stack[at - 1].near > distance : stack[at - 1].near < distance); at--)
-                    stack[at] = stack[at - 1];
-                stack[at].near = distance;
-                stack[at].child = child_in_slot(node, slot);
+                for (; at > base && (flip ? distances[at - 1] > distance : distances[at - 1] < distance); at--) {
+                    distances[at] = distances[at - 1];
+                    children[at] = children[at - 1];
+                }
+                distances[at] = distance;
+                children[at] = child_in_slot(node, slot);
             }
         }
         do {
@@ -56,8 +56,8 @@ LOOP_TARGET void LOOP_NAME(struct traverse_state *state, const LOOP_RAY *ray, tr
                 return;
             }
             top--;
-        } while (!(stack[top].near <= state->LOOP_LIMIT));
-        child = stack[top].child;
+        } while (!(distances[top] <= state->LOOP_LIMIT));
+        child = children[top];
     }
     state->counters.nodes += visited;
 }

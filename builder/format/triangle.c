@@ -19,9 +19,10 @@ void triangle_ray_init(const double origin[3], const double direction[3], struct
     ret_ray->axis[0] = backwards ? y : x;
     ret_ray->axis[1] = backwards ? x : y;
     ret_ray->axis[2] = z;
-    ret_ray->shear[0] = direction[ret_ray->axis[0]] / direction[z];
-    ret_ray->shear[1] = direction[ret_ray->axis[1]] / direction[z];
-    ret_ray->shear[2] = 1 / direction[z];
+    double inverse = 1 / direction[z];
+    ret_ray->shear[0] = direction[ret_ray->axis[0]] * inverse;
+    ret_ray->shear[1] = direction[ret_ray->axis[1]] * inverse;
+    ret_ray->shear[2] = inverse;
 }
 
 static struct corner move_and_shear(const struct triangle_ray *ray, const float vertex[3])
