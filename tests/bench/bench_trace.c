@@ -7,7 +7,11 @@
  * One thread, its processor time. Primary rays of an N x N picture (in tiles), diffuse rays from what those hit (in the same order), and random ones through the
  * box. Rates are those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
  */
+#if defined(__has_include) && __has_include(<embree4/rtcore.h>)
+#include <embree4/rtcore.h>
+#else
 #include <embree3/rtcore.h>
+#endif
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -164,8 +168,13 @@ static RTCScene build_embree(RTCDevice device, const struct ply *ply)
 static uint32_t run_embree(RTCScene scene, const struct ray *rays, uint32_t count)
 {
     uint32_t hits = 0;
-    struct RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
+#if RTC_VERSION_MAJOR >= 4
+    struct RTCIntersectArguments arguments;
+    rtcInitIntersectArguments(&arguments);
+#else
+    struct RTCIntersectContext arguments;
+    rtcInitIntersectContext(&arguments);
+#endif
     for (uint32_t i = 0; i < count; i++) {
         struct RTCRayHit hit = {.ray = {.org_x = rays[i].origin[0],
                                         .org_y = rays[i].origin[1],
@@ -177,7 +186,11 @@ static uint32_t run_embree(RTCScene scene, const struct ray *rays, uint32_t coun
                                         .tfar = rays[i].tmax,
                                         .mask = ~0u},
                                 .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
-        rtcIntersect1(scene, &context, &hit);
+#if RTC_VERSION_MAJOR >= 4
+        rtcIntersect1(scene, &hit, &arguments);
+#else
+        rtcIntersect1(scene, &arguments, &hit);
+#endif
         hits += hit.hit.geomID != RTC_INVALID_GEOMETRY_ID;
     }
     return hits;
