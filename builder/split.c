@@ -184,6 +184,8 @@ static void bin_chunk(void *context, size_t index)
     struct chunk *chunk = &splitter->chunks[index];
     const struct part *part = &splitter->parts[chunk->part];
     const struct bins_mapping *mapping = &splitter->divisions[chunk->part].mapping;
+    if (cancelled(splitter->request))
+        return;
     bins_clear(&chunk->bins, mapping);
     bins_add(&chunk->bins, mapping, array_of(splitter->request, part->in_scratch) + chunk->first, chunk->count);
 }
@@ -221,7 +223,7 @@ static void partition_chunk(void *context, size_t index)
     struct chunk *chunk = &splitter->chunks[index];
     const struct part *part = &splitter->parts[chunk->part];
     const struct division *division = &splitter->divisions[chunk->part];
-    if (division->halved)
+    if (division->halved || cancelled(splitter->request))
         return;
     const struct primitive_ref *from = array_of(splitter->request, part->in_scratch) + chunk->first;
     struct primitive_ref *to = array_of(splitter->request, !part->in_scratch);
@@ -290,9 +292,14 @@ static enum bvhd_status run_round(struct splitter *splitter)
     if (!make_room(splitter))
         return BVHD_NO_MEMORY;
     cut_into_chunks(splitter);
+    /* Chunks leave their work undone when they see the flag, which is then seen here too: it is never taken back. */
     parallel_for(splitter->parallel, splitter->chunk_count, bin_chunk, splitter);
+    if (cancelled(splitter->request))
+        return BVHD_CANCELLED;
     parallel_for(splitter->parallel, splitter->part_count, divide, splitter);
     parallel_for(splitter->parallel, splitter->chunk_count, partition_chunk, splitter);
+    if (cancelled(splitter->request))
+        return BVHD_CANCELLED;
     splitter->next_count = 0;
     for (uint32_t i = 0; i < splitter->part_count; i++) {
         struct division *division = &splitter->divisions[i];

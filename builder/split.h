@@ -33,7 +33,7 @@ struct split_request {
     uint32_t count; /* >= 1 */
     uint32_t piece_size; /* no piece is larger; >= 1 */
     struct box bounds, centroids; /* of all refs (primitive_bounds) */
-    const atomic_bool *cancel; /* may be NULL; looked at for every node */
+    const atomic_bool *cancel; /* may be NULL; once set it stays set; looked at every few thousand refs */
 };
 
 /* The caller frees ret_tree->nodes. The same for any number of threads. BVHD_CANCELLED, BVHD_NO_MEMORY: refs are in no useful state. */

@@ -14,7 +14,7 @@
 #include <time.h>
 
 #include "build.h"
-#include "ply.h"
+#include "ply_input.h"
 #include "prepare.h"
 #include "primitive.h"
 #include "reference_builder.h"
@@ -71,27 +71,6 @@ static void fail(const char *what, const struct bvhd_error *error)
     exit(1);
 }
 
-static struct build_input describe(const struct ply *ply, struct geometry *geometry, const struct options *options)
-{
-    *geometry = (struct geometry){
-        .type = GEOMETRY_TRIANGLES,
-        .flags = GEOMETRY_OPAQUE,
-        .triangles = {.vertex_format = 106, /* R32G32B32_SFLOAT */
-                      .max_vertex = ply->vertex_count - 1,
-                      .vertex_stride = 12,
-                      .index_type = INDEX_UINT32,
-                      .vertices = {(const unsigned char *)ply->positions, (uint64_t)ply->vertex_count * 12},
-                      .indices = {(const unsigned char *)ply->indices, (uint64_t)ply->triangle_count * 12}},
-        .range = {.primitive_count = ply->triangle_count},
-    };
-    return (struct build_input){
-        .type = STRUCTURE_BOTTOM,
-        .geometry_count = 1,
-        .geometries = geometry,
-        .options = {.quality = options->quality, .target = TARGET_PORTABLE},
-    };
-}
-
 static void run_ours(struct bench *bench, const struct build_input *input, struct row *row, double times[VALUES])
 {
     struct bvhd_error error;
@@ -141,7 +120,7 @@ static struct row measure(struct bench *bench, const char *path)
     struct geometry geometry;
     if (!ply)
         exit(1);
-    struct build_input input = describe(ply, &geometry, bench->options);
+    struct build_input input = ply_input(ply, bench->options->quality, &geometry);
     row.triangles = ply->triangle_count;
     for (int run = 0; run < bench->options->runs; run++) {
         run_ours(bench, &input, &row, times);

@@ -74,7 +74,7 @@ static void every_kind_of_primitive_and_quality(void **state)
     memory_init(&memory, UINT64_MAX);
     struct build_context context = context_over(&memory, &parallel_serial);
     for (int t = 0; t < 3; t++)
-        for (uint32_t count = 1; count < 6000; count = count * 5 + (count < 3))
+        for (uint32_t count = 1; count < 3000; count = count * 6 + (count < 3))
             for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
                 struct test_shape shape = soup;
                 struct test_model model;
@@ -160,7 +160,7 @@ static void bytes_do_not_depend_on_threads(void **state)
         options.quality = quality;
         shape.primitives = quality == QUALITY_HIGH ? 5000 : 20000;
         test_model_make(&shape, 3, &model);
-        for (unsigned threads = 1; threads <= 8; threads *= 2) {
+        for (unsigned threads = 1; threads <= 8; threads = threads * 3 - 1) {
             struct workers *workers;
             struct build_stats stats;
             unsigned char *blob;
@@ -198,7 +198,7 @@ static void magnitudes_do_not_matter(void **state)
                 struct test_model model;
                 struct build_stats stats;
                 shape.type = (uint32_t)type;
-                shape.primitives = quality == QUALITY_HIGH ? 300 : 3000;
+                shape.primitives = quality == QUALITY_HIGH ? 300 : 1500;
                 shape.size = sizes[i];
                 test_model_make(&shape, 6, &model);
                 struct ir ir = sound_ir(&model.canonical, quality, &context, &stats);
@@ -332,7 +332,7 @@ static void failing_allocations_leave_nothing(void **state)
         struct memory memory;
         struct build_options options = balanced;
         enum bvhd_status status = BVHD_NO_MEMORY;
-        shape.primitives = quality == QUALITY_BALANCED ? 6000 : 300;
+        shape.primitives = quality == QUALITY_BALANCED ? 3000 : 300;
         options.quality = quality;
         test_model_make(&shape, 1, &model);
         memory_init(&memory, UINT64_MAX);
