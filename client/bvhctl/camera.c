@@ -16,6 +16,7 @@ enum {
     PROBE_HEIGHT = 24,
     OPENNESS_STANDS = 256,
     OPENNESS_RAYS = 24,
+    COSTLY = 500, /* triangle tests a ray */
 };
 
 static const double pi = 3.14159265358979323846;
@@ -281,18 +282,20 @@ static bool is_enclosing(const struct stage *stage)
 enum bvhd_status camera_choose(const struct stage *stage, double aspect, const struct parallel *parallel, struct memory *memory,
                                struct camera *ret_camera, uint64_t *ret_rays, struct bvhd_error *error)
 {
-    struct contest contest = {.stage = stage, .aspect = aspect, .inside = is_enclosing(stage)};
+    bool is_slow = stage_cost(stage) > COSTLY; /* then the first view has to do */
+    struct contest contest = {.stage = stage, .aspect = aspect, .inside = !is_slow && is_enclosing(stage)};
     contest.scores = memory_array(memory, VIEWS, sizeof *contest.scores);
     if (!contest.scores)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory to choose a view");
     for (int i = 0; i < VIEWS; i++)
         contest.scores[i] = -2;
     int count = contest.inside ? INSIDE_VIEWS : OUTSIDE_VIEWS, best = 0;
-    parallel_for(parallel, (size_t)count, judge_view, &contest);
+    if (!is_slow)
+        parallel_for(parallel, (size_t)count, judge_view, &contest);
     for (int i = 1; i < VIEWS; i++)
         best = contest.scores[i] > contest.scores[best] ? i : best;
     *ret_camera = make_view(stage, aspect, best);
-    *ret_rays = (uint64_t)count * PROBE_WIDTH * PROBE_HEIGHT + OPENNESS_STANDS * OPENNESS_RAYS;
+    *ret_rays = is_slow ? 0 : (uint64_t)count * PROBE_WIDTH * PROBE_HEIGHT + OPENNESS_STANDS * OPENNESS_RAYS;
     memory_free(memory, contest.scores);
     return BVHD_OK;
 }

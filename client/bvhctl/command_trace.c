@@ -11,6 +11,9 @@
 enum { CHECKED_RAYS = 1024, CHECKED_SIDE = 32 };
 static const double checked_pairs = 4e8;
 
+enum { RAYS_A_PIXEL = 20 };
+static const double affordable_tests = 2e10;
+
 /* One call of `bvhctl trace`. */
 struct run {
     const struct options *options;
@@ -21,6 +24,19 @@ struct run {
     struct picture picture;
     uint64_t checked, mismatches, uncertain;
 };
+
+/*
+ * Scenes in which boxes tell nothing apart - the same triangle many times, coordinates near the smallest floats - have every ray test every triangle.
+ * Better say so than draw for days.
+ */
+static enum bvhd_status check_cost(const struct run *run, struct bvhd_error *error)
+{
+    double tests = stage_cost(&run->stage) * RAYS_A_PIXEL * run->options->width * run->options->height;
+    if (tests <= affordable_tests)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_TOO_LARGE, run->structures.name,
+                          "about %.0e triangle tests for this picture; a smaller --size may do", tests);
+}
 
 static enum bvhd_status render(struct run *run, struct bvhd_error *error)
 {
@@ -144,6 +160,8 @@ static enum bvhd_status make_picture(struct run *run, struct bvhd_error *error)
     enum bvhd_status status = structures_open(options->operands[0], options->scene, memory, &run->structures, error);
     if (!status)
         status = stage_init(&run->stage, &run->structures, options->up[0], memory, error);
+    if (!status)
+        status = check_cost(run, error);
     if (!status)
         status = render(run, error);
     if (!status)

@@ -75,6 +75,22 @@ double stage_clearance(const struct stage *stage, struct vector origin, struct v
     return traverse(stage->scene, &ray, NULL, &hit, NULL) ? (double)hit.t : INFINITY;
 }
 
+double stage_cost(const struct stage *stage)
+{
+    enum { RAYS = 128 };
+    struct traverse_counters counters = {0};
+    uint64_t state = 0xc057;
+    for (int i = 0; i < RAYS; i++) {
+        struct vector from = stage->samples[rays_random(&state) % stage->sample_count];
+        struct vector to = stage->samples[rays_random(&state) % stage->sample_count];
+        struct vector forward = vector_unit(vector_sub(to, from));
+        struct ray ray = stage_ray(vector_mad(from, forward, -stage->size), forward);
+        struct ray_hit hit;
+        traverse(stage->scene, &ray, NULL, &hit, &counters);
+    }
+    return (double)counters.triangles / RAYS;
+}
+
 struct vector stage_leave(const struct stage *stage, const struct stage_hit *hit)
 {
     const struct vector *p = &hit->position;

@@ -46,6 +46,9 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
 /* The distance to anything in the way, INFINITY for nothing. */
 double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction);
 
+/* Triangle tests a ray, on average over some rays between points of the stage. */
+double stage_cost(const struct stage *stage);
+
 /* A point just above the surface that was hit, from which rays may start. */
 struct vector stage_leave(const struct stage *stage, const struct stage_hit *hit);
 
