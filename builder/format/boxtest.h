@@ -14,7 +14,7 @@
  * structure, covers what does not shrink with A and S:
  *  - the rounding of an instance's ray, whose origin is known in double, to a float origin: |o - (float)o| / |d|;
  *  - underflow of products: below 2^-118 for the ranges that boxtest_init accepts;
- *  - the triangle test (triangle.h). On each axis it moves corners by less than 2^-51 of their distance from the ray's origin, along that axis
+ *  - the triangle test (triangle.h). On each axis it moves corners by less than 2^-50 of their distance from the ray's origin, along that axis
  *    and along the ray's main axis, and t by less than 2^-42 of the latter; the structure's bounds limit both. So what it calls a hit at t
  *    lies in the intervals of all boxes around it, and culling by the closest hit so far cannot change an answer.
  *

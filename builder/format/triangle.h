@@ -22,7 +22,7 @@
 /* A ray in one object's space. */
 struct triangle_ray {
     double origin[3];
-    double shear[3]; /* direction[axis[0]] / direction[axis[2]], direction[axis[1]] / direction[axis[2]], 1 / direction[axis[2]] */
+    double shear[3]; /* direction[axis[k]] / direction[axis[2]] for k = 0, 1; last 1 / direction[axis[2]] */
     int axis[3]; /* the last is the one along which the direction is longest; in an order that keeps the winding */
 };
 

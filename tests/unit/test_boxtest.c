@@ -123,6 +123,8 @@ static void test_float_is_conservative(void **state)
             continue;
         floats++;
         for (int wide = 0; wide <= boxtest_has_wide(); wide++) {
+            if (wide)
+                assert_true(boxtest_init_wide(origin, direction, tmin, bounds, &ray));
             unsigned bits = (wide ? boxtest_wide : boxtest_float)(&ray, &node, tmax, near);
             for (int s = 0; s < 8; s++)
                 near_double[s] = near[s];
@@ -154,23 +156,36 @@ static void test_double_is_conservative(void **state)
     assert_true(tally.met > 50000 && tally.apart > 30000 && tally.kept_apart > 0.99 * tally.apart);
 }
 
+typedef bool (*init_function)(const double origin[3], const double direction[3], float tmin, const float bounds[6],
+                              struct boxtest_ray *ret_ray);
+
 /* Where float tests may be used. */
-static void test_range(void **state)
+static void check_range(init_function init)
 {
-    (void)state;
     struct boxtest_ray ray;
     const float bounds[6] = {-1, -1, -1, 1, 1, 1}, large[6] = {0, 0, 0, 1, 1, 0x1p61f}, small[6] = {0, 0, 0, 0x1p-61f, 0x1p-70f, 0};
     const double origin[3] = {0, 0, 5}, far[3] = {0x1p61, 0, 0}, ahead[3] = {0, 0, -1}, long_one[3] = {0x1p61, 0, 0},
-                 short_one[3] = {0x1p-33, 0, 0}, tiny_axis[3] = {0x1p-100, 0x1p-140, 1};
-    assert_true(boxtest_init(origin, ahead, 0, bounds, &ray));
+                 short_one[3] = {0x1p-33, 0, 0}, tiny_axis[3] = {0x1p-100, 0x1p-140, 1}, not_a_number[3] = {1, NAN, 1};
+    assert_true(init(origin, ahead, 0, bounds, &ray));
     assert_int_equal(ray.parallel_axes, 3);
-    assert_true(boxtest_init(origin, tiny_axis, 0, bounds, &ray));
+    assert_true(init(origin, tiny_axis, 0, bounds, &ray));
     assert_int_equal(ray.parallel_axes, 3);
-    assert_false(boxtest_init(far, ahead, 0, bounds, &ray));
-    assert_false(boxtest_init(origin, long_one, 0, bounds, &ray));
-    assert_false(boxtest_init(origin, short_one, 0, bounds, &ray));
-    assert_false(boxtest_init(origin, ahead, 0, large, &ray));
-    assert_false(boxtest_init(origin, ahead, 0, small, &ray));
+    assert_false(init(not_a_number, ahead, 0, bounds, &ray));
+    assert_false(init(origin, not_a_number, 0, bounds, &ray));
+    assert_false(init(origin, (double[]){0, 0, 0}, 0, bounds, &ray));
+    assert_false(init(far, ahead, 0, bounds, &ray));
+    assert_false(init(origin, long_one, 0, bounds, &ray));
+    assert_false(init(origin, short_one, 0, bounds, &ray));
+    assert_false(init(origin, ahead, 0, large, &ray));
+    assert_false(init(origin, ahead, 0, small, &ray));
+}
+
+static void test_range(void **state)
+{
+    (void)state;
+    check_range(boxtest_init);
+    if (boxtest_has_wide())
+        check_range(boxtest_init_wide);
 }
 
 /* Against long double; touching counts, starting inside enters at tmin. */
