@@ -7,7 +7,7 @@
 
 #include "build.h"
 #include "geometry.h"
-#include "limits.h"
+#include "request_limits.h"
 
 struct batch_item {
     enum bvhd_status status;

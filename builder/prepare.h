@@ -16,7 +16,7 @@
 
 #include "canonical.h"
 #include "geometry.h"
-#include "limits.h"
+#include "request_limits.h"
 #include "memory.h"
 #include "parallel.h"
 

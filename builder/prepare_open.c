@@ -2,7 +2,7 @@
 #include <math.h>
 
 #include "canonical_form.h"
-#include "limits.h"
+#include "request_limits.h"
 #include "place.h"
 #include "prepare.h"
 #include "validate.h"

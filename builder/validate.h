@@ -11,7 +11,7 @@
 
 #include "canonical.h"
 #include "geometry.h"
-#include "limits.h"
+#include "request_limits.h"
 #include "memory.h"
 #include "status.h"
 

@@ -2,7 +2,7 @@
 #include "vulkan_input.h"
 
 #include "handle_table.h"
-#include "limits.h"
+#include "request_limits.h"
 #include "place.h"
 
 enum { RECORD_SIZE = sizeof(VkAccelerationStructureInstanceKHR), RECORD_REFERENCE = 56 };

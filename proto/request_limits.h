@@ -1,13 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * limits.h - what one request may ask for. Announced to clients; a request over one gets the VUID named here, or TOO_LARGE.
+ * request_limits.h - what one request may ask for. Announced to clients; a request over one gets the VUID named here, or TOO_LARGE.
  */
-#ifndef BVHD_LIMITS_H
-#define BVHD_LIMITS_H
-
-/* The C library has a header of this name, which others' headers want and find here first: pass it on. */
-#pragma GCC system_header
-#include_next <limits.h>
+#ifndef BVHD_REQUEST_LIMITS_H
+#define BVHD_REQUEST_LIMITS_H
 
 #include <stdint.h>
 
