@@ -194,7 +194,17 @@ static void free_refs(struct construction *construction)
     construction->tree.nodes = NULL;
 }
 
-/* All pieces, joined; the refs are given back as soon as nobody needs them. */
+/* Joins the pieces where the refs were, and gives back what is left of those. */
+static enum bvhd_status join_pieces(struct construction *construction, const struct pieces *pieces, double *ret_cost)
+{
+    struct pieces_spare spare = {construction->refs.refs, construction->scratch, construction->refs.count};
+    enum bvhd_status status = pieces_join(pieces, &spare, construction->context->parallel, &construction->ir,
+                                          &construction->stats.depth, ret_cost, construction->error);
+    construction->refs.refs = spare.refs;
+    construction->scratch = spare.scratch;
+    return status;
+}
+
 static enum bvhd_status build_pieces(struct construction *construction)
 {
     const struct build_context *context = construction->context;
@@ -208,7 +218,7 @@ static enum bvhd_status build_pieces(struct construction *construction)
     stats->method = method_name(pieces.all_binned ? PIECES_BINNED : request.method);
     status = stage_end(construction, &stats->ms.pieces);
     if (status == BVHD_OK)
-        status = pieces_join(&pieces, context->parallel, &construction->ir, &stats->depth, &cost, construction->error);
+        status = join_pieces(construction, &pieces, &cost);
     pieces_finish(&pieces);
     if (status != BVHD_OK)
         return status;

@@ -226,10 +226,9 @@ static void sum_up(const struct pieces *pieces, uint32_t *levels, uint32_t *ret_
     *ret_cost = cost;
 }
 
-enum bvhd_status pieces_join(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir, uint32_t *ret_depth,
-                             double *ret_cost, struct bvhd_error *error)
+/* Numbers the nodes and refs of all pieces through. */
+static void place_pieces(const struct pieces *pieces, uint64_t *ret_nodes, uint64_t *ret_refs)
 {
-    struct join join = {.pieces = pieces};
     uint64_t nodes = pieces->tree->node_count, refs = 0;
     for (uint32_t i = 0; i < pieces->count; i++) {
         struct piece *piece = &pieces->pieces[i];
@@ -238,12 +237,38 @@ enum bvhd_status pieces_join(const struct pieces *pieces, const struct parallel 
         nodes += piece->ir.node_count - 1;
         refs += piece->ir.ref_count;
     }
+    *ret_nodes = nodes;
+    *ret_refs = refs;
+}
+
+/* As ir_init, with nodes and boxes in the spare blocks if they fit. */
+static enum bvhd_status make_room(struct ir *ir, struct pieces_spare *spare, struct memory *memory, uint32_t nodes, uint32_t refs,
+                                  struct bvhd_error *error)
+{
+    uint64_t room = (uint64_t)spare->count * sizeof *spare->refs;
+    if ((uint64_t)nodes * sizeof *ir->boxes[0] > room)
+        return ir_init(ir, memory, nodes, refs, error);
+    enum bvhd_status status = ir_init(ir, memory, 0, refs, error);
+    if (status != BVHD_OK)
+        return status;
+    ir->nodes = (struct ir_node *)(void *)spare->refs;
+    ir->boxes[0] = (struct box *)(void *)spare->scratch;
+    spare->refs = spare->scratch = NULL;
+    return BVHD_OK;
+}
+
+enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *spare, const struct parallel *parallel,
+                             struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error)
+{
+    struct join join = {.pieces = pieces};
+    uint64_t nodes, refs;
+    place_pieces(pieces, &nodes, &refs);
     if (nodes > UINT32_MAX || refs > UINT32_MAX)
         return bvhd_error_set(error, BVHD_TOO_LARGE, "", "more references than 32 bits can name");
     uint32_t *levels = memory_array(pieces->memory, pieces->tree->node_count, sizeof *levels);
     if (!levels)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to join a tree");
-    enum bvhd_status status = ir_init(&join.ir, pieces->memory, (uint32_t)nodes, (uint32_t)refs, error);
+    enum bvhd_status status = make_room(&join.ir, spare, pieces->memory, (uint32_t)nodes, (uint32_t)refs, error);
     if (status == BVHD_OK) {
         join.ir.node_count = (uint32_t)nodes;
         join.ir.ref_count = (uint32_t)refs;

@@ -38,9 +38,18 @@ struct pieces {
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error);
 
-/* The whole tree, its depth and its SAH cost (undivided, as ir_cost). Refs and scratch of the split are not needed any more. */
-enum bvhd_status pieces_join(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir, uint32_t *ret_depth,
-                             double *ret_cost, struct bvhd_error *error);
+/* Blocks of the split's refs and scratch, from the same memory, that nobody needs any more; the tree may take them over, which sets them NULL. */
+struct pieces_spare {
+    struct primitive_ref *refs, *scratch;
+    uint32_t count; /* refs that each has room for */
+};
+
+/*
+ * The whole tree, its depth and its SAH cost (undivided, as ir_cost). The tree lies in the spare blocks where they are large enough: new pages
+ * cost more than copying.
+ */
+enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *spare, const struct parallel *parallel,
+                             struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
 void pieces_finish(struct pieces *pieces);
