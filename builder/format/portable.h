@@ -21,7 +21,8 @@ enum {
     PORTABLE_VERSION = 1,
     PORTABLE_BODY_ALIGNMENT = 64,
     PORTABLE_LEAF_MAX = 3, /* records a leaf child */
-    PORTABLE_MAX_DEPTH = 32 /* levels of nodes; a reader refuses more, so a stack of that many node groups suffices */
+    PORTABLE_MAX_DEPTH = 32, /* levels of nodes; a reader refuses more, so a stack of that many node groups suffices */
+    PORTABLE_MAX_ROWS = 1 << 30 /* nodes, likewise records: two bits of a 32-bit index are left for a reader's use */
 };
 
 extern const uint8_t portable_driver_uuid[16]; /* names the layout family */

@@ -92,6 +92,8 @@ static enum bvhd_status find_sections(struct reading *r)
         return corrupt(r, "body.vertexOffset", "vertices are misplaced");
     if (!take_section(r, h->geometry_offset, h->geometry_count, sizeof(struct portable_geometry), &end))
         return corrupt(r, "body.geometryOffset", "geometries are misplaced");
+    if (h->node_count > PORTABLE_MAX_ROWS || h->record_count > PORTABLE_MAX_ROWS)
+        return corrupt(r, "body.nodeCount", "more nodes or records than 2^30");
     r->view.nodes = (const struct portable_node *)(const void *)(r->body.data + h->node_offset);
     r->view.records = r->body.data + h->record_offset;
     r->view.vertices = (const float *)(const void *)(r->body.data + h->vertex_offset);

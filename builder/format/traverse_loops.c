@@ -9,7 +9,7 @@ enum { STACK_SIZE = 7 * PORTABLE_MAX_DEPTH + 1 };
 
 enum { CHILD_COUNT_SHIFT = 30, CHILD_INDEX_MASK = (1 << CHILD_COUNT_SHIFT) - 1 };
 
-_Static_assert(PORTABLE_LEAF_MAX <= 3 && (int)PORTABLE_ID_MASK <= (int)CHILD_INDEX_MASK, "a child fits into 32 bits");
+_Static_assert(PORTABLE_LEAF_MAX <= 3 && PORTABLE_MAX_ROWS - 1 <= (int)CHILD_INDEX_MASK, "a child fits into 32 bits");
 
 /* The stack entry for what hangs in a slot. */
 BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned slot)

@@ -10,7 +10,11 @@
 #if defined(__has_include) && __has_include(<embree4/rtcore.h>)
 #include <embree4/rtcore.h>
 #else
+#if __has_include(<embree4/rtcore.h>)
+#include <embree4/rtcore.h>
+#else
 #include <embree3/rtcore.h>
+#endif
 #endif
 #include <float.h>
 #include <math.h>
