@@ -43,7 +43,7 @@ static enum bvhd_status open_both(struct run *run, struct bvhd_error *error)
         status =
             structures_open(options->operands[0], options->scene ? options->scene : run->import.name, memory, &run->structures, error);
     if (!status)
-        status = import_oracle_meshes(&run->import, run->structures.top != NULL, &run->meshes, &run->mesh_count, error);
+        status = import_oracle_meshes(&run->import, run->structures.scene.top != NULL, &run->meshes, &run->mesh_count, error);
     return status;
 }
 

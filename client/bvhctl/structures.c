@@ -94,22 +94,57 @@ static enum bvhd_status read_files(struct structures *structures, const char *di
     enum bvhd_status status = BVHD_OK;
     uint32_t bottom_count = top ? top->handle_count : 1;
     structures->files = memory_array(structures->memory, (uint64_t)bottom_count + 1, sizeof *structures->files);
-    structures->bottoms = memory_array(structures->memory, (uint64_t)bottom_count + 1, sizeof *structures->bottoms);
-    if (!structures->files || !structures->bottoms)
+    if (!structures->files)
         return no_memory(directory, error);
     for (uint32_t i = 0; i < bottom_count && !status; i++)
         status = read_one(structures, directory, manifest, top ? top->handles[i] : bottom->file, false, error);
-    for (uint32_t i = 0; i < bottom_count && !status; i++)
-        structures->bottoms[i] = &structures->files[i].view;
     if (!status && top) {
         status = read_one(structures, directory, manifest, top->file, true, error);
-        structures->top = &structures->files[bottom_count].view;
+        uint64_t handles = status ? 0 : structures->files[bottom_count].view.handle_count;
+        if (!status && handles != top->handle_count)
+            status = bvhd_error_set(error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u",
+                                    (unsigned long long)handles, top->handle_count);
     }
-    if (!status && top && structures->top->handle_count != top->handle_count)
-        status = bvhd_error_set(error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u",
-                                (unsigned long long)structures->top->handle_count, top->handle_count);
-    structures->scene = (struct scene){structures->top, structures->bottoms, bottom_count};
     return status;
+}
+
+/* The top level first, as portable_pack wants them. */
+static void list_blobs(const struct structures *structures, bool has_top, struct bytes *ret_blobs)
+{
+    uint32_t count = structures->file_count;
+    for (uint32_t i = 0; i < count; i++) {
+        const struct structure_file *file = &structures->files[i];
+        ret_blobs[has_top ? (i + 1) % count : i] = (struct bytes){file->data, file->size};
+    }
+}
+
+static enum bvhd_status pack_files(struct structures *structures, bool has_top, struct bvhd_error *error)
+{
+    struct memory *memory = structures->memory;
+    uint64_t size;
+    struct bytes *blobs = memory_array(memory, structures->file_count, sizeof *blobs);
+    struct portable_scene *packed = memory_alloc(memory, sizeof *packed);
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    if (blobs && packed) {
+        list_blobs(structures, has_top, blobs);
+        status = portable_pack(blobs, structures->file_count, memory, &structures->buffer, &size, error);
+        if (!status)
+            status = portable_scene_open((struct bytes){structures->buffer, size}, memory, packed, error);
+    } else {
+        no_memory(structures->name, error);
+    }
+    memory_free(memory, blobs);
+    if (status) {
+        memory_free(memory, packed);
+        return status;
+    }
+    structures->packed = packed;
+    structures->scene = packed->scene;
+    for (uint32_t i = 0; i < structures->file_count; i++) {
+        memory_free(memory, structures->files[i].data);
+        structures->files[i].data = NULL;
+    }
+    return BVHD_OK;
 }
 
 static enum bvhd_status open_scene(struct structures *structures, const char *directory, struct manifest *manifest, const char *name,
@@ -124,7 +159,8 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
     structures->name = files_copy_text(structures->memory, scene);
     if (!structures->name)
         return no_memory(directory, error);
-    return read_files(structures, directory, manifest, top, bottom, error);
+    enum bvhd_status status = read_files(structures, directory, manifest, top, bottom, error);
+    return status ? status : pack_files(structures, top != NULL, error);
 }
 
 enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory, struct structures *ret_structures,
@@ -153,7 +189,9 @@ void structures_close(struct structures *structures)
         memory_free(structures->memory, structures->files[i].colours);
     }
     memory_free(structures->memory, structures->files);
-    memory_free(structures->memory, structures->bottoms);
+    portable_scene_finish(structures->packed);
+    memory_free(structures->memory, structures->packed);
+    memory_free(structures->memory, structures->buffer);
     memory_free(structures->memory, structures->name);
     *structures = (struct structures){0};
 }

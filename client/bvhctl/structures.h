@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* structures.h - the built files of one scene of a directory, opened for tracing. */
+/* structures.h - the built files of one scene of a directory, opened for tracing: packed into one buffer, as a GPU would get them. */
 #ifndef BVHCTL_STRUCTURES_H
 #define BVHCTL_STRUCTURES_H
 
 #include "manifest.h"
-#include "traverse.h"
+#include "portable_scene.h"
 
 struct structure_file {
-    unsigned char *data;
+    unsigned char *data; /* NULL once packed */
     uint64_t size;
-    struct portable_view view;
+    struct portable_view view; /* into data */
     struct manifest_colour *colours; /* of its geometries, as far as the manifest has them */
     uint32_t colour_count;
 };
@@ -18,9 +18,9 @@ struct structures {
     char *name; /* of the scene */
     struct structure_file *files; /* bottom levels in handle order, then the top level if there is one */
     uint32_t file_count;
-    const struct portable_view **bottoms;
-    struct portable_view *top; /* NULL: the scene is one bottom level */
-    struct scene scene; /* to traverse */
+    unsigned char *buffer; /* all of them */
+    struct portable_scene *packed; /* over the buffer */
+    struct scene scene; /* to traverse; without a top level the scene is one bottom level */
     struct memory *memory;
 };
 

@@ -82,9 +82,8 @@ void test_world_init(struct test_world *world, uint32_t threads)
             end("portable_open", &error);
         world->bottoms[i] = &world->files[i].view;
     }
-    world->structures = (struct structures){.files = world->files, .file_count = TEST_WORLD_FILES, .bottoms = world->bottoms};
-    world->structures.top = &world->files[2].view;
-    world->structures.scene = (struct scene){world->structures.top, world->bottoms, 2};
+    world->structures = (struct structures){.files = world->files, .file_count = TEST_WORLD_FILES};
+    world->structures.scene = (struct scene){&world->files[2].view, world->bottoms, 2};
 }
 
 void test_world_finish(struct test_world *world)

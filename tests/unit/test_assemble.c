@@ -18,7 +18,7 @@ static void test_structures(void **state)
     assert_int_equal(world.assembly.handle_count, 2);
     assert_int_equal(world.assembly.handles[0], 0);
     assert_int_equal(world.assembly.handles[1], 1);
-    assert_int_equal(world.structures.top->handle_count, 2);
+    assert_int_equal(world.structures.scene.top->handle_count, 2);
     test_world_finish(&world);
 }
 
