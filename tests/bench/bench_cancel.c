@@ -123,7 +123,7 @@ static void measure(const struct ply *ply, enum build_quality quality)
     struct limits limits = limits_default();
     struct memory memory;
     struct workers *workers;
-    struct embree *embree;
+    struct embree *embree = NULL;
     struct canonical canonical;
     struct geometry geometry;
     struct build_input input = ply_input(ply, quality, &geometry);
