@@ -40,7 +40,7 @@ copy_network_settings()
 inside()
 {
     # shellcheck disable=SC2016 # the inner shell fills these in
-    unshare --mount --pid --fork sh -eu -c '
+    unshare --mount --pid --fork --kill-child sh -eu -c '
         mount --make-rprivate /
         mount -t proc proc "$1/proc"
         mount -t sysfs -o ro sysfs "$1/sys"
@@ -58,6 +58,7 @@ url=$(resolve "$(mirror)")
 
 rm -rf --one-file-system "$root"
 trap 'rm -rf --one-file-system "$root"' EXIT
+trap 'exit 1' HUP INT TERM
 mkdir -p "$root"
 debootstrap --variant=minbase --include=git,ca-certificates "$suite" "$root" "$url"
 copy_network_settings
