@@ -10,44 +10,32 @@ struct part {
     uint32_t node, first, count;
 };
 
-/* The other way to divide: in the middle of the order as it is. */
-static void halve(const struct part *part, struct part ret_children[2])
-{
-    uint32_t half = part->count / 2;
-    ret_children[0].count = half;
-    ret_children[1].count = part->count - half;
-    bins_bound(part->refs, half, &ret_children[0].bounds, &ret_children[0].centroids);
-    bins_bound(part->refs + half, part->count - half, &ret_children[1].bounds, &ret_children[1].centroids);
-    ret_children[0].refs = part->refs;
-    ret_children[0].other = part->other;
-}
-
 static void divide(const struct part *part, struct part ret_children[2])
 {
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2];
-    struct bins bins;
-    bins_map(&part->centroids, part->count, &mapping);
-    bins_clear(&bins, &mapping);
-    bins_add(&bins, &mapping, part->refs, part->count);
-    if (bins_choose(&bins, &mapping, part->count, &plane)) {
+    bool halved = !bins_find(part->refs, part->count, &part->centroids, &mapping, &plane);
+    if (halved)
+        bins_halve(part->refs, part->count, &plane, centroids);
+    else
         bins_partition(&mapping, &plane, part->refs, part->count, part->other, part->other + plane.left_count, centroids);
-        ret_children[0].bounds = plane.left;
-        ret_children[1].bounds = plane.right;
-        ret_children[0].centroids = centroids[0];
-        ret_children[1].centroids = centroids[1];
-        ret_children[0].count = plane.left_count;
-        ret_children[1].count = part->count - plane.left_count;
-        ret_children[0].refs = part->other;
-        ret_children[0].other = part->refs;
-    } else {
-        halve(part, ret_children);
-    }
-    ret_children[0].first = part->first;
-    ret_children[1].first = part->first + ret_children[0].count;
-    ret_children[1].refs = ret_children[0].refs + ret_children[0].count;
-    ret_children[1].other = ret_children[0].other + ret_children[0].count;
+    ret_children[0] = (struct part){
+        .bounds = plane.left,
+        .centroids = centroids[0],
+        .refs = halved ? part->refs : part->other,
+        .other = halved ? part->other : part->refs,
+        .first = part->first,
+        .count = plane.left_count,
+    };
+    ret_children[1] = (struct part){
+        .bounds = plane.right,
+        .centroids = centroids[1],
+        .refs = ret_children[0].refs + plane.left_count,
+        .other = ret_children[0].other + plane.left_count,
+        .first = part->first + plane.left_count,
+        .count = part->count - plane.left_count,
+    };
 }
 
 static void make_leaf(struct ir *ir, const struct part *part)

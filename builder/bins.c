@@ -151,6 +151,23 @@ bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, ui
     return true;
 }
 
+bool bins_find(const struct primitive_ref *refs, uint32_t count, const struct vec4_box *centroids, struct bins_mapping *ret_mapping,
+               struct bins_plane *ret_plane)
+{
+    struct bins bins;
+    bins_map(centroids, count, ret_mapping);
+    bins_clear(&bins, ret_mapping);
+    bins_add(&bins, ret_mapping, refs, count);
+    return bins_choose(&bins, ret_mapping, count, ret_plane);
+}
+
+void bins_halve(const struct primitive_ref *refs, uint32_t count, struct bins_plane *ret_plane, struct vec4_box ret_centroids[2])
+{
+    ret_plane->left_count = count / 2;
+    bins_bound(refs, count / 2, &ret_plane->left, &ret_centroids[0]);
+    bins_bound(refs + count / 2, count - count / 2, &ret_plane->right, &ret_centroids[1]);
+}
+
 uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane)
 {
     vec4_int sum = {0};

@@ -49,6 +49,13 @@ void bins_merge(struct bins *bins, const struct bins_mapping *mapping, const str
  */
 bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count, struct bins_plane *ret_plane);
 
+/* The plane for refs in one array: as bins_map, bins_add and bins_choose. */
+bool bins_find(const struct primitive_ref *refs, uint32_t count, const struct vec4_box *centroids, struct bins_mapping *ret_mapping,
+               struct bins_plane *ret_plane);
+
+/* The other way to divide: in the middle of the order as it is. Axis and bin of the plane are not set. */
+void bins_halve(const struct primitive_ref *refs, uint32_t count, struct bins_plane *ret_plane, struct vec4_box ret_centroids[2]);
+
 uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane);
 
 /* Copies the refs to the ends of two arrays, in their order; returns both sides' centroid boxes. */

@@ -109,11 +109,25 @@ static enum bvhd_status collect(struct construction *construction)
     return stage_end(construction, &stats->ms.boxes);
 }
 
-/* Enough pieces to share out, whatever the number of threads; large ones are cheaper, since they are read into the cache once. */
-static uint32_t piece_size(uint32_t count)
+/* Rescaling and updates replace boxes by those of whole primitives: splits would be lost. */
+static enum pieces_method method_for(const struct construction *construction)
+{
+    const struct canonical *canonical = construction->canonical;
+    if (construction->quality == QUALITY_FAST)
+        return PIECES_EMBREE_LOW;
+    bool splits = construction->quality == QUALITY_HIGH && !construction->rescaled;
+    splits = splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
+    return splits && clip_allowed(canonical) ? PIECES_SPATIAL : PIECES_BINNED;
+}
+
+/*
+ * Enough pieces to share out, whatever the number of threads; large ones are cheaper, since they are read into the cache once. Nothing is cut
+ * above the pieces, where large triangles gain most by it: with spatial splits pieces are as large as may be.
+ */
+static uint32_t piece_size(enum pieces_method method, uint32_t count)
 {
     enum { SMALLEST = 4096, PIECES = 32 };
-    uint32_t size = count / PIECES;
+    uint32_t size = method == PIECES_SPATIAL ? BUILD_PIECE_SIZE : count / PIECES;
     return size < SMALLEST ? SMALLEST : size > BUILD_PIECE_SIZE ? BUILD_PIECE_SIZE : size;
 }
 
@@ -128,7 +142,7 @@ static enum bvhd_status split(struct construction *construction)
         .refs = refs->refs,
         .scratch = construction->scratch,
         .count = refs->count,
-        .piece_size = piece_size(refs->count),
+        .piece_size = piece_size(method_for(construction), refs->count),
         .bounds = refs->bounds,
         .centroids = refs->centroids,
         .cancel = context->cancel,
@@ -137,20 +151,9 @@ static enum bvhd_status split(struct construction *construction)
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.split) : status;
 }
 
-/* Rescaling replaces boxes by those of whole primitives: splits would be lost. */
-static enum pieces_method method_for(const struct construction *construction)
-{
-    const struct canonical *canonical = construction->canonical;
-    if (construction->quality == QUALITY_FAST)
-        return PIECES_EMBREE_LOW;
-    bool splits = construction->quality == QUALITY_HIGH && !construction->rescaled && !(canonical->flags & BUILD_LOW_MEMORY);
-    return splits && clip_allowed(canonical) ? PIECES_EMBREE_HIGH : PIECES_BINNED;
-}
-
 static const char *method_name(enum pieces_method method)
 {
-    static const char *const names[] = {
-        [PIECES_BINNED] = "binned", [PIECES_EMBREE_LOW] = "embree-low", [PIECES_EMBREE_HIGH] = "embree-high"};
+    static const char *const names[] = {[PIECES_BINNED] = "binned", [PIECES_EMBREE_LOW] = "embree-low", [PIECES_SPATIAL] = "spatial"};
     return names[method];
 }
 
@@ -168,16 +171,14 @@ static uint32_t leaf_max(const struct construction *construction)
 static struct pieces_request pieces_wanted(const struct construction *construction)
 {
     const struct build_context *context = construction->context;
-    enum pieces_method method = method_for(construction);
     return (struct pieces_request){
         .tree = &construction->tree,
         .refs = construction->refs.refs,
         .scratch = construction->scratch,
         .embree = context->embree,
-        .method = method,
+        .method = method_for(construction),
         .leaf_max = leaf_max(construction),
-        .split = method == PIECES_EMBREE_HIGH ? clip_primitive : NULL,
-        .split_context = construction->canonical,
+        .canonical = construction->canonical,
         .cancel = context->cancel,
         .progress = context->progress,
         .progress_context = context->progress_context,

@@ -41,7 +41,7 @@ struct build_stats {
     uint64_t refs; /* in leaves; more than the primitives in the tree when split */
     uint32_t depth; /* levels of the 2-wide ir, after the depth pass */
     double sah; /* of the 2-wide ir; 0 when empty */
-    const char *method; /* "binned", "embree-low", "embree-high", "none" without refs; static */
+    const char *method; /* "binned", "embree-low", "spatial", "none" without refs; static */
     struct box bounds; /* of the whole structure */
     struct build_times ms;
     struct layout_sizes sizes;

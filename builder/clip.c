@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "clip.h"
 
-#include "vec4.h"
-
 bool clip_allowed(const struct canonical *canonical)
 {
     for (uint32_t i = 0; i < canonical->geometry_count; i++) {
@@ -40,31 +38,38 @@ static inline void grow_by_corner(struct vec4_box sides[2], vec4 corner, unsigne
 }
 
 /* `box` cut to `limit`; on an axis where nothing would be left, which only rounding can bring about, `limit` itself. */
-static inline struct box cut_to(struct vec4_box box, struct vec4_box limit)
+static inline struct vec4_box cut_to(struct vec4_box box, struct vec4_box limit)
 {
     vec4 min = vec4_max(box.min, limit.min), max = vec4_min(box.max, limit.max);
     vec4_int good = min <= max;
-    return vec4_box_get((struct vec4_box){vec4_select(good, min, limit.min), vec4_select(good, max, limit.max)});
+    return (struct vec4_box){vec4_select(good, min, limit.min), vec4_select(good, max, limit.max)};
 }
 
-void clip_primitive(const void *context, const struct primitive_ref *ref, unsigned axis, float position, struct box *ret_left,
-                    struct box *ret_right)
+struct clip_triangle clip_load(const struct canonical *canonical, uint32_t id)
 {
-    const struct canonical *canonical = context;
-    const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, ref->id)];
-    const uint64_t first = (uint64_t)3 * (ref->id - geometry->first_primitive);
-    struct vec4_box sides[2] = {vec4_box_empty(), vec4_box_empty()}, limit = vec4_box_load(ref);
-    vec4_int on_axis = {axis == 0 ? -1 : 0, axis == 1 ? -1 : 0, axis == 2 ? -1 : 0, 0};
-    vec4 corners[3], plane = vec4_all(position);
-    for (int i = 0; i < 3; i++) {
-        uint64_t vertex = geometry->indices ? geometry->indices[first + (unsigned)i] : first + (unsigned)i;
-        corners[i] = vec4_load3(geometry->positions + 3 * vertex);
-        grow_by_corner(sides, corners[i], axis, position);
+    const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
+    const uint64_t first = (uint64_t)3 * (id - geometry->first_primitive);
+    struct clip_triangle triangle;
+    for (unsigned i = 0; i < 3; i++) {
+        uint64_t vertex = geometry->indices ? geometry->indices[first + i] : first + i;
+        triangle.corners[i] = vec4_load3(geometry->positions + 3 * vertex);
     }
+    return triangle;
+}
+
+void clip_cut(const struct clip_triangle *triangle, const struct vec4_box *limit, unsigned axis, float position,
+              struct vec4_box *ret_left, struct vec4_box *ret_right)
+{
+    const struct vec4_box old = *limit;
+    const vec4 *corners = triangle->corners, plane = vec4_all(position);
+    struct vec4_box sides[2] = {vec4_box_empty(), vec4_box_empty()};
+    vec4_int on_axis = {axis == 0 ? -1 : 0, axis == 1 ? -1 : 0, axis == 2 ? -1 : 0, 0};
+    for (int i = 0; i < 3; i++)
+        grow_by_corner(sides, corners[i], axis, position);
     for (int i = 0; i < 3; i++)
         grow_by_crossing(sides, corners[i], corners[i == 2 ? 0 : i + 1], axis, plane, on_axis);
     /* A plane outside of the box leaves all of it on one side, and its face on the other. */
-    vec4 cut = vec4_select(on_axis, vec4_max(limit.min, vec4_min(limit.max, plane)), limit.max);
-    *ret_left = cut_to(sides[0], (struct vec4_box){limit.min, cut});
-    *ret_right = cut_to(sides[1], (struct vec4_box){vec4_select(on_axis, cut, limit.min), limit.max});
+    vec4 cut = vec4_select(on_axis, vec4_max(old.min, vec4_min(old.max, plane)), old.max);
+    *ret_left = cut_to(sides[0], (struct vec4_box){old.min, cut});
+    *ret_right = cut_to(sides[1], (struct vec4_box){vec4_select(on_axis, cut, old.min), old.max});
 }

@@ -10,12 +10,21 @@
 
 #include "canonical.h"
 #include "primitive.h"
+#include "vec4.h"
 
 /* True when every primitive may be referenced more than once: triangles only, none of a geometry whose any-hit shader must run once. */
 bool clip_allowed(const struct canonical *canonical);
 
-/* An embree_split_function; `context` is the struct canonical that the ref's id is from. Needs clip_allowed. */
-void clip_primitive(const void *context, const struct primitive_ref *ref, unsigned axis, float position, struct box *ret_left,
-                    struct box *ret_right);
+/* The corners of a triangle, to cut it more than once. */
+struct clip_triangle {
+    vec4 corners[3];
+};
+
+/* Flat primitive `id` of a canonical that clip_allowed holds for. */
+struct clip_triangle clip_load(const struct canonical *canonical, uint32_t id);
+
+/* The parts of the triangle within `limit`, its box or a part of it, below and above `position` on `axis`. */
+void clip_cut(const struct clip_triangle *triangle, const struct vec4_box *limit, unsigned axis, float position,
+              struct vec4_box *ret_left, struct vec4_box *ret_right);
 
 #endif

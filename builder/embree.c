@@ -115,15 +115,6 @@ static void set_children(void *node, void **handles, unsigned children, void *co
         nodes[i] = handle_node(handles[i]);
 }
 
-/* Both halves of a split primitive may end in one leaf: there it counts once. */
-static bool is_listed(const uint32_t *ids, uint32_t count, uint32_t id)
-{
-    for (uint32_t i = 0; i < count; i++)
-        if (ids[i] == id)
-            return true;
-    return false;
-}
-
 static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count, void *context)
 {
     (void)allocator;
@@ -132,26 +123,10 @@ static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuil
     if (is_foreign(construction) || count == 0 || count > construction->request->leaf_max ||
         construction->ref_capacity - ir->ref_count < count)
         return broken(construction);
-    uint32_t first = ir->ref_count, *ids = ir->refs + first, listed = 0;
+    uint32_t first = ir->ref_count;
     for (size_t i = 0; i < count; i++)
-        if (!construction->request->split || !is_listed(ids, listed, primitives[i].primID))
-            ids[listed++] = primitives[i].primID;
-    ir->ref_count += listed;
-    return leaf_handle(first, listed);
-}
-
-static void split_primitive(const struct RTCBuildPrimitive *primitive, unsigned axis, float position, struct RTCBounds *left,
-                            struct RTCBounds *right, void *context)
-{
-    const struct embree_request *request = ((const struct construction *)context)->request;
-    struct primitive_ref ref = {{primitive->lower_x, primitive->lower_y, primitive->lower_z},
-                                0,
-                                {primitive->upper_x, primitive->upper_y, primitive->upper_z},
-                                primitive->primID};
-    struct box l, r;
-    request->split(request->split_context, &ref, axis, position, &l, &r);
-    *left = (struct RTCBounds){l.min[0], l.min[1], l.min[2], 0, l.max[0], l.max[1], l.max[2], 0};
-    *right = (struct RTCBounds){r.min[0], r.min[1], r.min[2], 0, r.max[0], r.max[1], r.max[2], 0};
+        ir->refs[ir->ref_count++] = primitives[i].primID;
+    return leaf_handle(first, (uint32_t)count);
 }
 
 static struct workspace *workspace_take(struct embree *embree)
@@ -184,8 +159,7 @@ static void workspace_give(struct embree *embree, struct workspace *workspace)
 
 static struct RTCBuildArguments arguments_for(struct construction *construction, RTCBVH bvh)
 {
-    static const enum RTCBuildQuality qualities[] = {
-        [EMBREE_LOW] = RTC_BUILD_QUALITY_LOW, [EMBREE_MEDIUM] = RTC_BUILD_QUALITY_MEDIUM, [EMBREE_HIGH] = RTC_BUILD_QUALITY_HIGH};
+    static const enum RTCBuildQuality qualities[] = {[EMBREE_LOW] = RTC_BUILD_QUALITY_LOW, [EMBREE_MEDIUM] = RTC_BUILD_QUALITY_MEDIUM};
     const struct embree_request *request = construction->request;
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
     arguments.buildQuality = qualities[request->quality];
@@ -196,12 +170,11 @@ static struct RTCBuildArguments arguments_for(struct construction *construction,
     arguments.bvh = bvh;
     arguments.primitives = (struct RTCBuildPrimitive *)(void *)request->refs;
     arguments.primitiveCount = request->count;
-    arguments.primitiveArrayCapacity = request->capacity;
+    arguments.primitiveArrayCapacity = request->count;
     arguments.createNode = create_node;
     arguments.setNodeBounds = set_bounds;
     arguments.setNodeChildren = set_children;
     arguments.createLeaf = create_leaf;
-    arguments.splitPrimitive = request->split ? split_primitive : NULL;
     arguments.userPtr = construction;
     return arguments;
 }
@@ -246,14 +219,14 @@ static void bound_root(struct ir *ir, const struct box *leaf)
 enum bvhd_status embree_build(struct embree *embree, const struct embree_request *request, struct memory *memory, struct ir *ret_ir,
                               struct bvhd_error *error)
 {
-    assert(request->count >= 1 && request->capacity >= request->count);
+    assert(request->count >= 1);
     assert(request->leaf_max >= 1 && request->leaf_max < 1u << LEAF_COUNT_BITS);
-    struct construction construction = {.request = request, .ref_capacity = request->capacity};
+    struct construction construction = {.request = request, .ref_capacity = request->count};
     struct box leaf = box_empty(), centroids;
     if (request->count <= request->leaf_max)
         primitive_bounds(request->refs, request->count, &leaf, &centroids);
     /* A root, and two nodes for every ref but one; with one ref the pair that broken() speaks of. */
-    construction.node_capacity = request->capacity < 2 ? 3 : 2 * request->capacity - 1;
+    construction.node_capacity = request->count < 2 ? 3 : 2 * request->count - 1;
     enum bvhd_status status = ir_init(&construction.ir, memory, construction.node_capacity, construction.ref_capacity, error);
     if (status != BVHD_OK)
         return status;

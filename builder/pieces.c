@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "binned.h"
+#include "spatial.h"
 
 struct piece {
     uint32_t node; /* of the split tree */
@@ -40,38 +41,44 @@ static enum bvhd_status build_binned(const struct build *build, struct piece *pi
     return binned_build(&binned, build->memory, &piece->ir, NULL);
 }
 
-/* With room for half as many refs again. In an array of its own: if Embree gives up half-way, the refs are as they were. */
-static enum bvhd_status build_with_splits(const struct build *build, struct piece *piece, struct embree_request *embree)
+static enum bvhd_status build_spatial(const struct build *build, struct piece *piece)
 {
-    uint64_t capacity = (uint64_t)piece->count + piece->count / 2 + 16;
-    embree->refs = memory_array(build->memory, capacity, sizeof *embree->refs);
-    if (!embree->refs)
-        return BVHD_NO_MEMORY;
-    memcpy(embree->refs, build->request->refs + piece->first, piece->count * sizeof *embree->refs);
-    embree->capacity = (uint32_t)capacity;
-    enum bvhd_status status = embree_build(build->request->embree, embree, build->memory, &piece->ir, NULL);
-    memory_free(build->memory, embree->refs);
-    return status;
+    const struct pieces_request *request = build->request;
+    struct spatial_request spatial = {
+        .canonical = request->canonical,
+        .refs = request->refs + piece->first,
+        .count = piece->count,
+        .leaf_max = request->leaf_max,
+        .cancel = request->cancel,
+        .whole = (float)box_half_area(&request->tree->nodes[0].bounds),
+    };
+    return spatial_build(&spatial, build->memory, &piece->ir, NULL);
+}
+
+static enum bvhd_status build_embree(const struct build *build, struct piece *piece)
+{
+    const struct pieces_request *request = build->request;
+    struct embree_request embree = {
+        .refs = request->refs + piece->first,
+        .count = piece->count,
+        .quality = EMBREE_LOW,
+        .leaf_min = request->leaf_max,
+        .leaf_max = request->leaf_max,
+    };
+    enum bvhd_status status = embree_build(request->embree, &embree, build->memory, &piece->ir, NULL);
+    return status == BVHD_UNSUPPORTED ? build_binned(build, piece) : status;
 }
 
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
 {
-    const struct pieces_request *request = build->request;
-    if (request->method == PIECES_BINNED)
+    switch (build->request->method) {
+    case PIECES_SPATIAL:
+        return build_spatial(build, piece);
+    case PIECES_EMBREE_LOW:
+        return build_embree(build, piece);
+    default:
         return build_binned(build, piece);
-    struct embree_request embree = {
-        .refs = request->refs + piece->first,
-        .count = piece->count,
-        .capacity = piece->count,
-        .quality = request->method == PIECES_EMBREE_LOW ? EMBREE_LOW : EMBREE_HIGH,
-        .leaf_min = request->leaf_max,
-        .leaf_max = request->leaf_max,
-        .split = request->split,
-        .split_context = request->split_context,
-    };
-    enum bvhd_status status = request->split ? build_with_splits(build, piece, &embree)
-                                             : embree_build(request->embree, &embree, build->memory, &piece->ir, NULL);
-    return status == BVHD_UNSUPPORTED ? build_binned(build, piece) : status;
+    }
 }
 
 static bool cancelled(const struct pieces_request *request)

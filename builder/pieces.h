@@ -7,11 +7,12 @@
 
 #include <stdatomic.h>
 
+#include "canonical.h"
 #include "embree.h"
 #include "ir.h"
 #include "split.h"
 
-enum pieces_method { PIECES_BINNED, PIECES_EMBREE_LOW, PIECES_EMBREE_HIGH };
+enum pieces_method { PIECES_BINNED, PIECES_EMBREE_LOW, PIECES_SPATIAL };
 
 struct pieces_request {
     const struct split_tree *tree;
@@ -19,8 +20,7 @@ struct pieces_request {
     struct embree *embree;
     enum pieces_method method;
     uint32_t leaf_max;
-    embree_split_function split; /* with PIECES_EMBREE_HIGH */
-    const void *split_context;
+    const struct canonical *canonical; /* with PIECES_SPATIAL */
     const atomic_bool *cancel; /* may be NULL; looked at before each piece */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
     void *progress_context;
@@ -29,7 +29,7 @@ struct pieces_request {
 struct pieces {
     struct piece *pieces; /* in the order of their refs */
     uint32_t count;
-    bool all_binned; /* every piece came from binned_build, none from Embree */
+    bool all_binned; /* every piece came from binned_build */
     const struct split_tree *tree;
     struct memory *memory;
 };

@@ -102,14 +102,6 @@ static void add_children(struct node_list *list, const struct part *part, const 
     list->count += 2;
 }
 
-/* The other way to divide: in the middle of the order as it is. */
-static void halve(const struct primitive_ref *refs, uint32_t count, struct bins_plane *ret_plane, struct vec4_box ret_centroids[2])
-{
-    ret_plane->left_count = count / 2;
-    bins_bound(refs, count / 2, &ret_plane->left, &ret_centroids[0]);
-    bins_bound(refs + count / 2, count - count / 2, &ret_plane->right, &ret_centroids[1]);
-}
-
 static void finish_piece(const struct split_request *request, const struct part *part, struct node_list *list)
 {
     if (part->in_scratch)
@@ -125,13 +117,9 @@ static void split_small(const struct split_request *request, struct node_list *l
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2];
-    struct bins bins;
-    bins_map(&part->centroids, part->count, &mapping);
-    bins_clear(&bins, &mapping);
-    bins_add(&bins, &mapping, from, part->count);
-    bool halved = !bins_choose(&bins, &mapping, part->count, &plane);
+    bool halved = !bins_find(from, part->count, &part->centroids, &mapping, &plane);
     if (halved)
-        halve(from, part->count, &plane, centroids);
+        bins_halve(from, part->count, &plane, centroids);
     else
         bins_partition(&mapping, &plane, from, part->count, to, to + plane.left_count, centroids);
     add_children(list, part, &plane, halved, centroids, ret_children);
@@ -204,7 +192,7 @@ static void divide(void *context, size_t index)
     division->halved = !bins_choose(&sum, &division->mapping, part->count, &division->plane);
     if (division->halved) {
         const struct primitive_ref *refs = array_of(splitter->request, part->in_scratch) + part->first;
-        halve(refs, part->count, &division->plane, division->centroids);
+        bins_halve(refs, part->count, &division->plane, division->centroids);
         return;
     }
     uint32_t left_at = part->first, right_at = part->first + division->plane.left_count;

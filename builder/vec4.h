@@ -160,6 +160,13 @@ static inline void vec4_box_store(void *at, struct vec4_box box)
     to[1] = box.max;
 }
 
+/* Half of the surface. */
+static inline float vec4_box_half_area(struct vec4_box box)
+{
+    vec4 size = box.max - box.min, sides = size * vec4_rotate(size);
+    return sides[0] + sides[1] + sides[2];
+}
+
 static inline void vec4_box_grow(struct vec4_box *box, vec4 min, vec4 max)
 {
     box->min = vec4_min(min, box->min);

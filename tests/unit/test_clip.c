@@ -21,6 +21,16 @@ static bool holds(const struct box *box, const long double point[3])
     return true;
 }
 
+static void cut(const struct canonical *canonical, const struct box *box, unsigned axis, float position, struct box *ret_left,
+                struct box *ret_right)
+{
+    struct clip_triangle triangle = clip_load(canonical, 0);
+    struct vec4_box limit = vec4_box_from(box), left, right;
+    clip_cut(&triangle, &limit, axis, position, &left, &right);
+    *ret_left = vec4_box_get(left);
+    *ret_right = vec4_box_get(right);
+}
+
 /* Cuts again and again; every point of the triangle that lies in the ref's box must lie in the box of its side. */
 static void check_points(struct random *random, const float p[9], const struct box *old, unsigned axis, float position,
                          const struct box *left, const struct box *right)
@@ -61,12 +71,11 @@ static void no_point_is_lost(void **state)
         for (int k = 0; k < 3; k++)
             box_add_point(&box, p + 3 * k);
         for (int depth = 0; depth < 8; depth++) {
-            struct primitive_ref ref = {{box.min[0], box.min[1], box.min[2]}, 0, {box.max[0], box.max[1], box.max[2]}, 0};
             unsigned axis = (unsigned)(random_next(&random) % 3);
             float position = (float)random_between(&random, box.min[axis], box.max[axis]);
             if (depth == 3)
                 position = p[axis];
-            clip_primitive(&canonical, &ref, axis, position, &left, &right);
+            cut(&canonical, &box, axis, position, &left, &right);
             assert_true(!box_is_empty(&left) && !box_is_empty(&right));
             assert_true(box_contains(&box, &left) && box_contains(&box, &right));
             assert_true(left.max[axis] <= fmaxf(position, box.min[axis]) && right.min[axis] >= fminf(position, box.max[axis]));
@@ -86,14 +95,13 @@ static void boxes_are_tight(void **state)
     static const float p[9] = {0, 0, 1, 4, 0, 1, 0, 4, 1};
     struct canonical_geometry geometry;
     struct canonical canonical = view(&geometry, p);
-    struct primitive_ref ref = {{0, 0, 1}, 0, {4, 4, 1}, 0};
-    struct box left, right;
-    clip_primitive(&canonical, &ref, 0, 1, &left, &right);
+    struct box box = {{0, 0, 1}, {4, 4, 1}}, left, right;
+    cut(&canonical, &box, 0, 1, &left, &right);
     assert_true(left.min[0] == 0 && left.max[0] == 1 && left.min[1] == 0 && left.max[1] == 4);
     assert_true(right.min[0] == 1 && right.max[0] == 4 && right.min[1] == 0);
     assert_true(right.max[1] >= 3 && right.max[1] < 3.00001f);
-    /* A plane outside of the ref's box leaves both sides whole boxes of it. */
-    clip_primitive(&canonical, &ref, 0, 7, &left, &right);
+    /* A plane outside of the box leaves both sides whole boxes of it. */
+    cut(&canonical, &box, 0, 7, &left, &right);
     assert_true(left.max[0] == 4 && right.min[0] == 4 && right.max[0] == 4);
 }
 

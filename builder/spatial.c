@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "spatial.h"
+
+#include "bins.h"
+#include "spatial_bins.h"
+
+/* A node on its way to being split. Its refs lie anywhere in its room in one of two arrays; its children get their rooms in the other. */
+struct part {
+    struct vec4_box bounds, centroids;
+    const struct primitive_ref *refs;
+    struct primitive_ref *room, *other; /* `capacity` each */
+    uint32_t node, count, capacity;
+};
+
+uint32_t spatial_capacity(uint32_t count)
+{
+    uint64_t capacity = count + (uint64_t)count * 3 / 10;
+    return capacity <= UINT32_MAX / 2 ? (uint32_t)capacity : count;
+}
+
+/* How a part's refs would be divided as they are. */
+struct division {
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    struct vec4_box centroids[2]; /* when halved */
+    bool halved;
+};
+
+/* Half the area of what two sides have in common. */
+static float overlap_of(const struct bins_plane *plane)
+{
+    struct vec4_box common = {vec4_max(plane->left.min, plane->right.min), vec4_min(plane->left.max, plane->right.max)};
+    unsigned apart = vec4_bits(common.min > common.max) & 7;
+    return apart ? 0 : vec4_box_half_area(common);
+}
+
+static float cost_of(const struct bins_plane *plane, uint32_t count)
+{
+    float left = vec4_box_half_area(plane->left) * (float)plane->left_count;
+    return left + vec4_box_half_area(plane->right) * (float)(count - plane->left_count);
+}
+
+/* An overlap, as a part of the whole structure's area, above which a cut is tried; the cost, as a part of a division's, below which it is made. */
+static const float OVERLAP_LEAST = 1e-5f, COST_MOST = 0.99f;
+
+/* What is left of a part's room is shared out by the children's areas times counts, by which they count in the cost. */
+static void share_room(const struct part *part, const struct spatial_side sides[2], struct part ret_children[2])
+{
+    uint32_t slack = part->capacity - sides[0].count - sides[1].count;
+    double weights[2];
+    for (int i = 0; i < 2; i++)
+        weights[i] = (double)vec4_box_half_area(sides[i].bounds) * sides[i].count;
+    double sum = weights[0] + weights[1];
+    uint32_t left = sides[0].count + (sum > 0 ? (uint32_t)(slack * (weights[0] / sum)) : slack / 2);
+    for (int i = 0; i < 2; i++)
+        ret_children[i] = (struct part){
+            .bounds = sides[i].bounds,
+            .centroids = sides[i].centroids,
+            .refs = i ? part->other + part->capacity - sides[1].count : part->other,
+            .room = part->other + (i ? left : 0),
+            .other = part->room + (i ? left : 0),
+            .count = sides[i].count,
+            .capacity = i ? part->capacity - left : left,
+        };
+}
+
+/* Cuts where that is cheaper than the best division of whole refs; false leaves the part's refs as they are. */
+static bool cut(const struct spatial_request *request, const struct part *part, float limit, struct spatial_side ret_sides[2])
+{
+    struct spatial_grid grid;
+    struct spatial_plane plane;
+    uint32_t slack = part->capacity - part->count;
+    spatial_grid_lay(&part->bounds, part->count, &grid);
+    if (!spatial_choose(request->canonical, &grid, part->refs, part->count, slack, &plane) || !(plane.cost < limit))
+        return false;
+    spatial_partition(request->canonical, &grid, &plane, part->refs, part->count, part->other, part->other + part->capacity, ret_sides);
+    return true;
+}
+
+static void carry_out(const struct part *part, const struct division *division, struct spatial_side ret_sides[2])
+{
+    uint32_t left_count = division->plane.left_count, right_count = part->count - left_count;
+    struct primitive_ref *right = part->other + part->capacity - right_count;
+    struct vec4_box centroids[2] = {division->centroids[0], division->centroids[1]};
+    if (division->halved) {
+        memcpy(part->other, part->refs, left_count * sizeof *right);
+        memcpy(right, part->refs + left_count, right_count * sizeof *right);
+    } else {
+        bins_partition(&division->mapping, &division->plane, part->refs, part->count, part->other, right, centroids);
+    }
+    ret_sides[0] = (struct spatial_side){division->plane.left, centroids[0], left_count};
+    ret_sides[1] = (struct spatial_side){division->plane.right, centroids[1], right_count};
+}
+
+static void divide(const struct spatial_request *request, const struct part *part, struct part ret_children[2])
+{
+    struct division division = {.halved = false};
+    struct bins_plane *plane = &division.plane;
+    struct spatial_side sides[2];
+    division.halved = !bins_find(part->refs, part->count, &part->centroids, &division.mapping, plane);
+    if (division.halved)
+        bins_halve(part->refs, part->count, plane, division.centroids);
+    bool worth_a_try = part->capacity > part->count && overlap_of(plane) > OVERLAP_LEAST * request->whole;
+    if (!worth_a_try || !cut(request, part, COST_MOST * cost_of(plane, part->count), sides))
+        carry_out(part, &division, sides);
+    share_room(part, sides, ret_children);
+}
+
+/* A node's refs have different ids: a triangle's parts go to different sides. */
+static void make_leaf(struct ir *ir, const struct part *part)
+{
+    ir->nodes[part->node] = (struct ir_node){ir->ref_count, part->count};
+    for (uint32_t i = 0; i < part->count; i++)
+        ir->refs[ir->ref_count++] = part->refs[i].id;
+}
+
+/* A part whose sibling is being split. */
+struct waiting {
+    struct part part;
+    uint32_t both; /* capacity of the two */
+    uint32_t refs_before; /* of the tree, without either */
+    bool is_right;
+};
+
+/* What the sibling left of the room that both had is the part's now. */
+static struct part resume(const struct waiting *waiting, uint32_t ref_count)
+{
+    struct part part = waiting->part;
+    uint32_t capacity = waiting->both - (ref_count - waiting->refs_before), more = capacity - part.capacity;
+    part.room -= waiting->is_right ? more : 0;
+    part.other -= waiting->is_right ? more : 0;
+    part.capacity = capacity;
+    return part;
+}
+
+static bool cancelled(const struct spatial_request *request)
+{
+    return request->cancel && atomic_load_explicit(request->cancel, memory_order_relaxed);
+}
+
+/* The child with more room waits while the other is split to the end, so that at most 32 wait. */
+static enum bvhd_status split_to_end(const struct spatial_request *request, struct ir *ir, struct part part)
+{
+    struct waiting waiting[33];
+    struct part children[2];
+    uint32_t waiting_count = 0;
+    for (;;) {
+        ir->boxes[0][part.node] = vec4_box_get(part.bounds);
+        if (part.count <= request->leaf_max) {
+            make_leaf(ir, &part);
+            if (waiting_count == 0)
+                return BVHD_OK;
+            part = resume(&waiting[--waiting_count], ir->ref_count);
+            continue;
+        }
+        if (cancelled(request))
+            return BVHD_CANCELLED;
+        divide(request, &part, children);
+        ir->nodes[part.node] = (struct ir_node){.first = ir->node_count};
+        children[0].node = ir->node_count;
+        children[1].node = ir->node_count + 1;
+        ir->node_count += 2;
+        bool right_first = children[1].capacity < children[0].capacity;
+        waiting[waiting_count++] = (struct waiting){children[!right_first], part.capacity, ir->ref_count, !right_first};
+        part = children[right_first];
+    }
+}
+
+enum bvhd_status spatial_build(const struct spatial_request *request, struct memory *memory, struct ir *ret_ir,
+                               struct bvhd_error *error)
+{
+    struct ir ir;
+    uint32_t capacity = spatial_capacity(request->count);
+    struct primitive_ref *room = memory_array(memory, (uint64_t)2 * capacity, sizeof *room);
+    if (!room)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to split %u triangles", request->count);
+    enum bvhd_status status = ir_init(&ir, memory, 2 * capacity - 1, capacity, error);
+    if (status == BVHD_OK) {
+        struct part root = {
+            .refs = request->refs, .room = room, .other = room + capacity, .count = request->count, .capacity = capacity};
+        bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
+        ir.node_count = 1;
+        status = split_to_end(request, &ir, root);
+        if (status == BVHD_OK) {
+            *ret_ir = ir;
+        } else {
+            ir_finish(&ir);
+            bvhd_error_set(error, status, "", "cancelled");
+        }
+    }
+    memory_free(memory, room);
+    return status;
+}
