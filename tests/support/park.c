@@ -6,7 +6,7 @@
 #include "plants.h"
 
 static const double island_radius = 53, plateau_radius = 17, plateau_height = 3;
-static const double pond[2] = {27, 17}, pond_radius = 12, water_height = -0.2;
+static const double pond[2] = {-27, -17}, pond_radius = 12, water_height = -0.2;
 
 struct materials {
     int grass, soil, water, marble, bronze, wood, needles, leaves, blossom, stone, blades;
@@ -201,7 +201,7 @@ static void find_spot(struct random *random, double margin, double ret_at[3])
 /* Woods are denser where this is high; a walk from the temple to the island's edge stays free. */
 static double woodland(double x, double z)
 {
-    if (z > 0 && fabs(x + 3 * sin(0.1 * z)) < 5)
+    if (z < 0 && fabs(x + 3 * sin(0.1 * z)) < 5)
         return 0;
     return smooth(-0.5, 0.9, sin(0.085 * x + 2) * sin(0.075 * z - 0.5) + 0.35 * sin(0.2 * x + 0.17 * z)) *
            smooth(plateau_radius + 3, plateau_radius + 14, hypot(x, z));
