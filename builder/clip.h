@@ -15,9 +15,11 @@
 /* True when every primitive may be referenced more than once: triangles only, none of a geometry whose any-hit shader must run once. */
 bool clip_allowed(const struct canonical *canonical);
 
-/* The corners of a triangle, to cut it more than once. */
+/* A triangle, to be cut more than once. */
 struct clip_triangle {
-    vec4 corners[3];
+    vec4 corners[3], edges[3]; /* an edge leads to the next corner */
+    vec4 slacks[3]; /* how far off a point of the edge may be */
+    vec4 along[3]; /* by axis: of each corner a lane */
 };
 
 /* Flat primitive `id` of a canonical that clip_allowed holds for. */

@@ -10,7 +10,7 @@ struct bins {
 /* Cutting costs as much as all else together, and a ref is cut at every plane that it crosses: where there are few refs, few planes do. */
 static uint32_t bins_for(uint32_t count)
 {
-    uint32_t bins = 4 + count / 4;
+    uint32_t bins = 4 + count / 8;
     return bins < SPATIAL_BINS_MAX ? bins : SPATIAL_BINS_MAX;
 }
 

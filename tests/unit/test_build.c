@@ -162,7 +162,7 @@ static void bytes_do_not_depend_on_threads(void **state)
         unsigned char *first = NULL;
         uint64_t size = 0;
         options.quality = quality;
-        shape.primitives = quality == QUALITY_HIGH ? 30000 : 20000; /* geometries of which there are two: more than one piece */
+        shape.primitives = quality == QUALITY_HIGH ? 30000 : 20000; /* twice: more than one piece */
         test_model_make(&shape, 3, &model);
         for (unsigned threads = 1; threads <= 8; threads = threads * 3 - 1) {
             struct workers *workers;
