@@ -21,7 +21,7 @@ struct pieces_request {
     enum pieces_method method;
     uint32_t leaf_max;
     const struct canonical *canonical; /* with PIECES_SPATIAL */
-    const atomic_bool *cancel; /* may be NULL; looked at before each piece */
+    const atomic_bool *cancel; /* may be NULL; looked at before each piece, and by PIECES_SPATIAL before each node */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
     void *progress_context;
 };
