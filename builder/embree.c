@@ -159,13 +159,12 @@ static void workspace_give(struct embree *embree, struct workspace *workspace)
 
 static struct RTCBuildArguments arguments_for(struct construction *construction, RTCBVH bvh)
 {
-    static const enum RTCBuildQuality qualities[] = {[EMBREE_LOW] = RTC_BUILD_QUALITY_LOW, [EMBREE_MEDIUM] = RTC_BUILD_QUALITY_MEDIUM};
     const struct embree_request *request = construction->request;
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
-    arguments.buildQuality = qualities[request->quality];
+    arguments.buildQuality = RTC_BUILD_QUALITY_LOW;
     arguments.maxBranchingFactor = 2;
     arguments.maxDepth = 1024;
-    arguments.minLeafSize = request->leaf_min;
+    arguments.minLeafSize = request->leaf_max;
     arguments.maxLeafSize = request->leaf_max;
     arguments.bvh = bvh;
     arguments.primitives = (struct RTCBuildPrimitive *)(void *)request->refs;

@@ -18,17 +18,14 @@ struct embree;
 enum bvhd_status embree_create(struct embree **ret_embree, struct bvhd_error *error);
 void embree_destroy(struct embree *embree);
 
-enum embree_quality { EMBREE_LOW, EMBREE_MEDIUM };
-
 struct embree_request {
     struct primitive_ref *refs; /* 32-byte aligned; permuted */
     uint32_t count; /* >= 1 */
-    enum embree_quality quality;
-    uint32_t leaf_min, leaf_max; /* 1 .. 31: so few refs are a leaf, more are not */
+    uint32_t leaf_max; /* 1 .. 31: so few refs are a leaf, more are not */
 };
 
 /*
- * Builds into *ret_ir, made by ir_init from `memory`; the root is node 0; leaves of at most leaf_max refs. BVHD_UNSUPPORTED:
+ * Builds with Embree's LOW, which sorts Morton codes, into *ret_ir, made by ir_init from `memory`; the root is node 0; leaves of at most leaf_max refs. BVHD_UNSUPPORTED:
  * Embree gave up, or called back from other threads (as it does while the process has another Embree device with more than one thread); refs hold
  * the same set in any order.
  */

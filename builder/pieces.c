@@ -61,8 +61,6 @@ static enum bvhd_status build_embree(const struct build *build, struct piece *pi
     struct embree_request embree = {
         .refs = request->refs + piece->first,
         .count = piece->count,
-        .quality = EMBREE_LOW,
-        .leaf_min = request->leaf_max,
         .leaf_max = request->leaf_max,
     };
     enum bvhd_status status = embree_build(request->embree, &embree, build->memory, &piece->ir, NULL);

@@ -21,10 +21,10 @@ static struct embree *make(void)
     return embree;
 }
 
-static enum bvhd_status run(struct embree *embree, struct primitive_ref *refs, uint32_t count, enum embree_quality quality,
-                            uint32_t leaf_max, struct memory *memory, struct ir *ret_ir, struct bvhd_error *error)
+static enum bvhd_status run(struct embree *embree, struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, struct memory *memory,
+                            struct ir *ret_ir, struct bvhd_error *error)
 {
-    struct embree_request request = {.refs = refs, .count = count, .quality = quality, .leaf_min = 1, .leaf_max = leaf_max};
+    struct embree_request request = {.refs = refs, .count = count, .leaf_max = leaf_max};
     return embree_build(embree, &request, memory, ret_ir, error);
 }
 
@@ -36,40 +36,20 @@ static void every_kind_gives_a_sound_tree(void **state)
     memory_init(&memory, UINT64_MAX);
     for (int kind = 0; kind < REFS_KINDS; kind++)
         for (uint32_t count = 1; count < 12000; count = count * 3 + (count < 6))
-            for (int quality = EMBREE_LOW; quality <= EMBREE_MEDIUM; quality++)
-                for (uint32_t leaf = 1; leaf <= 3; leaf++) {
-                    struct primitive_ref *refs = test_refs_make((enum test_refs_kind)kind, count, count);
-                    struct box *boxes = test_refs_boxes(refs, count);
-                    struct ir ir;
-                    assert_int_equal(run(embree, refs, count, (enum embree_quality)quality, leaf, &memory, &ir, NULL), BVHD_OK);
-                    assert_int_equal(ir_check(&ir, count, boxes, false, &memory, NULL), BVHD_OK);
-                    for (uint32_t i = 0; i < ir.node_count; i++)
-                        assert_true(ir.nodes[i].count <= leaf);
-                    ir_finish(&ir);
-                    free(refs);
-                    free(boxes);
-                }
+            for (uint32_t leaf = 1; leaf <= 3; leaf++) {
+                struct primitive_ref *refs = test_refs_make((enum test_refs_kind)kind, count, count);
+                struct box *boxes = test_refs_boxes(refs, count);
+                struct ir ir;
+                assert_int_equal(run(embree, refs, count, leaf, &memory, &ir, NULL), BVHD_OK);
+                assert_int_equal(ir_check(&ir, count, boxes, false, &memory, NULL), BVHD_OK);
+                for (uint32_t i = 0; i < ir.node_count; i++)
+                    assert_true(ir.nodes[i].count <= leaf);
+                ir_finish(&ir);
+                free(refs);
+                free(boxes);
+            }
     embree_destroy(embree);
     assert_int_equal(memory.live, 0);
-}
-
-static void medium_is_better_than_low(void **state)
-{
-    (void)state;
-    struct embree *embree = make();
-    struct memory memory;
-    double sah[2];
-    memory_init(&memory, UINT64_MAX);
-    for (int quality = EMBREE_LOW; quality <= EMBREE_MEDIUM; quality++) {
-        struct primitive_ref *refs = test_refs_make(REFS_CLOUD, 10000, 4);
-        struct ir ir;
-        assert_int_equal(run(embree, refs, 10000, (enum embree_quality)quality, 3, &memory, &ir, NULL), BVHD_OK);
-        sah[quality] = ir_sah(&ir);
-        ir_finish(&ir);
-        free(refs);
-    }
-    assert_true(sah[EMBREE_MEDIUM] < sah[EMBREE_LOW]);
-    embree_destroy(embree);
 }
 
 struct job {
@@ -82,8 +62,7 @@ static void run_job(void *context, size_t index)
 {
     struct job *job = context;
     struct primitive_ref *refs = test_refs_make(REFS_CLOUD, 5000, index / 4);
-    enum embree_quality quality = index % 2 ? EMBREE_MEDIUM : EMBREE_LOW;
-    assert_int_equal(run(job->embree, refs, 5000, quality, 3, job->memory, &job->irs[index], NULL), BVHD_OK);
+    assert_int_equal(run(job->embree, refs, 5000, 3, job->memory, &job->irs[index], NULL), BVHD_OK);
     free(refs);
 }
 
@@ -136,7 +115,7 @@ static void callbacks_from_elsewhere_are_refused(void **state)
     for (int round = 0; round < 5; round++) {
         struct primitive_ref *refs = test_refs_make(REFS_CLOUD, COUNT, 2);
         struct box *boxes = test_refs_boxes(refs, COUNT);
-        enum bvhd_status status = run(embree, refs, COUNT, EMBREE_MEDIUM, 3, &memory, &ir, &error);
+        enum bvhd_status status = run(embree, refs, COUNT, 3, &memory, &ir, &error);
         assert_true(status == BVHD_OK || status == BVHD_UNSUPPORTED);
         if (status == BVHD_OK) {
             assert_int_equal(ir_check(&ir, COUNT, boxes, false, &memory, NULL), BVHD_OK);
@@ -147,7 +126,7 @@ static void callbacks_from_elsewhere_are_refused(void **state)
     }
     rtcReleaseDevice(other);
     struct primitive_ref *refs = test_refs_make(REFS_CLOUD, COUNT, 2);
-    assert_int_equal(run(embree, refs, COUNT, EMBREE_MEDIUM, 3, &memory, &ir, &error), BVHD_OK);
+    assert_int_equal(run(embree, refs, COUNT, 3, &memory, &ir, &error), BVHD_OK);
     ir_finish(&ir);
     free(refs);
     embree_destroy(embree);
@@ -165,7 +144,7 @@ static void failing_allocations_leave_nothing(void **state)
         struct primitive_ref *refs = test_refs_make(REFS_CLOUD, 100, 1);
         struct ir ir;
         memory.fail_after = n;
-        status = run(embree, refs, 100, EMBREE_MEDIUM, 3, &memory, &ir, NULL);
+        status = run(embree, refs, 100, 3, &memory, &ir, NULL);
         assert_true(n < 3 ? status == BVHD_NO_MEMORY : status == BVHD_OK);
         if (status == BVHD_OK)
             ir_finish(&ir);
@@ -179,8 +158,8 @@ static void failing_allocations_leave_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_kind_gives_a_sound_tree),     cmocka_unit_test(medium_is_better_than_low),
-        cmocka_unit_test(builds_side_by_side_are_the_same),  cmocka_unit_test(callbacks_from_elsewhere_are_refused),
+        cmocka_unit_test(builds_side_by_side_are_the_same),
+        cmocka_unit_test(callbacks_from_elsewhere_are_refused),
         cmocka_unit_test(failing_allocations_leave_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
