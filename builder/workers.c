@@ -34,6 +34,8 @@ struct workers {
     struct face face;
     pthread_mutex_t lock;
     pthread_cond_t work; /* a call was posted, or it is time to stop */
+    pthread_cond_t ready; /* another thread has started */
+    unsigned started; /* threads that have; under the lock */
     struct call *oldest; /* open calls in the order of posting; under the lock */
     unsigned sleepers; /* workers that wait on `work`; under the lock */
     bool stop; /* under the lock */
@@ -181,6 +183,8 @@ static void *work_until_stopped(void *argument)
 {
     struct workers *workers = argument;
     pthread_mutex_lock(&workers->lock);
+    workers->started++;
+    pthread_cond_signal(&workers->ready);
     while (!workers->stop) {
         struct call *call = find_work(workers, NULL);
         if (call) {
@@ -223,6 +227,15 @@ static int start_threads(struct workers *workers, unsigned count)
     return failure;
 }
 
+/* A thread that is only starting may hold locks of the allocator, which a fork would copy and never open. */
+static void await_start(struct workers *workers)
+{
+    pthread_mutex_lock(&workers->lock);
+    while (workers->started < workers->thread_count)
+        pthread_cond_wait(&workers->ready, &workers->lock);
+    pthread_mutex_unlock(&workers->lock);
+}
+
 enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, struct bvhd_error *error)
 {
     if (threads > WORKERS_MAX_THREADS)
@@ -235,11 +248,13 @@ enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, 
     workers->face = (struct face){{.threads = threads, .for_each = workers_for_each}, workers};
     pthread_mutex_init(&workers->lock, NULL);
     pthread_cond_init(&workers->work, NULL);
+    pthread_cond_init(&workers->ready, NULL);
     int failure = start_threads(workers, threads - 1);
     if (failure) {
         workers_destroy(workers);
         return bvhd_error_set(error, BVHD_IO, "threads", "cannot start %u threads: %s", threads, strerror(failure));
     }
+    await_start(workers);
     *ret_workers = workers;
     return BVHD_OK;
 }
@@ -254,6 +269,7 @@ void workers_destroy(struct workers *workers)
     pthread_cond_broadcast(&workers->work);
     for (unsigned i = 0; i < workers->thread_count; i++)
         pthread_join(workers->threads[i], NULL);
+    pthread_cond_destroy(&workers->ready);
     pthread_cond_destroy(&workers->work);
     pthread_mutex_destroy(&workers->lock);
     free(workers);

@@ -18,7 +18,8 @@ struct workers;
 
 /*
  * `threads` counts the caller's thread, which works too; 0 means one for each processor that this process may use. BVHD_TOO_LARGE over
- * WORKERS_MAX_THREADS, BVHD_NO_MEMORY, BVHD_IO when the system starts no more threads.
+ * WORKERS_MAX_THREADS, BVHD_NO_MEMORY, BVHD_IO when the system starts no more threads. All threads are up and idle on return, so the
+ * process may fork.
  */
 enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, struct bvhd_error *error);
 
