@@ -158,6 +158,7 @@ static void failing_allocations_leave_nothing(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_kind_gives_a_sound_tree),
         cmocka_unit_test(builds_side_by_side_are_the_same),
         cmocka_unit_test(callbacks_from_elsewhere_are_refused),
         cmocka_unit_test(failing_allocations_leave_nothing),
