@@ -135,12 +135,21 @@ static enum bvhd_status blob_at(struct bytes buffer, uint64_t offset, struct byt
     return BVHD_OK;
 }
 
-static enum bvhd_status open_at(struct bytes buffer, uint64_t offset, struct memory *memory, struct portable_view *ret_view,
-                                struct bvhd_error *error)
+/* A bottom level that starts at `offset`, not before *end; *end becomes its own. */
+static enum bvhd_status open_bottom(struct bytes buffer, uint64_t offset, uint64_t *end, struct memory *memory,
+                                    struct portable_view *ret_view, struct bvhd_error *error)
 {
     struct bytes blob;
+    if (offset < *end)
+        return bvhd_error_set(error, BVHD_CORRUPT, "offset", "points into the structure before it");
     enum bvhd_status status = blob_at(buffer, offset, &blob, error);
-    return status == BVHD_OK ? portable_open(blob, memory, ret_view, error) : status;
+    if (status == BVHD_OK)
+        status = portable_open(blob, memory, ret_view, error);
+    if (status == BVHD_OK && ret_view->header->content == PORTABLE_INSTANCES)
+        status = bvhd_error_set(error, BVHD_CORRUPT, "header.content", "an instance of a top level");
+    if (status == BVHD_OK)
+        *end = offset + blob.size;
+    return status;
 }
 
 struct handle_row {
@@ -156,22 +165,22 @@ static int by_offset(const void *a, const void *b)
     return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* Opens each distinct offset once, however many handles carry it. `rows` come sorted. */
+/*
+ * Opens each distinct offset once, however many handles carry it. `rows` come sorted. Structures may not overlap, so that opening takes time in
+ * proportion to the buffer.
+ */
 static enum bvhd_status open_bottoms(struct bytes buffer, const struct handle_row *rows, uint32_t count, uint64_t top_size,
                                      struct portable_scene *scene, struct bvhd_error *error)
 {
-    struct portable_view *view = scene->views - 1;
+    struct portable_view *view = scene->views;
+    uint64_t end = top_size;
     for (uint32_t i = 0; i < count; i++) {
         if (i == 0 || rows[i].offset != rows[i - 1].offset) {
             struct bvhd_error inner;
-            enum bvhd_status status = rows[i].offset < top_size
-                                          ? bvhd_error_set(&inner, BVHD_CORRUPT, "offset", "points into the top level")
-                                          : open_at(buffer, rows[i].offset, scene->memory, view + 1, &inner);
-            if (status == BVHD_OK && view[1].header->content == PORTABLE_INSTANCES)
-                status = bvhd_error_set(&inner, BVHD_CORRUPT, "header.content", "an instance of a top level");
+            view += i > 0;
+            enum bvhd_status status = open_bottom(buffer, rows[i].offset, &end, scene->memory, view, &inner);
             if (status != BVHD_OK)
                 return handle_error(error, rows[i].row, &inner);
-            view++;
         }
         scene->bottoms[rows[i].row] = view;
     }

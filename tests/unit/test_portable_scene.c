@@ -190,6 +190,24 @@ static void bad_handles_are_named(void **state)
     free_pack(fixture, buffer);
 }
 
+/* A structure inside another would be checked again for each handle. */
+static void structures_may_not_overlap(void **state)
+{
+    struct fixture *fixture = *state;
+    struct bytes blobs[3] = {fixture->blobs[0], fixture->blobs[1], fixture->blobs[2]};
+    struct bytes buffer = pack(fixture, blobs, 3);
+    unsigned char *bytes = (unsigned char *)(uintptr_t)buffer.data;
+    uint64_t first = bytes_get64(bytes + SERIALIZED_HANDLES), second = bytes_get64(bytes + SERIALIZED_HANDLES + 8);
+    assert_true(first < second);
+    /* The second is moved into the first, whose own sections then lie elsewhere: that it overlaps is found before it is read. */
+    bytes_put64(bytes + SERIALIZED_HANDLES + 8, first + 64);
+    struct portable_scene scene;
+    struct bvhd_error error;
+    assert_int_equal(portable_scene_open(buffer, &fixture->built.memory, &scene, &error), BVHD_CORRUPT);
+    assert_string_equal(error.where, "handles[1]: offset");
+    free_pack(fixture, buffer);
+}
+
 /* Whatever stands in a buffer, opening it ends with a status, and what it opens can be traversed. */
 static void hostile_buffers_end_with_a_status(void **state)
 {
@@ -261,6 +279,7 @@ int main(void)
         cmocka_unit_test(equal_blobs_are_stored_once),
         cmocka_unit_test(counts_that_do_not_fit_are_refused),
         cmocka_unit_test(bad_handles_are_named),
+        cmocka_unit_test(structures_may_not_overlap),
         cmocka_unit_test(hostile_buffers_end_with_a_status),
         cmocka_unit_test(every_allocation_may_fail),
     };
