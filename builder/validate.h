@@ -40,7 +40,10 @@ enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t 
 bool validate_boxes(const float *boxes, uint64_t count);
 bool validate_instances(const unsigned char *records, uint64_t count);
 
-/* 3x3 part of a row-major 3x4 matrix is invertible: its determinant, in double, is finite and not 0. */
+/*
+ * 3x3 part of a row-major 3x4 matrix is invertible in double precision: its determinant is finite and over 2^-48 of what it would be if no products
+ * cancelled. Below that it is rounding, and so would be the rays that are taken to object space.
+ */
 bool validate_invertible(const float matrix[12]);
 
 #endif

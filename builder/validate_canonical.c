@@ -8,13 +8,17 @@
 enum { INSTANCE_MICROMAP_FLAGS = 0x30, INSTANCE_UNKNOWN_FLAGS = 0xc0 };
 enum { RECORD_SIZE = 64, RECORD_FLAGS = 52, RECORD_REFERENCE = 56 };
 
+/* The permanent of the absolute values is what the determinant would be if nothing cancelled. */
 bool validate_invertible(const float m[12])
 {
-    double a = (double)m[5] * m[10] - (double)m[6] * m[9];
-    double b = (double)m[4] * m[10] - (double)m[6] * m[8];
-    double c = (double)m[4] * m[9] - (double)m[5] * m[8];
-    double determinant = m[0] * a - m[1] * b + m[2] * c;
-    return isfinite(determinant) && determinant != 0;
+    double determinant = 0, permanent = 0;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        double a = (double)m[4 + j] * m[8 + k], b = (double)m[4 + k] * m[8 + j];
+        determinant += m[i] * (a - b);
+        permanent += fabs((double)m[i]) * (fabs(a) + fabs(b));
+    }
+    return isfinite(determinant) && fabs(determinant) > permanent * 0x1p-48;
 }
 
 /* Comparisons with NaN are false: an inactive box, whose minimum x is NaN, passes on that axis and is let through on the others. */

@@ -30,6 +30,36 @@ static void singular_matrices_are_found(void **state)
     }
 }
 
+/* The third row is the sum of the others, exactly: whatever double makes of the determinant is rounding. */
+static void singular_floats_are_found(void **state)
+{
+    (void)state;
+    struct random random = {5};
+    unsigned exact = 0;
+    for (int round = 0; round < 20000; round++) {
+        float m[12] = {0};
+        bool is_exact = true;
+        for (int i = 0; i < 3; i++) {
+            m[i] = (float)random_between(&random, -1, 1);
+            m[4 + i] = (float)random_between(&random, -1, 1);
+            m[8 + i] = m[i] + m[4 + i];
+            is_exact &= (double)m[i] + m[4 + i] == (double)m[8 + i];
+        }
+        exact += is_exact;
+        assert_true(!is_exact || !validate_invertible(m));
+    }
+    assert_true(exact > 1000);
+}
+
+static void small_and_flat_matrices_are_invertible(void **state)
+{
+    (void)state;
+    const float tiny[12] = {1e-41f, 0, 0, 0, 0, 1e-20f, 0, 0, 0, 0, 1e30f, 0};
+    const float turned[12] = {0.8f, -0.6f, 0, 0, 0.6e-6f, 0.8e-6f, 0, 0, 0, 0, 1, 0};
+    assert_true(validate_invertible(tiny));
+    assert_true(validate_invertible(turned));
+}
+
 static void runs_are_judged_whole(void **state)
 {
     (void)state;
@@ -76,6 +106,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(singular_matrices_are_found),
+        cmocka_unit_test(singular_floats_are_found),
+        cmocka_unit_test(small_and_flat_matrices_are_invertible),
         cmocka_unit_test(runs_are_judged_whole),
         cmocka_unit_test(places_are_named),
     };
