@@ -4,6 +4,7 @@
 #include <openssl/evp.h>
 
 #include "build.h"
+#include "embree.h"
 #include "layout.h"
 
 /* The terminating NULs are hashed too: what follows begins at a known place. */
@@ -44,7 +45,7 @@ static void digest_leaf(void *context, size_t index)
 }
 
 struct root {
-    unsigned char bytes[28]; /* what stands between the domain and the digests */
+    unsigned char bytes[32]; /* what stands between the domain and the digests */
 };
 
 static struct root describe_root(uint64_t size, enum build_quality quality, const struct layout *layout, uint32_t layout_flags)
@@ -56,6 +57,7 @@ static struct root describe_root(uint64_t size, enum build_quality quality, cons
     bytes_put32(root.bytes + 16, layout->version);
     bytes_put32(root.bytes + 20, layout_flags);
     bytes_put32(root.bytes + 24, quality);
+    bytes_put32(root.bytes + 28, quality == QUALITY_FAST ? embree_version() : 0);
     return root;
 }
 

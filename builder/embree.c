@@ -270,3 +270,8 @@ void embree_destroy(struct embree *embree)
     pthread_mutex_destroy(&embree->mutex);
     free(embree);
 }
+
+uint32_t embree_version(void)
+{
+    return RTC_VERSION;
+}

@@ -18,6 +18,9 @@ struct embree;
 enum bvhd_status embree_create(struct embree **ret_embree, struct bvhd_error *error);
 void embree_destroy(struct embree *embree);
 
+/* Its number, 31305 for 3.13.5: part of the keys of what it builds, since other versions may build other trees. */
+uint32_t embree_version(void);
+
 struct embree_request {
     struct primitive_ref *refs; /* 32-byte aligned; permuted */
     uint32_t count; /* >= 1 */

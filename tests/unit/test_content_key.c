@@ -44,11 +44,12 @@ static struct key key_of(struct fixture *fixture, uint64_t size, enum build_qual
 /* The definition in the header, with one string of bytes for the root, built by hand and hashed by another interface of the library. */
 static struct key expected_key(const unsigned char *bytes, size_t size, uint32_t quality, uint32_t layout_flags)
 {
-    static unsigned char leaf[24 + LEAF], root[16 + 28 + 4 * 32];
+    static unsigned char leaf[24 + LEAF], root[16 + 32 + 4 * 32];
     memcpy(root, "bvhd key root 1", 16);
-    const uint32_t fields[7] = {(uint32_t)size, 0, BUILD_VERSION, 1, layout_portable.version, layout_flags, quality};
-    memcpy(root + 16, fields, 28);
-    size_t end = 16 + 28;
+    uint32_t embree = quality == QUALITY_FAST ? embree_version() : 0;
+    const uint32_t fields[8] = {(uint32_t)size, 0, BUILD_VERSION, 1, layout_portable.version, layout_flags, quality, embree};
+    memcpy(root + 16, fields, 32);
+    size_t end = 16 + 32;
     for (size_t done = 0; done < size; done += LEAF, end += 32) {
         uint64_t length = size - done < LEAF ? size - done : LEAF;
         memcpy(leaf, "bvhd key leaf 1", 16);
