@@ -42,10 +42,11 @@ struct form_geometry {
     uint64_t index_offset; /* of indices; 0 when there are none */
     uint32_t indexed; /* 1: three indices a triangle; 0: triangle i is vertices 3i .. 3i+2 */
     uint32_t update; /* FORM_UPDATE_ */
-    uint32_t vertex_format; /* these three only with FORM_UPDATE_RECORDED */
+    uint32_t vertex_format; /* these four only with FORM_UPDATE_RECORDED */
     uint32_t max_vertex;
     uint32_t index_type;
-    uint32_t reserved[3]; /* 0 */
+    uint32_t lowest_index; /* as given, where index 0 was before indices were counted from there */
+    uint32_t reserved[2]; /* 0 */
 };
 
 struct form_reference {

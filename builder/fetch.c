@@ -13,7 +13,7 @@
 enum { PRIMITIVE_CHUNK = 32768, VERTEX_CHUNK = 65536, INDEX_BLOCK = 4096, VERTEX_BLOCK = 2048, BOX_BLOCK = 1024, RECORD_BLOCK = 256 };
 
 struct fetch_source {
-    _Atomic uint32_t highest; /* index in use, as given */
+    _Atomic uint32_t lowest, highest; /* index in use, as given */
     bool transformed; /* by something else than the identity */
     float matrix[12];
 };
@@ -43,6 +43,7 @@ enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input
         return bvhd_error_set(error, BVHD_NO_MEMORY, place("infos[%u].pGeometries", index).text, "%u geometries", count);
     }
     for (uint32_t i = 0; i < count; i++) {
+        atomic_init(&fetch->sources[i].lowest, UINT32_MAX);
         atomic_init(&fetch->sources[i].highest, 0);
         fetch->sources[i].transformed = false;
         fetch->view.geometries[i] = (struct canonical_geometry){
@@ -108,12 +109,18 @@ static void settle(void)
     atomic_signal_fence(memory_order_seq_cst);
 }
 
-static uint32_t highest_of(const uint32_t *indices, size_t count)
+struct span {
+    uint32_t lowest, highest;
+};
+
+static void grow_span(const uint32_t *indices, size_t count, struct span *span)
 {
-    uint32_t highest = 0;
-    for (size_t i = 0; i < count; i++)
+    uint32_t lowest = span->lowest, highest = span->highest;
+    for (size_t i = 0; i < count; i++) {
+        lowest = indices[i] < lowest ? indices[i] : lowest;
         highest = indices[i] > highest ? indices[i] : highest;
-    return highest;
+    }
+    *span = (struct span){lowest, highest};
 }
 
 static void widen(const unsigned char *source, size_t count, uint32_t *ret_indices)
@@ -122,14 +129,14 @@ static void widen(const unsigned char *source, size_t count, uint32_t *ret_indic
         ret_indices[i] = bytes_get16(source + 2 * i);
 }
 
-static uint32_t copy_indices(const unsigned char *source, uint32_t type, size_t count, uint32_t *ret_indices)
+static void copy_indices(const unsigned char *source, uint32_t type, size_t count, uint32_t *ret_indices, struct span *span)
 {
     if (type == INDEX_UINT16)
         widen(source, count, ret_indices);
     else
         memcpy(ret_indices, source, count * sizeof *ret_indices);
     settle();
-    return highest_of(ret_indices, count);
+    grow_span(ret_indices, count, span);
 }
 
 static void raise_to(_Atomic uint32_t *highest, uint32_t value)
@@ -161,13 +168,13 @@ static void fetch_indices(struct fetch *fetch, uint32_t index, uint32_t first, u
     }
     size_t size = triangles->index_type == INDEX_UINT16 ? 2 : 4;
     const unsigned char *source = triangles->indices.data + geometry->range.primitive_offset + (size_t)3 * first * size;
-    uint32_t highest = 0;
+    struct span span = {UINT32_MAX, 0};
     for (size_t at = 0; at < total; at += INDEX_BLOCK) {
         size_t some = total - at < INDEX_BLOCK ? total - at : INDEX_BLOCK;
-        uint32_t block_highest = copy_indices(source + at * size, triangles->index_type, some, target + at);
-        highest = block_highest > highest ? block_highest : highest;
+        copy_indices(source + at * size, triangles->index_type, some, target + at, &span);
     }
-    raise_to(&fetch->sources[index].highest, highest);
+    lower_to(&fetch->sources[index].lowest, span.lowest);
+    raise_to(&fetch->sources[index].highest, span.highest);
 }
 
 static void copy_strided(const unsigned char *source, uint64_t stride, size_t count, float *ret_boxes)
@@ -322,9 +329,21 @@ static enum bvhd_status read_transform(struct fetch *fetch, uint32_t index, stru
                            "the 3x3 part is not invertible");
 }
 
+/* Only the span of vertices that a geometry uses is kept, so that many may share one large array of them; indices count from its start. */
+static void rebase_indices(struct fetch *fetch, uint32_t index)
+{
+    struct form_geometry *row = row_of(fetch, index);
+    uint32_t lowest = fetch->sources[index].lowest, *indices = (void *)(fetch->block + row->index_offset);
+    if (row->update & FORM_UPDATE_RECORDED)
+        row->lowest_index = lowest;
+    for (uint64_t i = 0; lowest > 0 && i < (uint64_t)3 * row->primitive_count; i++)
+        indices[i] -= lowest;
+}
+
 static enum bvhd_status finish_triangles(struct fetch *fetch, uint32_t index, struct bvhd_error *error)
 {
     struct canonical_geometry *geometry = &fetch->view.geometries[index];
+    struct fetch_source *source = &fetch->sources[index];
     const struct form_geometry *row = row_of(fetch, index);
     if (row->primitive_count == 0)
         return BVHD_OK;
@@ -335,11 +354,17 @@ static enum bvhd_status finish_triangles(struct fetch *fetch, uint32_t index, st
         return status;
     if (fetch->input->geometries[index].triangles.vertex_stride == 0) {
         memset(fetch->block + row->index_offset, 0, form_bytes(row, FORM_PRIMITIVES));
-        fetch->sources[index].highest = 0;
+        source->lowest = source->highest = 0;
     }
-    if (fetch->sources[index].highest == UINT32_MAX)
+    if (!row->indexed) {
+        source->lowest = 0;
+        geometry->vertex_count = 3 * row->primitive_count;
+        return BVHD_OK;
+    }
+    if (source->highest - source->lowest == UINT32_MAX)
         return bvhd_error_set(error, BVHD_TOO_LARGE, place("infos[%u].geometries[%u]", fetch->index, index).text, "2^32 vertices");
-    geometry->vertex_count = row->indexed ? fetch->sources[index].highest + 1 : 3 * row->primitive_count;
+    geometry->vertex_count = source->highest - source->lowest + 1;
+    rebase_indices(fetch, index);
     return BVHD_OK;
 }
 
@@ -383,7 +408,8 @@ static void fetch_vertex_run(struct fetch *fetch, uint32_t index, uint32_t first
     const struct vertex_format *format = vertex_format_find(triangles->vertex_format);
     const struct fetch_source *source = &fetch->sources[index];
     uint64_t stride = triangles->vertex_stride, offset = triangles->index_type == INDEX_NONE ? geometry->range.primitive_offset : 0;
-    const unsigned char *vertices = triangles->vertices.data + offset + stride * ((uint64_t)geometry->range.first_vertex + first);
+    uint64_t vertex = (uint64_t)geometry->range.first_vertex + source->lowest + first;
+    const unsigned char *vertices = triangles->vertices.data + offset + stride * vertex;
     float *positions = (float *)(void *)(fetch->block + row_of(fetch, index)->data_offset) + (size_t)3 * first;
     for (uint32_t at = 0; at < count; at += VERTEX_BLOCK) {
         uint32_t some = count - at < VERTEX_BLOCK ? count - at : VERTEX_BLOCK;

@@ -63,8 +63,9 @@ static enum bvhd_status check_header(const struct reader *reader)
 static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
 {
     if (!(flags & BUILD_ALLOW_UPDATE) || row->type != GEOMETRY_TRIANGLES)
-        return row->update == 0 && row->vertex_format == 0 && row->max_vertex == 0 && row->index_type == 0;
-    return (row->update & ~(uint32_t)FORM_UPDATE_TRANSFORM) == FORM_UPDATE_RECORDED && vertex_format_find(row->vertex_format) &&
+        return row->update == 0 && row->vertex_format == 0 && row->max_vertex == 0 && row->index_type == 0 && row->lowest_index == 0;
+    return (row->update & ~(uint32_t)FORM_UPDATE_TRANSFORM) == FORM_UPDATE_RECORDED && (row->indexed || row->lowest_index == 0) &&
+           vertex_format_find(row->vertex_format) &&
            (row->index_type == INDEX_NONE || row->index_type == INDEX_UINT16 || row->index_type == INDEX_UINT32);
 }
 
@@ -157,11 +158,15 @@ static enum bvhd_status check_references(const struct reader *reader)
 
 static enum bvhd_status check_indices(const struct reader *reader, uint32_t index, const struct canonical_geometry *geometry)
 {
-    uint32_t highest = 0;
-    for (uint64_t i = 0; geometry->indices && i < (uint64_t)3 * geometry->primitive_count; i++)
+    uint32_t highest = 0, lowest = UINT32_MAX;
+    for (uint64_t i = 0; geometry->indices && i < (uint64_t)3 * geometry->primitive_count; i++) {
         highest = geometry->indices[i] > highest ? geometry->indices[i] : highest;
+        lowest = geometry->indices[i] < lowest ? geometry->indices[i] : lowest;
+    }
     if (geometry->indices && highest != geometry->vertex_count - 1)
         return corrupt_row(reader, index, "vertexCount", "not the highest index plus one");
+    if (geometry->indices && lowest != 0)
+        return corrupt_row(reader, index, "indices", "they do not start at 0");
     return BVHD_OK;
 }
 

@@ -6,7 +6,7 @@
  * table. prepare.h writes it from a description; content_key.h hashes it; the builder reads it through this view; it is also what travels
  * between machines, so prepare_open() treats it as hostile.
  *
- * Triangles: positions are three floats each, after the geometry transform, starting at the range's firstVertex, up to the highest
+ * Triangles: positions are three floats each, after the geometry transform, from the lowest index in use up to the highest
  * index in use; indices are u32 (three a triangle) or absent (triangle i = vertices 3i..3i+2). AABBs: six floats each. Instances: 64-byte
  * records as in Vulkan whose reference field is the 1-based row of the reference table, 0 for an inactive instance.
  */

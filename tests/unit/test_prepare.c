@@ -153,6 +153,37 @@ static void layout_of_input_does_not_count(void **state)
         }
 }
 
+/* Indices that start anywhere in a large array take along no more than the span of vertices that they use. */
+static void only_the_span_in_use_is_kept(void **state)
+{
+    (void)state;
+    enum { FROM = 1000 };
+    static float many[FROM + 9][3];
+    static uint32_t indices[6];
+    struct test_input test, other;
+    inputs_triangles(&test);
+    inputs_triangles(&other);
+    for (int i = 0; i < 4; i++)
+        memcpy(many[FROM + i], test.vertices[i + 1], sizeof *many);
+    for (int i = 0; i < 6; i++)
+        indices[i] = FROM + test.indices[i + 2];
+    struct geometry_triangles *triangles = &other.geometries[0].triangles;
+    triangles->vertices = (struct bytes){(const unsigned char *)many, sizeof many};
+    triangles->vertex_stride = sizeof *many;
+    triangles->max_vertex = FROM + 8;
+    triangles->index_type = INDEX_UINT32;
+    triangles->indices = (struct bytes){(const unsigned char *)indices, sizeof indices};
+    other.geometries[0].range.first_vertex = 0;
+    other.geometries[0].range.primitive_offset = 0;
+    compare(&test, &other, true);
+
+    /* What an update compares tells them apart. */
+    test.input.flags |= BUILD_ALLOW_UPDATE;
+    other.input.flags |= BUILD_ALLOW_UPDATE;
+    test.geometries[0].triangles.max_vertex = triangles->max_vertex;
+    compare(&test, &other, false);
+}
+
 /* Positions that several formats can say, said in each of them. */
 static void formats_of_equal_value_do_not_count(void **state)
 {
@@ -558,6 +589,7 @@ int main(void)
         cmocka_unit_test(triangles_are_copied),
         cmocka_unit_test(boxes_are_copied),
         cmocka_unit_test(layout_of_input_does_not_count),
+        cmocka_unit_test(only_the_span_in_use_is_kept),
         cmocka_unit_test(formats_of_equal_value_do_not_count),
         cmocka_unit_test(stride_zero_keeps_one_vertex),
         cmocka_unit_test(what_counts_changes_the_bytes),
