@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* bvhctl: builds acceleration structures from scene files, checks them, looks into them, makes pictures of them. */
+#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 
@@ -20,7 +21,17 @@ static void watch_signals(void)
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
+}
+
+/*
+ * A standard descriptor that the caller closed would be the next file's that is opened, and messages would land in that. What was closed for output is
+ * opened for reading only: writing to it fails, as before.
+ */
+static void fill_standard_descriptors(void)
+{
+    for (int i = 0; i <= 2; i++)
+        if (fcntl(i, F_GETFD) < 0)
+            open("/dev/null", i == 0 ? O_RDWR : O_RDONLY);
 }
 
 static enum exit_code run(const struct options *options)
@@ -48,6 +59,8 @@ int main(int argc, char **argv)
 {
     struct options options;
     struct bvhd_error error;
+    fill_standard_descriptors();
+    signal(SIGPIPE, SIG_IGN); /* a reader that went away is an error to report, not the end */
     if (options_parse(argc, argv, &options, &error)) {
         report_failure(options_want_json(argc, argv), "usage", &error);
         return EXIT_USAGE;

@@ -84,6 +84,22 @@ expect 'the help names the options' grep -q -- --depfile out
 run 0 --version
 expect 'a version' grep -Eq '^bvhctl [0-9]+\.[0-9]+\.[0-9]+$' out
 
+# A reader that is gone (yes notices, and ends), and streams that are closed.
+for word in --version --help 'build --help'; do
+    { yes 2>/dev/null; "$bvhctl" $word 2>err; echo $? >code; } | :
+    expect "a lost reader is a failure of $word: $(cat code)" [ "$(cat code)" = 1 ]
+    one_error_line
+done
+"$bvhctl" --local build ball.ply -o closed >&- 2>err
+expect 'a closed output fails' [ $? -eq 1 ]
+one_error_line
+expect 'yet the files are there' [ -f closed/ball.tlas.as ]
+"$bvhctl" --local build ball.ply -o closed2 --json <&- >out 2>&-
+expect 'closed input and messages do not matter' [ $? -eq 0 ]
+one_json_object
+"$bvhctl" --local build ball.ply -o closed3 <&- >&- 2>&-
+expect 'nor does it take a stream to build' [ -f closed3/manifest.json ]
+
 # Without a daemon.
 run 4 build ball.ply -o d
 one_error_line
