@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -126,16 +127,37 @@ static enum bvhd_status replace(const char *path, char *temporary, struct bytes 
     return system_error(error, path, number);
 }
 
+/* Where the content belongs: what is there already must be a file, or a link to one. */
+static enum bvhd_status find_place(const char *path, char ret_place[PATH_MAX], struct bvhd_error *error)
+{
+    struct stat status;
+    int known = lstat(path, &status);
+    if (known < 0 && errno != ENOENT)
+        return system_error(error, path, errno);
+    bool is_link = known == 0 && S_ISLNK(status.st_mode);
+    if (is_link && (!realpath(path, ret_place) || stat(ret_place, &status) < 0))
+        return system_error(error, path, errno);
+    if (known == 0 && !S_ISREG(status.st_mode))
+        return bvhd_error_set(error, BVHD_IO, path, "not a regular file");
+    if (!is_link && snprintf(ret_place, PATH_MAX, "%s", path) >= PATH_MAX)
+        return system_error(error, path, ENAMETOOLONG);
+    return BVHD_OK;
+}
+
 enum bvhd_status files_write(const char *path, struct bytes content, struct memory *memory, bool *ret_changed, struct bvhd_error *error)
 {
-    bool changed = !has_content(path, content);
+    char place[PATH_MAX];
+    enum bvhd_status status = find_place(path, place, error);
+    if (status)
+        return status;
+    bool changed = !has_content(place, content);
     if (changed) {
-        uint64_t size = strlen(path) + sizeof ".XXXXXX";
+        uint64_t size = strlen(place) + sizeof ".XXXXXX";
         char *temporary = memory_alloc(memory, size);
         if (!temporary)
             return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for its name");
-        snprintf(temporary, size, "%s.XXXXXX", path);
-        enum bvhd_status status = replace(path, temporary, content, error);
+        snprintf(temporary, size, "%s.XXXXXX", place);
+        status = replace(place, temporary, content, error);
         memory_free(memory, temporary);
         if (status)
             return status;
@@ -174,10 +196,13 @@ bool files_is_directory(const char *path)
 
 char *files_join(struct memory *memory, const char *directory, const char *name)
 {
-    uint64_t size = strlen(directory) + strlen(name) + 2;
+    size_t length = strlen(directory);
+    while (length > 0 && directory[length - 1] == '/')
+        length--;
+    uint64_t size = length + strlen(name) + 2;
     char *path = memory_alloc(memory, size);
     if (path)
-        snprintf(path, size, "%s/%s", directory, name);
+        snprintf(path, size, "%.*s/%s", (int)length, directory, name);
     return path;
 }
 

@@ -18,7 +18,8 @@ enum bvhd_status files_read(const char *path, uint64_t limit, struct memory *mem
 
 /*
  * Gives `path` this content: through a temporary file beside it and a rename, so that a reader sees the old or the new bytes, never a part. A file
- * that has these bytes already is not touched, and keeps its time. ret_changed may be NULL.
+ * that has these bytes already is not touched, and keeps its time. A symbolic link stays, and what it leads to gets the content; it must lead
+ * somewhere. BVHD_IO for what is there and no regular file: a device would be lost. ret_changed may be NULL.
  */
 enum bvhd_status files_write(const char *path, struct bytes content, struct memory *memory, bool *ret_changed,
                              struct bvhd_error *error);

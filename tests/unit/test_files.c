@@ -174,6 +174,86 @@ static void test_failed_write_leaves_nothing(void **state)
     assert_int_equal(memory.live, 0);
 }
 
+static void test_links_stay(void **state)
+{
+    (void)state;
+    assert_int_equal(mkdir("far", 0777), 0);
+    write_text("far/target", "old", true);
+    assert_int_equal(symlink("far/target", "near"), 0);
+    assert_int_equal(symlink("near", "nearer"), 0);
+    write_text("nearer", "old", false);
+    write_text("nearer", "new", true);
+    expect_text("far/target", "new");
+    struct stat status;
+    assert_int_equal(lstat("nearer", &status), 0);
+    assert_true(S_ISLNK(status.st_mode));
+    assert_int_equal(lstat("near", &status), 0);
+    assert_true(S_ISLNK(status.st_mode));
+    assert_int_equal(count_entries(), 3);
+    unlink("nearer");
+    unlink("near");
+    unlink("far/target");
+    rmdir("far");
+}
+
+static void expect_write_failure(const char *path, enum bvhd_status expected)
+{
+    struct memory memory;
+    struct bvhd_error error = {0};
+    struct stat before, after;
+    memory_init(&memory, UINT64_MAX);
+    assert_int_equal(lstat(path, &before), 0);
+    assert_int_equal(files_write(path, text_bytes("x"), &memory, NULL, &error), expected);
+    assert_string_equal(error.where, path);
+    assert_int_equal(lstat(path, &after), 0);
+    assert_int_equal(before.st_ino, after.st_ino);
+    assert_int_equal(before.st_mode, after.st_mode);
+    assert_int_equal(memory.live, 0);
+}
+
+/* A pipe stands for all that is neither file nor directory. */
+static void test_only_files_are_replaced(void **state)
+{
+    (void)state;
+    assert_int_equal(mkfifo("pipe", 0600), 0);
+    assert_int_equal(symlink("pipe", "to-pipe"), 0);
+    assert_int_equal(symlink("nothing", "to-nothing"), 0);
+    assert_int_equal(symlink("round", "round"), 0);
+    assert_int_equal(mkdir("empty", 0777), 0);
+    expect_write_failure("pipe", BVHD_IO);
+    expect_write_failure("to-pipe", BVHD_IO);
+    expect_write_failure("to-nothing", BVHD_NOT_FOUND);
+    expect_write_failure("round", BVHD_IO);
+    expect_write_failure("empty", BVHD_IO);
+    assert_int_equal(count_entries(), 5);
+    unlink("pipe");
+    unlink("to-pipe");
+    unlink("to-nothing");
+    unlink("round");
+    rmdir("empty");
+}
+
+static void expect_join(const char *directory_name, const char *expected)
+{
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    char *path = files_join(&memory, directory_name, "name");
+    assert_string_equal(path, expected);
+    memory_free(&memory, path);
+    assert_int_equal(memory.live, 0);
+}
+
+static void test_join(void **state)
+{
+    (void)state;
+    expect_join("a", "a/name");
+    expect_join("a/b", "a/b/name");
+    expect_join("a/", "a/name");
+    expect_join("a//", "a/name");
+    expect_join("/", "/name");
+    expect_join("./", "./name");
+}
+
 static void test_make_directory(void **state)
 {
     (void)state;
@@ -242,11 +322,12 @@ static void test_depfile_no_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_write_and_read),    cmocka_unit_test(test_unchanged_keeps_time),
-        cmocka_unit_test(test_large_content),     cmocka_unit_test(test_mode_follows_umask),
-        cmocka_unit_test(test_read_failures),     cmocka_unit_test(test_failed_write_leaves_nothing),
-        cmocka_unit_test(test_make_directory),    cmocka_unit_test(test_depfile),
-        cmocka_unit_test(test_depfile_no_memory),
+        cmocka_unit_test(test_write_and_read),          cmocka_unit_test(test_unchanged_keeps_time),
+        cmocka_unit_test(test_large_content),           cmocka_unit_test(test_mode_follows_umask),
+        cmocka_unit_test(test_read_failures),           cmocka_unit_test(test_failed_write_leaves_nothing),
+        cmocka_unit_test(test_make_directory),          cmocka_unit_test(test_depfile),
+        cmocka_unit_test(test_depfile_no_memory),       cmocka_unit_test(test_links_stay),
+        cmocka_unit_test(test_only_files_are_replaced), cmocka_unit_test(test_join),
     };
     return cmocka_run_group_tests_name("files", tests, enter_scratch, leave_scratch);
 }
