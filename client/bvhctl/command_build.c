@@ -121,19 +121,31 @@ static bool is_interrupted(const struct run *run)
     return atomic_load(run->local.build.cancel);
 }
 
-static bool keep_structures(struct run *run, const struct assembly *assembly, char **files)
+/* A top level is worth nothing without the files that it names. */
+static enum bvhd_status check_handles(const struct assembly *assembly, char *const *files, struct bvhd_error *error)
 {
-    bool ok = true;
-    for (uint32_t i = 0; i <= assembly->import->part_count && !is_interrupted(run); i++) {
-        struct bvhd_error error = assembly->items[i].error;
-        enum bvhd_status status = assembly->items[i].status;
-        if (!status)
-            status = keep_structure(run, assembly, i, files, &error);
-        if (status)
-            fail(run, files[i], &error);
-        ok &= !status;
+    for (uint32_t i = 0; i < assembly->handle_count; i++) {
+        const struct batch_item *item = &assembly->items[assembly->handles[i]];
+        if (item->status)
+            return bvhd_error_set(error, item->status, assembly->import->name, "%s, which it needs, was not written",
+                                  files[assembly->handles[i]]);
     }
-    return ok;
+    return BVHD_OK;
+}
+
+/* What cannot be written has failed like what cannot be built. */
+static void keep_structures(struct run *run, const struct assembly *assembly, char **files)
+{
+    uint32_t top = assembly->import->part_count;
+    for (uint32_t i = 0; i <= top && !is_interrupted(run); i++) {
+        struct batch_item *item = &assembly->items[i];
+        if (!item->status && i == top)
+            item->status = check_handles(assembly, files, &item->error);
+        if (!item->status)
+            item->status = keep_structure(run, assembly, i, files, &item->error);
+        if (item->status)
+            fail(run, files[i], &item->error);
+    }
 }
 
 static char **make_file_names(const struct import *import)
@@ -277,6 +289,8 @@ static void print_summary(const struct run *run)
 static void write_lists(struct run *run)
 {
     struct bvhd_error error;
+    if (run->failed && run->structure_count == 0)
+        return; /* nothing to list, and an earlier manifest may still be right */
     if (write_manifest(run, &error))
         fail(run, "build", &error);
     else if (run->options->depfile && !run->failed && depfile_write(&run->depfile, run->options->depfile, &error))
