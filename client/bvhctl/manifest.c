@@ -15,12 +15,12 @@ static bool is_safe(unsigned char character)
            character == '.' || character == '-' || character == '_';
 }
 
-/* Runs of other characters become one '_'; no leading dot, so that nothing is hidden. */
-static size_t make_safe(const char *name, size_t limit, char *ret_safe)
+/* Runs of other characters become one '_', dots only where `dots` allows them; no leading dot, so that nothing is hidden. */
+static size_t make_safe(const char *name, size_t limit, bool dots, char *ret_safe)
 {
     size_t size = 0;
     for (const unsigned char *at = (const unsigned char *)name; *at && size < limit; at++) {
-        bool ok = is_safe(*at) && !(size == 0 && (*at == '.' || *at == '-'));
+        bool ok = is_safe(*at) && (dots || *at != '.') && !(size == 0 && (*at == '.' || *at == '-'));
         if (ok)
             ret_safe[size++] = (char)*at;
         else if (size == 0 || ret_safe[size - 1] != '_')
@@ -34,7 +34,7 @@ char *manifest_safe_name(const char *name, struct memory *memory)
 {
     size_t length = strlen(name);
     char *safe = memory_alloc(memory, length + 2);
-    if (safe && make_safe(name, length, safe) == 0)
+    if (safe && make_safe(name, length, true, safe) == 0)
         memcpy(safe, "_", 2);
     return safe;
 }
@@ -46,7 +46,7 @@ char *manifest_file_name(const struct import *import, uint32_t index)
     if (!scene)
         return NULL;
     bool is_top = index == import->part_count;
-    size_t named = is_top ? 0 : make_safe(import->parts[index].name, NAME_PART_MAX, part_name);
+    size_t named = is_top ? 0 : make_safe(import->parts[index].name, NAME_PART_MAX, false, part_name);
     if (is_top)
         snprintf(part, sizeof part, "tlas");
     else

@@ -162,10 +162,10 @@ static void test_file_names(void **state)
     char endless[300];
     memset(endless, 'e', sizeof endless - 1);
     endless[sizeof endless - 1] = '\0';
-    check_file_name(dragon, plain, 0, "dragon.blas-0-Wing.left.as");
+    check_file_name(dragon, plain, 0, "dragon.blas-0-Wing_left.as");
     check_file_name(dragon, nothing, 1, "dragon.blas-1.as");
     check_file_name(dragon, plain, 2, "dragon.tlas.as");
-    check_file_name(dragon, path, 0, "dragon.blas-0-_._.._etc_pass_wd.as");
+    check_file_name(dragon, path, 0, "dragon.blas-0-_etc_pass_wd.as");
     check_file_name(wide, wide, 0, "_b.blas-0-_b.as");
     check_file_name(hidden, hidden, 1, "_x.blas-1-_x.as");
     check_file_name(nothing, nothing, 2, "_.tlas.as");
