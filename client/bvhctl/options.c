@@ -380,6 +380,8 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
         return usage(error, options->operands[row->most], "one word too many; wants: %s", row->arguments);
     if (needs_output && !options->output)
         return usage(error, row->name, "wants -o: %s", row->arguments);
+    if (needs_output && !*options->output)
+        return usage(error, "-o", "an empty name", "");
     if (options->command == COMMAND_TRACE && !options->device)
         return usage(error, row->name, "wants --device: %s", "cpu or auto");
     return BVHD_OK;
