@@ -73,6 +73,9 @@ run 2 --local build ball.ply
 one_error_line
 run 2 --local build ball.ply -o d --quality best
 one_error_line
+run 2 --local build ball.ply -o ''
+one_error_line
+run 2 trace d --device cpu -o ''
 run 2 build --json --nonsense
 one_error_line
 one_json_object
@@ -146,12 +149,47 @@ expect 'the other scene is there' [ -f part/ball.tlas.as ]
 run 1 --local build missing.ply -o none --json
 one_json_object
 expect 'the error object' grep -q '^{"schema":1,"error":{"status":"NOT_FOUND"' out
+printf 'o b.tlas\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >a.obj
+cp a.obj a.blas-0-b.obj
+run 0 --local build a.obj a.blas-0-b.obj -o apart
+expect 'no scene overwrites files of another' [ "$(find apart -name '*.as' | wc -l)" -eq 4 ]
 run 2 --local build ball.ply "$scratch/ball.ply" -o two
 one_error_line
 run 1 --local build ball.ply -o stamp/inside
 one_error_line
 run 1 --local build ball.ply -o small --memory 1000
 run 1 --local build ball.ply -o dep --depfile no/such/place.d
+run 0 --local build ball.ply mixed.obj -o kept
+cp kept/manifest.json before.json
+run 1 --local build missing.ply -o kept
+expect 'a failed build leaves the manifest' cmp -s kept/manifest.json before.json
+run 1 --local build ball.ply -o kept --memory 1000
+expect 'so does one without memory' cmp -s kept/manifest.json before.json
+blas=$(cd kept && echo ball.blas-0*.as)
+rm "kept/$blas"
+mkdir "kept/$blas"
+run 1 --local build ball.ply mixed.obj -o kept --quality fast --json
+one_json_object
+expect 'the file in the way is named' grep -q "^bvhctl: $blas: kept/$blas: not a regular file" err
+expect 'its top level fails, too' grep -q "^bvhctl: ball.tlas.as: ball: $blas, which it needs, was not written" err
+expect 'the manifest has neither' sh -c '! grep -q "\"ball" kept/manifest.json'
+expect 'it has the other scene' grep -q mixed.tlas.as kept/manifest.json
+
+# Outputs that are no plain files: a link stays and its target is written, anything else is left alone.
+mkdir elsewhere
+echo old >elsewhere/real.d
+ln -s elsewhere/real.d link.d
+mkfifo pipe.d
+run 0 --local build ball.ply -o linked// --depfile link.d
+expect 'the link is still one' [ -L link.d ]
+expect 'what it leads to was written, with one slash' grep -q '^linked/manifest.json:' elsewhere/real.d
+run 1 --local build ball.ply -o linked --depfile pipe.d
+one_error_line
+expect 'the pipe is still one' [ -p pipe.d ]
+run 1 trace linked --device cpu -o pipe.d --size 8x8
+one_error_line
+expect 'no picture instead of a pipe' [ -p pipe.d ]
+expect 'no temporary files beside it' [ -z "$(find . -name '*.d.??????')" ]
 expect 'a Vulkan rule is named' sh -c "'$bvhctl' --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build 2>&1 |
     grep -q '^bvhctl: ball.blas-0.as: .*VUID-VkAccelerationStructureBuildGeometryInfoKHR-flags-03796'"
 
