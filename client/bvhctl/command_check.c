@@ -22,6 +22,7 @@ struct run {
     struct oracle_answer *answers;
     uint32_t ray_count;
     bool answered;
+    bool is_damaged; /* the structures cannot be opened: that is a finding, too */
 };
 
 struct tally {
@@ -39,9 +40,11 @@ static enum bvhd_status open_both(struct run *run, struct bvhd_error *error)
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
     enum bvhd_status status = import_scene(options->operands[1], memory, &run->import, error);
-    if (!status)
-        status =
-            structures_open(options->operands[0], options->scene ? options->scene : run->import.name, memory, &run->structures, error);
+    if (status)
+        return status;
+    const char *scene = options->scene ? options->scene : run->import.name;
+    status = structures_open(options->operands[0], scene, memory, &run->structures, error);
+    run->is_damaged = status == BVHD_CORRUPT || status == BVHD_INCOMPATIBLE;
     if (!status)
         status = import_oracle_meshes(&run->import, run->structures.scene.top != NULL, &run->meshes, &run->mesh_count, error);
     return status;
@@ -161,5 +164,5 @@ enum exit_code command_check(const struct options *options)
         status = ask_oracle(&run, &error);
     enum exit_code code = status ? report_failure(options->json, "check", &error) : judge(&run);
     release(&run);
-    return code;
+    return run.is_damaged ? EXIT_WRONG : code;
 }
