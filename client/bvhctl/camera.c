@@ -54,8 +54,9 @@ static bool in_focus(const struct stage *stage, struct vector point)
 {
     struct vector extent = vector_sub(stage->high, stage->low), middle = vector_scale(vector_add(stage->low, stage->high), 0.5);
     struct vector away = vector_sub(stage_to_local(stage, point), middle);
-    double part = flatness(stage) < 0.05 ? 0.26 : 0.501;
-    return fabs(away.x) <= part * extent.x && fabs(away.y) <= part * extent.y && fabs(away.z) <= 0.501 * extent.z;
+    double part = flatness(stage) < 0.05 ? 0.26 : 0.501, rounding = 1e-6 * stage->size; /* the extent of a level plane is 0 */
+    return fabs(away.x) <= part * extent.x + rounding && fabs(away.y) <= part * extent.y + rounding &&
+           fabs(away.z) <= 0.501 * extent.z + rounding;
 }
 
 /* What the samples of the bulk need of the picture when seen from far away, in units of its half sides at distance 1. */
@@ -253,12 +254,12 @@ static void judge_view(void *context, size_t task)
 
 /*
  * Whether one can stand inside: of the places in the bulk that have room around them, most see walls in most directions. In the space around things
- * outdoors half of all directions lead to the sky.
+ * outdoors half of all directions lead to the sky. Where none does, the bulk is a closed body, and dark inside.
  */
 static bool is_enclosing(const struct stage *stage)
 {
     uint64_t state = 0xca3e7a;
-    uint32_t stands = 0, walls = 0;
+    uint32_t stands = 0, walls = 0, openings = 0;
     struct vector extent = vector_sub(stage->high, stage->low);
     for (int i = 0; i < OPENNESS_STANDS; i++) {
         struct vector part = vector_make(rays_uniform(&state), rays_uniform(&state), rays_uniform(&state) * 0.7);
@@ -274,9 +275,10 @@ static bool is_enclosing(const struct stage *stage)
         if (nearest < 0.04 * stage->size)
             continue;
         stands++;
+        openings += OPENNESS_RAYS - hits;
         walls += hits >= OPENNESS_RAYS * 7 / 10;
     }
-    return stands >= OPENNESS_STANDS / 16 && walls * 2 > stands;
+    return stands >= OPENNESS_STANDS / 16 && walls * 2 > stands && openings > 0;
 }
 
 enum bvhd_status camera_choose(const struct stage *stage, double aspect, const struct parallel *parallel, struct memory *memory,

@@ -12,7 +12,11 @@ enum { OUTLIERS = 4 };
 
 enum { MANY_INSTANCES = 16 };
 
-enum { TOUR_STRIDE = 8 }; /* triangles that are looked at, for each one that a sample is taken from */
+enum {
+    TOUR_STRIDE = 8, /* triangles that are looked at, for each one that a sample is taken from */
+    FEW_TRIANGLES = 4096, /* from fewer, samples are taken from every one */
+    FEWEST_SAMPLES = 256, /* that tell an extent; where triangles are fewer, each gives several */
+};
 
 static const double clear_of_box = 1.6; /* how much larger the whole may be than the bulk before the rest counts as outliers */
 
@@ -163,7 +167,7 @@ struct tour {
     struct stage *stage;
     uint64_t state; /* of random numbers */
     double area, area_step, area_next; /* area so far, and where the next point by area is taken; area_step 0: only adds up */
-    uint64_t seen;
+    uint64_t seen, stride, repeats; /* by number: so many samples from each stride-th triangle */
 };
 
 static void add_sample(struct tour *tour, const struct vector corners[3])
@@ -180,7 +184,8 @@ static void visit_triangle(struct tour *tour, const struct portable_view *view, 
     record_corners(view, index, corners);
     for (int i = 0; i < 3 && transform; i++)
         corners[i] = transform_point(transform, corners[i]);
-    if (tour->seen++ % TOUR_STRIDE == 0 && tour->area_step == 0)
+    bool is_chosen = tour->seen++ % tour->stride == 0 && tour->area_step == 0;
+    for (uint64_t i = 0; i < tour->repeats && is_chosen; i++)
         add_sample(tour, corners);
     struct vector normal = vector_cross(vector_sub(corners[1], corners[0]), vector_sub(corners[2], corners[0]));
     double area = vector_length(normal);
@@ -208,10 +213,13 @@ static void take_tour(struct tour *tour)
 /* First points that tell where most triangles are, then points that tell where most of what can be seen is. */
 static void sample_triangles(struct stage *stage)
 {
-    struct tour by_number = {.stage = stage, .state = 0x5eed};
+    uint64_t count = stage->triangle_count;
+    struct tour by_number = {.stage = stage, .state = 0x5eed, .stride = count < FEW_TRIANGLES ? 1 : TOUR_STRIDE, .repeats = 1};
+    if (count > 0 && count < FEWEST_SAMPLES)
+        by_number.repeats = (FEWEST_SAMPLES + count - 1) / count;
     take_tour(&by_number);
     stage->even_count = stage->sample_count;
-    struct tour by_area = {.stage = stage, .state = 0xa4ea};
+    struct tour by_area = {.stage = stage, .state = 0xa4ea, .stride = 1};
     by_area.area_step = by_number.area / (STAGE_SAMPLES - STAGE_EVEN_SAMPLES);
     if (by_area.area_step > 0)
         take_tour(&by_area);

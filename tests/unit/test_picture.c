@@ -81,20 +81,51 @@ static void test_up(void **state)
     test_world_finish(&world);
 }
 
+static unsigned count_hits(const struct stage *stage, const struct camera *camera)
+{
+    unsigned hits = 0;
+    for (int i = 0; i < WIDTH * HEIGHT; i++) {
+        struct stage_hit hit;
+        hits +=
+            stage_look(stage, camera->origin, camera_direction(camera, (i % WIDTH + 0.5) / WIDTH, (i / WIDTH + 0.5) / HEIGHT), &hit);
+    }
+    return hits;
+}
+
 static void test_camera_sees_the_scene(void **state)
 {
     (void)state;
     struct studio studio;
     open_studio(&studio, 2);
-    unsigned hits = 0;
-    for (int i = 0; i < WIDTH * HEIGHT; i++) {
-        struct stage_hit hit;
-        struct vector direction = camera_direction(&studio.camera, (i % WIDTH + 0.5) / WIDTH, (i / WIDTH + 0.5) / HEIGHT);
-        hits += stage_look(&studio.stage, studio.camera.origin, direction, &hit);
-    }
-    assert_true(hits > WIDTH * HEIGHT / 8);
+    assert_true(count_hits(&studio.stage, &studio.camera) > WIDTH * HEIGHT / 8);
     assert_false(studio.camera.is_inside);
     close_studio(&studio);
+}
+
+/* A quad, level or upright, and a cube, alone and with too few triangles for one sample each to tell anything. */
+static void test_few_triangles(void **state)
+{
+    (void)state;
+    struct test_world world;
+    test_world_init(&world, 1);
+    for (int i = 0; i < 8; i++) {
+        struct stage stage;
+        struct camera camera;
+        uint64_t rays;
+        struct local *local = &world.local;
+        world.structures.scene = (struct scene){NULL, &world.bottoms[i / 4], 1};
+        assert_int_equal(stage_init(&stage, &world.structures, "xyza"[i % 4], &local -> memory, NULL), BVHD_OK);
+        assert_true(stage.even_count >= 256 && stage.even_count <= STAGE_EVEN_SAMPLES);
+        assert_true(fabs(stage.size - (i < 4 ? 16 * sqrt(2) : 2 * sqrt(3))) < 1e-3);
+        assert_int_equal(camera_choose(&stage, (double)WIDTH / HEIGHT, local->build.parallel, &local->memory, &camera, &rays, NULL),
+                         BVHD_OK);
+        unsigned hits = count_hits(&stage, &camera);
+        assert_false(camera.is_inside);
+        assert_in_range(hits, WIDTH * HEIGHT / 16, WIDTH * HEIGHT * 15 / 16);
+        stage_finish(&stage);
+    }
+    test_world_finish(&world);
+    assert_int_equal(world.local.memory.live, 0);
 }
 
 static void test_same_for_any_threads(void **state)
@@ -220,9 +251,10 @@ static void test_display(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_stage),     cmocka_unit_test(test_up),     cmocka_unit_test(test_camera_sees_the_scene),
-        cmocka_unit_test(test_contrast),  cmocka_unit_test(test_png),    cmocka_unit_test(test_same_for_any_threads),
-        cmocka_unit_test(test_no_memory), cmocka_unit_test(test_smooth), cmocka_unit_test(test_display),
+        cmocka_unit_test(test_stage),         cmocka_unit_test(test_up),     cmocka_unit_test(test_camera_sees_the_scene),
+        cmocka_unit_test(test_contrast),      cmocka_unit_test(test_png),    cmocka_unit_test(test_same_for_any_threads),
+        cmocka_unit_test(test_no_memory),     cmocka_unit_test(test_smooth), cmocka_unit_test(test_display),
+        cmocka_unit_test(test_few_triangles),
     };
     return cmocka_run_group_tests_name("picture", tests, NULL, NULL);
 }
