@@ -226,8 +226,15 @@ one_json_object
 expect 'the damage has a place' grep -q '"where":"cut.as: ' out
 cp -r good bad
 head -c 1000 good/ball.blas-0.as >bad/ball.blas-0.as
+run 3 check bad ball.ply
+one_error_line
+run 3 check bad ball.ply --json
+one_json_object
+expect 'the damaged file is named' grep -q '"error":{"status":"[A-Z]*","vuid":"","where":"ball.blas-0' out
+rm bad/ball.blas-0*.as
 run 1 check bad ball.ply
 one_error_line
+cp cut.as "bad/$blas"
 
 # Pictures.
 run 0 trace good --device cpu -o a.png --size 48x32 --json --threads 1
@@ -236,6 +243,11 @@ for field in device target rays mrays_s mismatches uncertain; do
     expect "the field $field" grep -q "\"$field\":" out
 done
 expect 'a PNG file' [ "$(head -c 4 a.png | tail -c 3)" = PNG ]
+expect 'a ball from outside, and every ray of it compared' grep -q '"checked":1024,"mismatches":0,"uncertain":0' out
+printf 'v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n' >quad.obj
+run 0 --local build quad.obj -o quad
+run 0 trace quad --device cpu -o quad.png --size 48x32 --json
+expect 'two triangles are enough to compare' grep -q '"checked":1024,"mismatches":0,"uncertain":[0-9]}' out
 run 0 trace good --device auto -o b.png --size 48x32 --threads 3
 expect 'the same picture with other threads' cmp -s a.png b.png
 run 1 trace good --device cpu -o no/such/c.png --size 8x8
