@@ -2,6 +2,7 @@
 #include "structures.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "files.h"
@@ -70,42 +71,99 @@ static void take_colours(struct manifest *manifest, const char *file, struct str
     }
 }
 
-static enum bvhd_status read_one(struct structures *structures, const char *directory, struct manifest *manifest, const char *file,
-                                 bool is_top, struct bvhd_error *error)
+/* What open_scene reads, and from where. */
+struct reading {
+    struct structures *structures;
+    const char *directory;
+    struct manifest *manifest;
+    struct bvhd_error *error;
+};
+
+static enum bvhd_status read_one(const struct reading *reading, const char *file, bool is_top, struct structure_file *ret_file)
 {
-    char *path = files_join(structures->memory, directory, file);
+    struct memory *memory = reading->structures->memory;
+    char *path = files_join(memory, reading->directory, file);
     if (!path)
-        return no_memory(file, error);
-    struct structure_file *opened = &structures->files[structures->file_count];
-    enum bvhd_status status = structures_read(path, structures->memory, opened, error);
-    memory_free(structures->memory, path);
+        return no_memory(file, reading->error);
+    enum bvhd_status status = structures_read(path, memory, ret_file, reading->error);
+    memory_free(memory, path);
     if (status)
         return status;
-    structures->file_count++;
-    take_colours(manifest, file, opened);
-    if ((opened->view.header->content == PORTABLE_INSTANCES) != is_top)
-        return bvhd_error_set(error, BVHD_CORRUPT, file, "the manifest says that it is a %s level", is_top ? "top" : "bottom");
+    take_colours(reading->manifest, file, ret_file);
+    if ((ret_file->view.header->content == PORTABLE_INSTANCES) != is_top)
+        return bvhd_error_set(reading->error, BVHD_CORRUPT, file, "the manifest says that it is a %s level", is_top ? "top" : "bottom");
     return BVHD_OK;
 }
 
-static enum bvhd_status read_files(struct structures *structures, const char *directory, struct manifest *manifest,
-                                   const struct manifest_entry *top, const struct manifest_entry *bottom, struct bvhd_error *error)
+/* Before any bottom level, so that a manifest cannot have files read that the top level does not name. */
+static enum bvhd_status read_top(const struct reading *reading, const struct manifest_entry *top)
 {
+    struct structure_file *file = &reading->structures->files[top->handle_count];
+    enum bvhd_status status = read_one(reading, top->file, true, file);
+    if (!status && file->view.handle_count != top->handle_count)
+        status = bvhd_error_set(reading->error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u",
+                                (unsigned long long)file->view.handle_count, top->handle_count);
+    return status;
+}
+
+struct named_place {
+    const char *name;
+    uint32_t place;
+};
+
+static int compare_places(const void *a, const void *b)
+{
+    const struct named_place *x = a, *y = b;
+    int order = strcmp(x->name, y->name);
+    return order ? order : (x->place > y->place) - (x->place < y->place);
+}
+
+/* A file that several handles name is read once. */
+static enum bvhd_status read_places(const struct reading *reading, const struct named_place *places, uint32_t count)
+{
+    struct structure_file *files = reading->structures->files;
     enum bvhd_status status = BVHD_OK;
-    uint32_t bottom_count = top ? top->handle_count : 1;
-    structures->files = memory_array(structures->memory, (uint64_t)bottom_count + 1, sizeof *structures->files);
-    if (!structures->files)
-        return no_memory(directory, error);
-    for (uint32_t i = 0; i < bottom_count && !status; i++)
-        status = read_one(structures, directory, manifest, top ? top->handles[i] : bottom->file, false, error);
-    if (!status && top) {
-        status = read_one(structures, directory, manifest, top->file, true, error);
-        uint64_t handles = status ? 0 : structures->files[bottom_count].view.handle_count;
-        if (!status && handles != top->handle_count)
-            status = bvhd_error_set(error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u",
-                                    (unsigned long long)handles, top->handle_count);
+    for (uint32_t i = 0, first = 0; i < count && !status; i++) {
+        if (strcmp(places[i].name, places[first].name))
+            first = i;
+        struct structure_file *file = &files[places[i].place];
+        if (i == first) {
+            status = read_one(reading, places[i].name, false, file);
+        } else {
+            *file = files[places[first].place];
+            file->is_shared = true;
+        }
     }
     return status;
+}
+
+static enum bvhd_status read_bottoms(const struct reading *reading, const struct manifest_entry *top)
+{
+    struct memory *memory = reading->structures->memory;
+    struct named_place *places = memory_array(memory, (uint64_t)top->handle_count + 1, sizeof *places);
+    if (!places)
+        return no_memory(reading->directory, reading->error);
+    for (uint32_t i = 0; i < top->handle_count; i++)
+        places[i] = (struct named_place){top->handles[i], i};
+    qsort(places, top->handle_count, sizeof *places, compare_places);
+    enum bvhd_status status = read_places(reading, places, top->handle_count);
+    memory_free(memory, places);
+    return status;
+}
+
+static enum bvhd_status read_files(const struct reading *reading, const struct manifest_entry *top, const struct manifest_entry *bottom)
+{
+    struct structures *structures = reading->structures;
+    uint64_t count = top ? (uint64_t)top->handle_count + 1 : 1;
+    structures->files = memory_array(structures->memory, count, sizeof *structures->files);
+    if (!structures->files)
+        return no_memory(reading->directory, reading->error);
+    memset(structures->files, 0, count * sizeof *structures->files);
+    structures->file_count = (uint32_t)count;
+    if (!top)
+        return read_one(reading, bottom->file, false, &structures->files[0]);
+    enum bvhd_status status = read_top(reading, top);
+    return status ? status : read_bottoms(reading, top);
 }
 
 /* The top level first, as portable_pack wants them. */
@@ -141,7 +199,8 @@ static enum bvhd_status pack_files(struct structures *structures, bool has_top, 
     structures->packed = packed;
     structures->scene = packed->scene;
     for (uint32_t i = 0; i < structures->file_count; i++) {
-        memory_free(memory, structures->files[i].data);
+        if (!structures->files[i].is_shared)
+            memory_free(memory, structures->files[i].data);
         structures->files[i].data = NULL;
     }
     return BVHD_OK;
@@ -159,7 +218,8 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
     structures->name = files_copy_text(structures->memory, scene);
     if (!structures->name)
         return no_memory(directory, error);
-    enum bvhd_status status = read_files(structures, directory, manifest, top, bottom, error);
+    struct reading reading = {structures, directory, manifest, error};
+    enum bvhd_status status = read_files(&reading, top, bottom);
     return status ? status : pack_files(structures, top != NULL, error);
 }
 
@@ -184,7 +244,9 @@ void structures_close(struct structures *structures)
 {
     if (!structures || !structures->memory)
         return;
-    for (uint32_t i = 0; i < structures->file_count; i++) {
+    for (uint32_t i = 0; structures->files && i < structures->file_count; i++) {
+        if (structures->files[i].is_shared)
+            continue;
         memory_free(structures->memory, structures->files[i].data);
         memory_free(structures->memory, structures->files[i].colours);
     }

@@ -8,6 +8,7 @@
 
 struct structure_file {
     unsigned char *data; /* NULL once packed */
+    bool is_shared; /* its data is another one's */
     uint64_t size;
     struct portable_view view; /* into data */
     struct manifest_colour *colours; /* of its geometries, as far as the manifest has them */
