@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "assemble.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "vulkan_input.h"
@@ -184,6 +185,39 @@ static enum bvhd_status collect_references(const struct job *job, struct assembl
     return BVHD_OK;
 }
 
+/* Orders parts by content: equal ones share their bytes. */
+struct shared_blob {
+    const unsigned char *blob;
+    uint32_t position; /* in the list of handles */
+};
+
+static int compare_blobs(const void *a, const void *b)
+{
+    const struct shared_blob *x = a, *y = b;
+    uintptr_t left = (uintptr_t)x->blob, right = (uintptr_t)y->blob;
+    return left != right ? (left > right) - (left < right) : (x->position > y->position) - (x->position < y->position);
+}
+
+/* A top level has one handle for equal bottom levels, where the first of them is named. `seen` has room for all handles. */
+static enum bvhd_status merge_equal_handles(const struct job *job, struct assembly *assembly, bool *seen)
+{
+    uint32_t count = assembly->handle_count, kept = 0;
+    struct shared_blob *blobs = memory_array(job->context->memory, (uint64_t)count + 1, sizeof *blobs);
+    if (!blobs)
+        return no_memory(job);
+    for (uint32_t i = 0; i < count; i++)
+        blobs[i] = (struct shared_blob){assembly->items[assembly->handles[i]].blob, i};
+    qsort(blobs, count, sizeof *blobs, compare_blobs);
+    for (uint32_t i = 0; i < count; i++)
+        seen[blobs[i].position] = i > 0 && blobs[i].blob == blobs[i - 1].blob;
+    for (uint32_t i = 0; i < count; i++)
+        if (!seen[i])
+            assembly->handles[kept++] = assembly->handles[i];
+    assembly->handle_count = kept;
+    memory_free(job->context->memory, blobs);
+    return BVHD_OK;
+}
+
 static enum bvhd_status build_described_top(const struct job *job, const struct assembly *assembly,
                                             VkAccelerationStructureInstanceKHR *records, const struct reference *references,
                                             struct batch_item *ret_item)
@@ -218,6 +252,8 @@ static enum bvhd_status build_top(const struct job *job, struct assembly *assemb
         ret_item->status = ret_item->error.status;
     else
         status = build_described_top(job, assembly, records, references, ret_item);
+    if (!status && !ret_item->status)
+        status = merge_equal_handles(job, assembly, seen);
     memory_free(memory, seen);
     memory_free(memory, references);
     memory_free(memory, records);
