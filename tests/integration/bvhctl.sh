@@ -236,6 +236,20 @@ run 1 check bad ball.ply
 one_error_line
 cp cut.as "bad/$blas"
 
+# Manifests that do not fit: the top level is asked first, and a file that two handles name is opened once.
+cp -r good more
+tr -d '\n' <good/manifest.json | sed 's/"handles": *\[/&"missing.as",/g' >more/manifest.json
+run 3 check more ball.ply
+expect 'the numbers are compared first' grep -q 'it has 1 handles, the manifest has 2' err
+triangle='0 0\nv 1 0 0\nv 0 1 0'
+printf "o a\nv 0 $triangle\nf 1 2 3\no b\nv 0 $triangle\nf 4 5 6\no c\nv 5 $triangle\nf 7 8 9\no d\nv 5 $triangle\nf 10 11 12\n" >twins.obj
+run 0 --local build twins.obj -o twins
+run 0 check twins twins.obj --rays 500
+expect 'one handle for equal meshes' sh -c '! grep -q "^ *\"twins.blas-[13]" twins/manifest.json'
+sed -i 's/^\( *\)"twins.blas-2-c.as"/\1"twins.blas-0-a.as"/' twins/manifest.json
+rm twins/twins.blas-2-c.as
+run 0 trace twins --device cpu -o twins.png --size 16x16
+
 # Pictures.
 run 0 trace good --device cpu -o a.png --size 48x32 --json --threads 1
 one_json_object
