@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include "files.h"
@@ -47,6 +48,20 @@ static void file_flush(struct aiFile *file)
     (void)file;
 }
 
+enum { MEMORY_A_BYTE = 64 }; /* that a scene may take, for each byte of its files */
+
+/* Where memory is limited (import_process.c), and as far as it may be raised. */
+static void allow_memory(FILE *stream)
+{
+    struct stat status;
+    struct rlimit limit;
+    if (fstat(fileno(stream), &status) < 0 || getrlimit(RLIMIT_AS, &limit) < 0 || limit.rlim_cur >= limit.rlim_max)
+        return;
+    rlim_t left = limit.rlim_max - limit.rlim_cur, size = (rlim_t)status.st_size;
+    limit.rlim_cur += size < left / MEMORY_A_BYTE ? size * MEMORY_A_BYTE : left;
+    setrlimit(RLIMIT_AS, &limit);
+}
+
 static bool is_recorded(const struct import_files *files, const char *path)
 {
     for (uint32_t i = 0; i < files->count; i++)
@@ -57,8 +72,6 @@ static bool is_recorded(const struct import_files *files, const char *path)
 
 static void record(struct import_files *files, const char *path)
 {
-    if (is_recorded(files, path))
-        return;
     if (files->count == files->capacity) {
         uint32_t capacity = files->capacity * 2 + 8;
         char **paths = memory_resize(files->memory, files->paths, capacity * sizeof *paths);
@@ -98,7 +111,10 @@ static struct aiFile *open_file(struct aiFileIO *io, const char *path, const cha
                             .SeekProc = file_seek,
                             .FlushProc = file_flush,
                             .UserData = (aiUserData)(void *)stream};
-    record(files, path);
+    if (!is_recorded(files, path)) {
+        allow_memory(stream);
+        record(files, path);
+    }
     return file;
 }
 

@@ -17,6 +17,18 @@
 
 enum { CPU_SECONDS = 60, BYTES_A_SECOND = 1000000 }; /* time for a file: so much, and more by its size */
 
+/* Memory for a scene, to which each file that is opened adds: a few hundred bytes of nodes that name each other can unfold without end. */
+static const rlim_t memory_base = (rlim_t)4 << 30;
+
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
+#define HAS_SHADOW_MEMORY
+#endif
+#endif
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define HAS_SHADOW_MEMORY
+#endif
+
 /* What comes first in the memory file. */
 struct outcome {
     bool is_complete;
@@ -77,12 +89,40 @@ __attribute__((noreturn)) static void read_in_child(const char *path, int descri
     _exit(1);
 }
 
-/* No core file, no time without end, no words of its own, and no life after its parent. */
+/* Address space in use: stacks of threads and heaps are much of it before anything is read. */
+static rlim_t used_memory(void)
+{
+    unsigned long long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "re");
+    if (file && fscanf(file, "%llu", &pages) != 1)
+        pages = 0;
+    if (file)
+        fclose(file);
+    return (rlim_t)pages * (rlim_t)sysconf(_SC_PAGESIZE);
+}
+
+/* Not where a sanitizer keeps its shadow: terabytes of address space, hardly any of it used. */
+static void limit_memory(void)
+{
+#ifdef HAS_SHADOW_MEMORY
+    (void)used_memory, (void)memory_base;
+#else
+    struct rlimit limit;
+    rlim_t wanted = used_memory() + memory_base;
+    if (getrlimit(RLIMIT_AS, &limit) == 0 && wanted < limit.rlim_cur) {
+        limit.rlim_cur = wanted;
+        setrlimit(RLIMIT_AS, &limit);
+    }
+#endif
+}
+
+/* No core file, no time or memory without end, no words of its own, and no life after its parent. */
 static void prepare_child(const char *path)
 {
     struct stat file;
     rlim_t seconds = CPU_SECONDS + (rlim_t)(stat(path, &file) < 0 ? 0 : file.st_size / BYTES_A_SECOND);
     setrlimit(RLIMIT_CPU, &(struct rlimit){seconds, seconds});
+    limit_memory();
     setrlimit(RLIMIT_CORE, &(struct rlimit){0, 0});
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     signal(SIGINT, SIG_DFL);

@@ -159,6 +159,25 @@ run 1 --local build ball.ply -o stamp/inside
 one_error_line
 run 1 --local build ball.ply -o small --memory 1000
 run 1 --local build ball.ply -o dep --depfile no/such/place.d
+
+# Forty nodes, of which each names the next one twice: 2^39 when unfolded. The limit here is lower than the tool's own, to be quick.
+nodes=
+for i in $(seq 39); do
+    nodes="$nodes{\"children\":[$i,$i]},"
+done
+cat >unfold.gltf <<END
+{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[$nodes{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"bufferViews":[{"buffer":0,"byteLength":36}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[0,0,0]}],
+"buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"}]}
+END
+if (ulimit -v 1000000 && "$bvhctl" --version) >out 2>err; then # a sanitizer needs more than that
+    (ulimit -v 1000000 && "$bvhctl" --local build unfold.gltf -o unfold --threads 1) >out 2>err
+    expect 'memory without end is a failure' [ $? -eq 1 ]
+    one_error_line
+fi
+
+# A manifest outlives a build that fails.
 run 0 --local build ball.ply mixed.obj -o kept
 cp kept/manifest.json before.json
 run 1 --local build missing.ply -o kept
