@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* context.h - what a step of a build works with: memory, threads, and news of whether anybody still wants the result. */
+#ifndef BVHD_CONTEXT_H
+#define BVHD_CONTEXT_H
+
+#include <stdatomic.h>
+#include <stdbool.h>
+
+#include "memory.h"
+#include "parallel.h"
+
+struct embree;
+
+/*
+ * Where the bytes of a blob come from, when not from memory: allocate() gives 64-byte aligned bytes (NULL: BVHD_NO_MEMORY), discard() takes
+ * them back when the build fails afterwards. Called from the thread that builds, allocate at most once a build.
+ */
+struct build_output {
+    unsigned char *(*allocate)(struct build_output *self, uint64_t size);
+    void (*discard)(struct build_output *self, unsigned char *bytes);
+};
+
+struct build_context {
+    struct embree *embree; /* build() only */
+    struct memory *memory;
+    const struct parallel *parallel;
+    const atomic_bool *cancel; /* may be NULL; every step returns BVHD_CANCELLED within some milliseconds after it is set */
+    /* Called from any thread, with done <= total in refs, after each piece and at the end; calls may overtake each other. May be NULL. */
+    void (*progress)(void *context, uint64_t done, uint64_t total);
+    void *progress_context;
+    struct build_output *output; /* NULL: blobs come from `memory` */
+};
+
+static inline bool context_cancelled(const struct build_context *context)
+{
+    return context->cancel && atomic_load_explicit(context->cancel, memory_order_relaxed);
+}
+
+#endif
