@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * service.h - what all sessions share: threads, cache, running builds, memory, counters. No sockets. Loop thread only.
+ */
+#ifndef BVHD_SERVICE_H
+#define BVHD_SERVICE_H
+
+#include "blob.h"
+#include "cache.h"
+#include "descriptors.h"
+#include "pool.h"
+#include "request_limits.h"
+
+struct service_options {
+    unsigned workers; /* 0: one for each processor */
+    uint64_t memory; /* bytes for requests and builds; 0: half of what the machine, or its control group, has */
+    uint64_t cache; /* bytes of results kept; 0: keep none */
+    struct limits limits;
+    uint32_t credits; /* items under way on a connection */
+    uint64_t max_pool; /* bytes of one connection's pool */
+    uint32_t max_queue; /* items under way in all; beyond it requests are answered BUSY */
+};
+
+struct service_options service_options_default(void);
+
+struct service;
+
+/* `wake` comes from any thread and asks for a call of service_collect on the loop. */
+enum bvhd_status service_create(const struct service_options *options, void (*wake)(void *context), void *wake_context,
+                                struct service **ret_service, struct bvhd_error *error);
+
+/* All sessions must be closed; waits for what still runs, which has been told to stop. NULL-safe. */
+void service_destroy(struct service *service);
+
+/* Takes up what workers have finished. */
+void service_collect(struct service *service);
+
+/* No new requests: sessions answer them with UNAVAILABLE. What is under way goes on. */
+void service_drain(struct service *service);
+
+/* Items under way, of all sessions, replies that have not left included: a drained service is done at 0. */
+uint32_t service_pending(const struct service *service);
+
+/* What the whole process shares. */
+struct memory *service_memory(struct service *service);
+struct descriptors *service_descriptors(struct service *service);
+
+/* Told by whoever owns connections, for the counters. */
+void service_count_connections(struct service *service, uint32_t open);
+
+#endif
