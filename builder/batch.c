@@ -67,8 +67,8 @@ static enum bvhd_status build_item(const struct batch *batch, const struct canon
     const struct build_context *context = batch->context;
     struct batch_item *item = &batch->items[index];
     enum build_quality quality = build_quality_resolve(options->quality, canonical->flags);
-    enum bvhd_status status = content_key(canonical, quality, options->target, options->layout_flags, context->memory,
-                                          context->parallel, &item->key, &item->error);
+    enum bvhd_status status =
+        content_key(canonical, quality, options->target, options->layout_flags, context, &item->key, &item->error);
     if (status != BVHD_OK)
         return status;
     uint32_t *slot = built_find(&batch->built, batch->items, &item->key);
@@ -97,7 +97,7 @@ static void run_item(const struct batch *batch, const struct build_input *input,
     struct canonical canonical;
     uint64_t live = peak_begin(memory);
     double begin = milliseconds();
-    item->status = prepare(input, index, batch->limits, memory, batch->context->parallel, &canonical, &item->error);
+    item->status = prepare(input, index, batch->limits, batch->context, &canonical, &item->error);
     item->prepare_ms = milliseconds() - begin;
     if (item->status != BVHD_OK)
         return;

@@ -302,6 +302,8 @@ static enum bvhd_status write_blob(struct construction *construction, uint32_t l
         .layout_flags = layout_flags,
         .memory = context->memory,
         .parallel = context->parallel,
+        .cancel = context->cancel,
+        .output = context->output,
     };
     unsigned char *blob;
     enum bvhd_status status = construction->layout->write(&input, &blob, &construction->stats.sizes, construction->error);
@@ -309,7 +311,7 @@ static enum bvhd_status write_blob(struct construction *construction, uint32_t l
         return status;
     status = stage_end(construction, &construction->stats.ms.write);
     if (status != BVHD_OK) {
-        memory_free(context->memory, blob);
+        layout_discard(&input, blob);
         return status;
     }
     *ret_blob = blob;

@@ -8,27 +8,14 @@
 #ifndef BVHD_BUILD_H
 #define BVHD_BUILD_H
 
-#include <stdatomic.h>
-
 #include "canonical.h"
+#include "context.h"
 #include "embree.h"
 #include "layout.h"
-#include "memory.h"
-#include "parallel.h"
 
 enum { BUILD_VERSION = 1 }; /* changes whenever the same request would give other bytes: part of every key */
 
 enum { BUILD_PIECE_SIZE = 50000 }; /* most refs that are built without a look at the cancel flag */
-
-struct build_context {
-    struct embree *embree;
-    struct memory *memory;
-    const struct parallel *parallel;
-    const atomic_bool *cancel; /* may be NULL */
-    /* Called from any thread, with done <= total in refs, after each piece and at the end; calls may overtake each other. May be NULL. */
-    void (*progress)(void *context, uint64_t done, uint64_t total);
-    void *progress_context;
-};
 
 /* Wall time of the stages, in milliseconds. */
 struct build_times {
@@ -55,7 +42,7 @@ enum build_quality build_quality_resolve(enum build_quality asked, uint32_t buil
 const char *build_quality_name(enum build_quality quality);
 
 /*
- * *ret_blob: context->memory, 64-byte aligned, caller frees. On failure nothing is held. BVHD_CANCELLED soon after the flag is set.
+ * *ret_blob: from context->output, or when that is NULL from context->memory: 64-byte aligned, the caller frees it. On failure nothing is held. BVHD_CANCELLED soon after the flag is set.
  * `canonical` comes from prepare (checked). The same bytes for any number of threads, compiler and instruction set.
  */
 enum bvhd_status build(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,

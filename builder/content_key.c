@@ -62,7 +62,7 @@ static struct root describe_root(uint64_t size, enum build_quality quality, cons
 }
 
 enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,
-                             struct memory *memory, const struct parallel *parallel, struct key *ret_key, struct bvhd_error *error)
+                             const struct build_context *context, struct key *ret_key, struct bvhd_error *error)
 {
     const struct layout *layout = layout_find(target);
     if (!layout)
@@ -71,18 +71,18 @@ enum bvhd_status content_key(const struct canonical *canonical, enum build_quali
     uint64_t leaf_count = canonical->size / CONTENT_KEY_LEAF + (canonical->size % CONTENT_KEY_LEAF != 0);
     struct leaves leaves = {.block = {canonical->bytes, canonical->size}};
     if (leaf_count > 0) {
-        leaves.digests = memory_array(memory, leaf_count, sizeof *leaves.digests);
+        leaves.digests = memory_array(context->memory, leaf_count, sizeof *leaves.digests);
         if (!leaves.digests)
             return bvhd_error_set(error, BVHD_NO_MEMORY, "key", "out of memory for %llu digests", (unsigned long long)leaf_count);
     }
-    parallel_for(parallel, leaf_count, digest_leaf, &leaves);
+    parallel_for(context->parallel, leaf_count, digest_leaf, &leaves);
 
     struct root root = describe_root(canonical->size, quality, layout, layout_flags);
     const struct part parts[] = {
         {root_domain, sizeof root_domain}, {root.bytes, sizeof root.bytes}, {leaves.digests, leaf_count * sizeof *leaves.digests}};
     struct key key;
     bool good = !atomic_load_explicit(&leaves.failed, memory_order_relaxed) && digest_parts(parts, 3, &key);
-    memory_free(memory, leaves.digests);
+    memory_free(context->memory, leaves.digests);
     if (!good)
         return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");
     *ret_key = key;

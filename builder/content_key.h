@@ -14,9 +14,8 @@
 #define BVHD_CONTENT_KEY_H
 
 #include "canonical.h"
+#include "context.h"
 #include "key.h"
-#include "memory.h"
-#include "parallel.h"
 
 enum { CONTENT_KEY_LEAF = 1 << 20 };
 
@@ -25,6 +24,6 @@ enum { CONTENT_KEY_LEAF = 1 << 20 };
  * fails.
  */
 enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,
-                             struct memory *memory, const struct parallel *parallel, struct key *ret_key, struct bvhd_error *error);
+                             const struct build_context *context, struct key *ret_key, struct bvhd_error *error);
 
 #endif

@@ -7,18 +7,10 @@
 #include <stdbool.h>
 
 #include "memory.h"
+#include "output.h"
 #include "parallel.h"
 
 struct embree;
-
-/*
- * Where the bytes of a blob come from, when not from memory: allocate() gives 64-byte aligned bytes (NULL: BVHD_NO_MEMORY), discard() takes
- * them back when the build fails afterwards. Called from the thread that builds, allocate at most once a build.
- */
-struct build_output {
-    unsigned char *(*allocate)(struct build_output *self, uint64_t size);
-    void (*discard)(struct build_output *self, unsigned char *bytes);
-};
 
 struct build_context {
     struct embree *embree; /* build() only */

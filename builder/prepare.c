@@ -190,14 +190,15 @@ static enum bvhd_status run(struct work *work)
     return finish_view(work);
 }
 
-enum bvhd_status prepare(const struct build_input *input, uint32_t index, const struct limits *limits, struct memory *memory,
-                         const struct parallel *parallel, struct canonical *ret_canonical, struct bvhd_error *error)
+enum bvhd_status prepare(const struct build_input *input, uint32_t index, const struct limits *limits,
+                         const struct build_context *context, struct canonical *ret_canonical, struct bvhd_error *error)
 {
+    struct memory *memory = context->memory;
     struct work work = {.input = input,
                         .index = index,
                         .max_bytes = limits->max_canonical_bytes,
                         .memory = memory,
-                        .parallel = parallel,
+                        .parallel = context->parallel,
                         .error = error};
     enum bvhd_status status = validate_input(input, index, limits, error);
     if (status == BVHD_OK)

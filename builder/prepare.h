@@ -15,17 +15,16 @@
 #define BVHD_PREPARE_H
 
 #include "canonical.h"
+#include "context.h"
 #include "geometry.h"
 #include "request_limits.h"
-#include "memory.h"
-#include "parallel.h"
 
 /*
- * `index`: the entry's place in its batch, for errors. On success *ret_canonical owns its memory, until prepare_finish. The same bytes
+ * `index`: the entry's place in its batch, for errors. On success *ret_canonical owns its memory (context->memory), until prepare_finish. The same bytes
  * for any number of threads. BVHD_TOO_LARGE when the copy would pass limits->max_canonical_bytes or 2^32 - 1 vertices.
  */
-enum bvhd_status prepare(const struct build_input *input, uint32_t index, const struct limits *limits, struct memory *memory,
-                         const struct parallel *parallel, struct canonical *ret_canonical, struct bvhd_error *error);
+enum bvhd_status prepare(const struct build_input *input, uint32_t index, const struct limits *limits,
+                         const struct build_context *context, struct canonical *ret_canonical, struct bvhd_error *error);
 
 /* Frees what prepare or prepare_open made. NULL-safe, idempotent for a zeroed view. */
 void prepare_finish(struct canonical *canonical, struct memory *memory);

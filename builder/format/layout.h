@@ -5,8 +5,11 @@
 #ifndef BVHD_LAYOUT_H
 #define BVHD_LAYOUT_H
 
+#include <stdatomic.h>
+
 #include "canonical.h"
 #include "ir.h"
+#include "output.h"
 #include "parallel.h"
 #include "wide.h"
 
@@ -22,6 +25,8 @@ struct layout_input {
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
     struct memory *memory;
     const struct parallel *parallel;
+    const atomic_bool *cancel; /* may be NULL */
+    struct build_output *output; /* NULL: the blob comes from `memory` */
 };
 
 struct layout {
@@ -34,12 +39,15 @@ struct layout {
     uint32_t flags; /* layout_flags that it knows */
 
     /*
-     * Writes the whole blob: *ret_blob from input->memory, 64-byte aligned, the caller frees it. The same input gives the same bytes
-     * for any number of threads. BVHD_NO_MEMORY, BVHD_TOO_LARGE (a section passes 32-bit ids).
+     * Writes the whole blob: *ret_blob from input->output, or from input->memory (64-byte aligned, the caller frees it). The same input
+     * gives the same bytes for any number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED, BVHD_TOO_LARGE (a section passes 32-bit ids).
      */
     enum bvhd_status (*write)(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
                               struct bvhd_error *error);
 };
+
+/* Takes back what write() gave, or was about to give. */
+void layout_discard(const struct layout_input *input, unsigned char *blob);
 
 extern const struct layout layout_portable;
 

@@ -21,15 +21,20 @@ static uint32_t id_of(const struct canonical_geometry *geometry, uint32_t primit
     return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
 }
 
+/* In the numbering of all geometries. */
+static uint32_t vertex_of(const struct canonical_geometry *geometry, uint32_t primitive, unsigned k)
+{
+    uint64_t corner = (uint64_t)3 * (primitive - geometry->first_primitive) + k;
+    return geometry->first_vertex + (geometry->indices ? geometry->indices[corner] : (uint32_t)corner);
+}
+
 /* Field by field into its place: a struct that is filled in pieces and copied as a whole waits for its pieces. */
 static void write_indexed_triangle(const struct portable_records *writer, const struct canonical_geometry *geometry, uint32_t primitive,
                                    unsigned char *record)
 {
-    uint64_t corner = (uint64_t)3 * (primitive - geometry->first_primitive);
-    for (int k = 0; k < 3; k++) {
-        uint32_t vertex = geometry->first_vertex + (geometry->indices ? geometry->indices[corner + k] : (uint32_t)corner + k);
-        bytes_put32(record + 4 * k, vertex);
-        __atomic_store_n(&writer->used[vertex], 1, __ATOMIC_RELAXED);
+    for (unsigned k = 0; k < 3; k++) {
+        uint32_t vertex = vertex_of(geometry, primitive, k);
+        bytes_put32(record + 4 * k, writer->remap ? writer->remap[vertex] : vertex);
     }
     bytes_put32(record + 12, id_of(geometry, primitive));
 }
@@ -98,6 +103,20 @@ void portable_records_write(const struct portable_records *writer, uint32_t firs
             write_instance(geometry, refs[i], record);
             break;
         }
+    }
+}
+
+void portable_records_mark(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used)
+{
+    enum { AHEAD = 16 };
+    const struct canonical_geometry *geometry = canonical->geometries;
+    for (uint32_t i = 0; i < count; i++) {
+        if (!lies_in(geometry, refs[i]))
+            geometry = &canonical->geometries[canonical_geometry_of(canonical, refs[i])];
+        if (count - i > AHEAD && geometry->indices && lies_in(geometry, refs[i + AHEAD]))
+            __builtin_prefetch(geometry->indices + (uint64_t)3 * (refs[i + AHEAD] - geometry->first_primitive));
+        for (unsigned k = 0; k < 3; k++)
+            __atomic_store_n(&used[vertex_of(geometry, refs[i], k)], 1, __ATOMIC_RELAXED);
     }
 }
 

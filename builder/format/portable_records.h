@@ -10,7 +10,7 @@ struct portable_records {
     enum portable_content content;
     const struct canonical *canonical;
     unsigned char *records; /* the section */
-    uint8_t *used; /* indexed triangles: one for each vertex, set to 1 when a record names it; by relaxed atomic stores */
+    const uint32_t *remap; /* indexed triangles: where each vertex is kept; NULL when all are */
 };
 
 /* Bytes of one record. */
@@ -18,6 +18,9 @@ uint32_t portable_record_size(enum portable_content content);
 
 /* Writes records first .. first + count - 1 from refs, which are flat primitive ids. From any thread, for ranges that do not overlap. */
 void portable_records_write(const struct portable_records *writer, uint32_t first, const uint32_t *refs, uint32_t count);
+
+/* Sets used[vertex] to 1 for each vertex of these triangles, by relaxed atomic stores: from any thread. */
+void portable_records_mark(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used);
 
 /* Says that these will be written soon. */
 void portable_records_prefetch(const struct portable_records *writer, const uint32_t *refs, uint32_t count);

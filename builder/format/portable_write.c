@@ -21,7 +21,8 @@ struct writing {
     unsigned char *blob, *body;
     struct portable_records records;
     uint32_t *first_kept; /* of each chunk of vertices: how many are kept before it; then their sum */
-    uint32_t *remap; /* of each vertex; NULL while all are kept */
+    uint8_t *used; /* of each vertex: whether a record names it */
+    uint32_t *remap; /* of each vertex: where it is kept; NULL when all are */
 };
 
 static enum portable_content content_of(const struct canonical *canonical, uint32_t layout_flags)
@@ -53,7 +54,6 @@ static void place_sections(struct portable_header *header)
     header->body_size = header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry);
 }
 
-/* As if all vertices were kept. */
 static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
 {
     const struct canonical *canonical = w->input->canonical;
@@ -86,25 +86,6 @@ static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
 static uint32_t vertex_chunks(const struct writing *w)
 {
     return (uint32_t)(((uint64_t)w->records.canonical->vertex_count + VERTEX_CHUNK - 1) / VERTEX_CHUNK);
-}
-
-static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
-{
-    struct memory *memory = w->input->memory;
-    uint64_t total = w->body_offset + w->header.body_size;
-    w->blob = memory_alloc(memory, total);
-    bool indexed = w->header.vertex_count > 0;
-    if (w->blob && indexed) {
-        w->records.used = memory_alloc(memory, w->header.vertex_count);
-        w->first_kept = memory_array(memory, (uint64_t)vertex_chunks(w) + 1, sizeof *w->first_kept);
-    }
-    if (!w->blob || (indexed && (!w->records.used || !w->first_kept)))
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "%" PRIu64 " bytes", total);
-    w->body = w->blob + w->body_offset;
-    w->records.records = w->body + w->header.record_offset;
-    if (indexed)
-        memset(w->records.used, 0, w->header.vertex_count);
-    return BVHD_OK;
 }
 
 /* Over all motion keys. */
@@ -179,13 +160,21 @@ static void write_nodes(void *context, size_t index)
     }
 }
 
+static void mark_used(void *context, size_t index)
+{
+    struct writing *w = context;
+    size_t begin, end;
+    parallel_chunk(index, RECORD_CHUNK, w->input->ir->ref_count, &begin, &end);
+    portable_records_mark(w->input->canonical, w->input->ir->refs + begin, (uint32_t)(end - begin), w->used);
+}
+
 static void count_kept(void *context, size_t index)
 {
     struct writing *w = context;
     size_t begin, end;
     uint32_t kept = 0;
     parallel_chunk(index, VERTEX_CHUNK, w->records.canonical->vertex_count, &begin, &end);
-    const uint8_t *used = w->records.used;
+    const uint8_t *used = w->used;
     for (size_t i = begin; i < end; i++)
         kept += used[i];
     w->first_kept[index] = kept;
@@ -207,7 +196,7 @@ static void remap_chunk(void *context, size_t index)
     struct writing *w = context;
     size_t begin, end;
     parallel_chunk(index, VERTEX_CHUNK, w->records.canonical->vertex_count, &begin, &end);
-    const uint8_t *used = w->records.used;
+    const uint8_t *used = w->used;
     uint32_t next = w->first_kept[index];
     for (size_t i = begin; i < end; i++) {
         w->remap[i] = next;
@@ -215,15 +204,48 @@ static void remap_chunk(void *context, size_t index)
     }
 }
 
-static void remap_records(void *context, size_t index)
+/* Vertices that no record names are dropped; the others keep their order. */
+static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct bvhd_error *error)
 {
-    const struct writing *w = context;
-    size_t begin, end;
-    parallel_chunk(index, RECORD_CHUNK, w->header.record_count, &begin, &end);
-    unsigned char *record = w->records.records + begin * sizeof(struct portable_indexed_triangle);
-    for (size_t i = begin; i < end; i++, record += sizeof(struct portable_indexed_triangle))
-        for (int k = 0; k < 3; k++)
-            bytes_put32(record + 4 * k, w->remap[bytes_get32(record + 4 * k)]);
+    uint32_t all = w->header.vertex_count;
+    w->remap = memory_array(w->input->memory, all, sizeof *w->remap);
+    if (!w->remap)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "%" PRIu32 " new indices", all);
+    parallel_for(w->input->parallel, vertex_chunks(w), remap_chunk, w);
+    w->records.remap = w->remap;
+    w->header.vertex_count = kept;
+    place_sections(&w->header);
+    return BVHD_OK;
+}
+
+static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *error)
+{
+    const struct parallel *parallel = w->input->parallel;
+    uint32_t all = w->header.vertex_count, chunks = vertex_chunks(w), refs = w->input->ir->ref_count;
+    if (all == 0)
+        return BVHD_OK;
+    w->used = memory_alloc(w->input->memory, all);
+    w->first_kept = memory_array(w->input->memory, (uint64_t)chunks + 1, sizeof *w->first_kept);
+    if (!w->used || !w->first_kept)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "a table of %" PRIu32, all);
+    memset(w->used, 0, all);
+    parallel_for(parallel, ((size_t)refs + RECORD_CHUNK - 1) / RECORD_CHUNK, mark_used, w);
+    parallel_for(parallel, chunks, count_kept, w);
+    sum_kept(w);
+    uint32_t kept = w->first_kept[chunks];
+    return kept < all ? drop_vertices(w, kept, error) : BVHD_OK;
+}
+
+static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
+{
+    struct build_output *output = w->input->output;
+    uint64_t total = w->body_offset + w->header.body_size;
+    w->blob = output ? output->allocate(output, total) : memory_alloc(w->input->memory, total);
+    if (!w->blob)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "%" PRIu64 " bytes", total);
+    w->body = w->blob + w->body_offset;
+    w->records.records = w->body + w->header.record_offset;
+    return BVHD_OK;
 }
 
 /* Copies kept vertices `begin` to `end` of one geometry to their places. */
@@ -233,13 +255,12 @@ static void copy_run(const struct writing *w, const struct canonical_geometry *g
         return; /* a geometry without vertices has no positions */
     const float *source = geometry->positions + 3 * (begin - geometry->first_vertex);
     unsigned char *vertices = w->body + w->header.vertex_offset;
-    const uint8_t *used = w->records.used;
     if (!w->remap) {
         memcpy(vertices + 12 * begin, source, 12 * (end - begin));
         return;
     }
     for (size_t i = begin; i < end; i++, source += 3)
-        if (used[i])
+        if (w->used[i])
             memcpy(vertices + (size_t)12 * w->remap[i], source, 12);
 }
 
@@ -271,28 +292,6 @@ static void copy_vertices(void *context, size_t index)
         begin = limit;
         geometry++;
     }
-}
-
-/* Vertices that no record names are dropped; the others keep their order. */
-static enum bvhd_status write_vertices(struct writing *w, struct bvhd_error *error)
-{
-    const struct parallel *parallel = w->input->parallel;
-    uint32_t all = w->header.vertex_count, chunks = vertex_chunks(w);
-    if (all == 0)
-        return BVHD_OK;
-    parallel_for(parallel, chunks, count_kept, w);
-    sum_kept(w);
-    if (w->first_kept[chunks] < all) {
-        w->remap = memory_array(w->input->memory, all, sizeof *w->remap);
-        if (!w->remap)
-            return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "%" PRIu32 " new indices", all);
-        parallel_for(parallel, chunks, remap_chunk, w);
-        parallel_for(parallel, ((size_t)w->header.record_count + RECORD_CHUNK - 1) / RECORD_CHUNK, remap_records, w);
-        w->header.vertex_count = w->first_kept[chunks];
-        place_sections(&w->header);
-    }
-    parallel_for(parallel, chunks, copy_vertices, w);
-    return BVHD_OK;
 }
 
 static void write_tables(const struct writing *w)
@@ -339,24 +338,14 @@ static struct layout_sizes sizes_of(const struct writing *w)
     };
 }
 
-static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
+static void fill(struct writing *w)
 {
-    const struct wide *wide = w->input->wide;
-    parallel_for(w->input->parallel, ((size_t)wide->node_count + NODE_CHUNK - 1) / NODE_CHUNK, write_nodes, w);
-    enum bvhd_status status = write_vertices(w, error);
-    if (status != BVHD_OK)
-        return status;
+    const struct parallel *parallel = w->input->parallel;
+    parallel_for(parallel, ((size_t)w->input->wide->node_count + NODE_CHUNK - 1) / NODE_CHUNK, write_nodes, w);
+    if (w->header.vertex_count > 0)
+        parallel_for(parallel, vertex_chunks(w), copy_vertices, w);
     write_tables(w);
     write_serialized_header(w);
-    return BVHD_OK;
-}
-
-/* Gives back what dropped vertices leave over; when that fails the block is only larger than it needs to be. */
-static unsigned char *trim(const struct writing *w, uint64_t planned)
-{
-    uint64_t total = w->body_offset + w->header.body_size;
-    unsigned char *trimmed = total < planned ? memory_resize(w->input->memory, w->blob, total) : NULL;
-    return trimmed ? trimmed : w->blob;
 }
 
 static enum bvhd_status portable_write(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
@@ -366,21 +355,19 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
     enum bvhd_status status = plan(&w, error);
     if (status != BVHD_OK)
         return status;
-    uint64_t planned = w.body_offset + w.header.body_size;
     w.records.content = (enum portable_content)w.header.content;
     w.records.canonical = input->canonical;
-    status = allocate(&w, error);
+    status = plan_vertices(&w, error);
     if (status == BVHD_OK)
-        status = fill(&w, error);
+        status = allocate(&w, error);
     if (status == BVHD_OK) {
-        *ret_blob = trim(&w, planned);
+        fill(&w);
+        *ret_blob = w.blob;
         *ret_sizes = sizes_of(&w);
-    } else {
-        memory_free(input->memory, w.blob);
     }
     memory_free(input->memory, w.remap);
     memory_free(input->memory, w.first_kept);
-    memory_free(input->memory, w.records.used);
+    memory_free(input->memory, w.used);
     return status;
 }
 

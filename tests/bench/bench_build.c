@@ -75,13 +75,13 @@ static void run_ours(struct bench *bench, const struct build_input *input, struc
 {
     struct bvhd_error error;
     struct limits limits = limits_default();
+    const struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     unsigned char *blob;
     double begin = milliseconds();
-    if (prepare(input, 0, &limits, &bench->memory, bench->parallel, &canonical, &error) != BVHD_OK)
+    if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
         fail(row->name, &error);
     times[PREPARE] = milliseconds() - begin;
-    struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
     begin = milliseconds();
     if (build(&canonical, &input->options, &context, &blob, &row->stats, &error) != BVHD_OK)
         fail(row->name, &error);
@@ -97,10 +97,11 @@ static void run_reference(struct bench *bench, const struct build_input *input, 
 {
     struct bvhd_error error;
     struct limits limits = limits_default();
+    const struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     struct primitive_refs refs;
     struct reference_result result;
-    if (prepare(input, 0, &limits, &bench->memory, bench->parallel, &canonical, &error) != BVHD_OK ||
+    if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK ||
         primitive_collect(&canonical, &bench->memory, bench->parallel, &refs, &error) != BVHD_OK)
         fail(row->name, &error);
     if (!reference_build(refs.refs, refs.count, bench->threads, &result))

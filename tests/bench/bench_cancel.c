@@ -130,10 +130,11 @@ static void measure(const struct ply *ply, enum build_quality quality)
     double latencies[MOMENTS];
     int cancelled = 0;
     memory_init(&memory, UINT64_MAX);
-    if (workers_create(2, &workers, &error) != BVHD_OK || embree_create(&embree, &error) != BVHD_OK ||
-        prepare(&input, 0, &limits, &memory, workers_parallel(workers), &canonical, &error) != BVHD_OK)
+    if (workers_create(2, &workers, &error) != BVHD_OK || embree_create(&embree, &error) != BVHD_OK)
         fail(error.text);
     struct build_context context = {.embree = embree, .memory = &memory, .parallel = workers_parallel(workers)};
+    if (prepare(&input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
+        fail(error.text);
     double whole = build_once(&canonical, &input, &context);
     for (int i = 0; i < MOMENTS; i++) {
         double latency = cancel_once(&canonical, &input, &context, whole * i / MOMENTS);

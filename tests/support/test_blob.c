@@ -18,7 +18,12 @@ enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout
         return bvhd_error_set(error, status, "ir", "test tree");
     status = collapse(&ir, &options, memory, parallel, &wide, error);
     if (status == BVHD_OK) {
-        const struct layout_input input = {&model->canonical, &ir, &wide, layout_flags, memory, parallel};
+        const struct layout_input input = {.canonical = &model->canonical,
+                                           .ir = &ir,
+                                           .wide = &wide,
+                                           .layout_flags = layout_flags,
+                                           .memory = memory,
+                                           .parallel = parallel};
         status = layout_portable.write(&input, ret_blob, ret_sizes, error);
         wide_finish(&wide);
     }

@@ -36,8 +36,9 @@ static struct key key_of(struct fixture *fixture, uint64_t size, enum build_qual
                          const struct parallel *parallel)
 {
     struct canonical canonical = {.bytes = size ? fixture->bytes : NULL, .size = size};
+    const struct build_context context = {.memory = &fixture->memory, .parallel = parallel};
     struct key key;
-    assert_int_equal(content_key(&canonical, quality, TARGET_PORTABLE, layout_flags, &fixture->memory, parallel, &key, NULL), BVHD_OK);
+    assert_int_equal(content_key(&canonical, quality, TARGET_PORTABLE, layout_flags, &context, &key, NULL), BVHD_OK);
     return key;
 }
 
@@ -137,10 +138,10 @@ static void an_unknown_target_is_unsupported(void **state)
 {
     struct fixture *fixture = *state;
     struct canonical canonical = {.bytes = fixture->bytes, .size = 100};
+    const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
     struct key key = {{1, 2, 3}}, untouched = key;
     struct bvhd_error error;
-    assert_int_equal(content_key(&canonical, QUALITY_FAST, (enum target)99, 0, &fixture->memory, &parallel_serial, &key, &error),
-                     BVHD_UNSUPPORTED);
+    assert_int_equal(content_key(&canonical, QUALITY_FAST, (enum target)99, 0, &context, &key, &error), BVHD_UNSUPPORTED);
     assert_string_equal(error.where, "target");
     assert_true(key_equal(&key, &untouched));
 }
@@ -149,13 +150,13 @@ static void failing_allocations_are_reported(void **state)
 {
     struct fixture *fixture = *state;
     struct canonical canonical = {.bytes = fixture->bytes, .size = LARGEST};
+    const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
     struct key key = {{1, 2, 3}}, untouched = key;
     int failures = 0;
     for (;; failures++) {
         fixture->memory.fail_after = failures;
         struct bvhd_error error;
-        enum bvhd_status status =
-            content_key(&canonical, QUALITY_FAST, TARGET_PORTABLE, 0, &fixture->memory, &parallel_serial, &key, &error);
+        enum bvhd_status status = content_key(&canonical, QUALITY_FAST, TARGET_PORTABLE, 0, &context, &key, &error);
         assert_int_equal(fixture->memory.live, 0);
         if (status == BVHD_OK)
             break;

@@ -16,6 +16,7 @@
 enum { DATA_PAGES = 4 };
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
 static unsigned char *pages;
 static size_t data_size;
 
@@ -180,7 +181,7 @@ static unsigned try_many(struct random *random, unsigned rounds, struct geometry
             fill(random, make == some_boxes);
         for (uint32_t i = 0; i < 3; i++)
             geometries[i] = make(random);
-        enum bvhd_status status = prepare(&input, 0, &limits, &memory, &parallel_serial, &canonical, &error);
+        enum bvhd_status status = prepare(&input, 0, &limits, &context, &canonical, &error);
         if (status != BVHD_OK) {
             assert_true(status == BVHD_INVALID || status == BVHD_TOO_LARGE);
             assert_true(error.status == status && error.where[0] != 0);

@@ -145,7 +145,12 @@ static void check(const char *name, const struct fixture *f, uint32_t flags)
 {
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
-    const struct layout_input input = {&f->canonical, &f->ir, &f->wide, flags, &memory, &parallel_serial};
+    const struct layout_input input = {.canonical = &f->canonical,
+                                       .ir = &f->ir,
+                                       .wide = &f->wide,
+                                       .layout_flags = flags,
+                                       .memory = &memory,
+                                       .parallel = &parallel_serial};
     unsigned char *blob;
     struct layout_sizes sizes;
     struct bvhd_error error;

@@ -330,7 +330,8 @@ static void what_ids_cannot_hold_is_too_large(void **state)
     struct canonical canonical = {.type = STRUCTURE_BOTTOM, .primitive_count = UINT32_C(1) << 29};
     struct ir ir = {.key_count = 1};
     struct wide wide = {0};
-    const struct layout_input input = {&canonical, &ir, &wide, 0, &memory, &parallel_serial};
+    const struct layout_input input = {
+        .canonical = &canonical, .ir = &ir, .wide = &wide, .memory = &memory, .parallel = &parallel_serial};
     struct layout_sizes sizes;
     struct bvhd_error error;
     unsigned char *blob;

@@ -9,11 +9,12 @@
 #include "vertex_format.h"
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
 
 static enum bvhd_status try(const struct test_input *test, struct canonical *ret_canonical, struct bvhd_error *error)
 {
     struct limits limits = limits_default();
-    return prepare(&test->input, 2, &limits, &memory, &parallel_serial, ret_canonical, error);
+    return prepare(&test->input, 2, &limits, &context, ret_canonical, error);
 }
 
 static struct canonical make(const struct test_input *test)
@@ -389,11 +390,11 @@ static void limits_are_kept(void **state)
         uint64_t size = canonical.size;
         finish(&canonical);
         for (limits.max_canonical_bytes = 0; limits.max_canonical_bytes < size; limits.max_canonical_bytes++) {
-            assert_int_equal(prepare(&test.input, 7, &limits, &memory, &parallel_serial, &canonical, &error), BVHD_TOO_LARGE);
+            assert_int_equal(prepare(&test.input, 7, &limits, &context, &canonical, &error), BVHD_TOO_LARGE);
             assert_string_equal(error.where, "infos[7]");
             assert_int_equal(memory.live, 0);
         }
-        assert_int_equal(prepare(&test.input, 7, &limits, &memory, &parallel_serial, &canonical, &error), BVHD_OK);
+        assert_int_equal(prepare(&test.input, 7, &limits, &context, &canonical, &error), BVHD_OK);
         finish(&canonical);
     }
 }

@@ -13,6 +13,7 @@
 enum { KINDS = 4, MOST = 4096 };
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
 static unsigned char *pages;
 static size_t page;
 
@@ -46,7 +47,7 @@ static uint64_t write_block(int kind, unsigned char *ret_block)
     struct limits limits = limits_default();
     struct canonical canonical;
     kinds[kind](&test);
-    assert_int_equal(prepare(&test.input, 0, &limits, &memory, &parallel_serial, &canonical, NULL), BVHD_OK);
+    assert_int_equal(prepare(&test.input, 0, &limits, &context, &canonical, NULL), BVHD_OK);
     uint64_t size = canonical.size;
     assert_true(size <= MOST);
     memcpy(ret_block, canonical.bytes, size);
@@ -116,7 +117,7 @@ static void what_was_written_opens(void **state)
         struct limits limits = limits_default();
         uint64_t size = write_block(kind, block);
         kinds[kind](&test);
-        assert_int_equal(prepare(&test.input, 0, &limits, &memory, &parallel_serial, &made, NULL), BVHD_OK);
+        assert_int_equal(prepare(&test.input, 0, &limits, &context, &made, NULL), BVHD_OK);
         assert_int_equal(open_block(block, size, &view, NULL), BVHD_OK);
         assert_null(view.owned);
         assert_int_equal(view.type, made.type);

@@ -12,6 +12,7 @@
 #include "workers.h"
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context serial = {.memory = &memory, .parallel = &parallel_serial};
 
 /* A mesh of several chunks, with a count that none of them divides. */
 struct large {
@@ -69,7 +70,7 @@ static void threads_do_not_count(void **state)
     struct limits limits = limits_default();
     struct canonical one, many;
     large_make(&large);
-    assert_int_equal(prepare(&large.input, 0, &limits, &memory, &parallel_serial, &one, NULL), BVHD_OK);
+    assert_int_equal(prepare(&large.input, 0, &limits, &serial, &one, NULL), BVHD_OK);
     for (uint32_t i = 0; i < 3 * large.triangles; i += 977) {
         const struct canonical_geometry *geometry = &one.geometries[0];
         assert_memory_equal(geometry->positions + (size_t)3 * geometry->indices[i], large.vertices[large.indices[i]], 12);
@@ -77,7 +78,8 @@ static void threads_do_not_count(void **state)
     for (unsigned threads = 2; threads <= 8; threads *= 2) {
         struct workers *workers;
         assert_int_equal(workers_create(threads, &workers, NULL), BVHD_OK);
-        assert_int_equal(prepare(&large.input, 0, &limits, &memory, workers_parallel(workers), &many, NULL), BVHD_OK);
+        struct build_context threaded = {.memory = &memory, .parallel = workers_parallel(workers)};
+        assert_int_equal(prepare(&large.input, 0, &limits, &threaded, &many, NULL), BVHD_OK);
         assert_int_equal(one.size, many.size);
         assert_memory_equal(one.bytes, many.bytes, one.size);
         prepare_finish(&many, &memory);
@@ -85,7 +87,7 @@ static void threads_do_not_count(void **state)
     }
     large.indices[123457] = 90007;
     struct bvhd_error error;
-    assert_int_equal(prepare(&large.input, 0, &limits, &memory, &parallel_serial, &many, &error), BVHD_INVALID);
+    assert_int_equal(prepare(&large.input, 0, &limits, &serial, &many, &error), BVHD_INVALID);
     assert_string_equal(error.where, "infos[0].geometries[0].triangles.indices[123457]");
     prepare_finish(&one, &memory);
     assert_int_equal(memory.live, 0);
@@ -152,7 +154,7 @@ static void scribbling_harms_nobody(void **state)
         assert_int_equal(pthread_create(&thread, NULL, scribble, &scribbler), 0);
         for (int i = 0; i < 10; i++) {
             struct canonical canonical;
-            enum bvhd_status status = prepare(&large.input, 0, &limits, &memory, &parallel_serial, &canonical, NULL);
+            enum bvhd_status status = prepare(&large.input, 0, &limits, &serial, &canonical, NULL);
             if (status != BVHD_OK)
                 continue;
             const struct canonical_geometry *geometry = canonical.geometries;

@@ -10,11 +10,12 @@
 #include "reference_rows.h"
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
 
 static enum bvhd_status try(const struct test_input *test, struct canonical *ret_canonical, struct bvhd_error *error)
 {
     struct limits limits = limits_default();
-    return prepare(&test->input, 2, &limits, &memory, &parallel_serial, ret_canonical, error);
+    return prepare(&test->input, 2, &limits, &context, ret_canonical, error);
 }
 
 static struct canonical make(const struct test_input *test)

@@ -9,6 +9,7 @@
 #include "vulkan_input.h"
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
 
 #define HANDLE(number) ((VkAccelerationStructureKHR)(uintptr_t)(number))
 
@@ -192,7 +193,7 @@ static void descriptions_are_prepared(void **state)
     struct build_options options = {.target = TARGET_PORTABLE};
     assert_int_equal(vulkan_input_create(call.infos, ENTRIES, call.range_array, call.references, 3, &options, &input, errors), BVHD_OK);
     for (uint32_t i = 0; i < ENTRIES; i++)
-        if (prepare(&vulkan_input_entries(input)[i], i, &limits, &memory, &parallel_serial, &canonical[i], &error) != BVHD_OK)
+        if (prepare(&vulkan_input_entries(input)[i], i, &limits, &context, &canonical[i], &error) != BVHD_OK)
             fail_msg("entry %u: %s at %s: %s", i, bvhd_vuid_string(error.vuid), error.where, error.text);
     const struct canonical_geometry *triangles = canonical[0].geometries;
     assert_memory_equal(triangles->indices, call.indices + 2, 24);
