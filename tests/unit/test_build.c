@@ -410,6 +410,110 @@ static void cancelling_ends_it(void **state)
     test_model_finish(&model);
 }
 
+/* An output that counts what it is asked, and may set a flag when it is. */
+struct test_output {
+    struct build_output output;
+    struct memory memory;
+    unsigned calls, discards;
+    uint64_t size;
+    atomic_bool *cancel;
+};
+
+static unsigned char *output_allocate(struct build_output *self, uint64_t size)
+{
+    struct test_output *output = (struct test_output *)self;
+    output->calls++;
+    output->size = size;
+    if (output->cancel)
+        atomic_store(output->cancel, true);
+    return memory_alloc(&output->memory, size);
+}
+
+static void output_discard(struct build_output *self, unsigned char *bytes)
+{
+    struct test_output *output = (struct test_output *)self;
+    output->discards++;
+    memory_free(&output->memory, bytes);
+}
+
+static void output_init(struct test_output *output)
+{
+    *output = (struct test_output){.output = {output_allocate, output_discard}};
+    memory_init(&output->memory, UINT64_MAX);
+}
+
+/* A model some of whose vertices no triangle names, so that the size is not known from the start. */
+static void model_with_spare_vertices(struct test_model *model)
+{
+    struct test_shape shape = soup;
+    shape.primitives = 500;
+    test_model_make(&shape, 1, model);
+    model->canonical.geometries[0].primitive_count -= 100;
+    model->canonical.geometries[1].first_primitive -= 100;
+    model->canonical.primitive_count -= 100;
+}
+
+static void a_blob_goes_to_its_output(void **state)
+{
+    (void)state;
+    struct test_model model;
+    struct memory memory;
+    struct test_output output;
+    struct build_stats stats, same;
+    unsigned char *blob, *other;
+    memory_init(&memory, UINT64_MAX);
+    output_init(&output);
+    model_with_spare_vertices(&model);
+    struct build_context context = context_over(&memory, &parallel_serial);
+    assert_int_equal(build(&model.canonical, &balanced, &context, &blob, &stats, NULL), BVHD_OK);
+    assert_int_equal(memory.live, stats.sizes.total);
+    assert_true(stats.sizes.vertices < (uint64_t)model.canonical.vertex_count * 12);
+    context.output = &output.output;
+    assert_int_equal(build(&model.canonical, &balanced, &context, &other, &same, NULL), BVHD_OK);
+    assert_int_equal(memory.live, stats.sizes.total);
+    assert_int_equal(output.calls, 1);
+    assert_int_equal(output.discards, 0);
+    assert_int_equal(output.size, stats.sizes.total);
+    assert_int_equal(same.sizes.total, stats.sizes.total);
+    assert_memory_equal(other, blob, stats.sizes.total);
+    memory_free(&output.memory, other);
+    memory_free(&memory, blob);
+    test_model_finish(&model);
+}
+
+static void an_output_gets_back_what_is_not_wanted(void **state)
+{
+    (void)state;
+    struct test_model model;
+    struct memory memory;
+    struct test_output output;
+    struct build_stats stats;
+    struct bvhd_error error;
+    unsigned char *blob = NULL;
+    atomic_bool cancel = false;
+    memory_init(&memory, UINT64_MAX);
+    output_init(&output);
+    model_with_spare_vertices(&model);
+    struct build_context context = context_over(&memory, &parallel_serial);
+    context.output = &output.output;
+    context.cancel = &cancel;
+    output.cancel = &cancel;
+    assert_int_equal(build(&model.canonical, &balanced, &context, &blob, &stats, &error), BVHD_CANCELLED);
+    assert_int_equal(error.status, BVHD_CANCELLED);
+    assert_int_equal(output.discards, 1);
+    assert_int_equal(output.memory.live + memory.live, 0);
+    assert_null(blob);
+    output.cancel = NULL;
+    atomic_store(&cancel, false);
+    output.memory.limit = 100;
+    assert_int_equal(build(&model.canonical, &balanced, &context, &blob, &stats, &error), BVHD_NO_MEMORY);
+    assert_int_equal(output.calls, 2);
+    assert_int_equal(output.discards, 1);
+    assert_int_equal(output.memory.live + memory.live, 0);
+    assert_null(blob);
+    test_model_finish(&model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -424,6 +528,8 @@ int main(void)
         cmocka_unit_test(options_are_checked),
         cmocka_unit_test(failing_allocations_leave_nothing),
         cmocka_unit_test(cancelling_ends_it),
+        cmocka_unit_test(a_blob_goes_to_its_output),
+        cmocka_unit_test(an_output_gets_back_what_is_not_wanted),
     };
     return cmocka_run_group_tests(tests, start, end);
 }
