@@ -18,6 +18,7 @@ static const char *const names[BVHD_STATUS_COUNT] = {
     [BVHD_INCOMPATIBLE] = "INCOMPATIBLE",
     [BVHD_IO] = "IO",
     [BVHD_INTERNAL] = "INTERNAL",
+    [BVHD_PENDING] = "PENDING",
 };
 
 const char *bvhd_status_name(enum bvhd_status status)

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "vuid.h"
+#include "bvhd/vuid.h"
 
 static const char *const strings[BVHD_VUID_COUNT] = {
     [BVHD_VUID_NONE] = "",
 #define BVHD_VUID(name, string) [BVHD_VUID_##name] = string,
-#include "vuid.def"
+#include "bvhd/vuid.def"
 #undef BVHD_VUID
 };
 

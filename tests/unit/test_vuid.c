@@ -3,14 +3,14 @@
 
 #include <ctype.h>
 
-#include "vuid.h"
+#include "bvhd/vuid.h"
 
 /* What vuid.def says, read once more by other means. */
 static const struct rule {
     const char *name, *string;
 } rules[] = {
 #define BVHD_VUID(name, string) {#name, string},
-#include "vuid.def"
+#include "bvhd/vuid.def"
 #undef BVHD_VUID
 };
 

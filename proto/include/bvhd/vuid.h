@@ -7,6 +7,15 @@
 #ifndef BVHD_VUID_H
 #define BVHD_VUID_H
 
+/* What the shared library exports. */
+#ifndef BVHD_API
+#define BVHD_API __attribute__((visibility("default")))
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum bvhd_vuid {
     BVHD_VUID_NONE = 0,
 #define BVHD_VUID(name, string) BVHD_VUID_##name,
@@ -16,6 +25,10 @@ enum bvhd_vuid {
 };
 
 /* The identifier verbatim, "VUID-..."; "" for NONE and for a number that this version does not know. */
-const char *bvhd_vuid_string(enum bvhd_vuid vuid);
+BVHD_API const char *bvhd_vuid_string(enum bvhd_vuid vuid);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
