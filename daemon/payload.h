@@ -28,6 +28,7 @@ struct payload_file {
     uint64_t size; /* as declared */
     uint64_t max_size;
     const char *where;
+    struct memory *memory; /* for the struct; must outlive it. The mapped bytes are not counted in it: they are their sender's, or `pool_bytes` */
 };
 
 enum bvhd_status payload_open_pool(const struct payload_file *file, struct payload **ret_payload, struct bvhd_error *error);
