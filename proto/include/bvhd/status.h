@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * status.h - how every part of bvhd says that something went wrong.
+ *
+ * The numbers are wire ABI: they never change and are never used again for something else. An error is a plain value of fixed
+ * size: it can be copied, stored and sent, and owns nothing.
+ */
+#ifndef BVHD_PUBLIC_STATUS_H
+#define BVHD_PUBLIC_STATUS_H
+
+#include "vuid.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum bvhd_status {
+    BVHD_OK = 0,
+    BVHD_INVALID = 1, /* a rule is broken; the error names it and the place */
+    BVHD_UNSUPPORTED = 2, /* a valid request for something that this version or this machine does not do */
+    BVHD_TOO_LARGE = 3, /* over an announced limit */
+    BVHD_NO_MEMORY = 4, /* the memory budget or the machine's memory is used up */
+    BVHD_CANCELLED = 5, /* whoever asked has lost interest */
+    BVHD_CORRUPT = 6, /* bytes are not what their header promises: a blob, a frame, a file */
+    BVHD_NOT_FOUND = 7, /* no such key, file, structure */
+    BVHD_BUSY = 8, /* queues are full; try again later */
+    BVHD_UNAVAILABLE = 9, /* nobody answers */
+    BVHD_INCOMPATIBLE = 10, /* made for another target, driver or version */
+    BVHD_IO = 11, /* the operating system refused; the text says what */
+    BVHD_INTERNAL = 12, /* a defect of bvhd itself */
+    BVHD_PENDING = 13, /* no failure: not finished yet */
+    BVHD_STATUS_COUNT
+};
+
+enum { BVHD_WHERE_SIZE = 120, BVHD_TEXT_SIZE = 200 };
+
+struct bvhd_error {
+    enum bvhd_status status;
+    enum bvhd_vuid vuid; /* BVHD_VUID_NONE where the rule is not Vulkan's */
+    char where[BVHD_WHERE_SIZE]; /* a path such as "infos[2].geometries[3].triangles.vertexStride"; never NULL, may be "" */
+    char text[BVHD_TEXT_SIZE]; /* the reason, in words, without a newline */
+};
+
+/* "INVALID", "TOO_LARGE", ...; "UNKNOWN" for a number that this version does not know. */
+BVHD_API const char *bvhd_status_name(enum bvhd_status status);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
