@@ -43,6 +43,9 @@ check_includes()
             door["openssl/"] = "builder/content_key.c"
             door["assimp/|png.h|cjson/|cJSON.h"] = "client/bvhctl/"
             door["vulkan/"] = "client/"
+            door["uv.h|uv/"] = "daemon/"
+            door["systemd/"] = "daemon/"
+            door["protobuf-c/|[a-z_]*[.]pb-c[.]h"] = "proto/control"
         }
         function room(file) {
             if (file ~ /^builder\/format\//) return "format"
@@ -145,6 +148,10 @@ self_test()
     printf '%s\n#include <openssl/evp.h>\n' "$spdx" >"$tree/builder/a.c" && must_fail "OpenSSL's door" builder/a.c
     printf '%s\n#include <vulkan/vulkan_core.h>\n' "$spdx" >"$tree/builder/a.c" && must_fail "Vulkan's door" builder/a.c
     printf '%s\n#include <png.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "libpng's door" client/a.c
+    printf '%s\n#include <uv.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "libuv's door" client/a.c
+    printf '%s\n#include <systemd/sd-daemon.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "systemd's door" client/a.c
+    printf '%s\n#include <protobuf-c/protobuf-c.h>\n' "$spdx" >"$tree/proto/a.c" && must_fail "protobuf-c's door" proto/a.c
+    printf '%s\n#include "bvhd.pb-c.h"\n' "$spdx" >"$tree/daemon/a.c" && must_fail 'the door of generated messages' daemon/a.c
     echo 'int x;' >"$tree/tests/a.c" && must_fail 'no licence' tests/a.c
     { echo "$spdx" && yes 'int x;' | head -n 600; } >"$tree/proto/a.c" && must_fail 'a long file' proto/a.c
     echo "$spdx" >"$tree/proto/b.h" && must_fail 'a header that is not described' proto/b.h
