@@ -17,9 +17,15 @@ struct session;
 /* How a session reaches its connection. Neither may call back into the session. */
 struct session_link {
     void (*send)(void *context, struct reply *reply); /* takes the reply; queued, sent in order */
+    /*
+     * There was no memory for a reply that the client waits for, so the connection has to end: FRAME_ERROR if possible, then session_close, not
+     * from within this call. NULL: session_frame says it at the next frame.
+     */
+    void (*fail)(void *context, const struct bvhd_error *error);
     void *context;
 };
 
+/* Who the client is, for log lines. */
 struct session_peer {
     uint32_t uid;
     int32_t pid;
@@ -34,7 +40,7 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
  */
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error);
 
-/* A reply has left, or was dropped: its credits are free again. Before reply_destroy. */
+/* A reply has left, or was dropped: its credits are free again. Before reply_destroy; not after session_close, which frees all of them. */
 void session_sent(struct session *session, const struct reply *reply);
 
 /* The daemon drains: tells the client once, by GOODBYE. */
