@@ -2,9 +2,11 @@
 /*
  * frame.h - bytes in, frames out: what travels on the socket, without any I/O. PROTOCOL.md has the table of the header's bytes.
  *
- * A frame is a header of FRAME_HEADER_SIZE bytes, a control message (control.h), inline bytes, and the descriptors that it declares, which
- * arrive with any of its bytes or, in the kernel's way of gluing reads, with bytes before it. Descriptors are queued in the order of arrival;
- * each frame claims as many as it declares. Once a frame is wrong nothing after it can be trusted: the connection has to end.
+ * A frame is a header of FRAME_HEADER_SIZE bytes, a control message (control.h), inline bytes, and the descriptors that it declares. Who sends
+ * a frame with descriptors starts a sendmsg with its first byte. The read that brings them then brings a byte of their frame, after whatever came
+ * before it: a read ends after the bytes that carried descriptors. They are queued in the order of arrival; a frame that is complete claims as
+ * many as it declares. That they are too few shows then, and so does one too many: its read ended within this frame or before it.
+ * Once a frame is wrong nothing after it can be trusted: the connection has to end.
  */
 #ifndef BVHD_FRAME_H
 #define BVHD_FRAME_H
@@ -65,7 +67,9 @@ struct frame_parser {
     uint32_t max_control, max_inline;
     unsigned char *buffer;
     uint64_t capacity, begin, end; /* bytes [begin, end) of the buffer are not parsed yet */
+    uint64_t fed; /* bytes of the stream so far */
     int descriptors[FRAME_QUEUE];
+    uint64_t arrived[FRAME_QUEUE]; /* with each: where in the stream its read ended */
     uint32_t descriptor_count;
     enum bvhd_status broken; /* what the first wrong frame said; nothing is parsed afterwards */
 };
@@ -73,12 +77,13 @@ struct frame_parser {
 /* Allocates from `memory`, which must outlive the parser. The limits are at most FRAME_MAX_CONTROL and FRAME_MAX_INLINE. */
 void frame_parser_init(struct frame_parser *parser, struct memory *memory, uint32_t max_control, uint32_t max_inline);
 
-/* Closes the descriptors that nobody has claimed. NULL-safe. */
+/* Frees the buffer, closes the descriptors that nobody has claimed. NULL-safe. */
 void frame_parser_finish(struct frame_parser *parser);
 
 /*
  * Where the next bytes from the socket go: at least one byte, as many as the frame that is under way wants, and some more when none is. Grows
- * the buffer only as far as the bytes of a header that passed its checks ask for. BVHD_NO_MEMORY leaves everything as it was.
+ * the buffer only as far as the bytes of a header that passed its checks ask for, and lets a large one go when nothing is left in it. To be
+ * called when frame_parser_next has found no more. BVHD_NO_MEMORY leaves everything as it was; after a wrong frame it says what that said.
  */
 enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char **ret_at, uint64_t *ret_size, struct bvhd_error *error);
 
