@@ -15,14 +15,6 @@ static double milliseconds(void)
     return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
 }
 
-/* Lets the memory's peak count from here; returns what is live. */
-static uint64_t peak_begin(struct memory *memory)
-{
-    uint64_t live = atomic_load(&memory->live);
-    atomic_store(&memory->peak, live);
-    return live;
-}
-
 /*
  * Items that were built, by key: open addressing, slots hold an item's index + 1 or 0. A key is a cryptographic hash, so its first bytes spread
  * whatever a client sends.
@@ -62,10 +54,8 @@ struct batch {
 };
 
 static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical, const struct build_options *options,
-                                   uint32_t index)
+                                   const struct build_context *context, struct batch_item *item)
 {
-    const struct build_context *context = batch->context;
-    struct batch_item *item = &batch->items[index];
     enum build_quality quality = build_quality_resolve(options->quality, canonical->flags);
     enum bvhd_status status =
         content_key(canonical, quality, options->target, options->layout_flags, context, &item->key, &item->error);
@@ -84,26 +74,30 @@ static enum bvhd_status build_item(const struct batch *batch, const struct canon
     status = build(canonical, options, context, &item->blob, &item->stats, &item->error);
     item->build_ms = milliseconds() - begin;
     if (status == BVHD_OK) {
+        memory_hand_up(context->memory, item->blob);
         item->size = item->stats.sizes.total;
-        *slot = index + 1;
+        *slot = (uint32_t)(item - batch->items) + 1;
     }
     return status;
 }
 
+/* In a budget of its own, whose peak is the item's. */
 static void run_item(const struct batch *batch, const struct build_input *input, uint32_t index)
 {
     struct batch_item *item = &batch->items[index];
-    struct memory *memory = batch->context->memory;
+    struct build_context context = *batch->context;
+    struct memory memory;
     struct canonical canonical;
-    uint64_t live = peak_begin(memory);
+    memory_init_within(&memory, batch->context->memory, UINT64_MAX);
+    context.memory = &memory;
     double begin = milliseconds();
-    item->status = prepare(input, index, batch->limits, batch->context, &canonical, &item->error);
+    item->status = prepare(input, index, batch->limits, &context, &canonical, &item->error);
     item->prepare_ms = milliseconds() - begin;
     if (item->status != BVHD_OK)
         return;
-    item->status = build_item(batch, &canonical, &input->options, index);
-    prepare_finish(&canonical, memory);
-    item->peak_bytes = atomic_load(&memory->peak) - live;
+    item->status = build_item(batch, &canonical, &input->options, &context, item);
+    prepare_finish(&canonical, &memory);
+    item->peak_bytes = atomic_load(&memory.peak);
 }
 
 /* `errors`: of the rules between entries. */

@@ -17,11 +17,14 @@ struct batch_item {
     unsigned char *blob; /* owned by the item; shared bytes are owned by the item that built them */
     uint64_t size;
     double prepare_ms, build_ms;
-    uint64_t peak_bytes; /* most memory live while this item was prepared and built, above what was live before */
+    uint64_t peak_bytes; /* most memory that this item took while it was prepared and built */
     struct build_stats stats;
 };
 
-/* Fills ret_items[count]; returns BVHD_OK when every item was looked at, whatever became of it. Ended with batch_finish. */
+/*
+ * Fills ret_items[count]; returns BVHD_OK when every item was looked at, whatever became of it. Ended with batch_finish. context->output is
+ * NULL.
+ */
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
                              const struct build_context *context, struct batch_item *ret_items, struct bvhd_error *error);
 

@@ -37,18 +37,33 @@ enum { USE_MAPPINGS = 1 };
 
 void memory_init(struct memory *memory, uint64_t limit)
 {
+    memory->parent = NULL;
     memory->limit = limit;
     atomic_init(&memory->live, 0);
     atomic_init(&memory->peak, 0);
     atomic_init(&memory->fail_after, -1);
 }
 
-static bool injected_failure(struct memory *memory)
+void memory_init_within(struct memory *memory, struct memory *parent, uint64_t limit)
+{
+    memory_init(memory, limit);
+    memory->parent = parent;
+}
+
+static bool fails_now(struct memory *memory)
 {
     int64_t left = atomic_load_explicit(&memory->fail_after, memory_order_relaxed);
     while (left >= 0)
         if (atomic_compare_exchange_weak_explicit(&memory->fail_after, &left, left - 1, memory_order_relaxed, memory_order_relaxed))
             return left == 0;
+    return false;
+}
+
+static bool injected_failure(struct memory *memory)
+{
+    for (; memory; memory = memory->parent)
+        if (fails_now(memory))
+            return true;
     return false;
 }
 
@@ -60,7 +75,14 @@ static void raise_peak(struct memory *memory, uint64_t live)
         ;
 }
 
-/* Takes `size` bytes off the budget. */
+static void release_one(struct memory *memory, uint64_t size)
+{
+    uint64_t before = atomic_fetch_sub_explicit(&memory->live, size, memory_order_relaxed);
+    assert(before >= size);
+    (void)before;
+}
+
+/* Takes `size` bytes off the budget and those around it; what is refused counts in no peak. */
 static bool reserve(struct memory *memory, uint64_t size)
 {
     uint64_t live = atomic_load_explicit(&memory->live, memory_order_relaxed), sum;
@@ -68,15 +90,18 @@ static bool reserve(struct memory *memory, uint64_t size)
         if (!bytes_add(live, size, &sum) || sum > memory->limit)
             return false;
     } while (!atomic_compare_exchange_weak_explicit(&memory->live, &live, sum, memory_order_relaxed, memory_order_relaxed));
+    if (memory->parent && !reserve(memory->parent, size)) {
+        release_one(memory, size);
+        return false;
+    }
     raise_peak(memory, sum);
     return true;
 }
 
 static void release(struct memory *memory, uint64_t size)
 {
-    uint64_t before = atomic_fetch_sub_explicit(&memory->live, size, memory_order_relaxed);
-    assert(before >= size);
-    (void)before;
+    for (; memory; memory = memory->parent)
+        release_one(memory, size);
 }
 
 static struct header *header_of(void *block)
@@ -195,6 +220,13 @@ void *memory_resize(struct memory *memory, void *block, uint64_t size)
     memcpy(moved, block, header->size < size ? header->size : size);
     memory_free(memory, block);
     return moved;
+}
+
+void memory_hand_up(struct memory *memory, void *block)
+{
+    assert(memory->parent);
+    if (block)
+        release_one(memory, header_of(block)->size);
 }
 
 void memory_free(struct memory *memory, void *block)

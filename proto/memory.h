@@ -14,6 +14,7 @@
 #include <stdint.h>
 
 struct memory {
+    struct memory *parent; /* what is allocated here counts there too; NULL for a budget of its own */
     uint64_t limit; /* bytes that may be live at once; UINT64_MAX = no limit */
     _Atomic uint64_t live; /* bytes now */
     _Atomic uint64_t peak; /* the most that were live at once */
@@ -21,6 +22,12 @@ struct memory {
 };
 
 void memory_init(struct memory *memory, uint64_t limit);
+
+/*
+ * A budget within another one, which must outlive it: each allocation counts in both, and either refuses it, by its limit or by its fail_after.
+ * Needs no end; when all its blocks are freed or handed up nothing of it is left in the parent.
+ */
+void memory_init_within(struct memory *memory, struct memory *parent, uint64_t limit);
 
 /* NULL when the budget, the machine or the test says no, or when size is 0. */
 void *memory_alloc(struct memory *memory, uint64_t size);
@@ -33,6 +40,9 @@ void *memory_array(struct memory *memory, uint64_t count, uint64_t size);
  * blocks count; a large block that stays large counts only the difference.
  */
 void *memory_resize(struct memory *memory, void *block, uint64_t size);
+
+/* Makes a block the parent's, through which it is freed from then on; it no longer counts in `memory`, which has a parent. NULL-safe. */
+void memory_hand_up(struct memory *memory, void *block);
 
 /* block may be NULL. The block must come from the same struct memory. */
 void memory_free(struct memory *memory, void *block);

@@ -150,6 +150,26 @@ static void failing_allocations_hit_one_item(void **state)
     batch_finish(whole.items, ITEMS, &whole.memory);
 }
 
+/* An item's peak is its own, whatever lives beside it. */
+static void peaks_are_of_one_item(void **state)
+{
+    (void)state;
+    struct fixture f, alone;
+    fill(&f);
+    fill(&alone);
+    void *beside = memory_alloc(&f.memory, 1 << 20);
+    assert_int_equal(batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL), BVHD_OK);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(batch_build(&alone.inputs[i], 1, &alone.limits, &alone.context, alone.items, NULL), BVHD_OK);
+        assert_true(alone.items[0].peak_bytes >= alone.items[0].size);
+        assert_int_equal(f.items[i].peak_bytes, alone.items[0].peak_bytes);
+        batch_finish(alone.items, 1, &alone.memory);
+    }
+    memory_free(&f.memory, beside);
+    batch_finish(f.items, ITEMS, &f.memory);
+    assert_int_equal(f.memory.live, 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -157,6 +177,7 @@ int main(void)
         cmocka_unit_test(rules_between_entries_are_applied),
         cmocka_unit_test(nothing_to_do),
         cmocka_unit_test(failing_allocations_hit_one_item),
+        cmocka_unit_test(peaks_are_of_one_item),
     };
     return cmocka_run_group_tests(tests, start, end);
 }

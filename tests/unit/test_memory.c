@@ -266,6 +266,129 @@ static void threads_share_a_budget(void **state)
     assert_int_equal(memory.live, 0);
 }
 
+static void a_child_counts_in_its_parent(void **state)
+{
+    (void)state;
+    struct memory parent, child, grandchild;
+    memory_init(&parent, UINT64_MAX);
+    memory_init_within(&child, &parent, UINT64_MAX);
+    memory_init_within(&grandchild, &child, UINT64_MAX);
+    void *own = memory_alloc(&parent, 1000), *inner = memory_alloc(&grandchild, 200), *large = memory_alloc(&child, 5 << 20);
+    assert_int_equal(grandchild.live, 200);
+    assert_int_equal(child.live, 200 + (5 << 20));
+    assert_int_equal(parent.live, 1200 + (5 << 20));
+    large = memory_resize(&child, large, 6 << 20);
+    inner = memory_resize(&grandchild, inner, 300);
+    assert_int_equal(child.live, 300 + (6 << 20));
+    assert_int_equal(parent.live, 1300 + (6 << 20));
+    memory_free(&child, large);
+    memory_free(&grandchild, inner);
+    assert_int_equal(grandchild.live + child.live, 0);
+    assert_int_equal(parent.live, 1000);
+    assert_int_equal(grandchild.peak, 500);
+    assert_int_equal(child.peak, 500 + (6 << 20));
+    assert_int_equal(parent.peak, 1500 + (6 << 20));
+    memory_free(&parent, own);
+}
+
+static void either_limit_refuses(void **state)
+{
+    (void)state;
+    struct memory parent, child;
+    memory_init(&parent, 1000);
+    memory_init_within(&child, &parent, 600);
+    void *own = memory_alloc(&parent, 500);
+    assert_null(memory_alloc(&child, 601)); /* the child's */
+    assert_null(memory_alloc(&child, 501)); /* the parent's */
+    assert_int_equal(child.live + child.peak, 0); /* what was refused counts nowhere */
+    assert_int_equal(parent.live, 500);
+    assert_int_equal(parent.peak, 500);
+    void *block = memory_alloc(&child, 500);
+    assert_non_null(block);
+    assert_null(memory_resize(&child, block, 600));
+    assert_int_equal(child.live, 500);
+    assert_int_equal(parent.live, 1000);
+    memory_free(&parent, own);
+    assert_null(memory_alloc(&child, 101));
+    memory_free(&child, block);
+    assert_int_equal(parent.live, 0);
+}
+
+static void a_large_block_that_may_not_grow_stays_counted(void **state)
+{
+    (void)state;
+    struct memory parent, child;
+    memory_init(&parent, 8 << 20);
+    memory_init_within(&child, &parent, UINT64_MAX);
+    void *block = memory_alloc(&child, 5 << 20);
+    assert_null(memory_resize(&child, block, 9 << 20));
+    assert_int_equal(child.live, 5 << 20);
+    assert_int_equal(parent.live, 5 << 20);
+    memory_free(&child, block);
+    assert_int_equal(parent.live + child.live, 0);
+}
+
+static void failures_of_a_parent_reach_its_children(void **state)
+{
+    (void)state;
+    struct memory parent, child;
+    memory_init(&parent, UINT64_MAX);
+    memory_init_within(&child, &parent, UINT64_MAX);
+    parent.fail_after = 1;
+    void *block = memory_alloc(&child, 8);
+    assert_non_null(block);
+    assert_null(memory_alloc(&child, 8));
+    child.fail_after = 0;
+    assert_null(memory_resize(&child, block, 16));
+    void *own = memory_alloc(&parent, 8);
+    assert_non_null(own);
+    assert_int_equal(child.live, 8);
+    assert_int_equal(parent.live, 16);
+    memory_free(&child, block);
+    memory_free(&parent, own);
+}
+
+static void blocks_are_handed_up(void **state)
+{
+    (void)state;
+    struct memory parent, child;
+    memory_init(&parent, UINT64_MAX);
+    memory_init_within(&child, &parent, 100);
+    void *block = memory_alloc(&child, 100);
+    memory_hand_up(&child, block);
+    memory_hand_up(&child, NULL);
+    assert_int_equal(child.live, 0);
+    assert_int_equal(child.peak, 100);
+    assert_int_equal(parent.live, 100);
+    memory_free(&parent, block);
+    assert_int_equal(parent.live, 0);
+}
+
+static void *churn_within(void *context)
+{
+    struct memory child;
+    memory_init_within(&child, context, 12000);
+    churn(&child);
+    return (void *)(uintptr_t)(atomic_load(&child.live) + (atomic_load(&child.peak) > 12000));
+}
+
+static void children_share_a_parent(void **state)
+{
+    (void)state;
+    struct memory parent;
+    memory_init(&parent, 30000);
+    pthread_t threads[THREADS];
+    void *result;
+    for (int i = 0; i < THREADS; i++)
+        assert_int_equal(pthread_create(&threads[i], NULL, churn_within, &parent), 0);
+    for (int i = 0; i < THREADS; i++) {
+        pthread_join(threads[i], &result);
+        assert_null(result);
+    }
+    assert_int_equal(parent.live, 0);
+    assert_true(parent.peak <= 30000);
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
@@ -279,6 +402,12 @@ int main(void)
         cmocka_unit_test(the_chosen_allocation_fails),
         cmocka_unit_test(a_failed_resize_keeps_the_block),
         cmocka_unit_test(threads_share_a_budget),
+        cmocka_unit_test(a_child_counts_in_its_parent),
+        cmocka_unit_test(either_limit_refuses),
+        cmocka_unit_test(a_large_block_that_may_not_grow_stays_counted),
+        cmocka_unit_test(failures_of_a_parent_reach_its_children),
+        cmocka_unit_test(blocks_are_handed_up),
+        cmocka_unit_test(children_share_a_parent),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
