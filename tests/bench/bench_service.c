@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * bench_service - what the service costs, and how it shares itself out.
+ *
+ *     bench_service BVHD [--runs N] [--workers N] [SECTION...] [SCENE.ply...]
+ *
+ * Starts its own daemons (BVHD is the program). Sections, all of them when none is named:
+ *   cost      a build through the service beside the same views, canonical copy and blob in this process, without key and socket; interleaved
+ *   hits      a result by key, 1 KiB and 1 MiB; the geometry of a 1 MiB result again
+ *   many      640 different meshes of 2,000 triangles in one batch: all workers against one
+ *   small     a small job beside a build of 4 million triangles, and on a quiet daemon
+ *   cancel    200 cancelled in the queue, 200 while they run
+ *   death     how long the work and the resources of a client that died go on
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "service_bench.h"
+
+static const struct section {
+    const char *name;
+    void (*run)(const struct bench *bench);
+} sections[] = {
+    {"cost", bench_cost},   {"hits", bench_hits},      {"many", bench_many},
+    {"small", bench_small}, {"cancel", bench_cancels}, {"death", bench_deaths},
+};
+
+enum { SECTIONS = sizeof sections / sizeof *sections };
+
+static int find_section(const char *name)
+{
+    for (int i = 0; i < SECTIONS; i++)
+        if (!strcmp(sections[i].name, name))
+            return i;
+    return -1;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc < 2 || argv[1][0] == '-') {
+        fputs("usage: bench_service BVHD [--runs N] [--workers N] [cost|hits|many|small|cancel|death ...] [SCENE.ply ...]\n", stderr);
+        return 2;
+    }
+    struct bench bench = {.program = argv[1], .runs = 15};
+    bool chosen[SECTIONS] = {false}, any = false;
+    int at = 2;
+    for (; at < argc; at++) {
+        int section = find_section(argv[at]);
+        if (section >= 0)
+            chosen[section] = any = true;
+        else if (!strcmp(argv[at], "--runs") && at + 1 < argc)
+            bench.runs = atoi(argv[++at]);
+        else if (!strcmp(argv[at], "--workers") && at + 1 < argc)
+            bench.workers = (unsigned)atoi(argv[++at]);
+        else
+            break;
+    }
+    bench.scenes = argv + at;
+    bench.scene_count = argc - at;
+    bench.runs = bench.runs < 1 ? 1 : bench.runs;
+    for (int i = 0; i < SECTIONS; i++)
+        if (!any || chosen[i])
+            sections[i].run(&bench);
+    return 0;
+}

@@ -1,0 +1,242 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* service_share.c - bench_service's sections `many`, `small`, `cancel` and `death`. */
+#include <signal.h>
+#include <stdlib.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "service_bench.h"
+
+static void sleep_us(long us)
+{
+    struct timespec wait = {us / 1000000, us % 1000000 * 1000};
+    nanosleep(&wait, NULL);
+}
+
+enum { MESHES = 640, MESH_SIZE = 2000 };
+
+static struct terrain meshes[MESHES];
+static VkAccelerationStructureBuildGeometryInfoKHR infos[MESHES];
+static const VkAccelerationStructureBuildRangeInfoKHR *ranges[MESHES];
+
+/* Time from submission to the last result, milliseconds. */
+static double build_meshes(const struct bench *bench, unsigned workers, double *ret_busy)
+{
+    struct service_process process;
+    struct bvhd_error error;
+    struct bvhd_batch *batch;
+    bench_start(bench, workers, "0", &process);
+    struct bvhd_client *client = bench_client(&process);
+    struct bvhd_build build = {.struct_size = sizeof build,
+                               .info_count = MESHES,
+                               .infos = infos,
+                               .ranges = ranges,
+                               .quality = BVHD_QUALITY_BALANCED,
+                               .target = BVHD_TARGET_PORTABLE};
+    double best = 1e30;
+    for (int i = 0; i < 3; i++) {
+        uint64_t busy = bench_counter(client, "busy_ns");
+        double begin = bench_now();
+        if (bvhd_batch_submit(client, &build, &batch, &error))
+            bench_fail("%s: %s", error.where, error.text);
+        bvhd_batch_wait(batch, -1);
+        double ms = bench_now() - begin;
+        bench_finish(batch);
+        if (ms < best) {
+            best = ms;
+            *ret_busy = (double)(bench_counter(client, "busy_ns") - busy) * 1e-6;
+        }
+    }
+    bvhd_client_destroy(client);
+    bench_stop(&process);
+    return best;
+}
+
+void bench_many(const struct bench *bench)
+{
+    for (int i = 0; i < MESHES; i++) {
+        terrain_init(&meshes[i], MESH_SIZE, (uint32_t)i + 100);
+        infos[i] = meshes[i].info;
+        ranges[i] = meshes[i].ranges;
+    }
+    unsigned workers = bench->workers ? bench->workers : (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
+    double busy, busy_one;
+    double one = build_meshes(bench, 1, &busy_one), all = build_meshes(bench, workers, &busy);
+    bench_line("640 meshes", "1 worker %.1f ms (busy %.1f), %u workers %.1f ms (busy %.1f): %.3f of %u times the rate (goal: 0.85)",
+               one, busy_one, workers, all, busy, one / all / workers, workers);
+    for (int i = 0; i < MESHES; i++)
+        terrain_finish(&meshes[i]);
+}
+
+/* Fills ret_ms with the times of small builds, each of another mesh; stops early when `big` is done. Returns how many. */
+static int time_small(struct bvhd_client *client, struct bvhd_batch *big, uint32_t seed, double *ret_ms, int count)
+{
+    int done = 0;
+    for (; done < count && !(big && bvhd_batch_is_done(big)); done++) {
+        struct terrain terrain;
+        terrain_init(&terrain, MESH_SIZE, seed + (uint32_t)done);
+        double begin = bench_now();
+        bench_finish(bench_submit(client, &terrain));
+        ret_ms[done] = bench_now() - begin;
+        terrain_finish(&terrain);
+        sleep_us(5000);
+    }
+    return done;
+}
+
+void bench_small(const struct bench *bench)
+{
+    enum { TIMES = 300 };
+    static double quiet[TIMES], beside[TIMES];
+    struct service_process process;
+    struct terrain terrain;
+    bench_start(bench, 0, "0", &process);
+    struct bvhd_client *client = bench_client(&process), *other = bench_client(&process);
+    int quiet_count = time_small(client, NULL, 1000, quiet, TIMES), beside_count = 0;
+    terrain_init(&terrain, 4000000, 3);
+    for (int i = 0; i < 5 && beside_count < TIMES; i++) {
+        struct bvhd_batch *big = bench_submit(other, &terrain);
+        bvhd_batch_wait_copied(big, -1);
+        beside_count += time_small(client, big, 2000 + (uint32_t)beside_count, beside + beside_count, TIMES - beside_count);
+        bvhd_batch_destroy(big);
+    }
+    terrain_finish(&terrain);
+    double q50 = bench_quantile(quiet, quiet_count, 0.5), b50 = bench_quantile(beside, beside_count, 0.5);
+    double q99 = bench_quantile(quiet, quiet_count, 0.99), b99 = bench_quantile(beside, beside_count, 0.99);
+    bench_line("small job", "quiet p50 %.2f ms, p99 %.2f; beside 4 M triangles p50 %.2f ms, p99 %.2f, of %d (goal: p50 %.2f ms)", q50,
+               q99, b50, b99, beside_count, 2 * q50 > q50 + 5 ? 2 * q50 : q50 + 5);
+    bvhd_client_destroy(client);
+    bvhd_client_destroy(other);
+    bench_stop(&process);
+}
+
+static void await_counter(struct bvhd_client *client, const char *name, uint64_t value, double limit_ms)
+{
+    double begin = bench_now();
+    while (bench_counter(client, name) != value) {
+        if (bench_now() - begin > limit_ms)
+            bench_fail("%s is not %llu after %.0f ms", name, (unsigned long long)value, limit_ms);
+        sleep_us(200);
+    }
+}
+
+enum { CANCELS = 200 };
+
+static void print_cancels(const char *what, double *ms, const char *goal)
+{
+    double p99 = bench_quantile(ms, CANCELS, 0.99), most = bench_quantile(ms, CANCELS, 1), p50 = bench_quantile(ms, CANCELS, 0.5);
+    bench_line(what, "p50 %.3f ms, p99 %.3f ms, most %.3f ms of %d (goal: p99 %s)", p50, p99, most, CANCELS, goal);
+}
+
+/* The first `triangles` of a terrain, as a request of its own. */
+static void take_slice(const struct terrain *whole, uint32_t triangles, struct terrain *ret_slice)
+{
+    terrain_wrap(ret_slice, whole->positions, whole->vertex_count, whole->indices, triangles);
+}
+
+/* Too large for a spare thread beside what runs, so they wait. */
+static void cancel_queued(struct bvhd_client *client, const struct terrain *big)
+{
+    enum { AHEAD = 6, EACH = 20 };
+    static double ms[CANCELS];
+    struct bvhd_batch *ahead[AHEAD];
+    struct terrain slices[AHEAD], victim;
+    for (int i = 0; i < CANCELS; i++) {
+        for (int k = 0; k < AHEAD && i % EACH == 0; k++) {
+            take_slice(big, big->triangle_count - (uint32_t)(i + k), &slices[k]);
+            ahead[k] = bench_submit(client, &slices[k]);
+            bvhd_batch_wait_copied(ahead[k], -1);
+        }
+        take_slice(big, big->triangle_count / 5 + (uint32_t)i, &victim);
+        struct bvhd_batch *batch = bench_submit(client, &victim);
+        bvhd_batch_wait(batch, 1);
+        double begin = bench_now();
+        bvhd_batch_cancel(batch);
+        bvhd_batch_wait(batch, -1);
+        ms[i] = bench_now() - begin;
+        bvhd_batch_destroy(batch);
+        for (int k = 0; k < AHEAD && i % EACH == EACH - 1; k++)
+            bvhd_batch_destroy(ahead[k]);
+    }
+    print_cancels("cancel, queued", ms, "1 ms");
+}
+
+/* From the call until nobody works for it any more. */
+static void cancel_running(struct bvhd_client *client, const struct terrain *big)
+{
+    static double answered[CANCELS], ended[CANCELS];
+    for (int i = 0; i < CANCELS; i++) {
+        struct bvhd_batch *batch = bench_submit(client, big);
+        bvhd_batch_wait_copied(batch, -1);
+        await_counter(client, "jobs_running", 1, 10000);
+        sleep_us(1000L * (i % 50) * 8);
+        double begin = bench_now();
+        bvhd_batch_cancel(batch);
+        bvhd_batch_wait(batch, -1);
+        answered[i] = bench_now() - begin;
+        await_counter(client, "jobs_running", 0, 10000);
+        ended[i] = bench_now() - begin;
+        bvhd_batch_destroy(batch);
+    }
+    print_cancels("cancel, running: answered", answered, "50 ms");
+    print_cancels("cancel, running: workers free", ended, "50 ms");
+}
+
+void bench_cancels(const struct bench *bench)
+{
+    struct service_process process;
+    struct terrain big;
+    bench_start(bench, 0, "0", &process);
+    struct bvhd_client *client = bench_client(&process);
+    terrain_init(&big, 1500000, 4);
+    cancel_queued(client, &big);
+    await_counter(client, "jobs_running", 0, 10000);
+    cancel_running(client, &big);
+    terrain_finish(&big);
+    bvhd_client_destroy(client);
+    bench_stop(&process);
+}
+
+static pid_t start_victim(const struct service_process *process, const struct terrain *big)
+{
+    pid_t pid = fork();
+    if (pid == 0) {
+        struct bvhd_client *client = bench_client(process);
+        bench_finish(bench_submit(client, big));
+        _exit(0);
+    }
+    if (pid < 0)
+        bench_fail("cannot fork");
+    return pid;
+}
+
+void bench_deaths(const struct bench *bench)
+{
+    enum { TIMES = 30 };
+    static double ms[TIMES];
+    struct service_process process;
+    struct terrain big;
+    bench_start(bench, 0, "0", &process);
+    struct bvhd_client *client = bench_client(&process);
+    terrain_init(&big, 1500000, 5);
+    uint64_t memory = bench_counter(client, "memory_live"), pools = bench_counter(client, "pool_bytes");
+    for (int i = 0; i < TIMES; i++) {
+        pid_t victim = start_victim(&process, &big);
+        await_counter(client, "jobs_running", 1, 10000);
+        sleep_us(15000L * i);
+        double begin = bench_now();
+        kill(victim, SIGKILL);
+        await_counter(client, "connections", 1, 10000);
+        await_counter(client, "jobs_running", 0, 10000);
+        await_counter(client, "pool_bytes", pools, 10000);
+        await_counter(client, "memory_live", memory, 10000);
+        ms[i] = bench_now() - begin;
+        waitpid(victim, NULL, 0);
+    }
+    double most = bench_quantile(ms, TIMES, 1), p50 = bench_quantile(ms, TIMES, 0.5);
+    bench_line("client killed: all free", "p50 %.1f ms, most %.1f ms of %d (goal: 100 ms)", p50, most, TIMES);
+    terrain_finish(&big);
+    bvhd_client_destroy(client);
+    bench_stop(&process);
+}
