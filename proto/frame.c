@@ -105,10 +105,10 @@ static enum bvhd_status look_at_header(const struct frame_parser *parser, struct
                                        struct bvhd_error *error)
 {
     uint64_t have = parser->end - parser->begin;
-    const unsigned char *bytes = parser->buffer + parser->begin;
     *ret_found = false;
     if (have == 0)
         return BVHD_OK;
+    const unsigned char *bytes = parser->buffer + parser->begin;
     if (memcmp(bytes, magic, have < sizeof magic ? have : sizeof magic) != 0)
         return bvhd_error_set(error, BVHD_CORRUPT, "frame.magic", "not a frame of bvhd's");
     if (have < FRAME_HEADER_SIZE)

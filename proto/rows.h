@@ -6,6 +6,9 @@
  * lacks as 0, and refuses a longer row unless the rest is 0. Spans are offsets from the payload's first byte; offset 0 says "not given"
  * (a NULL pointer), since rows lie there. Little-endian; PROTOCOL.md has the tables. Payloads may change while they are read: every
  * row is copied before it is looked at.
+ *
+ * A span that is given but empty has an offset that is not 0 and the size 0. Fields and spans that a row's type has no use for are ignored. The
+ * contents of fields are validate.h's to judge.
  */
 #ifndef BVHD_ROWS_H
 #define BVHD_ROWS_H
@@ -49,7 +52,8 @@ bool rows_payload_size(const struct build_input *input, uint64_t *ret_size);
 
 /*
  * Writes the payload of a description, ROWS_ALIGNMENT-aligned, rows_payload_size bytes; padding is 0. Only the bytes that the ranges reach are worth
- * sending, but what the struct bytes hold is sent: the description decides.
+ * sending, but what the struct bytes hold is sent: the description decides. Neighbouring geometries that share memory (the same vertices, say)
+ * share a span.
  */
 void rows_write(const struct build_input *input, unsigned char *payload);
 
@@ -62,7 +66,8 @@ struct rows_shape {
 /*
  * Reads the rows into arrays from `memory` (input->geometries, input->references: rows_finish frees them); other fields of the input are the
  * caller's. Data pointers lead into the payload. BVHD_CORRUPT with the place ("infos[INDEX].geometries[3].indices": outside of the payload; rows
- * outside), BVHD_UNSUPPORTED for a row with fields that this version does not know, BVHD_TOO_LARGE for row sizes over ROWS_MAX_SIZE.
+ * outside, or smaller than version 1's), BVHD_UNSUPPORTED for a row with fields that this version does not know, BVHD_TOO_LARGE for row
+ * sizes over ROWS_MAX_SIZE, BVHD_NO_MEMORY. On failure the input is as it was. A size of rows that are not there (count 0) is ignored.
  */
 enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape, uint32_t index, struct memory *memory,
                            struct build_input *input, struct bvhd_error *error);
