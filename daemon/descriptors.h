@@ -10,21 +10,37 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* What everything but receiving leaves free, so that a message that comes with descriptors can always be received whole. */
+enum { DESCRIPTORS_RESERVE = 16 };
+
 struct descriptors {
     uint32_t limit; /* RLIMIT_NOFILE less those that were open at the start */
     _Atomic uint32_t used;
     _Atomic uint32_t unread; /* descriptors sent to clients that have not read them: the kernel limits them for a user */
 };
 
-/* Raises the soft limit to the hard one, and counts what is open. */
+/* Raises the process's soft limit to the hard one, and counts what is open. Once, before threads open descriptors of their own. */
 void descriptors_init(struct descriptors *descriptors);
 
-/* False when fewer than `count` + `keep` are left. Descriptors that are received count when they arrive. */
+/*
+ * All `count` or none: false when fewer than `count` + `keep` are left. `keep` is DESCRIPTORS_RESERVE, or 0 for descriptors that have been
+ * received, which count when they arrive.
+ */
 bool descriptors_take(struct descriptors *descriptors, uint32_t count, uint32_t keep);
 void descriptors_give(struct descriptors *descriptors, uint32_t count);
 uint32_t descriptors_left(const struct descriptors *descriptors);
 
-/* At most half of the limit may be on its way unread, all clients together. */
+/*
+ * Closes a descriptor that a client sent, whatever it is, without waiting; its count is the caller's to give back. Closing anything but a
+ * memfd may take as long as its owner likes: a file of a FUSE file system waits for that file system's answer, a TCP socket for its
+ * SO_LINGER. A thread of its own does that; until it has, or for good when DESCRIPTORS_LINGERING such threads wait already, the descriptor
+ * counts as used in every struct descriptors.
+ */
+enum { DESCRIPTORS_LINGERING = 64 };
+
+void descriptors_close(int descriptor);
+
+/* Sending and having been read: false when more than half of the limit would be on its way unread, all clients together. */
 bool descriptors_send(struct descriptors *descriptors, uint32_t count);
 void descriptors_read(struct descriptors *descriptors, uint32_t count);
 

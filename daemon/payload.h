@@ -2,10 +2,12 @@
 /*
  * payload.h - bytes that a client sent, wherever they lie: in a frame, in the connection's pool, in a memfd of its own.
  *
- * Descriptors are checked before they are used: nothing but a memfd that is no huge page file, has the seals that its use needs, and exactly
- * the size that was declared. A pool is sealed SHRINK|GROW (mapping it cannot fault at its end; its owner may still write, which prepare.h
- * allows for). A one-shot memfd is sealed SHRINK|GROW|WRITE|SEAL and has no holes, so reading it allocates nothing and never changes.
- * Pages of a pool that its owner leaves empty are allocated by reading them: a pool's whole size counts against `pool_bytes`.
+ * Descriptors are checked before they are used: nothing but a memfd that is no huge page file, has the seals that its use needs, can be
+ * read, and has exactly the size that was declared, which need not be a multiple of pages. A pool is sealed SHRINK|GROW (mapping it cannot
+ * fault at its end; its owner may still write, which prepare.h allows for) and not WRITE, since nobody could fill it. A one-shot memfd is
+ * sealed SHRINK|GROW|WRITE|SEAL and has no holes, so reading it allocates nothing and never changes; pages that were only reserved by
+ * fallocate count as holes. Pages of a pool that its owner leaves empty are allocated by reading them: a pool's whole size counts against
+ * `pool_bytes`. Other seals (FUTURE_WRITE, EXEC) do no harm and are no substitute.
  */
 #ifndef BVHD_PAYLOAD_H
 #define BVHD_PAYLOAD_H
@@ -20,18 +22,22 @@
 struct payload;
 
 /*
- * Each takes the descriptor, also when it fails. BVHD_INVALID says what is wrong with it ("pool": "not sealed against shrinking"),
- * BVHD_TOO_LARGE over `max_size`, BVHD_IO what the system refused. `where`: how errors call it ("pool", "items[3].payload").
+ * Each takes the descriptor and has closed it when it returns, also when it fails; giving back its count is the caller's. From any thread.
+ * BVHD_INVALID says what is wrong with it ("pool": "not sealed against shrinking"), BVHD_TOO_LARGE over `max_size`, BVHD_NO_MEMORY, BVHD_IO
+ * what the system refused.
  */
 struct payload_file {
     int descriptor;
-    uint64_t size; /* as declared */
+    uint64_t size; /* as declared; 0 is BVHD_INVALID */
     uint64_t max_size;
-    const char *where;
-    struct memory *memory; /* for the struct; must outlive it. The mapped bytes are not counted in it: they are their sender's, or `pool_bytes` */
+    const char *where; /* how errors call it: "pool", "items[3].payload" */
+    struct memory
+        *memory; /* for the struct; must outlive it. The mapped bytes are not counted in it: they are their sender's, or `pool_bytes` */
 };
 
 enum bvhd_status payload_open_pool(const struct payload_file *file, struct payload **ret_payload, struct bvhd_error *error);
+
+/* Looks at every page's entry in search of holes: some 10 us for each MiB. */
 enum bvhd_status payload_open_memfd(const struct payload_file *file, struct payload **ret_payload, struct bvhd_error *error);
 
 /* A private copy, from `memory`, which must outlive it. Empty bytes are fine. */
