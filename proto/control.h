@@ -2,11 +2,18 @@
 /*
  * control.h - the control messages of frames, as plain structs: the only door to protobuf.
  *
- * Each message has pack (into bytes from `memory`, the caller frees them) and unpack. Unpacked messages lie in one block from `memory`, freed by
- * the caller as a whole (memory_free(memory, message)); strings are cut to what they are for and always end in NUL. Unpacking a hostile message takes at
- * most CONTROL_HEAP_RATIO times its size and a fixed part from `memory` (nesting is refused by a schema without recursion), and unknown fields are ignored.
- * BVHD_CORRUPT: not a message of this kind; BVHD_TOO_LARGE: more than its heap; BVHD_NO_MEMORY. Values are not judged here, except where a number would
- * not fit its C type: status and rule numbers that this version does not know come through as they are.
+ * Each message has pack (into bytes from `memory`, which the caller frees; without a field that differs from 0 they are none, and `data` is NULL)
+ * and unpack. An unpacked message lies in one block from `memory`, freed by the caller as a whole (memory_free(memory, message)). Strings are cut to
+ * what they are for, control characters in them become spaces, and they always end in NUL; one with a NUL inside ends there. Doubles and floats
+ * keep their bits. Unknown fields are ignored.
+ *
+ * Unpacking a message of n bytes takes two blocks from `memory` at once: 2 n + CONTROL_HEAP_FIXED / 2 bytes for all that protobuf makes of it, and for
+ * the plain struct what it needs, at most as much. Together that is CONTROL_HEAP_RATIO times n and the fixed part, however hostile the bytes are, and nothing
+ * is allocated elsewhere. Honest messages stay far below. Nesting ends at the schema's depth: no message contains itself.
+ *
+ * BVHD_CORRUPT: not a message of this kind. BVHD_TOO_LARGE: more than its heap, or more than the constants below allow. BVHD_UNSUPPORTED: rows
+ * with fields that this version does not know. BVHD_NO_MEMORY. Values are not judged here, except where a number would not fit its C type:
+ * status and rule numbers that this version does not know come through as they are. Packing fails with BVHD_TOO_LARGE and BVHD_NO_MEMORY.
  */
 #ifndef BVHD_CONTROL_H
 #define BVHD_CONTROL_H
@@ -16,7 +23,15 @@
 #include "memory.h"
 #include "status.h"
 
-enum { CONTROL_HEAP_RATIO = 4, CONTROL_VERSION = 1, CONTROL_MAX_ITEMS = 4096, CONTROL_NAME_SIZE = 64 };
+enum {
+    CONTROL_VERSION = 1,
+    CONTROL_MAX_ITEMS = 4096, /* items of BUILD, CANCEL, PREPARED, keys of GET */
+    CONTROL_MAX_MEMFDS = 4, /* of BUILD */
+    CONTROL_MAX_COUNTERS = 128,
+    CONTROL_NAME_SIZE = 64,
+    CONTROL_HEAP_RATIO = 4,
+    CONTROL_HEAP_FIXED = 32 * 1024,
+};
 
 /* FRAME_HELLO: which versions of the protocol the client speaks. */
 struct control_hello {
@@ -60,7 +75,7 @@ enum { PRIORITY_LOW = -1, PRIORITY_NORMAL = 0, PRIORITY_HIGH = 1 };
 struct control_build {
     int32_t priority;
     uint32_t memfd_count; /* the frame's descriptors */
-    uint64_t memfd_sizes[4];
+    uint64_t memfd_sizes[CONTROL_MAX_MEMFDS];
     uint32_t item_count;
     struct control_item *items;
 };
@@ -92,7 +107,7 @@ struct control_facts {
 /* FRAME_RESULT. The bytes come inline, or as the frame's descriptor. */
 struct control_result {
     uint32_t item;
-    struct bvhd_error error; /* status BVHD_OK: the rest is set */
+    struct bvhd_error error; /* status BVHD_OK: the rest is set; otherwise the times alone */
     struct key key;
     uint64_t size;
     uint32_t origin; /* ORIGIN_ */

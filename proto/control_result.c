@@ -1,0 +1,127 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Outcomes: ERROR and RESULT. */
+#include "control_codec.h"
+
+#include "bvhd.pb-c.h"
+
+enum bvhd_status control_pack_error(const struct bvhd_error *from, struct memory *memory, struct bytes *ret_bytes,
+                                    struct bvhd_error *error)
+{
+    Bvhd__Error message;
+    bvhd__error__init(&message);
+    message.status = from->status;
+    message.rule = from->vuid;
+    message.where = control_constant(from->where);
+    message.text = control_constant(from->text);
+    return control_encode(&message.base, memory, ret_bytes, error);
+}
+
+static void fill_error(const void *from, void *ret_plain)
+{
+    const Bvhd__Error *message = from;
+    struct bvhd_error *error = ret_plain;
+    error->status = (enum bvhd_status)message->status;
+    error->vuid = (enum bvhd_vuid)message->rule;
+    control_copy_text(message->where, sizeof error->where, error->where);
+    control_copy_text(message->text, sizeof error->text, error->text);
+}
+
+static const struct control_kind error_kind = {"error", &bvhd__error__descriptor, sizeof(struct bvhd_error), NULL, fill_error};
+CONTROL_UNPACK(error, struct bvhd_error)
+
+enum { BOUNDS_COUNT = 6 };
+
+static void put_facts(const struct control_facts *facts, Bvhd__Result *message)
+{
+    message->primitives = facts->primitives;
+    message->triangles = facts->triangles;
+    message->instances = facts->instances;
+    message->inactive = facts->inactive;
+    message->degenerate = facts->degenerate;
+    message->skipped = facts->skipped;
+    message->refs = facts->refs;
+    message->peak_bytes = facts->peak_bytes;
+    message->depth = facts->depth;
+    message->target = facts->target;
+    message->sah = control_double_bits(facts->sah);
+    message->first_build_ms = control_double_bits(facts->build_ms);
+    message->method = control_constant(facts->method);
+    message->n_bounds = BOUNDS_COUNT;
+    message->bounds = control_constant(facts->bounds);
+}
+
+static void take_facts(const Bvhd__Result *message, struct control_facts *facts)
+{
+    facts->primitives = message->primitives;
+    facts->triangles = message->triangles;
+    facts->instances = message->instances;
+    facts->inactive = message->inactive;
+    facts->degenerate = message->degenerate;
+    facts->skipped = message->skipped;
+    facts->refs = message->refs;
+    facts->peak_bytes = message->peak_bytes;
+    facts->depth = message->depth;
+    facts->target = message->target;
+    facts->sah = control_bits_double(message->sah);
+    facts->build_ms = control_bits_double(message->first_build_ms);
+    control_copy_text(message->method, sizeof facts->method, facts->method);
+    if (message->n_bounds > 0)
+        memcpy(facts->bounds, message->bounds, sizeof facts->bounds);
+}
+
+enum bvhd_status control_pack_result(const struct control_result *result, struct memory *memory, struct bytes *ret_bytes,
+                                     struct bvhd_error *error)
+{
+    Bvhd__Result message;
+    bvhd__result__init(&message);
+    message.item = result->item;
+    message.status = result->error.status;
+    message.rule = result->error.vuid;
+    message.where = control_constant(result->error.where);
+    message.text = control_constant(result->error.text);
+    message.queued_ms = control_double_bits(result->queued_ms);
+    message.prepare_ms = control_double_bits(result->prepare_ms);
+    message.build_ms = control_double_bits(result->build_ms);
+    if (result->error.status == BVHD_OK) {
+        message.key = (ProtobufCBinaryData){sizeof result->key.bytes, control_constant(result->key.bytes)};
+        message.size = result->size;
+        message.origin = result->origin;
+        put_facts(&result->facts, &message);
+    }
+    return control_encode(&message.base, memory, ret_bytes, error);
+}
+
+static enum bvhd_status check_result(const void *from, uint64_t *ret_extra, struct bvhd_error *error)
+{
+    const Bvhd__Result *message = from;
+    bool keyless = message->key.len == 0 && message->status != BVHD_OK;
+    if (message->key.len != KEY_SIZE && !keyless)
+        return bvhd_error_set(error, BVHD_CORRUPT, "result.key", "%zu bytes", message->key.len);
+    if (message->n_bounds != BOUNDS_COUNT && message->n_bounds != 0)
+        return bvhd_error_set(error, BVHD_CORRUPT, "result.bounds", "%zu numbers", message->n_bounds);
+    *ret_extra = 0;
+    return BVHD_OK;
+}
+
+static void fill_result(const void *from, void *ret_plain)
+{
+    const Bvhd__Result *message = from;
+    struct control_result *result = ret_plain;
+    result->item = message->item;
+    result->error.status = (enum bvhd_status)message->status;
+    result->error.vuid = (enum bvhd_vuid)message->rule;
+    control_copy_text(message->where, sizeof result->error.where, result->error.where);
+    control_copy_text(message->text, sizeof result->error.text, result->error.text);
+    if (message->key.len > 0)
+        memcpy(result->key.bytes, message->key.data, sizeof result->key.bytes);
+    result->size = message->size;
+    result->origin = message->origin;
+    result->queued_ms = control_bits_double(message->queued_ms);
+    result->prepare_ms = control_bits_double(message->prepare_ms);
+    result->build_ms = control_bits_double(message->build_ms);
+    take_facts(message, &result->facts);
+}
+
+static const struct control_kind result_kind = {"result", &bvhd__result__descriptor, sizeof(struct control_result), check_result,
+                                                fill_result};
+CONTROL_UNPACK(result, struct control_result)
