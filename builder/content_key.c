@@ -75,7 +75,10 @@ enum bvhd_status content_key(const struct canonical *canonical, enum build_quali
         if (!leaves.digests)
             return bvhd_error_set(error, BVHD_NO_MEMORY, "key", "out of memory for %llu digests", (unsigned long long)leaf_count);
     }
-    parallel_for(context->parallel, leaf_count, digest_leaf, &leaves);
+    if (!parallel_for_until(context->parallel, context->cancel, leaf_count, digest_leaf, &leaves)) {
+        memory_free(context->memory, leaves.digests);
+        return bvhd_error_set(error, BVHD_CANCELLED, "key", "cancelled");
+    }
 
     struct root root = describe_root(canonical->size, quality, layout, layout_flags);
     const struct part parts[] = {

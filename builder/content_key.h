@@ -20,7 +20,7 @@
 enum { CONTENT_KEY_LEAF = 1 << 20 };
 
 /*
- * `quality` is resolved (build_quality_resolve). BVHD_UNSUPPORTED for an unknown target, BVHD_NO_MEMORY, BVHD_INTERNAL when the hash library
+ * `quality` is resolved (build_quality_resolve). BVHD_UNSUPPORTED for an unknown target, BVHD_NO_MEMORY, BVHD_CANCELLED, BVHD_INTERNAL when the hash library
  * fails.
  */
 enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,

@@ -25,7 +25,7 @@ struct build_context {
 
 static inline bool context_cancelled(const struct build_context *context)
 {
-    return context->cancel && atomic_load_explicit(context->cancel, memory_order_relaxed);
+    return parallel_cancelled(context->cancel);
 }
 
 #endif

@@ -10,7 +10,7 @@
 #include "vertex_format.h"
 
 /* Items of a chunk, a task for a thread; and of a block within it, which stays in the first-level cache between two looks at it. */
-enum { PRIMITIVE_CHUNK = 32768, VERTEX_CHUNK = 65536, INDEX_BLOCK = 4096, VERTEX_BLOCK = 2048, BOX_BLOCK = 1024, RECORD_BLOCK = 256 };
+enum { PRIMITIVE_CHUNK = 16384, VERTEX_CHUNK = 32768, INDEX_BLOCK = 4096, VERTEX_BLOCK = 2048, BOX_BLOCK = 1024, RECORD_BLOCK = 256 };
 
 struct fetch_source {
     _Atomic uint32_t lowest, highest; /* index in use, as given */
@@ -329,17 +329,6 @@ static enum bvhd_status read_transform(struct fetch *fetch, uint32_t index, stru
                            "the 3x3 part is not invertible");
 }
 
-/* Only the span of vertices that a geometry uses is kept, so that many may share one large array of them; indices count from its start. */
-static void rebase_indices(struct fetch *fetch, uint32_t index)
-{
-    struct form_geometry *row = row_of(fetch, index);
-    uint32_t lowest = fetch->sources[index].lowest, *indices = (void *)(fetch->block + row->index_offset);
-    if (row->update & FORM_UPDATE_RECORDED)
-        row->lowest_index = lowest;
-    for (uint64_t i = 0; lowest > 0 && i < (uint64_t)3 * row->primitive_count; i++)
-        indices[i] -= lowest;
-}
-
 static enum bvhd_status finish_triangles(struct fetch *fetch, uint32_t index, struct bvhd_error *error)
 {
     struct canonical_geometry *geometry = &fetch->view.geometries[index];
@@ -352,10 +341,8 @@ static enum bvhd_status finish_triangles(struct fetch *fetch, uint32_t index, st
         status = read_transform(fetch, index, error);
     if (status != BVHD_OK)
         return status;
-    if (fetch->input->geometries[index].triangles.vertex_stride == 0) {
-        memset(fetch->block + row->index_offset, 0, form_bytes(row, FORM_PRIMITIVES));
+    if (fetch->input->geometries[index].triangles.vertex_stride == 0)
         source->lowest = source->highest = 0;
-    }
     if (!row->indexed) {
         source->lowest = 0;
         geometry->vertex_count = 3 * row->primitive_count;
@@ -364,7 +351,6 @@ static enum bvhd_status finish_triangles(struct fetch *fetch, uint32_t index, st
     if (source->highest - source->lowest == UINT32_MAX)
         return bvhd_error_set(error, BVHD_TOO_LARGE, place("infos[%u].geometries[%u]", fetch->index, index).text, "2^32 vertices");
     geometry->vertex_count = source->highest - source->lowest + 1;
-    rebase_indices(fetch, index);
     return BVHD_OK;
 }
 
@@ -389,16 +375,69 @@ static enum bvhd_status finish_primitives(struct fetch *fetch, struct bvhd_error
     return status;
 }
 
+/*
+ * Only the span of vertices that a geometry uses is kept, so that many may share one large array of them; indices count from its start. With a
+ * stride of 0 all name one vertex.
+ */
+static void rebase_run(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
+{
+    const struct form_geometry *row = row_of(fetch, index);
+    if (!row->indexed)
+        return;
+    uint32_t *indices = (uint32_t *)(void *)(fetch->block + row->index_offset) + (size_t)3 * first;
+    uint32_t lowest = fetch->sources[index].lowest;
+    if (fetch->input->geometries[index].triangles.vertex_stride == 0)
+        memset(indices, 0, (size_t)3 * count * sizeof *indices);
+    else
+        for (size_t i = 0; lowest > 0 && i < (size_t)3 * count; i++)
+            indices[i] -= lowest;
+}
+
+static void rebase_task(void *context, size_t chunk)
+{
+    struct fetch *fetch = context;
+    size_t begin, end;
+    parallel_chunk(chunk, PRIMITIVE_CHUNK, fetch->view.primitive_count, &begin, &end);
+    for_runs(fetch, FORM_PRIMITIVES, begin, end, rebase_run);
+}
+
+/* Says in the rows where indices begin; true when that is not 0 everywhere, or may differ from what was read. */
+static bool needs_rebase(struct fetch *fetch)
+{
+    bool needs = false;
+    for (uint32_t i = 0; i < fetch->view.geometry_count; i++) {
+        struct form_geometry *row = row_of(fetch, i);
+        if (!row->indexed)
+            continue;
+        uint32_t lowest = fetch->sources[i].lowest;
+        if (row->update & FORM_UPDATE_RECORDED)
+            row->lowest_index = lowest;
+        needs |= lowest > 0 || fetch->input->geometries[i].triangles.vertex_stride == 0;
+    }
+    return needs;
+}
+
 static size_t chunks(size_t items, size_t chunk)
 {
     return items / chunk + (items % chunk != 0);
 }
 
-enum bvhd_status fetch_primitives(struct fetch *fetch, unsigned char *block, const struct parallel *parallel, struct bvhd_error *error)
+static enum bvhd_status cancelled(const struct fetch *fetch, struct bvhd_error *error)
 {
+    return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", fetch->index).text, "cancelled");
+}
+
+enum bvhd_status fetch_primitives(struct fetch *fetch, unsigned char *block, const struct build_context *context,
+                                  struct bvhd_error *error)
+{
+    size_t count = chunks(fetch->view.primitive_count, PRIMITIVE_CHUNK);
     fetch->block = block;
-    parallel_for(parallel, chunks(fetch->view.primitive_count, PRIMITIVE_CHUNK), primitive_task, fetch);
-    return finish_primitives(fetch, error);
+    if (!parallel_for_until(context->parallel, context->cancel, count, primitive_task, fetch))
+        return cancelled(fetch, error);
+    enum bvhd_status status = finish_primitives(fetch, error);
+    if (status != BVHD_OK || !needs_rebase(fetch))
+        return status;
+    return parallel_for_until(context->parallel, context->cancel, count, rebase_task, fetch) ? BVHD_OK : cancelled(fetch, error);
 }
 
 static void fetch_vertex_run(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
@@ -428,8 +467,10 @@ static void vertex_task(void *context, size_t chunk)
     for_runs(fetch, FORM_POSITIONS, begin, end, fetch_vertex_run);
 }
 
-void fetch_positions(struct fetch *fetch, unsigned char *block, const struct parallel *parallel)
+enum bvhd_status fetch_positions(struct fetch *fetch, unsigned char *block, const struct build_context *context,
+                                 struct bvhd_error *error)
 {
+    size_t count = chunks(fetch->view.vertex_count, VERTEX_CHUNK);
     fetch->block = block;
-    parallel_for(parallel, chunks(fetch->view.vertex_count, VERTEX_CHUNK), vertex_task, fetch);
+    return parallel_for_until(context->parallel, context->cancel, count, vertex_task, fetch) ? BVHD_OK : cancelled(fetch, error);
 }

@@ -5,11 +5,8 @@
 #ifndef BVHD_FETCH_H
 #define BVHD_FETCH_H
 
-#include <stdatomic.h>
-
 #include "canonical.h"
-#include "memory.h"
-#include "parallel.h"
+#include "context.h"
 #include "reference_rows.h"
 
 struct fetch_source;
@@ -33,11 +30,13 @@ void fetch_finish(struct fetch *fetch, struct memory *memory);
 /*
  * Fills the arrays of indices, boxes and records that the rows in `block` place, checks indices and reads transforms, and sets
  * vertex_count and first_vertex in the view. Records come out with 1-based positions in the caller's reference table. With strides of 0
- * all indices become 0.
+ * all indices become 0. BVHD_CANCELLED.
  */
-enum bvhd_status fetch_primitives(struct fetch *fetch, unsigned char *block, const struct parallel *parallel, struct bvhd_error *error);
+enum bvhd_status fetch_primitives(struct fetch *fetch, unsigned char *block, const struct build_context *context,
+                                  struct bvhd_error *error);
 
-/* Fills the arrays of positions, transformed. */
-void fetch_positions(struct fetch *fetch, unsigned char *block, const struct parallel *parallel);
+/* Fills the arrays of positions, transformed. BVHD_CANCELLED. */
+enum bvhd_status fetch_positions(struct fetch *fetch, unsigned char *block, const struct build_context *context,
+                                 struct bvhd_error *error);
 
 #endif

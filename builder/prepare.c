@@ -15,8 +15,8 @@ struct work {
     const struct build_input *input;
     uint32_t index;
     uint64_t max_bytes;
-    struct memory *memory;
-    const struct parallel *parallel;
+    const struct build_context *context;
+    struct memory *memory; /* the context's */
     struct bvhd_error *error;
     struct fetch fetch; /* its view becomes the result */
     unsigned char *block;
@@ -158,7 +158,7 @@ static enum bvhd_status make_references(struct work *work)
     if (work->input->type != STRUCTURE_TOP)
         return BVHD_OK;
     return reference_rows_make(work->block + rows_of(work)->data_offset, geometry->primitive_count, work->input->references,
-                               work->input->reference_count, work->memory, &work->references, work->error);
+                               work->input->reference_count, work->context, &work->references, work->error);
 }
 
 /* Hands block and tables over to the result. */
@@ -171,21 +171,22 @@ static enum bvhd_status finish_view(struct work *work)
             return no_memory(work, (uint64_t)work->references.count * sizeof *view->references);
     }
     form_view(work->block, view);
-    return work->fetch.suspect ? validate_canonical(view, work->index, work->error) : BVHD_OK;
+    return work->fetch.suspect ? validate_canonical(view, work->index, work->context->cancel, work->error) : BVHD_OK;
 }
 
 static enum bvhd_status run(struct work *work)
 {
     enum bvhd_status status = place_primitives(work);
     if (status == BVHD_OK)
-        status = fetch_primitives(&work->fetch, work->block, work->parallel, work->error);
+        status = fetch_primitives(&work->fetch, work->block, work->context, work->error);
     if (status == BVHD_OK)
         status = make_references(work);
     if (status == BVHD_OK)
         status = place_positions(work);
+    if (status == BVHD_OK)
+        status = fetch_positions(&work->fetch, work->block, work->context, work->error);
     if (status != BVHD_OK)
         return status;
-    fetch_positions(&work->fetch, work->block, work->parallel);
     write_header(work);
     return finish_view(work);
 }
@@ -194,12 +195,8 @@ enum bvhd_status prepare(const struct build_input *input, uint32_t index, const 
                          const struct build_context *context, struct canonical *ret_canonical, struct bvhd_error *error)
 {
     struct memory *memory = context->memory;
-    struct work work = {.input = input,
-                        .index = index,
-                        .max_bytes = limits->max_canonical_bytes,
-                        .memory = memory,
-                        .parallel = context->parallel,
-                        .error = error};
+    struct work work = {
+        .input = input, .index = index, .max_bytes = limits->max_canonical_bytes, .context = context, .memory = memory, .error = error};
     enum bvhd_status status = validate_input(input, index, limits, error);
     if (status == BVHD_OK)
         status = fetch_init(&work.fetch, input, index, memory, error);

@@ -21,7 +21,7 @@
 
 /*
  * `index`: the entry's place in its batch, for errors. On success *ret_canonical owns its memory (context->memory), until prepare_finish. The same bytes
- * for any number of threads. BVHD_TOO_LARGE when the copy would pass limits->max_canonical_bytes or 2^32 - 1 vertices.
+ * for any number of threads. BVHD_CANCELLED. BVHD_TOO_LARGE when the copy would pass limits->max_canonical_bytes or 2^32 - 1 vertices.
  */
 enum bvhd_status prepare(const struct build_input *input, uint32_t index, const struct limits *limits,
                          const struct build_context *context, struct canonical *ret_canonical, struct bvhd_error *error);

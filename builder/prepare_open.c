@@ -210,7 +210,7 @@ static enum bvhd_status check_contents(const struct reader *reader, const struct
     }
     if (status == BVHD_OK && view->type == STRUCTURE_BOTTOM && view->reference_count > 0)
         return corrupt(reader, "referenceCount", "a bottom level has none");
-    return status == BVHD_OK ? validate_canonical(view, 0, reader->error) : status;
+    return status == BVHD_OK ? validate_canonical(view, 0, NULL, reader->error) : status;
 }
 
 static enum bvhd_status make_view(const struct reader *reader, struct canonical *view)

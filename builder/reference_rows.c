@@ -81,12 +81,18 @@ static struct form_reference row_of(const struct reference *reference)
     return row;
 }
 
-/* Numbers what is named in the order of first use: a row for each, and the records say which. Returns how many. */
+/* Every few thousand records. */
+static bool is_cancelled(const struct build_context *context, uint32_t record)
+{
+    return record % 8192 == 0 && context_cancelled(context);
+}
+
+/* Numbers what is named in the order of first use: a row for each, and the records say which. Returns how many, less when cancelled. */
 static uint32_t number_references(unsigned char *records, uint32_t record_count, const struct reference *references,
-                                  uint32_t *row_of_reference, struct form_reference *rows)
+                                  const struct build_context *context, uint32_t *row_of_reference, struct form_reference *rows)
 {
     uint32_t count = 0;
-    for (uint32_t i = 0; i < record_count; i++) {
+    for (uint32_t i = 0; i < record_count && !is_cancelled(context, i); i++) {
         unsigned char *field = records + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
         uint64_t reference = bytes_get64(field);
         if (reference == 0)
@@ -175,9 +181,9 @@ static uint32_t keep_leaders(struct form_reference *rows, uint32_t count, uint32
     return kept;
 }
 
-static void renumber(unsigned char *records, uint32_t record_count, const uint32_t *numbers)
+static void renumber(unsigned char *records, uint32_t record_count, const struct build_context *context, const uint32_t *numbers)
 {
-    for (uint32_t i = 0; i < record_count; i++) {
+    for (uint32_t i = 0; i < record_count && !is_cancelled(context, i); i++) {
         unsigned char *field = records + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
         uint64_t reference = bytes_get64(field);
         if (reference)
@@ -186,11 +192,11 @@ static void renumber(unsigned char *records, uint32_t record_count, const uint32
 }
 
 /* Makes one row of equal rows. False without memory. */
-static bool merge_rows(unsigned char *records, uint32_t record_count, struct reference_rows *rows, struct memory *memory)
+static bool merge_rows(unsigned char *records, uint32_t record_count, const struct build_context *context, struct reference_rows *rows)
 {
     uint32_t count = rows->count;
-    struct handle_entry *entries = memory_array(memory, count, 2 * sizeof *entries);
-    uint32_t *leaders = memory_array(memory, count, sizeof *leaders);
+    struct handle_entry *entries = memory_array(context->memory, count, 2 * sizeof *entries);
+    uint32_t *leaders = memory_array(context->memory, count, sizeof *leaders);
     if (entries && leaders) {
         for (uint32_t i = 0; i < count; i++)
             entries[i] = (struct handle_entry){row_hash(&rows->rows[i]), i};
@@ -198,34 +204,43 @@ static bool merge_rows(unsigned char *records, uint32_t record_count, struct ref
         find_leaders(rows->rows, entries, count, leaders);
         rows->count = keep_leaders(rows->rows, count, leaders);
         if (rows->count < count)
-            renumber(records, record_count, leaders);
+            renumber(records, record_count, context, leaders);
     }
     bool done = entries && leaders;
-    memory_free(memory, leaders);
-    memory_free(memory, entries);
+    memory_free(context->memory, leaders);
+    memory_free(context->memory, entries);
     return done;
 }
 
+/* False without memory. Of no use when it is cancelled on the way. */
+static bool make(unsigned char *records, uint32_t record_count, const struct reference *references, uint32_t reference_count,
+                 const struct build_context *context, struct reference_rows *rows)
+{
+    uint32_t capacity = reference_count < record_count ? reference_count : record_count;
+    uint32_t *numbers = memory_array(context->memory, reference_count, sizeof *numbers);
+    rows->rows = memory_array(context->memory, capacity, sizeof *rows->rows);
+    bool ready = numbers && rows->rows;
+    if (ready) {
+        memset(numbers, 0, reference_count * sizeof *numbers);
+        rows->count = number_references(records, record_count, references, context, numbers, rows->rows);
+    }
+    memory_free(context->memory, numbers);
+    return ready && (rows->count < 2 || context_cancelled(context) || merge_rows(records, record_count, context, rows));
+}
+
 enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,
-                                     uint32_t reference_count, struct memory *memory, struct reference_rows *ret_rows,
+                                     uint32_t reference_count, const struct build_context *context, struct reference_rows *ret_rows,
                                      struct bvhd_error *error)
 {
     struct reference_rows made = {NULL, 0};
-    uint32_t capacity = reference_count < record_count ? reference_count : record_count;
-    if (capacity > 0) {
-        uint32_t *numbers = memory_array(memory, reference_count, sizeof *numbers);
-        made.rows = memory_array(memory, capacity, sizeof *made.rows);
-        bool ready = numbers && made.rows;
-        if (ready) {
-            memset(numbers, 0, reference_count * sizeof *numbers);
-            made.count = number_references(records, record_count, references, numbers, made.rows);
-        }
-        memory_free(memory, numbers);
-        if (!ready || (made.count > 1 && !merge_rows(records, record_count, &made, memory))) {
-            memory_free(memory, made.rows);
-            return bvhd_error_set(error, BVHD_NO_MEMORY, "references", "%u references", reference_count);
-        }
-    }
-    *ret_rows = made;
-    return BVHD_OK;
+    enum bvhd_status status = BVHD_OK;
+    if (reference_count > 0 && record_count > 0 && !make(records, record_count, references, reference_count, context, &made))
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, "references", "%u references", reference_count);
+    else if (context_cancelled(context))
+        status = bvhd_error_set(error, BVHD_CANCELLED, "references", "cancelled");
+    if (status == BVHD_OK)
+        *ret_rows = made;
+    else
+        memory_free(context->memory, made.rows);
+    return status;
 }

@@ -8,8 +8,8 @@
 #define BVHD_REFERENCE_ROWS_H
 
 #include "canonical_form.h"
+#include "context.h"
 #include "handle_table.h"
-#include "memory.h"
 
 struct reference_lookup {
     struct handle_entry *entries; /* sorted; a number is the position in the caller's table */
@@ -31,10 +31,10 @@ struct reference_rows {
 
 /*
  * Records come in with 1-based positions in `references` (0: inactive) in their reference field, and leave with 1-based rows of *ret_rows.
- * BVHD_NO_MEMORY leaves the records in between.
+ * BVHD_NO_MEMORY and BVHD_CANCELLED leave the records in between.
  */
 enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,
-                                     uint32_t reference_count, struct memory *memory, struct reference_rows *ret_rows,
+                                     uint32_t reference_count, const struct build_context *context, struct reference_rows *ret_rows,
                                      struct bvhd_error *error);
 
 #endif

@@ -9,6 +9,8 @@
 #ifndef BVHD_VALIDATE_H
 #define BVHD_VALIDATE_H
 
+#include <stdatomic.h>
+
 #include "canonical.h"
 #include "geometry.h"
 #include "request_limits.h"
@@ -32,9 +34,10 @@ enum bvhd_status validate_input(const struct build_input *input, uint32_t index,
 
 /*
  * Rules on contents: AABB min <= max, invertible matrices and flags of active instances (flags of inactive ones too). Indices are checked
- * while they are fetched (prepare.h).
+ * while they are fetched (prepare.h). `cancel` may be NULL; BVHD_CANCELLED.
  */
-enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, struct bvhd_error *error);
+enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, const atomic_bool *cancel,
+                                    struct bvhd_error *error);
 
 /* The same rules as a yes or no, over a run of boxes (six floats each) or canonical instance records. */
 bool validate_boxes(const float *boxes, uint64_t count);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <math.h>
 
+#include "parallel.h"
 #include "place.h"
 #include "validate.h"
 
@@ -66,12 +67,32 @@ static enum bvhd_status report_box(const float *box, struct place where, struct 
                            (double)box[axis], (double)box[3 + axis]);
 }
 
-static enum bvhd_status check_boxes(const struct canonical_geometry *geometry, uint32_t info, uint32_t index, struct bvhd_error *error)
+/* Whose contents are looked at. */
+struct checking {
+    uint32_t info, index;
+    const atomic_bool *cancel;
+};
+
+/* At every few thousand primitives. */
+static bool is_cancelled(const struct checking *checking, uint32_t primitive)
+{
+    return primitive % 8192 == 0 && parallel_cancelled(checking->cancel);
+}
+
+static enum bvhd_status report_cancelled(const struct checking *checking, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", checking->info).text, "cancelled");
+}
+
+static enum bvhd_status check_boxes(const struct canonical_geometry *geometry, const struct checking *checking,
+                                    struct bvhd_error *error)
 {
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
+        if (is_cancelled(checking, i))
+            return report_cancelled(checking, error);
         const float *box = geometry->boxes + (uint64_t)6 * i;
         if (!box_is_valid(box))
-            return report_box(box, place("infos[%u].geometries[%u].aabbs[%u]", info, index, i), error);
+            return report_box(box, place("infos[%u].geometries[%u].aabbs[%u]", checking->info, checking->index, i), error);
     }
     return BVHD_OK;
 }
@@ -92,26 +113,30 @@ static enum bvhd_status report_instance(const unsigned char *record, struct plac
     return bvhd_error_rule(error, BVHD_VUID_03799, place("%s.transform", where.text).text, "the 3x3 part is not invertible");
 }
 
-static enum bvhd_status check_instances(const struct canonical_geometry *geometry, uint32_t info, uint32_t index,
+static enum bvhd_status check_instances(const struct canonical_geometry *geometry, const struct checking *checking,
                                         struct bvhd_error *error)
 {
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
+        if (is_cancelled(checking, i))
+            return report_cancelled(checking, error);
         const unsigned char *record = geometry->instances + (uint64_t)RECORD_SIZE * i;
         if (!validate_instances(record, 1))
-            return report_instance(record, place("infos[%u].geometries[%u].instances[%u]", info, index, i), error);
+            return report_instance(record, place("infos[%u].geometries[%u].instances[%u]", checking->info, checking->index, i), error);
     }
     return BVHD_OK;
 }
 
-enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, struct bvhd_error *error)
+enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, const atomic_bool *cancel,
+                                    struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; status == BVHD_OK && i < canonical->geometry_count; i++) {
         const struct canonical_geometry *geometry = &canonical->geometries[i];
+        const struct checking checking = {index, i, cancel};
         if (geometry->type == GEOMETRY_AABBS)
-            status = check_boxes(geometry, index, i, error);
+            status = check_boxes(geometry, &checking, error);
         else if (geometry->type == GEOMETRY_INSTANCES)
-            status = check_instances(geometry, index, i, error);
+            status = check_instances(geometry, &checking, error);
     }
     return status;
 }

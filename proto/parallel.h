@@ -8,6 +8,8 @@
 #ifndef BVHD_PARALLEL_H
 #define BVHD_PARALLEL_H
 
+#include <stdatomic.h>
+#include <stdbool.h>
 #include <stddef.h>
 
 typedef void (*parallel_task)(void *context, size_t index);
@@ -24,6 +26,15 @@ static inline void parallel_for(const struct parallel *parallel, size_t count, p
 {
     parallel->for_each(parallel, count, task, context);
 }
+
+/* Whether nobody wants the result any more. `cancel` may be NULL; once set it stays set. */
+static inline bool parallel_cancelled(const atomic_bool *cancel)
+{
+    return cancel && atomic_load_explicit(cancel, memory_order_relaxed);
+}
+
+/* As parallel_for, but leaves out the tasks that have not begun when *cancel is set. False when it is set, so that some may be missing. */
+bool parallel_for_until(const struct parallel *parallel, const atomic_bool *cancel, size_t count, parallel_task task, void *context);
 
 /* The half-open range [*ret_begin, *ret_end) of item `index` when `total` things are cut into chunks of `chunk`. */
 static inline void parallel_chunk(size_t index, size_t chunk, size_t total, size_t *ret_begin, size_t *ret_end)

@@ -2,10 +2,11 @@
 /*
  * bench_cancel - how long a build goes on after it was cancelled.
  *
- *     bench_cancel [--quality fast|balanced|high] [--triangles N] SCENE.ply
+ *     bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads N] [--seconds N] SCENE.ply
  *
- * The scene is repeated side by side until it has N triangles (2,000,000). One build runs to its end; then twenty are cancelled, at evenly
- * spaced moments of that time, and what passes between the flag and build()'s return is printed. Two threads.
+ * The scene is repeated side by side until it has N triangles (2,000,000). One build, with preparation and key, runs to its end; then 200 are
+ * cancelled, at moments spread evenly over that time, and what passes between the flag and the return with nothing held is printed. Two threads,
+ * each quality unless one is named, at most 60 s for each quality: what is done by then is spread evenly too.
  */
 #include <pthread.h>
 #include <stdio.h>
@@ -14,11 +15,20 @@
 #include <time.h>
 
 #include "build.h"
+#include "content_key.h"
 #include "ply_input.h"
 #include "prepare.h"
 #include "workers.h"
 
-enum { MOMENTS = 20 };
+struct options {
+    long quality; /* 0: each */
+    long triangles, cancels, threads, seconds;
+};
+
+/* What one cancelled build did. */
+struct sample {
+    double moment, latency; /* ms after the start, after the flag */
+};
 
 struct cancelling {
     atomic_bool cancel;
@@ -78,109 +88,155 @@ static void *set_flag(void *context)
     return NULL;
 }
 
-/* Returns the time of a whole build. */
-static double build_once(const struct canonical *canonical, const struct build_input *input, struct build_context *context)
+/* Everything that a service does for one structure; nothing is held afterwards. */
+static enum bvhd_status run_all(const struct build_input *input, const struct build_context *context)
 {
+    struct limits limits = limits_default();
+    struct canonical canonical;
     struct build_stats stats;
-    unsigned char *blob;
-    double begin = milliseconds();
-    if (build(canonical, &input->options, context, &blob, &stats, NULL) != BVHD_OK)
-        fail("the build failed");
-    double ms = milliseconds() - begin;
+    struct key key;
+    unsigned char *blob = NULL;
+    enum bvhd_status status = prepare(input, 0, &limits, context, &canonical, NULL);
+    if (status != BVHD_OK)
+        return status;
+    status = content_key(&canonical, input->options.quality, input->options.target, 0, context, &key, NULL);
+    if (status == BVHD_OK)
+        status = build(&canonical, &input->options, context, &blob, &stats, NULL);
     memory_free(context->memory, blob);
-    return ms;
+    prepare_finish(&canonical, context->memory);
+    return status;
 }
 
-/* Returns what passed after the flag, or a negative number when the build was done before. */
-static double cancel_once(const struct canonical *canonical, const struct build_input *input, struct build_context *context,
-                          double after)
+/* Returns false when the build was done before. */
+static bool cancel_once(const struct build_input *input, struct build_context *context, double after, struct sample *ret_sample)
 {
     struct cancelling cancelling = {.after = after};
-    struct build_stats stats;
-    unsigned char *blob;
     pthread_t thread;
     context->cancel = &cancelling.cancel;
     if (pthread_create(&thread, NULL, set_flag, &cancelling) != 0)
         fail("no thread");
-    enum bvhd_status status = build(canonical, &input->options, context, &blob, &stats, NULL);
+    double begin = milliseconds();
+    enum bvhd_status status = run_all(input, context);
     double end = milliseconds();
     pthread_join(thread, NULL);
     context->cancel = NULL;
-    if (status == BVHD_OK)
-        memory_free(context->memory, blob);
-    return status == BVHD_CANCELLED ? end - cancelling.at : -1;
+    if (atomic_load(&context->memory->live) != 0)
+        fail("something is held");
+    *ret_sample = (struct sample){cancelling.at - begin, end - cancelling.at};
+    return status == BVHD_CANCELLED;
 }
 
-static int by_value(const void *a, const void *b)
+static int by_latency(const void *a, const void *b)
 {
-    double x = *(const double *)a, y = *(const double *)b;
+    double x = ((const struct sample *)a)->latency, y = ((const struct sample *)b)->latency;
     return (x > y) - (x < y);
 }
 
-static void measure(const struct ply *ply, enum build_quality quality)
+static void print(const struct ply *ply, enum build_quality quality, double whole, struct sample *samples, long count)
 {
-    struct bvhd_error error;
-    struct limits limits = limits_default();
+    printf("%u triangles, %s: prepare, key and build take %.1f ms; cancelled %ld times", ply->triangle_count,
+           build_quality_name(quality), whole, count);
+    if (count > 0) {
+        qsort(samples, (size_t)count, sizeof *samples, by_latency);
+        const struct sample *late = &samples[count - 1];
+        printf(", returned after %.2f ms (p50), %.2f (p99), %.2f (most, of one at %.1f ms)", samples[count / 2].latency,
+               samples[(count * 99 + 99) / 100 - 1].latency, late->latency, late->moment);
+        for (long i = count - 2; i >= 0 && i >= count - 5; i--)
+            printf("%s %.2f at %.1f", i == count - 2 ? "; before that" : ",", samples[i].latency, samples[i].moment);
+    }
+    printf("\n");
+    fflush(stdout);
+}
+
+static double time_whole(const struct build_input *input, const struct build_context *context)
+{
+    double begin = milliseconds();
+    if (run_all(input, context) != BVHD_OK)
+        fail("the build failed");
+    return milliseconds() - begin;
+}
+
+/* Steps of the golden ratio: evenly spread whenever it ends. */
+static double share_of(long i)
+{
+    double turns = 0.5 + 0.6180339887498949 * (double)i;
+    return turns - (double)(long)turns;
+}
+
+static void measure(const struct ply *ply, enum build_quality quality, const struct options *options)
+{
     struct memory memory;
     struct workers *workers;
     struct embree *embree = NULL;
-    struct canonical canonical;
+    struct bvhd_error error;
     struct geometry geometry;
     struct build_input input = ply_input(ply, quality, &geometry);
-    double latencies[MOMENTS];
-    int cancelled = 0;
+    struct sample *samples = calloc((size_t)options->cancels, sizeof *samples);
+    long count = 0;
     memory_init(&memory, UINT64_MAX);
-    if (workers_create(2, &workers, &error) != BVHD_OK || embree_create(&embree, &error) != BVHD_OK)
+    if (!samples)
+        fail("no memory");
+    if (workers_create((unsigned)options->threads, &workers, &error) != BVHD_OK || embree_create(&embree, &error) != BVHD_OK)
         fail(error.text);
     struct build_context context = {.embree = embree, .memory = &memory, .parallel = workers_parallel(workers)};
-    if (prepare(&input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
-        fail(error.text);
-    double whole = build_once(&canonical, &input, &context);
-    for (int i = 0; i < MOMENTS; i++) {
-        double latency = cancel_once(&canonical, &input, &context, whole * i / MOMENTS);
-        if (latency >= 0)
-            latencies[cancelled++] = latency;
-    }
-    qsort(latencies, (size_t)cancelled, sizeof *latencies, by_value);
-    printf("%u triangles, %s: a build takes %.1f ms; cancelled %d times, returned after %.2f ms (median), %.2f ms (most)\n",
-           ply->triangle_count, build_quality_name(quality), whole, cancelled, cancelled ? latencies[cancelled / 2] : 0,
-           cancelled ? latencies[cancelled - 1] : 0);
-    prepare_finish(&canonical, &memory);
+    double begin = milliseconds();
+    time_whole(&input, &context);
+    double whole = time_whole(&input, &context);
+    for (long i = 0; i < options->cancels && milliseconds() - begin < 1e3 * (double)options->seconds; i++)
+        count += cancel_once(&input, &context, whole * share_of(i), &samples[count]);
+    print(ply, quality, whole, samples, count);
+    free(samples);
     embree_destroy(embree);
     workers_destroy(workers);
 }
 
-static enum build_quality quality_named(const char *name)
+static long quality_named(const char *name)
 {
     for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++)
         if (strcmp(name, build_quality_name(quality)) == 0)
             return quality;
     fail("unknown quality");
-    return QUALITY_UNSPECIFIED;
+    return 0;
+}
+
+/* Returns the number of arguments that it took. */
+static int read_options(int argc, char **argv, struct options *options)
+{
+    const struct {
+        const char *name;
+        long *value;
+    } numbers[] = {{"--triangles", &options->triangles},
+                   {"--cancels", &options->cancels},
+                   {"--threads", &options->threads},
+                   {"--seconds", &options->seconds}};
+    int at = 1;
+    for (; at + 1 < argc && strncmp(argv[at], "--", 2) == 0; at += 2) {
+        if (strcmp(argv[at], "--quality") == 0)
+            options->quality = quality_named(argv[at + 1]);
+        for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+            if (strcmp(argv[at], numbers[i].name) == 0)
+                *numbers[i].value = atol(argv[at + 1]);
+    }
+    return at;
 }
 
 int main(int argc, char **argv)
 {
-    enum build_quality quality = QUALITY_BALANCED;
-    long triangles = 2000000;
-    int first = 1;
-    for (; first + 1 < argc && strncmp(argv[first], "--", 2) == 0; first += 2) {
-        if (strcmp(argv[first], "--quality") == 0)
-            quality = quality_named(argv[first + 1]);
-        else if (strcmp(argv[first], "--triangles") == 0)
-            triangles = atol(argv[first + 1]);
-        else
-            break;
-    }
-    if (first + 1 != argc || triangles < 1 || triangles > 100000000) {
-        fprintf(stderr, "usage: bench_cancel [--quality fast|balanced|high] [--triangles N] SCENE.ply\n");
+    struct options options = {.triangles = 2000000, .cancels = 200, .threads = 2, .seconds = 60};
+    int first = read_options(argc, argv, &options);
+    if (first + 1 != argc || options.triangles < 1 || options.triangles > 100000000 || options.cancels < 1 ||
+        options.cancels > 1000000 || options.threads < 1 || options.threads > 1024) {
+        fprintf(stderr, "usage: bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads N] [--seconds N] "
+                        "SCENE.ply\n");
         return 2;
     }
     struct ply *ply = ply_read(argv[first]);
     if (!ply)
         return 1;
-    ply = repeat(ply, (uint32_t)triangles);
-    measure(ply, quality);
+    ply = repeat(ply, (uint32_t)options.triangles);
+    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++)
+        if (!options.quality || quality == (enum build_quality)options.quality)
+            measure(ply, quality, &options);
     ply_free(ply);
     return 0;
 }

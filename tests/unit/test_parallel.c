@@ -60,6 +60,38 @@ static void chunks_reach_the_largest_size(void **state)
     assert_true(begin == SIZE_MAX / 2 + 1 && end == SIZE_MAX);
 }
 
+struct stopping {
+    struct record record;
+    atomic_bool cancel;
+    size_t at;
+};
+
+static void note_and_stop(void *context, size_t index)
+{
+    struct stopping *stopping = context;
+    note(&stopping->record, index);
+    if (index == stopping->at)
+        atomic_store(&stopping->cancel, true);
+}
+
+static void a_cancelled_loop_begins_no_more_tasks(void **state)
+{
+    (void)state;
+    for (size_t at = 0; at < 10; at++) {
+        struct stopping stopping = {.at = at};
+        assert_false(parallel_for_until(&parallel_serial, &stopping.cancel, 10, note_and_stop, &stopping));
+        assert_int_equal(stopping.record.count, at + 1);
+        assert_false(parallel_for_until(&parallel_serial, &stopping.cancel, 10, note_and_stop, &stopping));
+        assert_int_equal(stopping.record.count, at + 1);
+    }
+    struct stopping whole = {.at = 10};
+    assert_true(parallel_for_until(&parallel_serial, &whole.cancel, 10, note_and_stop, &whole));
+    assert_int_equal(whole.record.count, 10);
+    struct record record = {.count = 0};
+    assert_true(parallel_for_until(&parallel_serial, NULL, 10, note, &record));
+    assert_int_equal(record.count, 10);
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
@@ -67,6 +99,7 @@ int main(void)
         cmocka_unit_test(nothing_to_do_is_nothing_done),
         cmocka_unit_test(chunks_cover_the_whole),
         cmocka_unit_test(chunks_reach_the_largest_size),
+        cmocka_unit_test(a_cancelled_loop_begins_no_more_tasks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -232,7 +232,7 @@ static void colliding_rows_differ(void **state)
         memcpy(records[i] + 14, &(uint64_t){i + 1}, 8);
     }
     struct reference_rows rows;
-    assert_int_equal(reference_rows_make((unsigned char *)records, COUNT, references, COUNT, &memory, &rows, NULL), BVHD_OK);
+    assert_int_equal(reference_rows_make((unsigned char *)records, COUNT, references, COUNT, &context, &rows, NULL), BVHD_OK);
     assert_int_equal(rows.count, DISTINCT);
     for (uint32_t i = 0; i < COUNT; i++) {
         const struct form_reference *row = &rows.rows[bytes_get64(records[i] + 14) - 1];
@@ -254,7 +254,7 @@ static void failing_merges_hold_nothing(void **state)
             memcpy(test.records[i] + 14, &(uint64_t){i % 4}, 8);
         atomic_store(&memory.fail_after, failures);
         enum bvhd_status status =
-            reference_rows_make((unsigned char *)test.records, INPUTS_RECORDS, test.references, 3, &memory, &rows, NULL);
+            reference_rows_make((unsigned char *)test.records, INPUTS_RECORDS, test.references, 3, &context, &rows, NULL);
         assert_int_equal(status, failures < 4 ? BVHD_NO_MEMORY : BVHD_OK);
         assert_int_equal(rows.count, failures < 4 ? 7 : 3);
         memory_free(&memory, rows.rows);

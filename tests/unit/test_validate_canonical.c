@@ -95,11 +95,11 @@ static void places_are_named(void **state)
                                                {.type = GEOMETRY_AABBS, .primitive_count = 2, .boxes = bad}};
     struct canonical canonical = {.geometry_count = 2, .geometries = geometries};
     struct bvhd_error error;
-    assert_int_equal(validate_canonical(&canonical, 6, &error), BVHD_INVALID);
+    assert_int_equal(validate_canonical(&canonical, 6, NULL, &error), BVHD_INVALID);
     assert_int_equal(error.vuid, BVHD_VUID_03548);
     assert_string_equal(error.where, "infos[6].geometries[1].aabbs[1].minZ");
     bad[8] = 1;
-    assert_int_equal(validate_canonical(&canonical, 6, &error), BVHD_OK);
+    assert_int_equal(validate_canonical(&canonical, 6, NULL, &error), BVHD_OK);
 }
 
 int main(void)
