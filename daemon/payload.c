@@ -111,7 +111,7 @@ static enum bvhd_status check_holes(const struct payload_file *file, struct bvhd
 
 static enum bvhd_status check(const struct payload_file *file, bool constant, struct bvhd_error *error)
 {
-    int seals;
+    int seals = 0;
     enum bvhd_status status = check_declared(file, error);
     if (status == BVHD_OK)
         status = check_kind(file, &seals, error);

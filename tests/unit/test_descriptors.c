@@ -256,7 +256,7 @@ static void closing_does_not_wait(void **state)
 {
     (void)state;
     struct descriptors descriptors = with_limit(10);
-    int pair[2];
+    int pair[2] = {-1, -1};
     if (!make_lingering_pair(pair)) {
         print_message("no sockets on the loopback interface here\n");
         skip();
