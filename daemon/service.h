@@ -45,6 +45,9 @@ uint32_t service_pending(const struct service *service);
 struct memory *service_memory(struct service *service);
 struct descriptors *service_descriptors(struct service *service);
 
+/* For jobs beside those of requests; they have to be done before service_destroy. */
+struct pool *service_pool(struct service *service);
+
 /* Told by whoever owns connections, for the counters. */
 void service_count_connections(struct service *service, uint32_t open);
 

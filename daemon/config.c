@@ -1,0 +1,283 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "config.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <getopt.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+enum option_kind {
+    KIND_FIRST = 256, /* above every character: getopt_long returns both */
+    KIND_SOCKET,
+    KIND_WORKERS,
+    KIND_MEMORY,
+    KIND_CACHE_SIZE,
+    KIND_CACHE,
+    KIND_CONNECTIONS,
+    KIND_IDLE,
+    KIND_DRAIN,
+    KIND_LEVEL,
+    KIND_CONFIG, /* from here on: for the command line only */
+    KIND_VERSION,
+};
+
+struct option_row {
+    const char *name, *argument;
+    int kind;
+    const char *help; /* lines after the first are continued */
+};
+
+static const struct option_row option_rows[] = {
+    {"socket", "PATH", KIND_SOCKET,
+     "listen there (default: $XDG_RUNTIME_DIR/bvhd.sock,\nfor root /run/bvhd/bvhd.sock); a socket that a service\nmanager hands over "
+     "comes first"},
+    {"workers", "N", KIND_WORKERS, "threads that build (default: one for each processor)"},
+    {"memory", "BYTES", KIND_MEMORY, "memory for requests and builds; K, M, G may follow\n(default: half of the machine's)"},
+    {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none"},
+    {"cache", "DIR", KIND_CACHE, "results on disk: not in this version"},
+    {"max-connections", "N", KIND_CONNECTIONS, "clients at once (default: 1024), of one user at most\nthree quarters of them"},
+    {"idle-exit", "SECONDS", KIND_IDLE, "leave after so long without clients (default: 0, never)"},
+    {"drain-timeout", "SECONDS", KIND_DRAIN, "after SIGTERM, time to finish what is under way\n(default: 20)"},
+    {"log-level", "LEVEL", KIND_LEVEL, "error, warning, info (default) or debug"},
+    {"config", "FILE", KIND_CONFIG,
+     "read \"name = value\" lines, with names as above,\nand lines that begin with #; the command line wins"},
+    {"help", NULL, 'h', "print this help"},
+    {"version", NULL, KIND_VERSION, "print the version"},
+};
+enum { OPTION_ROWS = sizeof option_rows / sizeof *option_rows };
+
+static const char *const level_names[] = {[LOG_ERROR] = "error", [LOG_WARNING] = "warning", [LOG_INFO] = "info", [LOG_DEBUG] = "debug"};
+
+/* A whole number in decimal; `suffixes`: K, M or G may follow. */
+static enum bvhd_status read_number(const char *where, const char *text, bool suffixes, uint64_t lowest, uint64_t highest,
+                                    uint64_t *ret_value, struct bvhd_error *error)
+{
+    char *end;
+    errno = 0;
+    unsigned long long value = strtoull(text, &end, 10);
+    const char *letters = "KMG", *letter = suffixes && *end ? strchr(letters, *end) : NULL;
+    unsigned shift = letter ? 10 * (unsigned)(letter - letters + 1) : 0;
+    if (letter)
+        end++;
+    if (!isdigit((unsigned char)*text) || errno || *end || value > UINT64_MAX >> shift)
+        return bvhd_error_set(error, BVHD_INVALID, where, "not a whole number: '%s'", text);
+    if (value << shift < lowest || value << shift > highest)
+        return bvhd_error_set(error, BVHD_INVALID, where, "not between %llu and %llu: '%s'", (unsigned long long)lowest,
+                              (unsigned long long)highest, text);
+    *ret_value = value << shift;
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_number32(const char *where, const char *text, uint32_t lowest, uint32_t highest, uint32_t *ret_value,
+                                      struct bvhd_error *error)
+{
+    uint64_t value;
+    enum bvhd_status status = read_number(where, text, false, lowest, highest, &value, error);
+    if (!status)
+        *ret_value = (uint32_t)value;
+    return status;
+}
+
+static enum bvhd_status read_seconds(const char *where, const char *text, uint64_t *ret_ms, struct bvhd_error *error)
+{
+    char *end;
+    double seconds = strtod(text, &end);
+    if (!isdigit((unsigned char)*text) || text[strspn(text, "0123456789.")] || *end || seconds > 1e6)
+        return bvhd_error_set(error, BVHD_INVALID, where, "not a number of seconds: '%s'", text);
+    *ret_ms = seconds > 0 && seconds < 0.001 ? 1 : (uint64_t)(seconds * 1000); /* 0 means something else */
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_path(const char *where, const char *text, char ret_path[CONFIG_PATH_SIZE], struct bvhd_error *error)
+{
+    size_t length = strlen(text);
+    if (length == 0 || length >= CONFIG_PATH_SIZE)
+        return bvhd_error_set(error, BVHD_INVALID, where, length ? "a path that is too long" : "an empty path");
+    memcpy(ret_path, text, length + 1);
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_level(const char *where, const char *text, enum log_level *ret_level, struct bvhd_error *error)
+{
+    for (int i = LOG_ERROR; i <= LOG_DEBUG; i++)
+        if (!strcmp(text, level_names[i])) {
+            *ret_level = (enum log_level)i;
+            return BVHD_OK;
+        }
+    return bvhd_error_set(error, BVHD_INVALID, where, "not error, warning, info or debug: '%s'", text);
+}
+
+static enum bvhd_status apply(int kind, const char *where, const char *text, struct config *config, struct bvhd_error *error)
+{
+    switch (kind) {
+    case KIND_SOCKET:
+        config->socket_given = true;
+        return read_path(where, text, config->socket, error);
+    case KIND_WORKERS:
+        return read_number32(where, text, 1, POOL_MAX_THREADS, &config->service.workers, error);
+    case KIND_MEMORY:
+        return read_number(where, text, true, 1 << 20, UINT64_MAX, &config->service.memory, error);
+    case KIND_CACHE_SIZE:
+        return read_number(where, text, true, 0, UINT64_MAX, &config->service.cache, error);
+    case KIND_CACHE:
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, where, "this version keeps results in memory only");
+    case KIND_CONNECTIONS:
+        return read_number32(where, text, 1, 1000000, &config->max_connections, error);
+    case KIND_IDLE:
+        return read_seconds(where, text, &config->idle_exit_ms, error);
+    case KIND_DRAIN:
+        return read_seconds(where, text, &config->drain_ms, error);
+    case KIND_LEVEL:
+        return read_level(where, text, &config->log_level, error);
+    case KIND_CONFIG:
+        return read_path(where, text, config->file, error);
+    default:
+        config->action = kind == 'h' ? CONFIG_HELP : CONFIG_VERSION;
+        return BVHD_OK;
+    }
+}
+
+static void set_defaults(struct config *config)
+{
+    memset(config, 0, sizeof *config);
+    config->log_level = LOG_INFO;
+    config->drain_ms = 20000;
+    config->max_connections = 1024;
+    config->service = service_options_default();
+    const char *runtime = geteuid() ? getenv("XDG_RUNTIME_DIR") : NULL;
+    if (!runtime || *runtime != '/' || snprintf(config->socket, sizeof config->socket, "%s/bvhd.sock", runtime) >= CONFIG_PATH_SIZE)
+        strcpy(config->socket, "/run/bvhd/bvhd.sock");
+}
+
+static void fill_table(struct option table[OPTION_ROWS + 1])
+{
+    for (size_t i = 0; i < OPTION_ROWS; i++)
+        table[i] =
+            (struct option){option_rows[i].name, option_rows[i].argument ? required_argument : no_argument, NULL, option_rows[i].kind};
+    table[OPTION_ROWS] = (struct option){NULL, 0, NULL, 0};
+}
+
+static enum bvhd_status apply_command_line(int argc, char **argv, struct config *config, struct bvhd_error *error)
+{
+    struct option table[OPTION_ROWS + 1];
+    fill_table(table);
+    opterr = 0;
+    optind = 0; /* glibc: start anew, also when called again */
+    for (;;) {
+        int before = optind ? optind : 1, index = -1, kind = getopt_long(argc, argv, "+:h", table, &index);
+        if (kind == -1)
+            break;
+        if (kind == ':')
+            return bvhd_error_set(error, BVHD_INVALID, argv[optind - 1], "needs a value");
+        if (kind == '?')
+            return bvhd_error_set(error, BVHD_INVALID, argv[optind > before ? optind - 1 : before], "not an option; see bvhd --help");
+        char where[32];
+        snprintf(where, sizeof where, "--%s", index >= 0 ? table[index].name : "help");
+        enum bvhd_status status = apply(kind, where, optarg, config, error);
+        if (status || config->action != CONFIG_RUN)
+            return status;
+    }
+    if (optind < argc)
+        return bvhd_error_set(error, BVHD_INVALID, argv[optind], "not an option; see bvhd --help");
+    return BVHD_OK;
+}
+
+static char *trim(char *text)
+{
+    while (isspace((unsigned char)*text))
+        text++;
+    size_t length = strlen(text);
+    while (length && isspace((unsigned char)text[length - 1]))
+        length--;
+    text[length] = 0;
+    return text;
+}
+
+static enum bvhd_status apply_line(char *line, const char *where, struct config *config, struct bvhd_error *error)
+{
+    char *name = trim(line);
+    if (!*name || *name == '#')
+        return BVHD_OK;
+    char *equals = strchr(name, '=');
+    if (!equals)
+        return bvhd_error_set(error, BVHD_INVALID, where, "not of the form name = value");
+    *equals = 0;
+    name = trim(name);
+    for (size_t i = 0; i < OPTION_ROWS; i++)
+        if (option_rows[i].kind > KIND_FIRST && option_rows[i].kind < KIND_CONFIG && !strcmp(option_rows[i].name, name))
+            return apply(option_rows[i].kind, where, trim(equals + 1), config, error);
+    return bvhd_error_set(error, BVHD_INVALID, where, "no such name: '%s'", name);
+}
+
+static enum bvhd_status apply_lines(FILE *file, const char *path, struct config *config, struct bvhd_error *error)
+{
+    char line[CONFIG_PATH_SIZE + 64], where[BVHD_WHERE_SIZE];
+    enum bvhd_status status = BVHD_OK;
+    for (unsigned number = 1; !status && fgets(line, sizeof line, file); number++) {
+        size_t length = strlen(path), most = sizeof where - 16; /* of a long path the end says more */
+        snprintf(where, sizeof where, "%s:%u", length > most ? path + length - most : path, number);
+        if (!strchr(line, '\n') && !feof(file))
+            return bvhd_error_set(error, BVHD_INVALID, where, "a line that is too long, or that has a NUL in it");
+        status = apply_line(line, where, config, error);
+    }
+    if (!status && ferror(file))
+        return bvhd_error_set(error, BVHD_IO, path, "reading: %s", strerror(errno));
+    return status;
+}
+
+enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error)
+{
+    FILE *file = fopen(path, "re");
+    if (!file)
+        return bvhd_error_set(error, BVHD_IO, path, "opening: %s", strerror(errno));
+    struct config changed = *config;
+    enum bvhd_status status = apply_lines(file, path, &changed, error);
+    fclose(file);
+    if (!status)
+        *config = changed;
+    return status;
+}
+
+enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error)
+{
+    struct config config;
+    set_defaults(&config);
+    enum bvhd_status status = apply_command_line(argc, argv, &config, error);
+    if (!status && config.action == CONFIG_RUN && *config.file) {
+        char file[CONFIG_PATH_SIZE];
+        strcpy(file, config.file);
+        set_defaults(&config);
+        status = config_read_file(file, &config, error);
+        if (!status)
+            status = apply_command_line(argc, argv, &config, error);
+    }
+    if (!status)
+        *ret_config = config;
+    return status;
+}
+
+static void print_option(const struct option_row *row)
+{
+    char name[64];
+    snprintf(name, sizeof name, "%s--%s%s%s", row->kind == 'h' ? "-h, " : "    ", row->name, row->argument ? " " : "",
+             row->argument ? row->argument : "");
+    const char *text = row->help;
+    for (const char *label = name; text; label = "") {
+        size_t length = strcspn(text, "\n");
+        printf("  %-28s  %.*s\n", label, (int)length, text);
+        text = text[length] ? text + length + 1 : NULL;
+    }
+}
+
+void config_print_help(void)
+{
+    printf("usage: bvhd [OPTION]...\n"
+           "Builds acceleration structures for clients on a Unix socket, in the foreground.\n\n");
+    for (size_t i = 0; i < OPTION_ROWS; i++)
+        print_option(&option_rows[i]);
+    printf("\nSIGTERM and SIGINT let it finish what is under way; a second one ends it at once.\n"
+           "Exit status: 0 ended in order, 1 failed, 2 usage.\n");
+}

@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "inlet.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+void inlet_init(struct inlet *inlet, int socket, struct descriptors *descriptors, struct memory *memory)
+{
+    inlet->socket = socket;
+    inlet->descriptors = descriptors;
+    frame_parser_init(&inlet->parser, memory, INLET_FIRST_CONTROL, 0);
+}
+
+void inlet_finish(struct inlet *inlet)
+{
+    if (!inlet)
+        return;
+    descriptors_give(inlet->descriptors, inlet->parser.descriptor_count);
+    frame_parser_finish(&inlet->parser);
+}
+
+void inlet_open(struct inlet *inlet)
+{
+    inlet->parser.max_control = FRAME_MAX_CONTROL;
+    inlet->parser.max_inline = FRAME_MAX_INLINE;
+}
+
+static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors[INLET_DESCRIPTORS])
+{
+    uint32_t count = 0;
+    for (struct cmsghdr *head = CMSG_FIRSTHDR(message); head; head = CMSG_NXTHDR(message, head))
+        if (head->cmsg_level == SOL_SOCKET && head->cmsg_type == SCM_RIGHTS) {
+            size_t size = head->cmsg_len - CMSG_LEN(0);
+            memcpy(ret_descriptors + count, CMSG_DATA(head), size);
+            count += (uint32_t)(size / sizeof(int));
+        }
+    return count;
+}
+
+static enum inlet_result result_of_error(int number)
+{
+    if (number == EAGAIN || number == EWOULDBLOCK || number == EINTR)
+        return INLET_NOTHING;
+    return number == ENOBUFS || number == ENOMEM ? INLET_SHORT : INLET_END;
+}
+
+/* Hands what was read to the parser, which counts the descriptors from then on; those that it did not keep are closed. */
+static enum bvhd_status feed(struct inlet *inlet, uint64_t size, const int *descriptors, uint32_t count, struct bvhd_error *error)
+{
+    uint32_t before = inlet->parser.descriptor_count;
+    enum bvhd_status status = frame_parser_feed(&inlet->parser, size, descriptors, count, error);
+    descriptors_give(inlet->descriptors, before + count - inlet->parser.descriptor_count);
+    return status;
+}
+
+static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error)
+{
+    unsigned char *at;
+    uint64_t space;
+    enum bvhd_status status = frame_parser_space(&inlet->parser, &at, &space, error);
+    if (status)
+        return status == BVHD_NO_MEMORY ? INLET_SHORT : INLET_BROKEN;
+    if (!descriptors_take(inlet->descriptors, INLET_DESCRIPTORS, 0))
+        return INLET_SHORT;
+    union {
+        struct cmsghdr align;
+        char bytes[CMSG_SPACE(INLET_DESCRIPTORS * sizeof(int))];
+    } control;
+    struct iovec part = {at, space};
+    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
+    ssize_t size = recvmsg(inlet->socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
+    int number = errno, descriptors[INLET_DESCRIPTORS];
+    uint32_t count = size > 0 ? received_descriptors(&message, descriptors) : 0;
+    descriptors_give(inlet->descriptors, INLET_DESCRIPTORS - count);
+    if (size <= 0)
+        return size < 0 ? result_of_error(number) : INLET_END;
+    *ret_size = (uint64_t)size;
+    if (feed(inlet, (uint64_t)size, descriptors, count, error))
+        return INLET_BROKEN;
+    if (message.msg_flags & MSG_CTRUNC) {
+        bvhd_error_set(error, BVHD_TOO_LARGE, "frame.descriptors", "more than %d descriptors at once", INLET_DESCRIPTORS);
+        return INLET_BROKEN;
+    }
+    return (uint64_t)size < space ? INLET_LAST : INLET_DATA;
+}
+
+enum inlet_result inlet_receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error)
+{
+    *ret_size = 0;
+    return receive(inlet, ret_size, error);
+}
+
+enum bvhd_status inlet_next(struct inlet *inlet, struct frame *ret_frame, bool *ret_found, struct bvhd_error *error)
+{
+    return frame_parser_next(&inlet->parser, ret_frame, ret_found, error);
+}
+
+bool inlet_has_part(const struct inlet *inlet)
+{
+    return inlet->parser.begin != inlet->parser.end;
+}

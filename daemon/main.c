@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* bvhd: the service. Reads what it was told, then serves. */
+#include <fcntl.h>
+#include <stdio.h>
+#include <unistd.h>
+
+#include "server.h"
+
+enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
+
+/* A standard descriptor that the caller closed would be the next socket, and a client would read the log. */
+static void fill_standard_descriptors(void)
+{
+    for (int i = 0; i <= 2; i++)
+        if (fcntl(i, F_GETFD) < 0)
+            open("/dev/null", O_RDWR);
+}
+
+static int complain(const struct bvhd_error *error, int code)
+{
+    fprintf(stderr, "bvhd: %s: %s\n", *error->where ? error->where : "start", error->text);
+    return code;
+}
+
+static int flush_output(void)
+{
+    return fflush(stdout) || ferror(stdout) ? EXIT_FAILED : EXIT_DONE;
+}
+
+int main(int argc, char **argv)
+{
+    static struct config config;
+    struct bvhd_error error;
+    fill_standard_descriptors();
+    enum bvhd_status status = config_parse(argc, argv, &config, &error);
+    if (status)
+        return complain(&error, status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED);
+    if (config.action == CONFIG_HELP) {
+        config_print_help();
+        return flush_output();
+    }
+    if (config.action == CONFIG_VERSION) {
+        printf("bvhd %s\n", BVHD_VERSION);
+        return flush_output();
+    }
+    log_set_level(config.log_level);
+    return server_run(&config, &error) ? complain(&error, EXIT_FAILED) : EXIT_DONE;
+}

@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "server.h"
+
+#include <assert.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <uv.h>
+
+#include "accept.h"
+#include "listen.h"
+#include "notify.h"
+#include "watchdog.h"
+
+struct server {
+    const struct config *config;
+    uv_loop_t loop;
+    uv_async_t collect;
+    uv_signal_t terminate, interrupt;
+    uv_timer_t alive, idle, drain;
+    struct listener listener;
+    struct service *service;
+    struct conn_group group;
+    struct acceptor acceptor;
+    struct watchdog watchdog;
+    bool draining;
+};
+
+/* From any thread. */
+static void wake_loop(void *context)
+{
+    struct server *server = context;
+    uv_async_send(&server->collect);
+}
+
+static void on_collect(uv_async_t *async)
+{
+    struct server *server = async->data;
+    if (server->service)
+        service_collect(server->service);
+}
+
+static void on_drain_timeout(uv_timer_t *timer)
+{
+    struct server *server = timer->data;
+    log_event(LOG_WARNING, "drain_timeout", "pending=%u connections=%u", service_pending(server->service), server->group.count);
+    uv_stop(&server->loop);
+}
+
+static void start_drain(struct server *server)
+{
+    server->draining = true;
+    log_event(LOG_INFO, "draining", "pending=%u connections=%u", service_pending(server->service), server->group.count);
+    notify_stopping("finishing what is under way");
+    accept_close(&server->acceptor);
+    listen_close(&server->listener);
+    service_drain(server->service);
+    conn_group_goodbye(&server->group);
+    uv_timer_start(&server->drain, on_drain_timeout, server->config->drain_ms, 0);
+}
+
+static void on_signal(uv_signal_t *handle, int number)
+{
+    struct server *server = handle->data;
+    log_event(LOG_INFO, "signal", "name=%s", number == SIGTERM ? "SIGTERM" : "SIGINT");
+    if (server->draining)
+        uv_stop(&server->loop);
+    else
+        start_drain(server);
+}
+
+static void on_alive(uv_timer_t *timer)
+{
+    struct server *server = timer->data;
+    if (watchdog_is_alive(&server->watchdog, uv_now(&server->loop)))
+        notify_alive();
+    else
+        log_event(LOG_ERROR, "workers_stuck", "pending=%u", service_pending(server->service));
+}
+
+/* Who knocked in the last moment is let in. */
+static void on_idle(uv_timer_t *timer)
+{
+    struct server *server = timer->data;
+    if (accept_waiting(&server->acceptor))
+        return;
+    log_event(LOG_INFO, "idle", NULL);
+    uv_stop(&server->loop);
+}
+
+static void watch_idleness(struct server *server)
+{
+    bool idle = server->group.count == 0 && service_pending(server->service) == 0;
+    if (!idle)
+        uv_timer_stop(&server->idle);
+    else if (!uv_is_active((uv_handle_t *)&server->idle))
+        uv_timer_start(&server->idle, on_idle, server->config->idle_exit_ms, 0);
+}
+
+static void on_turn(void *context)
+{
+    struct server *server = context;
+    if (server->draining && service_pending(server->service) == 0 && conn_group_is_flushed(&server->group))
+        uv_stop(&server->loop);
+    if (!server->draining && server->config->idle_exit_ms)
+        watch_idleness(server);
+}
+
+static enum bvhd_status open_socket(struct server *server, struct bvhd_error *error)
+{
+    int count = notify_sockets();
+    if (count < 0)
+        return bvhd_error_set(error, BVHD_INVALID, "socket activation", "%s", strerror(-count));
+    if (count > 1)
+        return bvhd_error_set(error, BVHD_INVALID, "socket activation", "%d sockets were handed over instead of one", count);
+    return count ? listen_adopt(NOTIFY_FIRST_SOCKET, &server->listener, error)
+                 : listen_bind(server->config->socket, &server->listener, error);
+}
+
+static void init_handles(struct server *server)
+{
+    uv_loop_t *loop = &server->loop;
+    uv_signal_init(loop, &server->terminate);
+    uv_signal_init(loop, &server->interrupt);
+    uv_timer_init(loop, &server->alive);
+    uv_timer_init(loop, &server->idle);
+    uv_timer_init(loop, &server->drain);
+    server->collect.data = server->terminate.data = server->interrupt.data = server;
+    server->alive.data = server->idle.data = server->drain.data = server;
+}
+
+/* Descriptors of the loop and of the socket are open before the service counts what is. */
+static enum bvhd_status open_service(struct server *server, struct bvhd_error *error)
+{
+    if (uv_async_init(&server->loop, &server->collect, on_collect))
+        return bvhd_error_set(error, BVHD_IO, "start", "the event loop cannot be woken");
+    init_handles(server);
+    uv_signal_start(&server->terminate, on_signal, SIGTERM);
+    uv_signal_start(&server->interrupt, on_signal, SIGINT);
+    enum bvhd_status status = open_socket(server, error);
+    if (!status)
+        status = service_create(&server->config->service, wake_loop, server, &server->service, error);
+    return status;
+}
+
+static enum bvhd_status start_watchdog(struct server *server, struct bvhd_error *error)
+{
+    uint64_t interval = notify_interval_ms();
+    if (!interval)
+        return BVHD_OK;
+    enum bvhd_status status = watchdog_init(&server->watchdog, service_pool(server->service), WATCHDOG_PATIENCE_MS, error);
+    if (!status)
+        uv_timer_start(&server->alive, on_alive, interval, interval);
+    return status;
+}
+
+static enum bvhd_status start(struct server *server, struct bvhd_error *error)
+{
+    enum bvhd_status status = open_service(server, error);
+    if (status)
+        return status;
+    struct conn_limits limits = conn_limits_default();
+    conn_group_init(&server->group, &server->loop, server->service, &limits);
+    server->group.changed = on_turn;
+    server->group.context = server;
+    status = accept_open(&server->acceptor, &server->group, server->listener.socket, server->config->max_connections, error);
+    if (status)
+        return status;
+    return start_watchdog(server, error);
+}
+
+static void announce(const struct server *server)
+{
+    char status[LISTEN_PATH_SIZE + 32];
+    const char *path = server->listener.path;
+    snprintf(status, sizeof status, "listening on %s", *path ? path : "the socket handed over");
+    log_event(LOG_INFO, "listening", "socket=%s version=%s", log_quote(*path ? path : "(handed over)").text, BVHD_VERSION);
+    notify_ready(status);
+}
+
+static void close_handle(uv_handle_t *handle, void *context)
+{
+    (void)context;
+    if (!uv_is_closing(handle))
+        uv_close(handle, NULL);
+}
+
+/* Also after a start that failed half-way. Sessions go before the service, the service before the handle that its threads wake. */
+static void finish(struct server *server)
+{
+    accept_close(&server->acceptor);
+    listen_close(&server->listener);
+    if (server->group.loop) {
+        conn_group_close(&server->group);
+        conn_group_finish(&server->group);
+    }
+    watchdog_finish(&server->watchdog);
+    service_destroy(server->service);
+    server->service = NULL;
+    uv_walk(&server->loop, close_handle, NULL);
+    uv_run(&server->loop, UV_RUN_DEFAULT);
+    int left = uv_loop_close(&server->loop);
+    assert(left == 0);
+    (void)left;
+}
+
+enum bvhd_status server_run(const struct config *config, struct bvhd_error *error)
+{
+    struct server server = {.config = config, .listener.socket = -1};
+    int result = uv_loop_init(&server.loop);
+    if (result)
+        return bvhd_error_set(error, BVHD_IO, "start", "no event loop: %s", uv_strerror(result));
+    signal(SIGPIPE, SIG_IGN);
+    enum bvhd_status status = start(&server, error);
+    if (!status) {
+        announce(&server);
+        uv_run(&server.loop, UV_RUN_DEFAULT);
+        notify_stopping("leaving");
+        log_event(LOG_INFO, "leaving", "connections=%u", server.group.count);
+    }
+    finish(&server);
+    return status;
+}
