@@ -10,6 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "release.h"
+
 #ifndef MFD_NOEXEC_SEAL
 #define MFD_NOEXEC_SEAL 8U
 #endif
@@ -217,7 +219,7 @@ void blob_unref(struct blob *blob)
         return;
     struct blob_account *account = blob->account;
     if (blob->descriptor >= 0)
-        close(blob->descriptor);
+        release_memfd(blob->descriptor, blob->size);
     memory_free(account->memory, (void *)(uintptr_t)blob->bytes);
     give(account, blob->size);
     atomic_fetch_sub_explicit(&account->live_blobs, 1, memory_order_relaxed);

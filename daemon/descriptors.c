@@ -4,16 +4,16 @@
 #include <assert.h>
 #include <dirent.h>
 #include <fcntl.h>
-#include <pthread.h>
-#include <signal.h>
 #include <stdlib.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "detached.h"
+
 /* How far to look for open descriptors where the system does not list them: more than any parent hands down. */
 enum { PROBED = 4096 };
 
-/* Of the process, as descriptors are: those that descriptors_close has not closed yet, and the threads that try. */
+/* Of the process, as descriptors are: those that linger, and the threads that close what may never end. */
 static _Atomic uint32_t lingering, closers;
 
 static uint64_t raise_limit(void)
@@ -91,29 +91,22 @@ uint32_t descriptors_left(const struct descriptors *descriptors)
     return taken < descriptors->limit ? descriptors->limit - (uint32_t)taken : 0;
 }
 
+void descriptors_linger(void)
+{
+    atomic_fetch_add_explicit(&lingering, 1, memory_order_relaxed);
+}
+
+void descriptors_lingered(void)
+{
+    subtract(&lingering, 1);
+}
+
 static void *close_slowly(void *context)
 {
     close((int)(intptr_t)context);
-    subtract(&lingering, 1);
+    descriptors_lingered();
     subtract(&closers, 1);
     return NULL;
-}
-
-/* Signals are for the process's other threads. */
-static bool start_closer(int descriptor)
-{
-    sigset_t all, before;
-    pthread_attr_t attributes;
-    pthread_t thread;
-    if (pthread_attr_init(&attributes) != 0)
-        return false;
-    pthread_attr_setdetachstate(&attributes, PTHREAD_CREATE_DETACHED);
-    sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before);
-    int failure = pthread_create(&thread, &attributes, close_slowly, (void *)(intptr_t)descriptor);
-    pthread_sigmask(SIG_SETMASK, &before, NULL);
-    pthread_attr_destroy(&attributes);
-    return failure == 0;
 }
 
 /* Asking for seals is answered by the kernel alone, whoever the file belongs to. */
@@ -125,8 +118,8 @@ void descriptors_close(int descriptor)
     }
     if (fcntl(descriptor, F_GETFD) < 0)
         return;
-    atomic_fetch_add_explicit(&lingering, 1, memory_order_relaxed);
-    if (add_within(&closers, 1, DESCRIPTORS_LINGERING) && !start_closer(descriptor))
+    descriptors_linger();
+    if (add_within(&closers, 1, DESCRIPTORS_LINGERING) && !detached_start(close_slowly, (void *)(intptr_t)descriptor))
         subtract(&closers, 1);
 }
 

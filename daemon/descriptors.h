@@ -40,6 +40,10 @@ enum { DESCRIPTORS_LINGERING = 64 };
 
 void descriptors_close(int descriptor);
 
+/* The same for whoever closes by itself, but later: one descriptor, whose count was given back, is still open; and no longer. */
+void descriptors_linger(void);
+void descriptors_lingered(void);
+
 /* Sending and having been read: false when more than half of the limit would be on its way unread, all clients together. */
 bool descriptors_send(struct descriptors *descriptors, uint32_t count);
 void descriptors_read(struct descriptors *descriptors, uint32_t count);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "payload.h"
 
-#include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
@@ -13,6 +12,7 @@
 #include <unistd.h>
 
 #include "descriptors.h"
+#include "release.h"
 
 struct payload {
     atomic_uint refs;
@@ -192,11 +192,8 @@ void payload_unref(struct payload *payload)
     /* Release: reads of other holders come before the end; acquire: the end comes after them. */
     if (!payload || atomic_fetch_sub_explicit(&payload->refs, 1, memory_order_acq_rel) != 1)
         return;
-    if (payload->mapping) {
-        int result = munmap(payload->mapping, payload->bytes.size);
-        assert(result == 0);
-        (void)result;
-    }
+    if (payload->mapping)
+        release_mapping(payload->mapping, payload->bytes.size);
     memory_free(payload->memory, payload);
 }
 

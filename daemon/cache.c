@@ -1,0 +1,244 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "cache.h"
+
+struct entry {
+    struct blob *blob; /* a ref */
+    uint64_t cost, used; /* `used`: the cache's clock at its last use */
+    struct entry *warmer, *colder;
+};
+
+/* In the order of their last use. */
+struct order {
+    struct entry *warmest, *coldest;
+    uint64_t count;
+};
+
+/* Open addressing with linear probing; no deleted marks, later slots move up. Keys are hashes themselves. */
+struct slot {
+    uint64_t hash;
+    struct entry *entry; /* NULL: free */
+};
+
+/* Blobs in memory and memfds have an order each, so that either kind's coldest is at hand; `used` compares between them. */
+enum kind { IN_MEMORY, WITH_DESCRIPTOR, KINDS };
+
+struct cache {
+    struct memory *memory;
+    struct slot *slots;
+    uint64_t capacity; /* of slots, a power of two */
+    struct order orders[KINDS];
+    uint64_t budget, bytes, evicted, clock;
+};
+
+enum { FIRST_CAPACITY = 64 };
+
+static struct slot *create_slots(struct memory *memory, uint64_t capacity)
+{
+    struct slot *slots = memory_array(memory, capacity, sizeof *slots);
+    if (slots)
+        memset(slots, 0, capacity * sizeof *slots);
+    return slots;
+}
+
+struct cache *cache_create(uint64_t budget, struct memory *memory)
+{
+    struct cache *cache = memory_alloc(memory, sizeof *cache);
+    struct slot *slots = create_slots(memory, FIRST_CAPACITY);
+    if (!cache || !slots) {
+        memory_free(memory, slots);
+        memory_free(memory, cache);
+        return NULL;
+    }
+    *cache = (struct cache){.memory = memory, .slots = slots, .capacity = FIRST_CAPACITY, .budget = budget};
+    return cache;
+}
+
+static uint64_t count_entries(const struct cache *cache)
+{
+    return cache->orders[IN_MEMORY].count + cache->orders[WITH_DESCRIPTOR].count;
+}
+
+static uint64_t hash_of(const struct key *key)
+{
+    return bytes_get64(key->bytes);
+}
+
+/* The slot that holds `key`, or the free one where it would go. There always is a free one. */
+static uint64_t find_slot(const struct cache *cache, const struct key *key)
+{
+    uint64_t hash = hash_of(key), mask = cache->capacity - 1, at = hash & mask;
+    for (; cache->slots[at].entry; at = (at + 1) & mask)
+        if (cache->slots[at].hash == hash && key_equal(&cache->slots[at].entry->blob->key, key))
+            break;
+    return at;
+}
+
+static struct order *order_of(struct cache *cache, const struct entry *entry)
+{
+    return &cache->orders[entry->blob->descriptor >= 0 ? WITH_DESCRIPTOR : IN_MEMORY];
+}
+
+static void link_warmest(struct cache *cache, struct entry *entry)
+{
+    struct order *order = order_of(cache, entry);
+    entry->used = ++cache->clock;
+    entry->warmer = NULL;
+    entry->colder = order->warmest;
+    if (order->warmest)
+        order->warmest->warmer = entry;
+    else
+        order->coldest = entry;
+    order->warmest = entry;
+    order->count++;
+}
+
+static void unlink_entry(struct cache *cache, struct entry *entry)
+{
+    struct order *order = order_of(cache, entry);
+    if (entry->warmer)
+        entry->warmer->colder = entry->colder;
+    else
+        order->warmest = entry->colder;
+    if (entry->colder)
+        entry->colder->warmer = entry->warmer;
+    else
+        order->coldest = entry->warmer;
+    order->count--;
+}
+
+/* Fills the gap with what was probed past it. */
+static void clear_slot(struct cache *cache, uint64_t gap)
+{
+    uint64_t mask = cache->capacity - 1;
+    for (uint64_t at = (gap + 1) & mask; cache->slots[at].entry; at = (at + 1) & mask) {
+        uint64_t home = cache->slots[at].hash & mask;
+        if (((at - home) & mask) < ((at - gap) & mask))
+            continue;
+        cache->slots[gap] = cache->slots[at];
+        gap = at;
+    }
+    cache->slots[gap] = (struct slot){.entry = NULL};
+}
+
+static void drop(struct cache *cache, struct entry *entry)
+{
+    unlink_entry(cache, entry);
+    cache->bytes -= entry->cost;
+    blob_unref(entry->blob);
+    memory_free(cache->memory, entry);
+}
+
+static void evict(struct cache *cache, struct entry *entry)
+{
+    clear_slot(cache, find_slot(cache, &entry->blob->key));
+    drop(cache, entry);
+    cache->evicted++;
+}
+
+void cache_destroy(struct cache *cache)
+{
+    if (!cache)
+        return;
+    for (int kind = 0; kind < KINDS; kind++)
+        while (cache->orders[kind].coldest)
+            drop(cache, cache->orders[kind].coldest);
+    memory_free(cache->memory, cache->slots);
+    memory_free(cache->memory, cache);
+}
+
+/* The callback may put another blob, and what it was given may have to go for that. */
+void cache_get(struct cache *cache, const struct key *key, cache_answer answer, void *context)
+{
+    struct entry *entry = cache->slots[find_slot(cache, key)].entry;
+    if (!entry) {
+        answer(context, NULL);
+        return;
+    }
+    unlink_entry(cache, entry);
+    link_warmest(cache, entry);
+    struct blob *blob = blob_ref(entry->blob);
+    answer(context, blob);
+    blob_unref(blob);
+}
+
+static uint64_t cost_of(const struct blob *blob)
+{
+    uint64_t cost;
+    if (!bytes_add(blob->size, CACHE_OVERHEAD + CACHE_PAGE, &cost))
+        return UINT64_MAX;
+    return CACHE_OVERHEAD + (blob->descriptor >= 0 ? bytes_align(blob->size, CACHE_PAGE) : blob->size);
+}
+
+/* Most descriptors that may be kept if `blob` is. */
+static uint64_t descriptor_share(const struct blob *blob)
+{
+    return blob->account->descriptors->limit / 2;
+}
+
+static bool fits(const struct cache *cache, const struct blob *blob)
+{
+    return cost_of(blob) <= cache->budget && (blob->descriptor < 0 || descriptor_share(blob) > 0);
+}
+
+static void move_slots(struct cache *cache, struct slot *slots, uint64_t capacity)
+{
+    for (uint64_t i = 0; i < cache->capacity; i++) {
+        if (!cache->slots[i].entry)
+            continue;
+        uint64_t at = cache->slots[i].hash & (capacity - 1);
+        while (slots[at].entry)
+            at = (at + 1) & (capacity - 1);
+        slots[at] = cache->slots[i];
+    }
+    memory_free(cache->memory, cache->slots);
+    cache->slots = slots;
+    cache->capacity = capacity;
+}
+
+/* Room for one more with a quarter of the slots free. */
+static bool reserve_slot(struct cache *cache)
+{
+    if (count_entries(cache) < cache->capacity / 4 * 3)
+        return true;
+    struct slot *slots = create_slots(cache->memory, cache->capacity * 2);
+    if (slots)
+        move_slots(cache, slots, cache->capacity * 2);
+    return slots != NULL;
+}
+
+static struct entry *coldest(const struct cache *cache)
+{
+    struct entry *a = cache->orders[IN_MEMORY].coldest, *b = cache->orders[WITH_DESCRIPTOR].coldest;
+    if (!a || !b)
+        return a ? a : b;
+    return a->used < b->used ? a : b;
+}
+
+static void make_room(struct cache *cache, const struct blob *blob, uint64_t cost)
+{
+    const struct order *holders = &cache->orders[WITH_DESCRIPTOR];
+    while (blob->descriptor >= 0 && holders->count >= descriptor_share(blob))
+        evict(cache, holders->coldest);
+    while (cache->budget - cache->bytes < cost)
+        evict(cache, coldest(cache));
+}
+
+void cache_put(struct cache *cache, struct blob *blob)
+{
+    if (!fits(cache, blob) || cache->slots[find_slot(cache, &blob->key)].entry || !reserve_slot(cache))
+        return;
+    struct entry *entry = memory_alloc(cache->memory, sizeof *entry);
+    if (!entry)
+        return;
+    *entry = (struct entry){.blob = blob_ref(blob), .cost = cost_of(blob)};
+    make_room(cache, blob, entry->cost);
+    cache->slots[find_slot(cache, &blob->key)] = (struct slot){.hash = hash_of(&blob->key), .entry = entry};
+    cache->bytes += entry->cost;
+    link_warmest(cache, entry);
+}
+
+struct cache_load cache_load(const struct cache *cache)
+{
+    return (struct cache_load){
+        .entries = count_entries(cache), .bytes = cache->bytes, .evicted = cache->evicted, .budget = cache->budget};
+}
