@@ -2,6 +2,7 @@
 #include "binned.h"
 
 #include "bins.h"
+#include "parallel.h"
 
 /* A node on its way to being split. Refs move between the two arrays; a part lies in one of them. */
 struct part {
@@ -45,8 +46,11 @@ static void make_leaf(struct ir *ir, const struct part *part)
         ir->refs[part->first + i] = part->refs[i].id;
 }
 
-/* The larger child waits while the smaller is split, so that at most 32 wait. */
-static void split_to_end(struct ir *ir, struct part part, uint32_t leaf_max)
+/* Nodes of more refs look at the cancel flag: below one there is a quarter of a millisecond's work. */
+enum { LOOK_ABOVE = 512 };
+
+/* The larger child waits while the smaller is split, so that at most 32 wait. False when cancelled. */
+static bool split_to_end(struct ir *ir, struct part part, uint32_t leaf_max, const atomic_bool *cancel)
 {
     struct part waiting[33], children[2];
     uint32_t waiting_count = 0;
@@ -55,10 +59,12 @@ static void split_to_end(struct ir *ir, struct part part, uint32_t leaf_max)
         if (part.count <= leaf_max) {
             make_leaf(ir, &part);
             if (waiting_count == 0)
-                return;
+                return true;
             part = waiting[--waiting_count];
             continue;
         }
+        if (part.count > LOOK_ABOVE && parallel_cancelled(cancel))
+            return false;
         divide(&part, children);
         ir->nodes[part.node] = (struct ir_node){.first = ir->node_count};
         children[0].node = ir->node_count;
@@ -80,7 +86,10 @@ enum bvhd_status binned_build(const struct binned_request *request, struct memor
     bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
     ir.node_count = 1;
     ir.ref_count = request->count;
-    split_to_end(&ir, root, request->leaf_max);
+    if (!split_to_end(&ir, root, request->leaf_max, request->cancel)) {
+        ir_finish(&ir);
+        return bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
+    }
     *ret_ir = ir;
     return BVHD_OK;
 }

@@ -62,16 +62,18 @@ static double milliseconds(void)
     return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
 }
 
+static enum bvhd_status cancelled(const struct construction *construction)
+{
+    return bvhd_error_set(construction->error, BVHD_CANCELLED, "", "cancelled");
+}
+
 /* Ends a stage: adds its time, looks at the cancel flag. */
 static enum bvhd_status stage_end(struct construction *construction, double *ms)
 {
     double now = milliseconds();
     *ms += now - construction->clock;
     construction->clock = now;
-    const atomic_bool *cancel = construction->context->cancel;
-    if (cancel && atomic_load_explicit(cancel, memory_order_relaxed))
-        return bvhd_error_set(construction->error, BVHD_CANCELLED, "", "cancelled");
-    return BVHD_OK;
+    return context_cancelled(construction->context) ? cancelled(construction) : BVHD_OK;
 }
 
 static enum bvhd_status no_memory(const struct construction *construction)
@@ -95,7 +97,7 @@ static enum bvhd_status collect(struct construction *construction)
     const struct build_context *context = construction->context;
     struct build_stats *stats = &construction->stats;
     struct primitive_refs *refs = &construction->refs;
-    enum bvhd_status status = primitive_collect(construction->canonical, context->memory, context->parallel, refs, construction->error);
+    enum bvhd_status status = primitive_collect(construction->canonical, context, refs, construction->error);
     if (status != BVHD_OK)
         return status;
     count_primitives(construction->canonical, stats);
@@ -104,8 +106,8 @@ static enum bvhd_status collect(struct construction *construction)
     stats->skipped = refs->skipped;
     stats->bounds = refs->bounds;
     construction->rescaled = rescale_is_needed(&refs->bounds);
-    if (construction->rescaled)
-        rescale_refs(refs, context->parallel);
+    if (construction->rescaled && !rescale_refs(refs, context))
+        return cancelled(construction);
     return stage_end(construction, &stats->ms.boxes);
 }
 
@@ -225,7 +227,8 @@ static enum bvhd_status build_pieces(struct construction *construction)
         return status;
     free_refs(construction);
     if (construction->rescaled) {
-        rescale_restore(construction->canonical, context->parallel, &construction->ir);
+        if (!rescale_restore(construction->canonical, context, &construction->ir))
+            return cancelled(construction);
         cost = ir_cost(&construction->ir, 0, construction->ir.node_count);
     }
     double root = box_half_area(&construction->ir.boxes[0][0]);
@@ -237,13 +240,11 @@ static enum bvhd_status limit_depth(struct construction *construction, uint32_t 
 {
     struct ir *ir = &construction->ir;
     if (construction->stats.depth > limit) {
-        enum bvhd_status status = depth_limit(ir, limit, construction->error);
+        enum bvhd_status status =
+            depth_limit(ir, limit, construction->context->cancel, &construction->stats.depth, construction->error);
         if (status != BVHD_OK)
             return status;
-        construction->stats.depth = ir_depth(ir, ir->memory);
         construction->stats.sah = ir_sah(ir);
-        if (construction->stats.depth == IR_DEPTH_UNKNOWN)
-            return no_memory(construction);
     }
     return stage_end(construction, &construction->stats.ms.depth);
 }

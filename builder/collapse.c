@@ -25,12 +25,30 @@ static bool is_top(const struct collapsing *c, uint32_t node)
     return collapse_count(&c->table, node) > GRAIN;
 }
 
-static enum bvhd_status check_leaves(const struct ir *ir, uint32_t leaf_max, struct bvhd_error *error)
+static bool is_cancelled(const struct collapsing *c)
 {
-    uint32_t largest = 0, node = 0;
-    for (uint32_t i = 0; i < ir->node_count; i++)
-        largest = ir->nodes[i].count > largest ? ir->nodes[i].count : largest;
-    if (largest <= leaf_max)
+    return parallel_cancelled(c->cancel);
+}
+
+/* Long loops look at the flag after so many steps. */
+enum { STRIDE = 32768 };
+
+static uint32_t largest_leaf(const struct ir *ir, const struct collapsing *c)
+{
+    uint32_t largest = 0;
+    for (size_t begin = 0, end; begin < ir->node_count && !is_cancelled(c); begin = end) {
+        parallel_chunk(begin / STRIDE, STRIDE, ir->node_count, &begin, &end);
+        for (size_t i = begin; i < end; i++)
+            largest = ir->nodes[i].count > largest ? ir->nodes[i].count : largest;
+    }
+    return largest;
+}
+
+static enum bvhd_status check_leaves(const struct collapsing *c, uint32_t leaf_max, struct bvhd_error *error)
+{
+    const struct ir *ir = c->table.ir;
+    uint32_t node = 0;
+    if (largest_leaf(ir, c) <= leaf_max)
         return BVHD_OK;
     while (ir->nodes[node].count <= leaf_max)
         node++;
@@ -40,12 +58,18 @@ static enum bvhd_status check_leaves(const struct ir *ir, uint32_t leaf_max, str
                           leaf_max);
 }
 
-/* Children follow their parents, so counting backwards finds them done. Without branches: which nodes are leaves cannot be foreseen. */
-static uint32_t count_refs(const struct ir *ir, uint32_t *counts)
+/*
+ * Children follow their parents, so counting backwards finds them done. Without branches on leaves: which nodes are leaves cannot be foreseen.
+ * Returns how many nodes are tops.
+ */
+static uint32_t count_refs(struct collapsing *c)
 {
-    uint32_t tops = 0;
+    const struct ir *ir = c->table.ir;
+    uint32_t tops = 0, *counts = c->counts;
     for (uint32_t row = collapse_rows(ir); row-- > 0;) {
         uint32_t sum = 0;
+        if (row % STRIDE == 0 && is_cancelled(c))
+            return 0;
         for (int k = 1; k <= 2; k++) {
             const struct ir_node *child = &ir->nodes[2 * row + k];
             uint32_t below = counts[child->count ? 0 : child->first / 2];
@@ -113,8 +137,6 @@ static void cost_subtree(const struct collapsing *c, uint32_t root)
 static void cost_group(void *context, size_t index)
 {
     const struct collapsing *c = context;
-    if (c->cancel && atomic_load_explicit(c->cancel, memory_order_relaxed))
-        return;
     for (uint32_t i = c->groups[index]; i < c->groups[index + 1]; i++)
         cost_subtree(c, c->roots[i]);
 }
@@ -128,29 +150,39 @@ static bool allocate_lists(struct collapsing *c, uint32_t tops, struct memory *m
     return c->table.costs && c->tops && c->roots && c->groups;
 }
 
-static bool is_cancelled(const struct collapsing *c)
+static enum bvhd_status report_cancelled(struct bvhd_error *error)
 {
-    return c->cancel && atomic_load_explicit(c->cancel, memory_order_relaxed);
+    return bvhd_error_set(error, BVHD_CANCELLED, "collapse", "cancelled");
 }
 
-static enum bvhd_status decide(struct collapsing *c, const struct collapse_options *options, struct memory *memory,
-                               const struct parallel *parallel, struct bvhd_error *error)
+/* Refs below each node, and the lists of nodes. */
+static enum bvhd_status count(struct collapsing *c, struct memory *memory, struct bvhd_error *error)
 {
     const struct ir *ir = c->table.ir;
-    enum bvhd_status status = check_leaves(ir, options->leaf_max, error);
-    if (status != BVHD_OK)
-        return status;
     c->counts = memory_array(memory, (uint64_t)collapse_rows(ir) + 1, sizeof *c->counts);
     if (!c->counts)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "collapse", "counts of %" PRIu32 " nodes", ir->node_count);
     c->table.counts = c->counts;
     c->counts[0] = 0;
-    if (!allocate_lists(c, count_refs(ir, c->counts), memory))
+    uint32_t tops = count_refs(c);
+    if (is_cancelled(c))
+        return report_cancelled(error);
+    if (!allocate_lists(c, tops, memory))
         return bvhd_error_set(error, BVHD_NO_MEMORY, "collapse", "costs of %" PRIu32 " nodes", ir->node_count);
     gather_roots(c);
-    parallel_for(parallel, c->group_count, cost_group, c);
-    if (is_cancelled(c))
-        return bvhd_error_set(error, BVHD_CANCELLED, "collapse", "cancelled");
+    return BVHD_OK;
+}
+
+static enum bvhd_status decide(struct collapsing *c, const struct collapse_options *options, struct memory *memory,
+                               const struct parallel *parallel, struct bvhd_error *error)
+{
+    enum bvhd_status status = check_leaves(c, options->leaf_max, error);
+    if (status == BVHD_OK)
+        status = count(c, memory, error);
+    if (status != BVHD_OK)
+        return status;
+    if (!parallel_for_until(parallel, c->cancel, c->group_count, cost_group, c))
+        return report_cancelled(error);
     while (c->top_count > 0)
         collapse_cost_of(&c->table, c->tops[--c->top_count]);
     return BVHD_OK;

@@ -8,6 +8,9 @@
 /* Subtrees of this many refs are laid out apart: small enough to share out evenly, large enough to be worth a copy. */
 enum { TASK_MAX = 4096, TASK_MIN = 256 };
 
+/* Long loops look at the cancel flag after so many nodes. */
+enum { STRIDE = 4096 };
+
 #define NO_NODE UINT32_C(0xffffffff)
 
 /*
@@ -170,8 +173,10 @@ static bool emit_skeleton(struct emission *emission, struct run *run)
 {
     if (!start(emission, run, 0, 0))
         return false;
-    while (run->waiting != NO_NODE) {
+    for (uint32_t step = 1; run->waiting != NO_NODE; step++) {
         uint32_t node = run->nodes[run->waiting].node;
+        if (step % STRIDE == 0 && parallel_cancelled(emission->cancel))
+            return fail(emission, BVHD_CANCELLED);
         uint32_t refs = collapse_count(emission->table, node);
         if (refs > TASK_MAX || refs < TASK_MIN) {
             if (!visit(emission, run))
@@ -189,7 +194,7 @@ static void emit_task(void *context, size_t index)
 {
     struct emission *emission = context;
     struct task *task = &emission->tasks[index];
-    if (emission->cancel && atomic_load_explicit(emission->cancel, memory_order_relaxed))
+    if (parallel_cancelled(emission->cancel))
         fail(emission, BVHD_CANCELLED);
     if (atomic_load_explicit(&emission->status, memory_order_relaxed) != BVHD_OK)
         return;
@@ -226,7 +231,9 @@ static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
     /* A placed node that waits has its skeleton index in first_leaf and the stack's link in slots[0].node. */
     placed[0].first_leaf = 0;
     placed[0].slots[0].node = NO_NODE;
-    while (waiting != NO_NODE) {
+    for (uint32_t step = 1; waiting != NO_NODE; step++) {
+        if (step % STRIDE == 0 && parallel_cancelled(emission->cancel))
+            return next;
         struct wide_node *place = &placed[waiting];
         uint32_t source = place->first_leaf, here = waiting;
         waiting = place->slots[0].node;
@@ -258,10 +265,13 @@ static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
 }
 
 /* Turns the numbers of leaf refs in first_leaf into their running sum. */
-static uint32_t place_leaves(struct wide_node *nodes, uint32_t count)
+static uint32_t place_leaves(const struct emission *emission, uint32_t count)
 {
+    struct wide_node *nodes = emission->placed;
     uint32_t sum = 0;
     for (uint32_t i = 0; i < count; i++) {
+        if (i % STRIDE == 0 && parallel_cancelled(emission->cancel))
+            return sum;
         uint32_t refs = nodes[i].first_leaf;
         nodes[i].first_leaf = sum;
         sum += refs;
@@ -289,11 +299,16 @@ static enum bvhd_status join(struct emission *emission, struct run *skeleton, co
     if (!emission->placed)
         return BVHD_NO_MEMORY;
     uint32_t placed = place_skeleton(emission, skeleton);
-    assert(placed == count);
-    parallel_for(parallel, emission->task_count, copy_task, emission);
+    assert(placed == count || parallel_cancelled(emission->cancel));
+    bool done = parallel_for_until(parallel, emission->cancel, emission->task_count, copy_task, emission);
+    uint32_t leaf_refs = done ? place_leaves(emission, placed) : 0;
+    if (parallel_cancelled(emission->cancel)) {
+        memory_free(emission->memory, emission->placed);
+        return BVHD_CANCELLED;
+    }
     *ret_wide = (struct wide){
         .node_count = placed,
-        .leaf_refs = place_leaves(emission->placed, placed),
+        .leaf_refs = leaf_refs,
         .depth = total_depth(emission, skeleton),
         .nodes = emission->placed,
         .memory = emission->memory,

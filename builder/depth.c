@@ -3,6 +3,8 @@
 
 #include <stddef.h>
 
+#include "parallel.h"
+
 /* What is known of each node. */
 struct facts {
     uint32_t level; /* 1 for the root */
@@ -21,6 +23,7 @@ struct leaf {
 struct limiter {
     struct ir *ir;
     uint32_t limit;
+    const atomic_bool *cancel;
     struct facts *facts;
     uint32_t *stack; /* inner nodes on the way down a subtree */
     uint32_t *pairs; /* where the children of the rebuilt subtree's inner nodes were, ascending */
@@ -34,15 +37,34 @@ static uint32_t balanced_height(uint32_t leaves)
     return leaves < 2 ? leaves : 33 - (uint32_t)__builtin_clz(leaves - 1);
 }
 
+/* Loops of any length ask at every step; whatever they leave undone is thrown away. */
+static bool is_cancelled(const struct limiter *limiter, uint32_t step)
+{
+    return step % 4096 == 0 && parallel_cancelled(limiter->cancel);
+}
+
+/* Returns the depth. */
+static uint32_t gather_levels(struct limiter *limiter)
+{
+    const struct ir *ir = limiter->ir;
+    struct facts *facts = limiter->facts;
+    uint32_t depth = 1;
+    facts[0].level = 1;
+    for (uint32_t node = 0; node < ir->node_count && !is_cancelled(limiter, node); node++) {
+        if (ir_is_leaf(ir, node))
+            continue;
+        uint32_t level = facts[node].level + 1;
+        facts[ir->nodes[node].first].level = facts[ir->nodes[node].first + 1].level = level;
+        depth = level > depth ? level : depth;
+    }
+    return depth;
+}
+
 static void gather_facts(struct limiter *limiter)
 {
     const struct ir *ir = limiter->ir;
     struct facts *facts = limiter->facts;
-    facts[0].level = 1;
-    for (uint32_t node = 0; node < ir->node_count; node++)
-        if (!ir_is_leaf(ir, node))
-            facts[ir->nodes[node].first].level = facts[ir->nodes[node].first + 1].level = facts[node].level + 1;
-    for (uint32_t node = ir->node_count; node-- > 0;) {
+    for (uint32_t node = ir->node_count; node-- > 0 && !is_cancelled(limiter, node);) {
         struct facts *own = &facts[node];
         if (ir_is_leaf(ir, node)) {
             *own = (struct facts){own->level, 1, ir->nodes[node].first, .solved = own->level <= limiter->limit};
@@ -64,7 +86,7 @@ static void take_apart(struct limiter *limiter, uint32_t root)
     uint32_t waiting = 0;
     limiter->leaf_count = limiter->pair_count = 0;
     limiter->stack[waiting++] = root;
-    while (waiting > 0) {
+    for (uint32_t step = 1; waiting > 0 && !is_cancelled(limiter, step); step++) {
         uint32_t node = limiter->stack[--waiting], left = ir->nodes[node].first;
         if (ir_is_leaf(ir, node)) {
             struct leaf *leaf = &limiter->leaves[limiter->leaf_count++];
@@ -92,11 +114,11 @@ static void sift(uint32_t *heap, uint32_t count, uint32_t at)
     }
 }
 
-static void sort_ascending(uint32_t *values, uint32_t count)
+static void sort_ascending(const struct limiter *limiter, uint32_t *values, uint32_t count)
 {
-    for (uint32_t at = count / 2; at-- > 0;)
+    for (uint32_t at = count / 2; at-- > 0 && !is_cancelled(limiter, at);)
         sift(values, count, at);
-    for (uint32_t end = count; end > 1; end--) {
+    for (uint32_t end = count; end > 1 && !is_cancelled(limiter, end); end--) {
         uint32_t swap = values[0];
         values[0] = values[end - 1];
         values[end - 1] = swap;
@@ -117,6 +139,8 @@ static void put_together(struct limiter *limiter, uint32_t node, uint32_t first,
             ir->boxes[key][node] = limiter->leaves[first].boxes[key];
         return;
     }
+    if (end - first > 1024 && parallel_cancelled(limiter->cancel))
+        return;
     uint32_t pair = limiter->pairs[limiter->next_pair++], middle = first + (end - first) / 2;
     ir->nodes[node] = (struct ir_node){.first = pair};
     put_together(limiter, pair, first, middle);
@@ -127,24 +151,26 @@ static void put_together(struct limiter *limiter, uint32_t node, uint32_t first,
     }
 }
 
+static void rebuild(struct limiter *limiter, uint32_t node)
+{
+    take_apart(limiter, node);
+    for (uint32_t i = 0; i < limiter->pair_count; i++)
+        limiter->facts[limiter->pairs[i]].rebuild = limiter->facts[limiter->pairs[i] + 1].rebuild = false;
+    sort_ascending(limiter, limiter->pairs, limiter->pair_count);
+    limiter->next_pair = 0;
+    if (!parallel_cancelled(limiter->cancel))
+        put_together(limiter, node, 0, limiter->leaf_count);
+}
+
 /* From the top: below a node that is rebuilt nothing is left to do, and nodes above it are solved. */
 static void rebuild_all(struct limiter *limiter)
 {
-    const struct ir *ir = limiter->ir;
-    for (uint32_t node = 0; node < ir->node_count; node++) {
-        struct facts *facts = &limiter->facts[node];
-        if (facts->rebuild) {
-            take_apart(limiter, node);
-            for (uint32_t i = 0; i < limiter->pair_count; i++)
-                limiter->facts[limiter->pairs[i]].rebuild = limiter->facts[limiter->pairs[i] + 1].rebuild = false;
-            sort_ascending(limiter->pairs, limiter->pair_count);
-            limiter->next_pair = 0;
-            put_together(limiter, node, 0, limiter->leaf_count);
-        }
-    }
+    for (uint32_t node = 0; node < limiter->ir->node_count && !is_cancelled(limiter, node); node++)
+        if (limiter->facts[node].rebuild)
+            rebuild(limiter, node);
 }
 
-static enum bvhd_status limit_depth(struct limiter *limiter, struct bvhd_error *error)
+static enum bvhd_status allocate(struct limiter *limiter, struct bvhd_error *error)
 {
     const struct ir *ir = limiter->ir;
     uint32_t leaves = ir->node_count / 2 + 1;
@@ -154,20 +180,36 @@ static enum bvhd_status limit_depth(struct limiter *limiter, struct bvhd_error *
     limiter->leaves = memory_array(ir->memory, leaves, sizeof *limiter->leaves);
     if (!limiter->facts || !limiter->stack || !limiter->pairs || !limiter->leaves)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to limit a tree's depth");
-    gather_facts(limiter);
-    if (!limiter->facts[0].solved)
-        return bvhd_error_set(error, BVHD_TOO_LARGE, "", "%u leaves do not fit into %u levels", limiter->facts[0].leaves,
-                              limiter->limit);
-    rebuild_all(limiter);
     return BVHD_OK;
 }
 
-enum bvhd_status depth_limit(struct ir *ir, uint32_t limit, struct bvhd_error *error)
+static enum bvhd_status limit_depth(struct limiter *limiter, uint32_t *ret_depth, struct bvhd_error *error)
 {
-    if (ir->node_count == 0)
+    uint32_t depth = gather_levels(limiter);
+    if (depth > limiter->limit) {
+        gather_facts(limiter);
+        if (!parallel_cancelled(limiter->cancel) && !limiter->facts[0].solved)
+            return bvhd_error_set(error, BVHD_TOO_LARGE, "", "%u leaves do not fit into %u levels", limiter->facts[0].leaves,
+                                  limiter->limit);
+        rebuild_all(limiter);
+        depth = gather_levels(limiter);
+    }
+    if (parallel_cancelled(limiter->cancel))
+        return bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
+    *ret_depth = depth;
+    return BVHD_OK;
+}
+
+enum bvhd_status depth_limit(struct ir *ir, uint32_t limit, const atomic_bool *cancel, uint32_t *ret_depth, struct bvhd_error *error)
+{
+    if (ir->node_count == 0) {
+        *ret_depth = 0;
         return BVHD_OK;
-    struct limiter limiter = {.ir = ir, .limit = limit};
-    enum bvhd_status status = limit_depth(&limiter, error);
+    }
+    struct limiter limiter = {.ir = ir, .limit = limit, .cancel = cancel};
+    enum bvhd_status status = allocate(&limiter, error);
+    if (status == BVHD_OK)
+        status = limit_depth(&limiter, ret_depth, error);
     memory_free(ir->memory, limiter.facts);
     memory_free(ir->memory, limiter.stack);
     memory_free(ir->memory, limiter.pairs);

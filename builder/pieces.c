@@ -36,6 +36,7 @@ static enum bvhd_status build_binned(const struct build *build, struct piece *pi
         .scratch = request->scratch + piece->first,
         .count = piece->count,
         .leaf_max = request->leaf_max,
+        .cancel = request->cancel,
     };
     piece->was_binned = true;
     return binned_build(&binned, build->memory, &piece->ir, NULL);
@@ -79,11 +80,6 @@ static enum bvhd_status build_piece(const struct build *build, struct piece *pie
     }
 }
 
-static bool cancelled(const struct pieces_request *request)
-{
-    return request->cancel && atomic_load_explicit(request->cancel, memory_order_relaxed);
-}
-
 /* The piece's part of the scratch array is 32 bytes a ref, two levels a node fit. With splits they may not. */
 static enum bvhd_status measure(const struct build *build, struct piece *piece)
 {
@@ -99,7 +95,7 @@ static void run_piece(void *context, size_t index)
     struct build *build = context;
     struct piece *piece = &build->pieces[build->order[index]];
     const struct pieces_request *request = build->request;
-    piece->status = cancelled(request) ? BVHD_CANCELLED : build_piece(build, piece);
+    piece->status = parallel_cancelled(request->cancel) ? BVHD_CANCELLED : build_piece(build, piece);
     if (piece->status == BVHD_OK)
         piece->status = measure(build, piece);
     uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
@@ -147,7 +143,8 @@ static enum bvhd_status worst(const struct build *build, uint32_t count)
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error)
 {
-    struct pieces pieces = {.count = request->tree->piece_count, .tree = request->tree, .memory = memory, .all_binned = true};
+    struct pieces pieces = {
+        .count = request->tree->piece_count, .tree = request->tree, .cancel = request->cancel, .memory = memory, .all_binned = true};
     struct build build = {.request = request, .memory = memory, .total = request->tree->nodes[0].count};
     pieces.pieces = build.pieces = memory_array(memory, pieces.count, sizeof *pieces.pieces);
     build.order = memory_array(memory, pieces.count, sizeof *build.order);
@@ -278,9 +275,13 @@ enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *s
         join.ir.node_count = (uint32_t)nodes;
         join.ir.ref_count = (uint32_t)refs;
         copy_top(pieces->tree, &join.ir);
-        parallel_for(parallel, pieces->count, copy_piece, &join);
-        sum_up(pieces, levels, ret_depth, ret_cost);
-        *ret_ir = join.ir;
+        if (parallel_for_until(parallel, pieces->cancel, pieces->count, copy_piece, &join)) {
+            sum_up(pieces, levels, ret_depth, ret_cost);
+            *ret_ir = join.ir;
+        } else {
+            ir_finish(&join.ir);
+            status = bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
+        }
     }
     memory_free(pieces->memory, levels);
     return status;

@@ -21,7 +21,7 @@ struct pieces_request {
     enum pieces_method method;
     uint32_t leaf_max;
     const struct canonical *canonical; /* with PIECES_SPATIAL */
-    const atomic_bool *cancel; /* may be NULL; looked at before each piece, and by PIECES_SPATIAL before each node */
+    const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs, by PIECES_EMBREE_LOW before each piece */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
     void *progress_context;
 };
@@ -31,6 +31,7 @@ struct pieces {
     uint32_t count;
     bool all_binned; /* every piece came from binned_build */
     const struct split_tree *tree;
+    const atomic_bool *cancel; /* the request's */
     struct memory *memory;
 };
 
@@ -46,7 +47,7 @@ struct pieces_spare {
 
 /*
  * The whole tree, its depth and its SAH cost (undivided, as ir_cost). The tree lies in the spare blocks where they are large enough: new pages
- * cost more than copying.
+ * cost more than copying. BVHD_NO_MEMORY, BVHD_TOO_LARGE, BVHD_CANCELLED.
  */
 enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *spare, const struct parallel *parallel,
                              struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);

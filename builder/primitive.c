@@ -248,10 +248,9 @@ static void collect_chunk(void *context, size_t index)
     collection->chunks[index] = chunk;
 }
 
-/* Adds the chunks up, in their order, and closes the gaps between their refs. */
-static void combine(const struct collection *collection, struct primitive_refs *refs)
+/* Adds the chunks up, in their order, and closes the gaps between their refs. False when cancelled. */
+static bool combine(const struct collection *collection, const atomic_bool *cancel, struct primitive_refs *refs)
 {
-    *refs = (struct primitive_refs){.refs = collection->refs, .bounds = box_empty(), .centroids = box_empty()};
     for (size_t i = 0; i < collection->chunk_count; i++) {
         const struct chunk *chunk = &collection->chunks[i];
         if (refs->count != i * CHUNK)
@@ -262,31 +261,40 @@ static void combine(const struct collection *collection, struct primitive_refs *
         refs->skipped += chunk->skipped;
         box_grow(&refs->bounds, &chunk->bounds);
         box_grow(&refs->centroids, &chunk->centroids);
+        if (i % 64 == 0 && parallel_cancelled(cancel))
+            return false;
     }
+    return true;
 }
 
-enum bvhd_status primitive_collect(const struct canonical *canonical, struct memory *memory, const struct parallel *parallel,
+static enum bvhd_status collect(struct collection *collection, const struct build_context *context, struct primitive_refs *refs)
+{
+    collection->refs = refs->refs = memory_array(context->memory, collection->canonical->primitive_count, sizeof *refs->refs);
+    collection->chunks = memory_array(context->memory, collection->chunk_count, sizeof *collection->chunks);
+    if (!collection->refs || !collection->chunks)
+        return BVHD_NO_MEMORY;
+    bool done = parallel_for_until(context->parallel, context->cancel, collection->chunk_count, collect_chunk, collection);
+    return done && combine(collection, context->cancel, refs) ? BVHD_OK : BVHD_CANCELLED;
+}
+
+enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
                                    struct primitive_refs *ret_refs, struct bvhd_error *error)
 {
     struct collection collection = {.canonical = canonical};
     struct primitive_refs refs = {.bounds = box_empty(), .centroids = box_empty()};
+    enum bvhd_status status = BVHD_OK;
     collection.chunk_count = ((size_t)canonical->primitive_count + CHUNK - 1) / CHUNK;
-    if (collection.chunk_count > 0) {
-        collection.refs = memory_array(memory, canonical->primitive_count, sizeof *collection.refs);
-        collection.chunks = memory_array(memory, collection.chunk_count, sizeof *collection.chunks);
-        if (!collection.refs || !collection.chunks) {
-            memory_free(memory, collection.refs);
-            memory_free(memory, collection.chunks);
-            return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for the boxes of %u primitives", canonical->primitive_count);
-        }
-        parallel_for(parallel, collection.chunk_count, collect_chunk, &collection);
-        combine(&collection, &refs);
-        memory_free(memory, collection.chunks);
-    }
-    if (refs.count == 0) {
-        memory_free(memory, refs.refs);
+    if (collection.chunk_count > 0)
+        status = collect(&collection, context, &refs);
+    memory_free(context->memory, collection.chunks);
+    if (status != BVHD_OK || refs.count == 0) {
+        memory_free(context->memory, refs.refs);
         refs.refs = NULL;
     }
+    if (status == BVHD_CANCELLED)
+        return bvhd_error_set(error, status, "", "cancelled");
+    if (status != BVHD_OK)
+        return bvhd_error_set(error, status, "", "no memory for the boxes of %u primitives", canonical->primitive_count);
     *ret_refs = refs;
     return BVHD_OK;
 }

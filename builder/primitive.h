@@ -14,8 +14,7 @@
 #define BVHD_PRIMITIVE_H
 
 #include "canonical.h"
-#include "memory.h"
-#include "parallel.h"
+#include "context.h"
 
 /* The layout of Embree's RTCBuildPrimitive, so that pieces go to it without a copy. */
 struct primitive_ref {
@@ -38,8 +37,11 @@ struct primitive_refs {
 /* The box of primitive `index` of `geometry`, or an empty box when it is left out. */
 struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index);
 
-/* On success the caller frees ret_refs->refs with memory_free (NULL when count is 0). The same for any number of threads. */
-enum bvhd_status primitive_collect(const struct canonical *canonical, struct memory *memory, const struct parallel *parallel,
+/*
+ * On success the caller frees ret_refs->refs, of context->memory (NULL when count is 0). The same for any number of threads. BVHD_NO_MEMORY,
+ * BVHD_CANCELLED.
+ */
+enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
                                    struct primitive_refs *ret_refs, struct bvhd_error *error);
 
 /* Box and centroid box (see above) of refs; both empty when there are none. */

@@ -39,11 +39,27 @@ static void scale_chunk(void *context, size_t index)
         }
 }
 
-void rescale_refs(struct primitive_refs *refs, const struct parallel *parallel)
+/* As primitive_bounds. */
+static bool bound_all(struct primitive_refs *refs, const atomic_bool *cancel)
+{
+    refs->bounds = refs->centroids = box_empty();
+    for (size_t begin = 0; begin < refs->count; begin += CHUNK) {
+        struct box bounds, centroids;
+        uint32_t count = refs->count - begin < CHUNK ? (uint32_t)(refs->count - begin) : CHUNK;
+        if (parallel_cancelled(cancel))
+            return false;
+        primitive_bounds(refs->refs + begin, count, &bounds, &centroids);
+        box_grow(&refs->bounds, &bounds);
+        box_grow(&refs->centroids, &centroids);
+    }
+    return true;
+}
+
+bool rescale_refs(struct primitive_refs *refs, const struct build_context *context)
 {
     struct scaling scaling = {refs->refs, refs->count, ldexp(1, -ilogbf(magnitude(&refs->bounds)))};
-    parallel_for(parallel, ((size_t)refs->count + CHUNK - 1) / CHUNK, scale_chunk, &scaling);
-    primitive_bounds(refs->refs, refs->count, &refs->bounds, &refs->centroids);
+    size_t chunks = ((size_t)refs->count + CHUNK - 1) / CHUNK;
+    return parallel_for_until(context->parallel, context->cancel, chunks, scale_chunk, &scaling) && bound_all(refs, context->cancel);
 }
 
 struct restoring {
@@ -74,13 +90,19 @@ static void restore_chunk(void *context, size_t index)
             ir->boxes[0][node] = leaf_box(restoring, ir->nodes[node]);
 }
 
-void rescale_restore(const struct canonical *canonical, const struct parallel *parallel, struct ir *ir)
+bool rescale_restore(const struct canonical *canonical, const struct build_context *context, struct ir *ir)
 {
     struct restoring restoring = {canonical, ir};
-    parallel_for(parallel, ((size_t)ir->node_count + CHUNK - 1) / CHUNK, restore_chunk, &restoring);
-    for (uint32_t node = ir->node_count; node-- > 0;)
+    size_t chunks = ((size_t)ir->node_count + CHUNK - 1) / CHUNK;
+    if (!parallel_for_until(context->parallel, context->cancel, chunks, restore_chunk, &restoring))
+        return false;
+    for (uint32_t node = ir->node_count; node-- > 0;) {
+        if (node % CHUNK == 0 && context_cancelled(context))
+            return false;
         if (!ir_is_leaf(ir, node)) {
             ir->boxes[0][node] = ir->boxes[0][ir->nodes[node].first];
             box_grow(&ir->boxes[0][node], &ir->boxes[0][ir->nodes[node].first + 1]);
         }
+    }
+    return true;
 }

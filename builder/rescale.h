@@ -7,17 +7,20 @@
 #define BVHD_RESCALE_H
 
 #include "canonical.h"
+#include "context.h"
 #include "ir.h"
-#include "parallel.h"
 #include "primitive.h"
 
 /* True when the largest magnitude of any coordinate is not 0 and outside 2^-20 .. 2^40. */
 bool rescale_is_needed(const struct box *bounds);
 
-/* Scales all refs, and bounds and centroids with them, so that the largest magnitude is in [1, 2). What gets too small to tell apart is flat. */
-void rescale_refs(struct primitive_refs *refs, const struct parallel *parallel);
+/*
+ * Scales all refs, and bounds and centroids with them, so that the largest magnitude is in [1, 2). What gets too small to tell apart is flat.
+ * False when cancelled.
+ */
+bool rescale_refs(struct primitive_refs *refs, const struct build_context *context);
 
-/* Gives all nodes of a tree over scaled refs, without spatial splits, the boxes of their primitives. */
-void rescale_restore(const struct canonical *canonical, const struct parallel *parallel, struct ir *ir);
+/* Gives all nodes of a tree over scaled refs, without spatial splits, the boxes of their primitives. False when cancelled. */
+bool rescale_restore(const struct canonical *canonical, const struct build_context *context, struct ir *ir);
 
 #endif

@@ -2,6 +2,7 @@
 #include "spatial.h"
 
 #include "bins.h"
+#include "parallel.h"
 #include "spatial_bins.h"
 
 /* A node on its way to being split. Its refs lie anywhere in its room in one of two arrays; its children get their rooms in the other. */
@@ -133,11 +134,6 @@ static struct part resume(const struct waiting *waiting, uint32_t ref_count)
     return part;
 }
 
-static bool cancelled(const struct spatial_request *request)
-{
-    return request->cancel && atomic_load_explicit(request->cancel, memory_order_relaxed);
-}
-
 /* The child with more room waits while the other is split to the end, so that at most 32 wait. */
 static enum bvhd_status split_to_end(const struct spatial_request *request, struct ir *ir, struct part part)
 {
@@ -153,7 +149,7 @@ static enum bvhd_status split_to_end(const struct spatial_request *request, stru
             part = resume(&waiting[--waiting_count], ir->ref_count);
             continue;
         }
-        if (cancelled(request))
+        if (parallel_cancelled(request->cancel))
             return BVHD_CANCELLED;
         divide(request, &part, children);
         ir->nodes[part.node] = (struct ir_node){.first = ir->node_count};

@@ -67,7 +67,7 @@ struct splitter {
 
 static bool cancelled(const struct split_request *request)
 {
-    return request->cancel && atomic_load_explicit(request->cancel, memory_order_relaxed);
+    return parallel_cancelled(request->cancel);
 }
 
 static struct primitive_ref *array_of(const struct split_request *request, bool scratch)
@@ -178,6 +178,30 @@ static void bin_chunk(void *context, size_t index)
     bins_add(&chunk->bins, mapping, array_of(splitter->request, part->in_scratch) + chunk->first, chunk->count);
 }
 
+/* As bins_bound, of no use when cancelled on the way. */
+static void bound(const struct split_request *request, const struct primitive_ref *refs, uint32_t count, struct vec4_box *ret_bounds,
+                  struct vec4_box *ret_centroids)
+{
+    *ret_bounds = *ret_centroids = vec4_box_empty();
+    for (size_t begin = 0, end; begin < count && !cancelled(request); begin = end) {
+        struct vec4_box bounds, centroids;
+        parallel_chunk(begin / CHUNK, CHUNK, count, &begin, &end);
+        bins_bound(refs + begin, (uint32_t)(end - begin), &bounds, &centroids);
+        vec4_box_grow(ret_bounds, bounds.min, bounds.max);
+        vec4_box_grow(ret_centroids, centroids.min, centroids.max);
+    }
+}
+
+/* bins_halve for a large part. */
+static void halve(const struct split_request *request, const struct part *part, struct division *division)
+{
+    const struct primitive_ref *refs = array_of(request, part->in_scratch) + part->first;
+    uint32_t left = part->count / 2;
+    division->plane.left_count = left;
+    bound(request, refs, left, &division->plane.left, &division->centroids[0]);
+    bound(request, refs + left, part->count - left, &division->plane.right, &division->centroids[1]);
+}
+
 /* Finds a part's plane and tells its chunks where their refs go. */
 static void divide(void *context, size_t index)
 {
@@ -191,8 +215,7 @@ static void divide(void *context, size_t index)
         bins_merge(&sum, &division->mapping, &chunks[i].bins);
     division->halved = !bins_choose(&sum, &division->mapping, part->count, &division->plane);
     if (division->halved) {
-        const struct primitive_ref *refs = array_of(splitter->request, part->in_scratch) + part->first;
-        bins_halve(refs, part->count, &division->plane, division->centroids);
+        halve(splitter->request, part, division);
         return;
     }
     uint32_t left_at = part->first, right_at = part->first + division->plane.left_count;

@@ -12,7 +12,7 @@ const uint8_t portable_driver_uuid[16] = "bvhd portable";
 const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', 'o', 'r',
                                                  't', 'a', 'b', 'l', 'e', 0,   0,   PORTABLE_VERSION};
 
-enum { NODE_CHUNK = 512, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, RECORD_CHUNK = 65536 };
+enum { NODE_CHUNK = 512, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, RECORD_CHUNK = 32768 };
 
 struct writing {
     const struct layout_input *input;
@@ -204,6 +204,17 @@ static void remap_chunk(void *context, size_t index)
     }
 }
 
+/* False when cancelled: what follows is for nothing, but does no harm. */
+static bool run_all(struct writing *w, size_t count, parallel_task task)
+{
+    return parallel_for_until(w->input->parallel, w->input->cancel, count, task, w);
+}
+
+static enum bvhd_status report_cancelled(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, "blob", "cancelled");
+}
+
 /* Vertices that no record names are dropped; the others keep their order. */
 static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct bvhd_error *error)
 {
@@ -211,7 +222,7 @@ static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct b
     w->remap = memory_array(w->input->memory, all, sizeof *w->remap);
     if (!w->remap)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "%" PRIu32 " new indices", all);
-    parallel_for(w->input->parallel, vertex_chunks(w), remap_chunk, w);
+    run_all(w, vertex_chunks(w), remap_chunk);
     w->records.remap = w->remap;
     w->header.vertex_count = kept;
     place_sections(&w->header);
@@ -220,7 +231,6 @@ static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct b
 
 static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *error)
 {
-    const struct parallel *parallel = w->input->parallel;
     uint32_t all = w->header.vertex_count, chunks = vertex_chunks(w), refs = w->input->ir->ref_count;
     if (all == 0)
         return BVHD_OK;
@@ -229,8 +239,9 @@ static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *erro
     if (!w->used || !w->first_kept)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "a table of %" PRIu32, all);
     memset(w->used, 0, all);
-    parallel_for(parallel, ((size_t)refs + RECORD_CHUNK - 1) / RECORD_CHUNK, mark_used, w);
-    parallel_for(parallel, chunks, count_kept, w);
+    run_all(w, ((size_t)refs + RECORD_CHUNK - 1) / RECORD_CHUNK, mark_used);
+    if (!run_all(w, chunks, count_kept))
+        return report_cancelled(error);
     sum_kept(w);
     uint32_t kept = w->first_kept[chunks];
     return kept < all ? drop_vertices(w, kept, error) : BVHD_OK;
@@ -338,14 +349,16 @@ static struct layout_sizes sizes_of(const struct writing *w)
     };
 }
 
-static void fill(struct writing *w)
+static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
 {
-    const struct parallel *parallel = w->input->parallel;
-    parallel_for(parallel, ((size_t)w->input->wide->node_count + NODE_CHUNK - 1) / NODE_CHUNK, write_nodes, w);
-    if (w->header.vertex_count > 0)
-        parallel_for(parallel, vertex_chunks(w), copy_vertices, w);
+    bool done = run_all(w, ((size_t)w->input->wide->node_count + NODE_CHUNK - 1) / NODE_CHUNK, write_nodes);
+    if (done && w->header.vertex_count > 0)
+        done = run_all(w, vertex_chunks(w), copy_vertices);
+    if (!done)
+        return report_cancelled(error);
     write_tables(w);
     write_serialized_header(w);
+    return BVHD_OK;
 }
 
 static enum bvhd_status portable_write(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
@@ -360,10 +373,13 @@ static enum bvhd_status portable_write(const struct layout_input *input, unsigne
     status = plan_vertices(&w, error);
     if (status == BVHD_OK)
         status = allocate(&w, error);
+    if (status == BVHD_OK)
+        status = fill(&w, error);
     if (status == BVHD_OK) {
-        fill(&w);
         *ret_blob = w.blob;
         *ret_sizes = sizes_of(&w);
+    } else {
+        layout_discard(input, w.blob);
     }
     memory_free(input->memory, w.remap);
     memory_free(input->memory, w.first_kept);

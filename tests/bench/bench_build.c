@@ -102,7 +102,7 @@ static void run_reference(struct bench *bench, const struct build_input *input, 
     struct primitive_refs refs;
     struct reference_result result;
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK ||
-        primitive_collect(&canonical, &bench->memory, bench->parallel, &refs, &error) != BVHD_OK)
+        primitive_collect(&canonical, &context, &refs, &error) != BVHD_OK)
         fail(row->name, &error);
     if (!reference_build(refs.refs, refs.count, bench->threads, &result))
         exit(1);

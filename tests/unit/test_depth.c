@@ -80,9 +80,10 @@ static void any_limit_that_is_possible_is_kept(void **state)
                 uint32_t refs[2100], nodes = ir.node_count, count = ir.ref_count, before = ir_depth(&ir, &memory);
                 double sah = ir_sah(&ir);
                 memcpy(refs, ir.refs, count * sizeof *refs);
-                assert_int_equal(depth_limit(&ir, limit, NULL), BVHD_OK);
+                uint32_t depth = 0;
+                assert_int_equal(depth_limit(&ir, limit, NULL, &depth, NULL), BVHD_OK);
                 assert_int_equal(ir_check(&ir, count, NULL, false, &memory, NULL), BVHD_OK);
-                uint32_t depth = ir_depth(&ir, &memory);
+                assert_int_equal(depth, ir_depth(&ir, &memory));
                 assert_true(depth <= limit);
                 assert_int_equal(ir.node_count, nodes);
                 assert_int_equal(ir.ref_count, count);
@@ -120,7 +121,8 @@ static void the_shallow_part_is_not_touched(void **state)
     assert_int_equal(ir_check(&ir, 900, NULL, false, &memory, NULL), BVHD_OK);
     struct ir_node before[300];
     memcpy(before, ir.nodes, shallow_end * sizeof *before);
-    assert_int_equal(depth_limit(&ir, 20, NULL), BVHD_OK);
+    uint32_t depth;
+    assert_int_equal(depth_limit(&ir, 20, NULL, &depth, NULL), BVHD_OK);
     assert_int_equal(ir_check(&ir, 900, NULL, false, &memory, NULL), BVHD_OK);
     assert_true(ir_depth(&ir, &memory) <= 20 && ir_depth(&ir, &memory) > 9);
     for (uint32_t i = 0; i < shallow_end; i++)
@@ -141,7 +143,9 @@ static void too_many_leaves_are_refused(void **state)
         struct ir_node before[600];
         make_tree(leaves, 0.1, 3, &memory, &ir);
         memcpy(before, ir.nodes, ir.node_count * sizeof *before);
-        assert_int_equal(depth_limit(&ir, log2_up(leaves), NULL), BVHD_TOO_LARGE);
+        uint32_t depth = 77;
+        assert_int_equal(depth_limit(&ir, log2_up(leaves), NULL, &depth, NULL), BVHD_TOO_LARGE);
+        assert_int_equal(depth, 77);
         assert_memory_equal(ir.nodes, before, ir.node_count * sizeof *before);
         ir_finish(&ir);
     }
@@ -156,7 +160,8 @@ static void a_very_long_path(void **state)
     memory_init(&memory, UINT64_MAX);
     make_tree(5000, 0, 8, &memory, &ir);
     assert_int_equal(ir_depth(&ir, &memory), 5000);
-    assert_int_equal(depth_limit(&ir, 64, NULL), BVHD_OK);
+    uint32_t depth;
+    assert_int_equal(depth_limit(&ir, 64, NULL, &depth, NULL), BVHD_OK);
     assert_int_equal(ir_check(&ir, ir.ref_count, NULL, false, &memory, NULL), BVHD_OK);
     assert_true(ir_depth(&ir, &memory) <= 64);
     ir_finish(&ir);
@@ -169,12 +174,14 @@ static void failing_allocations_leave_the_tree(void **state)
     struct memory memory;
     struct ir ir = {.key_count = 1, .memory = &memory};
     memory_init(&memory, UINT64_MAX);
-    assert_int_equal(depth_limit(&ir, 1, NULL), BVHD_OK);
+    uint32_t depth = 77;
+    assert_int_equal(depth_limit(&ir, 1, NULL, &depth, NULL), BVHD_OK);
+    assert_int_equal(depth, 0);
     make_tree(50, 0, 8, &memory, &ir);
     for (int64_t n = 0; n < 4; n++) {
         uint64_t live = memory.live;
         memory.fail_after = n;
-        assert_int_equal(depth_limit(&ir, 10, NULL), BVHD_NO_MEMORY);
+        assert_int_equal(depth_limit(&ir, 10, NULL, &depth, NULL), BVHD_NO_MEMORY);
         assert_int_equal(memory.live, live);
         assert_int_equal(ir_depth(&ir, &memory), 50);
     }

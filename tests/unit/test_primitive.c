@@ -18,8 +18,9 @@ static struct canonical triangles_view(struct canonical_geometry *geometry, cons
 
 static struct primitive_refs collect(const struct canonical *canonical, struct memory *memory)
 {
+    const struct build_context context = {.memory = memory, .parallel = &parallel_serial};
     struct primitive_refs refs;
-    assert_int_equal(primitive_collect(canonical, memory, &parallel_serial, &refs, NULL), BVHD_OK);
+    assert_int_equal(primitive_collect(canonical, &context, &refs, NULL), BVHD_OK);
     return refs;
 }
 
@@ -282,6 +283,7 @@ static void threads_do_not_matter(void **state)
     struct memory memory;
     struct canonical_geometry geometry;
     memory_init(&memory, UINT64_MAX);
+    struct build_context context = {.memory = &memory};
     struct canonical canonical = triangles_view(&geometry, positions, COUNT, 0);
     struct primitive_refs refs = collect(&canonical, &memory), other;
     assert_counts(&refs, expected, COUNT - expected, 0, 0);
@@ -290,7 +292,8 @@ static void threads_do_not_matter(void **state)
     for (unsigned threads = 2; threads <= 8; threads *= 2) {
         struct workers *workers;
         assert_int_equal(workers_create(threads, &workers, NULL), BVHD_OK);
-        assert_int_equal(primitive_collect(&canonical, &memory, workers_parallel(workers), &other, NULL), BVHD_OK);
+        context.parallel = workers_parallel(workers);
+        assert_int_equal(primitive_collect(&canonical, &context, &other, NULL), BVHD_OK);
         assert_int_equal(other.count, refs.count);
         assert_memory_equal(other.refs, refs.refs, refs.count * sizeof *refs.refs);
         assert_memory_equal(&other.bounds, &refs.bounds, sizeof refs.bounds);
@@ -298,9 +301,10 @@ static void threads_do_not_matter(void **state)
         workers_destroy(workers);
     }
     memory_free(&memory, refs.refs);
+    context.parallel = &parallel_serial;
     for (int64_t n = 0; n < 2; n++) {
         memory.fail_after = n;
-        assert_int_equal(primitive_collect(&canonical, &memory, &parallel_serial, &other, NULL), BVHD_NO_MEMORY);
+        assert_int_equal(primitive_collect(&canonical, &context, &other, NULL), BVHD_NO_MEMORY);
         assert_int_equal(memory.live, 0);
     }
     free(positions);

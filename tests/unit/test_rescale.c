@@ -7,6 +7,8 @@
 #include "test_ir.h"
 #include "test_refs.h"
 
+static const struct build_context serial = {.parallel = &parallel_serial};
+
 static void only_extremes_need_it(void **state)
 {
     (void)state;
@@ -45,7 +47,7 @@ static void refs_are_scaled_exactly(void **state)
         assert_non_null(before);
         memcpy(before, refs.refs, COUNT * sizeof *before);
         primitive_bounds(refs.refs, COUNT, &refs.bounds, &refs.centroids);
-        rescale_refs(&refs, &parallel_serial);
+        assert_true(rescale_refs(&refs, &serial));
         float largest = 0, factor = refs.refs[0].min[0] / before[0].min[0];
         for (uint32_t i = 0; i < COUNT; i++)
             for (int axis = 0; axis < 3; axis++) {
@@ -78,7 +80,7 @@ static void boxes_come_back(void **state)
     assert_non_null(before);
     memcpy(before, ir.boxes[0], size);
     memset(ir.boxes[0], 0, size);
-    rescale_restore(&model.canonical, &parallel_serial, &ir);
+    assert_true(rescale_restore(&model.canonical, &serial, &ir));
     assert_memory_equal(ir.boxes[0], before, size);
     free(before);
     ir_finish(&ir);
