@@ -6,7 +6,7 @@
  * or jobs a worker goes where the turn is:
  *
  * * between clients, to the turn that has had the least time so far (a turn that comes back after a pause starts level with the others);
- * * within a turn, to the job of the highest priority, of equal ones to the oldest; a running job's open tasks come before a queued job.
+ * * within a turn, to the highest priority; of equal ones a running job's open tasks come before a queued job, and older jobs first.
  *
  * A job that runs keeps the thread that runs it. So that a small job need not wait for a large one, there are a few spare threads beside the
  * workers: one starts a queued job only while every thread that runs is busy for a job at least POOL_SPARE_RATIO times as large. The system's
@@ -40,8 +40,9 @@ struct pool_job {
     /* the pool's own */
     bool ran; /* for done(): false when it was cancelled while it was queued */
     uint64_t submitted_ns, started_ns, ended_ns; /* CLOCK_MONOTONIC; started and ended only if it ran */
-    struct pool_job *next;
-    uint64_t order;
+    int state; /* under the pool's lock */
+    uint64_t order; /* counts submissions */
+    struct pool_job *next, *previous, *child; /* in the turn's queue, then in the list of ended jobs */
 };
 
 /*

@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* processor.h - what code that runs threads of its own asks the processor. */
+#ifndef BVHD_PROCESSOR_H
+#define BVHD_PROCESSOR_H
+
+/* How many processors this thread may use; at least 1. */
+unsigned processor_count(void);
+
+/* Tells the processor that this is a loop that waits. */
+static inline void processor_relax(void)
+{
+#if defined(__x86_64__) || defined(__i386__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    __asm__ volatile("yield");
+#endif
+}
+
+#endif

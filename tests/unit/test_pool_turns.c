@@ -1,0 +1,389 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "pool_steps.h"
+
+#include <sched.h>
+
+static void priority_then_age_within_a_turn(void **state)
+{
+    (void)state;
+    static const int priorities[] = {0, -3, 7, 0, 7, 1, -3, 0};
+    static const int order[] = {2, 4, 5, 0, 3, 7, 1, 6};
+    struct log log = {0};
+    struct loop loop;
+    struct step holder, steps[8];
+    loop_init(&loop, 1);
+    struct pool_turn *turn = loop_turn(&loop);
+    step_hold_thread(&holder, &loop, turn, 10);
+    for (int i = 0; i < 8; i++) {
+        step_init(&steps[i], &loop, turn, 100 + (uint64_t)(i * 37 % 8) * 80);
+        steps[i].job.priority = priorities[i];
+        steps[i].log = &log;
+        step_submit(&steps[i]);
+    }
+    step_let_go(&holder);
+    for (int i = 0; i < 8; i++)
+        step_await(&loop, &steps[i]);
+    step_await(&loop, &holder);
+    for (int i = 0; i < 8; i++)
+        assert_ptr_equal(log.steps[i], &steps[order[i]]);
+    pool_turn_end(loop.pool, turn);
+    loop_finish(&loop);
+}
+
+enum { EACH = 12, RIVALS = 3 };
+
+struct rivalry {
+    struct loop loop;
+    struct pool_turn *turns[RIVALS];
+    struct step steps[RIVALS][EACH];
+    struct log log;
+};
+
+static void rivalry_init(struct rivalry *rivalry)
+{
+    loop_init(&rivalry->loop, 1);
+    for (int r = 0; r < RIVALS; r++)
+        rivalry->turns[r] = loop_turn(&rivalry->loop);
+    rivalry->log.count = 0;
+}
+
+static void rivalry_finish(struct rivalry *rivalry)
+{
+    for (int r = 0; r < RIVALS; r++)
+        pool_turn_end(rivalry->loop.pool, rivalry->turns[r]);
+    loop_finish(&rivalry->loop);
+}
+
+/* Queues EACH jobs of the turn. */
+static void enter_race(struct rivalry *rivalry, int rival, uint64_t burn_ns)
+{
+    for (int i = 0; i < EACH; i++) {
+        struct step *step = &rivalry->steps[rival][i];
+        step_init(step, &rivalry->loop, rivalry->turns[rival], 10);
+        step->burn_ns = burn_ns;
+        step->log = &rivalry->log;
+        step_submit(step);
+    }
+}
+
+static int rival_of(const struct rivalry *rivalry, const struct step *step)
+{
+    return (int)((step - &rivalry->steps[0][0]) / EACH);
+}
+
+/* Whoever starts has had the least of those that wait; what each has had at the start of the race is `slack` at most. */
+static void check_race(struct rivalry *rivalry, int rivals, uint64_t slack)
+{
+    uint64_t time[RIVALS] = {0};
+    int left[RIVALS] = {EACH, EACH, EACH};
+    assert_int_equal(rivalry->log.count, rivals * EACH);
+    for (int i = 0; i < rivals * EACH; i++) {
+        const struct step *step = rivalry->log.steps[i];
+        int rival = rival_of(rivalry, step);
+        for (int other = 0; other < rivals; other++)
+            assert_true(left[other] == 0 || time[rival] <= time[other] + slack);
+        time[rival] += step->job.ended_ns - step->job.started_ns;
+        left[rival]--;
+    }
+}
+
+static void await_race(struct rivalry *rivalry, int rivals)
+{
+    for (int r = 0; r < rivals; r++)
+        for (int i = 0; i < EACH; i++)
+            step_await(&rivalry->loop, &rivalry->steps[r][i]);
+}
+
+static void the_least_served_turn_is_next(void **state)
+{
+    (void)state;
+    struct rivalry rivalry;
+    struct step holder;
+    rivalry_init(&rivalry);
+    struct pool_turn *turn = loop_turn(&rivalry.loop);
+    step_hold_thread(&holder, &rivalry.loop, turn, 10);
+    for (int r = 0; r < RIVALS; r++)
+        enter_race(&rivalry, r, 300000 * (uint64_t)(1 + r * r));
+    step_let_go(&holder);
+    await_race(&rivalry, RIVALS);
+    step_await(&rivalry.loop, &holder);
+    check_race(&rivalry, RIVALS, 0);
+    pool_turn_end(rivalry.loop.pool, turn);
+    rivalry_finish(&rivalry);
+}
+
+static void a_newcomer_starts_level(void **state)
+{
+    (void)state;
+    struct rivalry rivalry;
+    struct step holder, last;
+    rivalry_init(&rivalry);
+    /* The second turn has the machine for itself for a while; what it is ahead of the first is its last job, at most. */
+    enter_race(&rivalry, 1, 2000000);
+    for (int i = 0; i < EACH; i++)
+        step_await(&rivalry.loop, &rivalry.steps[1][i]);
+    step_init(&last, &rivalry.loop, rivalry.turns[1], 10);
+    step_submit(&last);
+    step_await(&rivalry.loop, &last);
+    step_hold_thread(&holder, &rivalry.loop, rivalry.turns[2], 10);
+    rivalry.log.count = 0;
+    enter_race(&rivalry, 0, 500000);
+    enter_race(&rivalry, 1, 500000);
+    step_let_go(&holder);
+    await_race(&rivalry, 2);
+    step_await(&rivalry.loop, &holder);
+    check_race(&rivalry, 2, last.job.ended_ns - last.job.started_ns);
+    rivalry_finish(&rivalry);
+}
+
+static void a_small_job_starts_beside_a_large_one(void **state)
+{
+    (void)state;
+    for (unsigned threads = 1; threads <= 3; threads++) {
+        struct loop loop;
+        struct step large[3], small, smaller;
+        loop_init(&loop, threads);
+        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
+        for (unsigned i = 0; i < threads; i++)
+            step_hold_thread(&large[i], &loop, turn, 6400 + i);
+        step_hold_thread(&small, &loop, other, 800);
+        step_hold_thread(&smaller, &loop, turn, 100);
+        assert_int_equal(pool_load(loop.pool).running, threads + 2);
+        step_let_go(&smaller);
+        step_let_go(&small);
+        step_await(&loop, &small);
+        step_await(&loop, &smaller);
+        for (unsigned i = 0; i < threads; i++) {
+            step_let_go(&large[i]);
+            step_await(&loop, &large[i]);
+        }
+        pool_turn_end(loop.pool, turn);
+        pool_turn_end(loop.pool, other);
+        loop_finish(&loop);
+    }
+}
+
+/* One that must not start is given time to do so by mistake. */
+static void check_waits(struct step *step)
+{
+    steps_sleep_ms(10);
+    assert_false(step_has_started(step));
+}
+
+static void others_wait(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step large, similar, small, same, smaller, smallest;
+    loop_init(&loop, 1);
+    struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
+    step_hold_thread(&large, &loop, turn, 51200);
+    step_init(&similar, &loop, other, 8192);
+    step_submit(&similar);
+    check_waits(&similar);
+    step_hold_thread(&small, &loop, other, 4000);
+    step_init(&same, &loop, turn, 4000);
+    step_submit(&same);
+    check_waits(&same);
+    step_hold_thread(&smaller, &loop, other, 500);
+    step_init(&smallest, &loop, other, 1);
+    step_submit(&smallest);
+    check_waits(&smallest);
+    assert_int_equal(pool_load(loop.pool).queued, 3);
+
+    /* Its thread is free for the smallest; when the small one ends too, for the one of the same size. */
+    step_let_go(&smaller);
+    step_await(&loop, &smallest);
+    assert_false(step_has_started(&same));
+    step_let_go(&small);
+    step_await(&loop, &same);
+    assert_false(step_has_started(&similar));
+    step_let_go(&large);
+    step_await(&loop, &large);
+    step_await(&loop, &similar);
+    pool_turn_end(loop.pool, turn);
+    pool_turn_end(loop.pool, other);
+    loop_finish(&loop);
+}
+
+static void a_small_job_does_not_wait_behind_a_large_one(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step running, queued, small;
+    loop_init(&loop, 1);
+    struct pool_turn *turn = loop_turn(&loop);
+    step_hold_thread(&running, &loop, turn, 1000000);
+    step_init(&queued, &loop, turn, 1000000);
+    queued.job.priority = 5;
+    step_submit(&queued);
+    step_init(&small, &loop, turn, 0);
+    step_submit(&small);
+    step_await(&loop, &small);
+    assert_false(step_has_started(&queued));
+    step_let_go(&running);
+    step_await(&loop, &running);
+    step_await(&loop, &queued);
+    pool_turn_end(loop.pool, turn);
+    loop_finish(&loop);
+}
+
+static void small_jobs_flow_beside_tasks(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step large, small;
+    for (unsigned threads = 1; threads <= 3; threads++) {
+        loop_init(&loop, threads);
+        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
+        step_init(&large, &loop, turn, 1000000);
+        large.body = step_many_tasks;
+        large.count = 100000;
+        step_submit(&large);
+        steps_wait(&large.started);
+        for (int i = 0; i < 30; i++) {
+            step_init(&small, &loop, i % 2 ? turn : other, 10);
+            small.burn_ns = 100000;
+            step_submit(&small);
+            step_await(&loop, &small);
+        }
+        assert_int_equal(large.done, 0);
+        pool_cancel(loop.pool, &large.job);
+        step_await(&loop, &large);
+        assert_int_equal(large.tasks, large.count);
+        pool_turn_end(loop.pool, turn);
+        pool_turn_end(loop.pool, other);
+        loop_finish(&loop);
+    }
+}
+
+struct meeting {
+    struct loop loop;
+    struct pool_turn *turn, *other;
+    struct step large, newcomer;
+};
+
+/* A large job has both threads; the newcomer is as large, so that no spare thread starts it. */
+static void meeting_init(struct meeting *meeting)
+{
+    loop_init(&meeting->loop, 2);
+    meeting->turn = loop_turn(&meeting->loop);
+    meeting->other = loop_turn(&meeting->loop);
+    step_init(&meeting->large, &meeting->loop, meeting->turn, 1000);
+    meeting->large.body = step_many_tasks;
+    meeting->large.count = 100000;
+    step_init(&meeting->newcomer, &meeting->loop, meeting->other, 1000);
+}
+
+static void start_large(struct meeting *meeting)
+{
+    step_submit(&meeting->large);
+    while (!meeting->large.helped)
+        sched_yield();
+}
+
+static void meeting_finish(struct meeting *meeting)
+{
+    step_await(&meeting->loop, &meeting->large);
+    step_await(&meeting->loop, &meeting->newcomer);
+    pool_turn_end(meeting->loop.pool, meeting->turn);
+    pool_turn_end(meeting->loop.pool, meeting->other);
+    loop_finish(&meeting->loop);
+}
+
+static void a_helper_leaves_for_another_turn(void **state)
+{
+    (void)state;
+    struct meeting meeting;
+    meeting_init(&meeting);
+    start_large(&meeting);
+    step_submit(&meeting.newcomer);
+    step_await(&meeting.loop, &meeting.newcomer);
+    assert_int_equal(meeting.large.done, 0);
+    assert_true(meeting.large.tasks < meeting.large.count);
+    pool_cancel(meeting.loop.pool, &meeting.large.job);
+    meeting_finish(&meeting);
+}
+
+static void a_helper_leaves_for_a_higher_priority(void **state)
+{
+    (void)state;
+    struct meeting meeting;
+    meeting_init(&meeting);
+    meeting.newcomer.job.turn = meeting.turn;
+    meeting.newcomer.job.priority = 1;
+    start_large(&meeting);
+    step_submit(&meeting.newcomer);
+    step_await(&meeting.loop, &meeting.newcomer);
+    assert_true(meeting.large.tasks < meeting.large.count);
+    pool_cancel(meeting.loop.pool, &meeting.large.job);
+    meeting_finish(&meeting);
+}
+
+static void note_tasks_of_other(struct step *step, const struct parallel *parallel)
+{
+    (void)parallel;
+    step->count = step->other->tasks;
+}
+
+static void open_tasks_come_before_a_queued_job(void **state)
+{
+    (void)state;
+    struct meeting meeting;
+    meeting_init(&meeting);
+    meeting.large.count = 60;
+    meeting.newcomer.job.turn = meeting.turn;
+    meeting.newcomer.body = note_tasks_of_other;
+    meeting.newcomer.other = &meeting.large;
+    start_large(&meeting);
+    step_submit(&meeting.newcomer);
+    step_await(&meeting.loop, &meeting.newcomer);
+    /* A thread that was handed the last task may not have counted it yet. */
+    assert_true(meeting.newcomer.count >= 59);
+    meeting_finish(&meeting);
+}
+
+/* The pool's own account of time, so that a busy machine makes no difference. */
+static void both_progress_in_proportion(void **state)
+{
+    (void)state;
+    enum { FLOOD = 120 };
+    static struct step flood[FLOOD];
+    struct meeting meeting;
+    meeting_init(&meeting);
+    meeting.large.job.size = 10;
+    start_large(&meeting);
+    uint64_t busy = pool_load(meeting.loop.pool).busy_ns, small = 0;
+    for (int i = 0; i < FLOOD; i++) {
+        step_init(&flood[i], &meeting.loop, meeting.other, 10);
+        flood[i].burn_ns = 500000;
+        step_submit(&flood[i]);
+    }
+    for (int i = 0; i < FLOOD; i++) {
+        step_await(&meeting.loop, &flood[i]);
+        small += flood[i].job.ended_ns - flood[i].job.started_ns;
+    }
+    busy = pool_load(meeting.loop.pool).busy_ns - busy;
+    assert_in_range(small * 100 / busy, 35, 65);
+    step_submit(&meeting.newcomer);
+    pool_cancel(meeting.loop.pool, &meeting.large.job);
+    meeting_finish(&meeting);
+}
+
+int main(void)
+{
+    static const struct CMUnitTest tests[] = {
+        cmocka_unit_test(priority_then_age_within_a_turn),
+        cmocka_unit_test(the_least_served_turn_is_next),
+        cmocka_unit_test(a_newcomer_starts_level),
+        cmocka_unit_test(a_small_job_starts_beside_a_large_one),
+        cmocka_unit_test(others_wait),
+        cmocka_unit_test(a_small_job_does_not_wait_behind_a_large_one),
+        cmocka_unit_test(small_jobs_flow_beside_tasks),
+        cmocka_unit_test(a_helper_leaves_for_another_turn),
+        cmocka_unit_test(a_helper_leaves_for_a_higher_priority),
+        cmocka_unit_test(open_tasks_come_before_a_queued_job),
+        cmocka_unit_test(both_progress_in_proportion),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
