@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * fair_queue.h - who is next, when several clients wait for the same thing: each has a lane, lanes take turns, and within a lane priority goes
+ * before age. It owns nothing and never fails: entries and lanes lie in their owners' structs. Loop thread only.
+ */
+#ifndef BVHD_FAIR_QUEUE_H
+#define BVHD_FAIR_QUEUE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { FAIR_PRIORITIES = 3 }; /* 0 goes first */
+
+struct fair_lane;
+
+/* Something that waits. Zeroed: it does not. */
+struct fair_entry {
+    struct fair_lane *lane; /* NULL: not queued */
+    struct fair_entry *previous, *next;
+    uint32_t priority;
+};
+
+/* A client's. Zeroed: empty. May go when it is empty. */
+struct fair_lane {
+    struct {
+        struct fair_entry *first, *last;
+    } lists[FAIR_PRIORITIES];
+    uint32_t count;
+    struct fair_lane *previous, *next; /* the ring of lanes that are not empty */
+};
+
+/* Zeroed: empty. */
+struct fair_queue {
+    struct fair_lane *turn; /* NULL: nobody waits */
+    uint32_t count;
+};
+
+/* `priority` below FAIR_PRIORITIES. The entry waits nowhere yet. A lane that was empty comes last. */
+void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fair_entry *entry, uint32_t priority);
+
+/* The entry whose turn it is; NULL when nobody waits. */
+struct fair_entry *fair_queue_peek(const struct fair_queue *queue);
+
+/* Takes what peek gave, and passes the turn on. */
+void fair_queue_pop(struct fair_queue *queue);
+
+/* Takes an entry out, wherever it waits; harmless when it does not. */
+void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry);
+
+#endif

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* service_parts.h - the inside of a service, for its sessions and their requests. */
+#ifndef BVHD_SERVICE_PARTS_H
+#define BVHD_SERVICE_PARTS_H
+
+#include "admission.h"
+#include "counters.h"
+#include "fair_queue.h"
+#include "flight.h"
+#include "service.h"
+
+struct session;
+struct request;
+
+/* Requests with payloads that are not needed any more, of which their clients do not know yet. */
+struct request_news {
+    struct request *first, *last;
+};
+
+struct service {
+    struct service_options options;
+    struct memory memory; /* the budget */
+    struct memory inlines; /* of inline payloads, a share of it */
+    struct memory
+        replies; /* without limit: what is to be answered is bounded by credits, and no budget may be in the way of an answer */
+    struct descriptors descriptors;
+    struct blob_account account;
+    struct pool *pool;
+    struct pool_turn *housekeeping;
+    struct cache *cache;
+    struct embree *embree;
+    struct admission admission;
+    struct fair_queue preparing; /* items that wait for memory */
+    struct flights flights;
+    struct request_news news;
+    struct counters counters;
+    struct session *sessions; /* all that exist */
+    uint32_t session_count; /* those that are not closed */
+    uint32_t closing_count; /* closed, but a worker has something of theirs */
+    uint32_t under_way; /* items of those that are not closed */
+    uint32_t connections;
+    uint64_t pool_bytes;
+    uint64_t started_ns;
+    bool draining;
+};
+
+/* CLOCK_MONOTONIC */
+uint64_t service_now(void);
+
+/*
+ * Whoever has asked for something, or let go of something, calls it before the loop goes on: starts what memory now allows, and tells clients of
+ * payloads that are free.
+ */
+void service_pump(struct service *service);
+
+/* The counters with their levels. */
+struct counters service_counters(const struct service *service);
+
+#endif

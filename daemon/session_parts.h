@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* session_parts.h - the inside of a session, for the files that it is made of. */
+#ifndef BVHD_SESSION_PARTS_H
+#define BVHD_SESSION_PARTS_H
+
+#include "request.h"
+#include "session.h"
+
+enum { SESSION_BUCKETS = 64 };
+
+struct session {
+    struct request_client client;
+    struct service *service;
+    struct session_peer peer;
+    struct session_link link;
+    struct session *next, *previous; /* the service's */
+    bool open; /* HELLO was answered */
+    bool goodbye; /* said */
+    bool closed;
+    struct bvhd_error failure; /* a reply found no memory */
+    struct payload *pool; /* NULL: none */
+    uint64_t pool_size;
+    uint32_t pool_users; /* items whose payload lies there */
+    struct request *requests[SESSION_BUCKETS]; /* by number */
+    uint32_t request_count;
+    uint32_t under_way; /* items whose result has not left */
+    uint32_t attachments; /* memfds of requests under way */
+};
+
+/* `reply` NULL: there was no memory for it. */
+void session_send(struct session *session, struct reply *reply);
+void session_send_error(struct session *session, uint64_t request, const struct bvhd_error *error);
+void session_send_busy(struct session *session, uint64_t request);
+
+/* The request of that number, or NULL. */
+struct request *session_find(const struct session *session, uint64_t number);
+void session_add(struct session *session, struct request *request);
+
+/* Whether so many more items can be taken; answers BUSY or an error otherwise. */
+bool session_admits(struct session *session, uint64_t request, uint32_t items);
+
+/*
+ * session_build.c: FRAME_BUILD. Takes the frame's descriptors. Anything but BVHD_OK breaks the protocol.
+ */
+enum bvhd_status session_build(struct session *session, const struct frame *frame, struct bvhd_error *error);
+
+/* Closes descriptors of a frame from `first` on, and gives back their counts. */
+void session_drop_descriptors(struct session *session, const struct frame *frame, uint32_t first);
+
+#endif
