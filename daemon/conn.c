@@ -279,10 +279,10 @@ void conn_work(struct conn *conn)
         work_held(conn);
         return;
     }
-    if (conn->failed && conn->state == CONN_OPEN)
-        fail(conn, &conn->failure);
     if (!conn->lost && conn->state == CONN_OPEN)
         read_frames(conn);
+    if (conn->failed && conn->state == CONN_OPEN)
+        fail(conn, &conn->failure);
     if (!conn->lost && conn->state == CONN_ENDING)
         throw_away(conn);
     if (!conn->lost)

@@ -54,8 +54,8 @@ static void prepare_next_turn(struct conn_group *group)
 static void take_turn(uv_prepare_t *prepare)
 {
     struct conn_group *group = prepare->data;
-    for (struct conn *conn; (conn = take_due(group));)
-        conn_work(conn);
+    while ((group->working = take_due(group)))
+        conn_work(group->working);
     prepare_next_turn(group);
     if (group->changed)
         group->changed(group->context);
@@ -149,7 +149,7 @@ void conn_group_remove(struct conn_group *group, struct conn *conn)
 
 void conn_group_due(struct conn_group *group, struct conn *conn)
 {
-    if (conn->is_due || conn->is_later) /* what is put off comes by itself */
+    if (conn->is_due || conn->is_later || conn == group->working) /* its work ends with a look at everything */
         return;
     conn->is_due = true;
     conn->next_due = NULL;

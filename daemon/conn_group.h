@@ -35,6 +35,7 @@ struct conn_group {
     uv_idle_t again; /* runs while something is left for the next turn: the loop does not wait */
     struct conn *first;
     uint32_t count;
+    struct conn *working; /* whose work is done now */
     struct conn *due, **due_end; /* in this turn */
     struct conn *later, **later_end; /* in the next */
     struct log_limit broken_log;
@@ -57,7 +58,7 @@ bool conn_group_is_flushed(const struct conn_group *group);
 /* Closes all, at once. Their handles close with the next turns of the loop. */
 void conn_group_close(struct conn_group *group);
 
-/* For conn.c: came and went; due in this turn; due in the next. Repeating is harmless. */
+/* For conn.c: came and went; due in this turn; due in the next, once its work in this one is done. Repeating is harmless. */
 void conn_group_add(struct conn_group *group, struct conn *conn);
 void conn_group_remove(struct conn_group *group, struct conn *conn);
 void conn_group_due(struct conn_group *group, struct conn *conn);

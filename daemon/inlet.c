@@ -13,11 +13,20 @@ void inlet_init(struct inlet *inlet, int socket, struct descriptors *descriptors
     frame_parser_init(&inlet->parser, memory, INLET_FIRST_CONTROL, 0);
 }
 
+/* Not by the parser: what a client sends may take its time to close. */
+static void close_descriptors(struct inlet *inlet, const int *descriptors, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++)
+        descriptors_close(descriptors[i]);
+    descriptors_give(inlet->descriptors, count);
+}
+
 void inlet_finish(struct inlet *inlet)
 {
     if (!inlet)
         return;
-    descriptors_give(inlet->descriptors, inlet->parser.descriptor_count);
+    close_descriptors(inlet, inlet->parser.descriptors, inlet->parser.descriptor_count);
+    inlet->parser.descriptor_count = 0;
     frame_parser_finish(&inlet->parser);
 }
 
@@ -46,13 +55,13 @@ static enum inlet_result result_of_error(int number)
     return number == ENOBUFS || number == ENOMEM ? INLET_SHORT : INLET_END;
 }
 
-/* Hands what was read to the parser, which counts the descriptors from then on; those that it did not keep are closed. */
+/* Hands what was read to the parser, which has the descriptors from then on. */
 static enum bvhd_status feed(struct inlet *inlet, uint64_t size, const int *descriptors, uint32_t count, struct bvhd_error *error)
 {
-    uint32_t before = inlet->parser.descriptor_count;
-    enum bvhd_status status = frame_parser_feed(&inlet->parser, size, descriptors, count, error);
-    descriptors_give(inlet->descriptors, before + count - inlet->parser.descriptor_count);
-    return status;
+    if (count <= FRAME_QUEUE - inlet->parser.descriptor_count)
+        return frame_parser_feed(&inlet->parser, size, descriptors, count, error);
+    close_descriptors(inlet, descriptors, count);
+    return bvhd_error_set(error, BVHD_TOO_LARGE, "frame.descriptors", "more than %d wait for their frames", FRAME_QUEUE);
 }
 
 static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error)

@@ -173,6 +173,11 @@ struct descriptors *service_descriptors(struct service *service)
     return &service->descriptors;
 }
 
+struct pool *service_pool(struct service *service)
+{
+    return service->pool;
+}
+
 void service_count_connections(struct service *service, uint32_t open)
 {
     service->connections = open;
