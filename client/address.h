@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* address.h - where a daemon's socket may be. */
+#ifndef BVHD_ADDRESS_H
+#define BVHD_ADDRESS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { ADDRESS_MAX_PATHS = 2 };
+
+struct address {
+    char *paths[ADDRESS_MAX_PATHS]; /* in the order in which they are tried; from library_memory */
+    uint32_t count;
+};
+
+/* `explicit_path`, or without it what the environment says. False without memory. */
+bool address_init(struct address *address, const char *explicit_path);
+
+void address_finish(struct address *address);
+
+#endif

@@ -1,0 +1,250 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client_batch.h"
+
+#include "client_wait.h"
+#include "outgoing.h"
+#include "result_blob.h"
+
+/* What bvhd_batch_result shows of an item that is not done. */
+static const struct bvhd_result pending = {.error = {.status = BVHD_PENDING}};
+
+void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item)
+{
+    batch->items[item].state = ITEM_COPIED;
+    if (--batch->uncopied == 0)
+        client_stir(batch->client);
+}
+
+static void finish_item(struct bvhd_batch *batch, uint32_t index)
+{
+    struct batch_item *item = &batch->items[index];
+    if (item->state == ITEM_WAITING)
+        client_batch_set_copied(batch, index);
+    if (item->state == ITEM_SENT)
+        item->exchange->entries[item->entry].cancelled = true;
+    placement_release(&batch->client->placement, &item->held);
+    item->exchange = NULL;
+    item->state = ITEM_DONE;
+    if (--batch->remaining == 0)
+        client_stir(batch->client);
+}
+
+void client_batch_fail_item(struct bvhd_batch *batch, uint32_t index, const struct bvhd_error *error)
+{
+    batch->items[index].result.error = *error;
+    finish_item(batch, index);
+}
+
+static enum bvhd_origin origin_of(uint32_t origin)
+{
+    return origin <= ORIGIN_DISK ? (enum bvhd_origin)origin : BVHD_ORIGIN_NONE;
+}
+
+static void copy_facts(struct batch_item *item, const struct control_facts *facts)
+{
+    struct bvhd_result *result = &item->result;
+    result->primitives = facts->primitives;
+    result->triangles = facts->triangles;
+    result->instances = facts->instances;
+    result->inactive = facts->inactive;
+    result->degenerate = facts->degenerate;
+    result->skipped = facts->skipped;
+    result->refs = facts->refs;
+    result->peak_bytes = facts->peak_bytes;
+    result->depth = facts->depth;
+    result->sah = facts->sah;
+    result->original_build_ms = facts->build_ms;
+    memcpy(item->method, facts->method, sizeof item->method);
+    result->method = item->method;
+    memcpy(result->bounds, facts->bounds, sizeof result->bounds);
+}
+
+void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const struct control_result *result, struct bvhd_blob *blob)
+{
+    struct batch_item *item = &batch->items[index];
+    item->result = (struct bvhd_result){
+        .error = {.status = BVHD_OK},
+        .data = bvhd_blob_data(blob),
+        .size = bvhd_blob_size(blob),
+        .blob = blob,
+        .origin = origin_of(result->origin),
+        .queued_ms = result->queued_ms,
+        .prepare_ms = result->prepare_ms,
+        .build_ms = result->build_ms,
+    };
+    memcpy(item->result.key.bytes, result->key.bytes, sizeof item->result.key.bytes);
+    copy_facts(item, &result->facts);
+    finish_item(batch, index);
+}
+
+void client_batch_unqueue(struct bvhd_batch *batch)
+{
+    if (!batch->queued)
+        return;
+    struct bvhd_batch **at = &batch->client->queue;
+    while (*at != batch)
+        at = &(*at)->next;
+    *at = batch->next;
+    batch->queued = false;
+    vulkan_input_destroy(batch->input);
+    batch->input = NULL;
+}
+
+void client_batch_fail_unsent(struct bvhd_batch *batch, const struct bvhd_error *error)
+{
+    client_batch_unqueue(batch);
+    for (uint32_t i = batch->first_unsent; i < batch->count; i++)
+        if (batch->items[i].state < ITEM_SENT)
+            client_batch_fail_item(batch, i, error);
+}
+
+static struct bvhd_error cancelled(void)
+{
+    struct bvhd_error error;
+    bvhd_error_set(&error, BVHD_CANCELLED, "", "cancelled by the program");
+    return error;
+}
+
+static void cancel_exchange(struct bvhd_batch *batch, struct exchange *exchange)
+{
+    uint32_t interesting = 0;
+    for (uint32_t i = 0; i < exchange->count; i++)
+        interesting += !exchange->entries[i].answered && !exchange->entries[i].cancelled;
+    if (interesting > 0)
+        outgoing_cancel(batch->client, exchange, NULL, 0);
+}
+
+/* Calls visit for each exchange of the batch. */
+static void for_exchanges(struct bvhd_batch *batch, void (*visit)(struct bvhd_batch *batch, struct exchange *exchange))
+{
+    struct connection *connections[] = {batch->client->current, batch->client->leaving};
+    for (int c = 0; c < 2 && batch->exchanges > 0; c++)
+        for (uint32_t i = 0; connections[c] && i < connections[c]->table.capacity; i++)
+            if (connections[c]->table.slots[i] && connections[c]->table.slots[i]->batch == batch)
+                visit(batch, connections[c]->table.slots[i]);
+}
+
+static void cancel_all(struct bvhd_batch *batch)
+{
+    if (batch->remaining == 0)
+        return;
+    struct bvhd_error error = cancelled();
+    for_exchanges(batch, cancel_exchange);
+    client_batch_unqueue(batch);
+    for (uint32_t i = 0; i < batch->count; i++)
+        if (batch->items[i].state != ITEM_DONE)
+            client_batch_fail_item(batch, i, &error);
+}
+
+static void detach(struct bvhd_batch *batch, struct exchange *exchange)
+{
+    exchange->batch = NULL;
+    batch->exchanges--;
+}
+
+static void free_batch(struct bvhd_batch *batch)
+{
+    for (uint32_t i = 0; i < batch->count; i++)
+        bvhd_blob_unref(batch->items[i].result.blob);
+    vulkan_input_destroy(batch->input);
+    memory_free(&library_memory, batch->keys);
+    memory_free(&library_memory, batch);
+}
+
+void bvhd_batch_destroy(struct bvhd_batch *batch)
+{
+    if (!batch)
+        return;
+    struct bvhd_client *client = batch->client;
+    client_lock(client);
+    cancel_all(batch);
+    client_batch_unqueue(batch);
+    for_exchanges(batch, detach);
+    client_unlock(client);
+    free_batch(batch);
+}
+
+void bvhd_batch_cancel(struct bvhd_batch *batch)
+{
+    client_lock(batch->client);
+    cancel_all(batch);
+    client_unlock(batch->client);
+}
+
+void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t index)
+{
+    client_lock(batch->client);
+    if (index < batch->count && batch->items[index].state != ITEM_DONE) {
+        struct batch_item *item = &batch->items[index];
+        struct bvhd_error error = cancelled();
+        if (item->state == ITEM_SENT)
+            outgoing_cancel(batch->client, item->exchange, &item->entry, 1);
+        client_batch_fail_item(batch, index, &error);
+        if (batch->remaining == 0)
+            client_batch_unqueue(batch);
+    }
+    client_unlock(batch->client);
+}
+
+uint32_t bvhd_batch_count(const struct bvhd_batch *batch)
+{
+    return batch->count;
+}
+
+static bool is_copied(const void *context)
+{
+    const struct bvhd_batch *batch = context;
+    return batch->uncopied == 0;
+}
+
+static bool is_done(const void *context)
+{
+    const struct bvhd_batch *batch = context;
+    return batch->remaining == 0;
+}
+
+static int ask(struct bvhd_batch *batch, bool (*is_true)(const void *context))
+{
+    client_lock(batch->client);
+    int result = is_true(batch);
+    client_unlock(batch->client);
+    return result;
+}
+
+int bvhd_batch_is_copied(struct bvhd_batch *batch)
+{
+    return ask(batch, is_copied);
+}
+
+int bvhd_batch_is_done(struct bvhd_batch *batch)
+{
+    return ask(batch, is_done);
+}
+
+static enum bvhd_status wait_for(struct bvhd_batch *batch, int timeout_ms, bool (*is_true)(const void *context))
+{
+    client_lock(batch->client);
+    bool result = client_wait_until(batch->client, library_after(library_now(), timeout_ms), is_true, batch);
+    client_unlock(batch->client);
+    return result ? BVHD_OK : BVHD_PENDING;
+}
+
+enum bvhd_status bvhd_batch_wait(struct bvhd_batch *batch, int timeout_ms)
+{
+    return wait_for(batch, timeout_ms, is_done);
+}
+
+enum bvhd_status bvhd_batch_wait_copied(struct bvhd_batch *batch, int timeout_ms)
+{
+    return wait_for(batch, timeout_ms, is_copied);
+}
+
+const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, uint32_t index)
+{
+    if (index >= batch->count)
+        return NULL;
+    client_lock(batch->client);
+    bool done = batch->items[index].state == ITEM_DONE;
+    client_unlock(batch->client);
+    return done ? &batch->items[index].result : &pending;
+}

@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The calls that wait for the daemon itself: connect, ping, counters. */
+#include "client_link.h"
+#include "client_wait.h"
+
+/* What a thread waits for. */
+struct call {
+    struct bvhd_client *client;
+    uint64_t failures; /* when it began */
+    struct exchange_waiter waiter;
+};
+
+static bool is_decided(const void *context)
+{
+    const struct call *call = context;
+    return client_link_open(call->client) || call->client->failures != call->failures;
+}
+
+static bool is_answered(const void *context)
+{
+    const struct call *call = context;
+    return call->waiter.done;
+}
+
+/* Why there is no connection. */
+static enum bvhd_status tell(const struct bvhd_client *client, struct bvhd_error *error)
+{
+    const struct bvhd_error *last = &client->last_error;
+    if (last->status == BVHD_OK || last->status == BVHD_BUSY)
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, client->address.paths[0], "the daemon does not answer");
+    return bvhd_error_set(error, last->status, last->where, "%s", last->text);
+}
+
+static enum bvhd_status await_connection(struct call *call, uint64_t moment, struct bvhd_error *error)
+{
+    struct bvhd_client *client = call->client;
+    client->wanted++;
+    client_advance(client);
+    client_wait_until(client, moment, is_decided, call);
+    client->wanted--;
+    return client_link_open(client) ? BVHD_OK : tell(client, error);
+}
+
+enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error)
+{
+    client_lock(client);
+    struct call call = {.client = client, .failures = client->failures};
+    enum bvhd_status status = await_connection(&call, library_now() + client->connect_timeout, ret_error);
+    client_unlock(client);
+    return status;
+}
+
+/* The thread does not wait any more: an answer that comes later is nobody's. */
+static void forget(struct call *call)
+{
+    struct connection *connections[] = {call->client->current, call->client->leaving};
+    for (int c = 0; c < 2; c++)
+        for (uint32_t i = 0; connections[c] && i < connections[c]->table.capacity; i++)
+            if (connections[c]->table.slots[i] && connections[c]->table.slots[i]->waiter == &call->waiter)
+                connections[c]->table.slots[i]->waiter = NULL;
+}
+
+/* Sends an empty request and waits for its answer, all within the time. */
+static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout_ms, struct bvhd_error *error)
+{
+    struct bvhd_client *client = call->client;
+    uint64_t now = library_now(), moment = library_after(now, timeout_ms), hope = now + client->connect_timeout;
+    enum bvhd_status status = await_connection(call, moment < hope ? moment : hope, error);
+    if (status != BVHD_OK)
+        return status;
+    if (!connection_send_empty(client_link_open(client), type, &call->waiter, now))
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "client", "no memory for a request");
+    if (!client_wait_until(client, moment, is_answered, call)) {
+        forget(call);
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, "client", "no answer within %d ms", timeout_ms);
+    }
+    const struct bvhd_error *result = &call->waiter.error;
+    return result->status == BVHD_OK ? BVHD_OK : bvhd_error_set(error, result->status, result->where, "%s", result->text);
+}
+
+enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms, struct bvhd_error *ret_error)
+{
+    client_lock(client);
+    struct call call = {.client = client, .failures = client->failures};
+    uint64_t start = library_now();
+    enum bvhd_status status = ask(&call, FRAME_PING, timeout_ms, ret_error);
+    uint64_t end = library_now();
+    client_unlock(client);
+    if (status == BVHD_OK && ret_ms)
+        *ret_ms = (double)(end - start) / (double)LIBRARY_MS;
+    return status;
+}
+
+enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms, struct bvhd_counters **ret_counters,
+                                      struct bvhd_error *ret_error)
+{
+    client_lock(client);
+    struct call call = {.client = client, .failures = client->failures};
+    enum bvhd_status status = ask(&call, FRAME_STATS, timeout_ms, ret_error);
+    client_unlock(client);
+    if (status == BVHD_OK && !call.waiter.counters)
+        status = bvhd_error_set(ret_error, BVHD_CORRUPT, "counters", "the daemon sent an error that is none");
+    if (status == BVHD_OK)
+        *ret_counters = call.waiter.counters;
+    return status;
+}

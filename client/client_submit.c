@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client_batch.h"
+#include "client_link.h"
+#include "client_wait.h"
+#include "place.h"
+
+/* A submission under way. */
+struct submission {
+    struct bvhd_client *client;
+    const struct bvhd_build *build;
+    struct reference *references;
+    struct bvhd_error *errors; /* one an info */
+    struct bvhd_batch *batch;
+};
+
+static struct bvhd_batch *create_batch(struct bvhd_client *client, uint32_t count, int32_t priority)
+{
+    uint64_t size;
+    struct bvhd_batch *batch = NULL;
+    if (bytes_mul(count, sizeof batch->items[0], &size) && bytes_add(size, sizeof *batch, &size))
+        batch = memory_alloc(&library_memory, size);
+    if (!batch)
+        return NULL;
+    *batch = (struct bvhd_batch){.client = client, .priority = priority, .count = count, .remaining = count, .uncopied = count};
+    for (uint32_t i = 0; i < count; i++)
+        batch->items[i] =
+            (struct batch_item){.state = ITEM_WAITING, .held = {.descriptor = -1}, .result = {.error = {.status = BVHD_PENDING}}};
+    return batch;
+}
+
+static enum bvhd_status no_memory(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "batch", "no memory for it");
+}
+
+/* Older batches of the same priority come first. */
+static void enqueue(struct bvhd_batch *batch)
+{
+    struct bvhd_batch **at = &batch->client->queue;
+    while (*at && (*at)->priority >= batch->priority)
+        at = &(*at)->next;
+    batch->next = *at;
+    *at = batch;
+    batch->queued = true;
+    batch->deadline = library_now() + batch->client->connect_timeout;
+}
+
+/* Before anything is asked of a connection it shows whether it still lives: what is submitted after a loss must not share it. */
+static void start(struct bvhd_batch *batch)
+{
+    struct bvhd_client *client = batch->client;
+    client_lock(client);
+    if (batch->remaining > 0) {
+        client_look(client);
+        enqueue(batch);
+        client_advance(client);
+    }
+    client_unlock(client);
+}
+
+static enum bvhd_status check_build(const struct bvhd_build *build, struct bvhd_error *error)
+{
+    if (build->struct_size < sizeof *build)
+        return bvhd_error_set(error, BVHD_INVALID, "build.struct_size", "%zu bytes", build->struct_size);
+    if (build->info_count > 0 && !build->infos)
+        return bvhd_error_set(error, BVHD_INVALID, "build.infos", "not given");
+    if (build->reference_count > 0 && !build->references)
+        return bvhd_error_set(error, BVHD_INVALID, "build.references", "not given");
+    return BVHD_OK;
+}
+
+static void convert_references(const struct bvhd_build *build, struct reference *references)
+{
+    for (uint32_t i = 0; i < build->reference_count; i++) {
+        const struct bvhd_reference *from = &build->references[i];
+        references[i] = (struct reference){.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key != 0};
+        memcpy(references[i].key.bytes, from->key.bytes, sizeof references[i].key.bytes);
+        memcpy(references[i].bounds.min, from->bounds, sizeof references[i].bounds.min);
+        memcpy(references[i].bounds.max, from->bounds + 3, sizeof references[i].bounds.max);
+    }
+}
+
+/* The batch's description, made from Vulkan's structs. */
+static enum bvhd_status describe(struct submission *submission)
+{
+    const struct bvhd_build *build = submission->build;
+    struct build_options options = {
+        .quality = (enum build_quality)build->quality,
+        .target = build->target ? (enum target)build->target : TARGET_PORTABLE,
+        .layout_flags = build->layout_flags,
+    };
+    submission->references = memory_array(&library_memory, (uint64_t)build->reference_count + 1, sizeof *submission->references);
+    submission->errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->errors);
+    if (!submission->references || !submission->errors)
+        return BVHD_NO_MEMORY;
+    convert_references(build, submission->references);
+    return vulkan_input_create_in(&library_memory, build->infos, build->info_count, build->ranges, submission->references,
+                                  build->reference_count, &options, &submission->batch->input, submission->errors);
+}
+
+static int32_t priority_of(const struct bvhd_build *build)
+{
+    return build->priority < BVHD_PRIORITY_LOW    ? PRIORITY_LOW
+           : build->priority > BVHD_PRIORITY_HIGH ? PRIORITY_HIGH
+                                                  : (int32_t)build->priority;
+}
+
+enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build, struct bvhd_batch **ret_batch,
+                                   struct bvhd_error *ret_error)
+{
+    enum bvhd_status status = check_build(build, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    struct submission submission = {.client = client, .build = build};
+    submission.batch = create_batch(client, build->info_count, priority_of(build));
+    status = submission.batch ? describe(&submission) : BVHD_NO_MEMORY;
+    if (status == BVHD_OK) {
+        client_lock(client);
+        for (uint32_t i = 0; i < build->info_count; i++)
+            if (submission.errors[i].status != BVHD_OK)
+                client_batch_fail_item(submission.batch, i, &submission.errors[i]);
+        client_unlock(client);
+    }
+    memory_free(&library_memory, submission.references);
+    memory_free(&library_memory, submission.errors);
+    if (status != BVHD_OK) {
+        memory_free(&library_memory, submission.batch);
+        return no_memory(ret_error);
+    }
+    start(submission.batch);
+    *ret_batch = submission.batch;
+    return BVHD_OK;
+}
+
+enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,
+                                  struct bvhd_batch **ret_batch, struct bvhd_error *ret_error)
+{
+    struct bvhd_batch *batch = create_batch(client, key_count, PRIORITY_NORMAL);
+    struct key *copies = memory_array(&library_memory, (uint64_t)key_count + 1, sizeof *copies);
+    if (!batch || !copies) {
+        memory_free(&library_memory, batch);
+        memory_free(&library_memory, copies);
+        return no_memory(ret_error);
+    }
+    for (uint32_t i = 0; i < key_count; i++) {
+        memcpy(copies[i].bytes, keys[i].bytes, sizeof copies[i].bytes);
+        batch->items[i].state = ITEM_COPIED; /* there is no geometry */
+    }
+    batch->uncopied = 0;
+    batch->keys = copies;
+    start(batch);
+    *ret_batch = batch;
+    return BVHD_OK;
+}

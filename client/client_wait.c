@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client_wait.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <sys/epoll.h>
+#include <sys/eventfd.h>
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "client_link.h"
+
+static bool add_to_loop(int epoll, int descriptor, int operation, uint32_t events)
+{
+    struct epoll_event event = {.events = events};
+    return epoll_ctl(epoll, operation, descriptor, &event) == 0;
+}
+
+static bool open_descriptors(struct client_wakeups *wakeups)
+{
+    wakeups->epoll = epoll_create1(EPOLL_CLOEXEC);
+    wakeups->timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC | TFD_NONBLOCK);
+    wakeups->notice = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    wakeups->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    return wakeups->epoll >= 0 && wakeups->timer >= 0 && wakeups->notice >= 0 && wakeups->wake >= 0 &&
+           add_to_loop(wakeups->epoll, wakeups->timer, EPOLL_CTL_ADD, EPOLLIN) &&
+           add_to_loop(wakeups->epoll, wakeups->notice, EPOLL_CTL_ADD, EPOLLIN);
+}
+
+static void close_descriptors(struct client_wakeups *wakeups)
+{
+    const int all[] = {wakeups->epoll, wakeups->timer, wakeups->notice, wakeups->wake};
+    for (size_t i = 0; i < sizeof all / sizeof all[0]; i++)
+        if (all[i] >= 0)
+            close(all[i]);
+}
+
+enum bvhd_status client_wait_init(struct bvhd_client *client, struct bvhd_error *error)
+{
+    client->wakeups = (struct client_wakeups){.epoll = -1, .timer = -1, .notice = -1, .wake = -1, .timer_at = LIBRARY_NEVER};
+    if (!open_descriptors(&client->wakeups)) {
+        enum bvhd_status status = bvhd_error_set(error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO, "client", "%s", strerror(errno));
+        close_descriptors(&client->wakeups);
+        return status;
+    }
+    pthread_condattr_t attributes;
+    pthread_condattr_init(&attributes);
+    pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    pthread_cond_init(&client->changed, &attributes);
+    pthread_condattr_destroy(&attributes);
+    pthread_mutex_init(&client->lock, NULL);
+    return BVHD_OK;
+}
+
+void client_wait_finish(struct bvhd_client *client)
+{
+    close_descriptors(&client->wakeups);
+    pthread_cond_destroy(&client->changed);
+    pthread_mutex_destroy(&client->lock);
+}
+
+void client_lock(struct bvhd_client *client)
+{
+    pthread_mutex_lock(&client->lock);
+}
+
+static void signal_descriptor(int descriptor)
+{
+    uint64_t one = 1;
+    ssize_t written = write(descriptor, &one, sizeof one);
+    (void)written; /* it fails when it is signalled more often than it can count: signalled */
+}
+
+static void drain(int descriptor)
+{
+    uint64_t count;
+    ssize_t got = read(descriptor, &count, sizeof count);
+    (void)got; /* nothing there is fine */
+}
+
+static void set_timer(struct client_wakeups *wakeups, uint64_t moment)
+{
+    struct itimerspec spec = {{0, 0}, {0, 0}};
+    if (moment != LIBRARY_NEVER) {
+        uint64_t at = moment > 0 ? moment : 1; /* 0 turns it off */
+        spec.it_value = (struct timespec){(time_t)(at / (1000 * LIBRARY_MS)), (long)(at % (1000 * LIBRARY_MS))};
+    }
+    timerfd_settime(wakeups->timer, TFD_TIMER_ABSTIME, &spec, NULL);
+    wakeups->timer_at = moment;
+}
+
+/* A timer that fires too early costs less than setting it for each request: it is set anew only when it is late, or has fired. */
+static void update_timer(struct client_wakeups *wakeups, uint64_t deadline)
+{
+    if (deadline < wakeups->timer_at || (wakeups->timer_at != LIBRARY_NEVER && wakeups->timer_at <= library_now()))
+        set_timer(wakeups, deadline);
+}
+
+/* True when the poll set of the waiting threads is not what it was. */
+static bool update_watch(struct client_wakeups *wakeups, struct connection *connection)
+{
+    if (!connection)
+        return false;
+    uint32_t events = POLLIN | (connection->is_blocked ? POLLOUT : 0);
+    bool changed = events != connection->watched;
+    if (wakeups->has_loop && (changed || !connection->in_loop)) {
+        add_to_loop(wakeups->epoll, connection->socket, connection->in_loop ? EPOLL_CTL_MOD : EPOLL_CTL_ADD, events);
+        connection->in_loop = true;
+    }
+    connection->watched = events;
+    return changed;
+}
+
+static void announce(struct bvhd_client *client, bool from_loop)
+{
+    struct client_wakeups *wakeups = &client->wakeups;
+    bool moved = update_watch(wakeups, client->current);
+    moved = update_watch(wakeups, client->leaving) || moved;
+    uint64_t deadline = wakeups->polling || wakeups->has_loop ? client_link_deadline(client) : LIBRARY_NEVER;
+    if (wakeups->has_loop)
+        update_timer(wakeups, deadline);
+    if (wakeups->polling && (wakeups->stirred || moved || deadline < wakeups->polling_until))
+        signal_descriptor(wakeups->wake);
+    if (wakeups->stirred && wakeups->waiting > 0)
+        pthread_cond_broadcast(&client->changed);
+    if (wakeups->stirred && wakeups->has_loop && !from_loop)
+        signal_descriptor(wakeups->notice);
+    wakeups->stirred = false;
+}
+
+void client_unlock(struct bvhd_client *client)
+{
+    announce(client, false);
+    pthread_mutex_unlock(&client->lock);
+}
+
+void client_unlock_dispatched(struct bvhd_client *client)
+{
+    announce(client, true);
+    pthread_mutex_unlock(&client->lock);
+}
+
+void client_wait_heard(struct bvhd_client *client)
+{
+    drain(client->wakeups.notice);
+}
+
+static void watch(struct pollfd *polls, nfds_t *count, const struct connection *connection)
+{
+    if (connection)
+        polls[(*count)++] = (struct pollfd){.fd = connection->socket, .events = (short)connection->watched};
+}
+
+/* Waits for the sockets without the lock, and does what they ask for. */
+static void poll_once(struct bvhd_client *client, uint64_t moment)
+{
+    struct client_wakeups *wakeups = &client->wakeups;
+    announce(client, false);
+    uint64_t deadline = client_link_deadline(client);
+    wakeups->polling_until = moment < deadline ? moment : deadline;
+    struct pollfd polls[3] = {{.fd = wakeups->wake, .events = POLLIN}};
+    nfds_t count = 1;
+    watch(polls, &count, client->current);
+    watch(polls, &count, client->leaving);
+    wakeups->polling = true;
+    pthread_mutex_unlock(&client->lock);
+    int timeout = library_poll_ms(library_now(), wakeups->polling_until);
+    poll(polls, count, timeout);
+    pthread_mutex_lock(&client->lock);
+    wakeups->polling = false;
+    if (polls[0].revents)
+        drain(wakeups->wake);
+    client_advance(client);
+}
+
+static void wait_for_others(struct bvhd_client *client, uint64_t moment)
+{
+    client->wakeups.waiting++;
+    if (moment == LIBRARY_NEVER) {
+        pthread_cond_wait(&client->changed, &client->lock);
+    } else {
+        struct timespec until = {(time_t)(moment / (1000 * LIBRARY_MS)), (long)(moment % (1000 * LIBRARY_MS))};
+        pthread_cond_timedwait(&client->changed, &client->lock, &until);
+    }
+    client->wakeups.waiting--;
+}
+
+bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context), const void *context)
+{
+    bool result, looked = false;
+    while (!(result = is_true(context)) && (!looked || library_now() < moment)) {
+        if (client->wakeups.polling)
+            wait_for_others(client, moment);
+        else
+            poll_once(client, moment);
+        looked = true;
+    }
+    /* Somebody has to poll after this thread. Who wakes for nothing passes it on likewise. */
+    if (!client->wakeups.polling && client->wakeups.waiting > 0)
+        pthread_cond_signal(&client->changed);
+    return result;
+}

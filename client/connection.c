@@ -1,0 +1,356 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "connection.h"
+
+#include <errno.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "library.h"
+
+enum {
+    READS_AT_ONCE = 64, /* of one connection_receive: a daemon that never stops does not hold a thread for ever */
+    DEFAULT_CREDITS = 256, /* of a daemon that does not say */
+};
+
+static void append(struct exchange_list *list, struct exchange *exchange)
+{
+    exchange->next = NULL;
+    if (list->tail)
+        list->tail->next = exchange;
+    else
+        list->head = exchange;
+    list->tail = exchange;
+}
+
+static struct exchange *pop(struct exchange_list *list)
+{
+    struct exchange *exchange = list->head;
+    list->head = exchange->next;
+    if (!list->head)
+        list->tail = NULL;
+    exchange->next = NULL;
+    return exchange;
+}
+
+static enum bvhd_status open_socket(const char *path, int *ret_socket, struct bvhd_error *error)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path)
+        return bvhd_error_set(error, BVHD_INVALID, path, "a socket's path has at most %zu bytes", sizeof address.sun_path - 1);
+    memcpy(address.sun_path, path, strlen(path) + 1);
+    int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (descriptor < 0)
+        return bvhd_error_set(error, errno == ENOMEM || errno == ENOBUFS ? BVHD_NO_MEMORY : BVHD_IO, "socket", "%s", strerror(errno));
+    int result;
+    do
+        result = connect(descriptor, (const struct sockaddr *)&address, sizeof address);
+    while (result != 0 && errno == EINTR);
+    if (result != 0) {
+        enum bvhd_status status = errno == EAGAIN ? BVHD_BUSY : BVHD_UNAVAILABLE;
+        bvhd_error_set(error, status, path, "%s", strerror(errno));
+        close(descriptor);
+        return status;
+    }
+    *ret_socket = descriptor;
+    return BVHD_OK;
+}
+
+static enum bvhd_status say_hello(struct connection *connection, struct bvhd_error *error)
+{
+    struct control_hello hello = {.version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "libbvhd " BVHD_VERSION};
+    struct exchange *exchange = exchange_create(FRAME_HELLO, 0);
+    if (!exchange)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "connection", "no memory for it");
+    exchange->expects = false; /* WELCOME answers the connection */
+    enum bvhd_status status = control_pack_hello(&hello, &library_memory, &exchange->control, error);
+    if (status != BVHD_OK) {
+        exchange_destroy(exchange);
+        return status;
+    }
+    exchange_seal(exchange, 0);
+    append(&connection->outgoing, exchange);
+    return BVHD_OK;
+}
+
+enum bvhd_status connection_create(const char *path, uint64_t now, struct connection **ret_connection, struct bvhd_error *error)
+{
+    struct connection *connection = memory_alloc(&library_memory, sizeof *connection);
+    if (!connection)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "connection", "no memory for it");
+    *connection = (struct connection){.socket = -1, .opened_at = now, .heard_at = now};
+    frame_parser_init(&connection->parser, &library_memory, FRAME_MAX_CONTROL, FRAME_MAX_INLINE);
+    exchange_table_init(&connection->table);
+    enum bvhd_status status = open_socket(path, &connection->socket, error);
+    if (status == BVHD_OK)
+        status = say_hello(connection, error);
+    if (status == BVHD_OK)
+        status = connection_flush(connection, error);
+    if (status == BVHD_OK)
+        *ret_connection = connection;
+    else
+        connection_destroy(connection);
+    return status;
+}
+
+void connection_silence(struct connection *connection)
+{
+    while (connection->outgoing.head) {
+        struct exchange *exchange = pop(&connection->outgoing);
+        if (!exchange->expects)
+            exchange_destroy(exchange);
+    }
+    connection_unpark(connection);
+}
+
+void connection_destroy(struct connection *connection)
+{
+    if (!connection)
+        return;
+    connection_silence(connection);
+    exchange_table_finish(&connection->table);
+    frame_parser_finish(&connection->parser);
+    if (connection->socket >= 0)
+        close(connection->socket);
+    memory_free(&library_memory, connection);
+}
+
+bool connection_send(struct connection *connection, struct exchange *exchange, uint64_t now)
+{
+    if (exchange->expects) {
+        if (connection->table.count == 0) {
+            connection->heard_at = now; /* nothing was owed until now */
+            connection->pinged_at = 0;
+        }
+        if (!exchange_table_add(&connection->table, exchange))
+            return false;
+        exchange_seal(exchange, exchange->number);
+    }
+    append(&connection->outgoing, exchange);
+    connection_flush(connection, NULL);
+    return true;
+}
+
+bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter, uint64_t now)
+{
+    struct exchange *exchange = exchange_create(type, 0);
+    if (!exchange)
+        return false;
+    exchange->waiter = waiter;
+    bool sent = connection_send(connection, exchange, now);
+    if (!sent)
+        exchange_destroy(exchange);
+    return sent;
+}
+
+void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count, uint64_t now)
+{
+    struct control_items items = {.count = count, .items = (uint32_t *)(uintptr_t)entries};
+    struct exchange *exchange = exchange_create(FRAME_CANCEL, 0);
+    if (!exchange)
+        return;
+    exchange->expects = false;
+    if (control_pack_items(&items, &library_memory, &exchange->control, NULL) != BVHD_OK) {
+        exchange_destroy(exchange);
+        return;
+    }
+    exchange_seal(exchange, request);
+    connection_send(connection, exchange, now);
+}
+
+/* Room for the control message of the descriptors that go with a frame. */
+union ancillary {
+    char bytes[CMSG_SPACE(sizeof(int) * FRAME_QUEUE)];
+    struct cmsghdr aligned;
+};
+
+static void attach(struct msghdr *message, union ancillary *ancillary, const int *descriptors, uint32_t count)
+{
+    memset(ancillary, 0, sizeof *ancillary);
+    message->msg_control = ancillary->bytes;
+    message->msg_controllen = CMSG_SPACE(sizeof(int) * count);
+    struct cmsghdr *header = CMSG_FIRSTHDR(message);
+    header->cmsg_level = SOL_SOCKET;
+    header->cmsg_type = SCM_RIGHTS;
+    header->cmsg_len = CMSG_LEN(sizeof(int) * count);
+    memcpy(CMSG_DATA(header), descriptors, sizeof(int) * count);
+}
+
+/* The parts of a frame that are not sent yet. */
+static int remaining_parts(const struct exchange *exchange, struct iovec parts[3])
+{
+    const struct bytes all[3] = {{exchange->header, sizeof exchange->header}, exchange->control, exchange->inline_bytes};
+    uint64_t skip = exchange->sent;
+    int count = 0;
+    for (int i = 0; i < 3; i++) {
+        if (skip >= all[i].size) {
+            skip -= all[i].size;
+            continue;
+        }
+        parts[count++] = (struct iovec){(void *)(uintptr_t)(all[i].data + skip), all[i].size - skip};
+        skip = 0;
+    }
+    return count;
+}
+
+/* Bytes sent, or -1 and errno. Descriptors go with the first byte. */
+static ssize_t send_some(int socket, const struct exchange *exchange)
+{
+    struct iovec parts[3];
+    union ancillary ancillary;
+    struct msghdr message = {.msg_iov = parts, .msg_iovlen = (size_t)remaining_parts(exchange, parts)};
+    if (exchange->sent == 0 && exchange->descriptor_count > 0)
+        attach(&message, &ancillary, exchange->descriptors, exchange->descriptor_count);
+    ssize_t result;
+    do
+        result = sendmsg(socket, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
+    while (result < 0 && errno == EINTR);
+    return result;
+}
+
+enum bvhd_status connection_flush(struct connection *connection, struct bvhd_error *error)
+{
+    connection->is_blocked = connection->is_starved = false;
+    while (connection->outgoing.head) {
+        struct exchange *exchange = connection->outgoing.head;
+        ssize_t sent = send_some(connection->socket, exchange);
+        if (sent < 0) {
+            connection->is_blocked = errno == EAGAIN;
+            connection->is_starved = errno == ETOOMANYREFS || errno == ENOBUFS || errno == ENOMEM;
+            if (connection->is_blocked || connection->is_starved)
+                return BVHD_OK;
+            return bvhd_error_set(error, BVHD_UNAVAILABLE, "connection", "the daemon has gone: %s", strerror(errno));
+        }
+        exchange->sent += (uint64_t)sent;
+        if (exchange->sent < exchange_frame_size(exchange))
+            continue;
+        pop(&connection->outgoing);
+        exchange->on_wire = true;
+        if (!exchange->expects)
+            exchange_destroy(exchange);
+    }
+    return BVHD_OK;
+}
+
+static uint32_t take_descriptors(struct msghdr *message, int ret_descriptors[FRAME_QUEUE])
+{
+    uint32_t count = 0;
+    for (struct cmsghdr *header = CMSG_FIRSTHDR(message); header; header = CMSG_NXTHDR(message, header)) {
+        if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS)
+            continue;
+        uint32_t here = (uint32_t)((header->cmsg_len - CMSG_LEN(0)) / sizeof(int));
+        memcpy(ret_descriptors + count, CMSG_DATA(header), here * sizeof(int)); /* the buffer has room for FRAME_QUEUE in all */
+        count += here;
+    }
+    return count;
+}
+
+/* One read into the parser. *ret_more: there may be more to read. */
+static enum bvhd_status read_some(struct connection *connection, uint64_t now, bool *ret_more, struct bvhd_error *error)
+{
+    unsigned char *at;
+    uint64_t size;
+    enum bvhd_status status = frame_parser_space(&connection->parser, &at, &size, error);
+    if (status != BVHD_OK)
+        return status;
+    union ancillary ancillary;
+    struct iovec part = {at, size};
+    struct msghdr message = {
+        .msg_iov = &part, .msg_iovlen = 1, .msg_control = ancillary.bytes, .msg_controllen = sizeof ancillary.bytes};
+    ssize_t got;
+    do
+        got = recvmsg(connection->socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+    while (got < 0 && errno == EINTR);
+    *ret_more = false;
+    if (got < 0 && errno == EAGAIN)
+        return BVHD_OK;
+    if (got <= 0)
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, "connection", "the daemon has gone%s%s", got < 0 ? ": " : "",
+                              got < 0 ? strerror(errno) : "");
+    int descriptors[FRAME_QUEUE];
+    uint32_t count = take_descriptors(&message, descriptors);
+    status = frame_parser_feed(&connection->parser, (uint64_t)got, descriptors, count, error);
+    if (status == BVHD_OK && message.msg_flags & MSG_CTRUNC)
+        status = bvhd_error_set(error, BVHD_IO, "connection", "descriptors were lost: too many files are open");
+    connection->heard_at = now;
+    connection->pinged_at = 0;
+    *ret_more = count > 0 || (uint64_t)got == size; /* a read ends after descriptors, else only where the data do */
+    return status;
+}
+
+static enum bvhd_status handle_frames(struct connection *connection, connection_handler handler, void *context,
+                                      struct bvhd_error *error)
+{
+    for (;;) {
+        struct frame frame;
+        bool found;
+        enum bvhd_status status = frame_parser_next(&connection->parser, &frame, &found, error);
+        if (status != BVHD_OK || !found)
+            return status;
+        status = handler(context, connection, &frame, error);
+        if (status != BVHD_OK)
+            return status;
+    }
+}
+
+enum bvhd_status connection_receive(struct connection *connection, connection_handler handler, void *context, uint64_t now,
+                                    struct bvhd_error *error)
+{
+    bool more = true;
+    for (int i = 0; more && i < READS_AT_ONCE; i++) {
+        enum bvhd_status status = read_some(connection, now, &more, error);
+        if (status == BVHD_OK)
+            status = handle_frames(connection, handler, context, error);
+        if (status != BVHD_OK)
+            return status;
+    }
+    return BVHD_OK;
+}
+
+void connection_park(struct connection *connection, struct exchange *exchange, uint64_t until)
+{
+    exchange->sent = 0;
+    exchange->on_wire = false;
+    exchange->parked = true;
+    append(&connection->parked, exchange);
+    connection->busy_until = until;
+}
+
+struct exchange *connection_unpark(struct connection *connection)
+{
+    struct exchange *first = connection->parked.head;
+    connection->parked = (struct exchange_list){NULL, NULL};
+    connection->busy_until = 0;
+    return first;
+}
+
+void connection_resend(struct connection *connection, struct exchange *exchange)
+{
+    exchange->parked = false;
+    append(&connection->outgoing, exchange);
+    connection_flush(connection, NULL);
+}
+
+static uint32_t sane(uint32_t said, uint32_t unsaid, uint32_t most)
+{
+    uint32_t value = said ? said : unsaid;
+    return value < most ? value : most;
+}
+
+enum bvhd_status connection_welcome(struct connection *connection, const struct control_welcome *welcome, struct bvhd_error *error)
+{
+    if (welcome->version != CONTROL_VERSION)
+        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "connection", "%s speaks version %u of the protocol, this library version %u",
+                              welcome->software[0] ? welcome->software : "the daemon", welcome->version, (unsigned)CONTROL_VERSION);
+    connection->limits = (struct connection_limits){
+        .credits = sane(welcome->credits, DEFAULT_CREDITS, CONTROL_MAX_ITEMS),
+        .max_items = sane(welcome->max_items, CONTROL_MAX_ITEMS, CONTROL_MAX_ITEMS),
+        .max_control = sane(welcome->max_control, FRAME_MAX_CONTROL, FRAME_MAX_CONTROL),
+        .max_inline = sane(welcome->max_inline, FRAME_MAX_INLINE, FRAME_MAX_INLINE),
+        .max_pool = welcome->max_pool,
+        .max_payload = welcome->max_payload ? welcome->max_payload : UINT64_MAX,
+    };
+    connection->credits = connection->limits.credits;
+    connection->state = CONNECTION_OPEN;
+    return BVHD_OK;
+}

@@ -1,0 +1,359 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "incoming.h"
+
+#include <unistd.h>
+
+#include "client_batch.h"
+#include "client_link.h"
+#include "place.h"
+#include "result_blob.h"
+
+enum { MIN_RETRY_MS = 1, MAX_RETRY_MS = 2000 };
+
+/* One frame under judgement. */
+struct arrival {
+    struct bvhd_client *client;
+    struct connection *connection;
+    struct frame *frame;
+    struct exchange *exchange; /* that it answers */
+    uint64_t now;
+    struct bvhd_error *error;
+};
+
+static enum bvhd_status violation(const struct arrival *arrival, const char *text)
+{
+    return bvhd_error_set(arrival->error, BVHD_CORRUPT, place("frame type %u", arrival->frame->header.type).text,
+                          "the daemon breaks the protocol: %s", text);
+}
+
+/* After an answer: the frame is not needed again, and the exchange may be over. */
+static void settle(const struct arrival *arrival)
+{
+    struct exchange *exchange = arrival->exchange;
+    if (exchange->unanswered == 0 && exchange->unprepared == 0)
+        client_link_end(arrival->client, arrival->connection, exchange);
+    else
+        exchange_drop_frame(exchange);
+}
+
+static enum bvhd_status take_welcome(const struct arrival *arrival)
+{
+    struct control_welcome *welcome;
+    enum bvhd_status status = control_unpack_welcome(arrival->frame->control, &library_memory, &welcome, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    status = connection_welcome(arrival->connection, welcome, arrival->error);
+    memory_free(&library_memory, welcome);
+    if (status != BVHD_OK)
+        return status;
+    arrival->client->backoff_ms = 0;
+    arrival->client->last_error.status = BVHD_OK;
+    client_stir(arrival->client);
+    return BVHD_OK;
+}
+
+/* The daemon ends the connection and says why. */
+static enum bvhd_status take_last_words(const struct arrival *arrival)
+{
+    struct bvhd_error *said;
+    enum bvhd_status status = control_unpack_error(arrival->frame->control, &library_memory, &said, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    status = said->status == BVHD_OK || said->status == BVHD_NO_MEMORY ? BVHD_UNAVAILABLE : said->status;
+    bvhd_error_set(arrival->error, status, said->where[0] ? said->where : "connection", "the daemon ended the connection: %s",
+                   said->text);
+    memory_free(&library_memory, said);
+    return status;
+}
+
+/* A place that begins with "infos[3]", counted within the request, in the batch's own count. */
+static void renumber(struct bvhd_error *error, const struct bvhd_batch *batch, uint32_t from, uint32_t to)
+{
+    const char *list = batch->keys ? "keys" : "infos";
+    struct place counted = place("%s[%u]", list, from);
+    size_t length = strlen(counted.text);
+    if (strncmp(error->where, counted.text, length) != 0)
+        return;
+    struct place moved = place("%s[%u]%s", list, to, error->where + length);
+    memcpy(error->where, moved.text, sizeof error->where);
+}
+
+static void fail_entry(struct exchange *exchange, uint32_t index, const struct bvhd_error *error)
+{
+    const struct exchange_entry *entry = &exchange->entries[index];
+    if (!exchange->batch || entry->cancelled)
+        return;
+    struct bvhd_error told = *error;
+    if (told.status == BVHD_OK || told.status == BVHD_PENDING)
+        bvhd_error_set(&told, BVHD_CORRUPT, told.where, "the daemon sent an error that is none");
+    renumber(&told, exchange->batch, index, entry->item);
+    client_batch_fail_item(exchange->batch, entry->item, &told);
+}
+
+/* The bytes of a result: inline, or behind the frame's descriptor. */
+static enum bvhd_status take_blob(const struct arrival *arrival, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+{
+    struct frame *frame = arrival->frame;
+    uint32_t descriptors = frame->header.descriptors;
+    if (size == 0 || descriptors > 1 || (descriptors == 1 && frame->header.inline_size > 0))
+        return bvhd_error_set(error, BVHD_CORRUPT, "result", "%llu bytes in %u descriptors and %u bytes inline",
+                              (unsigned long long)size, descriptors, frame->header.inline_size);
+    if (descriptors == 1) {
+        int descriptor = frame->descriptors[0];
+        frame->descriptors[0] = -1;
+        return result_blob_map(descriptor, size, ret_blob, error);
+    }
+    if (frame->header.inline_size != size)
+        return bvhd_error_set(error, BVHD_CORRUPT, "result", "%u bytes instead of %llu", frame->header.inline_size,
+                              (unsigned long long)size);
+    return result_blob_copy(frame->inline_bytes, ret_blob, error);
+}
+
+static void deliver(const struct arrival *arrival, const struct control_result *result)
+{
+    struct exchange *exchange = arrival->exchange;
+    struct exchange_entry *entry = &exchange->entries[result->item];
+    struct bvhd_error error = result->error;
+    struct bvhd_blob *blob;
+    if (!exchange->batch || entry->cancelled)
+        return;
+    if (error.status == BVHD_OK && take_blob(arrival, result->size, &blob, &error) == BVHD_OK)
+        client_batch_complete_item(exchange->batch, entry->item, result, blob);
+    else
+        fail_entry(exchange, result->item, &error);
+}
+
+static enum bvhd_status take_result(const struct arrival *arrival)
+{
+    struct exchange *exchange = arrival->exchange;
+    if (exchange->count == 0)
+        return violation(arrival, "a result of what has none");
+    struct control_result *result;
+    enum bvhd_status status = control_unpack_result(arrival->frame->control, &library_memory, &result, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    if (result->item >= exchange->count || exchange->entries[result->item].answered) {
+        memory_free(&library_memory, result);
+        return violation(arrival, "a result of no item, or a second one");
+    }
+    deliver(arrival, result);
+    exchange->entries[result->item].answered = true;
+    exchange->unanswered--;
+    arrival->connection->credits++;
+    memory_free(&library_memory, result);
+    settle(arrival);
+    return BVHD_OK;
+}
+
+static enum bvhd_status mark_prepared(const struct arrival *arrival, const struct control_items *items)
+{
+    struct exchange *exchange = arrival->exchange;
+    for (uint32_t i = 0; i < items->count; i++) {
+        uint32_t item = items->items[i];
+        if (item >= exchange->count || exchange->entries[item].prepared)
+            return violation(arrival, "no such item is to be prepared");
+        exchange->entries[item].prepared = true;
+        exchange->unprepared--;
+        placement_release(&arrival->client->placement, &exchange->entries[item].held);
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status take_prepared(const struct arrival *arrival)
+{
+    if (arrival->exchange->type != FRAME_BUILD)
+        return violation(arrival, "nothing is to be prepared");
+    struct control_items *items;
+    enum bvhd_status status = control_unpack_items(arrival->frame->control, &library_memory, &items, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    status = mark_prepared(arrival, items);
+    memory_free(&library_memory, items);
+    if (status == BVHD_OK)
+        settle(arrival);
+    return status;
+}
+
+static void answer_waiter(struct exchange *exchange, const struct bvhd_error *error, struct bvhd_counters *counters)
+{
+    if (!exchange->waiter) {
+        bvhd_counters_destroy(counters);
+        return;
+    }
+    exchange->waiter->error = *error;
+    exchange->waiter->counters = counters;
+    exchange->waiter->done = true;
+}
+
+static void refuse_pool(const struct arrival *arrival)
+{
+    arrival->connection->pool = POOL_REFUSED;
+    client_stir(arrival->client);
+}
+
+/* A request failed as a whole: nothing more comes of it. */
+static enum bvhd_status take_error(const struct arrival *arrival)
+{
+    struct exchange *exchange = arrival->exchange;
+    struct bvhd_error *said;
+    enum bvhd_status status = control_unpack_error(arrival->frame->control, &library_memory, &said, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    for (uint32_t i = 0; i < exchange->count; i++)
+        if (!exchange->entries[i].answered)
+            fail_entry(exchange, i, said);
+    if (exchange->type == FRAME_POOL)
+        refuse_pool(arrival);
+    answer_waiter(exchange, said, NULL);
+    memory_free(&library_memory, said);
+    arrival->connection->credits += exchange->unanswered;
+    client_link_end(arrival->client, arrival->connection, exchange);
+    client_stir(arrival->client);
+    return BVHD_OK;
+}
+
+/* Between 1 and 1.5 times what the daemon says, so that not all clients come back at once. */
+static uint64_t retry_moment(struct bvhd_client *client, uint32_t retry_ms, uint64_t now)
+{
+    uint32_t ms = retry_ms < MIN_RETRY_MS ? MIN_RETRY_MS : retry_ms > MAX_RETRY_MS ? MAX_RETRY_MS : retry_ms;
+    client->random = client->random * 1664525 + 1013904223;
+    return now + ms * LIBRARY_MS + (ms * LIBRARY_MS / 2 >> 16) * (client->random >> 16);
+}
+
+static enum bvhd_status take_busy(const struct arrival *arrival)
+{
+    struct exchange *exchange = arrival->exchange;
+    struct control_busy *busy;
+    if (exchange->count > 0 && (exchange->unanswered < exchange->count || exchange_is_prepared(exchange)))
+        return violation(arrival, "a request that was taken cannot be refused");
+    enum bvhd_status status = control_unpack_busy(arrival->frame->control, &library_memory, &busy, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    uint64_t until = retry_moment(arrival->client, busy->retry_ms, arrival->now);
+    memory_free(&library_memory, busy);
+    if (exchange->type == FRAME_POOL) {
+        refuse_pool(arrival);
+        client_link_end(arrival->client, arrival->connection, exchange);
+    } else {
+        connection_park(arrival->connection, exchange, until);
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status take_done(const struct arrival *arrival)
+{
+    if (arrival->exchange->type != FRAME_POOL)
+        return violation(arrival, "DONE for what is no POOL");
+    arrival->connection->pool = POOL_READY;
+    client_link_end(arrival->client, arrival->connection, arrival->exchange);
+    return BVHD_OK;
+}
+
+static enum bvhd_status take_pong(const struct arrival *arrival)
+{
+    if (arrival->exchange->type != FRAME_PING)
+        return violation(arrival, "PONG for what is no PING");
+    struct bvhd_error ok = {.status = BVHD_OK};
+    answer_waiter(arrival->exchange, &ok, NULL);
+    client_link_end(arrival->client, arrival->connection, arrival->exchange);
+    client_stir(arrival->client);
+    return BVHD_OK;
+}
+
+static enum bvhd_status take_counters(const struct arrival *arrival)
+{
+    if (arrival->exchange->type != FRAME_STATS)
+        return violation(arrival, "counters that nobody asked for");
+    struct control_counters *message;
+    enum bvhd_status status = control_unpack_counters(arrival->frame->control, &library_memory, &message, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    struct bvhd_counters *counters = counter_list_create(message);
+    struct bvhd_error result = {.status = BVHD_OK};
+    if (!counters)
+        bvhd_error_set(&result, BVHD_NO_MEMORY, "counters", "no memory for them");
+    answer_waiter(arrival->exchange, &result, counters);
+    client_link_end(arrival->client, arrival->connection, arrival->exchange);
+    client_stir(arrival->client);
+    return BVHD_OK;
+}
+
+/* Frames about the connection itself. */
+static enum bvhd_status take_connection_frame(const struct arrival *arrival)
+{
+    bool is_hello = arrival->connection->state == CONNECTION_HELLO;
+    switch (arrival->frame->header.type) {
+    case FRAME_WELCOME:
+        return is_hello ? take_welcome(arrival) : violation(arrival, "a second WELCOME");
+    case FRAME_ERROR:
+        return take_last_words(arrival);
+    case FRAME_GOODBYE:
+        if (is_hello)
+            return bvhd_error_set(arrival->error, BVHD_UNAVAILABLE, "connection", "the daemon is about to end");
+        client_link_leave(arrival->client, arrival->connection, arrival->now);
+        return BVHD_OK;
+    default:
+        return violation(arrival, "it belongs to no request");
+    }
+}
+
+static enum bvhd_status take_answer(struct arrival *arrival)
+{
+    if (arrival->connection->state == CONNECTION_HELLO)
+        return violation(arrival, "an answer before WELCOME");
+    arrival->exchange = exchange_table_find(&arrival->connection->table, arrival->frame->header.request);
+    if (!arrival->exchange || !arrival->exchange->on_wire)
+        return violation(arrival, "an answer to no request");
+    switch (arrival->frame->header.type) {
+    case FRAME_DONE:
+        return take_done(arrival);
+    case FRAME_ERROR:
+        return take_error(arrival);
+    case FRAME_BUSY:
+        return take_busy(arrival);
+    case FRAME_PREPARED:
+        return take_prepared(arrival);
+    case FRAME_RESULT:
+        return take_result(arrival);
+    case FRAME_COUNTERS:
+        return take_counters(arrival);
+    case FRAME_PONG:
+        return take_pong(arrival);
+    default:
+        return violation(arrival, "it answers nothing");
+    }
+}
+
+static enum bvhd_status handle(void *context, struct connection *connection, struct frame *frame, struct bvhd_error *error)
+{
+    struct arrival arrival = {context, connection, frame, NULL, connection->heard_at, error};
+    enum bvhd_status status = BVHD_OK;
+    uint16_t type = frame->header.type;
+    if (type < FRAME_WELCOME)
+        status = violation(&arrival, "only clients send it");
+    else if (type <= FRAME_GOODBYE) /* later versions may tell what this one does not know */
+        status = frame->header.request == 0 ? take_connection_frame(&arrival) : take_answer(&arrival);
+    for (uint32_t i = 0; i < frame->header.descriptors; i++)
+        if (frame->descriptors[i] >= 0)
+            close(frame->descriptors[i]);
+    return status;
+}
+
+static void receive(struct bvhd_client *client, struct connection *connection, uint64_t now)
+{
+    struct bvhd_error error;
+    if (!connection)
+        return;
+    enum bvhd_status status = connection_receive(connection, handle, client, now, &error);
+    if (status == BVHD_OK && (connection->is_blocked || connection->is_starved))
+        status = connection_flush(connection, &error);
+    if (status != BVHD_OK)
+        client_link_lose(client, connection, &error);
+}
+
+void incoming_receive(struct bvhd_client *client, uint64_t now)
+{
+    receive(client, client->leaving, now);
+    receive(client, client->current, now);
+    client_link_tidy(client);
+}

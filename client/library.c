@@ -1,0 +1,57 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "library.h"
+
+#include <limits.h>
+#include <time.h>
+
+#include <bvhd/bvhd.h>
+
+#include "key.h"
+#include "status.h"
+
+_Static_assert((int)BVHD_KEY_SIZE == (int)KEY_SIZE && (int)BVHD_KEY_TEXT_SIZE == (int)KEY_TEXT_SIZE, "one kind of key");
+
+struct memory library_memory = {.limit = UINT64_MAX, .fail_after = -1};
+
+uint64_t library_now(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000 * LIBRARY_MS + (uint64_t)now.tv_nsec;
+}
+
+uint64_t library_after(uint64_t now, int64_t ms)
+{
+    return ms < 0 ? LIBRARY_NEVER : now + (uint64_t)ms * LIBRARY_MS;
+}
+
+int library_poll_ms(uint64_t now, uint64_t moment)
+{
+    if (moment == LIBRARY_NEVER)
+        return -1;
+    if (moment <= now)
+        return 0;
+    uint64_t ms = (moment - now + LIBRARY_MS - 1) / LIBRARY_MS;
+    return ms > INT_MAX ? INT_MAX : (int)ms;
+}
+
+const char *bvhd_version(void)
+{
+    return BVHD_VERSION;
+}
+
+void bvhd_key_to_text(const struct bvhd_key *key, char ret_text[BVHD_KEY_TEXT_SIZE])
+{
+    struct key copy;
+    memcpy(copy.bytes, key->bytes, sizeof copy.bytes);
+    key_to_text(&copy, ret_text);
+}
+
+enum bvhd_status bvhd_key_from_text(const char *text, struct bvhd_key *ret_key)
+{
+    struct key key;
+    if (key_from_text(text, &key) != 0)
+        return BVHD_INVALID;
+    memcpy(ret_key->bytes, key.bytes, sizeof key.bytes);
+    return BVHD_OK;
+}

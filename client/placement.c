@@ -1,0 +1,157 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "placement.h"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "memfd.h"
+#include "rows.h"
+
+/* What a memfd of its own is filled from. */
+struct source {
+    const struct build_input *input; /* NULL: bytes */
+    const unsigned char *bytes;
+};
+
+void placement_init(struct placement *placement, struct memory *memory, uint64_t pool_size)
+{
+    *placement = (struct placement){.memory = memory, .wanted_size = pool_size, .pool_size = pool_size, .descriptor = -1};
+}
+
+static void close_pool(struct placement *placement)
+{
+    if (placement->descriptor < 0)
+        return;
+    munmap(placement->bytes, placement->pool_size);
+    close(placement->descriptor);
+    arena_finish(&placement->arena);
+    placement->descriptor = -1;
+    placement->bytes = NULL;
+}
+
+void placement_finish(struct placement *placement)
+{
+    close_pool(placement);
+}
+
+bool placement_limit(struct placement *placement, uint64_t size)
+{
+    uint64_t allowed = placement->wanted_size < size ? placement->wanted_size : size;
+    if (placement->descriptor >= 0) {
+        if (placement->pool_size <= allowed)
+            return true;
+        if (placement->arena.taken > 0)
+            return false;
+        close_pool(placement);
+    }
+    placement->pool_size = allowed;
+    return true;
+}
+
+static enum bvhd_status map_pool(struct placement *placement)
+{
+    int descriptor;
+    unsigned char *bytes;
+    enum bvhd_status status = memfd_create_mapped("bvhd-pool", placement->pool_size, &descriptor, &bytes, NULL);
+    if (status != BVHD_OK)
+        return status;
+    status = memfd_seal(descriptor, F_SEAL_SHRINK | F_SEAL_GROW, NULL);
+    if (status == BVHD_OK && !arena_init(&placement->arena, placement->memory, placement->pool_size))
+        status = BVHD_NO_MEMORY;
+    if (status != BVHD_OK) {
+        munmap(bytes, placement->pool_size);
+        close(descriptor);
+        return status;
+    }
+    placement->descriptor = descriptor;
+    placement->bytes = bytes;
+    return BVHD_OK;
+}
+
+static bool take_from_pool(struct placement *placement, uint64_t size, uint64_t *ret_offset)
+{
+    if (size > placement->pool_size || (placement->descriptor < 0 && map_pool(placement) != BVHD_OK))
+        return false;
+    return arena_take(&placement->arena, size, ret_offset);
+}
+
+/* Every byte is written, zeros too: the daemon takes no memfd with holes. */
+static enum bvhd_status make_memfd(const struct source *source, uint64_t size, int *ret_descriptor, struct bvhd_error *error)
+{
+    int descriptor;
+    unsigned char *bytes;
+    enum bvhd_status status = memfd_create_mapped("bvhd-payload", size, &descriptor, &bytes, error);
+    if (status != BVHD_OK)
+        return status;
+    if (source->input)
+        rows_write(source->input, bytes);
+    else
+        memcpy(bytes, source->bytes, size);
+    munmap(bytes, size);
+    status = memfd_seal(descriptor, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL, error);
+    if (status != BVHD_OK)
+        close(descriptor);
+    else
+        *ret_descriptor = descriptor;
+    return status;
+}
+
+/* While others are out a failure is only a shortage: theirs come back. */
+static enum bvhd_status take_memfd(struct placement *placement, const struct source *source, uint64_t size, struct held *ret_held,
+                                   struct bvhd_error *error)
+{
+    if (placement->memfds == PLACEMENT_MAX_MEMFDS)
+        return BVHD_BUSY;
+    int descriptor;
+    enum bvhd_status status = make_memfd(source, size, &descriptor, error);
+    if (status != BVHD_OK)
+        return placement->memfds > 0 ? BVHD_BUSY : status;
+    placement->memfds++;
+    *ret_held = (struct held){.kind = HELD_MEMFD, .descriptor = descriptor, .size = size};
+    return BVHD_OK;
+}
+
+/* What takes up to half of the pool waits for room in it; more than that would wait for too many others. */
+enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size, struct held *ret_held,
+                                struct bvhd_error *error)
+{
+    uint64_t offset;
+    if (take_from_pool(placement, size, &offset)) {
+        rows_write(input, placement->bytes + offset);
+        *ret_held = (struct held){.kind = HELD_POOL, .descriptor = -1, .offset = offset, .size = size};
+        return BVHD_OK;
+    }
+    if (size <= placement->pool_size / 2 && placement->descriptor >= 0 && placement->arena.taken > 0)
+        return BVHD_BUSY;
+    struct source source = {.input = input};
+    return take_memfd(placement, &source, size, ret_held, error);
+}
+
+const unsigned char *placement_bytes(const struct placement *placement, const struct held *held)
+{
+    return placement->bytes + held->offset;
+}
+
+enum bvhd_status placement_move_out(struct placement *placement, struct held *held, struct bvhd_error *error)
+{
+    struct source source = {.bytes = placement_bytes(placement, held)};
+    struct held moved;
+    enum bvhd_status status = take_memfd(placement, &source, held->size, &moved, error);
+    if (status != BVHD_OK)
+        return status;
+    placement_release(placement, held);
+    *held = moved;
+    return BVHD_OK;
+}
+
+void placement_release(struct placement *placement, struct held *held)
+{
+    if (held->kind == HELD_POOL)
+        arena_give(&placement->arena, held->offset, held->size);
+    if (held->kind == HELD_MEMFD) {
+        close(held->descriptor);
+        placement->memfds--;
+    }
+    *held = (struct held){.kind = HELD_NOTHING, .descriptor = -1};
+}

@@ -1,0 +1,104 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "result_blob.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdatomic.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "library.h"
+
+/* Mapping the pages of a result that is about to be read costs less at once than one by one; of a large one few may be read. */
+enum { POPULATE_MAX = 4 << 20 };
+
+struct bvhd_blob {
+    atomic_uint refs;
+    bool mapped; /* else from library_memory */
+    void *data;
+    uint64_t size;
+};
+
+static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+{
+    struct bvhd_blob *blob = memory_alloc(&library_memory, sizeof *blob);
+    if (!blob)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "result", "no memory for it");
+    *blob = (struct bvhd_blob){.mapped = mapped, .data = data, .size = size};
+    atomic_init(&blob->refs, 1);
+    *ret_blob = blob;
+    return BVHD_OK;
+}
+
+enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+{
+    void *data = memory_alloc(&library_memory, bytes.size);
+    if (!data)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "result", "no memory for %llu bytes", (unsigned long long)bytes.size);
+    memcpy(data, bytes.data, bytes.size);
+    enum bvhd_status status = create(data, bytes.size, false, ret_blob, error);
+    if (status != BVHD_OK)
+        memory_free(&library_memory, data);
+    return status;
+}
+
+/* The seals make sure that the bytes stay as they are, and that reading them never meets the end of the file. */
+static enum bvhd_status check(int descriptor, uint64_t size, struct bvhd_error *error)
+{
+    int seals = fcntl(descriptor, F_GET_SEALS), wanted = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE;
+    struct stat file;
+    if (seals < 0 || (seals & wanted) != wanted)
+        return bvhd_error_set(error, BVHD_CORRUPT, "result.descriptor", "not a sealed memfd");
+    if (fstat(descriptor, &file) != 0 || file.st_size < 0 || (uint64_t)file.st_size < size)
+        return bvhd_error_set(error, BVHD_CORRUPT, "result.descriptor", "less than %llu bytes", (unsigned long long)size);
+    return BVHD_OK;
+}
+
+static enum bvhd_status map(int descriptor, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+{
+    enum bvhd_status status = check(descriptor, size, error);
+    if (status != BVHD_OK)
+        return status;
+    void *data = mmap(NULL, size, PROT_READ, MAP_PRIVATE | (size <= POPULATE_MAX ? MAP_POPULATE : 0), descriptor, 0);
+    if (data == MAP_FAILED)
+        return bvhd_error_set(error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO, "result", "mmap: %s", strerror(errno));
+    status = create(data, size, true, ret_blob, error);
+    if (status != BVHD_OK)
+        munmap(data, size);
+    return status;
+}
+
+enum bvhd_status result_blob_map(int descriptor, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+{
+    enum bvhd_status status = map(descriptor, size, ret_blob, error);
+    close(descriptor);
+    return status;
+}
+
+struct bvhd_blob *bvhd_blob_ref(struct bvhd_blob *blob)
+{
+    atomic_fetch_add_explicit(&blob->refs, 1, memory_order_relaxed);
+    return blob;
+}
+
+void bvhd_blob_unref(struct bvhd_blob *blob)
+{
+    if (!blob || atomic_fetch_sub_explicit(&blob->refs, 1, memory_order_acq_rel) != 1)
+        return;
+    if (blob->mapped)
+        munmap(blob->data, blob->size);
+    else
+        memory_free(&library_memory, blob->data);
+    memory_free(&library_memory, blob);
+}
+
+const void *bvhd_blob_data(const struct bvhd_blob *blob)
+{
+    return blob->data;
+}
+
+uint64_t bvhd_blob_size(const struct bvhd_blob *blob)
+{
+    return blob->size;
+}
