@@ -1,0 +1,120 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "unit.h"
+
+#include "fair_queue.h"
+#include "random.h"
+
+static void test_an_empty_queue_has_nobody(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_entry entry = {0};
+    assert_null(fair_queue_peek(&queue));
+    fair_queue_remove(&queue, &entry);
+    assert_int_equal(queue.count, 0);
+}
+
+static void test_lanes_take_turns(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_lane lanes[3] = {0};
+    struct fair_entry entries[3][4] = {0};
+    for (int lane = 0; lane < 3; lane++)
+        for (int i = 0; i < 4 - lane; i++)
+            fair_queue_add(&queue, &lanes[lane], &entries[lane][i], 1);
+    static const int want[][2] = {{0, 0}, {1, 0}, {2, 0}, {0, 1}, {1, 1}, {2, 1}, {0, 2}, {1, 2}, {0, 3}};
+    for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
+        assert_ptr_equal(fair_queue_peek(&queue), &entries[want[i][0]][want[i][1]]);
+        fair_queue_pop(&queue);
+    }
+    assert_null(fair_queue_peek(&queue));
+    assert_int_equal(queue.count, 0);
+}
+
+static void test_a_new_lane_comes_last(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_lane lanes[3] = {0};
+    struct fair_entry entries[5] = {0};
+    fair_queue_add(&queue, &lanes[0], &entries[0], 1);
+    fair_queue_add(&queue, &lanes[0], &entries[1], 1);
+    fair_queue_add(&queue, &lanes[1], &entries[2], 1);
+    fair_queue_pop(&queue); /* now it is lane 1's turn */
+    fair_queue_add(&queue, &lanes[2], &entries[3], 1);
+    assert_ptr_equal(fair_queue_peek(&queue), &entries[2]);
+    fair_queue_pop(&queue);
+    assert_ptr_equal(fair_queue_peek(&queue), &entries[1]);
+    fair_queue_pop(&queue);
+    assert_ptr_equal(fair_queue_peek(&queue), &entries[3]);
+    fair_queue_pop(&queue);
+    assert_null(fair_queue_peek(&queue));
+}
+
+static void test_priority_goes_before_age_within_a_lane(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_lane lanes[2] = {0};
+    struct fair_entry low = {0}, normal = {0}, high = {0}, second = {0}, other = {0};
+    fair_queue_add(&queue, &lanes[0], &low, 2);
+    fair_queue_add(&queue, &lanes[1], &other, 2);
+    fair_queue_add(&queue, &lanes[0], &normal, 1);
+    fair_queue_add(&queue, &lanes[0], &high, 0);
+    fair_queue_add(&queue, &lanes[0], &second, 0);
+    struct fair_entry *const want[] = {&high, &other, &second, &normal, &low};
+    for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
+        assert_ptr_equal(fair_queue_peek(&queue), want[i]);
+        fair_queue_pop(&queue);
+    }
+}
+
+/* Against a list in the order of arrival, from which each lane's next is searched. */
+static void test_random_operations_match_a_list(void **state)
+{
+    (void)state;
+    enum { LANES = 5, ENTRIES = 40, STEPS = 20000 };
+    struct fair_queue queue = {0};
+    struct fair_lane lanes[LANES] = {0};
+    struct fair_entry entries[ENTRIES] = {0};
+    struct fair_lane *where[ENTRIES] = {0};
+    uint64_t arrived[ENTRIES] = {0}, clock = 0;
+    struct random random = {7};
+    for (int step = 0; step < STEPS; step++) {
+        uint32_t pick = (uint32_t)(random_next(&random) % ENTRIES), count = 0;
+        if (!where[pick]) {
+            where[pick] = &lanes[random_next(&random) % LANES];
+            arrived[pick] = ++clock;
+            fair_queue_add(&queue, where[pick], &entries[pick], (uint32_t)(random_next(&random) % FAIR_PRIORITIES));
+        } else if (random_next(&random) % 2) {
+            fair_queue_remove(&queue, &entries[pick]);
+            where[pick] = NULL;
+        } else {
+            struct fair_entry *next = fair_queue_peek(&queue);
+            int at = (int)(next - entries);
+            for (int i = 0; i < ENTRIES; i++)
+                if (where[i] == where[at] && i != at)
+                    assert_true(entries[i].priority > next->priority ||
+                                (entries[i].priority == next->priority && arrived[i] > arrived[at]));
+            fair_queue_pop(&queue);
+            where[at] = NULL;
+        }
+        for (int i = 0; i < ENTRIES; i++) {
+            count += where[i] != NULL;
+            assert_ptr_equal(entries[i].lane, where[i]);
+        }
+        assert_int_equal(queue.count, count);
+        assert_int_equal(fair_queue_peek(&queue) != NULL, count > 0);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_an_empty_queue_has_nobody),      cmocka_unit_test(test_lanes_take_turns),
+        cmocka_unit_test(test_a_new_lane_comes_last),          cmocka_unit_test(test_priority_goes_before_age_within_a_lane),
+        cmocka_unit_test(test_random_operations_match_a_list),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
