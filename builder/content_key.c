@@ -15,10 +15,10 @@ struct part {
     size_t size;
 };
 
-static bool digest_parts(const struct part *parts, int count, struct key *ret_digest)
+static bool digest_parts(const EVP_MD *hash, const struct part *parts, int count, struct key *ret_digest)
 {
     EVP_MD_CTX *context = EVP_MD_CTX_new();
-    bool good = context && EVP_DigestInit_ex(context, EVP_sha256(), NULL) == 1;
+    bool good = context && EVP_DigestInit_ex(context, hash, NULL) == 1;
     for (int i = 0; good && i < count; i++)
         good = EVP_DigestUpdate(context, parts[i].data, parts[i].size) == 1;
     good = good && EVP_DigestFinal_ex(context, ret_digest->bytes, NULL) == 1;
@@ -27,6 +27,7 @@ static bool digest_parts(const struct part *parts, int count, struct key *ret_di
 }
 
 struct leaves {
+    const EVP_MD *hash;
     struct bytes block;
     struct key *digests;
     atomic_bool failed;
@@ -40,7 +41,7 @@ static void digest_leaf(void *context, size_t index)
     unsigned char length[8];
     bytes_put64(length, end - begin);
     const struct part parts[] = {{leaf_domain, sizeof leaf_domain}, {length, sizeof length}, {leaves->block.data + begin, end - begin}};
-    if (!digest_parts(parts, 3, &leaves->digests[index]))
+    if (!digest_parts(leaves->hash, parts, 3, &leaves->digests[index]))
         atomic_store_explicit(&leaves->failed, true, memory_order_relaxed);
 }
 
@@ -61,33 +62,47 @@ static struct root describe_root(uint64_t size, enum build_quality quality, cons
     return root;
 }
 
+/* The leaves' digests are there, or there are none. */
+static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_count, const struct root *root, struct key *ret_key,
+                                    struct bvhd_error *error)
+{
+    const struct part parts[] = {
+        {root_domain, sizeof root_domain}, {root->bytes, sizeof root->bytes}, {leaves->digests, leaf_count * sizeof *leaves->digests}};
+    struct key key;
+    if (atomic_load_explicit(&leaves->failed, memory_order_relaxed) || !digest_parts(leaves->hash, parts, 3, &key))
+        return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");
+    *ret_key = key;
+    return BVHD_OK;
+}
+
+static enum bvhd_status digest_all(struct leaves *leaves, const struct root *root, const struct build_context *context,
+                                   struct key *ret_key, struct bvhd_error *error)
+{
+    uint64_t count = leaves->block.size / CONTENT_KEY_LEAF + (leaves->block.size % CONTENT_KEY_LEAF != 0);
+    if (count > 0) {
+        leaves->digests = memory_array(context->memory, count, sizeof *leaves->digests);
+        if (!leaves->digests)
+            return bvhd_error_set(error, BVHD_NO_MEMORY, "key", "out of memory for %llu digests", (unsigned long long)count);
+    }
+    if (!parallel_for_until(context->parallel, context->cancel, count, digest_leaf, leaves))
+        return bvhd_error_set(error, BVHD_CANCELLED, "key", "cancelled");
+    return digest_root(leaves, count, root, ret_key, error);
+}
+
 enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,
                              const struct build_context *context, struct key *ret_key, struct bvhd_error *error)
 {
     const struct layout *layout = layout_find(target);
     if (!layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)target);
-
-    uint64_t leaf_count = canonical->size / CONTENT_KEY_LEAF + (canonical->size % CONTENT_KEY_LEAF != 0);
-    struct leaves leaves = {.block = {canonical->bytes, canonical->size}};
-    if (leaf_count > 0) {
-        leaves.digests = memory_array(context->memory, leaf_count, sizeof *leaves.digests);
-        if (!leaves.digests)
-            return bvhd_error_set(error, BVHD_NO_MEMORY, "key", "out of memory for %llu digests", (unsigned long long)leaf_count);
-    }
-    if (!parallel_for_until(context->parallel, context->cancel, leaf_count, digest_leaf, &leaves)) {
-        memory_free(context->memory, leaves.digests);
-        return bvhd_error_set(error, BVHD_CANCELLED, "key", "cancelled");
-    }
-
+    /* Once for all leaves: looking it up takes locks that threads would wait for. */
+    EVP_MD *hash = EVP_MD_fetch(NULL, "SHA256", NULL);
+    if (!hash)
+        return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library has no SHA-256");
+    struct leaves leaves = {.hash = hash, .block = {canonical->bytes, canonical->size}};
     struct root root = describe_root(canonical->size, quality, layout, layout_flags);
-    const struct part parts[] = {
-        {root_domain, sizeof root_domain}, {root.bytes, sizeof root.bytes}, {leaves.digests, leaf_count * sizeof *leaves.digests}};
-    struct key key;
-    bool good = !atomic_load_explicit(&leaves.failed, memory_order_relaxed) && digest_parts(parts, 3, &key);
+    enum bvhd_status status = digest_all(&leaves, &root, context, ret_key, error);
     memory_free(context->memory, leaves.digests);
-    if (!good)
-        return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");
-    *ret_key = key;
-    return BVHD_OK;
+    EVP_MD_free(hash);
+    return status;
 }

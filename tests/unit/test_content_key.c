@@ -7,7 +7,7 @@
 #include "content_key.h"
 #include "workers.h"
 
-enum { LEAF = 1 << 20, LARGEST = 3 * LEAF + 5 };
+enum { LEAF = 1 << 16, LARGEST = 3 * LEAF + 5 };
 
 struct fixture {
     unsigned char *bytes;
