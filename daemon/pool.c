@@ -8,12 +8,22 @@
 #include "pool_inside.h"
 #include "processor.h"
 
+/* The lock is held for less than a microsecond, so who finds it closed looks again for a moment; sleeping at once makes queues of sleepers. */
+static void init_lock(pthread_mutex_t *lock)
+{
+    pthread_mutexattr_t attributes;
+    pthread_mutexattr_init(&attributes);
+    pthread_mutexattr_settype(&attributes, PTHREAD_MUTEX_ADAPTIVE_NP);
+    pthread_mutex_init(lock, &attributes);
+    pthread_mutexattr_destroy(&attributes);
+}
+
 static struct pool *allocate(unsigned threads)
 {
     struct pool *pool = calloc(1, sizeof *pool + (threads + (size_t)POOL_SPARE_THREADS) * sizeof pool->all_threads[0]);
     if (!pool)
         return NULL;
-    pthread_mutex_init(&pool->lock, NULL);
+    init_lock(&pool->lock);
     pool->threads = threads;
     pool->ended_end = &pool->ended;
     return pool;

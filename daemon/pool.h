@@ -31,6 +31,7 @@ struct pool_turn;
 
 /* Lives in its owner's struct, from pool_submit until done() is called. Zeroed, then filled by the owner down to the line. */
 struct pool_job {
+    /* `parallel` is for run() and its tasks, until run() returns; on any other thread its for_each does all tasks itself. */
     void (*run)(struct pool_job *job, const struct parallel *parallel); /* on a worker; looks at `cancel` by itself */
     void (*done)(struct pool_job *job); /* on the loop, from pool_collect; the job is its owner's again */
     struct pool_turn *turn;
@@ -52,18 +53,22 @@ struct pool_job {
 enum bvhd_status pool_create(unsigned threads, void (*wake)(void *context), void *wake_context, struct pool **ret_pool,
                              struct bvhd_error *error);
 
-/* All jobs must be done. Waits for the threads. NULL-safe. */
+/* All jobs must be done and all turns ended. Waits for the threads, one of which may still be in `wake`. NULL-safe. */
 void pool_destroy(struct pool *pool);
 
 unsigned pool_threads(const struct pool *pool);
 
-/* A client's claim to turns. NULL without memory. It may end while its jobs still run: they keep it. */
+/* A client's claim to turns. NULL without memory. It may end while its jobs still wait or run: they keep it until the last is done. */
 struct pool_turn *pool_turn_create(struct pool *pool);
 void pool_turn_end(struct pool *pool, struct pool_turn *turn);
 
+/* A job whose done() has been called may come again; its `cancel` stays as it is. */
 void pool_submit(struct pool *pool, struct pool_job *job);
 
-/* A queued job is withdrawn and its done() comes with the next pool_collect; one that runs has its flag set. Harmless when repeated or late. */
+/*
+ * Sets the flag. A queued job is withdrawn, and its done() comes with the next pool_collect. Harmless when repeated, or late, as long as the
+ * job's memory is there.
+ */
 void pool_cancel(struct pool *pool, struct pool_job *job);
 
 /* Calls done() of the jobs that have ended, in the order in which they did; done() may submit and cancel. */
@@ -71,8 +76,9 @@ void pool_collect(struct pool *pool);
 
 struct pool_load {
     uint32_t queued, running; /* jobs */
-    uint64_t busy_ns; /* time that threads have spent in jobs and tasks so far, all together */
-    uint64_t jobs_done;
+    uint64_t
+        busy_ns; /* time that threads have spent in jobs and tasks so far, all together; waiting for other threads' tasks is none */
+    uint64_t jobs_done; /* those that ran */
 };
 
 struct pool_load pool_load(struct pool *pool);

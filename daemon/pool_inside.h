@@ -99,9 +99,8 @@ struct pool {
     bool to_tell;
 
     unsigned started; /* of all_threads; constant after the start */
-    char apart[POOL_CACHE_LINE]; /* what all threads look at without the lock is not in a line with what changes all the time */
+    char apart[POOL_CACHE_LINE]; /* what threads look at without the lock is not in a line with what changes all the time */
     atomic_uint posted; /* changes when work comes for a spinning thread; written under the lock */
-    atomic_uint attention; /* changes when helpers should ask whether to go on; written under the lock */
     char apart_too[POOL_CACHE_LINE];
     struct pool_thread all_threads[];
 };
@@ -120,11 +119,6 @@ static inline void pool_lock(struct pool *pool)
 
 /* Opens the lock, then wakes who was called meanwhile. */
 void pool_unlock(struct pool *pool);
-
-static inline void pool_changed(atomic_uint *counter)
-{
-    atomic_fetch_add_explicit(counter, 1, memory_order_relaxed);
-}
 
 /* pool.c */
 
@@ -145,7 +139,7 @@ void pool_threads_wake(struct pool *pool, struct pool_thread *thread);
 /* Sleeps until pool_threads_wake; opens the lock meanwhile. */
 void pool_threads_sleep(struct pool *pool, struct pool_thread *self);
 
-/* After work has come for `count` threads: calls those that are free; when there are too few, spare threads and helpers hear of it. */
+/* After work has come for `count` threads: calls those that are free; when there are too few, a spare one where that is due. */
 void pool_threads_call(struct pool *pool, size_t count, uint64_t now);
 
 /* The calling thread spends time on a turn from here on, or no longer. */

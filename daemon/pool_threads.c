@@ -61,12 +61,18 @@ void pool_threads_pause(struct pool *pool, struct pool_turn *turn, uint64_t now)
     }
 }
 
+/* To spinning threads. */
+static void announce(struct pool *pool)
+{
+    atomic_fetch_add_explicit(&pool->posted, 1, memory_order_relaxed);
+}
+
 /* One more thread to look for work; false when all are at it. */
 static bool call_one(struct pool *pool)
 {
     if (pool->promised < pool->spinning) {
         pool->promised++;
-        pool_changed(&pool->posted);
+        announce(pool);
     } else if (pool->idle) {
         struct pool_thread *thread = pool->idle;
         pool->idle = thread->next;
@@ -89,11 +95,8 @@ void pool_threads_call(struct pool *pool, size_t count, uint64_t now)
 {
     while (count > 0 && pool->active + pool->coming < pool->threads && call_one(pool))
         count--;
-    if (count == 0)
-        return;
-    call_spare(pool, now);
-    if (pool->queued > 0 || pool->running > 1)
-        pool_changed(&pool->attention);
+    if (count > 0)
+        call_spare(pool, now);
 }
 
 static void begin(struct pool *pool, struct pool_turn *turn, uint64_t now)
@@ -101,8 +104,6 @@ static void begin(struct pool *pool, struct pool_turn *turn, uint64_t now)
     pool->active++;
     pool_threads_resume(pool, turn, now);
     call_spare(pool, now);
-    if (pool->active > pool->threads)
-        pool_changed(&pool->attention);
 }
 
 static void end(struct pool *pool, struct pool_turn *turn, uint64_t now)
@@ -169,9 +170,7 @@ static struct pool_work find_work(struct pool *pool, uint64_t now)
 {
     if (pool->active < pool->threads)
         return pool_turns_next(pool, now);
-    if (pool->active < pool->threads + POOL_SPARE_THREADS)
-        return (struct pool_work){NULL, pool_turns_spare_job(pool, now)};
-    return (struct pool_work){NULL, NULL};
+    return (struct pool_work){NULL, pool_turns_spare_job(pool, now)};
 }
 
 /* Looks around for a while, then sleeps. */
@@ -244,7 +243,7 @@ void pool_threads_stop(struct pool *pool)
 {
     pool_lock(pool);
     pool->stop = true;
-    pool_changed(&pool->posted);
+    announce(pool);
     for (struct pool_thread *thread = pool->idle, *next; thread; thread = next) {
         next = thread->next;
         pool_threads_wake(pool, thread);

@@ -103,7 +103,7 @@ struct pool_work pool_turns_next(struct pool *pool, uint64_t now)
 
 bool pool_turns_leave(struct pool *pool, const struct pool_call *call, uint64_t now)
 {
-    /* Spare threads have started something: then there is one thread more than there should be, and only helpers can go. */
+    /* A spare thread has started something: there are more at work than there should be, and only helpers can go. */
     if (pool->active > pool->threads)
         return true;
     return least_served(pool, call->run->job->turn, now).call != call;

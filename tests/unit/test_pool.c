@@ -3,6 +3,7 @@
 
 #include <sched.h>
 #include <signal.h>
+#include <time.h>
 
 static void a_job_runs_and_is_done(void **state)
 {
@@ -380,6 +381,26 @@ static void signals_go_to_the_program(void **state)
     loop_finish(&loop);
 }
 
+static void idle_threads_sleep(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step step;
+    struct timespec before, after;
+    loop_init(&loop, 8);
+    struct pool_turn *turn = loop_turn(&loop);
+    step_init(&step, &loop, turn, 10);
+    step_submit(&step);
+    step_await(&loop, &step);
+    steps_sleep_ms(5);
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &before);
+    steps_sleep_ms(50);
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &after);
+    assert_in_range((after.tv_sec - before.tv_sec) * 1000000000 + after.tv_nsec - before.tv_nsec, 0, 25000000);
+    pool_turn_end(loop.pool, turn);
+    loop_finish(&loop);
+}
+
 static void pools_come_and_go(void **state)
 {
     (void)state;
@@ -471,6 +492,7 @@ int main(void)
         cmocka_unit_test(a_turn_ends_before_its_jobs),
         cmocka_unit_test(limits_of_threads),
         cmocka_unit_test(signals_go_to_the_program),
+        cmocka_unit_test(idle_threads_sleep),
         cmocka_unit_test(pools_come_and_go),
         cmocka_unit_test(a_crowd),
     };

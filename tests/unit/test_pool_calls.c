@@ -16,6 +16,7 @@ struct act {
     size_t plain[MOST_TASKS]; /* not atomic: the caller must see it when for_each returns */
     pthread_barrier_t barrier;
     atomic_bool first_done;
+    pthread_t stranger;
     bool failed;
 };
 
@@ -193,10 +194,18 @@ static void waiting_is_not_counted(void **state)
 }
 
 /* A thread that is none of the pool's does the work itself. */
+static void count_own_run(void *context, size_t index)
+{
+    struct act *act = context;
+    steps_burn(20000);
+    act->runs[index] += pthread_equal(pthread_self(), act->stranger) != 0;
+}
+
 static void *call_from_outside(void *context)
 {
     struct act *act = context;
-    parallel_for(act->parallel, MOST_TASKS, count_run, act);
+    act->stranger = pthread_self();
+    parallel_for(act->parallel, MOST_TASKS, count_own_run, act);
     return NULL;
 }
 

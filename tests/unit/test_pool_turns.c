@@ -94,6 +94,81 @@ static void await_race(struct rivalry *rivalry, int rivals)
             step_await(&rivalry->loop, &rivalry->steps[r][i]);
 }
 
+/* A step a link, each submitted by done() of the last. */
+static void who_comes_one_by_one_has_no_more_than_its_part(void **state)
+{
+    (void)state;
+    struct rivalry rivalry;
+    struct step holder;
+    rivalry_init(&rivalry);
+    step_hold_thread(&holder, &rivalry.loop, rivalry.turns[2], 10);
+    enter_race(&rivalry, 0, 500000);
+    for (int i = 0; i < EACH; i++) {
+        step_init(&rivalry.steps[1][i], &rivalry.loop, rivalry.turns[1], 10);
+        rivalry.steps[1][i].burn_ns = 1000000;
+        rivalry.steps[1][i].log = &rivalry.log;
+        rivalry.steps[1][i].to_submit = i + 1 < EACH ? &rivalry.steps[1][i + 1] : NULL;
+    }
+    step_submit(&rivalry.steps[1][0]);
+    step_let_go(&holder);
+    await_race(&rivalry, 2);
+    step_await(&rivalry.loop, &holder);
+    uint64_t time[2] = {0, 0};
+    int left = EACH;
+    for (int i = 0; i < 2 * EACH; i++) {
+        const struct step *step = rivalry.log.steps[i];
+        int rival = rival_of(&rivalry, step);
+        assert_true(rival == 0 || left == 0 || time[1] <= time[0]);
+        left -= rival == 0;
+        time[rival] += step->job.ended_ns - step->job.started_ns;
+    }
+    rivalry_finish(&rivalry);
+}
+
+static void sleep_for_count(struct step *step, const struct parallel *parallel)
+{
+    (void)parallel;
+    steps_sleep_ms((long)step->count);
+}
+
+/* A turn that has had 300 ms while nobody else was there does not pay for all of it when somebody comes. */
+static void what_was_taken_alone_is_forgiven(void **state)
+{
+    (void)state;
+    enum { RIVAL = 25 };
+    struct loop loop;
+    struct log log = {0};
+    struct step alone, holder, again, rivals[RIVAL];
+    loop_init(&loop, 1);
+    struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop), *third = loop_turn(&loop);
+    step_init(&alone, &loop, turn, 10);
+    alone.body = sleep_for_count;
+    alone.count = 300;
+    step_submit(&alone);
+    step_await(&loop, &alone);
+    step_hold_thread(&holder, &loop, third, 10);
+    for (int i = 0; i < RIVAL; i++) {
+        step_init(&rivals[i], &loop, other, 10);
+        rivals[i].body = sleep_for_count;
+        rivals[i].count = 10;
+        rivals[i].log = &log;
+        step_submit(&rivals[i]);
+    }
+    step_init(&again, &loop, turn, 10);
+    again.log = &log;
+    step_submit(&again);
+    step_let_go(&holder);
+    step_await(&loop, &again);
+    assert_in_range(log.count, 2, RIVAL);
+    for (int i = 0; i < RIVAL; i++)
+        step_await(&loop, &rivals[i]);
+    step_await(&loop, &holder);
+    pool_turn_end(loop.pool, turn);
+    pool_turn_end(loop.pool, other);
+    pool_turn_end(loop.pool, third);
+    loop_finish(&loop);
+}
+
 static void the_least_served_turn_is_next(void **state)
 {
     (void)state;
@@ -228,6 +303,37 @@ static void a_small_job_does_not_wait_behind_a_large_one(void **state)
     loop_finish(&loop);
 }
 
+static void hold(struct step *step, const struct parallel *parallel)
+{
+    (void)parallel;
+    steps_wait(&step->may_end);
+}
+
+/* The large one is taken first when the thread becomes free, and only then there is room beside it. */
+static void a_spare_thread_comes_when_a_large_one_starts(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step first, large, second;
+    loop_init(&loop, 1);
+    struct pool_turn *turn = loop_turn(&loop);
+    step_hold_thread(&first, &loop, turn, 10);
+    step_init(&large, &loop, turn, 1000);
+    large.body = hold;
+    large.job.priority = 1;
+    step_submit(&large);
+    step_init(&second, &loop, turn, 10);
+    step_submit(&second);
+    check_waits(&second);
+    step_let_go(&first);
+    step_await(&loop, &second);
+    assert_int_equal(large.done, 0);
+    step_let_go(&large);
+    step_await(&loop, &large);
+    pool_turn_end(loop.pool, turn);
+    loop_finish(&loop);
+}
+
 static void small_jobs_flow_beside_tasks(void **state)
 {
     (void)state;
@@ -263,10 +369,10 @@ struct meeting {
     struct step large, newcomer;
 };
 
-/* A large job has both threads; the newcomer is as large, so that no spare thread starts it. */
-static void meeting_init(struct meeting *meeting)
+/* A large job has all threads; the newcomer is as large, so that no spare thread starts it. */
+static void meeting_init(struct meeting *meeting, unsigned threads)
 {
-    loop_init(&meeting->loop, 2);
+    loop_init(&meeting->loop, threads);
     meeting->turn = loop_turn(&meeting->loop);
     meeting->other = loop_turn(&meeting->loop);
     step_init(&meeting->large, &meeting->loop, meeting->turn, 1000);
@@ -295,7 +401,7 @@ static void a_helper_leaves_for_another_turn(void **state)
 {
     (void)state;
     struct meeting meeting;
-    meeting_init(&meeting);
+    meeting_init(&meeting, 2);
     start_large(&meeting);
     step_submit(&meeting.newcomer);
     step_await(&meeting.loop, &meeting.newcomer);
@@ -309,7 +415,7 @@ static void a_helper_leaves_for_a_higher_priority(void **state)
 {
     (void)state;
     struct meeting meeting;
-    meeting_init(&meeting);
+    meeting_init(&meeting, 2);
     meeting.newcomer.job.turn = meeting.turn;
     meeting.newcomer.job.priority = 1;
     start_large(&meeting);
@@ -326,11 +432,32 @@ static void note_tasks_of_other(struct step *step, const struct parallel *parall
     step->count = step->other->tasks;
 }
 
+/* As many threads are at work as there should be, by the pool's own account. */
+static void a_helper_makes_room_for_a_spare_thread(void **state)
+{
+    (void)state;
+    struct meeting meeting;
+    struct step small;
+    meeting_init(&meeting, 2);
+    start_large(&meeting);
+    step_hold_thread(&small, &meeting.loop, meeting.other, 1);
+    steps_sleep_ms(20);
+    uint64_t begin = steps_now_ns(), busy = pool_load(meeting.loop.pool).busy_ns;
+    steps_sleep_ms(20);
+    busy = pool_load(meeting.loop.pool).busy_ns - busy;
+    assert_true(busy < (steps_now_ns() - begin) * 5 / 2);
+    step_let_go(&small);
+    step_await(&meeting.loop, &small);
+    pool_cancel(meeting.loop.pool, &meeting.large.job);
+    step_submit(&meeting.newcomer);
+    meeting_finish(&meeting);
+}
+
 static void open_tasks_come_before_a_queued_job(void **state)
 {
     (void)state;
     struct meeting meeting;
-    meeting_init(&meeting);
+    meeting_init(&meeting, 2);
     meeting.large.count = 60;
     meeting.newcomer.job.turn = meeting.turn;
     meeting.newcomer.body = note_tasks_of_other;
@@ -350,7 +477,7 @@ static void both_progress_in_proportion(void **state)
     enum { FLOOD = 120 };
     static struct step flood[FLOOD];
     struct meeting meeting;
-    meeting_init(&meeting);
+    meeting_init(&meeting, 3);
     meeting.large.job.size = 10;
     start_large(&meeting);
     uint64_t busy = pool_load(meeting.loop.pool).busy_ns, small = 0;
@@ -374,14 +501,18 @@ int main(void)
 {
     static const struct CMUnitTest tests[] = {
         cmocka_unit_test(priority_then_age_within_a_turn),
+        cmocka_unit_test(who_comes_one_by_one_has_no_more_than_its_part),
+        cmocka_unit_test(what_was_taken_alone_is_forgiven),
         cmocka_unit_test(the_least_served_turn_is_next),
         cmocka_unit_test(a_newcomer_starts_level),
         cmocka_unit_test(a_small_job_starts_beside_a_large_one),
         cmocka_unit_test(others_wait),
         cmocka_unit_test(a_small_job_does_not_wait_behind_a_large_one),
+        cmocka_unit_test(a_spare_thread_comes_when_a_large_one_starts),
         cmocka_unit_test(small_jobs_flow_beside_tasks),
         cmocka_unit_test(a_helper_leaves_for_another_turn),
         cmocka_unit_test(a_helper_leaves_for_a_higher_priority),
+        cmocka_unit_test(a_helper_makes_room_for_a_spare_thread),
         cmocka_unit_test(open_tasks_come_before_a_queued_job),
         cmocka_unit_test(both_progress_in_proportion),
     };
