@@ -4,13 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "vulkan_input.h"
-
 /* What both batches share while they are described and built. */
 struct job {
     const struct import *import;
     const struct options *options;
-    const struct build_context *context;
+    struct backend *backend;
     struct bvhd_error *error;
 };
 
@@ -19,7 +17,7 @@ static enum bvhd_status no_memory(const struct job *job)
     return bvhd_error_set(job->error, BVHD_NO_MEMORY, job->import->name, "no memory to describe the scene");
 }
 
-/* In process a handle only has to differ from the others: part + 1; one more for the top level. */
+/* A handle only has to differ from the others: part + 1; one more for the top level. */
 static VkAccelerationStructureKHR make_handle(uint64_t number)
 {
     VkAccelerationStructureKHR handle;
@@ -64,31 +62,19 @@ static VkAccelerationStructureBuildGeometryInfoKHR describe_build(const struct o
     };
 }
 
-/* From Vulkan's structs to results, as a client of the service goes. ret_items[count]. */
-static enum bvhd_status build_infos(const struct job *job, const VkAccelerationStructureBuildGeometryInfoKHR *infos, uint32_t count,
-                                    const VkAccelerationStructureBuildRangeInfoKHR *const *ranges, const struct reference *references,
-                                    uint32_t reference_count, struct batch_item *ret_items)
+static struct bvhd_build make_request(const struct options *options, uint32_t count,
+                                      const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+                                      const VkAccelerationStructureBuildRangeInfoKHR *const *ranges)
 {
-    struct bvhd_error *errors = memory_array(job->context->memory, count, sizeof *errors);
-    if (!errors)
-        return no_memory(job);
-    memset(errors, 0, count * sizeof *errors);
-    struct vulkan_input *input = NULL;
-    struct limits limits = limits_default();
-    enum bvhd_status status =
-        vulkan_input_create(infos, count, ranges, references, reference_count, &job->options->build, &input, errors);
-    if (status)
-        *job->error = errors[0];
-    else
-        status = batch_build(vulkan_input_entries(input), count, &limits, job->context, ret_items, job->error);
-    for (uint32_t i = 0; i < count && !status; i++)
-        if (errors[i].status) { /* said before any building: the first rule that the entry breaks */
-            ret_items[i].status = errors[i].status;
-            ret_items[i].error = errors[i];
-        }
-    vulkan_input_destroy(input);
-    memory_free(job->context->memory, errors);
-    return status;
+    return (struct bvhd_build){
+        .struct_size = sizeof(struct bvhd_build),
+        .info_count = count,
+        .infos = infos,
+        .ranges = ranges,
+        .quality = (enum bvhd_quality)options->build.quality,
+        .target = (enum bvhd_target)options->build.target,
+        .layout_flags = options->build.layout_flags,
+    };
 }
 
 /* The bottom levels' descriptions: geometries and ranges of all parts behind each other. */
@@ -138,17 +124,18 @@ static void describe_bottoms(const struct job *job, struct bottom_arrays *arrays
     }
 }
 
-static enum bvhd_status build_bottoms(const struct job *job, struct batch_item *ret_items)
+static enum bvhd_status build_bottoms(const struct job *job, struct assembly *assembly)
 {
     struct bottom_arrays arrays = {0};
     enum bvhd_status status = BVHD_OK;
-    if (!bottom_arrays_init(&arrays, job->import, job->context->memory)) {
+    if (!bottom_arrays_init(&arrays, job->import, job->import->memory)) {
         status = no_memory(job);
     } else {
         describe_bottoms(job, &arrays);
-        status = build_infos(job, arrays.infos, job->import->part_count, arrays.ranges, NULL, 0, ret_items);
+        struct bvhd_build request = make_request(job->options, job->import->part_count, arrays.infos, arrays.ranges);
+        status = job->backend->build(job->backend, &request, assembly->items, &assembly->bottoms, job->error);
     }
-    bottom_arrays_finish(&arrays, job->context->memory);
+    bottom_arrays_finish(&arrays, job->import->memory);
     return status;
 }
 
@@ -165,8 +152,8 @@ static VkAccelerationStructureInstanceKHR describe_instance(const struct import_
 }
 
 /* The structures that the top level names, each once, in the order in which its instances first name them. */
-static enum bvhd_status collect_references(const struct job *job, struct assembly *assembly, struct reference *references, bool *seen,
-                                           struct bvhd_error *ret_failure)
+static enum bvhd_status collect_references(const struct job *job, struct assembly *assembly, struct bvhd_reference *references,
+                                           bool *seen, struct bvhd_error *ret_failure)
 {
     const struct import *import = job->import;
     memset(seen, 0, import->part_count * sizeof *seen);
@@ -174,53 +161,54 @@ static enum bvhd_status collect_references(const struct job *job, struct assembl
         uint32_t part = import->instances[i].part;
         if (import->instances[i].skipped || seen[part])
             continue;
-        const struct batch_item *item = &assembly->items[part];
-        if (item->status)
-            return bvhd_error_set(ret_failure, item->status, import->name, "bottom level %u, which it needs, was not built", part);
+        const struct bvhd_result *item = &assembly->items[part];
+        if (item->error.status)
+            return bvhd_error_set(ret_failure, item->error.status, import->name, "bottom level %u, which it needs, was not built",
+                                  part);
         seen[part] = true;
         assembly->handles[assembly->handle_count] = part;
-        references[assembly->handle_count++] = (struct reference){
-            .kind = REFERENCE_BLAS, .handle = UINT64_C(1) + part, .has_key = true, .key = item->key, .bounds = item->stats.bounds};
+        struct bvhd_reference *reference = &references[assembly->handle_count++];
+        *reference = (struct bvhd_reference){.handle = UINT64_C(1) + part, .has_key = 1, .key = item->key};
+        memcpy(reference->bounds, item->bounds, sizeof reference->bounds);
     }
     return BVHD_OK;
 }
 
-/* Orders parts by content: equal ones share their bytes. */
-struct shared_blob {
-    const unsigned char *blob;
+/* Orders parts by content. */
+struct named_part {
+    const struct bvhd_key *key;
     uint32_t position; /* in the list of handles */
 };
 
-static int compare_blobs(const void *a, const void *b)
+static int compare_parts(const void *a, const void *b)
 {
-    const struct shared_blob *x = a, *y = b;
-    uintptr_t left = (uintptr_t)x->blob, right = (uintptr_t)y->blob;
-    return left != right ? (left > right) - (left < right) : (x->position > y->position) - (x->position < y->position);
+    const struct named_part *x = a, *y = b;
+    int order = memcmp(x->key, y->key, sizeof *x->key);
+    return order ? order : (x->position > y->position) - (x->position < y->position);
 }
 
 /* A top level has one handle for equal bottom levels, where the first of them is named. `seen` has room for all handles. */
 static enum bvhd_status merge_equal_handles(const struct job *job, struct assembly *assembly, bool *seen)
 {
     uint32_t count = assembly->handle_count, kept = 0;
-    struct shared_blob *blobs = memory_array(job->context->memory, (uint64_t)count + 1, sizeof *blobs);
-    if (!blobs)
+    struct named_part *parts = memory_array(job->import->memory, (uint64_t)count + 1, sizeof *parts);
+    if (!parts)
         return no_memory(job);
     for (uint32_t i = 0; i < count; i++)
-        blobs[i] = (struct shared_blob){assembly->items[assembly->handles[i]].blob, i};
-    qsort(blobs, count, sizeof *blobs, compare_blobs);
+        parts[i] = (struct named_part){&assembly->items[assembly->handles[i]].key, i};
+    qsort(parts, count, sizeof *parts, compare_parts);
     for (uint32_t i = 0; i < count; i++)
-        seen[blobs[i].position] = i > 0 && blobs[i].blob == blobs[i - 1].blob;
+        seen[parts[i].position] = i > 0 && !memcmp(parts[i].key, parts[i - 1].key, sizeof *parts[i].key);
     for (uint32_t i = 0; i < count; i++)
         if (!seen[i])
             assembly->handles[kept++] = assembly->handles[i];
     assembly->handle_count = kept;
-    memory_free(job->context->memory, blobs);
+    memory_free(job->import->memory, parts);
     return BVHD_OK;
 }
 
-static enum bvhd_status build_described_top(const struct job *job, const struct assembly *assembly,
-                                            VkAccelerationStructureInstanceKHR *records, const struct reference *references,
-                                            struct batch_item *ret_item)
+static enum bvhd_status build_described_top(const struct job *job, struct assembly *assembly,
+                                            VkAccelerationStructureInstanceKHR *records, const struct bvhd_reference *references)
 {
     const struct import *import = job->import;
     for (uint32_t i = 0; i < import->instance_count; i++)
@@ -235,24 +223,26 @@ static enum bvhd_status build_described_top(const struct job *job, const struct 
         describe_build(job->options, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, UINT64_C(1) + import->part_count, 1, &geometry);
     VkAccelerationStructureBuildRangeInfoKHR range = {.primitiveCount = import->instance_count};
     const VkAccelerationStructureBuildRangeInfoKHR *ranges = &range;
-    return build_infos(job, &info, 1, &ranges, references, assembly->handle_count, ret_item);
+    struct bvhd_build request = make_request(job->options, 1, &info, &ranges);
+    request.references = references;
+    request.reference_count = assembly->handle_count;
+    return job->backend->build(job->backend, &request, &assembly->items[import->part_count], &assembly->top, job->error);
 }
 
-static enum bvhd_status build_top(const struct job *job, struct assembly *assembly, struct batch_item *ret_item)
+static enum bvhd_status build_top(const struct job *job, struct assembly *assembly)
 {
     const struct import *import = job->import;
-    struct memory *memory = job->context->memory;
+    struct memory *memory = import->memory;
+    struct bvhd_error *failure = &assembly->items[import->part_count].error;
     VkAccelerationStructureInstanceKHR *records = memory_array(memory, import->instance_count, sizeof *records);
-    struct reference *references = memory_array(memory, import->part_count, sizeof *references);
+    struct bvhd_reference *references = memory_array(memory, import->part_count, sizeof *references);
     bool *seen = memory_array(memory, import->part_count, sizeof *seen);
     enum bvhd_status status = BVHD_OK;
     if (!records || !references || !seen)
         status = no_memory(job);
-    else if (collect_references(job, assembly, references, seen, &ret_item->error))
-        ret_item->status = ret_item->error.status;
-    else
-        status = build_described_top(job, assembly, records, references, ret_item);
-    if (!status && !ret_item->status)
+    else if (collect_references(job, assembly, references, seen, failure) == BVHD_OK)
+        status = build_described_top(job, assembly, records, references);
+    if (!status && !failure->status)
         status = merge_equal_handles(job, assembly, seen);
     memory_free(memory, seen);
     memory_free(memory, references);
@@ -260,23 +250,23 @@ static enum bvhd_status build_top(const struct job *job, struct assembly *assemb
     return status;
 }
 
-enum bvhd_status assemble(const struct import *import, const struct options *options, const struct build_context *context,
+enum bvhd_status assemble(const struct import *import, const struct options *options, struct backend *backend,
                           struct assembly *ret_assembly, struct bvhd_error *error)
 {
-    struct job job = {import, options, context, error};
-    struct assembly assembly = {.import = import, .memory = context->memory};
+    struct job job = {import, options, backend, error};
+    struct assembly assembly = {.import = import, .backend = backend};
     uint64_t count = (uint64_t)import->part_count + 1;
-    assembly.items = memory_array(context->memory, count, sizeof *assembly.items);
-    assembly.handles = memory_array(context->memory, count, sizeof *assembly.handles);
+    assembly.items = memory_array(import->memory, count, sizeof *assembly.items);
+    assembly.handles = memory_array(import->memory, count, sizeof *assembly.handles);
     enum bvhd_status status = BVHD_OK;
     if (assembly.items)
         memset(assembly.items, 0, count * sizeof *assembly.items);
     if (!assembly.items || !assembly.handles)
         status = no_memory(&job);
     if (!status)
-        status = build_bottoms(&job, assembly.items);
+        status = build_bottoms(&job, &assembly);
     if (!status)
-        status = build_top(&job, &assembly, &assembly.items[import->part_count]);
+        status = build_top(&job, &assembly);
     if (status)
         assembly_finish(&assembly);
     else
@@ -286,13 +276,11 @@ enum bvhd_status assemble(const struct import *import, const struct options *opt
 
 void assembly_finish(struct assembly *assembly)
 {
-    if (!assembly || !assembly->memory)
+    if (!assembly || !assembly->import)
         return;
-    if (assembly->items) {
-        batch_finish(&assembly->items[assembly->import->part_count], 1, assembly->memory);
-        batch_finish(assembly->items, assembly->import->part_count, assembly->memory);
-    }
-    memory_free(assembly->memory, assembly->items);
-    memory_free(assembly->memory, assembly->handles);
+    assembly->backend->release(assembly->backend, assembly->top);
+    assembly->backend->release(assembly->backend, assembly->bottoms);
+    memory_free(assembly->import->memory, assembly->items);
+    memory_free(assembly->import->memory, assembly->handles);
     *assembly = (struct assembly){0};
 }

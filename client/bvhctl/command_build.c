@@ -3,6 +3,8 @@
 #include <string.h>
 
 #include "assemble.h"
+#include "backend_local.h"
+#include "backend_service.h"
 #include "commands.h"
 #include "depfile.h"
 #include "files.h"
@@ -16,8 +18,13 @@ struct failure {
 /* One call of `bvhctl build`. */
 struct run {
     const struct options *options;
-    struct local local;
+    const atomic_bool *cancel;
+    struct memory memory; /* the budget: of scenes, and of what is built here */
     struct memory notes; /* for what is said and listed: outside the budget, so that its end can be reported */
+    struct progress progress;
+    struct backend *backend; /* one of the two */
+    struct backend_local local;
+    struct backend_service service;
     struct json report; /* what --json prints */
     struct json manifest;
     struct json scenes; /* the report's part about scenes */
@@ -25,6 +32,7 @@ struct run {
     struct failure *failures;
     uint32_t failure_count, failure_capacity;
     bool failed;
+    struct bvhd_error loss; /* not BVHD_OK: the service went away */
     uint64_t structure_count, changed_count, byte_count;
     double start;
 };
@@ -32,7 +40,7 @@ struct run {
 /* Says it at once, and keeps it for the JSON object. */
 static void fail(struct run *run, const char *what, const struct bvhd_error *error)
 {
-    progress_end(&run->local.progress);
+    progress_end(&run->progress);
     report_line(what, error);
     run->failed = true;
     if (run->failure_count == run->failure_capacity) {
@@ -84,26 +92,38 @@ static void write_scene(struct run *run, const struct import *import, const char
     json_object_end(json);
 }
 
-static void print_structure(const struct batch_item *item, const char *file, bool is_top)
+static const char *origin_note(enum bvhd_origin origin)
 {
-    const struct build_stats *stats = &item->stats;
-    uint64_t count = is_top ? stats->instances : stats->primitives;
-    printf("%-40s %9llu %-9s %8.2f MB  %5.1f B each  SAH %6.2f  depth %2u  %8.1f ms  %s\n", file, (unsigned long long)count,
-           is_top ? "instances" : "triangles", (double)item->size / 1e6, count ? (double)item->size / (double)count : 0.0, stats->sah,
-           stats->depth, item->prepare_ms + item->build_ms, stats->method ? stats->method : "");
+    switch (origin) {
+    case BVHD_ORIGIN_MEMORY:
+    case BVHD_ORIGIN_DISK:
+        return ", cached";
+    case BVHD_ORIGIN_COALESCED:
+        return ", shared";
+    default:
+        return "";
+    }
+}
+
+static void print_structure(const struct bvhd_result *item, const char *file, bool is_top)
+{
+    uint64_t count = is_top ? item->instances : item->primitives;
+    printf("%-40s %9llu %-9s %8.2f MB  %5.1f B each  SAH %6.2f  depth %2u  %8.1f ms  %s%s\n", file, (unsigned long long)count,
+           is_top ? "instances" : "triangles", (double)item->size / 1e6, count ? (double)item->size / (double)count : 0.0, item->sah,
+           item->depth, item->prepare_ms + item->build_ms, item->method ? item->method : "", origin_note(item->origin));
 }
 
 /* Writes the file, and its entry everywhere. */
 static enum bvhd_status keep_structure(struct run *run, const struct assembly *assembly, uint32_t index, char *const *files,
                                        struct bvhd_error *error)
 {
-    const struct batch_item *item = &assembly->items[index];
-    char *path = files_join(&run->local.memory, run->options->output, files[index]);
+    const struct bvhd_result *item = &assembly->items[index];
+    char *path = files_join(&run->memory, run->options->output, files[index]);
     if (!path)
         return bvhd_error_set(error, BVHD_NO_MEMORY, files[index], "no memory to write it");
     bool changed = false;
-    enum bvhd_status status = files_write(path, (struct bytes){item->blob, item->size}, &run->local.memory, &changed, error);
-    memory_free(&run->local.memory, path);
+    enum bvhd_status status = files_write(path, (struct bytes){item->data, item->size}, &run->memory, &changed, error);
+    memory_free(&run->memory, path);
     if (status)
         return status;
     manifest_write_structure(&run->report, assembly, index, files[index], files, true);
@@ -118,16 +138,16 @@ static enum bvhd_status keep_structure(struct run *run, const struct assembly *a
 
 static bool is_interrupted(const struct run *run)
 {
-    return atomic_load(run->local.build.cancel);
+    return atomic_load(run->cancel);
 }
 
 /* A top level is worth nothing without the files that it names. */
 static enum bvhd_status check_handles(const struct assembly *assembly, char *const *files, struct bvhd_error *error)
 {
     for (uint32_t i = 0; i < assembly->handle_count; i++) {
-        const struct batch_item *item = &assembly->items[assembly->handles[i]];
-        if (item->status)
-            return bvhd_error_set(error, item->status, assembly->import->name, "%s, which it needs, was not written",
+        enum bvhd_status status = assembly->items[assembly->handles[i]].error.status;
+        if (status)
+            return bvhd_error_set(error, status, assembly->import->name, "%s, which it needs, was not written",
                                   files[assembly->handles[i]]);
     }
     return BVHD_OK;
@@ -138,13 +158,14 @@ static void keep_structures(struct run *run, const struct assembly *assembly, ch
 {
     uint32_t top = assembly->import->part_count;
     for (uint32_t i = 0; i <= top && !is_interrupted(run); i++) {
-        struct batch_item *item = &assembly->items[i];
-        if (!item->status && i == top)
-            item->status = check_handles(assembly, files, &item->error);
-        if (!item->status)
-            item->status = keep_structure(run, assembly, i, files, &item->error);
-        if (item->status)
-            fail(run, files[i], &item->error);
+        struct bvhd_error error = assembly->items[i].error;
+        if (!error.status && i == top)
+            check_handles(assembly, files, &error);
+        if (!error.status)
+            keep_structure(run, assembly, i, files, &error);
+        if (error.status)
+            fail(run, files[i], &error);
+        assembly->items[i].error = error;
     }
 }
 
@@ -175,9 +196,9 @@ static enum bvhd_status build_imported(struct run *run, const struct import *imp
     char **files = make_file_names(import);
     if (!files)
         return bvhd_error_set(error, BVHD_NO_MEMORY, import->name, "no memory for its files' names");
-    progress_begin(&run->local.progress, "building", import->name);
-    enum bvhd_status status = assemble(import, run->options, &run->local.build, &assembly, error);
-    progress_end(&run->local.progress);
+    progress_begin(&run->progress, "building", import->name);
+    enum bvhd_status status = assemble(import, run->options, run->backend, &assembly, error);
+    progress_end(&run->progress);
     if (!status) {
         keep_structures(run, &assembly, files);
         assembly_finish(&assembly);
@@ -190,7 +211,7 @@ static void build_scene(struct run *run, const char *path)
 {
     struct import import;
     struct bvhd_error error = {0};
-    enum bvhd_status status = import_scene(path, &run->local.memory, &import, &error);
+    enum bvhd_status status = import_scene(path, &run->memory, &import, &error);
     if (status) {
         fail(run, "build", &error);
         return;
@@ -200,7 +221,9 @@ static void build_scene(struct run *run, const char *path)
     for (uint32_t i = 0; i < import.file_count; i++)
         depfile_add(&run->depfile, import.files[i]);
     status = build_imported(run, &import, &error);
-    if (status)
+    if (status == BVHD_UNAVAILABLE)
+        run->loss = error;
+    else if (status)
         fail(run, "build", &error);
     import_finish(&import);
 }
@@ -304,6 +327,8 @@ static enum exit_code finish_output(struct run *run)
         bvhd_error_set(&error, BVHD_CANCELLED, run->options->output, "interrupted");
         return report_failure(run->options->json, "build", &error);
     }
+    if (run->loss.status)
+        return report_failure(run->options->json, "build", &run->loss);
     write_lists(run);
     bool ok = true;
     if (!run->options->json) {
@@ -327,33 +352,43 @@ static void release(struct run *run)
     json_finish(&run->manifest);
     json_finish(&run->scenes);
     depfile_finish(&run->depfile);
-    local_close(&run->local);
+    backend_local_close(&run->local);
+    backend_service_close(&run->service);
+}
+
+static enum bvhd_status open_backend(struct run *run, struct bvhd_error *error)
+{
+    const struct options *options = run->options;
+    if (options->local) {
+        run->backend = &run->local.backend;
+        return backend_local_open(&run->local, options->threads, &run->memory, &run->progress, run->cancel, error);
+    }
+    run->backend = &run->service.backend;
+    return backend_service_open(&run->service, options, &run->memory, &run->progress, run->cancel, error);
+}
+
+static enum exit_code build_scenes(struct run *run)
+{
+    begin_output(run);
+    for (int i = 0; i < run->options->operand_count && !is_interrupted(run) && !run->loss.status; i++)
+        build_scene(run, run->options->operands[i]);
+    return finish_output(run);
 }
 
 enum exit_code command_build(const struct options *options, const atomic_bool *cancel)
 {
     struct bvhd_error error;
-    if (!options->local) {
-        bvhd_error_set(&error, BVHD_UNAVAILABLE, options->socket ? options->socket : "socket",
-                       "no daemon: this version builds with --local");
-        return report_failure(options->json, "build", &error);
-    }
-    struct run run = {.options = options, .start = progress_now()};
+    struct run run = {.options = options, .cancel = cancel, .start = progress_now()};
+    memory_init(&run.memory, options->memory);
     memory_init(&run.notes, UINT64_MAX);
-    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, true, cancel, &error);
-    if (status)
-        return report_failure(options->json, "build", &error);
     enum exit_code code;
     if (check_names(options, &run.notes, &error)) {
         report_failure(options->json, "build", &error);
         code = error.status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED;
-    } else if (files_make_directory(options->output, &error)) {
+    } else if (open_backend(&run, &error) || files_make_directory(options->output, &error)) {
         code = report_failure(options->json, "build", &error);
     } else {
-        begin_output(&run);
-        for (int i = 0; i < options->operand_count && !is_interrupted(&run); i++)
-            build_scene(&run, options->operands[i]);
-        code = finish_output(&run);
+        code = build_scenes(&run);
     }
     release(&run);
     return code;

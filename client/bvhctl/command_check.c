@@ -60,7 +60,7 @@ static enum bvhd_status ask_oracle(struct run *run, struct bvhd_error *error)
         return no_memory(error);
     rays_make(run->meshes, run->mesh_count, run->options->seed, run->ray_count, run->rays);
     progress_begin(&run->local.progress, "brute force over", run->import.name);
-    enum bvhd_status status = oracle_trace(run->meshes, run->mesh_count, run->rays, run->ray_count, memory, run->local.build.parallel,
+    enum bvhd_status status = oracle_trace(run->meshes, run->mesh_count, run->rays, run->ray_count, memory, run->local.parallel,
                                            progress_update, &run->local.progress, run->answers, error);
     progress_end(&run->local.progress);
     run->answered = !status;
@@ -156,7 +156,7 @@ enum exit_code command_check(const struct options *options)
 {
     struct run run = {.options = options};
     struct bvhd_error error;
-    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, false, NULL, &error);
+    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, &error);
     if (status)
         return report_failure(options->json, "check", &error);
     status = open_both(&run, &error);

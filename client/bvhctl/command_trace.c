@@ -42,7 +42,7 @@ static enum bvhd_status render(struct run *run, struct bvhd_error *error)
 {
     const struct options *options = run->options;
     struct memory *memory = &run->local.memory;
-    const struct parallel *parallel = run->local.build.parallel;
+    const struct parallel *parallel = run->local.parallel;
     uint64_t rays_before = 0;
     enum bvhd_status status =
         camera_choose(&run->stage, (double)options->width / options->height, parallel, memory, &run->camera, &rays_before, error);
@@ -87,8 +87,8 @@ static enum bvhd_status check_unpacked(struct run *run, const struct unpacked *u
     uint32_t count = affordable < 16 ? 16 : affordable > CHECKED_RAYS ? CHECKED_RAYS : (uint32_t)affordable;
     make_checked_rays(run, count, rays);
     progress_begin(&run->local.progress, "checking", run->structures.name);
-    enum bvhd_status status = oracle_trace(unpacked->meshes, unpacked->mesh_count, rays, count, &run->local.memory,
-                                           run->local.build.parallel, progress_update, &run->local.progress, answers, error);
+    enum bvhd_status status = oracle_trace(unpacked->meshes, unpacked->mesh_count, rays, count, &run->local.memory, run->local.parallel,
+                                           progress_update, &run->local.progress, answers, error);
     progress_end(&run->local.progress);
     if (status)
         return status;
@@ -148,7 +148,7 @@ static bool print_text(const struct run *run)
 {
     printf("%s: %u x %u of %s, %.1f million rays, %.2f Mray/s on %u threads; %llu of them checked: %llu wrong, %llu uncertain\n",
            run->options->output, run->picture.width, run->picture.height, run->structures.name, (double)run->picture.rays / 1e6,
-           mrays_s(run), run->local.build.parallel->threads, (unsigned long long)run->checked, (unsigned long long)run->mismatches,
+           mrays_s(run), run->local.parallel->threads, (unsigned long long)run->checked, (unsigned long long)run->mismatches,
            (unsigned long long)run->uncertain);
     return report_flush();
 }
@@ -186,7 +186,7 @@ enum exit_code command_trace(const struct options *options)
         bvhd_error_set(&error, BVHD_UNSUPPORTED, options->device, "not a device of this version: cpu or auto");
         return report_failure(options->json, "trace", &error);
     }
-    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, false, NULL, &error);
+    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, &error);
     if (status)
         return report_failure(options->json, "trace", &error);
     status = make_picture(&run, &error);

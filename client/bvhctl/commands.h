@@ -13,5 +13,8 @@ enum exit_code command_build(const struct options *options, const atomic_bool *c
 enum exit_code command_check(const struct options *options);
 enum exit_code command_inspect(const struct options *options);
 enum exit_code command_trace(const struct options *options);
+enum exit_code command_get(const struct options *options);
+enum exit_code command_stats(const struct options *options);
+enum exit_code command_ping(const struct options *options);
 
 #endif

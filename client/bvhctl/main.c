@@ -46,6 +46,12 @@ static enum exit_code run(const struct options *options)
         return command_inspect(options);
     case COMMAND_TRACE:
         return command_trace(options);
+    case COMMAND_GET:
+        return command_get(options);
+    case COMMAND_STATS:
+        return command_stats(options);
+    case COMMAND_PING:
+        return command_ping(options);
     case COMMAND_VERSION:
         printf("bvhctl %s\n", BVHCTL_VERSION);
         return report_flush() ? EXIT_DONE : EXIT_FAILED;

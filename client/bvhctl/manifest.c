@@ -92,10 +92,10 @@ static void write_handles(struct json *json, const struct assembly *assembly, ch
     json_array_end(json);
 }
 
-static void write_times(struct json *json, const struct batch_item *item)
+static void write_times(struct json *json, const struct bvhd_result *item)
 {
-    json_bool(json, "cached", false);
-    json_bool(json, "coalesced", item->coalesced);
+    json_bool(json, "cached", item->origin == BVHD_ORIGIN_MEMORY || item->origin == BVHD_ORIGIN_DISK);
+    json_bool(json, "coalesced", item->origin == BVHD_ORIGIN_COALESCED);
     json_number(json, "prepare_ms", item->prepare_ms);
     json_number(json, "build_ms", item->build_ms);
     json_integer(json, "peak_bytes", item->peak_bytes);
@@ -111,10 +111,11 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
                               char *const *all_files, bool times)
 {
     const struct import *import = assembly->import;
-    const struct batch_item *item = &assembly->items[index];
-    const struct build_stats *stats = &item->stats;
-    char key[KEY_TEXT_SIZE];
-    key_to_text(&item->key, key);
+    const struct bvhd_result *item = &assembly->items[index];
+    struct key key;
+    char key_text[KEY_TEXT_SIZE];
+    memcpy(&key, &item->key, sizeof key);
+    key_to_text(&key, key_text);
     bool is_top = index == import->part_count;
     json_object(json, NULL);
     json_text(json, "file", file);
@@ -122,20 +123,20 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_text(json, "scene", import->name);
     json_text(json, "name", structure_name(import, index));
     write_geometries(json, import, index);
-    json_integer(json, "primitives", stats->primitives);
-    json_integer(json, "triangles", stats->triangles);
-    json_integer(json, "instances", stats->instances);
-    json_integer(json, "inactive", stats->inactive);
-    json_integer(json, "degenerate", stats->degenerate);
-    json_integer(json, "skipped", stats->skipped);
+    json_integer(json, "primitives", item->primitives);
+    json_integer(json, "triangles", item->triangles);
+    json_integer(json, "instances", item->instances);
+    json_integer(json, "inactive", item->inactive);
+    json_integer(json, "degenerate", item->degenerate);
+    json_integer(json, "skipped", item->skipped);
     json_integer(json, "bytes", item->size);
-    json_text(json, "key", key);
+    json_text(json, "key", key_text);
     if (times)
         write_times(json, item);
-    json_integer(json, "depth", stats->depth);
-    json_number(json, "sah", stats->sah);
-    json_integer(json, "refs", stats->refs);
-    json_text(json, "method", stats->method ? stats->method : "");
+    json_integer(json, "depth", item->depth);
+    json_number(json, "sah", item->sah);
+    json_integer(json, "refs", item->refs);
+    json_text(json, "method", item->method ? item->method : "");
     json_text(json, "target", layout_portable.name);
     if (is_top)
         write_handles(json, assembly, all_files);

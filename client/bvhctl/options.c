@@ -9,13 +9,21 @@
 #include <string.h>
 
 enum { ON_BUILD = 1 << COMMAND_BUILD, ON_CHECK = 1 << COMMAND_CHECK, ON_INSPECT = 1 << COMMAND_INSPECT, ON_TRACE = 1 << COMMAND_TRACE };
-enum { ON_ALL = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE, ON_MAIN = 1 << COMMAND_COUNT };
+enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
+enum {
+    ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
+    ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING,
+    ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* what may ask a daemon */
+    ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET,
+    ON_MAIN = 1 << COMMAND_COUNT,
+};
 
 /* Values of options without a letter of their own. */
 enum {
     OPTION_JSON = 256,
     OPTION_LOCAL,
     OPTION_SOCKET,
+    OPTION_CONNECT_TIMEOUT,
     OPTION_DEPFILE,
     OPTION_TARGET,
     OPTION_QUALITY,
@@ -45,6 +53,7 @@ struct option_row {
 static const struct option_row option_rows[] = {
     {"output", 'o', "PATH", ON_BUILD, "the directory that gets manifest.json and one .as file a structure"},
     {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
+    {"output", 'o', "FILE", ON_GET, "the file to write"},
     {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD, "also write what the scenes were read from, as a make rule for manifest.json"},
     {"target", OPTION_TARGET, "NAME", ON_BUILD, "whose format to write: portable (default)"},
     {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else balanced)"},
@@ -60,11 +69,15 @@ static const struct option_row option_rows[] = {
     {"device", OPTION_DEVICE, "NAME", ON_TRACE, "cpu or auto: where the rays are traced"},
     {"size", OPTION_SIZE, "WxH", ON_TRACE, "of the picture (default 1280x720)"},
     {"up", OPTION_UP, "AXIS", ON_TRACE, "x, y, z or auto (default): which axis points up"},
-    {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE, "how many threads work (default: one for each processor)"},
-    {"memory", OPTION_MEMORY, "BYTES", ON_ALL, "fail rather than use more for geometry and results; K, M, G may follow"},
+    {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE,
+     "how many threads work in this process (default: one for each\nprocessor); a daemon has its own"},
+    {"memory", OPTION_MEMORY, "BYTES", ON_SCENES, "fail rather than use more for geometry and results; K, M, G may follow"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
     {"local", OPTION_LOCAL, NULL, ON_ALL | ON_MAIN, "build in this process, without a daemon"},
-    {"socket", OPTION_SOCKET, "PATH", ON_ALL | ON_MAIN, "the daemon's socket"},
+    {"socket", OPTION_SOCKET, "PATH", ON_ALL | ON_MAIN,
+     "the daemon's socket (default: $BVHD_SOCKET; without that a running daemon's,\nand where there is none a daemon of your own is "
+     "started)"},
+    {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SECONDS", ON_SERVICE | ON_MAIN, "how long a daemon is waited for (default 5)"},
     {"help", 'h', NULL, ON_ALL | ON_MAIN, "print this help"},
     {"version", OPTION_VERSION, NULL, ON_MAIN, "print the version"},
 };
@@ -82,6 +95,9 @@ static const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_CHECK] = {"check", "DIR SCENE", "trace built files against brute force over the scene they came from", 2, 2},
     [COMMAND_INSPECT] = {"inspect", "PATH", "say what is in a built file, or in all files of a directory", 1, 1},
     [COMMAND_TRACE] = {"trace", "DIR -o PNG", "make a picture of what was built", 1, 1},
+    [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure that the daemon knows by its key", 1, 1},
+    [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},
+    [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
 };
 
 struct name_value {
@@ -221,6 +237,19 @@ static enum bvhd_status parse_rays(const struct options *options, const char *te
     return BVHD_OK;
 }
 
+enum { MOST_SECONDS = 86400 };
+
+static enum bvhd_status parse_timeout(const char *text, uint32_t *ret_ms, struct bvhd_error *error)
+{
+    char *end;
+    double seconds = strtod(text, &end);
+    if (end == text || *end || !(seconds >= 0 && seconds <= MOST_SECONDS))
+        return bvhd_error_set(error, BVHD_INVALID, "--connect-timeout", "not 0 to %d seconds: '%s'", MOST_SECONDS, text);
+    uint32_t ms = (uint32_t)(seconds * 1000);
+    *ret_ms = ms ? ms : 1;
+    return BVHD_OK;
+}
+
 enum { LARGEST_SIDE = 16384 };
 
 static enum bvhd_status parse_size(const char *text, struct options *options, struct bvhd_error *error)
@@ -311,6 +340,8 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return parse_integer("--memory", text, true, 1, UINT64_MAX, &options->memory, error);
     case OPTION_SEED:
         return parse_integer("--seed", text, false, 0, UINT64_MAX, &options->seed, error);
+    case OPTION_CONNECT_TIMEOUT:
+        return parse_timeout(text, &options->connect_timeout_ms, error);
     case OPTION_SIZE:
         return parse_size(text, options, error);
     case OPTION_UP:
@@ -336,7 +367,7 @@ static enum bvhd_status parse_options(int argc, char **argv, unsigned commands, 
 {
     struct option table[OPTION_ROWS + 1];
     fill_tables(commands, table);
-    const char *letters = commands == ON_MAIN ? "+:h" : commands & (ON_BUILD | ON_TRACE) ? ":ho:" : ":h";
+    const char *letters = commands == ON_MAIN ? "+:h" : commands & ON_OUTPUT ? ":ho:" : ":h";
     opterr = 0;
     for (;;) {
         int before = optind, value = getopt_long(argc, argv, letters, table, NULL);
@@ -371,13 +402,17 @@ static enum bvhd_status find_command(const char *word, enum command *ret_command
 static enum bvhd_status check_complete(const struct options *options, struct bvhd_error *error)
 {
     const struct command_row *row = &command_rows[options->command];
-    bool needs_output = options->command == COMMAND_BUILD || options->command == COMMAND_TRACE;
+    unsigned command = 1u << options->command;
+    bool needs_output = command & ON_OUTPUT;
     if (options->local && options->socket)
         return usage(error, "--socket", "makes no sense together with --local", "");
+    if (options->local && (command & ON_SERVICE) && !(command & ON_BUILD))
+        return usage(error, "--local", "%s asks a daemon", row->name);
     if (options->operand_count < row->fewest)
         return usage(error, row->name, "wants: %s", row->arguments);
     if (options->operand_count > row->most)
-        return usage(error, options->operands[row->most], "one word too many; wants: %s", row->arguments);
+        return usage(error, options->operands[row->most], *row->arguments ? "one word too many; wants: %s" : "one word too many",
+                     row->arguments);
     if (needs_output && !options->output)
         return usage(error, row->name, "wants -o: %s", row->arguments);
     if (needs_output && !*options->output)
@@ -394,6 +429,7 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         .build = {.quality = QUALITY_UNSPECIFIED, .target = TARGET_PORTABLE},
         .geometry_flags = GEOMETRY_OPAQUE,
         .memory = UINT64_MAX,
+        .connect_timeout_ms = 5000,
         .seed = 1,
         .width = 1280,
         .height = 720,
@@ -448,7 +484,8 @@ void options_print_help(enum command about)
 {
     if (about < COMMAND_COUNT) {
         const struct command_row *row = &command_rows[about];
-        printf("Usage: bvhctl [--local] %s %s [OPTION...]\n\nWhat it does: %s.\n", row->name, row->arguments, row->purpose);
+        printf("Usage: bvhctl [--socket PATH%s] %s%s%s [OPTION...]\n\nWhat it does: %s.\n", 1u << about & ON_SCENES ? " | --local" : "",
+               row->name, *row->arguments ? " " : "", row->arguments, row->purpose);
         print_options(1u << about);
         return;
     }

@@ -8,7 +8,18 @@
 #include "geometry.h"
 #include "status.h"
 
-enum command { COMMAND_BUILD, COMMAND_CHECK, COMMAND_INSPECT, COMMAND_TRACE, COMMAND_COUNT, COMMAND_HELP, COMMAND_VERSION };
+enum command {
+    COMMAND_BUILD,
+    COMMAND_CHECK,
+    COMMAND_INSPECT,
+    COMMAND_TRACE,
+    COMMAND_GET,
+    COMMAND_STATS,
+    COMMAND_PING,
+    COMMAND_COUNT,
+    COMMAND_HELP,
+    COMMAND_VERSION
+};
 
 struct options {
     enum command command;
@@ -16,6 +27,7 @@ struct options {
     bool json;
     bool local;
     const char *socket; /* NULL: not given */
+    uint32_t connect_timeout_ms; /* not 0 */
     char **operands;
     int operand_count;
 

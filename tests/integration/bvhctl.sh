@@ -103,10 +103,10 @@ one_json_object
 "$bvhctl" --local build ball.ply -o closed3 <&- >&- 2>&-
 expect 'nor does it take a stream to build' [ -f closed3/manifest.json ]
 
-# Without a daemon.
-run 4 build ball.ply -o d
+# Without a daemon; bvhctl_daemon.sh has more of it.
+run 4 --socket "$scratch/none.sock" --connect-timeout 0 build ball.ply -o d
 one_error_line
-run 4 --socket "$scratch/none.sock" build ball.ply -o d --json
+run 4 --socket "$scratch/none.sock" --connect-timeout 0 build ball.ply -o d --json
 one_json_object
 expect 'the error is UNAVAILABLE' grep -q '"status":"UNAVAILABLE"' out
 expect 'nothing was written' [ ! -e d ]

@@ -68,17 +68,19 @@ void test_world_init(struct test_world *world, uint32_t threads)
 {
     struct bvhd_error error = {0};
     *world = (struct test_world){.options = {.build = {.target = TARGET_PORTABLE}, .geometry_flags = GEOMETRY_OPAQUE}};
-    if (local_open(&world->local, threads, UINT64_MAX, true, NULL, &error))
+    if (local_open(&world->local, threads, UINT64_MAX, &error))
+        end("open", &error);
+    if (backend_local_open(&world->backend, threads, &world->local.memory, &world->local.progress, NULL, &error))
         end("open", &error);
     test_world_import(&world->import, &world->local.memory);
-    if (assemble(&world->import, &world->options, &world->local.build, &world->assembly, &error))
+    if (assemble(&world->import, &world->options, &world->backend.backend, &world->assembly, &error))
         end("assemble", &error);
     for (int i = 0; i < TEST_WORLD_FILES; i++) {
-        const struct batch_item *item = &world->assembly.items[i];
-        if (item->status)
+        const struct bvhd_result *item = &world->assembly.items[i];
+        if (item->error.status)
             end("build", &item->error);
-        world->files[i] = (struct structure_file){.data = item->blob, .size = item->size};
-        if (portable_open((struct bytes){item->blob, item->size}, &world->local.memory, &world->files[i].view, &error))
+        world->files[i] = (struct structure_file){.size = item->size};
+        if (portable_open((struct bytes){item->data, item->size}, &world->local.memory, &world->files[i].view, &error))
             end("portable_open", &error);
         world->bottoms[i] = &world->files[i].view;
     }
@@ -89,5 +91,6 @@ void test_world_init(struct test_world *world, uint32_t threads)
 void test_world_finish(struct test_world *world)
 {
     assembly_finish(&world->assembly);
+    backend_local_close(&world->backend);
     local_close(&world->local);
 }

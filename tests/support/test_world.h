@@ -9,6 +9,8 @@
 #define BVHD_TEST_WORLD_H
 
 #include "assemble.h"
+#include "backend_local.h"
+#include "local.h"
 #include "structures.h"
 
 enum { TEST_WORLD_INSTANCES = 4, TEST_WORLD_FILES = 3 };
@@ -18,6 +20,7 @@ void test_world_import(struct import *ret_import, struct memory *memory);
 
 struct test_world {
     struct local local;
+    struct backend_local backend;
     struct options options;
     struct import import;
     struct assembly assembly;

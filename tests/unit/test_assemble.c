@@ -10,11 +10,11 @@ static void test_structures(void **state)
     (void)state;
     struct test_world world;
     test_world_init(&world, 1);
-    const struct batch_item *items = world.assembly.items;
-    assert_int_equal(items[0].stats.triangles, 2);
-    assert_int_equal(items[1].stats.triangles, 12);
-    assert_int_equal(items[2].stats.instances, TEST_WORLD_INSTANCES);
-    assert_int_equal(items[2].stats.inactive, 1);
+    const struct bvhd_result *items = world.assembly.items;
+    assert_int_equal(items[0].triangles, 2);
+    assert_int_equal(items[1].triangles, 12);
+    assert_int_equal(items[2].instances, TEST_WORLD_INSTANCES);
+    assert_int_equal(items[2].inactive, 1);
     assert_int_equal(world.assembly.handle_count, 2);
     assert_int_equal(world.assembly.handles[0], 0);
     assert_int_equal(world.assembly.handles[1], 1);
@@ -82,12 +82,12 @@ static void test_rules_are_reported(void **state)
     struct assembly assembly;
     test_world_init(&world, 1);
     world.options.build_flags = BUILD_PREFER_FAST_BUILD | BUILD_PREFER_FAST_TRACE;
-    assert_int_equal(assemble(&world.import, &world.options, &world.local.build, &assembly, NULL), BVHD_OK);
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, NULL), BVHD_OK);
     for (int i = 0; i < 2; i++) {
-        assert_int_equal(assembly.items[i].status, BVHD_INVALID);
+        assert_int_equal(assembly.items[i].error.status, BVHD_INVALID);
         assert_int_equal(assembly.items[i].error.vuid, BVHD_VUID_03796);
     }
-    assert_int_equal(assembly.items[2].status, BVHD_INVALID);
+    assert_int_equal(assembly.items[2].error.status, BVHD_INVALID);
     assert_non_null(strstr(assembly.items[2].error.text, "bottom level 0"));
     assembly_finish(&assembly);
     assembly_finish(&assembly);
@@ -101,10 +101,10 @@ static void test_cancelled(void **state)
     struct assembly assembly;
     atomic_bool cancel = true;
     test_world_init(&world, 1);
-    world.local.build.cancel = &cancel;
-    assert_int_equal(assemble(&world.import, &world.options, &world.local.build, &assembly, NULL), BVHD_OK);
+    world.backend.context.cancel = &cancel;
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, NULL), BVHD_OK);
     for (int i = 0; i < 3; i++)
-        assert_int_equal(assembly.items[i].status, BVHD_CANCELLED);
+        assert_int_equal(assembly.items[i].error.status, BVHD_CANCELLED);
     assembly_finish(&assembly);
     test_world_finish(&world);
 }
@@ -113,7 +113,7 @@ static bool all_built(const struct assembly *assembly)
 {
     bool all = true;
     for (int i = 0; i < 3; i++) {
-        enum bvhd_status status = assembly->items[i].status;
+        enum bvhd_status status = assembly->items[i].error.status;
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
         all &= status == BVHD_OK;
     }
@@ -130,7 +130,7 @@ static void test_no_memory(void **state)
     for (int64_t after = 0; !done; after++) {
         struct assembly assembly;
         atomic_store(&world.local.memory.fail_after, after);
-        enum bvhd_status status = assemble(&world.import, &world.options, &world.local.build, &assembly, &(struct bvhd_error){0});
+        enum bvhd_status status = assemble(&world.import, &world.options, &world.backend.backend, &assembly, &(struct bvhd_error){0});
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
         if (!status) {
             done = all_built(&assembly);

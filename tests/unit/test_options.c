@@ -68,6 +68,7 @@ static void test_defaults(void **state)
     assert_int_equal(options.geometry_flags, GEOMETRY_OPAQUE);
     assert_int_equal(options.threads, 0);
     assert_true(options.memory == UINT64_MAX);
+    assert_int_equal(options.connect_timeout_ms, 5000);
 }
 
 static void test_options_anywhere(void **state)
@@ -98,6 +99,22 @@ static void test_other_commands(void **state)
     assert_int_equal(options.memory, 3 << 20);
 }
 
+static void test_service(void **state)
+{
+    (void)state;
+    struct options options = parse_good("bvhctl --connect-timeout 2.5 get 0123 -o f.as --json");
+    assert_int_equal(options.command, COMMAND_GET);
+    assert_int_equal(options.connect_timeout_ms, 2500);
+    assert_string_equal(options.operands[0], "0123");
+    assert_string_equal(options.output, "f.as");
+    options = parse_good("bvhctl stats --socket s --connect-timeout 0");
+    assert_int_equal(options.command, COMMAND_STATS);
+    assert_string_equal(options.socket, "s");
+    assert_int_equal(options.connect_timeout_ms, 1); /* 0 would be the library's default */
+    assert_int_equal(parse_good("bvhctl ping").command, COMMAND_PING);
+    assert_int_equal(parse_good("bvhctl build a -o b --connect-timeout 86400").connect_timeout_ms, 86400000);
+}
+
 static void test_help(void **state)
 {
     (void)state;
@@ -124,6 +141,16 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl check dir scene more", "more");
     expect_bad("bvhctl trace dir -o p.png", "trace");
     expect_bad("bvhctl inspect", "inspect");
+    expect_bad("bvhctl get 0123", "get");
+    expect_bad("bvhctl get -o f", "get");
+    expect_bad("bvhctl get 0123 4567 -o f", "4567");
+    expect_bad("bvhctl get 0123 -o f --memory 5M", "--memory");
+    expect_bad("bvhctl --local stats", "--local");
+    expect_bad("bvhctl ping --local", "--local");
+    expect_bad("bvhctl ping --socket s --local", "--socket");
+    expect_bad("bvhctl stats all", "all");
+    expect_bad("bvhctl stats -o f", "-o");
+    expect_bad("bvhctl check a b --connect-timeout 5", "--connect-timeout");
 }
 
 static void test_bad_values(void **state)
@@ -146,6 +173,10 @@ static void test_bad_values(void **state)
     expect_bad("bvhctl trace a --device cpu -o p --size 10x10x10", "--size");
     expect_bad("bvhctl trace a --device cpu -o p --size 99999x2", "--size");
     expect_bad("bvhctl trace a --device cpu -o p --up w", "--up");
+    expect_bad("bvhctl ping --connect-timeout -1", "--connect-timeout");
+    expect_bad("bvhctl ping --connect-timeout nan", "--connect-timeout");
+    expect_bad("bvhctl ping --connect-timeout 5s", "--connect-timeout");
+    expect_bad("bvhctl ping --connect-timeout 86401", "--connect-timeout");
 }
 
 static void test_want_json(void **state)
@@ -162,7 +193,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_build),          cmocka_unit_test(test_defaults),  cmocka_unit_test(test_options_anywhere),
         cmocka_unit_test(test_other_commands), cmocka_unit_test(test_help),      cmocka_unit_test(test_bad_lines),
-        cmocka_unit_test(test_bad_values),     cmocka_unit_test(test_want_json),
+        cmocka_unit_test(test_bad_values),     cmocka_unit_test(test_want_json), cmocka_unit_test(test_service),
     };
     return cmocka_run_group_tests_name("options", tests, NULL, NULL);
 }

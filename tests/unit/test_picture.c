@@ -26,7 +26,7 @@ static void open_studio(struct studio *studio, uint32_t threads)
     struct local *local = &studio->world.local;
     assert_int_equal(stage_init(&studio->stage, &studio->world.structures, 'a', &local->memory, NULL), BVHD_OK);
     assert_int_equal(
-        camera_choose(&studio->stage, (double)WIDTH / HEIGHT, local->build.parallel, &local->memory, &studio->camera, &rays, NULL),
+        camera_choose(&studio->stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &studio->camera, &rays, NULL),
         BVHD_OK);
     assert_true(rays > 0);
     light_init(&studio->light, &studio->stage, &studio->camera);
@@ -44,7 +44,7 @@ static void take_picture(struct studio *studio, struct picture *ret_picture)
 {
     struct local *local = &studio->world.local;
     assert_int_equal(
-        picture_render(&studio->light, WIDTH, HEIGHT, local->build.parallel, NULL, NULL, &local->memory, ret_picture, NULL), BVHD_OK);
+        picture_render(&studio->light, WIDTH, HEIGHT, local->parallel, NULL, NULL, &local->memory, ret_picture, NULL), BVHD_OK);
 }
 
 static void test_stage(void **state)
@@ -117,7 +117,7 @@ static void test_few_triangles(void **state)
         assert_int_equal(stage_init(&stage, &world.structures, "xyza"[i % 4], &local -> memory, NULL), BVHD_OK);
         assert_true(stage.even_count >= 256 && stage.even_count <= STAGE_EVEN_SAMPLES);
         assert_true(fabs(stage.size - (i < 4 ? 16 * sqrt(2) : 2 * sqrt(3))) < 1e-3);
-        assert_int_equal(camera_choose(&stage, (double)WIDTH / HEIGHT, local->build.parallel, &local->memory, &camera, &rays, NULL),
+        assert_int_equal(camera_choose(&stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &camera, &rays, NULL),
                          BVHD_OK);
         unsigned hits = count_hits(&stage, &camera);
         assert_false(camera.is_inside);
@@ -201,7 +201,7 @@ static void test_no_memory(void **state)
     for (int64_t after = 0; after < 4; after++) {
         atomic_store(&memory->fail_after, after);
         enum bvhd_status status =
-            picture_render(&studio.light, 4, 4, studio.world.local.build.parallel, NULL, NULL, memory, &picture, NULL);
+            picture_render(&studio.light, 4, 4, studio.world.local.parallel, NULL, NULL, memory, &picture, NULL);
         assert_int_equal(status, BVHD_NO_MEMORY);
         assert_int_equal(memory->live, live);
     }

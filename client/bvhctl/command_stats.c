@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdio.h>
+
+#include "commands.h"
+#include "connect.h"
+
+static void write_counters(const struct bvhd_counters *counters, struct json *json)
+{
+    json_object(json, NULL);
+    json_integer(json, "schema", 1);
+    for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
+        json_integer(json, bvhd_counters_name(counters, i), bvhd_counters_value(counters, i));
+    json_object_end(json);
+}
+
+static bool print_counters(const struct options *options, const struct bvhd_counters *counters, struct memory *memory)
+{
+    struct json json;
+    if (!options->json) {
+        for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
+            printf("%-24s %llu\n", bvhd_counters_name(counters, i), (unsigned long long)bvhd_counters_value(counters, i));
+        return report_flush();
+    }
+    json_init(&json, memory, false);
+    write_counters(counters, &json);
+    bool ok = report_print(&json);
+    json_finish(&json);
+    return ok;
+}
+
+static int timeout(const struct options *options)
+{
+    return (int)options->connect_timeout_ms;
+}
+
+enum exit_code command_stats(const struct options *options)
+{
+    struct memory memory;
+    struct connect connect = {0};
+    struct bvhd_counters *counters = NULL;
+    struct bvhd_error error;
+    memory_init(&memory, UINT64_MAX);
+    enum bvhd_status status = connect_open(options, &memory, &connect, &error);
+    if (!status)
+        status = bvhd_client_counters(connect.client, timeout(options), &counters, &error);
+    enum exit_code code;
+    if (status)
+        code = report_failure(options->json, "stats", &error);
+    else
+        code = print_counters(options, counters, &memory) ? EXIT_DONE : EXIT_FAILED;
+    bvhd_counters_destroy(counters);
+    connect_close(&connect);
+    return code;
+}
+
+static bool print_ping(const struct options *options, const char *path, double ms, struct memory *memory)
+{
+    struct json json;
+    if (!options->json) {
+        printf("%s answers in %.3f ms\n", path, ms);
+        return report_flush();
+    }
+    json_init(&json, memory, false);
+    json_object(&json, NULL);
+    json_integer(&json, "schema", 1);
+    json_text(&json, "socket", path);
+    json_number(&json, "ms", ms);
+    json_object_end(&json);
+    bool ok = report_print(&json);
+    json_finish(&json);
+    return ok;
+}
+
+enum exit_code command_ping(const struct options *options)
+{
+    struct memory memory;
+    struct connect connect = {0};
+    struct bvhd_error error;
+    double ms = 0;
+    memory_init(&memory, UINT64_MAX);
+    enum bvhd_status status = connect_open(options, &memory, &connect, &error);
+    if (!status)
+        status = bvhd_client_ping(connect.client, timeout(options), &ms, &error);
+    enum exit_code code;
+    if (status)
+        code = report_failure(options->json, "ping", &error);
+    else
+        code = print_ping(options, connect.path, ms, &memory) ? EXIT_DONE : EXIT_FAILED;
+    connect_close(&connect);
+    return code;
+}

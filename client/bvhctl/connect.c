@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "connect.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "files.h"
+#include "private_daemon.h"
+#include "progress.h"
+
+static const char system_socket[] = "/run/bvhd/bvhd.sock";
+
+/* A daemon may leave between our look and our call: then look again. */
+enum { SHORTEST_CALL_MS = 250, LONGEST_CALL_MS = 1000 };
+
+bool connect_answers(const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path)
+        return false;
+    memcpy(address.sun_path, path, strlen(path) + 1);
+    int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (descriptor < 0)
+        return false;
+    /* EAGAIN: so many wait for it already that it has to be there. */
+    bool answers = connect(descriptor, (struct sockaddr *)&address, sizeof address) == 0 || errno == EAGAIN;
+    close(descriptor);
+    return answers;
+}
+
+static const char *explicit_socket(const struct options *options)
+{
+    const char *named = getenv("BVHD_SOCKET");
+    if (options->socket)
+        return options->socket;
+    return named && *named ? named : NULL;
+}
+
+static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for its name");
+}
+
+/* One client on one socket. Takes `path`, on failure too. */
+static enum bvhd_status attach(char *path, uint32_t timeout_ms, struct memory *memory, struct connect *ret_connect,
+                               struct bvhd_error *error)
+{
+    struct connect connect = {.path = path, .memory = memory};
+    struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = path, .connect_timeout_ms = timeout_ms};
+    enum bvhd_status status = bvhd_client_create(&options, &connect.client, error);
+    if (!status)
+        status = bvhd_client_connect(connect.client, error);
+    if (status)
+        connect_close(&connect);
+    else
+        *ret_connect = connect;
+    return status;
+}
+
+static enum bvhd_status open_explicit(const char *socket, uint32_t timeout_ms, struct memory *memory, struct connect *ret_connect,
+                                      struct bvhd_error *error)
+{
+    char *path = files_copy_text(memory, socket);
+    return path ? attach(path, timeout_ms, memory, ret_connect, error) : no_memory(socket, error);
+}
+
+/* The socket of a daemon that answers, started if need be. */
+static enum bvhd_status find_daemon(double deadline, struct memory *memory, char **ret_path, struct bvhd_error *error)
+{
+    char *path = NULL;
+    struct private_place place;
+    enum bvhd_status status = private_daemon_place(memory, &place, error);
+    if (status)
+        return status;
+    if (!(place.is_safe && connect_answers(place.socket)) && connect_answers(system_socket))
+        path = files_copy_text(memory, system_socket);
+    else if (!(status = private_daemon_start(&place, deadline, memory, error)))
+        path = files_copy_text(memory, place.socket);
+    if (!status && !path)
+        status = no_memory(place.socket, error);
+    private_place_finish(&place, memory);
+    if (!status)
+        *ret_path = path;
+    return status;
+}
+
+static uint32_t call_time(double deadline)
+{
+    double left = deadline - progress_now();
+    return left < SHORTEST_CALL_MS ? SHORTEST_CALL_MS : left > LONGEST_CALL_MS ? LONGEST_CALL_MS : (uint32_t)left;
+}
+
+enum bvhd_status connect_open(const struct options *options, struct memory *memory, struct connect *ret_connect,
+                              struct bvhd_error *error)
+{
+    const char *socket = explicit_socket(options);
+    if (socket)
+        return open_explicit(socket, options->connect_timeout_ms, memory, ret_connect, error);
+    double deadline = progress_now() + options->connect_timeout_ms;
+    for (;;) {
+        char *path;
+        enum bvhd_status status = find_daemon(deadline, memory, &path, error);
+        if (status)
+            return status;
+        status = attach(path, call_time(deadline), memory, ret_connect, error);
+        if (status != BVHD_UNAVAILABLE || progress_now() >= deadline)
+            return status;
+    }
+}
+
+void connect_close(struct connect *connect)
+{
+    if (!connect || !connect->memory)
+        return;
+    bvhd_client_destroy(connect->client);
+    memory_free(connect->memory, connect->path);
+    *connect = (struct connect){0};
+}

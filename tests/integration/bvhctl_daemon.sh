@@ -1,0 +1,378 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# bvhctl_daemon.sh MAKE_SCENE BVHCTL BVHD - the command line through a real daemon: the same bytes as in process, the same words about errors, what
+# is cached, who starts a daemon and where, and what becomes of a build that loses its user or its daemon. Prints each expectation that does not
+# hold; status 1 when one does not.
+set -u
+make_scene=$(realpath "$1")
+bvhctl=$(realpath "$2")
+bvhd=$(realpath "$3")
+scratch=$(mktemp -d)
+daemons=
+cleanup()
+{
+    for pid in $daemons $(private_daemons); do
+        kill -9 "$pid" 2>/dev/null
+    done
+    rm -rf "$scratch"
+}
+trap cleanup EXIT
+trap 'exit 1' HUP INT TERM
+cd "$scratch" || exit 1
+mkdir -m 700 run tmp
+unset BVHD_SOCKET NOTIFY_SOCKET
+export XDG_RUNTIME_DIR="$scratch/run" TMPDIR="$scratch/tmp"
+failures=0
+checks=0
+
+# expect WHAT COMMAND... - the command succeeds.
+expect()
+{
+    what=$1
+    shift
+    checks=$((checks + 1))
+    "$@" && return
+    echo "does not hold: $what"
+    failures=$((failures + 1))
+}
+
+# run CODE ARGUMENT... - bvhctl ends with that code; its output is in `out` and `err`.
+run()
+{
+    code=$1
+    shift
+    "$bvhctl" "$@" >out 2>err
+    got=$?
+    expect "status $code of: bvhctl $* (got $got: $(head -c 300 err))" [ $got -eq "$code" ]
+}
+
+one_error_line()
+{
+    expect "one line on stderr: $(cat err)" [ "$(wc -l <err)" -eq 1 ]
+    expect "it reads bvhctl: WHAT: WHERE: ...: $(cat err)" grep -Eq '^bvhctl: [^:]+: .+: .+' err
+}
+
+one_json_object()
+{
+    expect "one line of JSON: $(head -c 300 out)" [ "$(wc -l <out)" -eq 1 ]
+    expect 'schema 1' grep -q '^{"schema":1,.*}$' out
+}
+
+sums()
+{
+    (cd "$1" && sha256sum -- * | sort -k 2)
+}
+
+same_sums()
+{
+    [ "$(sums "$1")" = "$(sums "$2")" ]
+}
+
+# within SECONDS COMMAND... - the command succeeds until then, tried again and again.
+within()
+{
+    tries=$(($1 * 20))
+    shift
+    until "$@"; do
+        tries=$((tries - 1))
+        [ $tries -gt 0 ] || return 1
+        sleep 0.05
+    done
+}
+
+answers()
+{
+    "$bvhctl" --socket "$1" --connect-timeout 0 ping >/dev/null 2>&1
+}
+
+# start SOCKET OPTION... - a daemon on that socket, which answers. Its number is in $daemon.
+start()
+{
+    socket=$1
+    shift
+    "$bvhd" --socket "$socket" "$@" >>daemon.log 2>&1 &
+    daemon=$!
+    daemons="$daemons $daemon"
+    expect "a daemon on $socket: $(cat daemon.log)" within 30 answers "$socket"
+}
+
+# Ended, though perhaps not yet waited for.
+gone()
+{
+    [ -z "$(tr -d '\0' 2>/dev/null <"/proc/$1/cmdline")" ]
+}
+
+# The daemons that were started by bvhctl for this test.
+private_daemons()
+{
+    for entry in /proc/[0-9]*; do
+        if tr '\0' ' ' 2>/dev/null <"$entry/cmdline" | grep -q "bvhd --socket $scratch/"; then
+            pid=${entry#/proc/}
+            case " $daemons " in
+            *" $pid "*) ;;
+            *) echo "$pid" ;;
+            esac
+        fi
+    done
+}
+
+private_count()
+{
+    private_daemons | wc -l
+}
+
+private_count_is()
+{
+    [ "$(private_count)" -eq "$1" ]
+}
+
+# counter SOCKET NAME
+counter()
+{
+    "$bvhctl" --socket "$1" stats | awk -v name="$2" '$1 == name { print $2 }'
+}
+
+counter_is()
+{
+    [ "$(counter "$1" "$2")" = "$3" ]
+}
+
+# What --json says, without what depends on the run.
+plain_report()
+{
+    sed -E 's/"(cached|coalesced)":(true|false),//g; s/"(prepare_ms|build_ms|peak_bytes|wall_ms)":[-+.0-9e]+,?//g' "$1"
+}
+
+"$make_scene" sphere --size 3000 -o ball.ply >/dev/null
+"$make_scene" nan --size 500 -o nan.ply >/dev/null
+"$make_scene" degenerate --size 500 -o degenerate.ply >/dev/null
+"$make_scene" stadium-like --size 2000 -o stadium.ply >/dev/null
+"$make_scene" park --size 1000 -o park.gltf >/dev/null
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
+"$make_scene" sphere --size 40000 -o large.ply >/dev/null
+s=$scratch/s.sock
+
+# Without a daemon: an explicit socket is waited for, and nothing is started on it.
+for command in 'build one.obj -o d' stats ping "get $(printf '%064d' 0) -o f.as"; do
+    # shellcheck disable=SC2086 # a list of words
+    run 4 --socket "$s" --connect-timeout 0.1 $command
+    one_error_line
+    expect "the socket is named: $(cat err)" grep -q "$s" err
+    # shellcheck disable=SC2086
+    BVHD_SOCKET=$s run 4 $command --connect-timeout 0.1 --json
+    one_json_object
+    expect 'the error is UNAVAILABLE' grep -q '"error":{"status":"UNAVAILABLE"' out
+done
+expect 'no output was written' [ ! -e d ]
+expect 'nothing was started' private_count_is 0
+(sleep 0.5; exec "$bvhd" --socket "$s" >>daemon.log 2>&1) &
+daemons="$daemons $!"
+daemon=$!
+run 0 --socket "$s" --connect-timeout 30 ping
+expect "it answers: $(cat out)" grep -Eq "^$s answers in [0-9.]+ ms$" out
+
+# Usage.
+for line in 'get' 'get 1234 -o f' "get $(printf '%064d' 0)" 'stats more' 'ping --local' '--local stats' '--connect-timeout x ping' \
+    '--connect-timeout -1 ping' 'stats -o f' 'ping --memory 3'; do
+    # shellcheck disable=SC2086
+    run 2 $line
+    one_error_line
+done
+
+# The same bytes, and the same words about them, as in process.
+for quality in fast balanced high; do
+    for scene in ball.ply nan.ply degenerate.ply stadium.ply one.obj park.gltf; do
+        local=local/$quality-${scene%.*}
+        remote=remote/$quality-${scene%.*}
+        run 0 --local build $scene -o "$local" --quality $quality --json
+        cp out local.json
+        run 0 --socket "$s" build $scene -o "$remote" --quality $quality --json
+        one_json_object
+        expect "the same files: $quality $scene" same_sums "$local" "$remote"
+        plain_report local.json >local.plain
+        plain_report out >remote.plain
+        expect "the same report: $quality $scene" cmp -s local.plain remote.plain
+    done
+done
+for options in '--layout fast-triangles' '--flags allow-update,low-memory' '--geometry-flags none' '--quality auto --rays 3' \
+    '--flags prefer-fast-build'; do
+    # shellcheck disable=SC2086
+    {
+        run 0 --local build ball.ply park.gltf -o "local/$options" $options
+        run 0 --socket "$s" build ball.ply park.gltf -o "remote/$options" $options
+    }
+    expect "the same files: $options" same_sums "local/$options" "remote/$options"
+done
+expect 'no temporary files' [ -z "$(find local remote -name '*.??????' ! -name '*.as' ! -name manifest.json)" ]
+run 0 check remote/high-park park.gltf --rays 500
+
+# What breaks a rule, and what fails beside what does not.
+run 1 --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build
+cp err local.err
+run 1 --socket "$s" build ball.ply -o rule2 --flags prefer-fast-trace,prefer-fast-build
+expect "the same error lines: $(cat err)" cmp -s err local.err
+run 1 --socket "$s" build missing.ply one.obj -o part --json
+one_json_object
+one_error_line
+expect 'the other scene is there' [ -f part/one.tlas.as ]
+
+# Equal work is done once.
+before=$(counter "$s" builds_started)
+touch -d '2001-01-01' remote/balanced-park/*
+touch -d '2002-02-02' stamp
+run 0 --socket "$s" build park.gltf -o remote/balanced-park --quality balanced --json
+expect 'everything is cached' [ "$(grep -o '"cached":true' out | wc -l)" -eq "$(grep -o '"file"' out | wc -l)" ]
+expect 'nothing is built' counter_is "$s" builds_started "$before"
+expect 'nothing is rewritten' [ -z "$(find remote/balanced-park -type f -newer stamp)" ]
+run 0 --socket "$s" build park.gltf -o remote/balanced-park --quality balanced
+expect 'the words for it' grep -q ', cached$' out
+before=$(counter "$s" builds_started)
+for i in 1 2 3 4 5 6 7 8; do
+    { "$bvhctl" --socket "$s" build large.ply ball.ply -o "at-once-$i" --layout fast-triangles --quality high >"at-once-$i.out" 2>&1
+      echo $? >"at-once-$i.code"; } &
+    at_once="${at_once-} $!"
+done
+# shellcheck disable=SC2086
+wait $at_once
+run 0 --local build large.ply ball.ply -o at-once --layout fast-triangles --quality high
+for i in 1 2 3 4 5 6 7 8; do
+    expect "at once, $i: $(cat "at-once-$i.out")" [ "$(cat "at-once-$i.code")" = 0 ]
+    expect "the same bytes at once, $i" same_sums at-once "at-once-$i"
+done
+expect "eight at once: four builds ($before, then $(counter "$s" builds_started))" counter_is "$s" builds_started $((before + 4))
+
+# By key.
+key=$(grep -o '"key": *"[0-9a-f]*"' remote/balanced-park/manifest.json | head -n 1 | grep -o '[0-9a-f]\{64\}')
+file=$(grep -o '"file": *"[^"]*"' remote/balanced-park/manifest.json | head -n 1 | sed 's/.*"\([^"]*\)"$/\1/')
+run 0 --socket "$s" get "$key" -o got.as
+expect 'the same bytes by key' cmp -s got.as "remote/balanced-park/$file"
+run 0 --socket "$s" get "$(echo "$key" | tr a-f A-F)" -o got.as --json
+one_json_object
+for field in key file bytes origin; do
+    expect "the field $field" grep -q "\"$field\":" out
+done
+expect 'the key as it is written everywhere' grep -q "\"key\":\"$key\"" out
+run 1 --socket "$s" get "$(printf '%064d' 7)" -o none.as --json
+one_error_line
+one_json_object
+expect 'an unknown key is NOT_FOUND' grep -q '"status":"NOT_FOUND"' out
+expect 'no file of it' [ ! -e none.as ]
+run 1 --socket "$s" get "$key" -o no/such/place.as
+one_error_line
+
+# Counters.
+run 0 --socket "$s" stats --json
+one_json_object
+for field in builds_started builds_done hits_memory hits_disk misses coalesced refused cancelled queue_depth live_result_bytes connections; do
+    expect "the counter $field" grep -Eq "\"$field\":[0-9]+[,}]" out
+done
+expect 'only this connection' grep -q '"connections":1[,}]' out
+expect 'nothing under way' grep -q '"queue_depth":0[,}]' out
+run 0 --socket "$s" ping --json
+one_json_object
+for field in socket ms; do
+    expect "the field $field" grep -q "\"$field\":" out
+done
+
+# An interrupt ends the build, here and there; the manifest of before stays.
+"$make_scene" sphere --size 1500000 -o huge.ply >/dev/null
+for signal in INT TERM; do
+    before=$(counter "$s" builds_started)
+    "$bvhctl" --socket "$s" build huge.ply -o interrupted --quality high --json >out 2>err &
+    pid=$!
+    expect 'the build has begun' within 120 counter_is "$s" builds_started $((before + 1))
+    kill -$signal $pid
+    wait $pid
+    got=$?
+    expect "an interrupted build fails ($got)" [ $got -eq 1 ]
+    one_error_line
+    one_json_object
+    expect "it says so: $(cat err)" grep -q interrupted err
+    expect 'nothing was written' [ -z "$(find interrupted -type f)" ]
+    expect 'the daemon forgets it' within 10 counter_is "$s" queue_depth 0
+done
+expect 'cancellations are counted' [ "$(counter "$s" cancelled)" -ge 2 ]
+
+# A daemon that dies takes the build with it, and nothing half-written is left.
+before=$(counter "$s" builds_started)
+"$bvhctl" --socket "$s" build one.obj huge.ply -o lost --quality high --json >out 2>err &
+pid=$!
+expect 'the build has begun' within 120 counter_is "$s" builds_started $((before + 1))
+kill -9 "$daemon"
+wait $pid
+got=$?
+expect "a lost daemon is status 4 ($got)" [ $got -eq 4 ]
+one_error_line
+one_json_object
+expect 'the error is UNAVAILABLE' grep -q '"error":{"status":"UNAVAILABLE"' out
+expect 'no manifest of a part' [ ! -e lost/manifest.json ]
+expect 'whole files only' [ -z "$(find lost -type f ! -name 'one.*.as')" ]
+
+# A daemon that is idle leaves.
+start idle.sock --idle-exit 1
+expect 'it leaves' within 30 gone "$daemon"
+expect 'with its socket' [ ! -e idle.sock ]
+
+# The private daemon: eight start one, with nothing of theirs; the next ones find it.
+rm -rf at-once-*
+at_once=
+for i in 1 2 3 4 5 6 7 8; do
+    { "$bvhctl" build ball.ply -o "at-once-$i" --connect-timeout 60 >"at-once-$i.out" 2>&1 7>inherited; echo $? >"at-once-$i.code"; } &
+    at_once="$at_once $!"
+done
+# shellcheck disable=SC2086
+wait $at_once
+for i in 1 2 3 4 5 6 7 8; do
+    expect "a private daemon for $i: $(cat "at-once-$i.out")" [ "$(cat "at-once-$i.code")" = 0 ]
+done
+expect "one daemon for all ($(private_count))" private_count_is 1
+private=$(private_daemons)
+expect 'on the user'"'"'s socket' [ -S run/bvhd.sock ]
+expect 'that nobody else may use' [ -z "$(find run/bvhd.sock -perm /077)" ]
+expect 'in a session of its own' [ "$(sed 's/.*) //' "/proc/$private/stat" | cut -d ' ' -f 4)" = "$private" ]
+expect 'without our descriptors' [ -z "$(find "/proc/$private/fd" -lname "*/inherited")" ]
+expect 'it will leave by itself' sh -c "tr '\0' ' ' <'/proc/$private/cmdline' | grep -q -- '--idle-exit [1-9]'"
+run 0 build ball.ply -o again --json
+expect 'it is asked again' [ "$(grep -o '"cached":true' out | wc -l)" -eq 2 ]
+run 0 ping --json
+expect 'its socket' grep -q "\"socket\":\"$scratch/run/bvhd.sock\"" out
+kill -TERM "$private"
+expect 'it ends' within 30 gone "$private"
+run 0 stats
+expect 'and another one is started' private_count_is 1
+kill -9 "$(private_daemons)"
+expect 'a socket without a daemon' within 30 private_count_is 0
+run 0 ping
+expect 'is taken over' private_count_is 1
+kill -TERM "$(private_daemons)"
+
+# Without a session's directory: one of the user's own, which must be nobody else's.
+unset XDG_RUNTIME_DIR
+own=$scratch/tmp/bvhd-$(id -u)
+run 0 ping
+expect 'a directory for the user alone' [ "$(stat -c %a "$own")" = 700 ]
+expect 'the socket is there' grep -q "^$own/bvhd.sock answers" out
+kill -TERM "$(private_daemons)"
+within 30 [ ! -S "$own/bvhd.sock" ]
+chmod 777 "$own"
+run 4 ping
+one_error_line
+expect "it says why: $(cat err)" grep -q "$own: no daemon, and none is started here" err
+mv "$own" elsewhere
+chmod 700 elsewhere
+ln -s "$scratch/elsewhere" "$own"
+run 4 ping --json
+one_json_object
+expect 'nothing was started' [ ! -S elsewhere/bvhd.sock ]
+rm "$own"
+
+# A daemon that cannot start says why.
+mkdir -m 700 "$scratch/run2"
+export XDG_RUNTIME_DIR="$scratch/run2"
+mkdir run2/bvhd.sock
+run 4 ping
+one_error_line
+expect "the reason is given: $(cat err)" grep -q 'bvhd.sock.log: the daemon that was started ended with status 1: ' err
+
+echo "$checks expectations, $failures of them do not hold"
+[ $failures -eq 0 ]
