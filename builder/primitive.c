@@ -6,7 +6,8 @@
 
 #include "vec4.h"
 
-enum { CHUNK = 1024 }; /* primitives a task: their refs stay in the first cache */
+/* Primitives whose refs stay in the first cache; chunks of a task, so many that it is worth another thread's while. */
+enum { CHUNK = 1024, TASK_CHUNKS = 8 };
 
 /* What becomes of one primitive. */
 struct finding {
@@ -197,7 +198,7 @@ void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct b
     *ret_centroids = vec4_box_get(centroids);
 }
 
-/* What a task found; its refs stand where they would be if nothing were left out. */
+/* What is in a chunk; its refs stand where they would be if nothing were left out. */
 struct chunk {
     uint32_t count;
     struct box bounds, centroids;
@@ -230,9 +231,8 @@ static void collect_one(const struct collection *collection, const struct canoni
     chunk->count++;
 }
 
-static void collect_chunk(void *context, size_t index)
+static void collect_chunk(const struct collection *collection, size_t index)
 {
-    const struct collection *collection = context;
     const struct canonical *canonical = collection->canonical;
     struct chunk chunk = {0};
     size_t id, end;
@@ -246,6 +246,14 @@ static void collect_chunk(void *context, size_t index)
     }
     primitive_bounds(refs, chunk.count, &chunk.bounds, &chunk.centroids);
     collection->chunks[index] = chunk;
+}
+
+static void collect_chunks(void *context, size_t index)
+{
+    const struct collection *collection = context;
+    size_t chunk, end;
+    for (parallel_chunk(index, TASK_CHUNKS, collection->chunk_count, &chunk, &end); chunk < end; chunk++)
+        collect_chunk(collection, chunk);
 }
 
 /* Adds the chunks up, in their order, and closes the gaps between their refs. False when cancelled. */
@@ -273,7 +281,8 @@ static enum bvhd_status collect(struct collection *collection, const struct buil
     collection->chunks = memory_array(context->memory, collection->chunk_count, sizeof *collection->chunks);
     if (!collection->refs || !collection->chunks)
         return BVHD_NO_MEMORY;
-    bool done = parallel_for_until(context->parallel, context->cancel, collection->chunk_count, collect_chunk, collection);
+    size_t tasks = (collection->chunk_count + TASK_CHUNKS - 1) / TASK_CHUNKS;
+    bool done = parallel_for_until(context->parallel, context->cancel, tasks, collect_chunks, collection);
     return done && combine(collection, context->cancel, refs) ? BVHD_OK : BVHD_CANCELLED;
 }
 
