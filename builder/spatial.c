@@ -72,7 +72,7 @@ static bool cut(const struct spatial_request *request, const struct part *part, 
     struct spatial_plane plane;
     uint32_t slack = part->capacity - part->count;
     spatial_grid_lay(&part->bounds, part->count, &grid);
-    if (!spatial_choose(request->canonical, &grid, part->refs, part->count, slack, &plane) || !(plane.cost < limit))
+    if (!spatial_choose(request->canonical, &grid, part->refs, part->count, slack, request->cancel, &plane) || !(plane.cost < limit))
         return false;
     spatial_partition(request->canonical, &grid, &plane, part->refs, part->count, part->other, part->other + part->capacity, ret_sides);
     return true;

@@ -1,6 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "spatial_bins.h"
 
+#include "parallel.h"
+
+/* A ref that crosses all planes takes some microseconds. */
+enum { LOOK_EVERY = 512 };
+
 /* Parts in a bin, grown by boxes; how many refs begin and end in it. */
 struct bins {
     struct vec4_box boxes[3][SPATIAL_BINS_MAX]; /* by axis */
@@ -140,13 +145,16 @@ static void choose_on_axis(const struct bins *bins, uint32_t bin_count, unsigned
 }
 
 bool spatial_choose(const struct canonical *canonical, const struct spatial_grid *grid, const struct primitive_ref *refs,
-                    uint32_t count, uint32_t slack, struct spatial_plane *ret_plane)
+                    uint32_t count, uint32_t slack, const atomic_bool *cancel, struct spatial_plane *ret_plane)
 {
     struct bins bins;
     struct spatial_plane best = {.cost = FLT_MAX};
     bins_clear(&bins, grid->bins);
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count; i++) {
+        if (i % LOOK_EVERY == LOOK_EVERY - 1 && parallel_cancelled(cancel))
+            return false;
         bins_add(&bins, canonical, grid, &refs[i]);
+    }
     for (unsigned axis = 0; axis < 3; axis++)
         if (grid->scale[axis] != 0)
             choose_on_axis(&bins, grid->bins, axis, count + slack, &best);

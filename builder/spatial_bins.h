@@ -8,6 +8,8 @@
 #ifndef BVHD_SPATIAL_BINS_H
 #define BVHD_SPATIAL_BINS_H
 
+#include <stdatomic.h>
+
 #include "clip.h"
 
 enum { SPATIAL_BINS_MAX = 16 };
@@ -37,9 +39,12 @@ struct spatial_side {
 
 void spatial_grid_lay(const struct vec4_box *bounds, uint32_t count, struct spatial_grid *ret_grid);
 
-/* The cheapest plane with something on both sides that makes at most `slack` refs more; false when there is none. */
+/*
+ * The cheapest plane with something on both sides that makes at most `slack` refs more; false when there is none, or when *cancel is set on the
+ * way (`cancel` may be NULL).
+ */
 bool spatial_choose(const struct canonical *canonical, const struct spatial_grid *grid, const struct primitive_ref *refs,
-                    uint32_t count, uint32_t slack, struct spatial_plane *ret_plane);
+                    uint32_t count, uint32_t slack, const atomic_bool *cancel, struct spatial_plane *ret_plane);
 
 /*
  * Copies the refs, or their parts, to both sides: from `left` upwards, from `right` downwards (right[-1] first). A ref that is cheaper whole on one

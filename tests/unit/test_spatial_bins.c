@@ -92,7 +92,7 @@ static void the_cheapest_plane_is_chosen(void **state)
         struct spatial_plane plane;
         start(&f, 2 + round, round % 3 == 0 ? 1 : 0.1, round % 5 == 0, round);
         double least = least_cost(&f, slack);
-        bool any = spatial_choose(&f.canonical, &f.grid, f.refs, f.count, slack, &plane);
+        bool any = spatial_choose(&f.canonical, &f.grid, f.refs, f.count, slack, NULL, &plane);
         assert_int_equal(any, isfinite(least));
         if (!any)
             continue;
@@ -145,7 +145,7 @@ static void every_ref_goes_somewhere(void **state)
         struct spatial_side sides[2];
         unsigned char seen[MOST] = {0};
         start(&f, 2 + round, round % 3 == 0 ? 1 : 0.1, round % 5 == 0, round);
-        if (!spatial_choose(&f.canonical, &f.grid, f.refs, f.count, MOST, &plane))
+        if (!spatial_choose(&f.canonical, &f.grid, f.refs, f.count, MOST, NULL, &plane))
             continue;
         spatial_partition(&f.canonical, &f.grid, &plane, f.refs, f.count, to, to + 2 * MOST, sides);
         assert_true(sides[0].count >= 1 && sides[0].count <= plane.left_count);
