@@ -93,7 +93,7 @@ sed 's/{0}/{}/; s/int use(struct bvhd_client \*client);//' plain.c >plain.cpp
 for standard in c99 c11 c17; do
     expect "the header in $standard" $compiler -std=$standard -pedantic -Wall -Wextra -Wconversion -Wstrict-prototypes -Werror $(pkg --cflags) -c plain.c
 done
-expect 'the header beside a newer vulkan_core.h' $compiler -std=c99 -pedantic -Wall -Werror -Inewer $(pkg --cflags) -c beside.c
+expect 'the header beside a newer vulkan_core.h' $compiler -std=c99 -pedantic -Wall -Werror -Inewer -I"$(dirname "$vulkan")" $(pkg --cflags) -c beside.c
 for compiler_cpp in g++ clang++; do
     command -v $compiler_cpp >/dev/null || continue
     for standard in c++11 c++20; do
