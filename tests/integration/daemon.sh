@@ -1,0 +1,272 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# daemon.sh BVHD DAEMON_HELPER - the daemon as those meet it who start it: options, the socket's file, signals, idleness, socket activation,
+# notifications. Prints each expectation that does not hold; status 1 when one does not.
+set -u
+bvhd=$(realpath "$1")
+helper=$(realpath "$2")
+scratch=$(mktemp -d)
+started=
+cleanup()
+{
+    for pid in $started; do
+        kill -9 "$pid" 2>/dev/null
+    done
+    rm -rf "$scratch"
+}
+trap cleanup EXIT
+trap 'exit 1' HUP INT TERM
+cd "$scratch" || exit 1
+unset NOTIFY_SOCKET WATCHDOG_USEC WATCHDOG_PID LISTEN_FDS LISTEN_PID LISTEN_FDNAMES XDG_RUNTIME_DIR JOURNAL_STREAM
+failures=0
+checks=0
+
+# expect WHAT COMMAND... - the command succeeds.
+expect()
+{
+    what=$1
+    shift
+    checks=$((checks + 1))
+    "$@" && return
+    echo "does not hold: $what"
+    failures=$((failures + 1))
+}
+
+# eventually WHAT COMMAND... - the command succeeds within 20 seconds.
+eventually()
+{
+    what=$1
+    shift
+    for _ in $(seq 400); do
+        "$@" >/dev/null 2>&1 && break
+        sleep 0.05
+    done
+    expect "$what" "$@" >/dev/null
+}
+
+# refused CODE ARGUMENT... - bvhd ends with that code and one line; its output is in `out` and `err`.
+refused()
+{
+    code=$1
+    shift
+    timeout 20 "$bvhd" "$@" >out 2>err
+    got=$?
+    expect "status $code of: bvhd $* (got $got)" [ $got -eq "$code" ]
+    expect "one line on stderr: $(head -c 300 err)" [ "$(wc -l <err)" -eq 1 ]
+    expect "it reads bvhd: WHERE: WHAT: $(head -c 300 err)" grep -Eq '^bvhd: [^:]+(:[0-9]+)?: .+' err
+}
+
+# start ARGUMENT... - a daemon on the socket `s`, which answers; $daemon is its process, `log` what it says.
+start()
+{
+    "$bvhd" --socket s "$@" 2>log &
+    daemon=$!
+    started="$started $daemon"
+    eventually "it answers: bvhd $*" "$helper" ping s
+}
+
+# ended CODE WHAT - the daemon has ended with that status.
+ended()
+{
+    wait "$daemon"
+    got=$?
+    expect "status $1 after $2 (got $got: $(tail -n 3 log))" [ $got -eq "$1" ]
+}
+
+gone()
+{
+    ! [ -e "$1" ]
+}
+
+has()
+{
+    grep -q -- "$@"
+}
+
+# Usage.
+refused 2 --fly
+refused 2 word
+refused 2 --workers
+refused 2 --workers 0
+refused 2 --memory lots
+refused 1 --cache d
+expect 'the disk cache is named' has 'memory only' err
+timeout 20 "$bvhd" --help >out 2>err
+expect 'help is no failure' [ $? -eq 0 ]
+for name in socket workers cache cache-size memory config help version log-level idle-exit drain-timeout max-connections; do
+    expect "the help names --$name" has "--$name" out
+done
+timeout 20 "$bvhd" --version >out 2>err
+expect 'the version is no failure' [ $? -eq 0 ]
+expect 'a version' grep -Eq '^bvhd [0-9]+\.[0-9]+\.[0-9]+$' out
+for word in --help --version; do
+    "$bvhd" $word >/dev/full 2>/dev/null
+    expect "a full disk is a failure of $word" [ $? -eq 1 ]
+done
+
+# A file of options.
+printf 'workers = 1\n# a comment\nnonsense = 3\n' >conf
+refused 2 --config conf
+expect 'the line is named' has '^bvhd: conf:3: ' err
+refused 1 --config missing.conf
+printf 'socket = elsewhere\nworkers = 1\nlog-level = debug\n' >conf
+start --config conf
+expect 'the command line wins' gone elsewhere
+expect 'the rest holds' has 'level=debug event=connected' log
+kill -TERM "$daemon"
+ended 0 'a file of options'
+
+# The socket's file.
+start
+expect 'its mode is 0600' [ "$(stat -c %a s)" = 600 ]
+refused 1 --socket s
+expect 'the address is in use' has 'address in use' err
+expect 'the first one still answers' "$helper" ping s
+kill -TERM "$daemon"
+ended 0 SIGTERM
+expect 'the socket is removed' gone s
+expect 'it says where it listened' has 'event=listening socket="s"' log
+expect 'and that it leaves' has event=leaving log
+start
+kill -INT "$daemon"
+ended 0 SIGINT
+echo precious >s
+refused 1 --socket s
+expect 'what is no socket stays' has precious s
+rm s
+refused 1 --socket no/such/place
+refused 1 --socket "$(printf '%0200d' 0)"
+expect 'the limit is named' has 107 err
+
+# After one that was killed. (Its standard streams are closed, too: none of its sockets becomes one of them.)
+"$bvhd" --socket s <&- >&- 2>&- &
+daemon=$!
+started="$started $daemon"
+eventually 'it answers without standard streams' "$helper" ping s
+kill -KILL "$daemon"
+wait "$daemon" 2>/dev/null
+expect 'the socket of a killed one is left' [ -S s ]
+start
+kill -TERM "$daemon"
+ended 0 'a stale socket'
+
+# Few descriptors: it starts, and serves.
+if (ulimit -n 64 && "$bvhd" --version) >/dev/null 2>&1; then
+    (ulimit -n 64 && exec "$bvhd" --socket s) 2>log &
+    daemon=$!
+    started="$started $daemon"
+    eventually 'it answers with 64 descriptors' "$helper" ping s
+    kill -TERM "$daemon"
+    ended 0 '64 descriptors'
+fi
+
+# More connections than it may have.
+start --max-connections 1
+"$helper" hold s >held &
+eventually 'one is in' has welcome held
+"$helper" ping s >out 2>err
+expect 'another one is not' [ $? -ne 0 ]
+expect 'it says so' has event=connection_refused log
+kill -TERM "$daemon"
+ended 0 'a full house'
+
+# Draining: clients are told, what is under way is finished, nobody new is let in.
+start
+"$helper" hold s >held &
+"$helper" build s 400000 >built &
+eventually 'one waits' has welcome held
+eventually 'one has asked for a build' has sent built
+kill -TERM "$daemon"
+eventually 'nobody new is let in' gone s
+ended 0 'a drain'
+eventually 'it was told' has goodbye held
+eventually 'then the connection ended' has closed held
+eventually 'the build was finished, or refused: nothing is lost' grep -Eq '^(result OK|error)' built
+start
+"$helper" build s 400000 >built &
+eventually 'the build has begun' has prepared built
+kill -TERM "$daemon"
+ended 0 'a drain with work'
+eventually 'what had begun was finished' has 'result OK' built
+
+# No patience, and a second signal.
+for patience in 0 100; do
+    start --workers 1 --drain-timeout $patience
+    "$helper" build s 4000000 >built &
+    eventually 'a long build has begun' has prepared built
+    kill -TERM "$daemon"
+    [ $patience = 0 ] || { eventually 'it drains' has event=draining log && kill -TERM "$daemon"; }
+    ended 0 "a build that was not waited for ($patience)"
+    eventually 'its client is told by the end of the connection' grep -Eq '^(closed|result|error)' built
+done
+
+# Idleness.
+start --idle-exit 1
+ended 0 idleness
+expect 'it says so' has event=idle log
+expect 'the socket is removed' gone s
+start --idle-exit 0.5
+"$helper" hold s >held &
+client=$!
+eventually 'one is in' has welcome held
+sleep 1.5
+expect 'it stays for a client' kill -0 "$daemon"
+kill "$client"
+ended 0 'the last client'
+
+# Notifications: ready when it answers, alive every now and then, stopping.
+"$helper" notify n 20 >told &
+listener=$!
+started="$started $listener"
+eventually 'there is a socket for notifications' [ -S n ]
+NOTIFY_SOCKET=$scratch/n WATCHDOG_USEC=200000 "$bvhd" --socket s 2>log &
+daemon=$!
+started="$started $daemon"
+eventually 'it is ready' has '^READY=1 STATUS=listening on s$' told
+expect 'then it answers' "$helper" ping s
+sleep 1
+alive=$(grep -c '^WATCHDOG=1$' told)
+expect "it says that it lives, about every 100 ms: $alive times" [ "$alive" -ge 4 ]
+kill -STOP "$daemon"
+sleep 0.3
+before=$(grep -c '^WATCHDOG=1$' told)
+sleep 0.6
+expect 'it does not when it stands still' [ "$(grep -c '^WATCHDOG=1$' told)" -eq "$before" ]
+kill -CONT "$daemon"
+"$helper" build s 2000000 >built &
+eventually 'it builds' has prepared built
+before=$(grep -c '^WATCHDOG=1$' told)
+eventually 'it says so while it builds' sh -c "[ \$(grep -c '^WATCHDOG=1\$' told) -gt $((before + 1)) ]"
+kill -TERM "$daemon"
+ended 0 notifications
+eventually 'it said that it stops' has '^STOPPING=1 ' told
+kill "$listener"
+
+# Socket activation.
+if command -v systemd-socket-activate >/dev/null; then
+    systemd-socket-activate -l "$scratch/a" "$bvhd" 2>log &
+    daemon=$!
+    started="$started $daemon"
+    eventually 'it answers on the socket handed over' "$helper" ping a
+    expect 'and listens nowhere else' gone s
+    kill -TERM "$daemon"
+    ended 0 'socket activation'
+    expect 'the socket stays: it is the manager'"'"'s' [ -S a ]
+    rm -f a
+    for wrong in "-d -l $scratch/a" "-l $scratch/a -l $scratch/b" "--seqpacket -l $scratch/a"; do
+        # shellcheck disable=SC2086 # words
+        systemd-socket-activate $wrong "$bvhd" 2>log &
+        daemon=$!
+        started="$started $daemon"
+        eventually 'there is a socket' [ -S a ]
+        "$helper" poke a
+        ended 1 "sockets of another kind: $wrong"
+        expect 'it says why' has '^bvhd: socket activation: ' log
+        rm -f a b
+    done
+else
+    echo "socket activation was not tried: there is no systemd-socket-activate"
+fi
+
+echo "$checks expectations, $failures do not hold"
+[ $failures -eq 0 ]
