@@ -347,7 +347,10 @@ static void longer_rows_are_read_while_the_rest_is_zero(void **state)
             compare_references(&test.references[k], &input.references[k]);
         rows_finish(&input, &memory);
         if (more[i] > 0) {
-            unsigned char *last = payload.bytes + payload.shape.geometry_size - 1;
+            unsigned char *last = payload.bytes + payload.shape.geometry_size - 1, *first = payload.bytes + ROWS_GEOMETRY_SIZE;
+            *first = 1;
+            refuse(&payload, BVHD_UNSUPPORTED, "infos[5].geometries[0]");
+            *first = 0;
             *last = 1;
             refuse(&payload, BVHD_UNSUPPORTED, "infos[5].geometries[0]");
             *last = 0;
