@@ -477,21 +477,21 @@ void request_cancel(struct request *request)
     request_settle(request);
 }
 
-/* Marks what the client is told now; false without memory for the list of it. */
+/* Marks what the client is told now, and lists it; false without memory for the list, when what is marked is lost with the connection. */
 static bool list_news(struct request *request, struct memory *memory, struct control_items *ret_items)
 {
-    uint32_t *list = memory_array(memory, request->to_tell, sizeof *list);
-    if (!list)
-        return false;
-    *ret_items = (struct control_items){0, list};
+    struct control_items items = {0, memory_array(memory, request->to_tell, sizeof *items.items)};
     for (uint32_t i = 0; i < request->count; i++) {
         struct item *item = &request->items[i];
-        if (item->is_prepared && !item->is_told) {
-            item->is_told = true;
-            list[ret_items->count++] = i;
-        }
+        if (!item->is_prepared || item->is_told)
+            continue;
+        item->is_told = true;
+        if (items.items)
+            items.items[items.count++] = i;
     }
-    return true;
+    if (items.items)
+        *ret_items = items;
+    return items.items != NULL;
 }
 
 static void tell_request(struct request *request)

@@ -433,7 +433,7 @@ enum bvhd_status session_frame(struct session *session, const struct frame *fram
         session_drop_descriptors(session, frame, 0);
     service_pump(session->service);
     if (status != BVHD_OK) {
-        session->service->counters.protocol_errors++;
+        session->service->counters.protocol_errors += status != BVHD_NO_MEMORY;
         if (error)
             *error = reason;
     }

@@ -36,7 +36,8 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
 
 /*
  * One frame. Its descriptors belong to the session from here on; they are counted (descriptors_take) by the caller and given back by the session.
- * Anything but BVHD_OK is a broken protocol: the caller sends the error as FRAME_ERROR with request 0 and ends the connection.
+ * Anything but BVHD_OK is a broken protocol, or BVHD_NO_MEMORY where nothing can be answered: the caller sends the error as FRAME_ERROR with
+ * request 0 and ends the connection.
  */
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error);
 
