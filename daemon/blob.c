@@ -87,7 +87,7 @@ static bool needs_descriptor(uint64_t size)
 /* What the blob will count is counted from here on. */
 static enum bvhd_status take(struct blob_writer *writer, uint64_t size, struct bvhd_error *error)
 {
-    if (size == 0 || size > INT64_MAX)
+    if (size > INT64_MAX)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "%" PRIu64 " bytes", size);
     if (needs_descriptor(size) && !descriptors_take(writer->account->descriptors, 1, DESCRIPTORS_RESERVE))
         return bvhd_error_set(error, BVHD_BUSY, "blob", "too many open descriptors");

@@ -255,16 +255,18 @@ static double seconds(void)
 static void closing_does_not_wait(void **state)
 {
     (void)state;
-    struct descriptors descriptors = with_limit(10);
+    struct descriptors descriptors = with_limit(10), full = with_limit(3);
     int pair[2] = {-1, -1};
     if (!make_lingering_pair(pair)) {
         print_message("no sockets on the loopback interface here\n");
         skip();
     }
+    assert_true(descriptors_take(&full, 3, 0));
     double begun = seconds();
     descriptors_close(pair[0]);
     assert_true(seconds() - begun < 10);
     assert_int_equal(descriptors_left(&descriptors), 9);
+    assert_int_equal(descriptors_left(&full), 0);
     assert_true(descriptors_take(&descriptors, 5, 4));
     assert_false(descriptors_take(&descriptors, 1, 4));
     assert_int_equal(descriptors_left(&descriptors), 4);
