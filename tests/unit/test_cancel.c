@@ -3,11 +3,14 @@
 #include "unit.h"
 
 #include <math.h>
+#include <pthread.h>
+#include <time.h>
 
 #include "build.h"
 #include "content_key.h"
 #include "prepare.h"
 #include "random.h"
+#include "workers.h"
 
 /* Runs tasks one after another; sets the flag before task number `at`, counted over all loops. */
 struct clock {
@@ -246,6 +249,46 @@ static void a_set_flag_stops_each_step(void **state)
     scene_finish(&scene);
 }
 
+struct setter {
+    atomic_bool cancel;
+    long after_ns;
+};
+
+static void *set_later(void *context)
+{
+    struct setter *setter = context;
+    struct timespec wait = {0, setter->after_ns};
+    nanosleep(&wait, NULL);
+    atomic_store(&setter->cancel, true);
+    return NULL;
+}
+
+/* With several threads, and the flag set by yet another one. */
+static void from_another_thread(void **state)
+{
+    (void)state;
+    struct scene scene;
+    struct workers *workers;
+    make_triangles(&scene, 1);
+    assert_int_equal(workers_create(3, &workers, NULL), BVHD_OK);
+    for (int i = 0; i < 30; i++) {
+        struct memory memory;
+        struct setter setter = {.after_ns = 300000L * i};
+        struct build_context context = {
+            .embree = embree, .memory = &memory, .parallel = workers_parallel(workers), .cancel = &setter.cancel};
+        pthread_t thread;
+        scene.input.options.quality = (enum build_quality)(QUALITY_FAST + i % 3);
+        memory_init(&memory, UINT64_MAX);
+        assert_int_equal(pthread_create(&thread, NULL, set_later, &setter), 0);
+        enum bvhd_status status = run_all(&scene.input, &context, NULL);
+        pthread_join(thread, NULL);
+        assert_true(status == BVHD_OK || status == BVHD_CANCELLED);
+        assert_int_equal(memory.live, 0);
+    }
+    workers_destroy(workers);
+    scene_finish(&scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -254,6 +297,7 @@ int main(void)
         cmocka_unit_test(deep_trees),
         cmocka_unit_test(top_levels),
         cmocka_unit_test(a_set_flag_stops_each_step),
+        cmocka_unit_test(from_another_thread),
     };
     return cmocka_run_group_tests(tests, start, end);
 }
