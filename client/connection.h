@@ -33,6 +33,7 @@ struct connection {
     int socket;
     enum connection_state state;
     enum connection_pool pool;
+    uint64_t pool_again; /* when a refused pool is tried again; 0: never */
     struct connection_limits limits;
     uint32_t credits; /* left */
     struct frame_parser parser;

@@ -8,7 +8,7 @@
 #include "place.h"
 #include "result_blob.h"
 
-enum { MIN_RETRY_MS = 1, MAX_RETRY_MS = 2000 };
+enum { MIN_RETRY_MS = 1, MAX_RETRY_MS = 2000, POOL_AGAIN_MS = 5000 };
 
 /* One frame under judgement. */
 struct arrival {
@@ -36,6 +36,15 @@ static void settle(const struct arrival *arrival)
         exchange_drop_frame(exchange);
 }
 
+/* Payloads go without a pool, for a while at least. */
+static void refuse_pool(const struct arrival *arrival, uint64_t again)
+{
+    arrival->connection->pool = POOL_REFUSED;
+    arrival->connection->pool_again = again;
+    placement_refuse(&arrival->client->placement, true);
+    client_stir(arrival->client);
+}
+
 static enum bvhd_status take_welcome(const struct arrival *arrival)
 {
     struct control_welcome *welcome;
@@ -46,6 +55,9 @@ static enum bvhd_status take_welcome(const struct arrival *arrival)
     memory_free(&library_memory, welcome);
     if (status != BVHD_OK)
         return status;
+    placement_refuse(&arrival->client->placement, false);
+    if (arrival->connection->limits.max_pool == 0)
+        refuse_pool(arrival, 0);
     arrival->client->backoff_ms = 0;
     arrival->client->last_error.status = BVHD_OK;
     client_stir(arrival->client);
@@ -185,12 +197,6 @@ static void answer_waiter(struct exchange *exchange, const struct bvhd_error *er
     exchange->waiter->done = true;
 }
 
-static void refuse_pool(const struct arrival *arrival)
-{
-    arrival->connection->pool = POOL_REFUSED;
-    client_stir(arrival->client);
-}
-
 /* A request failed as a whole: nothing more comes of it. */
 static enum bvhd_status take_error(const struct arrival *arrival)
 {
@@ -203,7 +209,7 @@ static enum bvhd_status take_error(const struct arrival *arrival)
         if (!exchange->entries[i].answered)
             fail_entry(exchange, i, said);
     if (exchange->type == FRAME_POOL)
-        refuse_pool(arrival);
+        refuse_pool(arrival, arrival->now + POOL_AGAIN_MS * LIBRARY_MS);
     answer_waiter(exchange, said, NULL);
     memory_free(&library_memory, said);
     arrival->connection->credits += exchange->unanswered;
@@ -232,7 +238,7 @@ static enum bvhd_status take_busy(const struct arrival *arrival)
     uint64_t until = retry_moment(arrival->client, busy->retry_ms, arrival->now);
     memory_free(&library_memory, busy);
     if (exchange->type == FRAME_POOL) {
-        refuse_pool(arrival);
+        refuse_pool(arrival, arrival->now + POOL_AGAIN_MS * LIBRARY_MS);
         client_link_end(arrival->client, arrival->connection, exchange);
     } else {
         connection_park(arrival->connection, exchange, until);

@@ -100,12 +100,23 @@ static enum added put_inline(struct draft *draft, uint32_t index, uint64_t size)
     return ADDED;
 }
 
+/* The pool as this daemon takes it: a smaller one if need be; one that was refused is tried again after a while. */
+static void adapt_pool(struct bvhd_client *client, struct connection *connection)
+{
+    if (connection->pool == POOL_REFUSED && connection->pool_again && library_now() >= connection->pool_again) {
+        connection->pool = POOL_UNASKED;
+        placement_refuse(&client->placement, false);
+    }
+    bool is_lent = client->leaving && client->leaving->pool == POOL_ASKED; /* its descriptor may still have to be sent */
+    if (connection->pool == POOL_UNASKED && !is_lent)
+        placement_limit(&client->placement, connection->limits.max_pool);
+}
+
 static void ask_for_pool(struct draft *draft)
 {
     struct connection *connection = draft->connection;
     struct placement *placement = &draft->client->placement;
     struct control_pool pool = {placement->pool_size};
-    connection->pool = POOL_REFUSED;
     struct exchange *exchange = exchange_create(FRAME_POOL, 0);
     if (!exchange)
         return;
@@ -123,7 +134,7 @@ static enum added make_pool_usable(struct draft *draft, uint32_t index, uint64_t
 {
     struct connection *connection = draft->connection;
     struct bvhd_error error;
-    if (connection->pool == POOL_UNASKED)
+    if (connection->pool == POOL_UNASKED && draft->client->placement.pool_size <= connection->limits.max_pool)
         ask_for_pool(draft);
     if (connection->pool == POOL_READY)
         return ADDED;
@@ -300,13 +311,13 @@ static uint32_t frame_capacity(const struct bvhd_batch *batch, const struct conn
     return capacity;
 }
 
-/* False when nothing was sent. */
-static bool send_frame(struct bvhd_batch *batch, struct connection *connection)
+/* Sends what fits into one frame. Items of one that cannot be made have failed. */
+static void send_frame(struct bvhd_batch *batch, struct connection *connection)
 {
     struct draft draft = {.client = batch->client, .connection = connection, .batch = batch};
     draft.capacity = frame_capacity(batch, connection);
     if (draft.capacity == 0)
-        return false;
+        return;
     draft.exchange = exchange_create(batch->keys ? FRAME_GET : FRAME_BUILD, draft.capacity);
     if (batch->keys)
         draft.keys = memory_array(&library_memory, draft.capacity, sizeof *draft.keys);
@@ -326,7 +337,6 @@ static bool send_frame(struct bvhd_batch *batch, struct connection *connection)
     memory_free(&library_memory, draft.inline_bytes);
     memory_free(&library_memory, draft.items);
     memory_free(&library_memory, draft.keys);
-    return sent;
 }
 
 static void skip_sent(struct bvhd_batch *batch)
@@ -339,12 +349,12 @@ static void skip_sent(struct bvhd_batch *batch)
 
 static void send_batch(struct bvhd_batch *batch, struct connection *connection)
 {
-    bool sent = true;
     if (batch->frame_bytes == 0)
         batch->frame_bytes = FIRST_FRAME_BYTES;
     skip_sent(batch);
-    while (batch->queued && sent) {
-        sent = send_frame(batch, connection);
+    for (uint32_t before = UINT32_MAX; batch->queued && batch->first_unsent != before;) {
+        before = batch->first_unsent;
+        send_frame(batch, connection);
         skip_sent(batch);
     }
 }
@@ -355,6 +365,7 @@ static void send_queue(struct bvhd_client *client)
     struct connection *connection = client_link_open(client);
     if (!connection || connection->busy_until)
         return;
+    adapt_pool(client, connection);
     for (struct bvhd_batch *batch = client->queue, *next; batch; batch = next) {
         next = batch->next;
         send_batch(batch, connection);

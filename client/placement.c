@@ -5,6 +5,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "frame.h"
 #include "memfd.h"
 #include "rows.h"
 
@@ -49,6 +50,11 @@ bool placement_limit(struct placement *placement, uint64_t size)
     return true;
 }
 
+void placement_refuse(struct placement *placement, bool is_refused)
+{
+    placement->is_refused = is_refused;
+}
+
 static enum bvhd_status map_pool(struct placement *placement)
 {
     int descriptor;
@@ -69,9 +75,15 @@ static enum bvhd_status map_pool(struct placement *placement)
     return BVHD_OK;
 }
 
+/* Into the pool: small enough for it and, if the daemon does not take it, small enough to leave it by a frame. */
+static bool is_welcome(const struct placement *placement, uint64_t size)
+{
+    return size <= placement->pool_size && (!placement->is_refused || size <= FRAME_MAX_INLINE);
+}
+
 static bool take_from_pool(struct placement *placement, uint64_t size, uint64_t *ret_offset)
 {
-    if (size > placement->pool_size || (placement->descriptor < 0 && map_pool(placement) != BVHD_OK))
+    if (!is_welcome(placement, size) || (placement->descriptor < 0 && map_pool(placement) != BVHD_OK))
         return false;
     return arena_take(&placement->arena, size, ret_offset);
 }
@@ -122,7 +134,8 @@ enum bvhd_status placement_take(struct placement *placement, const struct build_
         *ret_held = (struct held){.kind = HELD_POOL, .descriptor = -1, .offset = offset, .size = size};
         return BVHD_OK;
     }
-    if (size <= placement->pool_size / 2 && placement->descriptor >= 0 && placement->arena.taken > 0)
+    bool may_wait = is_welcome(placement, size) && size <= placement->pool_size / 2;
+    if (may_wait && placement->descriptor >= 0 && placement->arena.taken > 0)
         return BVHD_BUSY;
     struct source source = {.input = input};
     return take_memfd(placement, &source, size, ret_held, error);

@@ -33,12 +33,16 @@ struct placement {
     unsigned char *bytes;
     struct arena arena;
     uint32_t memfds;
+    bool is_refused; /* the daemon does not take the pool: it holds only what can leave it by a frame */
 };
 
 void placement_init(struct placement *placement, struct memory *memory, uint64_t pool_size);
 
 /* What is out is forgotten, but for memfds, which their holders release before. */
 void placement_finish(struct placement *placement);
+
+/* Whether the daemon takes the pool at all. */
+void placement_refuse(struct placement *placement, bool is_refused);
 
 /* A daemon takes a pool of at most `size` bytes. False when the one that exists, with payloads in it, is larger. */
 bool placement_limit(struct placement *placement, uint64_t size);
