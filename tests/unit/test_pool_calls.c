@@ -16,8 +16,9 @@ struct act {
     size_t plain[MOST_TASKS]; /* not atomic: the caller must see it when for_each returns */
     pthread_barrier_t barrier;
     atomic_bool first_done;
-    pthread_t stranger;
-    bool failed;
+    pthread_t stranger, waiter;
+    atomic_bool helper_began, beside_began;
+    atomic_bool failed;
 };
 
 /* Runs it as one job of a pool of its own. */
@@ -157,6 +158,63 @@ static void a_waiting_caller_helps(void **state)
     perform(&act, 2, call_late);
 }
 
+/*
+ * Task 0 makes an inner call, whose own task ends early and whose other task, on a second thread, waits for all of what task 1 makes on a
+ * third. Meanwhile the first thread waits, and must not take tasks of the third: one of those could keep it from going on.
+ */
+enum { BESIDE = 40 };
+
+static void work_beside(void *context, size_t index)
+{
+    struct act *act = context;
+    (void)index;
+    act->beside_began = true;
+    steps_burn(50000);
+    act->failed |= pthread_equal(pthread_self(), act->waiter);
+    atomic_fetch_add(&act->runs[0], 1);
+}
+
+static void wait_inside(void *context, size_t index)
+{
+    struct act *act = context;
+    (void)index;
+    bool own = pthread_equal(pthread_self(), act->waiter);
+    act->helper_began = act->helper_began || !own;
+    while (own ? !act->helper_began || !act->beside_began : act->runs[0] < BESIDE)
+        sched_yield();
+}
+
+static void wait_or_work(void *context, size_t index)
+{
+    struct act *act = context;
+    if (index == 0) {
+        act->waiter = pthread_self();
+        parallel_for(act->parallel, 2, wait_inside, act);
+        return;
+    }
+    while (!act->helper_began)
+        sched_yield();
+    parallel_for(act->parallel, BESIDE, work_beside, act);
+}
+
+static void call_side_by_side(struct step *step, const struct parallel *parallel)
+{
+    struct act *act = (struct act *)step;
+    act->parallel = parallel;
+    for (int round = 0; round < 10; round++) {
+        act->runs[0] = 0;
+        act->helper_began = act->beside_began = false;
+        parallel_for(parallel, 2, wait_or_work, act);
+    }
+}
+
+static void a_waiting_caller_helps_nobody_else(void **state)
+{
+    (void)state;
+    static struct act act;
+    perform(&act, 3, call_side_by_side);
+}
+
 /* The runner's task returns at once, the helper's sleeps: what the runner sleeps away meanwhile is nobody's time. */
 static void sleep_unless_runner(void *context, size_t index)
 {
@@ -256,8 +314,13 @@ static void several_jobs_call_at_once(void **state)
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_task_runs_once),      cmocka_unit_test(all_threads_work),       cmocka_unit_test(calls_nest),
-        cmocka_unit_test(a_waiting_caller_helps),    cmocka_unit_test(waiting_is_not_counted), cmocka_unit_test(strangers_may_call),
+        cmocka_unit_test(every_task_runs_once),
+        cmocka_unit_test(all_threads_work),
+        cmocka_unit_test(calls_nest),
+        cmocka_unit_test(a_waiting_caller_helps),
+        cmocka_unit_test(a_waiting_caller_helps_nobody_else),
+        cmocka_unit_test(waiting_is_not_counted),
+        cmocka_unit_test(strangers_may_call),
         cmocka_unit_test(several_jobs_call_at_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
