@@ -43,7 +43,7 @@ static uint64_t vertices_bound(const struct geometry *geometry)
         return 1;
     if (triangles->index_type == INDEX_NONE)
         return product(3, geometry->range.primitive_count);
-    return least((uint64_t)triangles->max_vertex + 1, triangles->vertices.size / triangles->vertex_stride + 1);
+    return least((uint64_t)triangles->max_vertex + 1, sum(triangles->vertices.size / triangles->vertex_stride, 1));
 }
 
 static uint64_t geometry_bound(const struct geometry *geometry)
@@ -78,7 +78,7 @@ uint64_t preparation_guess(const struct control_item *item)
     uint64_t geometries = least(item->geometry_count, size / ROWS_GEOMETRY_SIZE);
     uint64_t references = least(item->reference_count, size / ROWS_REFERENCE_SIZE);
     uint64_t rows = sum(product(geometries, GEOMETRY_BYTES), product(references, REFERENCE_BYTES));
-    return sum(sum(size, size / 8), sum(sum(least(size, MOVED_BYTES), rows), FIXED_BYTES));
+    return sum(sum(size, size / 8), sum(sum(least(size, MOVED_BYTES), 2 * rows), FIXED_BYTES));
 }
 
 struct preparation *preparation_create(const struct control_item *item, uint32_t index, const struct preparation_source *source,

@@ -161,6 +161,13 @@ void world_settle(struct session_world *world)
     world_await(world, is_settled, world);
 }
 
+void world_await_descriptors(int count)
+{
+    for (double begin = seconds(); world_descriptors() != count && seconds() - begin < 5;)
+        usleep(1000);
+    assert_int_equal(world_descriptors(), count);
+}
+
 /* No worker has anything of anybody any more. */
 static bool is_idle(void *context)
 {
@@ -204,10 +211,7 @@ void world_finish(struct session_world *world)
     for (uint32_t i = 0; i < world->gate_count; i++)
         sem_destroy(&world->gates[i].opened);
     sem_destroy(&world->woken);
-    /* Large files are closed by a thread of their own, a moment later. */
-    for (double begin = seconds(); world_descriptors() != world->descriptors && seconds() - begin < 5;)
-        usleep(1000);
-    assert_int_equal(world_descriptors(), world->descriptors);
+    world_await_descriptors(world->descriptors);
 }
 
 static void gate_run(struct pool_job *job, const struct parallel *parallel)
@@ -335,7 +339,8 @@ void world_get(struct world_client *client, uint64_t request, const struct key *
     struct frame frame = {.header = {.type = FRAME_GET, .request = request}};
     struct key copies[64];
     assert_true(count <= 64);
-    memcpy(copies, keys, count * sizeof *keys);
+    if (count > 0)
+        memcpy(copies, keys, count * sizeof *keys);
     struct control_get get = {count, copies};
     enum bvhd_status packed = control_pack_get(&get, &client->memory, &frame.control, NULL);
     if (send_packed(client, &frame, packed, NULL) != BVHD_OK)

@@ -137,5 +137,7 @@ void world_check_bytes(const struct world_event *event, const struct build_input
 
 /* Open descriptors of the process. */
 int world_descriptors(void);
+/* Waits until there are so many: what clients sent is closed by other threads, a moment later. */
+void world_await_descriptors(int count);
 
 #endif
