@@ -89,8 +89,7 @@ void pool_turn_end(struct pool *pool, struct pool_turn *turn)
 
 void pool_submit(struct pool *pool, struct pool_job *job)
 {
-    struct pool_turn *turn = job->turn;
-    turn->jobs++;
+    job->turn->jobs++;
     pool_lock(pool);
     uint64_t now = pool_clock();
     job->state = POOL_JOB_QUEUED;
@@ -98,10 +97,7 @@ void pool_submit(struct pool *pool, struct pool_job *job)
     job->submitted_ns = now;
     job->started_ns = job->ended_ns = 0;
     job->order = pool->orders++;
-    pool_turns_come_back(pool, turn, now);
-    pool_turns_add_job(pool, turn);
-    pool_queue_put(&turn->queue, job);
-    pool->queued++;
+    pool_turns_add_job(pool, job, now);
     pool_threads_call(pool, 1, now);
     pool_unlock(pool);
 }
@@ -120,9 +116,8 @@ void pool_cancel(struct pool *pool, struct pool_job *job)
     atomic_store_explicit(&job->cancel, true, memory_order_relaxed);
     pool_lock(pool);
     if (job->state == POOL_JOB_QUEUED) {
-        pool_queue_remove(&job->turn->queue, job);
-        pool->queued--;
-        pool_turns_remove_job(pool, job->turn);
+        pool_turns_take_job(pool, job);
+        pool_turns_close_job(pool, job);
         pool_append_ended(pool, job);
     }
     pool_unlock(pool);

@@ -83,9 +83,7 @@ static void open_call(struct pool *pool, struct pool_call *call)
 {
     pool_lock(pool);
     uint64_t now = pool_clock();
-    struct pool_turn *turn = call->run->job->turn;
-    pool_turns_come_back(pool, turn, now);
-    pool_turns_add_call(turn, call);
+    pool_turns_add_call(pool, call, now);
     for (struct pool_call *ancestor = call->parent; ancestor; ancestor = ancestor->parent)
         if (ancestor->sleeper) {
             pool_threads_wake(pool, ancestor->sleeper);
@@ -131,7 +129,7 @@ static void wait_for_helpers(struct pool *pool, struct pool_call *call, struct p
 static void close_call(struct pool *pool, struct pool_call *call, struct pool_thread *self)
 {
     pool_lock(pool);
-    pool_turns_remove_call(call->run->job->turn, call);
+    pool_turns_remove_call(call);
     if (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
         pool_unlock(pool);
         spin_for_helpers(call);

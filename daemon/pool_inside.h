@@ -34,14 +34,15 @@ static inline uint64_t pool_time_at(const struct pool_time *time, uint64_t now)
     return time->base + time->threads * now;
 }
 
+/* What is looked at in each turn whenever a thread wants work comes first, to be in one line of the cache. */
 struct pool_turn {
-    struct pool_queue queue;
-    struct pool_call *calls; /* open ones: by priority, then age of their jobs, then age */
     struct pool_time time;
-    uint32_t open; /* jobs queued or running: the turn is in the pool's list while there are any */
-    struct pool_turn *previous, *next; /* in the pool's list */
+    struct pool_turn *next, *previous; /* in the pool's list */
+    struct pool_call *calls; /* open ones: by priority, then age of their jobs, then age */
+    uint32_t open; /* jobs queued or running: the turn is in the list while there are any */
     uint32_t jobs; /* submitted and not done; loop only */
     bool ended; /* loop only */
+    struct pool_queue queue;
 };
 
 /* A job that runs; lives on the stack of the thread that runs it. `parallel` is what the job sees of the pool. */
@@ -81,6 +82,8 @@ struct pool {
     struct pool_turn *first_turn, *last_turn; /* with open jobs */
     struct pool_run *runs;
     uint32_t queued, running; /* jobs */
+    uint32_t queued_of[POOL_QUEUE_CLASSES]; /* jobs, by class of size */
+    uint64_t queued_classes; /* bit i: class i has some */
     unsigned active; /* threads that are in jobs and calls, also while they wait there for helpers */
     uint64_t orders;
     uint64_t level; /* the time of the turn that was last served: where a turn without a past starts */
@@ -154,15 +157,15 @@ struct pool_work {
     struct pool_job *job;
 };
 
-/* Before a job is queued or a call opened: a turn that had nothing to give to a thread comes back, with little of its past. */
-void pool_turns_come_back(struct pool *pool, struct pool_turn *turn, uint64_t now);
+/* A job waits, and no longer waits. */
+void pool_turns_add_job(struct pool *pool, struct pool_job *job, uint64_t now);
+void pool_turns_take_job(struct pool *pool, struct pool_job *job);
 
-/* A turn's first and last open job. */
-void pool_turns_add_job(struct pool *pool, struct pool_turn *turn);
-void pool_turns_remove_job(struct pool *pool, struct pool_turn *turn);
+/* A job that was taken has ended. */
+void pool_turns_close_job(struct pool *pool, const struct pool_job *job);
 
-void pool_turns_add_call(struct pool_turn *turn, struct pool_call *call);
-void pool_turns_remove_call(struct pool_turn *turn, struct pool_call *call);
+void pool_turns_add_call(struct pool *pool, struct pool_call *call, uint64_t now);
+void pool_turns_remove_call(struct pool_call *call);
 
 /* What a free worker does next. */
 struct pool_work pool_turns_next(struct pool *pool, uint64_t now);

@@ -3,11 +3,6 @@
 
 #include <stddef.h>
 
-static unsigned class_of(uint64_t size)
-{
-    return 63 - (unsigned)__builtin_clzll(size | 1);
-}
-
 /* Makes the later of two roots the first child of the other. A root has neither `next` nor `previous`. */
 static struct pool_job *meld(struct pool_job *a, struct pool_job *b)
 {
@@ -50,7 +45,7 @@ static struct pool_job *meld_siblings(struct pool_job *list)
 
 void pool_queue_put(struct pool_queue *queue, struct pool_job *job)
 {
-    unsigned class = class_of(job->size);
+    unsigned class = pool_queue_class(job->size);
     job->next = job->previous = job->child = NULL;
     queue->first[class] = meld(queue->first[class], job);
     queue->filled |= UINT64_C(1) << class;
@@ -68,7 +63,7 @@ static void unlink_child(struct pool_job *job)
 
 void pool_queue_remove(struct pool_queue *queue, struct pool_job *job)
 {
-    unsigned class = class_of(job->size);
+    unsigned class = pool_queue_class(job->size);
     struct pool_job **root = &queue->first[class], *below = meld_siblings(job->child);
     if (*root == job) {
         *root = below;
@@ -100,13 +95,8 @@ struct pool_job *pool_queue_first_small(const struct pool_queue *queue, uint64_t
 {
     if (most == 0)
         return NULL;
-    unsigned class = class_of(most);
+    unsigned class = pool_queue_class(most);
     struct pool_job *border = queue->first[class];
     uint64_t classes = (UINT64_C(1) << class) - 1;
     return first_of(queue, border && border->size <= most ? classes | UINT64_C(1) << class : classes);
-}
-
-uint64_t pool_queue_least_size(const struct pool_queue *queue)
-{
-    return queue->filled ? UINT64_C(1) << __builtin_ctzll(queue->filled) : UINT64_MAX;
 }

@@ -29,6 +29,12 @@ static inline uint64_t pool_queue_size(const struct pool_job *job)
     return job->size ? job->size : 1;
 }
 
+/* Which class a size falls into. */
+static inline unsigned pool_queue_class(uint64_t size)
+{
+    return 63 - (unsigned)__builtin_clzll(size | 1);
+}
+
 /* O(1); priority, size and order must not change while the job is in. */
 void pool_queue_put(struct pool_queue *queue, struct pool_job *job);
 
@@ -40,8 +46,5 @@ struct pool_job *pool_queue_first(const struct pool_queue *queue);
 
 /* The first among the jobs of size <= `most`; jobs of the class of `most` itself may be overlooked. */
 struct pool_job *pool_queue_first_small(const struct pool_queue *queue, uint64_t most);
-
-/* No job in the queue is smaller; UINT64_MAX when empty. */
-uint64_t pool_queue_least_size(const struct pool_queue *queue);
 
 #endif

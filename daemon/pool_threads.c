@@ -129,10 +129,9 @@ static void unlink_run(struct pool *pool, struct pool_run *run)
     pool->running--;
 }
 
-static void take_off_queue(struct pool *pool, struct pool_job *job, uint64_t now)
+static void mark_running(struct pool *pool, struct pool_job *job, uint64_t now)
 {
-    pool_queue_remove(&job->turn->queue, job);
-    pool->queued--;
+    pool_turns_take_job(pool, job);
     job->state = POOL_JOB_RUNNING;
     job->ran = true;
     job->started_ns = now;
@@ -142,7 +141,7 @@ static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
 {
     struct pool_run run = {.parallel = {pool->threads, pool_calls_for_each}, .pool = pool, .job = job};
     struct pool_turn *turn = job->turn;
-    take_off_queue(pool, job, now);
+    mark_running(pool, job, now);
     link_run(pool, &run);
     begin(pool, turn, now);
     pool_unlock(pool);
@@ -154,7 +153,7 @@ static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
     end(pool, turn, job->ended_ns);
     unlink_run(pool, &run);
     pool->jobs_done++;
-    pool_turns_remove_job(pool, turn);
+    pool_turns_close_job(pool, job);
     pool_append_ended(pool, job);
 }
 

@@ -33,7 +33,8 @@ static bool has_work(const struct pool_turn *turn)
     return turn->queue.filled || open_call(turn);
 }
 
-void pool_turns_come_back(struct pool *pool, struct pool_turn *turn, uint64_t now)
+/* Before something is added: a turn that had nothing to give to a thread comes back, with little of its past. */
+static void come_back(struct pool *pool, struct pool_turn *turn, uint64_t now)
 {
     if (has_work(turn))
         return;
@@ -41,7 +42,7 @@ void pool_turns_come_back(struct pool *pool, struct pool_turn *turn, uint64_t no
     turn->time.base += (time < pool->level ? pool->level : time > most ? most : time) - time;
 }
 
-void pool_turns_add_job(struct pool *pool, struct pool_turn *turn)
+static void open_job(struct pool *pool, struct pool_turn *turn)
 {
     if (turn->open++ > 0)
         return;
@@ -51,16 +52,39 @@ void pool_turns_add_job(struct pool *pool, struct pool_turn *turn)
     pool->last_turn = turn;
 }
 
-void pool_turns_remove_job(struct pool *pool, struct pool_turn *turn)
+void pool_turns_close_job(struct pool *pool, const struct pool_job *job)
 {
+    struct pool_turn *turn = job->turn;
     if (--turn->open > 0)
         return;
     *(turn->previous ? &turn->previous->next : &pool->first_turn) = turn->next;
     *(turn->next ? &turn->next->previous : &pool->last_turn) = turn->previous;
 }
 
-void pool_turns_add_call(struct pool_turn *turn, struct pool_call *call)
+void pool_turns_add_job(struct pool *pool, struct pool_job *job, uint64_t now)
 {
+    unsigned class = pool_queue_class(job->size);
+    come_back(pool, job->turn, now);
+    open_job(pool, job->turn);
+    pool_queue_put(&job->turn->queue, job);
+    pool->queued++;
+    pool->queued_of[class]++;
+    pool->queued_classes |= UINT64_C(1) << class;
+}
+
+void pool_turns_take_job(struct pool *pool, struct pool_job *job)
+{
+    unsigned class = pool_queue_class(job->size);
+    pool_queue_remove(&job->turn->queue, job);
+    pool->queued--;
+    if (--pool->queued_of[class] == 0)
+        pool->queued_classes &= ~(UINT64_C(1) << class);
+}
+
+void pool_turns_add_call(struct pool *pool, struct pool_call *call, uint64_t now)
+{
+    struct pool_turn *turn = call->run->job->turn;
+    come_back(pool, turn, now);
     struct pool_call **link = &turn->calls;
     while (*link && !pool_queue_before(call->run->job, (*link)->run->job))
         link = &(*link)->after;
@@ -68,9 +92,9 @@ void pool_turns_add_call(struct pool_turn *turn, struct pool_call *call)
     *link = call;
 }
 
-void pool_turns_remove_call(struct pool_turn *turn, struct pool_call *call)
+void pool_turns_remove_call(struct pool_call *call)
 {
-    struct pool_call **link = &turn->calls;
+    struct pool_call **link = &call->run->job->turn->calls;
     while (*link != call)
         link = &(*link)->after;
     *link = call->after;
@@ -124,12 +148,9 @@ static uint64_t spare_size(const struct pool *pool, uint64_t enough)
 
 struct pool_job *pool_turns_spare_job(const struct pool *pool, uint64_t now)
 {
-    uint64_t smallest = UINT64_MAX, least = UINT64_MAX;
-    for (const struct pool_turn *turn = pool->first_turn; turn; turn = turn->next) {
-        uint64_t own = pool_queue_least_size(&turn->queue);
-        smallest = own < smallest ? own : smallest;
-    }
-    uint64_t size = pool->queued > 0 ? spare_size(pool, smallest) : 0;
+    if (pool->queued == 0)
+        return NULL;
+    uint64_t smallest = UINT64_C(1) << __builtin_ctzll(pool->queued_classes), size = spare_size(pool, smallest), least = UINT64_MAX;
     struct pool_job *best = NULL;
     for (const struct pool_turn *turn = size > 0 ? pool->first_turn : NULL; turn; turn = turn->next) {
         uint64_t time = pool_time_at(&turn->time, now);
