@@ -16,15 +16,7 @@
 #include "request_limits.h"
 #include "memory.h"
 #include "status.h"
-
-/*
- * Rules between the entries of one call (row F17), for each entry: its destination is nobody else's (03698), its source, when it updates,
- * is no other entry's destination (03403), none of its references is another entry's destination (03407). Handles 0 are ignored. An entry
- * that breaks a rule fails alone; of two with one destination both do. O(n log n) in entries and references.
- *
- * ret_errors[count]: BVHD_OK or the error of each entry. BVHD_NO_MEMORY when it could not check.
- */
-enum bvhd_status validate_batch(const struct build_input *inputs, uint32_t count, struct memory *memory, struct bvhd_error *ret_errors);
+#include "validate_batch.h"
 
 /*
  * Rules on the fields of one entry, `index` in its batch: types, flags, modes, options, formats, strides, alignments, counts, presence of

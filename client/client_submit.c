@@ -2,7 +2,7 @@
 #include "client_batch.h"
 #include "client_link.h"
 #include "client_wait.h"
-#include "place.h"
+#include "validate_batch.h"
 
 /* A submission under way. */
 struct submission {
@@ -10,6 +10,7 @@ struct submission {
     const struct bvhd_build *build;
     struct reference *references;
     struct bvhd_error *errors; /* one an info */
+    struct bvhd_error *batch_errors; /* likewise, of the rules between them */
     struct bvhd_batch *batch;
 };
 
@@ -91,11 +92,30 @@ static enum bvhd_status describe(struct submission *submission)
     };
     submission->references = memory_array(&library_memory, (uint64_t)build->reference_count + 1, sizeof *submission->references);
     submission->errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->errors);
-    if (!submission->references || !submission->errors)
+    submission->batch_errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->batch_errors);
+    if (!submission->references || !submission->errors || !submission->batch_errors)
         return BVHD_NO_MEMORY;
     convert_references(build, submission->references);
-    return vulkan_input_create_in(&library_memory, build->infos, build->info_count, build->ranges, submission->references,
-                                  build->reference_count, &options, &submission->batch->input, submission->errors);
+    enum bvhd_status status =
+        vulkan_input_create_in(&library_memory, build->infos, build->info_count, build->ranges, submission->references,
+                               build->reference_count, &options, &submission->batch->input, submission->errors);
+    if (status == BVHD_OK)
+        status = validate_batch(vulkan_input_entries(submission->batch->input), build->info_count, &library_memory,
+                                submission->batch_errors);
+    return status;
+}
+
+/* The requests that a batch is cut into do not show the daemon the rules between its infos. */
+static void fail_broken(struct submission *submission)
+{
+    client_lock(submission->client);
+    for (uint32_t i = 0; i < submission->build->info_count; i++) {
+        const struct bvhd_error *error =
+            submission->errors[i].status != BVHD_OK ? &submission->errors[i] : &submission->batch_errors[i];
+        if (error->status != BVHD_OK)
+            client_batch_fail_item(submission->batch, i, error);
+    }
+    client_unlock(submission->client);
 }
 
 static int32_t priority_of(const struct bvhd_build *build)
@@ -114,16 +134,14 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
     struct submission submission = {.client = client, .build = build};
     submission.batch = create_batch(client, build->info_count, priority_of(build));
     status = submission.batch ? describe(&submission) : BVHD_NO_MEMORY;
-    if (status == BVHD_OK) {
-        client_lock(client);
-        for (uint32_t i = 0; i < build->info_count; i++)
-            if (submission.errors[i].status != BVHD_OK)
-                client_batch_fail_item(submission.batch, i, &submission.errors[i]);
-        client_unlock(client);
-    }
+    if (status == BVHD_OK)
+        fail_broken(&submission);
     memory_free(&library_memory, submission.references);
     memory_free(&library_memory, submission.errors);
+    memory_free(&library_memory, submission.batch_errors);
     if (status != BVHD_OK) {
+        if (submission.batch)
+            vulkan_input_destroy(submission.batch->input);
         memory_free(&library_memory, submission.batch);
         return no_memory(ret_error);
     }

@@ -159,6 +159,13 @@ static void test_broken_infos(void **state)
     assert_true(bed_finish(&bed, batch));
     assert_string_equal(bvhd_batch_result(batch, 1)->error.where, "infos[1].geometries[0].flags");
     bvhd_batch_destroy(batch);
+    bed_describe(bed.asked, 40, 1);
+    bed.asked->infos[39].dstAccelerationStructure = bed.asked->infos[1].dstAccelerationStructure;
+    assert_int_equal(bvhd_batch_submit(bed.client, &bed.asked->build, &batch, NULL), BVHD_OK);
+    assert_int_equal(bvhd_batch_result(batch, 1)->error.vuid, BVHD_VUID_03698);
+    assert_string_equal(bvhd_batch_result(batch, 39)->error.where, "infos[39].dstAccelerationStructure");
+    assert_int_equal(bed_status(batch, 2), BVHD_PENDING);
+    bvhd_batch_destroy(batch);
     struct bvhd_build build = bed.asked->build;
     build.struct_size--;
     assert_int_equal(bvhd_batch_submit(bed.client, &build, &batch, NULL), BVHD_INVALID);

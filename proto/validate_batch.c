@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include "validate_batch.h"
+
 #include "handle_table.h"
 #include "place.h"
-#include "validate.h"
 
 /* The destinations of a call, sorted; a number is the entry's index. */
 struct destinations {
