@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <unistd.h>
 
+#include "memory.h"
 #include "server.h"
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
@@ -32,6 +33,7 @@ int main(int argc, char **argv)
     static struct config config;
     struct bvhd_error error;
     fill_standard_descriptors();
+    memory_keep_heap();
     enum bvhd_status status = config_parse(argc, argv, &config, &error);
     if (status)
         return complain(&error, status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED);

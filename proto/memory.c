@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 #include "bytes.h"
 
@@ -34,6 +37,14 @@ enum { USE_MAPPINGS = 1 };
 #else
 enum { USE_MAPPINGS = 1 };
 #endif
+
+void memory_keep_heap(void)
+{
+#ifdef __GLIBC__
+    mallopt(M_MMAP_THRESHOLD, 2 * MAPPED_FROM);
+    mallopt(M_TRIM_THRESHOLD, 4 * MAPPED_FROM);
+#endif
+}
 
 void memory_init(struct memory *memory, uint64_t limit)
 {

@@ -2,6 +2,7 @@
 #include "unit.h"
 
 #include <pthread.h>
+#include <sys/resource.h>
 
 #include "memory.h"
 
@@ -389,6 +390,51 @@ static void children_share_a_parent(void **state)
     assert_true(parent.peak <= 30000);
 }
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { OWN_HEAP = 0 };
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+enum { OWN_HEAP = 0 };
+#else
+enum { OWN_HEAP = 1 };
+#endif
+#else
+enum { OWN_HEAP = 1 };
+#endif
+
+/* Pages that the process had to ask for while it took and gave back 12 MB. */
+static long faults_of_a_round(struct memory *memory)
+{
+    enum { BLOCKS = 30, SIZE = 400000 };
+    void *blocks[BLOCKS];
+    struct rusage before, after;
+    getrusage(RUSAGE_SELF, &before);
+    for (int i = 0; i < BLOCKS; i++) {
+        blocks[i] = memory_alloc(memory, SIZE);
+        assert_non_null(blocks[i]);
+        memset(blocks[i], 1, SIZE);
+    }
+    for (int i = 0; i < BLOCKS; i++)
+        memory_free(memory, blocks[i]);
+    getrusage(RUSAGE_SELF, &after);
+    return after.ru_minflt - before.ru_minflt;
+}
+
+static void a_kept_heap_asks_for_pages_once(void **state)
+{
+    (void)state;
+#ifdef __GLIBC__
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    memory_keep_heap();
+    if (!OWN_HEAP)
+        return;
+    faults_of_a_round(&memory);
+    for (int i = 0; i < 5; i++)
+        assert_true(faults_of_a_round(&memory) < 300);
+#endif
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
@@ -408,6 +454,7 @@ int main(void)
         cmocka_unit_test(failures_of_a_parent_reach_its_children),
         cmocka_unit_test(blocks_are_handed_up),
         cmocka_unit_test(children_share_a_parent),
+        cmocka_unit_test(a_kept_heap_asks_for_pages_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
