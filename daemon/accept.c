@@ -4,7 +4,8 @@
 #include <errno.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <unistd.h>
+
+#include "release.h"
 
 enum { ACCEPT_TURN = 16, RETRY_MS = 100, KEPT_DESCRIPTORS = 2 * DESCRIPTORS_RESERVE };
 
@@ -77,7 +78,7 @@ static void take_client(struct acceptor *acceptor, int socket)
     if (log_limit_pass(&acceptor->refused_log, &suppressed))
         log_event(LOG_WARNING, "connection_refused", "why=%s suppressed=%u", log_quote(error.text).text, suppressed);
     send_refusal(acceptor, socket, &error);
-    close(socket);
+    release_descriptor(socket);
     descriptors_give(descriptors, 1);
 }
 

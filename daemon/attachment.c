@@ -3,7 +3,8 @@
 
 #include <pthread.h>
 #include <stdio.h>
-#include <unistd.h>
+
+#include "release.h"
 
 struct attachment {
     atomic_uint refs;
@@ -17,7 +18,7 @@ struct attachment {
 
 static void drop(int descriptor, struct descriptors *descriptors)
 {
-    close(descriptor);
+    release_descriptor(descriptor);
     descriptors_give(descriptors, 1);
 }
 

@@ -6,15 +6,12 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <sys/resource.h>
-#include <unistd.h>
-
-#include "detached.h"
 
 /* How far to look for open descriptors where the system does not list them: more than any parent hands down. */
 enum { PROBED = 4096 };
 
-/* Of the process, as descriptors are: those that linger, and the threads that close what may never end. */
-static _Atomic uint32_t lingering, closers;
+/* Of the process, as descriptors are. */
+static _Atomic uint32_t lingering;
 
 static uint64_t raise_limit(void)
 {
@@ -99,28 +96,6 @@ void descriptors_linger(void)
 void descriptors_lingered(void)
 {
     subtract(&lingering, 1);
-}
-
-static void *close_slowly(void *context)
-{
-    close((int)(intptr_t)context);
-    descriptors_lingered();
-    subtract(&closers, 1);
-    return NULL;
-}
-
-/* Asking for seals is answered by the kernel alone, whoever the file belongs to. */
-void descriptors_close(int descriptor)
-{
-    if (fcntl(descriptor, F_GET_SEALS) >= 0) {
-        close(descriptor);
-        return;
-    }
-    if (fcntl(descriptor, F_GETFD) < 0)
-        return;
-    descriptors_linger();
-    if (add_within(&closers, 1, DESCRIPTORS_LINGERING) && !detached_start(close_slowly, (void *)(intptr_t)descriptor))
-        subtract(&closers, 1);
 }
 
 bool descriptors_send(struct descriptors *descriptors, uint32_t count)

@@ -31,16 +31,9 @@ void descriptors_give(struct descriptors *descriptors, uint32_t count);
 uint32_t descriptors_left(const struct descriptors *descriptors);
 
 /*
- * Closes a descriptor that a client sent, whatever it is, without waiting; its count is the caller's to give back. Closing anything but a
- * memfd may take as long as its owner likes: a file of a FUSE file system waits for that file system's answer, a TCP socket for its
- * SO_LINGER. A thread of its own does that; until it has, or for good when DESCRIPTORS_LINGERING such threads wait already, the descriptor
- * counts as used in every struct descriptors.
+ * For whoever closes later (release.h): one descriptor, whose count was given back, is still open; and no longer. Those that linger count as used in
+ * every struct descriptors.
  */
-enum { DESCRIPTORS_LINGERING = 64 };
-
-void descriptors_close(int descriptor);
-
-/* The same for whoever closes by itself, but later: one descriptor, whose count was given back, is still open; and no longer. */
 void descriptors_linger(void);
 void descriptors_lingered(void);
 

@@ -4,7 +4,8 @@
 #include <errno.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <unistd.h>
+
+#include "release.h"
 
 void inlet_init(struct inlet *inlet, int socket, struct descriptors *descriptors, struct memory *memory)
 {
@@ -17,7 +18,7 @@ void inlet_init(struct inlet *inlet, int socket, struct descriptors *descriptors
 static void close_descriptors(struct inlet *inlet, const int *descriptors, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++)
-        descriptors_close(descriptors[i]);
+        release_descriptor(descriptors[i]);
     descriptors_give(inlet->descriptors, count);
 }
 
@@ -36,7 +37,21 @@ void inlet_open(struct inlet *inlet)
     inlet->parser.max_inline = FRAME_MAX_INLINE;
 }
 
-static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors[INLET_DESCRIPTORS])
+/*
+ * As many as the system lets through in one message. For those that found no room recvmsg closes by itself, and waits for as long as their sender
+ * has made that take (release.h).
+ */
+enum { MOST_AT_ONCE = 253, SCRAP_SIZE = 16 * 1024 };
+
+struct arrival {
+    ssize_t size; /* as of recvmsg */
+    int number; /* errno */
+    uint32_t count;
+    bool cut;
+    int descriptors[MOST_AT_ONCE];
+};
+
+static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors[MOST_AT_ONCE])
 {
     uint32_t count = 0;
     for (struct cmsghdr *head = CMSG_FIRSTHDR(message); head; head = CMSG_NXTHDR(message, head))
@@ -46,6 +61,27 @@ static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors
             count += (uint32_t)(size / sizeof(int));
         }
     return count;
+}
+
+static void receive_message(int socket, void *bytes, uint64_t size, struct arrival *ret_arrival)
+{
+    union {
+        struct cmsghdr align;
+        char bytes[CMSG_SPACE(MOST_AT_ONCE * sizeof(int))];
+    } control;
+    struct iovec part = {bytes, size};
+    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
+    ret_arrival->size = recvmsg(socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
+    ret_arrival->number = errno;
+    ret_arrival->count = ret_arrival->size > 0 ? received_descriptors(&message, ret_arrival->descriptors) : 0;
+    ret_arrival->cut = message.msg_flags & MSG_CTRUNC;
+}
+
+/* Beyond what has been counted, which no honest client sends. */
+static void keep_counted(struct arrival *arrival)
+{
+    for (; arrival->count > INLET_DESCRIPTORS; arrival->cut = true)
+        release_descriptor(arrival->descriptors[--arrival->count]);
 }
 
 static enum inlet_result result_of_error(int number)
@@ -73,26 +109,32 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
         return status == BVHD_NO_MEMORY ? INLET_SHORT : INLET_BROKEN;
     if (!descriptors_take(inlet->descriptors, INLET_DESCRIPTORS, 0))
         return INLET_SHORT;
-    union {
-        struct cmsghdr align;
-        char bytes[CMSG_SPACE(INLET_DESCRIPTORS * sizeof(int))];
-    } control;
-    struct iovec part = {at, space};
-    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
-    ssize_t size = recvmsg(inlet->socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
-    int number = errno, descriptors[INLET_DESCRIPTORS];
-    uint32_t count = size > 0 ? received_descriptors(&message, descriptors) : 0;
-    descriptors_give(inlet->descriptors, INLET_DESCRIPTORS - count);
-    if (size <= 0)
-        return size < 0 ? result_of_error(number) : INLET_END;
-    *ret_size = (uint64_t)size;
-    if (feed(inlet, (uint64_t)size, descriptors, count, error))
+    struct arrival arrival;
+    receive_message(inlet->socket, at, space, &arrival);
+    keep_counted(&arrival);
+    descriptors_give(inlet->descriptors, INLET_DESCRIPTORS - arrival.count);
+    if (arrival.size <= 0)
+        return arrival.size < 0 ? result_of_error(arrival.number) : INLET_END;
+    *ret_size = (uint64_t)arrival.size;
+    if (feed(inlet, (uint64_t)arrival.size, arrival.descriptors, arrival.count, error))
         return INLET_BROKEN;
-    if (message.msg_flags & MSG_CTRUNC) {
+    if (arrival.cut) {
         bvhd_error_set(error, BVHD_TOO_LARGE, "frame.descriptors", "more than %d descriptors at once", INLET_DESCRIPTORS);
         return INLET_BROKEN;
     }
-    return (uint64_t)size < space ? INLET_LAST : INLET_DATA;
+    return (uint64_t)arrival.size < space ? INLET_LAST : INLET_DATA;
+}
+
+enum inlet_result inlet_throw_away(struct inlet *inlet)
+{
+    char scrap[SCRAP_SIZE];
+    struct arrival arrival;
+    receive_message(inlet->socket, scrap, sizeof scrap, &arrival);
+    for (uint32_t i = 0; i < arrival.count; i++)
+        release_descriptor(arrival.descriptors[i]);
+    if (arrival.size <= 0)
+        return arrival.size < 0 ? result_of_error(arrival.number) : INLET_END;
+    return INLET_DATA;
 }
 
 enum inlet_result inlet_receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error)

@@ -43,6 +43,9 @@ void inlet_open(struct inlet *inlet);
 /* One read from the socket. *ret_size: its bytes, 0 if there were none. */
 enum inlet_result inlet_receive(struct inlet *inlet, uint64_t *ret_size, struct bvhd_error *error);
 
+/* The same for a client that broke it: bytes and descriptors go nowhere. INLET_DATA, NOTHING or END; also after inlet_finish. */
+enum inlet_result inlet_throw_away(struct inlet *inlet);
+
 /* As frame_parser_next; the frame's descriptors are counted, and are the caller's to close and to give back. */
 enum bvhd_status inlet_next(struct inlet *inlet, struct frame *ret_frame, bool *ret_found, struct bvhd_error *error);
 

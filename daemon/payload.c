@@ -11,7 +11,6 @@
 #include <sys/vfs.h>
 #include <unistd.h>
 
-#include "descriptors.h"
 #include "release.h"
 
 struct payload {
@@ -152,7 +151,10 @@ static enum bvhd_status open_file(const struct payload_file *file, bool constant
     enum bvhd_status status = check(file, constant, error);
     if (status == BVHD_OK)
         status = map(file, constant, ret_payload, error);
-    descriptors_close(file->descriptor);
+    if (status == BVHD_OK)
+        close(file->descriptor);
+    else
+        release_descriptor(file->descriptor);
     return status;
 }
 

@@ -22,7 +22,7 @@
 struct payload;
 
 /*
- * Each takes the descriptor and has closed it when it returns, also when it fails; giving back its count is the caller's. From any thread.
+ * Each takes the descriptor and closes it, also when it fails, then with release_descriptor; giving back its count is the caller's. From any thread.
  * BVHD_INVALID says what is wrong with it ("pool": "not sealed against shrinking"), BVHD_TOO_LARGE over `max_size`, BVHD_NO_MEMORY, BVHD_IO
  * what the system refused.
  */
@@ -31,8 +31,7 @@ struct payload_file {
     uint64_t size; /* as declared; 0 is BVHD_INVALID */
     uint64_t max_size;
     const char *where; /* how errors call it: "pool", "items[3].payload" */
-    struct memory
-        *memory; /* for the struct; must outlive it. The mapped bytes are not counted in it: they are their sender's, or `pool_bytes` */
+    struct memory *memory; /* for the struct; must outlive it. Mapped bytes are not counted in it */
 };
 
 enum bvhd_status payload_open_pool(const struct payload_file *file, struct payload **ret_payload, struct bvhd_error *error);

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <assert.h>
 #include <inttypes.h>
-#include <unistd.h>
 
 #include "log.h"
+#include "release.h"
 #include "session_parts.h"
 
 /* Of BUSY: longer the more there is to do. */
@@ -182,7 +182,7 @@ bool session_admits(struct session *session, uint64_t request, uint32_t items)
 void session_drop_descriptors(struct session *session, const struct frame *frame, uint32_t first)
 {
     for (uint32_t i = first; i < frame->header.descriptors; i++) {
-        close(frame->descriptors[i]);
+        release_descriptor(frame->descriptors[i]);
         descriptors_give(&session->service->descriptors, 1);
     }
 }

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "payload.h"
+#include "test_memfd.h"
 
 #ifndef MFD_EXEC
 #define MFD_EXEC 16U
@@ -39,53 +40,6 @@ static int nothing_is_left(void **state)
 {
     (void)state;
     return memory.live != 0;
-}
-
-static unsigned char expected_byte(uint64_t at)
-{
-    return (unsigned char)(at * 2654435761u >> 13);
-}
-
-static void write_bytes(int descriptor, uint64_t begin, uint64_t end)
-{
-    unsigned char block[4096];
-    while (begin < end) {
-        uint64_t count = end - begin < sizeof block ? end - begin : sizeof block;
-        for (uint64_t i = 0; i < count; i++)
-            block[i] = expected_byte(begin + i);
-        assert_int_equal(pwrite(descriptor, block, count, (off_t)begin), count);
-        begin += count;
-    }
-}
-
-static int make_empty(uint64_t size)
-{
-    int descriptor = memfd_create("test", MFD_CLOEXEC | MFD_ALLOW_SEALING);
-    assert_true(descriptor >= 0);
-    assert_int_equal(ftruncate(descriptor, (off_t)size), 0);
-    return descriptor;
-}
-
-static void seal(int descriptor, int seals)
-{
-    assert_int_equal(fcntl(descriptor, F_ADD_SEALS, seals), 0);
-}
-
-static int make_sealed(uint64_t size, int seals)
-{
-    int descriptor = make_empty(size);
-    write_bytes(descriptor, 0, size);
-    seal(descriptor, seals);
-    return descriptor;
-}
-
-static int reopen(int descriptor, int flags)
-{
-    char path[40];
-    snprintf(path, sizeof path, "/proc/self/fd/%d", descriptor);
-    int again = open(path, flags | O_CLOEXEC);
-    assert_true(again >= 0);
-    return again;
 }
 
 static enum bvhd_status open_kind(enum kind kind, const struct payload_file *file, struct payload **ret_payload,
@@ -132,7 +86,7 @@ static void expect_filled(struct bytes bytes, uint64_t size)
 {
     assert_int_equal(bytes.size, size);
     for (uint64_t i = 0; i < size; i++)
-        if (bytes.data[i] != expected_byte(i))
+        if (bytes.data[i] != test_memfd_byte(i))
             fail_msg("byte %" PRIu64 " differs", i);
 }
 
@@ -169,7 +123,7 @@ static void files_are_read_where_they_lie(void **state)
     static const uint64_t sizes[] = {1, 4095, 4096, 4097, 5000, 65536, (1 << 20) + 1};
     for (enum kind kind = 0; kind < KINDS; kind++)
         for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
-            struct payload *payload = expect_opened(kind, make_sealed(sizes[i], seals_of[kind]), sizes[i]);
+            struct payload *payload = expect_opened(kind, test_memfd_sealed(sizes[i], seals_of[kind]), sizes[i]);
             const void *address = payload_bytes(payload).data;
             assert_ptr_equal(payload_ref(payload), payload);
             payload_unref(payload);
@@ -184,8 +138,8 @@ static void a_descriptor_that_only_reads_is_enough(void **state)
 {
     (void)state;
     for (enum kind kind = 0; kind < KINDS; kind++) {
-        int owner = make_sealed(10000, seals_of[kind]);
-        payload_unref(expect_opened(kind, reopen(owner, O_RDONLY), 10000));
+        int owner = test_memfd_sealed(10000, seals_of[kind]);
+        payload_unref(expect_opened(kind, test_memfd_reopen(owner, O_RDONLY), 10000));
         close(owner);
     }
 }
@@ -194,9 +148,9 @@ static void a_descriptor_that_cannot_read_is_refused(void **state)
 {
     (void)state;
     for (enum kind kind = 0; kind < KINDS; kind++) {
-        int owner = make_sealed(10000, seals_of[kind]);
-        expect_refused(kind, reopen(owner, O_WRONLY), 10000, BVHD_INVALID, "not open for reading");
-        expect_refused(kind, reopen(owner, O_PATH), 10000, BVHD_INVALID, "not open for reading");
+        int owner = test_memfd_sealed(10000, seals_of[kind]);
+        expect_refused(kind, test_memfd_reopen(owner, O_WRONLY), 10000, BVHD_INVALID, "not open for reading");
+        expect_refused(kind, test_memfd_reopen(owner, O_PATH), 10000, BVHD_INVALID, "not open for reading");
         close(owner);
         expect_refused(kind, open("/", O_PATH | O_DIRECTORY | O_CLOEXEC), 10000, BVHD_INVALID, "not open for reading");
         expect_refused(kind, -1, 10000, BVHD_IO, "not open");
@@ -210,10 +164,10 @@ static void declared_and_real_size_must_be_equal(void **state)
     static const uint64_t declared[] = {1, 4999, 5001, 8192, 10000};
     for (enum kind kind = 0; kind < KINDS; kind++) {
         for (size_t i = 0; i < sizeof declared / sizeof declared[0]; i++)
-            expect_refused(kind, make_sealed(5000, seals_of[kind]), declared[i], BVHD_INVALID, "has 5000 bytes, not the ");
-        expect_refused(kind, make_sealed(5000, seals_of[kind]), 0, BVHD_INVALID, "has no bytes");
-        expect_refused(kind, make_sealed(0, seals_of[kind]), 0, BVHD_INVALID, "has no bytes");
-        expect_refused(kind, make_sealed(0, seals_of[kind]), 4096, BVHD_INVALID, "has 0 bytes, not the 4096 declared");
+            expect_refused(kind, test_memfd_sealed(5000, seals_of[kind]), declared[i], BVHD_INVALID, "has 5000 bytes, not the ");
+        expect_refused(kind, test_memfd_sealed(5000, seals_of[kind]), 0, BVHD_INVALID, "has no bytes");
+        expect_refused(kind, test_memfd_sealed(0, seals_of[kind]), 0, BVHD_INVALID, "has no bytes");
+        expect_refused(kind, test_memfd_sealed(0, seals_of[kind]), 4096, BVHD_INVALID, "has 0 bytes, not the 4096 declared");
     }
 }
 
@@ -223,11 +177,11 @@ static void sizes_over_the_limit_are_refused(void **state)
     static const uint64_t huge[] = {(64 << 20) + 1, UINT64_C(1) << 32, UINT64_C(1) << 63, UINT64_MAX};
     for (enum kind kind = 0; kind < KINDS; kind++) {
         for (size_t i = 0; i < sizeof huge / sizeof huge[0]; i++)
-            expect_refused(kind, make_sealed(5000, seals_of[kind]), huge[i], BVHD_TOO_LARGE, "the most is 67108864");
-        struct payload_file file = describe(make_sealed(5000, seals_of[kind]), 5000);
+            expect_refused(kind, test_memfd_sealed(5000, seals_of[kind]), huge[i], BVHD_TOO_LARGE, "the most is 67108864");
+        struct payload_file file = describe(test_memfd_sealed(5000, seals_of[kind]), 5000);
         file.max_size = 4999;
         expect_refused_file(kind, &file, BVHD_TOO_LARGE, "5000 bytes, the most is 4999");
-        file = describe(make_sealed(5000, seals_of[kind]), 5000);
+        file = describe(test_memfd_sealed(5000, seals_of[kind]), 5000);
         file.max_size = 5000;
         struct payload *payload;
         assert_int_equal(open_kind(kind, &file, &payload, NULL), BVHD_OK);
@@ -242,16 +196,16 @@ static void absurd_sizes_do_no_harm(void **state)
     static const uint64_t absurd[] = {UINT64_C(1) << 63, UINT64_MAX - 4095, UINT64_MAX};
     for (enum kind kind = 0; kind < KINDS; kind++)
         for (size_t i = 0; i < sizeof absurd / sizeof absurd[0]; i++) {
-            struct payload_file file = describe(make_sealed(5000, seals_of[kind]), absurd[i]);
+            struct payload_file file = describe(test_memfd_sealed(5000, seals_of[kind]), absurd[i]);
             file.max_size = UINT64_MAX;
             expect_refused_file(kind, &file, BVHD_INVALID, "has 5000 bytes");
         }
-    struct payload_file file = describe(make_empty(INT64_MAX), INT64_MAX);
+    struct payload_file file = describe(test_memfd_empty(INT64_MAX), INT64_MAX);
     file.max_size = UINT64_MAX;
-    seal(file.descriptor, POOL_SEALS);
+    test_memfd_seal(file.descriptor, POOL_SEALS);
     expect_refused_file(POOL, &file, BVHD_NO_MEMORY, "cannot be mapped");
-    file.descriptor = make_empty(INT64_MAX);
-    seal(file.descriptor, MEMFD_SEALS);
+    file.descriptor = test_memfd_empty(INT64_MAX);
+    test_memfd_seal(file.descriptor, MEMFD_SEALS);
     expect_refused_file(MEMFD, &file, BVHD_INVALID, "has a hole at byte 0");
 }
 
@@ -278,7 +232,7 @@ static void every_set_of_seals_is_judged(void **state)
             for (int i = 0; i < 5; i++)
                 seals |= set & 1 << i ? each[i] : 0;
             const char *missing = missing_seal(kind, seals);
-            int descriptor = make_sealed(5000, seals);
+            int descriptor = test_memfd_sealed(5000, seals);
             if (missing)
                 expect_refused(kind, descriptor, 5000, BVHD_INVALID, missing);
             else
@@ -296,13 +250,13 @@ static void a_seal_of_the_mode_does_no_harm(void **state)
                 print_message("the kernel knows no executable memfds\n");
                 skip();
             }
-            write_bytes(descriptor, 0, 5000);
+            test_memfd_write(descriptor, 0, 5000);
             if (fcntl(descriptor, F_ADD_SEALS, F_SEAL_EXEC) == 0 && kind == MEMFD)
-                seal(descriptor, MEMFD_SEALS);
+                test_memfd_seal(descriptor, MEMFD_SEALS);
             /* Sealing an executable file's mode seals its contents with it: no pool. */
             int seals = fcntl(descriptor, F_GET_SEALS);
             if (kind == POOL && !(seals & F_SEAL_WRITE))
-                seal(descriptor, POOL_SEALS);
+                test_memfd_seal(descriptor, POOL_SEALS);
             if (kind == POOL && seals & F_SEAL_WRITE)
                 expect_refused(kind, descriptor, 5000, BVHD_INVALID, "sealed against writing");
             else
@@ -339,7 +293,7 @@ static void expect_file_refused(enum kind kind, const char *folder, bool *ret_tr
     if (descriptor < 0)
         return;
     unlink(path);
-    write_bytes(descriptor, 0, 5000);
+    test_memfd_write(descriptor, 0, 5000);
     bool has_seals = fcntl(descriptor, F_GET_SEALS) >= 0;
     expect_refused(kind, descriptor, 5000, BVHD_INVALID, has_seals ? "not sealed against shrinking" : "not a memfd");
 }
@@ -370,7 +324,7 @@ static void huge_pages_are_refused(void **state)
             skip();
         }
         assert_int_equal(ftruncate(descriptor, 32 << 20), 0);
-        seal(descriptor, seals_of[kind]);
+        test_memfd_seal(descriptor, seals_of[kind]);
         expect_refused(kind, descriptor, 32 << 20, BVHD_INVALID, "made of huge pages");
     }
 }
@@ -381,11 +335,11 @@ static void a_hole_anywhere_is_found(void **state)
 {
     (void)state;
     for (uint64_t hole = 0; hole < PAGES; hole++) {
-        int descriptor = make_empty(SPARSE_SIZE);
+        int descriptor = test_memfd_empty(SPARSE_SIZE);
         uint64_t after = (hole + 1) * PAGE;
-        write_bytes(descriptor, 0, hole * PAGE);
-        write_bytes(descriptor, after, SPARSE_SIZE);
-        seal(descriptor, MEMFD_SEALS);
+        test_memfd_write(descriptor, 0, hole * PAGE);
+        test_memfd_write(descriptor, after, SPARSE_SIZE);
+        test_memfd_seal(descriptor, MEMFD_SEALS);
         char text[60];
         snprintf(text, sizeof text, "has a hole at byte %" PRIu64, hole * PAGE);
         expect_refused(MEMFD, descriptor, SPARSE_SIZE, BVHD_INVALID, text);
@@ -396,20 +350,20 @@ static void a_hole_anywhere_is_found(void **state)
 static void blocks_beyond_the_end_fill_no_hole(void **state)
 {
     (void)state;
-    int descriptor = make_empty(SPARSE_SIZE);
+    int descriptor = test_memfd_empty(SPARSE_SIZE);
     assert_int_equal(fallocate(descriptor, FALLOC_FL_KEEP_SIZE, PAGES * PAGE, PAGES * PAGE), 0);
-    write_bytes(descriptor, 0, PAGE);
-    seal(descriptor, MEMFD_SEALS);
+    test_memfd_write(descriptor, 0, PAGE);
+    test_memfd_seal(descriptor, MEMFD_SEALS);
     expect_refused(MEMFD, descriptor, SPARSE_SIZE, BVHD_INVALID, "has a hole at byte 4096");
 }
 
 static void reserved_pages_are_holes(void **state)
 {
     (void)state;
-    int descriptor = make_empty(SPARSE_SIZE);
+    int descriptor = test_memfd_empty(SPARSE_SIZE);
     assert_int_equal(fallocate(descriptor, 0, 0, SPARSE_SIZE), 0);
-    write_bytes(descriptor, 0, 2 * PAGE);
-    seal(descriptor, MEMFD_SEALS);
+    test_memfd_write(descriptor, 0, 2 * PAGE);
+    test_memfd_seal(descriptor, MEMFD_SEALS);
     expect_refused(MEMFD, descriptor, SPARSE_SIZE, BVHD_INVALID, "has a hole at byte 8192");
 }
 
@@ -418,7 +372,7 @@ static void the_file_offset_does_not_matter(void **state)
 {
     (void)state;
     for (enum kind kind = 0; kind < KINDS; kind++) {
-        int descriptor = make_sealed(5000, seals_of[kind]);
+        int descriptor = test_memfd_sealed(5000, seals_of[kind]);
         assert_int_equal(lseek(descriptor, 4999, SEEK_SET), 4999);
         payload_unref(expect_opened(kind, descriptor, 5000));
     }
@@ -427,16 +381,16 @@ static void the_file_offset_does_not_matter(void **state)
 static void a_pool_may_have_holes_and_changes(void **state)
 {
     (void)state;
-    int descriptor = make_empty(SPARSE_SIZE), owner = dup(descriptor);
+    int descriptor = test_memfd_empty(SPARSE_SIZE), owner = dup(descriptor);
     unsigned char *written = mmap(NULL, SPARSE_SIZE, PROT_READ | PROT_WRITE, MAP_SHARED, owner, 0);
-    seal(descriptor, POOL_SEALS | F_SEAL_FUTURE_WRITE);
+    test_memfd_seal(descriptor, POOL_SEALS | F_SEAL_FUTURE_WRITE);
     struct payload_file file = describe(descriptor, SPARSE_SIZE);
     struct payload *pool;
     assert_int_equal(payload_open_pool(&file, &pool, NULL), BVHD_OK);
     const volatile unsigned char *seen = payload_bytes(pool).data;
     assert_int_equal(seen[5 * PAGE], 0);
     for (uint64_t i = 0; i < SPARSE_SIZE; i++)
-        written[i] = expected_byte(i);
+        written[i] = test_memfd_byte(i);
     expect_filled(payload_bytes(pool), SPARSE_SIZE);
     written[PAGES * PAGE - 1] = 7; /* the rest of the last page is there, and nobody's */
     expect_filled(payload_bytes(pool), SPARSE_SIZE);
@@ -450,7 +404,7 @@ static void a_pool_may_have_holes_and_changes(void **state)
 static void a_pool_may_be_emptied_under_the_reader(void **state)
 {
     (void)state;
-    int descriptor = make_sealed(SPARSE_SIZE, POOL_SEALS), owner = dup(descriptor);
+    int descriptor = test_memfd_sealed(SPARSE_SIZE, POOL_SEALS), owner = dup(descriptor);
     struct payload *pool = expect_opened(POOL, descriptor, SPARSE_SIZE);
     assert_int_equal(fallocate(owner, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, PAGES * PAGE), 0);
     assert_int_equal(ftruncate(owner, 0), -1);
@@ -465,7 +419,7 @@ static void a_pool_may_be_emptied_under_the_reader(void **state)
 static void a_memfd_stays_as_it_is(void **state)
 {
     (void)state;
-    int descriptor = make_sealed(SPARSE_SIZE, MEMFD_SEALS), owner = dup(descriptor);
+    int descriptor = test_memfd_sealed(SPARSE_SIZE, MEMFD_SEALS), owner = dup(descriptor);
     struct payload *payload = expect_opened(MEMFD, descriptor, SPARSE_SIZE);
     assert_int_equal(pwrite(owner, "x", 1, 0), -1);
     assert_int_equal(fallocate(owner, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, PAGE), -1);
@@ -482,7 +436,7 @@ static void copies_are_private(void **state)
     static unsigned char source[65536];
     for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
         for (uint64_t j = 0; j < sizes[i]; j++)
-            source[j] = expected_byte(j);
+            source[j] = test_memfd_byte(j);
         struct payload *payload;
         struct bytes bytes = {.data = sizes[i] ? source : NULL, .size = sizes[i]};
         assert_int_equal(payload_copy(bytes, &memory, &payload, NULL), BVHD_OK);
@@ -522,7 +476,7 @@ static void every_allocation_may_fail(void **state)
         enum bvhd_status status = BVHD_NO_MEMORY;
         int failures = -1;
         while (status != BVHD_OK) {
-            int descriptor = make_sealed(5000, seals_of[kind]);
+            int descriptor = test_memfd_sealed(5000, seals_of[kind]);
             struct payload_file file = describe(descriptor, 5000);
             struct payload *payload = NULL;
             struct bvhd_error error;
@@ -549,7 +503,7 @@ static void *hold_and_read(void *context)
         struct payload *held = payload_ref(payload);
         struct bytes bytes = payload_bytes(held);
         uint64_t at = i * 7919 % bytes.size;
-        wrong += bytes.data[at] != expected_byte(at);
+        wrong += bytes.data[at] != test_memfd_byte(at);
         payload_unref(held);
     }
     payload_unref(payload);
@@ -574,10 +528,10 @@ static void any_thread_may_let_go_last(void **state)
 {
     (void)state;
     for (enum kind kind = 0; kind < KINDS; kind++)
-        read_in_threads(expect_opened(kind, make_sealed(SPARSE_SIZE, seals_of[kind]), SPARSE_SIZE));
+        read_in_threads(expect_opened(kind, test_memfd_sealed(SPARSE_SIZE, seals_of[kind]), SPARSE_SIZE));
     static unsigned char source[10000];
     for (uint64_t i = 0; i < sizeof source; i++)
-        source[i] = expected_byte(i);
+        source[i] = test_memfd_byte(i);
     struct payload *payload;
     assert_int_equal(payload_copy((struct bytes){source, sizeof source}, &memory, &payload, NULL), BVHD_OK);
     read_in_threads(payload);

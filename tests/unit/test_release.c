@@ -2,10 +2,13 @@
 #include "unit.h"
 
 #include <fcntl.h>
+#include <netinet/in.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "descriptors.h"
@@ -133,13 +136,172 @@ static void signals_are_for_others(void **state)
     sigaction(SIGUSR1, &old, NULL);
 }
 
+static void whatever_clients_send_is_closed(void **state)
+{
+    (void)state;
+    int pipes[2], small = make_file(10), large = make_file(LARGE);
+    assert_int_equal(pipe2(pipes, O_CLOEXEC), 0);
+    release_descriptor(small);
+    assert_false(is_open(small));
+    release_descriptor(large);
+    release_descriptor(pipes[1]);
+    char byte;
+    assert_int_equal(read(pipes[0], &byte, 1), 0); /* the end: nobody holds the other one */
+    release_descriptor(pipes[0]);
+    wait_until_all_is_closed();
+    assert_false(is_open(large));
+    assert_false(is_open(pipes[0]));
+    release_descriptor(pipes[0]);
+    release_descriptor(-1);
+    assert_int_equal(descriptors_left(&descriptors), LIMIT);
+}
+
+static void set_buffer(int socket, int name)
+{
+    int size = 4096;
+    assert_int_equal(setsockopt(socket, SOL_SOCKET, name, &size, sizeof size), 0);
+}
+
+static void set_linger(int socket, int seconds)
+{
+    struct linger linger = {.l_onoff = 1, .l_linger = seconds};
+    assert_int_equal(setsockopt(socket, SOL_SOCKET, SO_LINGER, &linger, sizeof linger), 0);
+}
+
+/* A connected socket with more to send than its peer takes, and the wish to wait a minute for that at its end. */
+static void make_lingering_pair(int ret_pair[2])
+{
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t length = sizeof address;
+    int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0), sender = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    set_buffer(listener, SO_RCVBUF);
+    set_buffer(sender, SO_SNDBUF);
+    assert_int_equal(bind(listener, (struct sockaddr *)&address, length), 0);
+    assert_int_equal(listen(listener, 1), 0);
+    assert_int_equal(getsockname(listener, (struct sockaddr *)&address, &length), 0);
+    assert_int_equal(connect(sender, (struct sockaddr *)&address, length), 0);
+    ret_pair[0] = sender;
+    ret_pair[1] = accept4(listener, NULL, NULL, SOCK_CLOEXEC);
+    assert_true(ret_pair[1] >= 0);
+    close(listener);
+    set_linger(sender, 60);
+    static char block[1 << 16];
+    while (send(sender, block, sizeof block, MSG_DONTWAIT) > 0)
+        ;
+}
+
+static bool has_loopback(void)
+{
+    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    int probe = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    bool there =
+        bind(probe, (struct sockaddr *)&address, sizeof address) == 0 &&
+        connect(probe, (struct sockaddr *)&(struct sockaddr_in){AF_INET, htons(9), address.sin_addr, {0}}, sizeof address) == 0;
+    close(probe);
+    if (!there)
+        print_message("no loopback interface here\n");
+    return there;
+}
+
+/* Resets the connection: nothing is left to wait for. */
+static void end_peer(int peer)
+{
+    set_linger(peer, 0);
+    close(peer);
+}
+
+static double seconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
+}
+
+/* It says to hold hardly anything, and holds what takes long to give back: it waits behind what keeps the thread. */
+static void the_size_is_what_is_there(void **state)
+{
+    (void)state;
+    int pair[2], descriptor = make_file(LARGE);
+    if (!has_loopback())
+        skip();
+    make_lingering_pair(pair);
+    release_memfd(pair[0], LARGE);
+    assert_int_equal(ftruncate(descriptor, 1), 0);
+    assert_int_equal(fallocate(descriptor, FALLOC_FL_KEEP_SIZE, 0, LARGE), 0);
+    release_descriptor(descriptor);
+    assert_true(is_open(descriptor));
+    assert_int_equal(descriptors_left(&descriptors), LIMIT - 2);
+    end_peer(pair[1]);
+    wait_until_all_is_closed();
+    assert_false(is_open(descriptor));
+}
+
+/* close() would take a minute each. What is not closed yet is not free; once the peers go away, it is. */
+static void strangers_hold_nobody_up(void **state)
+{
+    (void)state;
+    enum { COUNT = RELEASE_STRANGERS + 10 };
+    static int pairs[COUNT][2];
+    if (!has_loopback())
+        skip();
+    for (int i = 0; i < COUNT; i++)
+        make_lingering_pair(pairs[i]);
+    double begun = seconds();
+    for (int i = 0; i < COUNT; i++)
+        release_descriptor(pairs[i][0]);
+    assert_true(seconds() - begun < 20);
+    assert_int_equal(descriptors_left(&descriptors), LIMIT - COUNT);
+    int ours = make_file(LARGE);
+    release_memfd(ours, LARGE);
+    for (int i = 0; i < 5000 && descriptors_left(&descriptors) < LIMIT - COUNT; i++)
+        usleep(1000);
+    assert_false(is_open(ours));
+    assert_int_equal(descriptors_left(&descriptors), LIMIT - COUNT);
+    for (int i = 0; i < COUNT; i++)
+        end_peer(pairs[i][1]);
+    wait_until_all_is_closed();
+}
+
+static void send_descriptor(int socket, int descriptor)
+{
+    union {
+        struct cmsghdr head;
+        char bytes[CMSG_SPACE(sizeof descriptor)];
+    } control;
+    struct iovec byte = {"x", 1};
+    struct msghdr message = {.msg_iov = &byte, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
+    control.head = (struct cmsghdr){.cmsg_len = CMSG_LEN(sizeof descriptor), .cmsg_level = SOL_SOCKET, .cmsg_type = SCM_RIGHTS};
+    memcpy(CMSG_DATA(&control.head), &descriptor, sizeof descriptor);
+    assert_int_equal(sendmsg(socket, &message, 0), 1);
+}
+
+/* The last hold on the lingering socket is a message that nobody has received. */
+static void what_lies_unread_holds_nobody_up(void **state)
+{
+    (void)state;
+    int pair[2], ends[2];
+    if (!has_loopback())
+        skip();
+    make_lingering_pair(pair);
+    assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends), 0);
+    send_descriptor(ends[0], pair[0]);
+    close(pair[0]);
+    close(ends[0]);
+    double begun = seconds();
+    release_descriptor(ends[1]);
+    assert_true(seconds() - begun < 20);
+    assert_int_equal(descriptors_left(&descriptors), LIMIT - 1);
+    end_peer(pair[1]);
+    wait_until_all_is_closed();
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(small_things_go_at_once),
-        cmocka_unit_test(large_things_go_soon),
-        cmocka_unit_test(any_thread_may_release),
-        cmocka_unit_test(signals_are_for_others),
+        cmocka_unit_test(small_things_go_at_once),         cmocka_unit_test(large_things_go_soon),
+        cmocka_unit_test(any_thread_may_release),          cmocka_unit_test(signals_are_for_others),
+        cmocka_unit_test(whatever_clients_send_is_closed), cmocka_unit_test(the_size_is_what_is_there),
+        cmocka_unit_test(strangers_hold_nobody_up),        cmocka_unit_test(what_lies_unread_holds_nobody_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
