@@ -267,6 +267,15 @@ static enum bvhd_status replace_pool(struct session *session, int descriptor, ui
     return BVHD_OK;
 }
 
+/* A message that is whole, but asks for what this version does not do: the request's error, not the connection's. */
+bool session_refuses(struct session *session, uint64_t request, enum bvhd_status status, const struct bvhd_error *error)
+{
+    if (status != BVHD_TOO_LARGE && status != BVHD_UNSUPPORTED)
+        return false;
+    session_send_error(session, request, error);
+    return true;
+}
+
 static enum bvhd_status take_pool(struct session *session, const struct frame *frame, struct bvhd_error *error)
 {
     struct control_pool *message;
@@ -279,7 +288,7 @@ static enum bvhd_status take_pool(struct session *session, const struct frame *f
     }
     if (status != BVHD_OK) {
         session_drop_descriptors(session, frame, 0);
-        return status;
+        return session_refuses(session, request, status, error) ? BVHD_OK : status;
     }
     uint64_t size = message->size;
     memory_free(&session->service->replies, message);
@@ -318,12 +327,8 @@ static enum bvhd_status take_get(struct session *session, const struct frame *fr
     struct control_get *message;
     uint64_t number = frame->header.request;
     enum bvhd_status status = control_unpack_get(frame->control, &session->service->replies, &message, error);
-    if (status == BVHD_TOO_LARGE) {
-        session_send_error(session, number, error);
-        return BVHD_OK;
-    }
     if (status != BVHD_OK)
-        return status;
+        return session_refuses(session, number, status, error) ? BVHD_OK : status;
     get_keys(session, number, message);
     memory_free(&session->service->replies, message);
     return BVHD_OK;

@@ -227,11 +227,6 @@ enum bvhd_status session_build(struct session *session, const struct frame *fram
     struct memory *memory = &session->service->replies;
     struct control_build *message;
     enum bvhd_status status = control_unpack_build(frame->control, memory, &message, error);
-    if (status == BVHD_TOO_LARGE) {
-        session_drop_descriptors(session, frame, 0);
-        session_send_error(session, frame->header.request, error);
-        return BVHD_OK;
-    }
     if (status == BVHD_OK && message->memfd_count != frame->header.descriptors) {
         status = bvhd_error_set(error, BVHD_INVALID, "build.memfds", "%u are described, %u came", message->memfd_count,
                                 frame->header.descriptors);
@@ -239,7 +234,7 @@ enum bvhd_status session_build(struct session *session, const struct frame *fram
     }
     if (status != BVHD_OK) {
         session_drop_descriptors(session, frame, 0);
-        return status;
+        return session_refuses(session, frame->header.request, status, error) ? BVHD_OK : status;
     }
     take_message(session, frame, message);
     memory_free(memory, message);

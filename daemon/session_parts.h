@@ -40,6 +40,12 @@ void session_add(struct session *session, struct request *request);
 bool session_admits(struct session *session, uint64_t request, uint32_t items);
 
 /*
+ * A control message that could not be unpacked, but is whole (too large, or of a later version): answers the request with the error. False for
+ * anything else, which breaks the protocol.
+ */
+bool session_refuses(struct session *session, uint64_t request, enum bvhd_status status, const struct bvhd_error *error);
+
+/*
  * session_build.c: FRAME_BUILD. Takes the frame's descriptors. Anything but BVHD_OK breaks the protocol.
  */
 enum bvhd_status session_build(struct session *session, const struct frame *frame, struct bvhd_error *error);

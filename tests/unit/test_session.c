@@ -156,6 +156,26 @@ static void test_unknown_types_are_unsupported(void **state)
     assert_non_null(world_find(client, FRAME_PONG, 5, 0));
 }
 
+/* Longer item rows, with a field that this version does not know. */
+static void test_rows_of_later_versions_are_unsupported(void **state)
+{
+    (void)state;
+    struct world_client *client = world_join(&world);
+    unsigned char control[100] = {0x18, 88, 0x22, 88}; /* item_size, items: PROTOCOL.md */
+    struct bytes bytes = {control, 4 + 88};
+    control[4] = 1;
+    assert_int_equal(send_bare(client, FRAME_BUILD, 1, 0, bytes), BVHD_OK);
+    assert_null(world_find(client, FRAME_ERROR, 1, 0));
+    control[4 + 84] = 1;
+    int descriptors = world_descriptors();
+    assert_int_equal(send_bare(client, FRAME_BUILD, 2, 0, bytes), BVHD_OK);
+    assert_int_equal(world_find(client, FRAME_ERROR, 2, 0)->error->status, BVHD_UNSUPPORTED);
+    assert_int_equal(send_bare(client, FRAME_BUILD, 3, 2, bytes), BVHD_OK);
+    assert_int_equal(world_find(client, FRAME_ERROR, 3, 0)->error->status, BVHD_UNSUPPORTED);
+    world_await_descriptors(descriptors);
+    world_settle(&world);
+}
+
 static void test_requests_without_items_are_refused(void **state)
 {
     (void)state;
@@ -363,6 +383,7 @@ int main(void)
         TEST(test_broken_frames_end_the_connection),
         TEST(test_a_number_in_use_ends_the_connection),
         TEST(test_unknown_types_are_unsupported),
+        TEST(test_rows_of_later_versions_are_unsupported),
         TEST(test_requests_without_items_are_refused),
         TEST(test_stats_name_every_counter),
         TEST(test_goodbye_is_said_once),
