@@ -49,12 +49,12 @@ static enum bvhd_status parse(struct config *config, struct bvhd_error *error, .
 
 #define REFUSED(status, place, ...)                                                                                                    \
     do {                                                                                                                               \
-        struct config config = {.max_connections = 4711};                                                                              \
-        struct bvhd_error error;                                                                                                       \
-        assert_int_equal(parse(&config, &error, __VA_ARGS__, NULL), status);                                                           \
-        assert_string_equal(error.where, place);                                                                                       \
-        assert_true(*error.text);                                                                                                      \
-        assert_int_equal(config.max_connections, 4711);                                                                                \
+        struct config kept = {.max_connections = 4711};                                                                                \
+        struct bvhd_error told;                                                                                                        \
+        assert_int_equal(parse(&kept, &told, __VA_ARGS__, NULL), status);                                                              \
+        assert_string_equal(told.where, place);                                                                                        \
+        assert_true(*told.text);                                                                                                       \
+        assert_int_equal(kept.max_connections, 4711);                                                                                  \
     } while (0)
 
 static void test_defaults(void **state)
