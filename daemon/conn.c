@@ -4,9 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
-enum { HELD_LOOK_MS = 1000, SCRAP_SIZE = 16 * 1024, SCRAP_READS = 16 };
+#include "release.h"
+
+enum { HELD_LOOK_MS = 1000, SCRAP_READS = 16 };
 
 static struct descriptors *descriptors_of(const struct conn *conn)
 {
@@ -46,6 +47,7 @@ static void on_poll(uv_poll_t *poll, int status, int events)
     struct conn *conn = poll->data;
     conn->lost |= status < 0 || (events & UV_DISCONNECT);
     conn->readable |= (events & UV_READABLE) != 0;
+    conn->writable |= (events & UV_WRITABLE) != 0;
     conn_group_due(conn->group, conn);
 }
 
@@ -79,7 +81,8 @@ void conn_close(struct conn *conn)
     conn_group_remove(conn->group, conn);
     uv_close((uv_handle_t *)&conn->poll, on_closed);
     uv_close((uv_handle_t *)&conn->timer, on_closed);
-    close(conn->socket);
+    shutdown(conn->socket, SHUT_RDWR); /* the client need not wait until the socket is released */
+    release_descriptor(conn->socket);
     descriptors_give(descriptors_of(conn), 1);
 }
 
@@ -180,11 +183,10 @@ static bool take_frames(struct conn *conn)
 /* What a broken client still sends is thrown away: with bytes unread in the socket, closing it would reset what waits for the client. */
 static void throw_away(struct conn *conn)
 {
-    char scrap[SCRAP_SIZE];
     for (int i = 0; conn->readable && i < SCRAP_READS; i++) {
-        ssize_t size = recv(conn->socket, scrap, sizeof scrap, MSG_DONTWAIT);
-        conn->lost |= size == 0;
-        conn->readable = size > 0;
+        enum inlet_result result = inlet_throw_away(&conn->inlet);
+        conn->lost |= result == INLET_END;
+        conn->readable = result == INLET_DATA;
     }
 }
 
@@ -205,8 +207,9 @@ static void write_replies(struct conn *conn)
     bool progress;
     enum outbox_state state = outbox_flush(&conn->outbox, &progress);
     conn->lost |= state == OUTBOX_LOST;
-    conn->writing_blocked = state == OUTBOX_BLOCKED;
-    conn->writing_waits = state == OUTBOX_WAITING;
+    conn->hint_failed = !progress && (conn->hint_failed || conn->writable);
+    conn->writable = false;
+    conn->writing = state;
     if (state == OUTBOX_EMPTY)
         conn->write_by = 0;
     else if (progress || !conn->write_by)
@@ -242,7 +245,8 @@ static void check_deadlines(struct conn *conn)
 static void watch_socket(struct conn *conn)
 {
     bool reads = !conn->reading_waits && !conn->reading_full;
-    int events = UV_DISCONNECT | (reads ? UV_READABLE : 0) | (conn->writing_blocked ? UV_WRITABLE : 0);
+    bool writes = conn->writing == OUTBOX_BLOCKED || (conn->writing == OUTBOX_UNREAD && !conn->hint_failed);
+    int events = UV_DISCONNECT | (reads ? UV_READABLE : 0) | (writes ? UV_WRITABLE : 0);
     if (events != conn->watched)
         uv_poll_start(&conn->poll, events, on_poll);
     conn->watched = events;
@@ -251,7 +255,7 @@ static void watch_socket(struct conn *conn)
 static void set_timer(struct conn *conn)
 {
     conn->retry_at = 0;
-    if (conn->reading_waits || conn->writing_waits) {
+    if (conn->reading_waits || conn->writing == OUTBOX_UNREAD || conn->writing == OUTBOX_WAITING) {
         uint32_t doubled = conn->pause_ms ? 2 * conn->pause_ms : 1, longest = conn->group->limits.retry_ms;
         conn->pause_ms = doubled < longest ? doubled : longest;
         conn->retry_at = now_of(conn) + conn->pause_ms;
@@ -340,7 +344,7 @@ enum bvhd_status conn_open(struct conn_group *group, int socket, const struct se
     }
     if (status) {
         free(conn);
-        close(socket);
+        release_descriptor(socket);
         descriptors_give(service_descriptors(group->service), 1);
         return status;
     }

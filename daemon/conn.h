@@ -44,7 +44,9 @@ struct conn {
     bool readable, shut;
     bool reading_waits; /* for descriptors or memory */
     bool reading_full; /* too much waits to be written */
-    bool writing_waits, writing_blocked; /* OUTBOX_WAITING, OUTBOX_BLOCKED */
+    enum outbox_state writing; /* what keeps replies from being written */
+    bool writable; /* the loop says so */
+    bool hint_failed; /* it said so, and nothing could be written: only time helps */
     struct bvhd_error failure;
     uint32_t pause_ms; /* before the next retry; doubles */
     uint64_t hello_by, read_by, write_by, end_by, retry_at; /* in the loop's milliseconds; 0: none */

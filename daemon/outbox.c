@@ -8,7 +8,11 @@
 #include <sys/socket.h>
 #include <sys/uio.h>
 
-enum { BATCH = 16, PARTS = 3 }; /* replies of one call; pieces of a reply: header, control, inline bytes */
+enum {
+    BATCH = 16, /* replies of one call */
+    PARTS = 3, /* of a reply: header, control, inline bytes */
+    LEAST_MESSAGE = 512, /* what the kernel counts for a message at least: its own structs are larger */
+};
 
 void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors, void (*left)(void *context, struct reply *reply),
                  void *context)
@@ -54,10 +58,13 @@ void outbox_drop(struct outbox *outbox)
         remove_first(outbox);
 }
 
-static void forget_unread(struct outbox *outbox)
+/* No more than `unread` are. */
+static void count_unread(struct outbox *outbox, uint32_t unread)
 {
-    descriptors_read(outbox->descriptors, outbox->unread);
-    outbox->unread = 0;
+    if (unread >= outbox->unread)
+        return;
+    descriptors_read(outbox->descriptors, outbox->unread - unread);
+    outbox->unread = unread;
 }
 
 void outbox_finish(struct outbox *outbox)
@@ -65,7 +72,7 @@ void outbox_finish(struct outbox *outbox)
     if (!outbox)
         return;
     outbox_drop(outbox);
-    forget_unread(outbox);
+    count_unread(outbox, 0);
 }
 
 /* True when the client has read something since the last look. */
@@ -76,8 +83,7 @@ static bool look(struct outbox *outbox)
         return false;
     bool moved = outstanding < outbox->outstanding;
     outbox->outstanding = outstanding;
-    if (outstanding == 0 && outbox->unread)
-        forget_unread(outbox);
+    count_unread(outbox, (uint32_t)outstanding / LEAST_MESSAGE); /* each came in a message of its own */
     return moved;
 }
 
@@ -144,15 +150,37 @@ static void count_written(struct outbox *outbox, uint64_t size)
     }
 }
 
-/* Whether one more descriptor may be on its way. */
-static bool may_send_descriptor(struct outbox *outbox, bool *progress)
+/* A smaller one than the kernel's least becomes that. */
+static void make_buffer_small(struct outbox *outbox)
 {
-    if (outbox->unread >= OUTBOX_MAX_UNREAD)
+    int size, least = 1;
+    socklen_t length = sizeof size;
+    if (!outbox->send_buffer && !getsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &size, &length) &&
+        !setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &least, sizeof least))
+        outbox->send_buffer = size;
+}
+
+static void restore_buffer(struct outbox *outbox)
+{
+    int half = outbox->send_buffer / 2; /* the kernel doubles what it is given */
+    if (half)
+        setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &half, sizeof half);
+    outbox->send_buffer = 0;
+}
+
+/* Makes place for one more descriptor on its way: OUTBOX_EMPTY if there is one. */
+static enum outbox_state begin_descriptor(struct outbox *outbox, bool *progress)
+{
+    if (outbox->unread)
         *progress |= look(outbox);
-    if (outbox->unread >= OUTBOX_MAX_UNREAD || !descriptors_send(outbox->descriptors, 1))
-        return false;
+    if (outbox->unread >= OUTBOX_MAX_UNREAD) {
+        make_buffer_small(outbox);
+        return OUTBOX_UNREAD;
+    }
+    if (!descriptors_send(outbox->descriptors, 1))
+        return OUTBOX_WAITING;
     outbox->unread++;
-    return true;
+    return OUTBOX_EMPTY;
 }
 
 static void take_back_descriptor(struct outbox *outbox)
@@ -168,26 +196,36 @@ static enum outbox_state state_of_error(int number)
     return number == ETOOMANYREFS || number == ENOBUFS || number == ENOMEM || number == EINTR ? OUTBOX_WAITING : OUTBOX_LOST;
 }
 
+/* Writes the first reply, and more with it. OUTBOX_EMPTY: goes on. */
+static enum outbox_state write_some(struct outbox *outbox, bool *progress)
+{
+    bool begins = has_descriptor(outbox->first) && outbox->written == 0;
+    enum outbox_state state = begins ? begin_descriptor(outbox, progress) : OUTBOX_EMPTY;
+    if (state)
+        return state;
+    ssize_t size = send_batch(outbox);
+    if (size >= 0) {
+        *progress = true;
+        count_written(outbox, (uint64_t)size);
+        return OUTBOX_EMPTY;
+    }
+    state = state_of_error(errno);
+    if (begins)
+        take_back_descriptor(outbox);
+    if (state != OUTBOX_BLOCKED || !outbox->send_buffer)
+        return state;
+    restore_buffer(outbox); /* too small for this one: again */
+    return OUTBOX_EMPTY;
+}
+
 enum outbox_state outbox_flush(struct outbox *outbox, bool *ret_progress)
 {
     bool progress = false;
     enum outbox_state state = OUTBOX_EMPTY;
-    while (!state && outbox->first) {
-        bool begins = has_descriptor(outbox->first) && outbox->written == 0;
-        if (begins && !may_send_descriptor(outbox, &progress)) {
-            state = OUTBOX_WAITING;
-            break;
-        }
-        ssize_t size = send_batch(outbox);
-        if (size < 0) {
-            state = state_of_error(errno);
-            if (begins)
-                take_back_descriptor(outbox);
-        } else {
-            progress = true;
-            count_written(outbox, (uint64_t)size);
-        }
-    }
+    while (!state && outbox->first)
+        state = write_some(outbox, &progress);
+    if (!state)
+        restore_buffer(outbox);
     if (state && !progress)
         progress = look(outbox);
     *ret_progress = progress;

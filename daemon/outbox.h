@@ -3,8 +3,9 @@
  * outbox.h - the replies that wait to be written to one client's socket, in order. Loop thread only.
  *
  * A reply's descriptor goes with its frame's first byte. Descriptors that a client has not read yet count against this process's user, so at most
- * OUTBOX_MAX_UNREAD are on their way to one client, and of all clients together half of what the process may have open (descriptors.h). The kernel tells when a
- * socket's bytes were read, all of them, but has no event for it: whoever waits for that looks again, by flushing.
+ * OUTBOX_MAX_UNREAD are on their way to one client, and of all clients together half of what the process may have open (descriptors.h). The kernel
+ * can be asked how much a client has not read yet, but has no event for it. A socket with a small send buffer comes close: it turns writable when
+ * nearly all was read. That is only a hint; whoever waits looks again after a while, too, by flushing.
  */
 #ifndef BVHD_OUTBOX_H
 #define BVHD_OUTBOX_H
@@ -25,13 +26,15 @@ struct outbox {
     uint32_t replies;
     uint32_t unread; /* descriptors sent since the client was last seen to have read everything */
     int outstanding; /* bytes that the client had not read when it was last looked at, in the kernel's measure */
+    int send_buffer; /* the socket's own size while it has a small one; else 0 */
 };
 
 /* What keeps the rest from being written. */
 enum outbox_state {
     OUTBOX_EMPTY, /* nothing is left */
     OUTBOX_BLOCKED, /* the socket's buffer is full: wait until it is writable */
-    OUTBOX_WAITING, /* for descriptors that were not read yet, or for the kernel's memory: flush again soon */
+    OUTBOX_UNREAD, /* this client has to read descriptors first: flush again soon, and when the socket is writable */
+    OUTBOX_WAITING, /* for other clients to read descriptors, or for the kernel's memory: flush again soon */
     OUTBOX_LOST, /* nobody reads any more */
 };
 

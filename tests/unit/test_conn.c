@@ -244,6 +244,7 @@ static void test_refused_session(void **state)
     assert_true(descriptors_take(&bed.service.descriptors, 1, 0));
     assert_int_equal(conn_open(&bed.group, pair[0], &(struct session_peer){0}, NULL), BVHD_NO_MEMORY);
     assert_int_equal(bed.service.descriptors.used, 0);
+    assert_int_equal(poll(&(struct pollfd){.fd = pair[1], .events = POLLIN}, 1, 2000), 1);
     assert_int_equal(recv(pair[1], &byte, 1, 0), 0);
     close(pair[1]);
     bed_close(&bed);

@@ -12,6 +12,14 @@ static void use_up_descriptors(struct bed *bed, uint32_t left)
     assert_true(descriptors_take(&bed->service.descriptors, count, 0));
 }
 
+static int send_buffer(const struct bed *bed)
+{
+    int size = 0;
+    socklen_t length = sizeof size;
+    getsockopt(bed->group.first->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
+    return size;
+}
+
 static void test_descriptors_in_order(void **state)
 {
     struct bed bed;
@@ -19,6 +27,7 @@ static void test_descriptors_in_order(void **state)
     bed_open(&bed, NULL);
     struct bed_client *client = bed_connect(&bed, 1);
     bed_hello(&bed, client);
+    int before = send_buffer(&bed);
     bed_send(client, FRAME_GET, 50);
     bed_pump(&bed, 5);
     assert_int_equal(bed.service.sent, 1 + OUTBOX_MAX_UNREAD);
@@ -36,6 +45,8 @@ static void test_descriptors_in_order(void **state)
         assert_int_equal(byte, (unsigned char)(1001 * 7));
         close(frame.descriptors[0]);
     }
+    bed_pump(&bed, 0);
+    assert_int_equal(send_buffer(&bed), before);
     bed_close(&bed);
 }
 
@@ -45,7 +56,7 @@ static void test_stalled_with_descriptors(void **state)
     struct bed bed;
     struct conn_limits limits = conn_limits_default();
     (void)state;
-    limits.stall_ms = 60;
+    limits.stall_ms = 400;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
     bed_hello(&bed, client);
@@ -53,7 +64,7 @@ static void test_stalled_with_descriptors(void **state)
     bed_send(client, FRAME_GET, 10);
     bed_pump(&bed, 30);
     assert_int_equal(bed.service.closed, 0);
-    bed_pump(&bed, 60);
+    bed_pump(&bed, 450);
     assert_int_equal(bed.service.closed, 1);
     assert_int_equal(bed.service.sent, 2 + OUTBOX_MAX_UNREAD);
     assert_int_equal(bed.group.count, 2);
@@ -65,6 +76,57 @@ static void test_stalled_with_descriptors(void **state)
     assert_int_equal(bed.group.count, 1);
     assert_int_equal(bed.service.descriptors.unread, 0);
     bed_close(&bed);
+}
+
+/* Descriptors and small replies in turns, to a client that reads one at a time: in order. */
+static void test_reads_one_at_a_time(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    for (uint64_t i = 0; i < 20; i++) {
+        bed_send(client, FRAME_GET, 1);
+        bed_send(client, FRAME_PING, 1000 + i);
+        bed_send(client, FRAME_STATS, 2000 + i);
+    }
+    bed_pump(&bed, 20);
+    assert_int_equal(bed.service.descriptors.unread, OUTBOX_MAX_UNREAD);
+    for (uint64_t i = 0; i < 20; i++) {
+        bed_expect(&bed, client, FRAME_RESULT, 1);
+        bed_expect(&bed, client, FRAME_PONG, 1000 + i);
+        bed_expect(&bed, client, FRAME_RESULT, 2000 + i);
+    }
+    bed_close(&bed);
+}
+
+static void count_turn(void *context)
+{
+    ++*(int *)context;
+}
+
+/* Whatever a client leaves unread, the loop does not spin. */
+static void test_waiting_is_quiet(void **state)
+{
+    (void)state;
+    for (int read = 0; read <= OUTBOX_MAX_UNREAD; read++) {
+        struct bed bed;
+        int turns = 0;
+        bed_open(&bed, NULL);
+        struct bed_client *client = bed_connect(&bed, 1);
+        bed_hello(&bed, client);
+        bed_send(client, FRAME_GET, 20);
+        bed_pump(&bed, 5);
+        for (int i = 0; i < read; i++)
+            bed_expect(&bed, client, FRAME_RESULT, (uint64_t)i + 1);
+        bed.group.changed = count_turn;
+        bed.group.context = &turns;
+        for (uint64_t end = bed_now() + 300; bed_now() < end;)
+            uv_run(&bed.loop, UV_RUN_ONCE);
+        assert_in_range(turns, 1, 40);
+        bed_close(&bed);
+    }
 }
 
 /* Half of what may be open, all together: the rest waits for clients to read. */
@@ -102,7 +164,7 @@ static void test_asks_and_never_reads(void **state)
     struct bed bed;
     struct conn_limits limits = conn_limits_default();
     (void)state;
-    limits.stall_ms = 100;
+    limits.stall_ms = 400;
     limits.queue_bytes = 1 << 20;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1);
@@ -112,7 +174,7 @@ static void test_asks_and_never_reads(void **state)
     bed_pump(&bed, 20);
     assert_in_range(bed.service.frames, 17, 30);
     assert_int_equal(bed.service.closed, 0);
-    bed_pump(&bed, 150);
+    bed_pump(&bed, 450);
     assert_int_equal(bed.service.closed, 1);
     assert_int_equal(bed.group.count, 0);
     bed_close(&bed);
@@ -290,6 +352,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_descriptors_in_order),
         cmocka_unit_test(test_stalled_with_descriptors),
+        cmocka_unit_test(test_reads_one_at_a_time),
+        cmocka_unit_test(test_waiting_is_quiet),
         cmocka_unit_test(test_descriptors_of_all),
         cmocka_unit_test(test_asks_and_never_reads),
         cmocka_unit_test(test_reads_slowly),
