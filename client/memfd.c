@@ -52,3 +52,77 @@ enum bvhd_status memfd_seal(int descriptor, int seals, struct bvhd_error *error)
 {
     return fcntl(descriptor, F_ADD_SEALS, seals) == 0 ? BVHD_OK : refused(error, "sealing");
 }
+
+enum { GATHER_SIZE = 64 * 1024, GATHER_MAX_PIECE = 16 * 1024 };
+
+enum bvhd_status memfd_writer_init(struct memfd_writer *writer, const char *name, struct memory *memory, struct bvhd_error *error)
+{
+    unsigned char *gathered = memory_alloc(memory, GATHER_SIZE);
+    if (!gathered)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "memfd", "no memory for it");
+    int descriptor = create(name);
+    if (descriptor < 0) {
+        enum bvhd_status status = refused(error, "memfd_create");
+        memory_free(memory, gathered);
+        return status;
+    }
+    *writer = (struct memfd_writer){.memory = memory, .descriptor = descriptor, .gathered = gathered, .error = error};
+    return BVHD_OK;
+}
+
+static enum bvhd_status write_all(struct memfd_writer *writer, struct bytes bytes)
+{
+    while (bytes.size > 0) {
+        ssize_t written = write(writer->descriptor, bytes.data, bytes.size);
+        if (written < 0 && errno == EINTR)
+            continue;
+        if (written <= 0) {
+            errno = written == 0 || errno == ENOSPC ? ENOMEM : errno;
+            return refused(writer->error, "write");
+        }
+        bytes.data += written;
+        bytes.size -= (uint64_t)written;
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status flush(struct memfd_writer *writer)
+{
+    struct bytes bytes = {writer->gathered, writer->used};
+    writer->used = 0;
+    return write_all(writer, bytes);
+}
+
+enum bvhd_status memfd_writer_put(struct memfd_writer *writer, struct bytes piece)
+{
+    if (piece.size > GATHER_MAX_PIECE || piece.size > GATHER_SIZE - writer->used) {
+        enum bvhd_status status = flush(writer);
+        if (status != BVHD_OK)
+            return status;
+    }
+    if (piece.size > GATHER_MAX_PIECE)
+        return write_all(writer, piece);
+    memcpy(writer->gathered + writer->used, piece.data, piece.size);
+    writer->used += piece.size;
+    return BVHD_OK;
+}
+
+enum bvhd_status memfd_writer_complete(struct memfd_writer *writer, int *ret_descriptor)
+{
+    enum bvhd_status status = flush(writer);
+    if (status == BVHD_OK) {
+        *ret_descriptor = writer->descriptor;
+        writer->descriptor = -1;
+    }
+    memfd_writer_finish(writer);
+    return status;
+}
+
+void memfd_writer_finish(struct memfd_writer *writer)
+{
+    if (writer->descriptor >= 0)
+        close(writer->descriptor);
+    memory_free(writer->memory, writer->gathered);
+    writer->descriptor = -1;
+    writer->gathered = NULL;
+}

@@ -88,19 +88,36 @@ static bool take_from_pool(struct placement *placement, uint64_t size, uint64_t 
     return arena_take(&placement->arena, size, ret_offset);
 }
 
-/* Every byte is written, zeros too: the daemon takes no memfd with holes. */
-static enum bvhd_status make_memfd(const struct source *source, uint64_t size, int *ret_descriptor, struct bvhd_error *error)
+static enum bvhd_status put(void *context, struct bytes piece)
 {
+    return memfd_writer_put(context, piece);
+}
+
+static enum bvhd_status fill(struct memfd_writer *writer, const struct source *source, uint64_t size, struct memory *memory)
+{
+    if (!source->input)
+        return memfd_writer_put(writer, (struct bytes){source->bytes, size});
+    enum bvhd_status status = rows_stream(source->input, memory, put, writer);
+    return status == BVHD_NO_MEMORY ? bvhd_error_set(writer->error, status, "memfd", "no memory for it") : status;
+}
+
+/* Every byte is written, zeros too: the daemon takes no memfd with holes. */
+static enum bvhd_status make_memfd(const struct source *source, uint64_t size, struct memory *memory, int *ret_descriptor,
+                                   struct bvhd_error *error)
+{
+    struct memfd_writer writer;
     int descriptor;
-    unsigned char *bytes;
-    enum bvhd_status status = memfd_create_mapped("bvhd-payload", size, &descriptor, &bytes, error);
+    enum bvhd_status status = memfd_writer_init(&writer, "bvhd-payload", memory, error);
     if (status != BVHD_OK)
         return status;
-    if (source->input)
-        rows_write(source->input, bytes);
-    else
-        memcpy(bytes, source->bytes, size);
-    munmap(bytes, size);
+    status = fill(&writer, source, size, memory);
+    if (status != BVHD_OK) {
+        memfd_writer_finish(&writer);
+        return status;
+    }
+    status = memfd_writer_complete(&writer, &descriptor);
+    if (status != BVHD_OK)
+        return status;
     status = memfd_seal(descriptor, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL, error);
     if (status != BVHD_OK)
         close(descriptor);
@@ -116,7 +133,7 @@ static enum bvhd_status take_memfd(struct placement *placement, const struct sou
     if (placement->memfds == PLACEMENT_MAX_MEMFDS)
         return BVHD_BUSY;
     int descriptor;
-    enum bvhd_status status = make_memfd(source, size, &descriptor, error);
+    enum bvhd_status status = make_memfd(source, size, placement->memory, &descriptor, error);
     if (status != BVHD_OK)
         return placement->memfds > 0 ? BVHD_BUSY : status;
     placement->memfds++;

@@ -116,30 +116,69 @@ static struct reference_row reference_to_row(const struct reference *reference)
     return row;
 }
 
-static void write_bytes(unsigned char *payload, struct row_span span, struct bytes bytes)
-{
-    if (!bytes.data || bytes.size == 0)
-        return;
-    memcpy(payload + span.offset, bytes.data, bytes.size);
-    memset(payload + span.offset + bytes.size, 0, bytes_align(bytes.size, ROWS_ALIGNMENT) - bytes.size);
-}
-
-void rows_write(const struct build_input *input, unsigned char *payload)
+/* The rows alone, which lie at a payload's front. */
+static void write_rows(const struct build_input *input, unsigned char *payload)
 {
     struct layout layout = {.end = rows_end(input)};
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         place_geometry(&layout, &input->geometries[i]);
         struct geometry_row row = geometry_to_row(&input->geometries[i], layout.spans);
         memcpy(payload + i * sizeof row, &row, sizeof row);
-        for (int part = 0; part < PART_COUNT; part++)
-            if (layout.fresh[part])
-                write_bytes(payload, layout.spans[part], layout.last.of[part]);
     }
     unsigned char *references = payload + input->geometry_count * sizeof(struct geometry_row);
     for (uint32_t i = 0; i < input->reference_count; i++) {
         struct reference_row row = reference_to_row(&input->references[i]);
         memcpy(references + i * sizeof row, &row, sizeof row);
     }
+}
+
+static enum bvhd_status stream_part(struct bytes part, rows_sink sink, void *context)
+{
+    static const unsigned char zeros[ROWS_ALIGNMENT];
+    enum bvhd_status status = part.size > 0 ? sink(context, part) : BVHD_OK;
+    uint64_t padding = bytes_align(part.size, ROWS_ALIGNMENT) - part.size;
+    return status == BVHD_OK && padding > 0 ? sink(context, (struct bytes){zeros, padding}) : status;
+}
+
+static enum bvhd_status stream_data(const struct build_input *input, rows_sink sink, void *context)
+{
+    struct layout layout = {.end = rows_end(input)};
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < input->geometry_count; i++) {
+        place_geometry(&layout, &input->geometries[i]);
+        for (int part = 0; part < PART_COUNT; part++)
+            if (status == BVHD_OK && layout.fresh[part] && layout.last.of[part].data)
+                status = stream_part(layout.last.of[part], sink, context);
+    }
+    return status;
+}
+
+enum bvhd_status rows_stream(const struct build_input *input, struct memory *memory, rows_sink sink, void *context)
+{
+    uint64_t size = rows_end(input);
+    unsigned char *rows = memory_alloc(memory, size);
+    if (!rows && size > 0)
+        return BVHD_NO_MEMORY;
+    if (rows)
+        write_rows(input, rows);
+    enum bvhd_status status = rows ? sink(context, (struct bytes){rows, size}) : BVHD_OK;
+    memory_free(memory, rows);
+    return status == BVHD_OK ? stream_data(input, sink, context) : status;
+}
+
+static enum bvhd_status copy_piece(void *context, struct bytes piece)
+{
+    unsigned char **at = context;
+    memcpy(*at, piece.data, piece.size);
+    *at += piece.size;
+    return BVHD_OK;
+}
+
+void rows_write(const struct build_input *input, unsigned char *payload)
+{
+    unsigned char *at = payload + rows_end(input);
+    write_rows(input, payload);
+    stream_data(input, copy_piece, &at);
 }
 
 /* What a reading goes by. */

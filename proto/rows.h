@@ -57,6 +57,13 @@ bool rows_payload_size(const struct build_input *input, uint64_t *ret_size);
  */
 void rows_write(const struct build_input *input, unsigned char *payload);
 
+/*
+ * The same bytes piece by piece, in order, for who writes them elsewhere than into memory; the bytes of a piece live as long as the call of the sink. What
+ * the sink says ends it. BVHD_NO_MEMORY without memory for the rows.
+ */
+typedef enum bvhd_status (*rows_sink)(void *context, struct bytes piece);
+enum bvhd_status rows_stream(const struct build_input *input, struct memory *memory, rows_sink sink, void *context);
+
 /* How the rows of a payload are laid: as the item declares. */
 struct rows_shape {
     uint32_t geometry_count, geometry_size; /* rows, bytes of one */

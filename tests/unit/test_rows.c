@@ -403,6 +403,54 @@ static void failing_allocations_hold_nothing(void **state)
     free(payload.bytes);
 }
 
+struct pieces {
+    unsigned char bytes[8192];
+    uint64_t size;
+    int left; /* pieces until the sink fails */
+};
+
+static enum bvhd_status take_piece(void *context, struct bytes piece)
+{
+    struct pieces *pieces = context;
+    if (pieces->left-- == 0)
+        return BVHD_IO;
+    assert_true(piece.size > 0 && piece.size <= sizeof pieces->bytes - pieces->size);
+    memcpy(pieces->bytes + pieces->size, piece.data, piece.size);
+    pieces->size += piece.size;
+    return BVHD_OK;
+}
+
+static void pieces_are_the_same_bytes(void **state)
+{
+    (void)state;
+    static void (*const describe[])(struct test_input * test) = {inputs_triangles, inputs_aabbs, inputs_instances};
+    for (int i = 0; i < 3; i++) {
+        struct test_input test;
+        describe[i](&test);
+        struct payload payload = write_payload(&test.input);
+        enum bvhd_status status = BVHD_IO;
+        for (int fails = 0; status == BVHD_IO; fails++) {
+            struct pieces pieces = {.left = fails};
+            status = rows_stream(&test.input, &memory, take_piece, &pieces);
+            assert_int_equal(memory.live, 0);
+            if (status == BVHD_OK) {
+                assert_int_equal(pieces.size, payload.size);
+                assert_memory_equal(pieces.bytes, payload.bytes, payload.size);
+                assert_in_range(fails, 2, 20);
+            }
+        }
+        assert_int_equal(status, BVHD_OK);
+        struct pieces pieces = {.left = -1};
+        memory.fail_after = 0;
+        assert_int_equal(rows_stream(&test.input, &memory, take_piece, &pieces), BVHD_NO_MEMORY);
+        memory.fail_after = -1;
+        test.input.geometry_count = test.input.reference_count = 0;
+        assert_int_equal(rows_stream(&test.input, &memory, take_piece, &pieces), BVHD_OK);
+        assert_int_equal(pieces.size, 0);
+        free(payload.bytes);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -416,6 +464,7 @@ int main(void)
         cmocka_unit_test(other_fields_are_ignored),
         cmocka_unit_test(longer_rows_are_read_while_the_rest_is_zero),
         cmocka_unit_test(reserved_fields_are_refused),
+        cmocka_unit_test(pieces_are_the_same_bytes),
         cmocka_unit_test(failing_allocations_hold_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
