@@ -2,7 +2,6 @@
 #include "unit.h"
 
 #include <fcntl.h>
-#include <netinet/in.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdbool.h>
@@ -13,6 +12,7 @@
 
 #include "descriptors.h"
 #include "release.h"
+#include "test_lingering.h"
 
 enum { SMALL = RELEASE_LATER_MIN - 1, LARGE = RELEASE_LATER_MIN, LIMIT = 1000 };
 
@@ -156,60 +156,6 @@ static void whatever_clients_send_is_closed(void **state)
     assert_int_equal(descriptors_left(&descriptors), LIMIT);
 }
 
-static void set_buffer(int socket, int name)
-{
-    int size = 4096;
-    assert_int_equal(setsockopt(socket, SOL_SOCKET, name, &size, sizeof size), 0);
-}
-
-static void set_linger(int socket, int seconds)
-{
-    struct linger linger = {.l_onoff = 1, .l_linger = seconds};
-    assert_int_equal(setsockopt(socket, SOL_SOCKET, SO_LINGER, &linger, sizeof linger), 0);
-}
-
-/* A connected socket with more to send than its peer takes, and the wish to wait a minute for that at its end. */
-static void make_lingering_pair(int ret_pair[2])
-{
-    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    socklen_t length = sizeof address;
-    int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0), sender = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    set_buffer(listener, SO_RCVBUF);
-    set_buffer(sender, SO_SNDBUF);
-    assert_int_equal(bind(listener, (struct sockaddr *)&address, length), 0);
-    assert_int_equal(listen(listener, 1), 0);
-    assert_int_equal(getsockname(listener, (struct sockaddr *)&address, &length), 0);
-    assert_int_equal(connect(sender, (struct sockaddr *)&address, length), 0);
-    ret_pair[0] = sender;
-    ret_pair[1] = accept4(listener, NULL, NULL, SOCK_CLOEXEC);
-    assert_true(ret_pair[1] >= 0);
-    close(listener);
-    set_linger(sender, 60);
-    static char block[1 << 16];
-    while (send(sender, block, sizeof block, MSG_DONTWAIT) > 0)
-        ;
-}
-
-static bool has_loopback(void)
-{
-    struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    int probe = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    bool there =
-        bind(probe, (struct sockaddr *)&address, sizeof address) == 0 &&
-        connect(probe, (struct sockaddr *)&(struct sockaddr_in){AF_INET, htons(9), address.sin_addr, {0}}, sizeof address) == 0;
-    close(probe);
-    if (!there)
-        print_message("no loopback interface here\n");
-    return there;
-}
-
-/* Resets the connection: nothing is left to wait for. */
-static void end_peer(int peer)
-{
-    set_linger(peer, 0);
-    close(peer);
-}
-
 static double seconds(void)
 {
     struct timespec now;
@@ -221,17 +167,18 @@ static double seconds(void)
 static void the_size_is_what_is_there(void **state)
 {
     (void)state;
-    int pair[2], descriptor = make_file(LARGE);
-    if (!has_loopback())
+    struct test_lingering pair = {-1, -1};
+    int descriptor = make_file(LARGE);
+    if (!test_lingering_is_possible())
         skip();
-    make_lingering_pair(pair);
-    release_memfd(pair[0], LARGE);
+    assert_true(test_lingering_make(&pair));
+    release_memfd(pair.sender, LARGE);
     assert_int_equal(ftruncate(descriptor, 1), 0);
     assert_int_equal(fallocate(descriptor, FALLOC_FL_KEEP_SIZE, 0, LARGE), 0);
     release_descriptor(descriptor);
     assert_true(is_open(descriptor));
     assert_int_equal(descriptors_left(&descriptors), LIMIT - 2);
-    end_peer(pair[1]);
+    test_lingering_end(&pair);
     wait_until_all_is_closed();
     assert_false(is_open(descriptor));
 }
@@ -241,14 +188,14 @@ static void strangers_hold_nobody_up(void **state)
 {
     (void)state;
     enum { COUNT = RELEASE_STRANGERS + 10 };
-    static int pairs[COUNT][2];
-    if (!has_loopback())
+    static struct test_lingering pairs[COUNT];
+    if (!test_lingering_is_possible())
         skip();
     for (int i = 0; i < COUNT; i++)
-        make_lingering_pair(pairs[i]);
+        assert_true(test_lingering_make(&pairs[i]));
     double begun = seconds();
     for (int i = 0; i < COUNT; i++)
-        release_descriptor(pairs[i][0]);
+        release_descriptor(pairs[i].sender);
     assert_true(seconds() - begun < 20);
     assert_int_equal(descriptors_left(&descriptors), LIMIT - COUNT);
     int ours = make_file(LARGE);
@@ -258,7 +205,7 @@ static void strangers_hold_nobody_up(void **state)
     assert_false(is_open(ours));
     assert_int_equal(descriptors_left(&descriptors), LIMIT - COUNT);
     for (int i = 0; i < COUNT; i++)
-        end_peer(pairs[i][1]);
+        test_lingering_end(&pairs[i]);
     wait_until_all_is_closed();
 }
 
@@ -279,19 +226,20 @@ static void send_descriptor(int socket, int descriptor)
 static void what_lies_unread_holds_nobody_up(void **state)
 {
     (void)state;
-    int pair[2], ends[2];
-    if (!has_loopback())
+    struct test_lingering pair = {-1, -1};
+    int ends[2];
+    if (!test_lingering_is_possible())
         skip();
-    make_lingering_pair(pair);
+    assert_true(test_lingering_make(&pair));
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends), 0);
-    send_descriptor(ends[0], pair[0]);
-    close(pair[0]);
+    send_descriptor(ends[0], pair.sender);
+    close(pair.sender);
     close(ends[0]);
     double begun = seconds();
     release_descriptor(ends[1]);
     assert_true(seconds() - begun < 20);
     assert_int_equal(descriptors_left(&descriptors), LIMIT - 1);
-    end_peer(pair[1]);
+    test_lingering_end(&pair);
     wait_until_all_is_closed();
 }
 

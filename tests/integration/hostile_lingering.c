@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * hostile_lingering BVHD - clients send sockets whose closing takes a minute, at every place where the daemon would let go of them, and keep no descriptor
+ * themselves. The daemon goes on serving others meanwhile.
+ */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "hostile.h"
+#include "test_lingering.h"
+
+enum { MANY = 20 };
+
+static struct hostile hostile;
+
+/* While it stops the daemon closes nothing: who sends a descriptor closes its own first, and the daemon's is the last. */
+static void stop_daemon(void)
+{
+    int status;
+    kill(hostile.service.pid, SIGSTOP);
+    if (waitpid(hostile.service.pid, &status, WUNTRACED) < 0 || !WIFSTOPPED(status))
+        exit(1);
+}
+
+/* Bytes with `count` descriptors, the last of which nobody else holds afterwards. */
+static struct test_lingering send_lingering(struct raw_client *client, const void *bytes, size_t size, uint32_t count)
+{
+    struct test_lingering pair;
+    int descriptors[MANY];
+    if (!test_lingering_make(&pair))
+        exit(1);
+    for (uint32_t i = 0; i < count; i++)
+        descriptors[i] = i + 1 < count ? STDIN_FILENO : pair.sender;
+    stop_daemon();
+    raw_send(client, bytes, size, descriptors, count);
+    close(pair.sender);
+    kill(hostile.service.pid, SIGCONT);
+    return pair;
+}
+
+static void connect_to(struct raw_client *client)
+{
+    if (!raw_connect(client, hostile.service.socket))
+        exit(1);
+}
+
+/* It comes with the first bytes, and its client is gone before they are read, or nearly so. */
+static struct test_lingering in_the_door(void)
+{
+    struct raw_client client;
+    connect_to(&client);
+    struct test_lingering pair = send_lingering(&client, "x", 1, 1);
+    raw_close(&client);
+    return pair;
+}
+
+/* It waits for a frame that never comes. */
+static struct test_lingering without_a_frame(void)
+{
+    struct raw_client client;
+    connect_to(&client);
+    raw_hello(&client);
+    struct test_lingering pair = send_lingering(&client, "", 1, 1);
+    hostile_serves(&hostile, "a lingering socket waits for its frame", 2000);
+    raw_close(&client);
+    return pair;
+}
+
+/* More than one read takes. */
+static struct test_lingering beyond_the_most(void)
+{
+    struct raw_client client;
+    connect_to(&client);
+    raw_hello(&client);
+    struct test_lingering pair = send_lingering(&client, "", 1, MANY);
+    hostile_expect(raw_await_close(&client, 5000, NULL), "%d descriptors at once: the connection stays", MANY);
+    raw_close(&client);
+    return pair;
+}
+
+/* What a client sends that has broken the protocol is thrown away. */
+static struct test_lingering after_the_end(void)
+{
+    struct raw_client client;
+    struct frame frame;
+    connect_to(&client);
+    raw_hello(&client);
+    raw_send(&client, "this is no frame, however it is read", 36, NULL, 0);
+    hostile_expect(raw_await(&client, FRAME_ERROR, 5000, &frame), "a broken frame: no error");
+    struct test_lingering pair = send_lingering(&client, "x", 1, 1);
+    hostile_serves(&hostile, "a lingering socket after the end", 2000);
+    raw_close(&client);
+    return pair;
+}
+
+/* Where a memfd belongs. */
+static struct test_lingering as_a_payload(void)
+{
+    struct raw_client client;
+    struct control_item item = raw_item(0, 4096, SOURCE_MEMFD);
+    struct control_build build = {.memfd_count = 1, .memfd_sizes = {4096}, .item_count = 1, .items = &item};
+    struct raw_frame frame = {.header = {.type = FRAME_BUILD, .request = 1, .descriptors = 1}};
+    size_t size;
+    connect_to(&client);
+    raw_hello(&client);
+    control_pack_build(&build, &client.memory, &frame.control, NULL);
+    unsigned char *bytes = raw_frame_bytes(&frame, &size);
+    struct test_lingering pair = send_lingering(&client, bytes, size, 1);
+    struct frame answer;
+    hostile_expect(raw_await(&client, FRAME_RESULT, 5000, &answer), "a lingering socket as a payload: no result");
+    free(bytes);
+    memory_free(&client.memory, (void *)(uintptr_t)frame.control.data);
+    raw_close(&client);
+    return pair;
+}
+
+static const struct {
+    const char *name;
+    struct test_lingering (*run)(void);
+} cases[] = {
+    {"in the door", in_the_door},     {"without a frame", without_a_frame}, {"beyond the most", beyond_the_most},
+    {"after the end", after_the_end}, {"as a payload", as_a_payload},
+};
+
+int main(int argc, char **argv)
+{
+    static const char *const options[] = {"--workers", "2", NULL};
+    if (argc != 2)
+        return 2;
+    if (!test_lingering_is_possible())
+        return 77;
+    hostile_begin(&hostile, argv[1], options);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        double begin = hostile_now();
+        struct test_lingering pair = cases[i].run();
+        hostile_serves(&hostile, cases[i].name, 2000);
+        test_lingering_end(&pair);
+        hostile_expect_clean(&hostile, cases[i].name, 5000);
+        printf("%-16s %.0f ms\n", cases[i].name, hostile_now() - begin);
+        fflush(stdout);
+    }
+    return hostile_end(&hostile) ? 1 : 0;
+}
