@@ -166,7 +166,7 @@ bool raw_receive(struct raw_client *client, int timeout_ms, struct frame *ret_fr
             return true;
         double left = end - now();
         struct pollfd poller = {.fd = client->socket, .events = POLLIN};
-        if (left <= 0 || poll(&poller, 1, (int)left + 1) == 0)
+        if (poll(&poller, 1, left > 0 ? (int)left + 1 : 0) == 0)
             return false;
         if (!read_more(client)) {
             if (ret_closed)
