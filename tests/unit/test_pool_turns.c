@@ -213,158 +213,6 @@ static void a_newcomer_starts_level(void **state)
     rivalry_finish(&rivalry);
 }
 
-static void a_small_job_starts_beside_a_large_one(void **state)
-{
-    (void)state;
-    for (unsigned threads = 1; threads <= 3; threads++) {
-        struct loop loop;
-        struct step large[3], small, smaller;
-        loop_init(&loop, threads);
-        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
-        for (unsigned i = 0; i < threads; i++)
-            step_hold_thread(&large[i], &loop, turn, 6400 + i);
-        step_hold_thread(&small, &loop, other, 800);
-        step_hold_thread(&smaller, &loop, turn, 100);
-        assert_int_equal(pool_load(loop.pool).running, threads + 2);
-        step_let_go(&smaller);
-        step_let_go(&small);
-        step_await(&loop, &small);
-        step_await(&loop, &smaller);
-        for (unsigned i = 0; i < threads; i++) {
-            step_let_go(&large[i]);
-            step_await(&loop, &large[i]);
-        }
-        pool_turn_end(loop.pool, turn);
-        pool_turn_end(loop.pool, other);
-        loop_finish(&loop);
-    }
-}
-
-/* One that must not start is given time to do so by mistake. */
-static void check_waits(struct step *step)
-{
-    steps_sleep_ms(10);
-    assert_false(step_has_started(step));
-}
-
-static void others_wait(void **state)
-{
-    (void)state;
-    struct loop loop;
-    struct step large, similar, small, same, smaller, smallest;
-    loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
-    step_hold_thread(&large, &loop, turn, 51200);
-    step_init(&similar, &loop, other, 8192);
-    step_submit(&similar);
-    check_waits(&similar);
-    step_hold_thread(&small, &loop, other, 4000);
-    step_init(&same, &loop, turn, 4000);
-    step_submit(&same);
-    check_waits(&same);
-    step_hold_thread(&smaller, &loop, other, 500);
-    step_init(&smallest, &loop, other, 1);
-    step_submit(&smallest);
-    check_waits(&smallest);
-    assert_int_equal(pool_load(loop.pool).queued, 3);
-
-    /* Its thread is free for the smallest; when the small one ends too, for the one of the same size. */
-    step_let_go(&smaller);
-    step_await(&loop, &smallest);
-    assert_false(step_has_started(&same));
-    step_let_go(&small);
-    step_await(&loop, &same);
-    assert_false(step_has_started(&similar));
-    step_let_go(&large);
-    step_await(&loop, &large);
-    step_await(&loop, &similar);
-    pool_turn_end(loop.pool, turn);
-    pool_turn_end(loop.pool, other);
-    loop_finish(&loop);
-}
-
-static void a_small_job_does_not_wait_behind_a_large_one(void **state)
-{
-    (void)state;
-    struct loop loop;
-    struct step running, queued, small;
-    loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&running, &loop, turn, 1000000);
-    step_init(&queued, &loop, turn, 1000000);
-    queued.job.priority = 5;
-    step_submit(&queued);
-    step_init(&small, &loop, turn, 0);
-    step_submit(&small);
-    step_await(&loop, &small);
-    assert_false(step_has_started(&queued));
-    step_let_go(&running);
-    step_await(&loop, &running);
-    step_await(&loop, &queued);
-    pool_turn_end(loop.pool, turn);
-    loop_finish(&loop);
-}
-
-static void hold(struct step *step, const struct parallel *parallel)
-{
-    (void)parallel;
-    steps_wait(&step->may_end);
-}
-
-/* The large one is taken first when the thread becomes free, and only then there is room beside it. */
-static void a_spare_thread_comes_when_a_large_one_starts(void **state)
-{
-    (void)state;
-    struct loop loop;
-    struct step first, large, second;
-    loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&first, &loop, turn, 10);
-    step_init(&large, &loop, turn, 1000);
-    large.body = hold;
-    large.job.priority = 1;
-    step_submit(&large);
-    step_init(&second, &loop, turn, 10);
-    step_submit(&second);
-    check_waits(&second);
-    step_let_go(&first);
-    step_await(&loop, &second);
-    assert_int_equal(large.done, 0);
-    step_let_go(&large);
-    step_await(&loop, &large);
-    pool_turn_end(loop.pool, turn);
-    loop_finish(&loop);
-}
-
-static void small_jobs_flow_beside_tasks(void **state)
-{
-    (void)state;
-    struct loop loop;
-    struct step large, small;
-    for (unsigned threads = 1; threads <= 3; threads++) {
-        loop_init(&loop, threads);
-        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
-        step_init(&large, &loop, turn, 1000000);
-        large.body = step_many_tasks;
-        large.count = 100000;
-        step_submit(&large);
-        steps_wait(&large.started);
-        for (int i = 0; i < 30; i++) {
-            step_init(&small, &loop, i % 2 ? turn : other, 10);
-            small.burn_ns = 100000;
-            step_submit(&small);
-            step_await(&loop, &small);
-        }
-        assert_int_equal(large.done, 0);
-        pool_cancel(loop.pool, &large.job);
-        step_await(&loop, &large);
-        assert_int_equal(large.tasks, large.count);
-        pool_turn_end(loop.pool, turn);
-        pool_turn_end(loop.pool, other);
-        loop_finish(&loop);
-    }
-}
-
 struct meeting {
     struct loop loop;
     struct pool_turn *turn, *other;
@@ -504,6 +352,75 @@ static void both_progress_in_proportion(void **state)
     meeting_finish(&meeting);
 }
 
+/* A step in another turn every now and then, while the helper has a call of its own; none of them may be put off by the next. */
+static void newcomers_are_not_put_off_by_more_of_them(void **state)
+{
+    (void)state;
+    enum { MOST = 1500 };
+    static struct step steps[MOST];
+    struct meeting meeting;
+    meeting_init(&meeting, 2);
+    start_large(&meeting);
+    int count = 0;
+    do {
+        assert_true(count < MOST);
+        step_init(&steps[count], &meeting.loop, meeting.other, 1000);
+        step_submit(&steps[count++]);
+        steps_burn(300000);
+    } while (!step_has_started(&steps[0]));
+    for (int i = 0; i < count; i++)
+        step_await(&meeting.loop, &steps[i]);
+    assert_int_equal(meeting.large.done, 0);
+    pool_cancel(meeting.loop.pool, &meeting.large.job);
+    step_submit(&meeting.newcomer);
+    meeting_finish(&meeting);
+}
+
+static void hold_then_many_tasks(struct step *step, const struct parallel *parallel)
+{
+    steps_wait(&step->may_end);
+    step_many_tasks(step, parallel);
+}
+
+static void await_help(struct step *step)
+{
+    for (int tries = 0; !step->helped; tries++) {
+        assert_true(tries < 20000);
+        steps_sleep_ms(1);
+    }
+}
+
+/* Two jobs of one turn make their calls in either order; the thread that is free for them goes to the older job. */
+static void the_older_job_is_helped(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step jobs[2];
+    for (int first = 0; first < 2; first++) {
+        loop_init(&loop, 3);
+        struct pool_turn *turn = loop_turn(&loop);
+        for (int i = 0; i < 2; i++) {
+            step_init(&jobs[i], &loop, turn, 1000);
+            jobs[i].body = hold_then_many_tasks;
+            jobs[i].count = 100000;
+            step_submit(&jobs[i]);
+            steps_wait(&jobs[i].started);
+        }
+        step_let_go(&jobs[first]);
+        await_help(&jobs[first]);
+        step_let_go(&jobs[1 - first]);
+        steps_sleep_ms(10);
+        await_help(&jobs[0]);
+        assert_int_equal(jobs[1].helped, first == 1);
+        for (int i = 0; i < 2; i++)
+            pool_cancel(loop.pool, &jobs[i].job);
+        for (int i = 0; i < 2; i++)
+            step_await(&loop, &jobs[i]);
+        pool_turn_end(loop.pool, turn);
+        loop_finish(&loop);
+    }
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
@@ -512,16 +429,13 @@ int main(void)
         cmocka_unit_test(what_was_taken_alone_is_forgiven),
         cmocka_unit_test(the_least_served_turn_is_next),
         cmocka_unit_test(a_newcomer_starts_level),
-        cmocka_unit_test(a_small_job_starts_beside_a_large_one),
-        cmocka_unit_test(others_wait),
-        cmocka_unit_test(a_small_job_does_not_wait_behind_a_large_one),
-        cmocka_unit_test(a_spare_thread_comes_when_a_large_one_starts),
-        cmocka_unit_test(small_jobs_flow_beside_tasks),
         cmocka_unit_test(a_helper_leaves_for_another_turn),
         cmocka_unit_test(a_helper_leaves_for_a_higher_priority),
         cmocka_unit_test(a_helper_makes_room_for_a_spare_thread),
         cmocka_unit_test(open_tasks_come_before_a_queued_job),
         cmocka_unit_test(both_progress_in_proportion),
+        cmocka_unit_test(newcomers_are_not_put_off_by_more_of_them),
+        cmocka_unit_test(the_older_job_is_helped),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
