@@ -4,9 +4,11 @@
 #include <assert.h>
 #include <stddef.h>
 
-/* In front of the lane whose turn it is: at the end of the round. */
+/* In front of the lane where the ring begins: at the end of the round. */
 static void join_ring(struct fair_queue *queue, struct fair_lane *lane)
 {
+    if (lane->given < queue->level)
+        lane->given = queue->level;
     struct fair_lane *turn = queue->turn;
     if (!turn) {
         lane->previous = lane->next = lane;
@@ -45,12 +47,27 @@ void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fai
     queue->count++;
 }
 
+static struct fair_lane *next_lane(const struct fair_queue *queue)
+{
+    struct fair_lane *least = queue->turn;
+    for (struct fair_lane *lane = least ? least->next : NULL; lane && lane != queue->turn; lane = lane->next)
+        if (lane->given < least->given)
+            least = lane;
+    return least;
+}
+
+static struct fair_entry *first_of(const struct fair_lane *lane)
+{
+    int i = 0;
+    while (!lane->lists[i].first)
+        i++;
+    return lane->lists[i].first;
+}
+
 struct fair_entry *fair_queue_peek(const struct fair_queue *queue)
 {
-    for (int i = 0; queue->turn && i < FAIR_PRIORITIES; i++)
-        if (queue->turn->lists[i].first)
-            return queue->turn->lists[i].first;
-    return NULL;
+    const struct fair_lane *lane = next_lane(queue);
+    return lane ? first_of(lane) : NULL;
 }
 
 void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
@@ -72,10 +89,11 @@ void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
         leave_ring(queue, lane);
 }
 
-void fair_queue_pop(struct fair_queue *queue)
+void fair_queue_pop(struct fair_queue *queue, uint64_t cost)
 {
-    struct fair_lane *lane = queue->turn;
-    fair_queue_remove(queue, fair_queue_peek(queue));
-    if (queue->turn == lane)
-        queue->turn = lane->next;
+    struct fair_lane *lane = next_lane(queue);
+    queue->turn = lane->next;
+    queue->level = lane->given;
+    lane->given += cost;
+    fair_queue_remove(queue, first_of(lane));
 }

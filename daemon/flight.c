@@ -40,7 +40,7 @@ struct disposal {
     uint64_t promised;
 };
 
-enum { DISPOSED_AT_ONCE = 256 * 1024 };
+enum { DISPOSED_AT_ONCE = 1024 * 1024 };
 
 enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct bvhd_error *error)
 {
@@ -370,7 +370,7 @@ void flights_pump(struct flights *flights)
         struct flight *flight = flight_of_entry(entry);
         if (!admission_may_build(flights->admission, flight->bytes, flight->exclusive))
             return;
-        fair_queue_pop(&flights->waiting);
+        fair_queue_pop(&flights->waiting, flight->bytes);
         start_build(flight);
     }
 }

@@ -126,6 +126,9 @@ static void answer(struct item *item, struct control_result *result, struct blob
 
 static void answer_error(struct item *item, const struct bvhd_error *error)
 {
+    if (error->status == BVHD_INTERNAL || error->status == BVHD_IO)
+        log_event(error->status == BVHD_INTERNAL ? LOG_ERROR : LOG_WARNING, "item_failed", "status=%s why=%s",
+                  bvhd_status_name(error->status), log_quote(error->text).text);
     struct control_result result = {.error = *error};
     answer(item, &result, NULL);
 }
@@ -432,7 +435,7 @@ void request_pump(struct service *service)
         struct item *item = item_of_entry(entry);
         if (!admission_may_prepare(&service->admission, item->promise))
             return;
-        fair_queue_pop(&service->preparing);
+        fair_queue_pop(&service->preparing, item->promise);
         start_preparing(item);
     }
 }

@@ -26,30 +26,51 @@ static void test_lanes_take_turns(void **state)
     static const int want[][2] = {{0, 0}, {1, 0}, {2, 0}, {0, 1}, {1, 1}, {2, 1}, {0, 2}, {1, 2}, {0, 3}};
     for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
         assert_ptr_equal(fair_queue_peek(&queue), &entries[want[i][0]][want[i][1]]);
-        fair_queue_pop(&queue);
+        fair_queue_pop(&queue, 1);
     }
     assert_null(fair_queue_peek(&queue));
     assert_int_equal(queue.count, 0);
 }
 
-static void test_a_new_lane_comes_last(void **state)
+/* Neither ahead of others for what it was not there to take, nor behind what they will be given. */
+static void test_a_new_lane_starts_level(void **state)
 {
     (void)state;
     struct fair_queue queue = {0};
-    struct fair_lane lanes[3] = {0};
-    struct fair_entry entries[5] = {0};
-    fair_queue_add(&queue, &lanes[0], &entries[0], 1);
-    fair_queue_add(&queue, &lanes[0], &entries[1], 1);
-    fair_queue_add(&queue, &lanes[1], &entries[2], 1);
-    fair_queue_pop(&queue); /* now it is lane 1's turn */
-    fair_queue_add(&queue, &lanes[2], &entries[3], 1);
-    assert_ptr_equal(fair_queue_peek(&queue), &entries[2]);
-    fair_queue_pop(&queue);
-    assert_ptr_equal(fair_queue_peek(&queue), &entries[1]);
-    fair_queue_pop(&queue);
-    assert_ptr_equal(fair_queue_peek(&queue), &entries[3]);
-    fair_queue_pop(&queue);
-    assert_null(fair_queue_peek(&queue));
+    struct fair_lane lanes[2] = {0};
+    struct fair_entry entries[10] = {0}, late[2] = {0};
+    for (int i = 0; i < 10; i++)
+        fair_queue_add(&queue, &lanes[0], &entries[i], 1);
+    for (int i = 0; i < 5; i++)
+        fair_queue_pop(&queue, 100);
+    fair_queue_add(&queue, &lanes[1], &late[0], 1);
+    fair_queue_add(&queue, &lanes[1], &late[1], 1);
+    struct fair_entry *const want[] = {&late[0], &entries[5], &late[1], &entries[6], &entries[7]};
+    for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
+        assert_ptr_equal(fair_queue_peek(&queue), want[i]);
+        fair_queue_pop(&queue, 100);
+    }
+}
+
+/* Many small ones of one lane go between two large ones of another. */
+static void test_lanes_are_given_equally_much(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_lane large_lane = {0}, small_lane = {0};
+    struct fair_entry large[4] = {0}, small[400] = {0};
+    uint64_t given[2] = {0};
+    for (int i = 0; i < 4; i++)
+        fair_queue_add(&queue, &large_lane, &large[i], 1);
+    for (int i = 0; i < 400; i++)
+        fair_queue_add(&queue, &small_lane, &small[i], 1);
+    while (small_lane.count > 0 && large_lane.count > 0) {
+        const struct fair_entry *next = fair_queue_peek(&queue);
+        bool is_large = next >= large && next < large + 4;
+        fair_queue_pop(&queue, is_large ? 1000 : 10);
+        given[is_large] += is_large ? 1000 : 10;
+        assert_true(given[0] <= given[1] + 10 && given[1] <= given[0] + 1000);
+    }
 }
 
 static void test_priority_goes_before_age_within_a_lane(void **state)
@@ -66,7 +87,7 @@ static void test_priority_goes_before_age_within_a_lane(void **state)
     struct fair_entry *const want[] = {&high, &other, &second, &normal, &low};
     for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
         assert_ptr_equal(fair_queue_peek(&queue), want[i]);
-        fair_queue_pop(&queue);
+        fair_queue_pop(&queue, 1);
     }
 }
 
@@ -97,7 +118,7 @@ static void test_random_operations_match_a_list(void **state)
                 if (where[i] == where[at] && i != at)
                     assert_true(entries[i].priority > next->priority ||
                                 (entries[i].priority == next->priority && arrived[i] > arrived[at]));
-            fair_queue_pop(&queue);
+            fair_queue_pop(&queue, 1);
             where[at] = NULL;
         }
         for (int i = 0; i < ENTRIES; i++) {
@@ -112,8 +133,11 @@ static void test_random_operations_match_a_list(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_an_empty_queue_has_nobody),      cmocka_unit_test(test_lanes_take_turns),
-        cmocka_unit_test(test_a_new_lane_comes_last),          cmocka_unit_test(test_priority_goes_before_age_within_a_lane),
+        cmocka_unit_test(test_an_empty_queue_has_nobody),
+        cmocka_unit_test(test_lanes_take_turns),
+        cmocka_unit_test(test_a_new_lane_starts_level),
+        cmocka_unit_test(test_lanes_are_given_equally_much),
+        cmocka_unit_test(test_priority_goes_before_age_within_a_lane),
         cmocka_unit_test(test_random_operations_match_a_list),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
