@@ -19,37 +19,30 @@ struct slot {
     struct entry *entry; /* NULL: free */
 };
 
+struct table {
+    struct slot *slots; /* NULL while there are none */
+    uint64_t capacity; /* 0 or a power of two */
+    uint64_t count;
+};
+
 /* Blobs in memory and memfds have an order each, so that either kind's coldest is at hand; `used` compares between them. */
 enum kind { IN_MEMORY, WITH_DESCRIPTOR, KINDS };
 
+/* Many tables, each for one first byte of hashes, so that one that grows moves few entries: the loop stops for none of them. */
+enum { TABLES = 256, FIRST_CAPACITY = 8 };
+
 struct cache {
     struct memory *memory;
-    struct slot *slots;
-    uint64_t capacity; /* of slots, a power of two */
+    struct table tables[TABLES];
     struct order orders[KINDS];
     uint64_t budget, bytes, evicted, clock;
 };
 
-enum { FIRST_CAPACITY = 64 };
-
-static struct slot *create_slots(struct memory *memory, uint64_t capacity)
-{
-    struct slot *slots = memory_array(memory, capacity, sizeof *slots);
-    if (slots)
-        memset(slots, 0, capacity * sizeof *slots);
-    return slots;
-}
-
 struct cache *cache_create(uint64_t budget, struct memory *memory)
 {
     struct cache *cache = memory_alloc(memory, sizeof *cache);
-    struct slot *slots = create_slots(memory, FIRST_CAPACITY);
-    if (!cache || !slots) {
-        memory_free(memory, slots);
-        memory_free(memory, cache);
-        return NULL;
-    }
-    *cache = (struct cache){.memory = memory, .slots = slots, .capacity = FIRST_CAPACITY, .budget = budget};
+    if (cache)
+        *cache = (struct cache){.memory = memory, .budget = budget};
     return cache;
 }
 
@@ -63,14 +56,25 @@ static uint64_t hash_of(const struct key *key)
     return bytes_get64(key->bytes);
 }
 
-/* The slot that holds `key`, or the free one where it would go. There always is a free one. */
-static uint64_t find_slot(const struct cache *cache, const struct key *key)
+static struct table *table_of(struct cache *cache, const struct key *key)
 {
-    uint64_t hash = hash_of(key), mask = cache->capacity - 1, at = hash & mask;
-    for (; cache->slots[at].entry; at = (at + 1) & mask)
-        if (cache->slots[at].hash == hash && key_equal(&cache->slots[at].entry->blob->key, key))
+    return &cache->tables[hash_of(key) >> 56];
+}
+
+/* The slot that holds `key`, or the free one where it would go. In a table with slots there always is a free one. */
+static uint64_t find_slot(const struct table *table, const struct key *key)
+{
+    uint64_t hash = hash_of(key), mask = table->capacity - 1, at = hash & mask;
+    for (; table->slots[at].entry; at = (at + 1) & mask)
+        if (table->slots[at].hash == hash && key_equal(&table->slots[at].entry->blob->key, key))
             break;
     return at;
+}
+
+static struct entry *find(struct cache *cache, const struct key *key)
+{
+    struct table *table = table_of(cache, key);
+    return table->slots ? table->slots[find_slot(table, key)].entry : NULL;
 }
 
 static struct order *order_of(struct cache *cache, const struct entry *entry)
@@ -107,17 +111,18 @@ static void unlink_entry(struct cache *cache, struct entry *entry)
 }
 
 /* Fills the gap with what was probed past it. */
-static void clear_slot(struct cache *cache, uint64_t gap)
+static void clear_slot(struct table *table, uint64_t gap)
 {
-    uint64_t mask = cache->capacity - 1;
-    for (uint64_t at = (gap + 1) & mask; cache->slots[at].entry; at = (at + 1) & mask) {
-        uint64_t home = cache->slots[at].hash & mask;
+    uint64_t mask = table->capacity - 1;
+    for (uint64_t at = (gap + 1) & mask; table->slots[at].entry; at = (at + 1) & mask) {
+        uint64_t home = table->slots[at].hash & mask;
         if (((at - home) & mask) < ((at - gap) & mask))
             continue;
-        cache->slots[gap] = cache->slots[at];
+        table->slots[gap] = table->slots[at];
         gap = at;
     }
-    cache->slots[gap] = (struct slot){.entry = NULL};
+    table->slots[gap] = (struct slot){.entry = NULL};
+    table->count--;
 }
 
 static void drop(struct cache *cache, struct entry *entry)
@@ -130,7 +135,8 @@ static void drop(struct cache *cache, struct entry *entry)
 
 static void evict(struct cache *cache, struct entry *entry)
 {
-    clear_slot(cache, find_slot(cache, &entry->blob->key));
+    struct table *table = table_of(cache, &entry->blob->key);
+    clear_slot(table, find_slot(table, &entry->blob->key));
     drop(cache, entry);
     cache->evicted++;
 }
@@ -142,14 +148,15 @@ void cache_destroy(struct cache *cache)
     for (int kind = 0; kind < KINDS; kind++)
         while (cache->orders[kind].coldest)
             drop(cache, cache->orders[kind].coldest);
-    memory_free(cache->memory, cache->slots);
+    for (int i = 0; i < TABLES; i++)
+        memory_free(cache->memory, cache->tables[i].slots);
     memory_free(cache->memory, cache);
 }
 
 /* The callback may put another blob, and what it was given may have to go for that. */
 void cache_get(struct cache *cache, const struct key *key, cache_answer answer, void *context)
 {
-    struct entry *entry = cache->slots[find_slot(cache, key)].entry;
+    struct entry *entry = find(cache, key);
     if (!entry) {
         answer(context, NULL);
         return;
@@ -180,30 +187,40 @@ static bool fits(const struct cache *cache, const struct blob *blob)
     return cost_of(blob) <= cache->budget && (blob->descriptor < 0 || descriptor_share(blob) > 0);
 }
 
-static void move_slots(struct cache *cache, struct slot *slots, uint64_t capacity)
+static void move_slots(const struct table *from, struct table *to)
 {
-    for (uint64_t i = 0; i < cache->capacity; i++) {
-        if (!cache->slots[i].entry)
+    uint64_t mask = to->capacity - 1;
+    for (uint64_t i = 0; i < from->capacity; i++) {
+        if (!from->slots[i].entry)
             continue;
-        uint64_t at = cache->slots[i].hash & (capacity - 1);
-        while (slots[at].entry)
-            at = (at + 1) & (capacity - 1);
-        slots[at] = cache->slots[i];
+        uint64_t at = from->slots[i].hash & mask;
+        while (to->slots[at].entry)
+            at = (at + 1) & mask;
+        to->slots[at] = from->slots[i];
     }
-    memory_free(cache->memory, cache->slots);
-    cache->slots = slots;
-    cache->capacity = capacity;
 }
 
 /* Room for one more with a quarter of the slots free. */
-static bool reserve_slot(struct cache *cache)
+static bool reserve_slot(struct table *table, struct memory *memory)
 {
-    if (count_entries(cache) < cache->capacity / 4 * 3)
+    if (table->count < table->capacity / 4 * 3)
         return true;
-    struct slot *slots = create_slots(cache->memory, cache->capacity * 2);
-    if (slots)
-        move_slots(cache, slots, cache->capacity * 2);
-    return slots != NULL;
+    struct table grown = {.capacity = table->capacity ? table->capacity * 2 : FIRST_CAPACITY, .count = table->count};
+    grown.slots = memory_array(memory, grown.capacity, sizeof *grown.slots);
+    if (!grown.slots)
+        return false;
+    memset(grown.slots, 0, grown.capacity * sizeof *grown.slots);
+    move_slots(table, &grown);
+    memory_free(memory, table->slots);
+    *table = grown;
+    return true;
+}
+
+static void insert(struct table *table, struct entry *entry)
+{
+    const struct key *key = &entry->blob->key;
+    table->slots[find_slot(table, key)] = (struct slot){.hash = hash_of(key), .entry = entry};
+    table->count++;
 }
 
 static struct entry *coldest(const struct cache *cache)
@@ -225,14 +242,15 @@ static void make_room(struct cache *cache, const struct blob *blob, uint64_t cos
 
 void cache_put(struct cache *cache, struct blob *blob)
 {
-    if (!fits(cache, blob) || cache->slots[find_slot(cache, &blob->key)].entry || !reserve_slot(cache))
+    struct table *table = table_of(cache, &blob->key);
+    if (!fits(cache, blob) || find(cache, &blob->key) || !reserve_slot(table, cache->memory))
         return;
     struct entry *entry = memory_alloc(cache->memory, sizeof *entry);
     if (!entry)
         return;
     *entry = (struct entry){.blob = blob_ref(blob), .cost = cost_of(blob)};
     make_room(cache, blob, entry->cost);
-    cache->slots[find_slot(cache, &blob->key)] = (struct slot){.hash = hash_of(&blob->key), .entry = entry};
+    insert(table, entry);
     cache->bytes += entry->cost;
     link_warmest(cache, entry);
 }
