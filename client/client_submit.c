@@ -2,6 +2,7 @@
 #include "client_batch.h"
 #include "client_link.h"
 #include "client_wait.h"
+#include "rows.h"
 #include "validate_batch.h"
 
 /* A submission under way. */
@@ -44,6 +45,32 @@ static void enqueue(struct bvhd_batch *batch)
     *at = batch;
     batch->queued = true;
     batch->deadline = library_now() + batch->client->connect_timeout;
+}
+
+/*
+ * The payload of a first item that no pool can hold takes long to copy: that is done before others see the batch, and without the lock, so that they
+ * do not have to wait. Whatever comes to nothing here is tried again, and told, with the others.
+ */
+static void copy_large(struct bvhd_batch *batch)
+{
+    struct bvhd_client *client = batch->client;
+    const struct build_input *input = vulkan_input_entries(batch->input);
+    uint64_t size;
+    if (batch->count == 0 || batch->items[0].state != ITEM_WAITING || !rows_payload_size(input, &size) ||
+        size <= client->placement.wanted_size)
+        return;
+    client_lock(client);
+    bool reserved = placement_reserve(&client->placement);
+    client_unlock(client);
+    if (!reserved)
+        return;
+    enum bvhd_status status = placement_fill(&library_memory, input, size, &batch->items[0].held, NULL);
+    client_lock(client);
+    if (status == BVHD_OK)
+        client_batch_set_copied(batch, 0);
+    else
+        placement_unreserve(&client->placement);
+    client_unlock(client);
 }
 
 /* Before anything is asked of a connection it shows whether it still lives: what is submitted after a loss must not share it. */
@@ -145,6 +172,7 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
         memory_free(&library_memory, submission.batch);
         return no_memory(ret_error);
     }
+    copy_large(submission.batch);
     start(submission.batch);
     *ret_batch = submission.batch;
     return BVHD_OK;

@@ -126,19 +126,47 @@ static enum bvhd_status make_memfd(const struct source *source, uint64_t size, s
     return status;
 }
 
+bool placement_reserve(struct placement *placement)
+{
+    if (placement->memfds == PLACEMENT_MAX_MEMFDS)
+        return false;
+    placement->memfds++;
+    return true;
+}
+
+void placement_unreserve(struct placement *placement)
+{
+    placement->memfds--;
+}
+
+static enum bvhd_status fill_reserved(struct memory *memory, const struct source *source, uint64_t size, struct held *ret_held,
+                                      struct bvhd_error *error)
+{
+    int descriptor;
+    enum bvhd_status status = make_memfd(source, size, memory, &descriptor, error);
+    if (status == BVHD_OK)
+        *ret_held = (struct held){.kind = HELD_MEMFD, .descriptor = descriptor, .size = size};
+    return status;
+}
+
+enum bvhd_status placement_fill(struct memory *memory, const struct build_input *input, uint64_t size, struct held *ret_held,
+                                struct bvhd_error *error)
+{
+    struct source source = {.input = input};
+    return fill_reserved(memory, &source, size, ret_held, error);
+}
+
 /* While others are out a failure is only a shortage: theirs come back. */
 static enum bvhd_status take_memfd(struct placement *placement, const struct source *source, uint64_t size, struct held *ret_held,
                                    struct bvhd_error *error)
 {
-    if (placement->memfds == PLACEMENT_MAX_MEMFDS)
+    if (!placement_reserve(placement))
         return BVHD_BUSY;
-    int descriptor;
-    enum bvhd_status status = make_memfd(source, size, placement->memory, &descriptor, error);
-    if (status != BVHD_OK)
-        return placement->memfds > 0 ? BVHD_BUSY : status;
-    placement->memfds++;
-    *ret_held = (struct held){.kind = HELD_MEMFD, .descriptor = descriptor, .size = size};
-    return BVHD_OK;
+    enum bvhd_status status = fill_reserved(placement->memory, source, size, ret_held, error);
+    if (status == BVHD_OK)
+        return BVHD_OK;
+    placement_unreserve(placement);
+    return placement->memfds > 0 ? BVHD_BUSY : status;
 }
 
 /* What takes up to half of the pool waits for room in it; more than that would wait for too many others. */

@@ -54,6 +54,15 @@ bool placement_limit(struct placement *placement, uint64_t size);
 enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size, struct held *ret_held,
                                 struct bvhd_error *error);
 
+/*
+ * A memfd of its own in two steps, so that the copy needs no lock: false when too many are out; then placement_fill, from any thread, and where that fails
+ * placement_unreserve.
+ */
+bool placement_reserve(struct placement *placement);
+enum bvhd_status placement_fill(struct memory *memory, const struct build_input *input, uint64_t size, struct held *ret_held,
+                                struct bvhd_error *error);
+void placement_unreserve(struct placement *placement);
+
 /* The bytes of a payload in the pool. */
 const unsigned char *placement_bytes(const struct placement *placement, const struct held *held);
 

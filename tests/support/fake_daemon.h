@@ -35,13 +35,13 @@ void fake_stop(struct fake_daemon *fake);
 void fake_close_listener(struct fake_daemon *fake);
 void fake_open_listener(struct fake_daemon *fake);
 
-/* The next client; false when none comes within 2 s. The one before stays connected when `keep` says where. */
+/* The next client; false when none comes within 10 s. The one before stays connected when `keep` says where. */
 bool fake_accept(struct fake_daemon *fake, struct raw_client *keep);
 
 /* Closes the connection. */
 void fake_hang_up(struct fake_daemon *fake);
 
-/* The next frame has to be of this type; its descriptors are the caller's. False when none comes within 2 s, or another. */
+/* The next frame has to be of this type; its descriptors are the caller's. False when none comes within 10 s, or another. */
 bool fake_expect(struct fake_daemon *fake, enum frame_type type, struct frame *ret_frame);
 
 /* No frame comes within a short time. */

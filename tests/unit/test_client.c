@@ -226,8 +226,8 @@ static void test_calls(void **state)
     bed_start(&bed);
     fake_serve(&bed.fake);
     assert_int_equal(bvhd_client_connect(bed.client, NULL), BVHD_OK);
-    assert_int_equal(bvhd_client_ping(bed.client, 1000, &ms, NULL), BVHD_OK);
-    assert_true(ms >= 0 && ms < 1000);
+    assert_int_equal(bvhd_client_ping(bed.client, BED_LATE_MS, &ms, NULL), BVHD_OK);
+    assert_true(ms >= 0 && ms < BED_LATE_MS);
     assert_int_equal(bvhd_client_counters(bed.client, -1, &counters, NULL), BVHD_OK);
     assert_int_equal(bvhd_counters_count(counters), 2);
     assert_string_equal(bvhd_counters_name(counters, 1), "hits_memory");
@@ -268,7 +268,7 @@ static void test_failing_allocations(void **state)
     bed_describe(bed.asked, 5, 700);
     bvhd_client_destroy(bed.client);
     for (; !succeeded; fails++) {
-        struct bvhd_client_options options = {sizeof options, bed.fake.path, BED_CONNECT_MS, BED_LOST_MS, 0};
+        struct bvhd_client_options options = {sizeof options, bed.fake.path, 0, 0, 0};
         struct bvhd_batch *batch = NULL, *keys = NULL;
         struct bvhd_key key = {{1}};
         uint64_t live = library_memory.live;
@@ -278,13 +278,13 @@ static void test_failing_allocations(void **state)
         if (status == BVHD_OK)
             status = bvhd_batch_submit(bed.client, &bed.asked->build, &batch, NULL);
         if (status == BVHD_OK)
-            status = bvhd_batch_wait(batch, 2000);
+            status = bvhd_batch_wait(batch, 10000);
         for (uint32_t i = 0; status == BVHD_OK && i < 5; i++)
             status = bed_status(batch, i);
         if (status == BVHD_OK)
             status = bvhd_batch_fetch(bed.client, 1, &key, &keys, NULL);
         if (status == BVHD_OK)
-            status = bvhd_batch_wait(keys, 2000);
+            status = bvhd_batch_wait(keys, 10000);
         if (status == BVHD_OK)
             status = bed_status(keys, 0);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);

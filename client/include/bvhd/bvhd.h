@@ -15,14 +15,16 @@
  *
  * Threads: every function may be called from any thread, on any object, at any time, with one exception: the one that ends an object must be the last
  * call on it. Several threads may wait at once. The library starts no threads: work moves on inside of its calls (wait, dispatch, submit, ...), and
- * nowhere else. No function but those named "wait", "connect", "ping" and "counters" blocks.
+ * nowhere else. No function but those named "wait", "connect", "ping" and "counters" blocks; but geometry is copied inside of submit, dispatch and wait, which
+ * takes its time.
  *
  * Errors: a status, and in *ret_error (may be NULL) the rule and the place. Functions that fail leave their results untouched and hold nothing.
  *
  * A daemon that is gone: when its process ends, the socket says so, and everything under way fails with BVHD_UNAVAILABLE at the next call, or at once
  * for who waits or watches bvhd_client_descriptor. A daemon that is there but says nothing at all while it owes an answer is given up after
  * `lost_after_ms`. A submission without a daemon fails after `connect_timeout_ms`. The next submission after a loss connects anew, so a restarted daemon
- * is found. Whoever gets BVHD_UNAVAILABLE can fall back to the device's own build.
+ * is found. A daemon that announces its end finishes what it has; what is submitted from then on goes to the next one. Whoever gets BVHD_UNAVAILABLE can
+ * fall back to the device's own build, or submit again.
  *
  * The process may fork; the child must not use the parent's objects. No signal is raised or handled. Descriptors are close-on-exec.
  */
@@ -79,7 +81,7 @@ struct bvhd_client_options {
 BVHD_API enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, struct bvhd_client **ret_client,
                                              struct bvhd_error *ret_error);
 
-/* Its batches must be destroyed before; blobs and counters live on. NULL-safe. */
+/* Its batches must be destroyed before, and no thread may be in a call; blobs and counters live on. NULL-safe. */
 BVHD_API void bvhd_client_destroy(struct bvhd_client *client);
 
 /* Waits until the daemon has answered. Not needed before a submission. BVHD_UNAVAILABLE after `connect_timeout_ms`, BVHD_INCOMPATIBLE. */
@@ -139,7 +141,8 @@ struct bvhd_build {
 /*
  * Asks for infos[0 .. info_count). Everything the structs point to but geometry memory is copied before this returns. Geometry memory (vertices, indices,
  * boxes, transforms, instances) must stay readable and unchanged until bvhd_batch_is_copied, which for batches that fit into the shared memory is
- * true on return. Rules that an info breaks are its result's error. Fails only as a whole for lack of memory or descriptors.
+ * true on return, also without a daemon. Rules that an info breaks are its result's error. Fails as a whole only for lack of memory (BVHD_NO_MEMORY), or where
+ * the struct bvhd_build itself is wrong (BVHD_INVALID).
  */
 BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build, struct bvhd_batch **ret_batch,
                                             struct bvhd_error *ret_error);
@@ -162,7 +165,7 @@ BVHD_API enum bvhd_status bvhd_batch_wait(struct bvhd_batch *batch, int timeout_
 /* The same, until the geometry memory is free again. */
 BVHD_API enum bvhd_status bvhd_batch_wait_copied(struct bvhd_batch *batch, int timeout_ms);
 
-/* Items that have no result yet end with BVHD_CANCELLED. Geometry memory is free once bvhd_batch_is_copied says so. */
+/* Items that have no result yet end with BVHD_CANCELLED, on return; the service stops working on them. Their geometry memory is free. */
 BVHD_API void bvhd_batch_cancel(struct bvhd_batch *batch);
 BVHD_API void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t item);
 
@@ -179,7 +182,8 @@ enum bvhd_origin {
 };
 
 struct bvhd_result {
-    struct bvhd_error error; /* BVHD_PENDING: not there yet; BVHD_OK: the rest is set */
+    struct bvhd_error
+        error; /* status BVHD_PENDING: not there yet; BVHD_OK: the rest is set; where: as "infos[3].flags", by the call's own count */
     struct bvhd_key key;
     const void *data; /* the serialized acceleration structure: read only, 64-byte aligned, as long as `blob` or the batch lives */
     uint64_t size;
@@ -195,7 +199,10 @@ struct bvhd_result {
     float bounds[6]; /* minimum, maximum: for bvhd_reference */
 };
 
-/* Lives as long as the batch; changes until the item is done (error.status is not BVHD_PENDING), then never. NULL when there is no such item. */
+/*
+ * An item's result, which lives as long as the batch and never changes. Before the item is done it is another one, with error.status BVHD_PENDING: ask
+ * again. NULL when there is no such item.
+ */
 BVHD_API const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, uint32_t item);
 
 /* ---- Blobs: the bytes, which may outlive batch and client. ---- */
@@ -207,10 +214,11 @@ BVHD_API uint64_t bvhd_blob_size(const struct bvhd_blob *blob);
 
 /* ---- The service itself. ---- */
 
-/* Waits for an answer. *ret_ms (may be NULL): how long it took. */
+/* Waits for an answer. *ret_ms (may be NULL): how long it took, connecting included. BVHD_UNAVAILABLE when none comes within `timeout_ms` (< 0: as long as the
+ * client's timeouts take). */
 BVHD_API enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms, struct bvhd_error *ret_error);
 
-/* Waits for the service's counters: names and values, in a fixed order. */
+/* Waits for the service's counters: names and values, in a fixed order. Fails as ping. */
 BVHD_API enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms, struct bvhd_counters **ret_counters,
                                                struct bvhd_error *ret_error);
 BVHD_API uint32_t bvhd_counters_count(const struct bvhd_counters *counters);
