@@ -28,16 +28,9 @@ static struct pool_work work_of(const struct pool_turn *turn)
     return (struct pool_work){call, call ? NULL : job};
 }
 
-static bool has_work(const struct pool_turn *turn)
+/* Whenever work is added; to a turn that has some already it makes no difference to speak of. */
+static void limit_past(struct pool *pool, struct pool_turn *turn, uint64_t now)
 {
-    return turn->queue.filled || open_call(turn);
-}
-
-/* Before something is added: a turn that had nothing to give to a thread comes back, with little of its past. */
-static void come_back(struct pool *pool, struct pool_turn *turn, uint64_t now)
-{
-    if (has_work(turn))
-        return;
     uint64_t time = pool_time_at(&turn->time, now), most = pool->level + (uint64_t)MEMORY_NS * pool->threads;
     turn->time.base += (time < pool->level ? pool->level : time > most ? most : time) - time;
 }
@@ -64,7 +57,7 @@ void pool_turns_close_job(struct pool *pool, const struct pool_job *job)
 void pool_turns_add_job(struct pool *pool, struct pool_job *job, uint64_t now)
 {
     unsigned class = pool_queue_class(job->size);
-    come_back(pool, job->turn, now);
+    limit_past(pool, job->turn, now);
     open_job(pool, job->turn);
     pool_queue_put(&job->turn->queue, job);
     pool->queued++;
@@ -84,7 +77,7 @@ void pool_turns_take_job(struct pool *pool, struct pool_job *job)
 void pool_turns_add_call(struct pool *pool, struct pool_call *call, uint64_t now)
 {
     struct pool_turn *turn = call->run->job->turn;
-    come_back(pool, turn, now);
+    limit_past(pool, turn, now);
     struct pool_call **link = &turn->calls;
     while (*link && !pool_queue_before(call->run->job, (*link)->run->job))
         link = &(*link)->after;

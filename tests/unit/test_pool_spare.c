@@ -118,7 +118,7 @@ static void a_spare_thread_comes_when_a_large_one_starts(void **state)
         step_init(&small[i], &loop, turn, 10);
         step_submit(&small[i]);
     }
-    step_init(&similar, &loop, turn, 1000);
+    step_init(&similar, &loop, turn, 2000);
     step_submit(&similar);
     check_waits(&small[0]);
     step_let_go(&first);

@@ -390,6 +390,13 @@ static void await_help(struct step *step)
     }
 }
 
+/* As many more than there are. */
+static void await_tasks(struct step *step, unsigned more)
+{
+    for (more += step->tasks; step->tasks < more;)
+        steps_sleep_ms(1);
+}
+
 /* Two jobs of one turn make their calls in either order; the thread that is free for them goes to the older job. */
 static void the_older_job_is_helped(void **state)
 {
@@ -409,7 +416,8 @@ static void the_older_job_is_helped(void **state)
         step_let_go(&jobs[first]);
         await_help(&jobs[first]);
         step_let_go(&jobs[1 - first]);
-        steps_sleep_ms(10);
+        await_tasks(&jobs[0], 60);
+        await_tasks(&jobs[1], 20);
         await_help(&jobs[0]);
         assert_int_equal(jobs[1].helped, first == 1);
         for (int i = 0; i < 2; i++)
