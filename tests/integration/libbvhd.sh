@@ -39,6 +39,7 @@ expect()
 expect 'meson install' meson install -C "$build" --no-rebuild --destdir "$scratch/stage"
 config=$(find stage -name bvhd.pc)
 expect 'a file for pkg-config' [ -f "$config" ]
+[ $failures -eq 0 ] || exit 1
 prefix=$scratch/stage$(sed -n 's/^prefix=//p' "$config")
 pkg()
 {
