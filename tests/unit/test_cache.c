@@ -345,6 +345,20 @@ static void many_are_found(void **state)
     cache_destroy(cache);
 }
 
+/* However many have come and gone: the tables are as large as what they held at once needed. */
+static void turnover_takes_no_memory(void **state)
+{
+    (void)state;
+    enum { COUNT = 30000 };
+    struct cache *cache = cache_create(10 * (1 + CACHE_OVERHEAD), &cache_memory);
+    for (uint64_t i = 0; i < COUNT; i++)
+        put(cache, number_key(i), 1);
+    assert_int_equal(cache_load(cache).entries, 10);
+    assert_int_equal(cache_load(cache).evicted, COUNT - 10);
+    assert_true(cache_memory.peak < 64 * 1024);
+    cache_destroy(cache);
+}
+
 /* The same, written as simply as can be: an array, the most recently used last. */
 enum { MODEL_KEYS = 300, MODEL_STEPS = 30000 };
 
@@ -510,6 +524,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(what_finds_no_memory_is_not_kept, set_up, tear_down),
         cmocka_unit_test_setup_teardown(no_memory_for_more_keeps_what_it_has, set_up, tear_down),
         cmocka_unit_test_setup_teardown(many_are_found, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(turnover_takes_no_memory, set_up, tear_down),
         cmocka_unit_test_setup_teardown(it_behaves_like_a_list, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
