@@ -7,7 +7,8 @@
  * THREADS: as many as there are processors. Prints ratios for a quiet machine; takes some 15 seconds.
  *
  *   scaling   640 jobs of about 1 ms in one turn: rate with THREADS / (THREADS times the rate with 1), the median of some runs; and in the
- *             same run the same for plain threads that share a counter, which is what the machine has to give
+ *             same run the same for plain threads that share a counter, which is what the machine has to give; and, which a busy
+ *             machine does not change, the part of the time that the threads spend in jobs
  *   beside    a 1 ms job of another turn while tasks of 25 ms fill all workers: time from submission to done, against a quiet pool
  *   start     from submission to the start on an idle pool
  *   share     part of all time that a client with one large job gets beside a client with a flood of small ones
@@ -155,11 +156,11 @@ static void collect_until_done(struct bench *bench, const struct work *work)
     }
 }
 
-/* From the first start to the last end, ms. */
-static double pool_span(unsigned threads)
+/* From the first start to the last end, ms; and which part of that the threads spent in jobs. */
+static double pool_span(unsigned threads, double *ret_busy)
 {
     struct bench bench;
-    uint64_t first = UINT64_MAX, last = 0;
+    uint64_t first = UINT64_MAX, last = 0, inside = 0;
     struct work *works = calloc(JOBS, sizeof *works);
     if (!works)
         fail("no memory");
@@ -172,9 +173,11 @@ static double pool_span(unsigned threads)
         collect_until_done(&bench, &works[i]);
         first = works[i].job.started_ns < first ? works[i].job.started_ns : first;
         last = works[i].job.ended_ns > last ? works[i].job.ended_ns : last;
+        inside += works[i].job.ended_ns - works[i].job.started_ns;
     }
     stop(&bench);
     free(works);
+    *ret_busy = (double)inside / ((double)(last - first) * threads);
     return (double)(last - first) * 1e-6;
 }
 
@@ -201,13 +204,15 @@ static double plain_span(unsigned threads)
 
 static void bench_scaling(unsigned threads)
 {
-    double pool[RUNS], plain[RUNS];
+    double pool[RUNS], plain[RUNS], busy[RUNS];
     for (int i = 0; i < RUNS; i++) {
-        pool[i] = pool_span(1) / pool_span(threads) / threads;
+        double one = pool_span(1, &busy[i]);
+        pool[i] = one / pool_span(threads, &busy[i]) / threads;
         plain[i] = plain_span(1) / plain_span(threads) / threads;
     }
     double usual = quantile(pool, RUNS, 0.5), plain_usual = quantile(plain, RUNS, 0.5);
-    printf("scaling: %.3f with %u threads (least %.3f); plain threads %.3f\n", usual, threads, pool[0], plain_usual);
+    printf("scaling: %.3f with %u threads (least %.3f), which are in jobs for %.4f of the time; plain threads %.3f\n", usual, threads,
+           pool[0], quantile(busy, RUNS, 0.5), plain_usual);
 }
 
 static double small_job(struct bench *bench)
