@@ -123,6 +123,89 @@ static void test_every_kind_of_structure(void **state)
     }
 }
 
+/* Items of one request, inline, in the pool and in a memfd. */
+static void test_payloads_of_each_source_together(void **state)
+{
+    (void)state;
+    static const enum control_source sources[] = {SOURCE_INLINE, SOURCE_POOL, SOURCE_MEMFD};
+    struct world_client *client = world_join(&world);
+    struct world_mesh meshes[3];
+    struct control_item items[3];
+    for (uint32_t i = 0; i < 3; i++) {
+        world_mesh_init(&meshes[i], 20 + i, i);
+        items[i] = world_item(&meshes[i].input, meshes[i].size, sources[i], 0);
+    }
+    struct control_build build = {.memfd_count = 1, .memfd_sizes = {meshes[2].size}, .item_count = 3, .items = items};
+    int descriptor = world_memfd(meshes[2].payload, meshes[2].size, WORLD_SEALS_ONCE);
+    world_pool(client, 1, world_memfd(meshes[1].payload, meshes[1].size, WORLD_SEALS_POOL), meshes[1].size);
+    world_build(client, 2, &build, (struct bytes){meshes[0].payload, meshes[0].size}, &descriptor);
+    for (uint32_t i = 0; i < 3; i++) {
+        check_item(client, 2, i, &meshes[i].input, ORIGIN_BUILT);
+        world_mesh_finish(&meshes[i]);
+    }
+}
+
+static void test_memfds_under_way_have_a_limit(void **state)
+{
+    (void)state;
+    struct world_client *client = world_join(&world);
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    struct world_mesh mesh;
+    world_mesh_init(&mesh, 5, 1);
+    struct control_item item = world_item(&mesh.input, mesh.size, SOURCE_MEMFD, 0);
+    struct control_build build = {
+        .memfd_count = 4, .memfd_sizes = {mesh.size, mesh.size, mesh.size, mesh.size}, .item_count = 1, .items = &item};
+    uint64_t request = 0, refused = 0;
+    for (int round = 0; round < 70; round++) {
+        int files[4];
+        for (int i = 0; i < 4; i++)
+            files[i] = world_memfd(mesh.payload, mesh.size, WORLD_SEALS_ONCE);
+        world_build(client, ++request, &build, (struct bytes){0}, files);
+        assert_int_equal(world_cancel(client, request, NULL, 0), BVHD_OK); /* gives credits back, but no memfds */
+        refused += world_find(client, FRAME_BUSY, request, 0) != NULL;
+    }
+    assert_int_equal(refused, 70 - 64);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    while (client->session->request_count > 0)
+        world_turn(&world);
+    int files[4];
+    for (int i = 0; i < 4; i++)
+        files[i] = world_memfd(mesh.payload, mesh.size, WORLD_SEALS_ONCE);
+    world_build(client, ++request, &build, (struct bytes){0}, files);
+    check_item(client, request, 0, &mesh.input, ORIGIN_BUILT);
+    world_mesh_finish(&mesh);
+}
+
+static void build_boxes(struct world_client *client, uint64_t request, struct test_input *test, uint32_t count)
+{
+    uint64_t size;
+    inputs_aabbs(test);
+    test->geometries[0].aabbs.stride = 0;
+    test->geometries[0].range.primitive_count = count;
+    unsigned char *payload = world_payload(&test->input, &size);
+    struct control_item item = world_item(&test->input, size, SOURCE_INLINE, 0);
+    struct control_build build = {.item_count = 1, .items = &item};
+    world_build(client, request, &build, (struct bytes){payload, size}, NULL);
+    free(payload);
+}
+
+/* Few bytes that stand for much: once more in the queue, when it is known how much; and refused, when that is more than there is. */
+static void test_items_are_larger_than_their_payloads(void **state)
+{
+    (void)state;
+    struct world_client *client = world_join(&world);
+    struct test_input test;
+    build_boxes(client, 1, &test, 60000);
+    check_item(client, 1, 0, &test.input, ORIGIN_BUILT);
+    assert_int_equal(world_counters(&world).prepares_started, 2);
+    build_boxes(client, 2, &test, 500000000); /* 12 GB */
+    assert_int_equal(world_await_result(client, 2, 0)->result->error.status, BVHD_TOO_LARGE);
+    world_settle(&world);
+    assert_int_equal(world_prepared(client, 2, 0), 1);
+    assert_true(world_counters(&world).memory_peak < 64 << 20);
+}
+
 static void test_a_memfd_is_looked_at_by_the_worker(void **state)
 {
     (void)state;
@@ -425,6 +508,9 @@ int main(void)
         TEST(test_pool_payloads),
         TEST(test_memfd_payloads),
         TEST(test_every_kind_of_structure),
+        TEST(test_payloads_of_each_source_together),
+        TEST(test_memfds_under_way_have_a_limit),
+        TEST(test_items_are_larger_than_their_payloads),
         TEST(test_a_memfd_is_looked_at_by_the_worker),
         TEST(test_bad_items_fail_alone),
         TEST(test_rules_between_items),
