@@ -84,8 +84,9 @@ int bvhd_client_descriptor(const struct bvhd_client *client)
 {
     struct bvhd_client *own = (struct bvhd_client *)(uintptr_t)client;
     client_lock(own);
+    if (!own->wakeups.has_loop)
+        client_stir(own); /* what happened before was not shown */
     own->wakeups.has_loop = true;
-    client_stir(own); /* what happened before may not have been seen */
     client_unlock(own);
     return client->wakeups.epoll;
 }

@@ -68,7 +68,7 @@ static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout
     enum bvhd_status status = await_connection(call, moment < hope ? moment : hope, error);
     if (status != BVHD_OK)
         return status;
-    if (!connection_send_empty(client_link_open(client), type, &call->waiter, now))
+    if (!connection_send_empty(client_link_open(client), type, &call->waiter, library_now()))
         return bvhd_error_set(error, BVHD_NO_MEMORY, "client", "no memory for a request");
     if (!client_wait_until(client, moment, is_answered, call)) {
         forget(call);

@@ -2,6 +2,7 @@
 #include "client_link.h"
 
 #include "client_batch.h"
+#include "client_wait.h"
 
 enum { FIRST_BACKOFF_MS = 5, MAX_BACKOFF_MS = 100, STARVED_MS = 5 };
 
@@ -95,6 +96,7 @@ void client_link_lose(struct bvhd_client *client, struct connection *connection,
         fail_exchange(exchange, &told);
         client_link_end(client, connection, exchange);
     }
+    client_wait_forget(client, connection);
     connection_destroy(connection);
     client_stir(client);
     if (!is_current)
@@ -130,6 +132,7 @@ void client_link_tidy(struct bvhd_client *client)
     if (!connection || connection->table.count > 0)
         return;
     client->leaving = NULL;
+    client_wait_forget(client, connection);
     connection_destroy(connection);
     client_stir(client);
 }

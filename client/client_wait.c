@@ -11,7 +11,7 @@
 
 #include "client_link.h"
 
-static bool add_to_loop(int epoll, int descriptor, int operation, uint32_t events)
+static bool control_loop(int epoll, int descriptor, int operation, uint32_t events)
 {
     struct epoll_event event = {.events = events};
     return epoll_ctl(epoll, operation, descriptor, &event) == 0;
@@ -24,8 +24,8 @@ static bool open_descriptors(struct client_wakeups *wakeups)
     wakeups->notice = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     wakeups->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     return wakeups->epoll >= 0 && wakeups->timer >= 0 && wakeups->notice >= 0 && wakeups->wake >= 0 &&
-           add_to_loop(wakeups->epoll, wakeups->timer, EPOLL_CTL_ADD, EPOLLIN) &&
-           add_to_loop(wakeups->epoll, wakeups->notice, EPOLL_CTL_ADD, EPOLLIN);
+           control_loop(wakeups->epoll, wakeups->timer, EPOLL_CTL_ADD, EPOLLIN) &&
+           control_loop(wakeups->epoll, wakeups->notice, EPOLL_CTL_ADD, EPOLLIN);
 }
 
 static void close_descriptors(struct client_wakeups *wakeups)
@@ -105,7 +105,7 @@ static bool update_watch(struct client_wakeups *wakeups, struct connection *conn
     uint32_t events = POLLIN | (connection->is_blocked ? POLLOUT : 0);
     bool changed = events != connection->watched;
     if (wakeups->has_loop && (changed || !connection->in_loop)) {
-        add_to_loop(wakeups->epoll, connection->socket, connection->in_loop ? EPOLL_CTL_MOD : EPOLL_CTL_ADD, events);
+        control_loop(wakeups->epoll, connection->socket, connection->in_loop ? EPOLL_CTL_MOD : EPOLL_CTL_ADD, events);
         connection->in_loop = true;
     }
     connection->watched = events;
@@ -139,6 +139,14 @@ void client_unlock_dispatched(struct bvhd_client *client)
 {
     announce(client, true);
     pthread_mutex_unlock(&client->lock);
+}
+
+/* Closing is not enough: a child process may hold the socket, and epoll would go on telling of it. */
+void client_wait_forget(struct bvhd_client *client, struct connection *connection)
+{
+    if (connection->in_loop)
+        control_loop(client->wakeups.epoll, connection->socket, EPOLL_CTL_DEL, 0);
+    connection->in_loop = false;
 }
 
 void client_wait_heard(struct bvhd_client *client)

@@ -24,6 +24,9 @@ void client_unlock_dispatched(struct bvhd_client *client);
 /* With the lock held, dropped meanwhile: until is_true says so, or the moment has come: then false. */
 bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context), const void *context);
 
+/* Before a connection ends. */
+void client_wait_forget(struct bvhd_client *client, struct connection *connection);
+
 /* At the begin of a dispatch: the notice was heard. */
 void client_wait_heard(struct bvhd_client *client);
 

@@ -110,8 +110,10 @@ void connection_destroy(struct connection *connection)
     connection_silence(connection);
     exchange_table_finish(&connection->table);
     frame_parser_finish(&connection->parser);
-    if (connection->socket >= 0)
+    if (connection->socket >= 0) {
+        shutdown(connection->socket, SHUT_RDWR); /* a child process may hold it, too */
         close(connection->socket);
+    }
     memory_free(&library_memory, connection);
 }
 

@@ -9,7 +9,7 @@ static void test_lowest_place(void **state)
 {
     (void)state;
     struct arena arena;
-    uint64_t a, b, c, d;
+    uint64_t a = 1, b = 1, c = 1, d = 1;
     assert_true(arena_init(&arena, &memory, 1000));
     assert_true(arena_take(&arena, 1, &a) && arena_take(&arena, 65, &b) && arena_take(&arena, 64, &c));
     assert_int_equal(a, 0);

@@ -3,6 +3,7 @@
 #include "unit.h"
 
 #include <fcntl.h>
+#include <sys/resource.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -359,6 +360,40 @@ static void test_wrong_descriptors(void **state)
         }
 }
 
+/* No descriptor is free when a result comes with one. */
+static void test_too_many_files(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    uint64_t request;
+    struct rlimit before, few = {64, 0};
+    int taken[64], count = 0;
+    bed_start(&bed);
+    assert_true(bed_connect(&bed));
+    struct bvhd_batch *batch = ask(&bed, &request);
+    int result = memfd_of(100000, SEALS);
+    struct control_result message = {.size = 100000};
+    assert_int_equal(getrlimit(RLIMIT_NOFILE, &before), 0);
+    few.rlim_max = before.rlim_max;
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &few), 0);
+    while ((taken[count] = dup(0)) >= 0)
+        count++;
+    int again = dup2(result, taken[--count]); /* sending closes it: take its place */
+    close(result);
+    result = dup(0);
+    fake_send_result_with(&bed.fake, request, &message, nothing, again);
+    taken[count++] = dup(0);
+    assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
+    assert_non_null(strstr(text_of(batch), "too many files"));
+    assert_int_equal(setrlimit(RLIMIT_NOFILE, &before), 0);
+    close(result);
+    while (count > 0)
+        close(taken[--count]);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_connect(&bed));
+    assert_true(bed_stop(&bed));
+}
+
 /* Frames of later versions are passed over, their descriptors closed. */
 static void test_unknown_frames(void **state)
 {
@@ -404,7 +439,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_versions),          cmocka_unit_test(test_garbage),        cmocka_unit_test(test_hangs_up_at_each_byte),
         cmocka_unit_test(test_hangs_up_early),    cmocka_unit_test(test_wrong_answers),  cmocka_unit_test(test_wrong_bytes),
-        cmocka_unit_test(test_wrong_descriptors), cmocka_unit_test(test_unknown_frames), cmocka_unit_test(test_unknown_status),
+        cmocka_unit_test(test_wrong_descriptors), cmocka_unit_test(test_too_many_files), cmocka_unit_test(test_unknown_frames),
+        cmocka_unit_test(test_unknown_status),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,6 +3,7 @@
 #include "unit.h"
 
 #include <poll.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "client_bed.h"
@@ -318,13 +319,64 @@ static void test_loop_notice(void **state)
     assert_true(bed_stop(&bed));
 }
 
+/* A child process that has the client's sockets, but not the daemon's, until it is told to end. */
+static pid_t fork_holder(struct client_bed *bed, int *ret_leash)
+{
+    int ends[2];
+    assert_int_equal(pipe(ends), 0);
+    pid_t child = fork();
+    if (child == 0) {
+        char byte;
+        close(ends[1]);
+        close(bed->fake.peer.socket);
+        _exit(read(ends[0], &byte, 1) == 0 ? 0 : 1);
+    }
+    close(ends[0]);
+    *ret_leash = ends[1];
+    return child;
+}
+
+static void end_holder(pid_t child, int leash)
+{
+    int status;
+    close(leash);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_int_equal(status, 0);
+}
+
+/* A child that holds the parent's socket keeps neither the parent's loop awake nor the daemon waiting. */
+static void test_fork(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    int leashes[2];
+    bed_start(&bed);
+    assert_true(bed_connect(&bed));
+    int descriptor = bvhd_client_descriptor(bed.client);
+    bvhd_client_dispatch(bed.client);
+    pid_t first = fork_holder(&bed, &leashes[0]);
+    fake_hang_up(&bed.fake);
+    assert_true(is_readable(descriptor, BED_LATE_MS));
+    for (int i = 0; i < 10 && is_readable(descriptor, 0); i++)
+        bvhd_client_dispatch(bed.client);
+    assert_false(is_readable(descriptor, 50));
+    assert_true(bed_connect(&bed));
+    pid_t second = fork_holder(&bed, &leashes[1]);
+    bvhd_client_destroy(bed.client);
+    bed.client = NULL;
+    assert_true(raw_await_close(&bed.fake.peer, BED_LATE_MS, NULL));
+    end_holder(second, leashes[1]);
+    end_holder(first, leashes[0]);
+    assert_true(bed_stop(&bed));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_many_threads), cmocka_unit_test(test_many_threads_small_pool),
         cmocka_unit_test(test_takes_over),   cmocka_unit_test(test_woken),
         cmocka_unit_test(test_timeouts),     cmocka_unit_test(test_loop),
-        cmocka_unit_test(test_loop_notice),
+        cmocka_unit_test(test_loop_notice),  cmocka_unit_test(test_fork),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -74,7 +74,7 @@ struct bvhd_client_options {
     const char *socket_path;
     uint32_t connect_timeout_ms; /* how long a daemon is looked for; 0: 5,000 */
     uint32_t lost_after_ms; /* silence of a daemon that owes an answer; 0: 10,000 */
-    uint64_t pool_size; /* bytes of memory shared with the daemon, allocated as needed; 0: 64 MiB, the most */
+    uint64_t pool_size; /* bytes of memory shared with the daemon, allocated as needed and then kept; 0: 64 MiB, the most */
 };
 
 /* Does not connect yet. `options` may be NULL: all 0. */
