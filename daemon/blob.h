@@ -36,6 +36,7 @@ struct blob {
     uint64_t size;
     const unsigned char *bytes; /* NULL when there is a descriptor */
     int descriptor; /* -1 when there are bytes; sealed, the blob begins at offset 0 */
+    enum target target; /* whose layout the bytes have */
     struct build_stats stats;
     double build_ms; /* of the build that made it */
     uint64_t peak_bytes; /* most memory that building it took */
@@ -62,7 +63,7 @@ struct blob_writer {
 void blob_writer_init(struct blob_writer *writer, struct blob_account *account);
 
 /*
- * Seals what the build wrote. The blob has one ref; key, stats, build_ms and peak_bytes are for the caller to fill before it shares the blob.
+ * Seals what the build wrote. The blob has one ref; key, target, stats, build_ms and peak_bytes are for the caller to fill before it shares the blob.
  * On failure (as above) nothing is held.
  */
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error);

@@ -251,6 +251,7 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     if (status != BVHD_OK)
         return status;
     flight->blob->key = preparation->key;
+    flight->blob->target = preparation->options.target;
     flight->blob->stats = stats;
     flight->blob->peak_bytes = atomic_load_explicit(&memory.peak, memory_order_relaxed);
     return BVHD_OK;

@@ -146,7 +146,7 @@ static struct control_facts facts_of(const struct blob *blob)
         .refs = stats->refs,
         .peak_bytes = blob->peak_bytes,
         .depth = stats->depth,
-        .target = TARGET_PORTABLE,
+        .target = blob->target,
         .sah = stats->sah,
         .build_ms = blob->build_ms,
     };

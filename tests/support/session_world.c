@@ -539,5 +539,6 @@ void world_check_bytes(const struct world_event *event, const struct build_input
     assert_memory_equal(&event->result->key, &item.key, sizeof item.key);
     assert_int_equal(event->result->facts.refs, item.stats.refs);
     assert_true(event->result->facts.sah == item.stats.sah);
+    assert_int_equal(event->result->facts.target, input->options.target);
     batch_finish(&item, 1, &memory);
 }
