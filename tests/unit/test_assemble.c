@@ -142,11 +142,64 @@ static void test_no_memory(void **state)
     test_world_finish(&world);
 }
 
+/* A backend that answers for the bottom levels, with two different ones, and then is gone; it notes what it was asked. */
+struct vanishing {
+    struct backend backend;
+    struct backend *real;
+    uint32_t asked, held;
+};
+
+static enum bvhd_status build_once(struct backend *backend, const struct bvhd_build *build, struct bvhd_result *ret_results,
+                                   void **ret_hold, struct bvhd_error *error)
+{
+    struct vanishing *vanishing = (struct vanishing *)backend;
+    assert_int_equal(build->struct_size, sizeof *build);
+    if (vanishing->asked++ == 1) {
+        assert_int_equal(build->info_count, 1);
+        assert_int_equal(build->infos[0].type, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR);
+        assert_int_equal(build->reference_count, 2);
+        for (int i = 0; i < 2; i++)
+            assert_true(build->references[i].has_key && build->references[i].handle);
+        assert_memory_not_equal(&build->references[0].key, &build->references[1].key, sizeof(struct bvhd_key));
+        assert_true(build->references[1].bounds[0] == -1 && build->references[1].bounds[5] == 1);
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, "socket", "gone");
+    }
+    assert_int_equal(build->info_count, 2);
+    vanishing->held++;
+    return vanishing->real->build(vanishing->real, build, ret_results, ret_hold, error);
+}
+
+static void release_once(struct backend *backend, void *hold)
+{
+    struct vanishing *vanishing = (struct vanishing *)backend;
+    vanishing->held -= hold != NULL;
+    vanishing->real->release(vanishing->real, hold);
+}
+
+static void test_lost_backend(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    struct bvhd_error error;
+    test_world_init(&world, 1);
+    uint64_t live = world.local.memory.live;
+    struct vanishing vanishing = {.backend = {build_once, release_once}, .real = &world.backend.backend};
+    assert_int_equal(assemble(&world.import, &world.options, &vanishing.backend, &assembly, &error), BVHD_UNAVAILABLE);
+    assert_int_equal(error.status, BVHD_UNAVAILABLE);
+    assert_string_equal(error.text, "gone");
+    assert_int_equal(vanishing.asked, 2);
+    assert_int_equal(vanishing.held, 0);
+    assert_int_equal(world.local.memory.live, live);
+    test_world_finish(&world);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_structures),         cmocka_unit_test(test_answers),   cmocka_unit_test(test_unpack),
         cmocka_unit_test(test_rules_are_reported), cmocka_unit_test(test_cancelled), cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_lost_backend),
     };
     return cmocka_run_group_tests_name("assemble", tests, NULL, NULL);
 }
