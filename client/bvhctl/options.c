@@ -406,6 +406,8 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
     bool needs_output = command & ON_OUTPUT;
     if (options->local && options->socket)
         return usage(error, "--socket", "makes no sense together with --local", "");
+    if (options->socket && !*options->socket)
+        return usage(error, "--socket", "an empty name", "");
     if (options->local && (command & ON_SERVICE) && !(command & ON_BUILD))
         return usage(error, "--local", "%s asks a daemon", row->name);
     if (options->operand_count < row->fewest)

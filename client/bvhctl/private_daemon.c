@@ -151,6 +151,15 @@ static bool find_in_path(char ret_path[PATH_MAX])
     return false;
 }
 
+/* Where this program lies in a build folder, bvhd has its place, too; anywhere else that place may be a stranger's. */
+static bool find_built(const char *directory, size_t length, char ret_path[PATH_MAX])
+{
+    static const char built[] = "/client/bvhctl";
+    size_t tail = sizeof built - 1;
+    return length > tail && !memcmp(directory + length - tail, built, tail) &&
+           find_in(directory, length - tail, "daemon/bvhd", ret_path);
+}
+
 /* Beside this program, where both are built, where both are installed, in $PATH. */
 static bool find_program(char ret_path[PATH_MAX])
 {
@@ -159,7 +168,7 @@ static bool find_program(char ret_path[PATH_MAX])
     if (size > 0) {
         self[size] = '\0';
         size_t length = (size_t)(strrchr(self, '/') - self);
-        if (find_in(self, length, "bvhd", ret_path) || find_in(self, length, "../../daemon/bvhd", ret_path))
+        if (find_in(self, length, "bvhd", ret_path) || find_built(self, length, ret_path))
             return true;
     }
     return find_in(BVHD_BINDIR, strlen(BVHD_BINDIR), "bvhd", ret_path) || find_in_path(ret_path);

@@ -174,6 +174,9 @@ for line in 'get' 'get 1234 -o f' "get $(printf '%064d' 0)" 'stats more' 'ping -
     one_error_line
 done
 
+run 2 ping --socket ''
+one_error_line
+
 # The same bytes, and the same words about them, as in process.
 for quality in fast balanced high; do
     for scene in ball.ply nan.ply degenerate.ply stadium.ply one.obj park.gltf; do
