@@ -349,6 +349,24 @@ run 0 ping
 expect 'is taken over' private_count_is 1
 kill -TERM "$(private_daemons)"
 
+within 30 private_count_is 0
+
+# Where its program is: beside bvhctl, else in $PATH; never where only a build folder has it.
+mkdir -p bin a/b daemon
+ln -s "$bvhd" bin/bvhd
+cp "$bvhctl" a/b/bvhctl
+printf '#!/bin/sh\ntouch %s/trap\n' "$scratch" >daemon/bvhd
+chmod +x daemon/bvhd
+(PATH="relative:$scratch/bin:$PATH" a/b/bvhctl ping >out 2>err)
+expect "found in the path: $(cat err)" private_count_is 1
+kill -TERM "$(private_daemons)"
+within 30 private_count_is 0
+cp daemon/bvhd a/b/bvhd
+a/b/bvhctl --connect-timeout 1 ping >out 2>err
+expect "found beside it: $(cat err)" [ -e trap ]
+expect 'a program that ends at once is no daemon' grep -q 'bvhd.sock.log: the daemon that was started ended with status 0' err
+rm -r a daemon trap
+
 # Without a session's directory: one of the user's own, which must be nobody else's.
 unset XDG_RUNTIME_DIR
 own=$scratch/tmp/bvhd-$(id -u)
