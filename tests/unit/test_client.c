@@ -176,6 +176,7 @@ static void test_error(void **state)
     struct client_bed bed;
     struct frame frame;
     bed_start(&bed);
+    bed.fake.welcome.credits = 2;
     assert_true(bed_connect(&bed));
     struct bvhd_batch *batch = bed_submit(&bed, 2, 1);
     assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
@@ -189,6 +190,12 @@ static void test_error(void **state)
     fake_send_error(&bed.fake, frame.header.request, BVHD_OK, "", "");
     assert_true(bed_finish(&bed, batch));
     assert_int_equal(bed_status(batch, 0), BVHD_CORRUPT);
+    bvhd_batch_destroy(batch);
+    batch = bed_submit(&bed, 2, 1); /* all credits are back */
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    struct control_build *build = fake_build(&bed.fake, &frame);
+    assert_int_equal(build->item_count, 2);
+    fake_free(&bed.fake, build);
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }

@@ -175,6 +175,8 @@ static void test_hangs_up_early(void **state)
 /* Answers that a daemon must not give. Each ends the connection. */
 enum wrong {
     UNKNOWN_REQUEST,
+    OLD_REQUEST,
+    ANSWER_WHILE_BUSY,
     UNKNOWN_ITEM,
     SECOND_RESULT,
     SECOND_PREPARED,
@@ -197,6 +199,13 @@ static void send_wrong(struct client_bed *bed, enum wrong wrong, uint64_t reques
     switch (wrong) {
     case UNKNOWN_REQUEST:
         fake_send_result(fake, request + 1, 0, 10);
+        break;
+    case OLD_REQUEST: /* its place is the new one's */
+        fake_send_result(fake, request - (1 << 16), 0, 10);
+        break;
+    case ANSWER_WHILE_BUSY:
+        fake_send_busy(fake, request, 1000);
+        fake_send_result(fake, request, 0, 10);
         break;
     case UNKNOWN_ITEM:
         fake_send_result(fake, request, 2, 10);

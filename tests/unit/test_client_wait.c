@@ -121,6 +121,7 @@ struct waiter {
     pthread_t thread;
     struct bvhd_batch *batch;
     atomic_int begun;
+    int timeout_ms;
     enum bvhd_status status;
     double ended;
 };
@@ -129,14 +130,14 @@ static void *wait_for(void *context)
 {
     struct waiter *waiter = context;
     waiter->begun = 1;
-    waiter->status = bvhd_batch_wait(waiter->batch, 5000);
+    waiter->status = bvhd_batch_wait(waiter->batch, waiter->timeout_ms);
     waiter->ended = bed_now();
     return NULL;
 }
 
-static void begin_waiting(struct waiter *waiter, struct bvhd_batch *batch)
+static void begin_waiting(struct waiter *waiter, struct bvhd_batch *batch, int timeout_ms)
 {
-    *waiter = (struct waiter){.batch = batch};
+    *waiter = (struct waiter){.batch = batch, .timeout_ms = timeout_ms};
     assert_int_equal(pthread_create(&waiter->thread, NULL, wait_for, waiter), 0);
     while (!waiter->begun)
         usleep(100);
@@ -158,7 +159,7 @@ static void test_takes_over(void **state)
         batches[i] = bed_submit(&bed, 1, 1);
         assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frames[i]));
         requests[i] = frames[i].header.request;
-        begin_waiting(&waiters[i], batches[i]);
+        begin_waiting(&waiters[i], batches[i], 5000);
     }
     for (int i = 0; i < 4; i++) {
         static const int order[4] = {0, 2, 1, 3};
@@ -175,6 +176,30 @@ static void test_takes_over(void **state)
     assert_true(bed_stop(&bed));
 }
 
+/* The thread that polls gives up, and nothing has happened: another one polls from then on. */
+static void test_hands_over(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    struct waiter polling, waiting;
+    bed_start(&bed);
+    assert_true(bed_connect(&bed));
+    struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    begin_waiting(&polling, batch, 200);
+    begin_waiting(&waiting, batch, 5000);
+    pthread_join(polling.thread, NULL);
+    assert_int_equal(polling.status, BVHD_PENDING);
+    double start = bed_now();
+    fake_send_result(&bed.fake, frame.header.request, 0, 10);
+    pthread_join(waiting.thread, NULL);
+    assert_int_equal(waiting.status, BVHD_OK);
+    assert_true(waiting.ended - start < BED_LATE_MS);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
 /* What other threads do takes effect at once: cancelling, submitting, finishing by a dispatch elsewhere. */
 static void test_woken(void **state)
 {
@@ -187,7 +212,7 @@ static void test_woken(void **state)
     struct bvhd_batch *batches[2];
     for (int i = 0; i < 2; i++) {
         batches[i] = bed_submit(&bed, 1, 1);
-        begin_waiting(&waiters[i], batches[i]);
+        begin_waiting(&waiters[i], batches[i], 5000);
     }
     double start = bed_now();
     bvhd_batch_cancel(batches[1]); /* on the condition */
@@ -200,7 +225,7 @@ static void test_woken(void **state)
     bvhd_batch_destroy(batches[0]);
     bvhd_batch_destroy(batches[1]);
     batches[0] = bed_submit(&bed, 1, 1);
-    begin_waiting(&waiters[0], batches[0]);
+    begin_waiting(&waiters[0], batches[0], 5000);
     start = bed_now();
     batches[1] = bed_submit(&bed, 1, 1);
     for (int i = 0; i < 6; i++) /* three BUILDs with a CANCEL each for two of them, then the last */
@@ -374,9 +399,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_many_threads), cmocka_unit_test(test_many_threads_small_pool),
-        cmocka_unit_test(test_takes_over),   cmocka_unit_test(test_woken),
-        cmocka_unit_test(test_timeouts),     cmocka_unit_test(test_loop),
-        cmocka_unit_test(test_loop_notice),  cmocka_unit_test(test_fork),
+        cmocka_unit_test(test_takes_over),   cmocka_unit_test(test_hands_over),
+        cmocka_unit_test(test_woken),        cmocka_unit_test(test_timeouts),
+        cmocka_unit_test(test_loop),         cmocka_unit_test(test_loop_notice),
+        cmocka_unit_test(test_fork),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
