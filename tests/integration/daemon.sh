@@ -37,11 +37,13 @@ eventually()
 {
     what=$1
     shift
+    checks=$((checks + 1))
     for _ in $(seq 400); do
-        "$@" >/dev/null 2>&1 && break
+        quietly "$@" && return
         sleep 0.05
     done
-    expect "$what" quietly "$@"
+    echo "does not hold: $what"
+    failures=$((failures + 1))
 }
 
 quietly()
@@ -61,9 +63,10 @@ refused()
     expect "it reads bvhd: WHERE: WHAT: $(head -c 300 err)" grep -Eq '^bvhd: [^:]+(:[0-9]+)?: .+' err
 }
 
-# start ARGUMENT... - a daemon on the socket `s`, which answers; $daemon is its process, `log` what it says.
+# start ARGUMENT... - a daemon on the socket `s`, which answers; $daemon is its process, `log` what it says. What clients of the last one said is gone.
 start()
 {
+    rm -f held built
     "$bvhd" --socket s "$@" 2>log &
     daemon=$!
     started="$started $daemon"
@@ -245,7 +248,8 @@ before=$(grep -c '^WATCHDOG=1$' told)
 sleep 0.6
 expect 'it does not when it stands still' [ "$(grep -c '^WATCHDOG=1$' told)" -eq "$before" ]
 kill -CONT "$daemon"
-"$helper" build s 2000000 >built &
+rm -f built
+"$helper" build s 1500000 >built &
 eventually 'it builds' has prepared built
 before=$(grep -c '^WATCHDOG=1$' told)
 eventually 'it says so while it builds' sh -c "[ \$(grep -c '^WATCHDOG=1\$' told) -gt $((before + 1)) ]"
