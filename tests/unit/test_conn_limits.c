@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Clients that do not read, send slowly or too much, and a daemon that is short of what it needs. */
 #include <errno.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
 
 #include "unit.h"
 
@@ -261,6 +263,64 @@ static void test_turns(void **state)
     bed_close(&bed);
 }
 
+/* Descriptors of this user on their way elsewhere: more than the kernel wants to see. */
+static int use_up_flight(int *ret_reader)
+{
+    enum { FLYING = 64 };
+    int pair[2], same[FLYING];
+    assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, pair), 0);
+    for (int i = 0; i < FLYING; i++)
+        same[i] = pair[0];
+    struct bed_client sender = {.socket = pair[0]};
+    assert_true(bed_send_bytes(&sender, "", 1, same, FLYING));
+    *ret_reader = pair[1];
+    return pair[0];
+}
+
+/* In a process of its own, which may give up its privileges: the kernel does not count for root. */
+static void refused_by_the_kernel(void)
+{
+    struct bed bed;
+    struct rlimit limit;
+    char byte;
+    int reader;
+    if (geteuid() == 0)
+        assert_int_equal(setresuid(64321, 64321, 64321), 0);
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    int sender = use_up_flight(&reader);
+    getrlimit(RLIMIT_NOFILE, &limit);
+    setrlimit(RLIMIT_NOFILE, &(struct rlimit){.rlim_cur = 60, .rlim_max = limit.rlim_max});
+    bed_send(client, FRAME_GET, 2);
+    bed_pump(&bed, 30);
+    assert_int_equal(bed.service.sent, 1);
+    assert_int_equal(bed.service.descriptors.unread, 0);
+    assert_int_equal(bed.group.first->writing, OUTBOX_WAITING);
+    assert_int_equal(recv(reader, &byte, 1, 0), 1); /* without room for descriptors: they are let go of */
+    bed_expect(&bed, client, FRAME_RESULT, 1);
+    bed_expect(&bed, client, FRAME_RESULT, 2);
+    close(sender);
+    close(reader);
+    bed_close(&bed);
+}
+
+static void test_refused_by_the_kernel(void **state)
+{
+    int status;
+    (void)state;
+    fflush(NULL);
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        refused_by_the_kernel();
+        _exit(0);
+    }
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    assert_int_equal(WEXITSTATUS(status), 0);
+}
+
 /* With too few descriptors to receive any, a client waits, and nobody else notices. */
 static void test_short_of_descriptors(void **state)
 {
@@ -359,6 +419,7 @@ int main(void)
         cmocka_unit_test(test_reads_slowly),
         cmocka_unit_test(test_part_of_a_frame),
         cmocka_unit_test(test_turns),
+        cmocka_unit_test(test_refused_by_the_kernel),
         cmocka_unit_test(test_short_of_descriptors),
         cmocka_unit_test(test_short_of_memory),
         cmocka_unit_test(test_idle_costs_nothing),
