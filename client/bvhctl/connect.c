@@ -54,6 +54,8 @@ static enum bvhd_status attach(char *path, uint32_t timeout_ms, struct memory *m
     enum bvhd_status status = bvhd_client_create(&options, &connect.client, error);
     if (!status)
         status = bvhd_client_connect(connect.client, error);
+    if (status == BVHD_UNAVAILABLE)
+        bvhd_error_set(error, status, path, "no daemon answers: %s", error->text);
     if (status)
         connect_close(&connect);
     else

@@ -73,11 +73,11 @@ static const struct option_row option_rows[] = {
      "how many threads work in this process (default: one for each\nprocessor); a daemon has its own"},
     {"memory", OPTION_MEMORY, "BYTES", ON_SCENES, "fail rather than use more for geometry and results; K, M, G may follow"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
-    {"local", OPTION_LOCAL, NULL, ON_ALL | ON_MAIN, "build in this process, without a daemon"},
+    {"local", OPTION_LOCAL, NULL, ON_SCENES | ON_MAIN, "build in this process, without a daemon"},
     {"socket", OPTION_SOCKET, "PATH", ON_ALL | ON_MAIN,
      "the daemon's socket (default: $BVHD_SOCKET; without that a running daemon's,\nand where there is none a daemon of your own is "
      "started)"},
-    {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SECONDS", ON_SERVICE | ON_MAIN, "how long a daemon is waited for (default 5)"},
+    {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SEC", ON_SERVICE | ON_MAIN, "how many seconds a daemon is waited for (default 5)"},
     {"help", 'h', NULL, ON_ALL | ON_MAIN, "print this help"},
     {"version", OPTION_VERSION, NULL, ON_MAIN, "print the version"},
 };
