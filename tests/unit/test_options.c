@@ -147,7 +147,7 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl get 0123 -o f --memory 5M", "--memory");
     expect_bad("bvhctl --local stats", "--local");
     expect_bad("bvhctl ping --local", "--local");
-    expect_bad("bvhctl ping --socket s --local", "--socket");
+    expect_bad("bvhctl --local ping --socket s", "--socket");
     expect_bad("bvhctl stats all", "all");
     expect_bad("bvhctl stats -o f", "-o");
     expect_bad("bvhctl check a b --connect-timeout 5", "--connect-timeout");
