@@ -55,25 +55,29 @@ enum bvhd_status memfd_seal(int descriptor, int seals, struct bvhd_error *error)
 
 enum { GATHER_SIZE = 64 * 1024, GATHER_MAX_PIECE = 16 * 1024 };
 
-enum bvhd_status memfd_writer_init(struct memfd_writer *writer, const char *name, struct memory *memory, struct bvhd_error *error)
+enum bvhd_status memfd_open(const char *name, int *ret_descriptor, struct bvhd_error *error)
+{
+    int descriptor = create(name);
+    if (descriptor < 0)
+        return refused(error, "memfd_create");
+    *ret_descriptor = descriptor;
+    return BVHD_OK;
+}
+
+enum bvhd_status memfd_writer_init(struct memfd_writer *writer, int descriptor, uint64_t offset, struct memory *memory,
+                                   struct bvhd_error *error)
 {
     unsigned char *gathered = memory_alloc(memory, GATHER_SIZE);
     if (!gathered)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "memfd", "no memory for it");
-    int descriptor = create(name);
-    if (descriptor < 0) {
-        enum bvhd_status status = refused(error, "memfd_create");
-        memory_free(memory, gathered);
-        return status;
-    }
-    *writer = (struct memfd_writer){.memory = memory, .descriptor = descriptor, .gathered = gathered, .error = error};
+    *writer = (struct memfd_writer){.memory = memory, .descriptor = descriptor, .offset = offset, .gathered = gathered, .error = error};
     return BVHD_OK;
 }
 
 static enum bvhd_status write_all(struct memfd_writer *writer, struct bytes bytes)
 {
     while (bytes.size > 0) {
-        ssize_t written = write(writer->descriptor, bytes.data, bytes.size);
+        ssize_t written = pwrite(writer->descriptor, bytes.data, bytes.size, (off_t)writer->offset);
         if (written < 0 && errno == EINTR)
             continue;
         if (written <= 0) {
@@ -81,6 +85,7 @@ static enum bvhd_status write_all(struct memfd_writer *writer, struct bytes byte
             return refused(writer->error, "write");
         }
         bytes.data += written;
+        writer->offset += (uint64_t)written;
         bytes.size -= (uint64_t)written;
     }
     return BVHD_OK;
@@ -107,22 +112,11 @@ enum bvhd_status memfd_writer_put(struct memfd_writer *writer, struct bytes piec
     return BVHD_OK;
 }
 
-enum bvhd_status memfd_writer_complete(struct memfd_writer *writer, int *ret_descriptor)
+enum bvhd_status memfd_writer_finish(struct memfd_writer *writer, enum bvhd_status status)
 {
-    enum bvhd_status status = flush(writer);
-    if (status == BVHD_OK) {
-        *ret_descriptor = writer->descriptor;
-        writer->descriptor = -1;
-    }
-    memfd_writer_finish(writer);
-    return status;
-}
-
-void memfd_writer_finish(struct memfd_writer *writer)
-{
-    if (writer->descriptor >= 0)
-        close(writer->descriptor);
+    if (status == BVHD_OK)
+        status = flush(writer);
     memory_free(writer->memory, writer->gathered);
-    writer->descriptor = -1;
     writer->gathered = NULL;
+    return status;
 }

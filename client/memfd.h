@@ -17,27 +17,30 @@ enum bvhd_status memfd_create_mapped(const char *name, uint64_t size, int *ret_d
 /* BVHD_IO. */
 enum bvhd_status memfd_seal(int descriptor, int seals, struct bvhd_error *error);
 
+/* The same without a size or a mapping: for writing to. */
+enum bvhd_status memfd_open(const char *name, int *ret_descriptor, struct bvhd_error *error);
+
 /*
- * A memfd that is filled from its front. Writing takes half the time of copying into a mapping: pages that are written whole are not cleared before, and
- * there are no faults. Small pieces are gathered.
+ * Fills a part of a memfd, piece after piece. Where pages do not exist yet writing takes half the time of copying into a mapping: what is written whole is
+ * not cleared before, and there are no faults. Small pieces are gathered.
  */
 struct memfd_writer {
     struct memory *memory;
-    int descriptor;
+    int descriptor; /* the caller's */
+    uint64_t offset; /* of what is gathered */
     unsigned char *gathered;
     uint64_t used;
     struct bvhd_error *error; /* of all calls; may be NULL */
 };
 
-/* Fails as memfd_create_mapped; then nothing is held. */
-enum bvhd_status memfd_writer_init(struct memfd_writer *writer, const char *name, struct memory *memory, struct bvhd_error *error);
+/* BVHD_NO_MEMORY. */
+enum bvhd_status memfd_writer_init(struct memfd_writer *writer, int descriptor, uint64_t offset, struct memory *memory,
+                                   struct bvhd_error *error);
 
+/* BVHD_NO_MEMORY, BVHD_IO. */
 enum bvhd_status memfd_writer_put(struct memfd_writer *writer, struct bytes piece);
 
-/* The descriptor, with all that was put; the writer is finished, also on failure. */
-enum bvhd_status memfd_writer_complete(struct memfd_writer *writer, int *ret_descriptor);
-
-/* Throws away what was written. */
-void memfd_writer_finish(struct memfd_writer *writer);
+/* Writes what is still gathered, unless `status` says that something failed before; the outcome of all. The writer is finished. */
+enum bvhd_status memfd_writer_finish(struct memfd_writer *writer, enum bvhd_status status);
 
 #endif

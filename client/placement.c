@@ -9,7 +9,9 @@
 #include "memfd.h"
 #include "rows.h"
 
-/* What a memfd of its own is filled from. */
+enum { WRITE_FROM = 128 * 1024 };
+
+/* What memory is filled from. */
 struct source {
     const struct build_input *input; /* NULL: bytes */
     const unsigned char *bytes;
@@ -71,6 +73,7 @@ static enum bvhd_status map_pool(struct placement *placement)
         return status;
     }
     placement->descriptor = descriptor;
+    placement->touched = 0;
     placement->bytes = bytes;
     return BVHD_OK;
 }
@@ -93,32 +96,33 @@ static enum bvhd_status put(void *context, struct bytes piece)
     return memfd_writer_put(context, piece);
 }
 
-static enum bvhd_status fill(struct memfd_writer *writer, const struct source *source, uint64_t size, struct memory *memory)
+static enum bvhd_status stream(struct memfd_writer *writer, const struct source *source, uint64_t size)
 {
     if (!source->input)
         return memfd_writer_put(writer, (struct bytes){source->bytes, size});
-    enum bvhd_status status = rows_stream(source->input, memory, put, writer);
+    enum bvhd_status status = rows_stream(source->input, writer->memory, put, writer);
     return status == BVHD_NO_MEMORY ? bvhd_error_set(writer->error, status, "memfd", "no memory for it") : status;
 }
 
 /* Every byte is written, zeros too: the daemon takes no memfd with holes. */
+static enum bvhd_status write_source(int descriptor, uint64_t offset, const struct source *source, uint64_t size, struct memory *memory,
+                                     struct bvhd_error *error)
+{
+    struct memfd_writer writer;
+    enum bvhd_status status = memfd_writer_init(&writer, descriptor, offset, memory, error);
+    return status == BVHD_OK ? memfd_writer_finish(&writer, stream(&writer, source, size)) : status;
+}
+
 static enum bvhd_status make_memfd(const struct source *source, uint64_t size, struct memory *memory, int *ret_descriptor,
                                    struct bvhd_error *error)
 {
-    struct memfd_writer writer;
     int descriptor;
-    enum bvhd_status status = memfd_writer_init(&writer, "bvhd-payload", memory, error);
+    enum bvhd_status status = memfd_open("bvhd-payload", &descriptor, error);
     if (status != BVHD_OK)
         return status;
-    status = fill(&writer, source, size, memory);
-    if (status != BVHD_OK) {
-        memfd_writer_finish(&writer);
-        return status;
-    }
-    status = memfd_writer_complete(&writer, &descriptor);
-    if (status != BVHD_OK)
-        return status;
-    status = memfd_seal(descriptor, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL, error);
+    status = write_source(descriptor, 0, source, size, memory, error);
+    if (status == BVHD_OK)
+        status = memfd_seal(descriptor, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL, error);
     if (status != BVHD_OK)
         close(descriptor);
     else
@@ -169,13 +173,25 @@ static enum bvhd_status take_memfd(struct placement *placement, const struct sou
     return placement->memfds > 0 ? BVHD_BUSY : status;
 }
 
+/* Large payloads are written to where the pool has no pages yet, and copied to where it has. */
+static void fill_pool(struct placement *placement, const struct build_input *input, uint64_t offset, uint64_t size)
+{
+    struct source source = {.input = input};
+    uint64_t end = offset + size;
+    bool fresh = end > placement->touched && size >= WRITE_FROM;
+    if (!fresh || write_source(placement->descriptor, offset, &source, size, placement->memory, NULL) != BVHD_OK)
+        rows_write(input, placement->bytes + offset);
+    if (end > placement->touched)
+        placement->touched = end;
+}
+
 /* What takes up to half of the pool waits for room in it; more than that would wait for too many others. */
 enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size, struct held *ret_held,
                                 struct bvhd_error *error)
 {
     uint64_t offset;
     if (take_from_pool(placement, size, &offset)) {
-        rows_write(input, placement->bytes + offset);
+        fill_pool(placement, input, offset, size);
         *ret_held = (struct held){.kind = HELD_POOL, .descriptor = -1, .offset = offset, .size = size};
         return BVHD_OK;
     }

@@ -32,6 +32,7 @@ struct placement {
     int descriptor; /* -1: the pool does not exist yet */
     unsigned char *bytes;
     struct arena arena;
+    uint64_t touched; /* bytes of the pool, from its front, whose pages exist */
     uint32_t memfds;
     bool is_refused; /* the daemon does not take the pool: it holds only what can leave it by a frame */
 };

@@ -108,6 +108,31 @@ static void test_pool(void **state)
     free_mesh(&mesh);
 }
 
+/* Large payloads are written into pages that do not exist yet, and copied into those that do: the bytes are the same, and those around stay. */
+static void test_large_in_pool(void **state)
+{
+    (void)state;
+    struct placement placement;
+    struct mesh small, large;
+    struct held held[3];
+    make_mesh(&small, 10000, 1);
+    make_mesh(&large, 300000, 5);
+    placement_init(&placement, &memory, 1 << 20);
+    for (int round = 0; round < 2; round++) {
+        assert_int_equal(take(&placement, &small, &held[0]), BVHD_OK);
+        assert_int_equal(take(&placement, &large, &held[1]), BVHD_OK);
+        assert_int_equal(take(&placement, &small, &held[2]), BVHD_OK);
+        check_pooled(&placement, &small, &held[0], 0);
+        check_pooled(&placement, &large, &held[1], 10048);
+        check_pooled(&placement, &small, &held[2], 310080);
+        for (int i = 0; i < 3; i++)
+            placement_release(&placement, &held[i]);
+    }
+    placement_finish(&placement);
+    free_mesh(&small);
+    free_mesh(&large);
+}
+
 /* What the pool cannot hold, or would have to wait for half of it, gets a memfd of its own; only so many at once. */
 static void test_own(void **state)
 {
@@ -232,7 +257,7 @@ static void test_failing_allocations(void **state)
     (void)state;
     static const uint64_t pools[2] = {1 << 20, 0};
     struct mesh mesh;
-    make_mesh(&mesh, 100000, 1);
+    make_mesh(&mesh, 200000, 1);
     for (int i = 0; i < 2; i++) {
         enum bvhd_status status = BVHD_NO_MEMORY;
         int fails = 0;
@@ -273,6 +298,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(test_pool, begin, end),
+        cmocka_unit_test_setup_teardown(test_large_in_pool, begin, end),
         cmocka_unit_test_setup_teardown(test_own, begin, end),
         cmocka_unit_test_setup_teardown(test_limit, begin, end),
         cmocka_unit_test_setup_teardown(test_refused, begin, end),
