@@ -7,7 +7,7 @@
 
 #include "release.h"
 
-enum { HELD_LOOK_MS = 1000, SCRAP_READS = 16 };
+enum { SCRAP_READS = 16 };
 
 static struct descriptors *descriptors_of(const struct conn *conn)
 {
@@ -100,7 +100,8 @@ static void leave(struct conn *conn)
     conn->state = CONN_HELD;
     uv_poll_stop(&conn->poll);
     shutdown(conn->socket, SHUT_RDWR);
-    uv_timer_start(&conn->timer, on_timer, HELD_LOOK_MS, HELD_LOOK_MS);
+    uint32_t interval = conn->group->limits.held_ms;
+    uv_timer_start(&conn->timer, on_timer, interval, interval);
 }
 
 /* Tells the client what it did, and lets it have a moment to read that. */

@@ -9,6 +9,7 @@ struct conn_limits conn_limits_default(void)
         .hello_ms = 5000,
         .stall_ms = 30000,
         .linger_ms = 1000,
+        .held_ms = 1000,
         .retry_ms = 50,
         .turn_bytes = 512 * 1024,
         .turn_frames = 64,

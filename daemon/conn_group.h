@@ -18,6 +18,7 @@ struct conn_limits {
     uint32_t hello_ms; /* from connecting to the answer to HELLO */
     uint32_t stall_ms; /* a client that neither reads what waits for it nor sends the rest of a frame is dropped */
     uint32_t linger_ms; /* after an error, for the client to take it */
+    uint32_t held_ms; /* between two looks at whether a client that was dropped has let go of its descriptors */
     uint32_t retry_ms; /* the longest pause before descriptors or memory are asked for again */
     uint32_t turn_bytes, turn_frames; /* that one connection takes in one turn of the loop */
     uint32_t queue_bytes, queue_replies; /* of unsent replies: beyond it nothing more is read */

@@ -59,6 +59,7 @@ static void test_stalled_with_descriptors(void **state)
     struct conn_limits limits = conn_limits_default();
     (void)state;
     limits.stall_ms = 400;
+    limits.held_ms = 50;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
     bed_hello(&bed, client);
@@ -74,7 +75,7 @@ static void test_stalled_with_descriptors(void **state)
     bed_send(other, FRAME_PING, 1);
     bed_expect(&bed, other, FRAME_PONG, 1);
     bed_hang_up(client);
-    bed_pump(&bed, 1100);
+    bed_pump(&bed, 100);
     assert_int_equal(bed.group.count, 1);
     assert_int_equal(bed.service.descriptors.unread, 0);
     bed_close(&bed);
@@ -124,9 +125,9 @@ static void test_waiting_is_quiet(void **state)
             bed_expect(&bed, client, FRAME_RESULT, (uint64_t)i + 1);
         bed.group.changed = count_turn;
         bed.group.context = &turns;
-        for (uint64_t end = bed_now() + 300; bed_now() < end;)
+        for (uint64_t end = bed_now() + 150; bed_now() < end;)
             uv_run(&bed.loop, UV_RUN_ONCE);
-        assert_in_range(turns, 1, 40);
+        assert_in_range(turns, 1, 30);
         bed_close(&bed);
     }
 }
