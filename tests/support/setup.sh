@@ -8,7 +8,7 @@
 export LC_ALL=C
 
 setup_build_packages="gcc libc6-dev meson ninja-build pkg-config cmake libembree-dev libassimp-dev libcjson-dev libssl-dev libpng-dev libvulkan-dev libprotobuf-c-dev protobuf-c-compiler libuv1-dev libsystemd-dev"
-setup_check_packages="$setup_build_packages g++ clang libclang-rt-dev libcmocka-dev"
+setup_check_packages="$setup_build_packages g++ clang libclang-rt-dev libcmocka-dev systemd"
 
 setup_say()
 {
