@@ -26,8 +26,7 @@ static void open_studio(struct studio *studio, uint32_t threads)
     struct local *local = &studio->world.local;
     assert_int_equal(stage_init(&studio->stage, &studio->world.structures, 'a', &local->memory, NULL), BVHD_OK);
     assert_int_equal(
-        camera_choose(&studio->stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &studio->camera, &rays, NULL),
-        BVHD_OK);
+        camera_choose(&studio->stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &studio->camera, &rays, NULL), BVHD_OK);
     assert_true(rays > 0);
     light_init(&studio->light, &studio->stage, &studio->camera);
 }
@@ -43,8 +42,8 @@ static void close_studio(struct studio *studio)
 static void take_picture(struct studio *studio, struct picture *ret_picture)
 {
     struct local *local = &studio->world.local;
-    assert_int_equal(
-        picture_render(&studio->light, WIDTH, HEIGHT, local->parallel, NULL, NULL, &local->memory, ret_picture, NULL), BVHD_OK);
+    assert_int_equal(picture_render(&studio->light, WIDTH, HEIGHT, local->parallel, NULL, NULL, &local->memory, ret_picture, NULL),
+                     BVHD_OK);
 }
 
 static void test_stage(void **state)
@@ -117,8 +116,7 @@ static void test_few_triangles(void **state)
         assert_int_equal(stage_init(&stage, &world.structures, "xyza"[i % 4], &local -> memory, NULL), BVHD_OK);
         assert_true(stage.even_count >= 256 && stage.even_count <= STAGE_EVEN_SAMPLES);
         assert_true(fabs(stage.size - (i < 4 ? 16 * sqrt(2) : 2 * sqrt(3))) < 1e-3);
-        assert_int_equal(camera_choose(&stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &camera, &rays, NULL),
-                         BVHD_OK);
+        assert_int_equal(camera_choose(&stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &camera, &rays, NULL), BVHD_OK);
         unsigned hits = count_hits(&stage, &camera);
         assert_false(camera.is_inside);
         assert_in_range(hits, WIDTH * HEIGHT / 16, WIDTH * HEIGHT * 15 / 16);
@@ -200,8 +198,7 @@ static void test_no_memory(void **state)
     uint64_t live = memory->live;
     for (int64_t after = 0; after < 4; after++) {
         atomic_store(&memory->fail_after, after);
-        enum bvhd_status status =
-            picture_render(&studio.light, 4, 4, studio.world.local.parallel, NULL, NULL, memory, &picture, NULL);
+        enum bvhd_status status = picture_render(&studio.light, 4, 4, studio.world.local.parallel, NULL, NULL, memory, &picture, NULL);
         assert_int_equal(status, BVHD_NO_MEMORY);
         assert_int_equal(memory->live, live);
     }
