@@ -35,6 +35,7 @@
     X(payload_bytes) /* of items that were taken */                                                                                    \
     X(result_bytes) /* of results that were sent */                                                                                    \
     X(busy_ns) /* time that threads have spent in jobs */                                                                              \
+    X(active_ns) /* wall time with jobs queued or running, short pauses included */                                                    \
     X(cache_evicted)                                                                                                                   \
     /* levels */                                                                                                                       \
     X(uptime_ms)                                                                                                                       \

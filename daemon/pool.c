@@ -117,7 +117,7 @@ void pool_cancel(struct pool *pool, struct pool_job *job)
     pool_lock(pool);
     if (job->state == POOL_JOB_QUEUED) {
         pool_turns_take_job(pool, job);
-        pool_turns_close_job(pool, job);
+        pool_turns_close_job(pool, job, pool_clock());
         pool_append_ended(pool, job);
     }
     pool_unlock(pool);
@@ -147,7 +147,14 @@ void pool_collect(struct pool *pool)
 struct pool_load pool_load(struct pool *pool)
 {
     pool_lock(pool);
-    struct pool_load load = {pool->queued, pool->running, pool_time_at(&pool->busy, pool_clock()), pool->jobs_done};
+    uint64_t now = pool_clock();
+    struct pool_load load = {
+        .queued = pool->queued,
+        .running = pool->running,
+        .busy_ns = pool_time_at(&pool->busy, now),
+        .jobs_done = pool->jobs_done,
+        .active_ns = pool_time_at(&pool->open, now),
+    };
     pool_unlock(pool);
     return load;
 }

@@ -24,7 +24,7 @@
 #include "parallel.h"
 #include "status.h"
 
-enum { POOL_SPARE_RATIO = 8, POOL_MAX_THREADS = 1024 };
+enum { POOL_SPARE_RATIO = 8, POOL_MAX_THREADS = 1024, POOL_PAUSE_NS = 10 * 1000 * 1000 };
 
 struct pool;
 struct pool_turn;
@@ -79,6 +79,7 @@ struct pool_load {
     uint64_t
         busy_ns; /* time that threads have spent in jobs and tasks so far, all together; waiting for other threads' tasks is none */
     uint64_t jobs_done; /* those that ran */
+    uint64_t active_ns; /* wall time with jobs queued or running; pauses shorter than POOL_PAUSE_NS between them count */
 };
 
 struct pool_load pool_load(struct pool *pool);

@@ -88,6 +88,8 @@ struct pool {
     uint64_t orders;
     uint64_t level; /* the time of the turn that was last served: where a turn without a past starts */
     struct pool_time busy;
+    struct pool_time open; /* counts 1 while there are jobs */
+    uint64_t closed_ns; /* when there were none any more */
     uint64_t jobs_done;
     bool stop;
 
@@ -161,8 +163,8 @@ struct pool_work {
 void pool_turns_add_job(struct pool *pool, struct pool_job *job, uint64_t now);
 void pool_turns_take_job(struct pool *pool, struct pool_job *job);
 
-/* A job that was taken has ended. */
-void pool_turns_close_job(struct pool *pool, const struct pool_job *job);
+/* A job that was taken has ended, at `now`. */
+void pool_turns_close_job(struct pool *pool, const struct pool_job *job, uint64_t now);
 
 void pool_turns_add_call(struct pool *pool, struct pool_call *call, uint64_t now);
 void pool_turns_remove_call(struct pool_call *call);

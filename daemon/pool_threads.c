@@ -153,7 +153,7 @@ static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
     end(pool, turn, job->ended_ns);
     unlink_run(pool, &run);
     pool->jobs_done++;
-    pool_turns_close_job(pool, job);
+    pool_turns_close_job(pool, job, job->ended_ns);
     pool_append_ended(pool, job);
 }
 

@@ -35,8 +35,23 @@ static void limit_past(struct pool *pool, struct pool_turn *turn, uint64_t now)
     turn->time.base += (time < pool->level ? pool->level : time > most ? most : time) - time;
 }
 
-static void open_job(struct pool *pool, struct pool_turn *turn)
+static void open_pool(struct pool *pool, uint64_t now)
 {
+    pool->open.base -= now - pool->closed_ns < POOL_PAUSE_NS ? pool->closed_ns : now;
+    pool->open.threads = 1;
+}
+
+static void close_pool(struct pool *pool, uint64_t now)
+{
+    pool->open.base += now;
+    pool->open.threads = 0;
+    pool->closed_ns = now;
+}
+
+static void open_job(struct pool *pool, struct pool_turn *turn, uint64_t now)
+{
+    if (!pool->first_turn)
+        open_pool(pool, now);
     if (turn->open++ > 0)
         return;
     turn->previous = pool->last_turn;
@@ -45,20 +60,22 @@ static void open_job(struct pool *pool, struct pool_turn *turn)
     pool->last_turn = turn;
 }
 
-void pool_turns_close_job(struct pool *pool, const struct pool_job *job)
+void pool_turns_close_job(struct pool *pool, const struct pool_job *job, uint64_t now)
 {
     struct pool_turn *turn = job->turn;
     if (--turn->open > 0)
         return;
     *(turn->previous ? &turn->previous->next : &pool->first_turn) = turn->next;
     *(turn->next ? &turn->next->previous : &pool->last_turn) = turn->previous;
+    if (!pool->first_turn)
+        close_pool(pool, now);
 }
 
 void pool_turns_add_job(struct pool *pool, struct pool_job *job, uint64_t now)
 {
     unsigned class = pool_queue_class(job->size);
     limit_past(pool, job->turn, now);
-    open_job(pool, job->turn);
+    open_job(pool, job->turn, now);
     pool_queue_put(&job->turn->queue, job);
     pool->queued++;
     pool->queued_of[class]++;

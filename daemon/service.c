@@ -206,6 +206,7 @@ struct counters service_counters(const struct service *service)
     struct counters counters = service->counters;
     struct pool_load load = pool_load(service->pool);
     counters.busy_ns = load.busy_ns;
+    counters.active_ns = load.active_ns;
     counters.jobs_queued = load.queued;
     counters.jobs_running = load.running;
     counters.workers = pool_threads(service->pool);

@@ -157,6 +157,36 @@ static void load_counts(void **state)
     assert_int_equal(after.queued + after.running, 0);
     assert_int_equal(after.jobs_done, 4);
     assert_true(after.busy_ns == busy);
+    assert_true(after.active_ns == waiting[2].job.ended_ns - holder.job.submitted_ns);
+    pool_turn_end(loop.pool, turn);
+    loop_finish(&loop);
+}
+
+static void pauses(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step first, soon, late;
+    loop_init(&loop, 1);
+    struct pool_turn *turn = loop_turn(&loop);
+    step_hold_thread(&first, &loop, turn, 10);
+    step_let_go(&first);
+    step_await(&loop, &first);
+    uint64_t before = pool_load(loop.pool).active_ns;
+    assert_true(before == first.job.ended_ns - first.job.submitted_ns);
+    step_hold_thread(&soon, &loop, turn, 10);
+    step_let_go(&soon);
+    step_await(&loop, &soon);
+    bool is_short = soon.job.submitted_ns - first.job.ended_ns < POOL_PAUSE_NS;
+    uint64_t after = pool_load(loop.pool).active_ns;
+    assert_true(after == before + soon.job.ended_ns - (is_short ? first.job.ended_ns : soon.job.submitted_ns));
+    steps_sleep_ms(POOL_PAUSE_NS / 1000000 + 1);
+    assert_true(pool_load(loop.pool).active_ns == after);
+    step_hold_thread(&late, &loop, turn, 10);
+    assert_true(pool_load(loop.pool).active_ns - after <= steps_now_ns() - late.job.submitted_ns);
+    step_let_go(&late);
+    step_await(&loop, &late);
+    assert_true(pool_load(loop.pool).active_ns == after + late.job.ended_ns - late.job.submitted_ns);
     pool_turn_end(loop.pool, turn);
     loop_finish(&loop);
 }
@@ -484,6 +514,7 @@ int main(void)
         cmocka_unit_test(done_may_submit),
         cmocka_unit_test(a_done_job_may_come_again),
         cmocka_unit_test(load_counts),
+        cmocka_unit_test(pauses),
         cmocka_unit_test(cancelled_in_the_queue),
         cmocka_unit_test(a_cancelled_queued_job_wakes_the_loop),
         cmocka_unit_test(cancelled_while_it_runs),
