@@ -12,7 +12,7 @@
 
 enum { PATIENCE_MS = 10000, QUIET_MS = 20, INLINE_MAX = 64 * 1024, SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL };
 
-static void fail(const char *what)
+__attribute__((noreturn)) static void fail(const char *what)
 {
     perror(what);
     exit(1);
