@@ -44,6 +44,9 @@ struct bvhd_batch *bench_submit(struct bvhd_client *client, const struct terrain
 /* Waits; ends the program unless every item is well. Reads one byte of each page. */
 void bench_finish(struct bvhd_batch *batch);
 
+/* Milliseconds that the builds of these meshes take in as many processes that share nothing, an equal number of meshes each. */
+double bench_apart(const struct terrain *meshes, unsigned count, unsigned processes);
+
 /* The value of one of the service's counters; ends the program when there is none of that name. */
 uint64_t bench_counter(struct bvhd_client *client, const char *name);
 

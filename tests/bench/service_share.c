@@ -68,6 +68,18 @@ static struct share_times build_meshes(const struct bench *bench, unsigned worke
     return best;
 }
 
+/* The best of a few: what the machine has to give. */
+static double apart(unsigned processes)
+{
+    enum { RUNS = 3 };
+    double best = 1e30;
+    for (int i = 0; i < RUNS; i++) {
+        double ms = bench_apart(meshes, MESHES, processes);
+        best = ms < best ? ms : best;
+    }
+    return best;
+}
+
 void bench_many(const struct bench *bench)
 {
     for (int i = 0; i < MESHES; i++) {
@@ -76,12 +88,17 @@ void bench_many(const struct bench *bench)
         ranges[i] = meshes[i].ranges;
     }
     unsigned workers = bench->workers ? bench->workers : (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
+    double apart_one = apart(1), apart_all = apart(workers);
     struct share_times one = build_meshes(bench, 1), all = build_meshes(bench, workers);
+    bench_line("640 meshes, processes apart", "1: %.1f ms, %u: %.1f ms: %.3f times the rate of as many single ones", apart_one, workers,
+               apart_all, apart_one / apart_all / workers);
     bench_line("640 meshes, 1 worker", "first job to last %.1f ms, busy %.1f ms, client waits %.1f ms", one.active, one.busy, one.wall);
-    bench_line("640 meshes, all workers",
-               "%u: first job to last %.1f ms, busy %.1f ms (%.3f of the time), client waits %.1f ms: %.3f times the rate of as many "
-               "single ones (goal: 0.85), as clients see it %.3f",
-               workers, all.active, all.busy, all.busy / all.active / workers, all.wall, one.active / all.active / workers,
+    bench_line("640 meshes, all workers", "%u: first job to last %.1f ms, busy %.1f ms (%.3f of the time), client waits %.1f ms",
+               workers, all.active, all.busy, all.busy / all.active / workers, all.wall);
+    bench_line("640 meshes, rates",
+               "%.3f times that of as many single workers (goal: 0.85; by one worker's busy time %.3f), %.3f times that of processes "
+               "apart, as clients see it %.3f",
+               one.active / all.active / workers, one.busy / all.active / workers, apart_all / all.active,
                one.wall / all.wall / workers);
     for (int i = 0; i < MESHES; i++)
         terrain_finish(&meshes[i]);
