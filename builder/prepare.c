@@ -174,15 +174,29 @@ static enum bvhd_status finish_view(struct work *work)
     return work->fetch.suspect ? validate_canonical(view, work->index, work->context->cancel, work->error) : BVHD_OK;
 }
 
+/* Between steps that do not look by themselves: with millions of rows each takes a while. */
+static enum bvhd_status look_at_cancel(const struct work *work)
+{
+    if (!context_cancelled(work->context))
+        return BVHD_OK;
+    return bvhd_error_set(work->error, BVHD_CANCELLED, place("infos[%u]", work->index).text, "cancelled");
+}
+
 static enum bvhd_status run(struct work *work)
 {
-    enum bvhd_status status = place_primitives(work);
+    enum bvhd_status status = look_at_cancel(work);
+    if (status == BVHD_OK)
+        status = place_primitives(work);
+    if (status == BVHD_OK)
+        status = look_at_cancel(work);
     if (status == BVHD_OK)
         status = fetch_primitives(&work->fetch, work->block, work->context, work->error);
     if (status == BVHD_OK)
         status = make_references(work);
     if (status == BVHD_OK)
         status = place_positions(work);
+    if (status == BVHD_OK)
+        status = look_at_cancel(work);
     if (status == BVHD_OK)
         status = fetch_positions(&work->fetch, work->block, work->context, work->error);
     if (status != BVHD_OK)

@@ -3,26 +3,31 @@
 
 #include "place.h"
 
-static enum bvhd_status check_reference(const struct reference *reference, struct place where, struct bvhd_error *error)
+static bool is_good(const struct reference *reference)
+{
+    bool good = reference->kind == REFERENCE_BLAS && reference->handle != 0;
+    for (int axis = 0; axis < 3; axis++)
+        good = good && __builtin_isfinite(reference->bounds.min[axis]) && __builtin_isfinite(reference->bounds.max[axis]);
+    return good;
+}
+
+static enum bvhd_status refuse(const struct reference *reference, struct place where, struct bvhd_error *error)
 {
     if (reference->kind != REFERENCE_BLAS)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "reference kind %u", (unsigned)reference->kind);
     if (reference->handle == 0)
         return bvhd_error_set(error, BVHD_INVALID, where.text, "handle 0 names nothing");
-    for (int axis = 0; axis < 3; axis++)
-        if (!__builtin_isfinite(reference->bounds.min[axis]) || !__builtin_isfinite(reference->bounds.max[axis]))
-            return bvhd_error_set(error, BVHD_INVALID, where.text, "bounds are not finite");
-    return BVHD_OK;
+    return bvhd_error_set(error, BVHD_INVALID, where.text, "bounds are not finite");
 }
 
 static enum bvhd_status check_references(const struct build_input *input, uint32_t index, struct bvhd_error *error)
 {
-    enum bvhd_status status = BVHD_OK;
     if (input->reference_count > 0 && !input->references)
         return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references", index).text, "no references given");
-    for (uint32_t i = 0; status == BVHD_OK && i < input->reference_count; i++)
-        status = check_reference(&input->references[i], place("infos[%u].references[%u]", index, i), error);
-    return status;
+    for (uint32_t i = 0; i < input->reference_count; i++)
+        if (!is_good(&input->references[i]))
+            return refuse(&input->references[i], place("infos[%u].references[%u]", index, i), error);
+    return BVHD_OK;
 }
 
 static enum bvhd_status check_unique(const struct handle_entry *entries, uint32_t count, uint32_t index, struct bvhd_error *error)

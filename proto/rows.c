@@ -185,6 +185,7 @@ void rows_write(const struct build_input *input, unsigned char *payload)
 struct reading {
     struct bytes payload;
     uint32_t index; /* of the item, for errors */
+    const atomic_bool *cancel;
     struct bvhd_error *error;
 };
 
@@ -218,6 +219,8 @@ static enum bvhd_status check_range(const struct reading *reading, const struct 
 static enum bvhd_status copy_row(const struct reading *reading, const struct row_range *range, uint32_t i, void *ret_row)
 {
     const unsigned char *row = reading->payload.data + range->offset + (uint64_t)i * range->size;
+    if (i % 8192 == 0 && parallel_cancelled(reading->cancel))
+        return bvhd_error_set(reading->error, BVHD_CANCELLED, place("infos[%u]", reading->index).text, "cancelled");
     memcpy(ret_row, row, range->known);
     atomic_signal_fence(memory_order_seq_cst);
     unsigned char rest = 0;
@@ -341,7 +344,7 @@ static enum bvhd_status no_memory(const struct reading *reading)
 enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape, uint32_t index, struct memory *memory,
                            struct build_input *input, struct bvhd_error *error)
 {
-    struct reading reading = {payload, index, error};
+    struct reading reading = {payload, index, shape->cancel, error};
     struct row_range geometry_range = {"geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), 0};
     struct row_range reference_range = {"references", shape->reference_count, shape->reference_size, sizeof(struct reference_row),
                                         (uint64_t)shape->geometry_count * shape->geometry_size};

@@ -15,6 +15,7 @@
 
 #include "geometry.h"
 #include "memory.h"
+#include "parallel.h"
 #include "status.h"
 
 struct row_span {
@@ -68,13 +69,14 @@ enum bvhd_status rows_stream(const struct build_input *input, struct memory *mem
 struct rows_shape {
     uint32_t geometry_count, geometry_size; /* rows, bytes of one */
     uint32_t reference_count, reference_size;
+    const atomic_bool *cancel; /* may be NULL; looked at every few thousand rows */
 };
 
 /*
  * Reads the rows into arrays from `memory` (input->geometries, input->references: rows_finish frees them); other fields of the input are the
  * caller's. Data pointers lead into the payload. BVHD_CORRUPT with the place ("infos[INDEX].geometries[3].indices": outside of the payload; rows
  * outside, or smaller than version 1's), BVHD_UNSUPPORTED for a row with fields that this version does not know, BVHD_TOO_LARGE for row
- * sizes over ROWS_MAX_SIZE, BVHD_NO_MEMORY. On failure the input is as it was. A size of rows that are not there (count 0) is ignored.
+ * sizes over ROWS_MAX_SIZE, BVHD_NO_MEMORY, BVHD_CANCELLED. On failure the input is as it was. A size of rows that are not there (count 0) is ignored.
  */
 enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape, uint32_t index, struct memory *memory,
                            struct build_input *input, struct bvhd_error *error);

@@ -451,6 +451,23 @@ static void pieces_are_the_same_bytes(void **state)
     }
 }
 
+/* Whatever is in the rows. */
+static void a_cancelled_reading_ends(void **state)
+{
+    (void)state;
+    atomic_bool cancel = true;
+    struct test_input test;
+    inputs_triangles(&test);
+    struct payload payload = write_payload(&test.input);
+    payload.shape.cancel = &cancel;
+    refuse(&payload, BVHD_CANCELLED, "infos[5]");
+    cancel = false;
+    struct build_input input = {0};
+    assert_int_equal(read_payload(&payload, &input, NULL), BVHD_OK);
+    rows_finish(&input, &memory);
+    free(payload.bytes);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -466,6 +483,7 @@ int main(void)
         cmocka_unit_test(reserved_fields_are_refused),
         cmocka_unit_test(pieces_are_the_same_bytes),
         cmocka_unit_test(failing_allocations_hold_nothing),
+        cmocka_unit_test(a_cancelled_reading_ends),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
