@@ -40,7 +40,7 @@ static bool find_peer(int socket, struct session_peer *ret_peer)
 /* One write to a fresh socket: it has room for so little, or the client is gone. */
 static void send_refusal(struct acceptor *acceptor, int socket, const struct bvhd_error *error)
 {
-    struct reply *reply = reply_error(0, error, service_memory(acceptor->group->service));
+    struct reply *reply = reply_error(0, error, service_frame_memory(acceptor->group->service));
     if (!reply)
         return;
     unsigned char bytes[FRAME_HEADER_SIZE + 1024];

@@ -113,7 +113,7 @@ static void fail(struct conn *conn, const struct bvhd_error *error)
                   conn->peer.pid, bvhd_status_name(error->status), log_quote(error->where).text, log_quote(error->text).text,
                   suppressed);
     end_session(conn);
-    struct reply *reply = reply_error(0, error, service_memory(conn->group->service));
+    struct reply *reply = reply_error(0, error, service_frame_memory(conn->group->service));
     if (reply)
         outbox_push(&conn->outbox, reply);
     conn->state = CONN_ENDING;
@@ -319,7 +319,7 @@ bool conn_is_flushed(const struct conn *conn)
 static void init(struct conn *conn, int socket)
 {
     conn->socket = socket;
-    inlet_init(&conn->inlet, socket, descriptors_of(conn), service_memory(conn->group->service));
+    inlet_init(&conn->inlet, socket, descriptors_of(conn), service_frame_memory(conn->group->service));
     outbox_init(&conn->outbox, socket, descriptors_of(conn), reply_left, conn);
     uv_timer_init(conn->group->loop, &conn->timer);
     conn->poll.data = conn->timer.data = conn;

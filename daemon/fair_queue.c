@@ -42,9 +42,22 @@ void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fai
     else
         lane->lists[priority].first = entry;
     lane->lists[priority].last = entry;
-    if (lane->count++ == 0)
+    if (lane->count++ == 0 && !lane->held)
         join_ring(queue, lane);
     queue->count++;
+}
+
+void fair_queue_hold(struct fair_queue *queue, struct fair_lane *lane, bool held)
+{
+    if (lane->held == held)
+        return;
+    lane->held = held;
+    if (lane->count == 0)
+        return;
+    if (held)
+        leave_ring(queue, lane);
+    else
+        join_ring(queue, lane);
 }
 
 static struct fair_lane *next_lane(const struct fair_queue *queue)
@@ -85,7 +98,7 @@ void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
         lane->lists[entry->priority].last = entry->previous;
     *entry = (struct fair_entry){0};
     queue->count--;
-    if (--lane->count == 0)
+    if (--lane->count == 0 && !lane->held)
         leave_ring(queue, lane);
 }
 

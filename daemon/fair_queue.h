@@ -27,8 +27,9 @@ struct fair_lane {
         struct fair_entry *first, *last;
     } lists[FAIR_PRIORITIES];
     uint32_t count;
+    bool held; /* its entries wait, whoever's turn it is */
     uint64_t given; /* the sum of its costs, or more where it was raised to start level */
-    struct fair_lane *previous, *next; /* the ring of lanes that are not empty */
+    struct fair_lane *previous, *next; /* the ring of lanes that are not empty, and not held */
 };
 
 /* Zeroed: empty. */
@@ -47,6 +48,9 @@ struct fair_entry *fair_queue_peek(const struct fair_queue *queue);
 
 /* Takes what peek gave; `cost` is what its lane is given by that. All costs together stay below 2^64. */
 void fair_queue_pop(struct fair_queue *queue, uint64_t cost);
+
+/* Passes a lane over, or no longer does. */
+void fair_queue_hold(struct fair_queue *queue, struct fair_lane *lane, bool held);
 
 /* Takes an entry out, wherever it waits; harmless when it does not. */
 void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry);

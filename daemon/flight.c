@@ -38,6 +38,7 @@ struct disposal {
     struct flights *flights;
     struct preparation *preparation;
     uint64_t promised;
+    enum admission_tier tier;
 };
 
 enum { DISPOSED_AT_ONCE = 1024 * 1024 };
@@ -52,15 +53,20 @@ enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct bvh
         return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for a table of %u builds", most);
     memset(flights->buckets, 0, size * sizeof *flights->buckets);
     flights->mask = size - 1;
-    flights->waiting = (struct fair_queue){0};
+    memset(flights->waiting, 0, sizeof flights->waiting);
     flights->running = 0;
     flights->started = 0;
     return BVHD_OK;
 }
 
+uint32_t flights_waiting(const struct flights *flights)
+{
+    return flights->waiting[ADMISSION_SMALL].count + flights->waiting[ADMISSION_LARGE].count;
+}
+
 void flights_finish(struct flights *flights)
 {
-    assert(flights->running == 0 && flights->waiting.count == 0);
+    assert(flights->running == 0 && flights_waiting(flights) == 0);
     memory_free(flights->memory, flights->buckets);
     flights->buckets = NULL;
 }
@@ -109,7 +115,7 @@ static void dispose_done(struct pool_job *job)
 {
     struct disposal *disposal = (void *)job;
     struct flights *flights = disposal->flights;
-    admission_end(&flights->admission->prepares, disposal->promised);
+    admission_end(&flights->admission->prepares[disposal->tier], disposal->promised);
     memory_free(flights->memory, disposal);
 }
 
@@ -121,14 +127,15 @@ void flights_dispose(struct flights *flights, struct preparation *preparation)
     if (preparation->canonical.size > DISPOSED_AT_ONCE)
         disposal = memory_alloc(flights->memory, sizeof *disposal);
     if (!disposal) {
-        admission_end(&flights->admission->prepares, preparation->promised);
+        admission_end(&flights->admission->prepares[preparation->tier], preparation->promised);
         preparation_destroy(preparation);
         return;
     }
     *disposal = (struct disposal){.job = {.run = dispose_run, .done = dispose_done, .turn = flights->housekeeping, .size = 1},
                                   .flights = flights,
                                   .preparation = preparation,
-                                  .promised = preparation->promised};
+                                  .promised = preparation->promised,
+                                  .tier = preparation->tier};
     pool_submit(flights->pool, &disposal->job);
 }
 
@@ -144,11 +151,18 @@ static uint32_t fair_priority(int priority)
     return priority > 0 ? 0 : priority == 0 ? 1 : 2;
 }
 
+static enum admission_tier tier_of(const struct flight *flight)
+{
+    return flight->exclusive ? ADMISSION_LARGE : flight->preparation->tier;
+}
+
 /* Waits for memory in the name of its first waiter. */
 static void wait_for_memory(struct flight *flight)
 {
+    enum admission_tier tier = tier_of(flight);
     flight->state = FLIGHT_WAITING;
-    fair_queue_add(&flight->flights->waiting, &flight->first->client->lane, &flight->entry, fair_priority(flight->first->priority));
+    fair_queue_add(&flight->flights->waiting[tier], &flight->first->client->lanes[tier], &flight->entry,
+                   fair_priority(flight->first->priority));
 }
 
 enum bvhd_status flights_start(struct flights *flights, struct preparation *preparation, struct flight_waiter *waiter,
@@ -216,7 +230,7 @@ void flight_leave(struct flights *flights, struct flight_waiter *waiter)
     bool was_first = flight->first == waiter;
     unlink_waiter(flight, waiter);
     if (was_first)
-        fair_queue_remove(&flights->waiting, &flight->entry);
+        fair_queue_remove(&flights->waiting[tier_of(flight)], &flight->entry);
     if (!flight->first)
         abandon(flight);
     else if (was_first && flight->state == FLIGHT_WAITING)
@@ -231,7 +245,7 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     struct blob_writer writer;
     struct build_stats stats;
     unsigned char *bytes;
-    memory_init_within(&memory, flight->flights->memory, UINT64_MAX);
+    memory_init_within(&memory, tier_of(flight) == ADMISSION_LARGE ? flight->flights->large : flight->flights->memory, UINT64_MAX);
     blob_writer_init(&writer, flight->flights->account);
     const struct build_context context = {.embree = flight->flights->embree,
                                           .memory = &memory,
@@ -317,8 +331,9 @@ static void build_done(struct pool_job *job)
     if (!job->ran)
         flight->status = bvhd_error_set(&flight->error, BVHD_CANCELLED, "", "cancelled");
     flights->running--;
-    flights->admission->exclusive = false;
-    admission_end(&flights->admission->builds, flight->bytes);
+    enum admission_tier tier = tier_of(flight);
+    flights->admission->exclusive = flights->admission->exclusive && tier == ADMISSION_SMALL;
+    admission_end(&flights->admission->builds[tier], flight->bytes);
 
     bool alone = !flight->accompanied && flight->started == flights->started;
     if (is_shortage(flight->status) && flight->state == FLIGHT_BUILDING && !alone && !flight->exclusive) {
@@ -342,10 +357,11 @@ static void start_build(struct flight *flight)
 {
     struct flights *flights = flight->flights;
     struct flight_waiter *first = flight->first;
-    flight->accompanied = flights->admission->builds.count > 0;
+    enum admission_tier tier = tier_of(flight);
+    flight->accompanied = flights->admission->builds[ADMISSION_SMALL].count + flights->admission->builds[ADMISSION_LARGE].count > 0;
     flight->started = ++flights->started;
-    admission_give(&flights->admission->builds, flight->bytes);
-    flights->admission->exclusive = flight->exclusive;
+    admission_give(&flights->admission->builds[tier], flight->bytes);
+    flights->admission->exclusive = flights->admission->exclusive || flight->exclusive;
     flight->state = FLIGHT_BUILDING;
     flight->job = (struct pool_job){
         .run = build_run,
@@ -364,14 +380,21 @@ static struct flight *flight_of_entry(struct fair_entry *entry)
     return (struct flight *)(void *)((unsigned char *)entry - offsetof(struct flight, entry));
 }
 
-void flights_pump(struct flights *flights)
+static void pump_tier(struct flights *flights, enum admission_tier tier)
 {
+    struct fair_queue *waiting = &flights->waiting[tier];
     struct fair_entry *entry;
-    while ((entry = fair_queue_peek(&flights->waiting))) {
+    while ((entry = fair_queue_peek(waiting))) {
         struct flight *flight = flight_of_entry(entry);
-        if (!admission_may_build(flights->admission, flight->bytes, flight->exclusive))
+        if (!admission_may_build(flights->admission, tier, flight->bytes, flight->exclusive))
             return;
-        fair_queue_pop(&flights->waiting, flight->bytes);
+        fair_queue_pop(waiting, flight->bytes);
         start_build(flight);
     }
+}
+
+void flights_pump(struct flights *flights)
+{
+    pump_tier(flights, ADMISSION_SMALL);
+    pump_tier(flights, ADMISSION_LARGE);
 }

@@ -21,7 +21,7 @@ struct flight;
 
 /* A client's claims: to memory for builds, to threads. */
 struct flight_client {
-    struct fair_lane lane;
+    struct fair_lane lanes[ADMISSION_TIERS];
     struct pool_turn *turn;
 };
 
@@ -48,6 +48,7 @@ struct flights {
     struct pool *pool;
     struct pool_turn *housekeeping; /* for what frees memory */
     struct memory *memory;
+    struct memory *large; /* within that: for builds that are not small */
     struct admission *admission;
     struct cache *cache;
     struct blob_account *account;
@@ -56,7 +57,7 @@ struct flights {
     /* its own */
     struct flight **buckets;
     uint64_t mask;
-    struct fair_queue waiting; /* for memory */
+    struct fair_queue waiting[ADMISSION_TIERS]; /* for memory */
     uint32_t running; /* jobs, those of abandoned flights included */
     uint64_t started; /* builds so far */
 };
@@ -73,6 +74,9 @@ struct flight *flights_find(const struct flights *flights, const struct key *key
 /* Starts one; there is none of that key. Takes the preparation, also when it fails: BVHD_NO_MEMORY. */
 enum bvhd_status flights_start(struct flights *flights, struct preparation *preparation, struct flight_waiter *waiter,
                                struct bvhd_error *error);
+
+/* How many wait for memory. */
+uint32_t flights_waiting(const struct flights *flights);
 
 void flight_join(struct flight *flight, struct flight_waiter *waiter);
 

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "preparation.h"
 
+#include <assert.h>
+
 #include "build.h"
 #include "content_key.h"
 #include "place.h"
@@ -96,6 +98,12 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
     return preparation;
 }
 
+void preparation_account(struct preparation *preparation, struct memory *memory)
+{
+    assert(atomic_load_explicit(&preparation->memory.live, memory_order_relaxed) == 0);
+    memory_init_within(&preparation->memory, memory, UINT64_MAX);
+}
+
 void preparation_drop_source(struct preparation *preparation)
 {
     payload_unref(preparation->source.payload);
@@ -184,7 +192,8 @@ static struct build_input describe(const struct preparation *preparation)
 static enum bvhd_status run(struct preparation *preparation, const struct build_context *context)
 {
     const struct control_item *asked = &preparation->asked;
-    struct rows_shape shape = {asked->geometry_count, asked->geometry_size, asked->reference_count, asked->reference_size};
+    struct rows_shape shape = {asked->geometry_count, asked->geometry_size, asked->reference_count, asked->reference_size,
+                               context->cancel};
     struct build_input input = describe(preparation);
     struct bytes bytes;
     enum bvhd_status status = find_bytes(preparation, &bytes);

@@ -8,6 +8,7 @@
 #ifndef BVHD_PREPARATION_H
 #define BVHD_PREPARATION_H
 
+#include "admission.h"
 #include "attachment.h"
 #include "canonical.h"
 #include "context.h"
@@ -37,6 +38,7 @@ struct preparation {
     struct preparation_batch batch;
     const struct limits *limits;
     uint64_t promised; /* bytes */
+    enum admission_tier tier; /* whose share that is of */
     /* out */
     enum bvhd_status status;
     struct bvhd_error error;
@@ -54,6 +56,9 @@ uint64_t preparation_guess(const struct control_item *item);
 /* Takes the refs of `source`, also when it fails (NULL: no memory). */
 struct preparation *preparation_create(const struct control_item *item, uint32_t index, const struct preparation_source *source,
                                        struct memory *memory);
+
+/* Where its copy will count, before it runs; holds nothing yet. */
+void preparation_account(struct preparation *preparation, struct memory *memory);
 
 /* On a worker. The source is dropped unless more is needed. */
 void preparation_run(struct preparation *preparation, const struct parallel *parallel, const atomic_bool *cancel);

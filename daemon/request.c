@@ -19,10 +19,22 @@ static const unsigned may_follow[ITEM_STATES] = {
     [ITEM_LEAVING] = STATE(ANSWERED),
 };
 
+static void set_ahead(struct item *item, uint64_t bytes)
+{
+    struct request_client *client = item->request->client;
+    if (item->ahead == bytes)
+        return;
+    client->ahead += bytes - item->ahead;
+    item->ahead = bytes;
+    if (!client->gone)
+        client->events->moved(client);
+}
+
 static void enter(struct item *item, enum item_state state)
 {
     assert(may_follow[item->state] & 1u << state);
     item->state = state;
+    set_ahead(item, state == ITEM_WAITING || state == ITEM_ANSWERED ? 0 : item->promise);
     item->request->open -= state == ITEM_ANSWERED;
 }
 
@@ -183,11 +195,17 @@ static uint32_t fair_priority(int priority)
     return priority > 0 ? 0 : priority == 0 ? 1 : 2;
 }
 
+static enum admission_tier tier_of(const struct item *item)
+{
+    return admission_tier_of(&service_of(item)->admission, item->promise);
+}
+
 static void wait_for_memory(struct item *item)
 {
     struct request *request = item->request;
+    enum admission_tier tier = tier_of(item);
     enter(item, ITEM_WAITING);
-    fair_queue_add(&service_of(item)->preparing, &request->client->lane, &item->entry, fair_priority(request->priority));
+    fair_queue_add(&service_of(item)->preparing[tier], &request->client->lanes[tier], &item->entry, fair_priority(request->priority));
 }
 
 /* Nothing of it is with a worker. */
@@ -201,7 +219,7 @@ static void fail(struct item *item, const struct bvhd_error *error)
 
 static bool is_possible(struct item *item, struct bvhd_error *error)
 {
-    uint64_t limit = service_of(item)->admission.limit;
+    uint64_t limit = service_of(item)->large.limit;
     if (item->promise <= limit)
         return true;
     bvhd_error_set(error, BVHD_TOO_LARGE, place("infos[%u]", item->index).text,
@@ -311,7 +329,7 @@ static void ask_for_more(struct item *item)
 {
     struct service *service = service_of(item);
     struct bvhd_error error;
-    admission_end(&service->admission.prepares, item->preparation->promised);
+    admission_end(&service->admission.prepares[item->preparation->tier], item->preparation->promised);
     item->promise = item->preparation->needed;
     if (is_possible(item, &error)) {
         wait_for_memory(item);
@@ -326,7 +344,7 @@ static void trim_promise(struct item *item)
 {
     struct preparation *preparation = item->preparation;
     uint64_t held = atomic_load_explicit(&preparation->memory.live, memory_order_relaxed) + sizeof *preparation;
-    struct admission_share *share = &service_of(item)->admission.prepares;
+    struct admission_share *share = &service_of(item)->admission.prepares[preparation->tier];
     share->bytes -= preparation->promised - (held < preparation->promised ? held : preparation->promised);
     preparation->promised = held < preparation->promised ? held : preparation->promised;
 }
@@ -409,8 +427,10 @@ static void start_preparing(struct item *item)
         return;
     }
     enum { BYTES_A_PRIMITIVE = 384 }; /* that are prepared in the time in which one primitive is built */
-    admission_give(&service->admission.prepares, item->promise);
     item->preparation->promised = item->promise;
+    item->preparation->tier = tier_of(item);
+    preparation_account(item->preparation, item->preparation->tier == ADMISSION_LARGE ? &service->large : &service->memory);
+    admission_give(&service->admission.prepares[item->preparation->tier], item->promise);
     enter(item, ITEM_PREPARING);
     item->job = (struct pool_job){
         .run = prepare_run,
@@ -428,16 +448,23 @@ static struct item *item_of_entry(struct fair_entry *entry)
     return (struct item *)(void *)((unsigned char *)entry - offsetof(struct item, entry));
 }
 
-void request_pump(struct service *service)
+static void pump_tier(struct service *service, enum admission_tier tier)
 {
+    struct fair_queue *waiting = &service->preparing[tier];
     struct fair_entry *entry;
-    while ((entry = fair_queue_peek(&service->preparing))) {
+    while ((entry = fair_queue_peek(waiting))) {
         struct item *item = item_of_entry(entry);
-        if (!admission_may_prepare(&service->admission, item->promise))
+        if (!admission_may_prepare(&service->admission, tier, item->promise))
             return;
-        fair_queue_pop(&service->preparing, item->promise);
+        fair_queue_pop(waiting, item->promise);
         start_preparing(item);
     }
+}
+
+void request_pump(struct service *service)
+{
+    pump_tier(service, ADMISSION_SMALL);
+    pump_tier(service, ADMISSION_LARGE);
 }
 
 /* Its place in queues and flights goes; what a worker has stays until it lets go. */
@@ -446,7 +473,7 @@ static void withdraw(struct item *item)
     struct service *service = service_of(item);
     switch (item->state) {
     case ITEM_WAITING:
-        fair_queue_remove(&service->preparing, &item->entry);
+        fair_queue_remove(&service->preparing[tier_of(item)], &item->entry);
         drop_source(&item->source);
         preparation_destroy(take_preparation(item));
         enter(item, ITEM_ANSWERED);

@@ -28,6 +28,7 @@ struct request_events {
     /* `items` NULL: there was no memory to say which. */
     void (*prepared)(struct request_client *client, const struct request *request, const struct control_items *items);
     void (*unpooled)(struct request_client *client); /* one payload of the pool is not needed any more */
+    void (*moved)(struct request_client *client); /* `ahead` is another */
     void (*ended)(struct request_client *client, struct request *request); /* just before it is freed */
 };
 
@@ -36,7 +37,8 @@ struct request_client {
     struct service *service;
     const struct request_events *events;
     struct flight_client flights;
-    struct fair_lane lane; /* for preparing */
+    struct fair_lane lanes[ADMISSION_TIERS]; /* for preparing */
+    uint64_t ahead; /* bytes promised to items between their start and their answer: about what their results may take */
     bool gone; /* nothing is reported but the end */
 };
 
@@ -50,6 +52,7 @@ struct item {
     struct preparation_source source; /* until a preparation takes it */
     struct preparation *preparation; /* from its first PREPARING until a flight takes it */
     uint64_t promise; /* bytes it asks for */
+    uint64_t ahead; /* its part of the client's */
     struct fair_entry entry; /* while WAITING */
     struct pool_job job; /* while PREPARING and LEAVING */
     struct flight_waiter waiter; /* while JOINED */

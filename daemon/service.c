@@ -51,11 +51,15 @@ static enum bvhd_status out_of_memory(struct bvhd_error *error)
     return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for the service");
 }
 
+/* What large steps must leave, whatever they had promised. */
+enum { SMALL_PART = 4 };
+
 static void init_plain_parts(struct service *service)
 {
     const struct service_options *options = &service->options;
     memory_init(&service->memory, options->memory);
     memory_init_within(&service->inlines, &service->memory, options->memory / INLINE_PART);
+    memory_init_within(&service->large, &service->memory, options->memory - options->memory / SMALL_PART);
     memory_init(&service->replies, UINT64_MAX);
     descriptors_init(&service->descriptors);
     blob_account_init(&service->account, &service->replies, &service->descriptors);
@@ -78,6 +82,7 @@ static enum bvhd_status create_parts(struct service *service, void (*wake)(void 
         .pool = service->pool,
         .housekeeping = service->housekeeping,
         .memory = &service->memory,
+        .large = &service->large,
         .admission = &service->admission,
         .cache = service->cache,
         .account = &service->account,
@@ -168,6 +173,11 @@ struct memory *service_memory(struct service *service)
     return &service->memory;
 }
 
+struct memory *service_frame_memory(struct service *service)
+{
+    return &service->replies;
+}
+
 struct descriptors *service_descriptors(struct service *service)
 {
     return &service->descriptors;
@@ -195,7 +205,7 @@ static void count_memory(const struct service *service, struct counters *counter
     counters->memory_live = atomic_load_explicit(&service->memory.live, memory_order_relaxed);
     counters->memory_peak = atomic_load_explicit(&service->memory.peak, memory_order_relaxed);
     counters->memory_limit = service->memory.limit;
-    counters->memory_promised = service->admission.prepares.bytes + service->admission.builds.bytes;
+    counters->memory_promised = admission_promised(&service->admission);
     counters->pool_bytes = service->pool_bytes;
     counters->descriptors_used = atomic_load_explicit(&service->descriptors.used, memory_order_relaxed);
     counters->descriptors_limit = service->descriptors.limit;
@@ -214,8 +224,8 @@ struct counters service_counters(const struct service *service)
     counters.connections = service->connections;
     counters.sessions = service->session_count + service->closing_count;
     counters.queue_depth = service->under_way;
-    counters.prepares_waiting = service->preparing.count;
-    counters.builds_waiting = service->flights.waiting.count;
+    counters.prepares_waiting = service->preparing[ADMISSION_SMALL].count + service->preparing[ADMISSION_LARGE].count;
+    counters.builds_waiting = flights_waiting(&service->flights);
     counters.builds_running = service->flights.running;
     count_memory(service, &counters);
     return counters;

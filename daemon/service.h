@@ -43,6 +43,13 @@ uint32_t service_pending(const struct service *service);
 
 /* What the whole process shares. */
 struct memory *service_memory(struct service *service);
+
+/*
+ * For frames, in and out. No budget is in their way: connections, their credits and the limits of frames bound them, and a budget would let clients who
+ * never finish a frame take it from the others.
+ */
+struct memory *service_frame_memory(struct service *service);
+
 struct descriptors *service_descriptors(struct service *service);
 
 /* For jobs beside those of requests; they have to be done before service_destroy. */

@@ -21,8 +21,9 @@ struct service {
     struct service_options options;
     struct memory memory; /* the budget */
     struct memory inlines; /* of inline payloads, a share of it */
+    struct memory large; /* of prepares and builds that are not small, a share of it */
     struct memory
-        replies; /* without limit: what is to be answered is bounded by credits, and no budget may be in the way of an answer */
+        replies; /* and frames that arrive; without limit: bounded by connections and credits, and no budget may be in the way */
     struct descriptors descriptors;
     struct blob_account account;
     struct pool *pool;
@@ -30,7 +31,7 @@ struct service {
     struct cache *cache;
     struct embree *embree;
     struct admission admission;
-    struct fair_queue preparing; /* items that wait for memory */
+    struct fair_queue preparing[ADMISSION_TIERS]; /* items that wait for memory */
     struct flights flights;
     struct request_news news;
     struct counters counters;
@@ -40,6 +41,7 @@ struct service {
     uint32_t under_way; /* items of those that are not closed */
     uint32_t connections;
     uint64_t pool_bytes;
+    uint64_t backlog_bytes; /* of results that have not left, all sessions together */
     uint64_t started_ns;
     bool draining;
 };

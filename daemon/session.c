@@ -16,14 +16,19 @@ static struct session *session_of(struct request_client *client)
 
 /* ---- replies ---- */
 
-static void fail(struct session *session)
+void session_end(struct session *session, enum bvhd_status status, const char *text)
 {
     if (session->failure.status != BVHD_OK)
         return;
-    bvhd_error_set(&session->failure, BVHD_NO_MEMORY, "", "no memory for a reply");
-    log_event(LOG_ERROR, "reply_lost", "uid=%u pid=%d", session->peer.uid, (int)session->peer.pid);
+    bvhd_error_set(&session->failure, status, "", "%s", text);
+    log_event(LOG_WARNING, "session_ended", "uid=%u pid=%d why=%s", session->peer.uid, (int)session->peer.pid, log_quote(text).text);
     if (session->link.fail)
         session->link.fail(session->link.context, &session->failure);
+}
+
+static void fail(struct session *session)
+{
+    session_end(session, BVHD_NO_MEMORY, "no memory for a reply");
 }
 
 void session_send(struct session *session, struct reply *reply)
@@ -69,8 +74,11 @@ static void report_result(struct request_client *client, const struct request *r
                           struct blob *blob)
 {
     struct session *session = session_of(client);
+    struct reply *reply = reply_result(request->number, result, blob, &session->service->replies);
     session->service->counters.result_bytes += blob ? blob->size : 0;
-    session_send(session, reply_result(request->number, result, blob, &session->service->replies));
+    if (reply && blob)
+        session_backlog_add(session, blob->size);
+    session_send(session, reply);
 }
 
 static void report_prepared(struct request_client *client, const struct request *request, const struct control_items *items)
@@ -120,7 +128,12 @@ static void report_ended(struct request_client *client, struct request *request)
         destroy(session);
 }
 
-static const struct request_events events = {report_result, report_prepared, report_unpooled, report_ended};
+static void report_moved(struct request_client *client)
+{
+    session_backlog_review(session_of(client));
+}
+
+static const struct request_events events = {report_result, report_prepared, report_unpooled, report_moved, report_ended};
 
 struct request *session_find(const struct session *session, uint64_t number)
 {
@@ -146,14 +159,14 @@ void session_add(struct session *session, struct request *request)
 
 /* ---- quotas ---- */
 
-/* When much is under way, nobody may have more of it than its share. */
+/* When much is under way, nobody may have more of it than its share; that much is everybody's, whatever others do. */
 static bool is_crowded(const struct session *session, uint32_t items)
 {
     const struct service *service = session->service;
     uint64_t most = service->options.max_queue, sum = (uint64_t)service->under_way + items;
     uint64_t share = most / (service->session_count > 0 ? service->session_count : 1);
-    bool greedy = session->under_way > 0 && (uint64_t)session->under_way + items > share;
-    return sum > most || (sum > most / 2 && greedy);
+    bool within_share = (uint64_t)session->under_way + items <= share;
+    return !within_share && (sum > most || (sum > most / 2 && session->under_way > 0));
 }
 
 bool session_admits(struct session *session, uint64_t request, uint32_t items)
@@ -171,7 +184,7 @@ bool session_admits(struct session *session, uint64_t request, uint32_t items)
         session_send_error(session, request, &error);
         return false;
     }
-    if (!is_crowded(session, items))
+    if (!is_crowded(session, items) && !session_backlog_is_long(session))
         return true;
     session_send_busy(session, request);
     return false;
@@ -472,6 +485,8 @@ void session_sent(struct session *session, const struct reply *reply)
     assert(reply->credits <= session->under_way);
     session->under_way -= reply->credits;
     session->service->under_way -= reply->credits;
+    if (reply->blob)
+        session_backlog_take(session, reply->blob->size);
 }
 
 void session_goodbye(struct session *session)
@@ -497,6 +512,7 @@ static void give_back(struct session *session)
     struct service *service = session->service;
     service->under_way -= session->under_way;
     service->pool_bytes -= session->pool_size;
+    session_backlog_drop(session);
     service->session_count--;
     service->closing_count++;
     payload_unref(session->pool);

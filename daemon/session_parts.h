@@ -8,6 +8,12 @@
 
 enum { SESSION_BUCKETS = 64 };
 
+/* Results that have not left. */
+struct session_backlog {
+    uint64_t bytes;
+    bool dropped; /* the service's sum is without them: the session is about to end */
+};
+
 struct session {
     struct request_client client;
     struct service *service;
@@ -25,12 +31,28 @@ struct session {
     uint32_t request_count;
     uint32_t under_way; /* items whose result has not left */
     uint32_t attachments; /* memfds of requests under way */
+    struct session_backlog backlog;
 };
 
 /* `reply` NULL: there was no memory for it. */
 void session_send(struct session *session, struct reply *reply);
 void session_send_error(struct session *session, uint64_t request, const struct bvhd_error *error);
 void session_send_busy(struct session *session, uint64_t request);
+
+/* The connection has to go, and the client is told why. */
+void session_end(struct session *session, enum bvhd_status status, const char *text);
+
+/*
+ * session_backlog.c: results lie in memory that no budget counts. A session with more than its part of the budget on its way, from the start of an
+ * item until its result has left, is given nothing more to do until there is less; while results of all sessions together take more than theirs, no
+ * session is that has any. When that does not help, since many have a little each, the one with most of it has to go. Who comes with new requests while too
+ * many results wait is told to come later.
+ */
+void session_backlog_review(struct session *session); /* what is ahead has changed */
+void session_backlog_add(struct session *session, uint64_t bytes);
+void session_backlog_take(struct session *session, uint64_t bytes);
+void session_backlog_drop(struct session *session);
+bool session_backlog_is_long(const struct session *session);
 
 /* The request of that number, or NULL. */
 struct request *session_find(const struct session *session, uint64_t number);

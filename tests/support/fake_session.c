@@ -3,6 +3,7 @@
 
 #include <stdlib.h>
 #include <sys/mman.h>
+#include <time.h>
 #include <unistd.h>
 
 struct session {
@@ -23,7 +24,7 @@ void fake_service_init(struct fake_service *service)
     descriptors_init(&service->descriptors);
 }
 
-struct memory *service_memory(struct service *service)
+struct memory *service_frame_memory(struct service *service)
 {
     return &fake(service)->memory;
 }
@@ -87,6 +88,15 @@ static void close_descriptors(struct session *session, const struct frame *frame
     descriptors_give(&session->service->descriptors, frame->header.descriptors);
 }
 
+static void take_long(void)
+{
+    struct timespec begin, now;
+    clock_gettime(CLOCK_MONOTONIC, &begin);
+    do
+        clock_gettime(CLOCK_MONOTONIC, &now);
+    while ((now.tv_sec - begin.tv_sec) * 1000000000 + now.tv_nsec - begin.tv_nsec < FAKE_COSTLY_MS * 1000000);
+}
+
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error)
 {
     session->service->frames++;
@@ -109,6 +119,10 @@ enum bvhd_status session_frame(struct session *session, const struct frame *fram
     case FAKE_FAIL:
         bvhd_error_set(error, BVHD_NO_MEMORY, "session", "told to fail");
         session->link.fail(session->link.context, error);
+        break;
+    case FAKE_COSTLY:
+        take_long();
+        answer(session, FRAME_PONG, frame->header.request, NULL);
         break;
     case FAKE_WRONG:
         return bvhd_error_set(error, BVHD_INVALID, "frame.type", "told to be wrong");

@@ -92,6 +92,32 @@ static void test_priority_goes_before_age_within_a_lane(void **state)
 }
 
 /* Against a list in the order of arrival, from which each lane's next is searched. */
+/* Its entries stay, and come in turn when it is let go; one that empties or fills meanwhile does not appear. */
+static void test_a_held_lane_is_passed_over(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_lane lanes[2] = {0};
+    struct fair_entry entries[2][2] = {0};
+    for (int lane = 0; lane < 2; lane++)
+        fair_queue_add(&queue, &lanes[lane], &entries[lane][0], 1);
+    fair_queue_hold(&queue, &lanes[0], true);
+    fair_queue_hold(&queue, &lanes[0], true);
+    fair_queue_add(&queue, &lanes[0], &entries[0][1], 1);
+    assert_ptr_equal(fair_queue_peek(&queue), &entries[1][0]);
+    fair_queue_pop(&queue, 1);
+    assert_null(fair_queue_peek(&queue));
+    assert_int_equal(queue.count, 2);
+    fair_queue_remove(&queue, &entries[0][0]);
+    fair_queue_hold(&queue, &lanes[0], false);
+    assert_ptr_equal(fair_queue_peek(&queue), &entries[0][1]);
+    fair_queue_hold(&queue, &lanes[0], true);
+    fair_queue_remove(&queue, &entries[0][1]);
+    fair_queue_hold(&queue, &lanes[0], false);
+    assert_null(fair_queue_peek(&queue));
+    assert_int_equal(queue.count, 0);
+}
+
 static void test_random_operations_match_a_list(void **state)
 {
     (void)state;
@@ -138,6 +164,7 @@ int main(void)
         cmocka_unit_test(test_a_new_lane_starts_level),
         cmocka_unit_test(test_lanes_are_given_equally_much),
         cmocka_unit_test(test_priority_goes_before_age_within_a_lane),
+        cmocka_unit_test(test_a_held_lane_is_passed_over),
         cmocka_unit_test(test_random_operations_match_a_list),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -27,14 +27,18 @@ static int tear_down(void **state)
 /* No build starts until builds_go. */
 static void builds_stop(void)
 {
-    admission_give(&world.service->admission.builds, 0);
-    world.service->admission.exclusive = true;
+    struct admission *admission = &world.service->admission;
+    admission_give(&admission->builds[ADMISSION_SMALL], admission->limit);
+    admission_give(&admission->builds[ADMISSION_LARGE], 0);
+    admission->exclusive = true;
 }
 
 static void builds_go(void)
 {
-    admission_end(&world.service->admission.builds, 0);
-    world.service->admission.exclusive = false;
+    struct admission *admission = &world.service->admission;
+    admission_end(&admission->builds[ADMISSION_SMALL], admission->limit);
+    admission_end(&admission->builds[ADMISSION_LARGE], 0);
+    admission->exclusive = false;
 }
 
 static bool is_idle(void *context)

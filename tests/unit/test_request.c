@@ -321,6 +321,48 @@ static void release_workers(struct world_gate *gates[2])
     world_open(gates[1]);
 }
 
+/* Nothing is left of either tier, and everything again. */
+static void take_all(struct admission_share shares[ADMISSION_TIERS])
+{
+    for (int tier = 0; tier < ADMISSION_TIERS; tier++)
+        admission_give(&shares[tier], world.service->admission.limit);
+}
+
+static void give_all(struct admission_share shares[ADMISSION_TIERS])
+{
+    for (int tier = 0; tier < ADMISSION_TIERS; tier++)
+        admission_end(&shares[tier], world.service->admission.limit);
+}
+
+/* What is small waits neither for those that take much memory nor for memory that they have. */
+static void test_small_ones_pass_large_ones(void **state)
+{
+    (void)state;
+    struct world_client *clients[2] = {world_join(&world), world_join(&world)};
+    struct service *service = world.service;
+    struct world_mesh small, large;
+    world_mesh_init(&small, 100, 1);
+    world_mesh_init(&large, 1500, 2);
+    struct control_item item = world_item(&large.input, large.size, SOURCE_INLINE, 0);
+    void *block = memory_alloc(&service->large, service->large.limit);
+    assert_non_null(block);
+    service->admission.limit = (preparation_guess(&item) - 1) * ADMISSION_SMALL_PART; /* a little too much to be small */
+    admission_give(&service->admission.prepares[ADMISSION_LARGE], service->admission.limit);
+    world_build_mesh(clients[0], 1, &large);
+    world_await_state(clients[0], 1, 0, ITEM_WAITING);
+    world_build_mesh(clients[1], 1, &small);
+    check_item(clients[1], 1, 0, &small.input, ORIGIN_BUILT);
+    world_await_state(clients[0], 1, 0, ITEM_WAITING);
+    admission_end(&service->admission.prepares[ADMISSION_LARGE], service->admission.limit);
+    service_collect(service);
+    assert_int_equal(world_await_result(clients[0], 1, 0)->result->error.status, BVHD_NO_MEMORY);
+    memory_free(&service->large, block);
+    world_build_mesh(clients[0], 2, &large);
+    check_item(clients[0], 2, 0, &large.input, ORIGIN_BUILT);
+    world_mesh_finish(&small);
+    world_mesh_finish(&large);
+}
+
 static void check_cancelled(struct world_client *client, uint64_t request)
 {
     assert_int_equal(world_status(client, request, 0), BVHD_CANCELLED);
@@ -340,7 +382,7 @@ static void test_cancel_while_it_waits_for_memory(void **state)
     struct world_client *client = world_join(&world);
     struct world_mesh mesh;
     world_mesh_init(&mesh, 100, 1);
-    admission_give(&world.service->admission.prepares, world.service->admission.limit); /* nothing is left */
+    take_all(world.service->admission.prepares); /* nothing is left */
     world_build_mesh(client, 1, &mesh);
     world_await_state(client, 1, 0, ITEM_WAITING);
     assert_int_equal(world_counters(&world).prepares_waiting, 1);
@@ -349,7 +391,7 @@ static void test_cancel_while_it_waits_for_memory(void **state)
     assert_int_equal(world_prepared(client, 1, 0), 1);
     assert_null(session_find(client->session, 1));
     assert_int_equal(world_counters(&world).prepares_started, 0);
-    admission_end(&world.service->admission.prepares, world.service->admission.limit);
+    give_all(world.service->admission.prepares);
     world_mesh_finish(&mesh);
 }
 
@@ -380,7 +422,7 @@ static void test_cancel_while_it_waits_for_its_build(void **state)
     struct world_client *client = world_join(&world);
     struct world_mesh mesh;
     world_mesh_init(&mesh, 100, 1);
-    admission_give(&world.service->admission.builds, world.service->admission.limit);
+    take_all(world.service->admission.builds);
     world_build_mesh(client, 1, &mesh);
     world_await_state(client, 1, 0, ITEM_JOINED);
     assert_int_equal(world_counters(&world).builds_waiting, 1);
@@ -388,7 +430,7 @@ static void test_cancel_while_it_waits_for_its_build(void **state)
     check_cancelled(client, 1);
     assert_int_equal(world_counters(&world).builds_waiting, 0);
     assert_int_equal(world_prepared(client, 1, 0), 1);
-    admission_end(&world.service->admission.builds, world.service->admission.limit);
+    give_all(world.service->admission.builds);
     assert_int_equal(world_counters(&world).builds_started, 0);
     world_mesh_finish(&mesh);
 }
@@ -514,6 +556,7 @@ int main(void)
         TEST(test_a_memfd_is_looked_at_by_the_worker),
         TEST(test_bad_items_fail_alone),
         TEST(test_rules_between_items),
+        TEST(test_small_ones_pass_large_ones),
         TEST(test_cancel_while_it_waits_for_memory),
         TEST(test_cancel_while_a_worker_prepares),
         TEST(test_cancel_while_it_waits_for_its_build),

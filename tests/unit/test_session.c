@@ -364,7 +364,13 @@ static void test_full_queues_are_busy(void **state)
     build_many(modest, 2, &mesh, 3); /* over all there is */
     assert_non_null(world_find(modest, FRAME_BUSY, 2, 0));
     assert_int_equal(world_counters(&world).refused, 2);
-    greedy->hold = modest->hold = false;
+    struct world_client *late = world_join(&world);
+    late->hold = true;
+    build_many(late, 1, &mesh, 13); /* its share: the others leave no more than they must */
+    assert_null(world_find(late, FRAME_BUSY, 1, 0));
+    build_many(late, 2, &mesh, 1);
+    assert_non_null(world_find(late, FRAME_BUSY, 2, 0));
+    greedy->hold = modest->hold = late->hold = false;
     world_settle(&world);
     build_many(greedy, 2, &mesh, 4);
     world_settle(&world);

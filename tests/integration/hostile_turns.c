@@ -1,0 +1,193 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * hostile_turns BVHD [CASE...] - clients that ask for much, or let things lie: others have their turn in the meantime, and memory stays within bounds.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "hostile.h"
+
+enum { MIB = 1 << 20, MEMORY = 256, CACHE = 16, SOON_MS = 1000, UNFINISHED = 300, SLOW_READERS = 4, REQUESTS = 110, CROWD = 17 };
+
+static struct hostile hostile;
+
+static void sleep_ms(long ms)
+{
+    struct timespec wait = {ms / 1000, ms % 1000 * 1000000};
+    nanosleep(&wait, NULL);
+}
+
+static void connect_well(struct raw_client *client)
+{
+    if (!raw_connect(client, hostile.service.socket)) {
+        fputs("the daemon is gone\n", stderr);
+        exit(1);
+    }
+    raw_hello(client);
+}
+
+static double counter_mib(const char *name)
+{
+    return (double)hostile_counter(&hostile, name) / MIB;
+}
+
+/* That many boxes in 120 bytes: with a stride of 0 all are the same one. Different for each seed; `times`: items, all the same. */
+static void ask_for_boxes(struct raw_client *client, uint32_t count, uint32_t seed, uint32_t times)
+{
+    unsigned char payload[ROWS_GEOMETRY_SIZE + 6 * sizeof(float)] = {0};
+    struct geometry_row row = {.type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
+    float box[6] = {0, 0, 0, 1, 1, 1 + (float)seed};
+    memcpy(payload, &row, sizeof row);
+    memcpy(payload + sizeof row, box, sizeof box);
+    static struct control_item items[CONTROL_MAX_ITEMS];
+    for (uint32_t i = 0; i < times; i++)
+        items[i] = raw_item(0, sizeof payload, SOURCE_INLINE);
+    raw_build(client, items, times, (struct bytes){payload, sizeof payload}, NULL, NULL, 0);
+}
+
+/* Waits for the counter to become at least that. */
+static bool wait_for(const char *counter, uint64_t least)
+{
+    double begin = hostile_now();
+    while (hostile_counter(&hostile, counter) < least)
+        if (hostile_now() - begin > 20000)
+            return false;
+    return true;
+}
+
+static enum bvhd_status status_of(struct raw_client *client, int timeout_ms)
+{
+    struct frame frame;
+    struct control_result *result = raw_await(client, FRAME_RESULT, timeout_ms, &frame) ? raw_result(client, &frame) : NULL;
+    enum bvhd_status status = result ? result->error.status : BVHD_UNAVAILABLE;
+    for (int i = 0; result && i < frame.header.descriptors; i++)
+        close(frame.descriptors[i]);
+    memory_free(&client->memory, result);
+    return status;
+}
+
+/* A request of 120 bytes wants nearly all memory, and so has to wait for a build that takes its time. Nobody else has to. */
+static void case_giants(void)
+{
+    struct raw_client builder, giant;
+    connect_well(&builder);
+    connect_well(&giant);
+    ask_for_boxes(&builder, 700000, 1, 1);
+    hostile_expect(wait_for("builds_running", 1), "no build runs");
+    ask_for_boxes(&giant, 3500000, 1, 1);
+    hostile_expect(wait_for("prepares_waiting", 1) || hostile_counter(&hostile, "builds_running") == 0, "the giant does not wait");
+    double longest = 0;
+    uint32_t beside = 0;
+    while (hostile_counter(&hostile, "prepares_waiting") > 0) {
+        double ms = hostile_serves(&hostile, "a giant waits", SOON_MS);
+        longest = ms > longest ? ms : longest;
+        beside++;
+    }
+    hostile_expect(beside > 1, "nobody was served while the giant waited");
+    hostile_expect(status_of(&builder, 60000) == BVHD_OK, "what the giant waited for has failed");
+    printf("%u others were served while a giant waited, each within %.0f ms\n", beside, longest);
+    raw_close(&builder);
+    raw_close(&giant);
+}
+
+/* Of each frame its header and a little. */
+static void case_unfinished(void)
+{
+    static struct raw_client clients[UNFINISHED];
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    struct frame_header header = {.type = FRAME_GET, .control_size = FRAME_MAX_CONTROL, .inline_size = FRAME_MAX_INLINE, .request = 1};
+    frame_header_write(&header, bytes);
+    for (int i = 0; i < UNFINISHED; i++) {
+        connect_well(&clients[i]);
+        raw_send(&clients[i], bytes, sizeof bytes, NULL, 0);
+    }
+    sleep_ms(100);
+    for (int i = 0; i < UNFINISHED; i++)
+        raw_send(&clients[i], "more", 4, NULL, 0);
+    sleep_ms(100);
+    hostile_expect(counter_mib("memory_live") < 16, "%d unfinished frames hold %.0f MiB of %d", UNFINISHED, counter_mib("memory_live"),
+                   MEMORY);
+    struct raw_client client;
+    connect_well(&client);
+    ask_for_boxes(&client, 200000, 2, 1);
+    hostile_expect(status_of(&client, 20000) == BVHD_OK, "a build fails beside unfinished frames");
+    raw_close(&client);
+    for (int i = 0; i < UNFINISHED; i++)
+        raw_close(&clients[i]);
+}
+
+/* As many items as the service takes at all, none of which is soon done. */
+static void case_crowd(void)
+{
+    static struct raw_client clients[CROWD];
+    for (uint32_t i = 0; i < CROWD; i++) {
+        connect_well(&clients[i]);
+        ask_for_boxes(&clients[i], 300000, 1000 + i, 1024);
+    }
+    hostile_expect(wait_for("queue_depth", 16000), "the queue is not full");
+    for (int i = 0; i < 10; i++)
+        hostile_serves(&hostile, "the queue is full", SOON_MS);
+    printf("%llu items are under way\n", (unsigned long long)hostile_counter(&hostile, "queue_depth"));
+    for (int i = 0; i < CROWD; i++)
+        raw_close(&clients[i]);
+}
+
+/* Results of 2.6 MiB each that nobody reads. */
+static void case_unread(void)
+{
+    struct raw_client clients[SLOW_READERS];
+    uint32_t asked = 0;
+    for (int i = 0; i < SLOW_READERS; i++)
+        connect_well(&clients[i]);
+    for (int k = 0; k < REQUESTS; k++)
+        ask_for_boxes(&clients[k % SLOW_READERS], 100000, 10 + ++asked, 1);
+    uint64_t done = 0, before = UINT64_MAX;
+    for (double begin = hostile_now(); done != before && hostile_now() - begin < 60000;) {
+        sleep_ms(1000);
+        before = done;
+        done = hostile_counter(&hostile, "builds_done");
+    }
+    double unread = counter_mib("live_result_bytes") - counter_mib("cache_bytes");
+    hostile_expect(unread < MEMORY, "%.0f MiB of results lie unread", unread);
+    hostile_expect(hostile_counter(&hostile, "prepares_waiting") > 0, "everything was built: nothing is shown");
+    hostile_serves(&hostile, "results lie unread", SOON_MS);
+    printf("%.0f MiB of results lie unread, %llu wait for their clients to read\n", unread,
+           (unsigned long long)hostile_counter(&hostile, "prepares_waiting"));
+    for (uint32_t i = 0; i < asked; i++) {
+        enum bvhd_status status = status_of(&clients[i % SLOW_READERS], 20000);
+        hostile_expect(status == BVHD_OK, "who reads again gets for request %u: %s", i, bvhd_status_name(status));
+    }
+    for (int i = 0; i < SLOW_READERS; i++)
+        raw_close(&clients[i]);
+}
+
+static const struct {
+    const char *name;
+    void (*run)(void);
+} cases[] = {{"giants", case_giants}, {"unfinished", case_unfinished}, {"crowd", case_crowd}, {"unread", case_unread}};
+
+int main(int argc, char **argv)
+{
+    static const char *const options[] = {"--workers", "2", "--memory", "256M", "--cache-size", "16M", NULL};
+    int failures = 0;
+    if (argc < 2)
+        return 2;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        bool chosen = argc == 2;
+        for (int k = 2; k < argc; k++)
+            chosen |= !strcmp(argv[k], cases[i].name);
+        if (!chosen)
+            continue;
+        hostile_begin(&hostile, argv[1], options);
+        double begin = hostile_now();
+        cases[i].run();
+        hostile.descriptors_base += hostile_counter(&hostile, "cache_entries"); /* each may have one */
+        hostile_expect_clean(&hostile, cases[i].name, 5000);
+        printf("%-12s %.0f ms\n", cases[i].name, hostile_now() - begin);
+        fflush(stdout);
+        failures = hostile_end(&hostile);
+    }
+    return failures ? 1 : 0;
+}
