@@ -29,6 +29,8 @@ struct conn {
     struct conn *next, *previous; /* the group's: all */
     struct conn *next_due; /* the group's: those that are due */
     bool is_due, is_later;
+    uint64_t cost_ns; /* of its work lately */
+    bool waits_costly; /* due, among those that are costly */
     enum conn_state state;
     int socket;
     struct session_peer peer;

@@ -18,15 +18,18 @@ struct conn_limits conn_limits_default(void)
     };
 }
 
-static struct conn *take_due(struct conn_group *group)
+/* Nanoseconds of work that make a connection costly; of a turn for those that are. */
+enum { COSTLY_NS = 300 * 1000, COSTLY_TURN_NS = 2 * 1000 * 1000 };
+
+static struct conn *take_first(struct conn **first, struct conn ***end)
 {
-    struct conn *conn = group->due;
+    struct conn *conn = *first;
     if (!conn)
         return NULL;
-    group->due = conn->next_due;
-    if (!group->due)
-        group->due_end = &group->due;
-    conn->is_due = false;
+    *first = conn->next_due;
+    if (!*first)
+        *end = first;
+    conn->is_due = conn->waits_costly = false;
     return conn;
 }
 
@@ -46,17 +49,29 @@ static void prepare_next_turn(struct conn_group *group)
         conn->is_later = false;
         conn_group_due(group, conn);
     }
-    if (group->due)
+    if (group->due || group->costly)
         uv_idle_start(&group->again, ignore_idle);
     else
         uv_idle_stop(&group->again);
 }
 
+/* The struct outlives its end: the loop frees it later. */
+static void work(struct conn *conn)
+{
+    uint64_t begin = uv_hrtime();
+    conn_work(conn);
+    conn->cost_ns = (3 * conn->cost_ns + uv_hrtime() - begin) / 4;
+}
+
 static void take_turn(uv_prepare_t *prepare)
 {
     struct conn_group *group = prepare->data;
-    while ((group->working = take_due(group)))
-        conn_work(group->working);
+    while ((group->working = take_first(&group->due, &group->due_end)))
+        work(group->working);
+    for (uint64_t end = uv_hrtime() + COSTLY_TURN_NS;
+         uv_hrtime() < end && (group->working = take_first(&group->costly, &group->costly_end));)
+        work(group->working);
+    group->working = NULL;
     prepare_next_turn(group);
     if (group->changed)
         group->changed(group->context);
@@ -66,6 +81,7 @@ void conn_group_init(struct conn_group *group, uv_loop_t *loop, struct service *
 {
     *group = (struct conn_group){.loop = loop, .service = service, .limits = *limits};
     group->due_end = &group->due;
+    group->costly_end = &group->costly;
     group->later_end = &group->later;
     uv_prepare_init(loop, &group->turn);
     uv_idle_init(loop, &group->again);
@@ -137,11 +153,13 @@ static void remove_from_list(struct conn **first, struct conn ***end, const stru
 
 void conn_group_remove(struct conn_group *group, struct conn *conn)
 {
-    if (conn->is_due)
+    if (conn->waits_costly)
+        remove_from_list(&group->costly, &group->costly_end, conn);
+    else if (conn->is_due)
         remove_from_list(&group->due, &group->due_end, conn);
     if (conn->is_later)
         remove_from_list(&group->later, &group->later_end, conn);
-    conn->is_due = conn->is_later = false;
+    conn->is_due = conn->is_later = conn->waits_costly = false;
     *(conn->previous ? &conn->previous->next : &group->first) = conn->next;
     if (conn->next)
         conn->next->previous = conn->previous;
@@ -152,10 +170,12 @@ void conn_group_due(struct conn_group *group, struct conn *conn)
 {
     if (conn->is_due || conn->is_later || conn == group->working) /* its work ends with a look at everything */
         return;
+    conn->waits_costly = conn->cost_ns > COSTLY_NS;
+    struct conn ***end = conn->waits_costly ? &group->costly_end : &group->due_end;
     conn->is_due = true;
     conn->next_due = NULL;
-    *group->due_end = conn;
-    group->due_end = &conn->next_due;
+    **end = conn;
+    *end = &conn->next_due;
 }
 
 void conn_group_later(struct conn_group *group, struct conn *conn)

@@ -4,6 +4,9 @@
  *
  * Whatever happens to a connection (bytes, a reply, a deadline) only notes that it is due. What is due is worked off once in each turn of the loop, just
  * before it waits: replies that came together leave together, and nothing is called from within a session's callbacks.
+ *
+ * Those whose work has taken long lately come after all others, and only as many in one turn as a short time allows: who asks for thousands of things at
+ * once, over many connections, waits for himself, and a PING is answered in between.
  */
 #ifndef BVHD_CONN_GROUP_H
 #define BVHD_CONN_GROUP_H
@@ -38,6 +41,7 @@ struct conn_group {
     uint32_t count;
     struct conn *working; /* whose work is done now */
     struct conn *due, **due_end; /* in this turn */
+    struct conn *costly, **costly_end; /* after those, as time allows */
     struct conn *later, **later_end; /* in the next */
     struct log_limit broken_log;
 };

@@ -264,6 +264,39 @@ static void test_turns(void **state)
     bed_close(&bed);
 }
 
+/* Those that take long wait for one another, and nobody else for all of them. */
+static void test_costly_ones_come_last(void **state)
+{
+    struct bed bed;
+    struct bed_client *clients[BED_CLIENTS];
+    struct frame frame;
+    bool found;
+    (void)state;
+    bed_open(&bed, NULL);
+    for (int i = 0; i < BED_CLIENTS; i++) {
+        clients[i] = bed_connect(&bed, 1);
+        bed_hello(&bed, clients[i]);
+    }
+    for (int i = 0; i < BED_CLIENTS - 1; i++) {
+        bed_send(clients[i], FAKE_COSTLY, 1);
+        bed_expect(&bed, clients[i], FRAME_PONG, 1);
+    }
+    uint32_t before = bed.service.frames;
+    for (int i = 0; i < BED_CLIENTS - 1; i++)
+        bed_send(clients[i], FAKE_COSTLY, 2);
+    bed_send(clients[BED_CLIENTS - 1], FRAME_PING, 2);
+    uv_run(&bed.loop, UV_RUN_NOWAIT);
+    uv_run(&bed.loop, UV_RUN_NOWAIT);
+    assert_int_equal(bed.service.frames - before, 2);
+    bed_read(clients[BED_CLIENTS - 1]);
+    assert_int_equal(frame_parser_next(&clients[BED_CLIENTS - 1]->parser, &frame, &found, NULL), BVHD_OK);
+    assert_true(found);
+    bed_hang_up(clients[1]); /* while it waits for its turn */
+    bed_expect(&bed, clients[0], FRAME_PONG, 2);
+    bed_expect(&bed, clients[2], FRAME_PONG, 2);
+    bed_close(&bed);
+}
+
 /* Descriptors of this user on their way elsewhere: more than the kernel wants to see. */
 static int use_up_flight(int *ret_reader)
 {
@@ -420,6 +453,7 @@ int main(void)
         cmocka_unit_test(test_reads_slowly),
         cmocka_unit_test(test_part_of_a_frame),
         cmocka_unit_test(test_turns),
+        cmocka_unit_test(test_costly_ones_come_last),
         cmocka_unit_test(test_refused_by_the_kernel),
         cmocka_unit_test(test_short_of_descriptors),
         cmocka_unit_test(test_short_of_memory),
