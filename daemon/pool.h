@@ -9,8 +9,8 @@
  * * within a turn, to the highest priority; of equal ones a running job's open tasks come before a queued job, and older jobs first.
  *
  * A job that runs keeps the thread that runs it. So that a small job need not wait for a large one, there are a few spare threads beside the
- * workers: one starts a queued job only while every thread that runs is busy for a job at least POOL_SPARE_RATIO times as large. The system's
- * scheduler then shares the processors.
+ * workers: one starts a queued job only while every thread that runs is busy for a job at least POOL_SPARE_RATIO times as large, and of size
+ * POOL_SPARE_LEAST or more: what ends soon by itself is waited for. The system's scheduler then shares the processors.
  *
  * Everything but run() is called from one thread, the loop; `wake` comes from any.
  */
@@ -24,7 +24,7 @@
 #include "parallel.h"
 #include "status.h"
 
-enum { POOL_SPARE_RATIO = 8, POOL_MAX_THREADS = 1024, POOL_PAUSE_NS = 10 * 1000 * 1000 };
+enum { POOL_SPARE_RATIO = 8, POOL_SPARE_LEAST = 8192, POOL_MAX_THREADS = 1024, POOL_PAUSE_NS = 10 * 1000 * 1000 };
 
 struct pool;
 struct pool_turn;

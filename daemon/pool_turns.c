@@ -143,12 +143,19 @@ bool pool_turns_leave(struct pool *pool, const struct pool_call *call, uint64_t 
     return least_served(pool, call->run->job->turn, now).call != call;
 }
 
+/* The largest size that may start beside this job; 0: none. */
+static uint64_t size_beside(const struct pool_job *job)
+{
+    uint64_t size = pool_queue_size(job);
+    return size < POOL_SPARE_LEAST ? 0 : size / POOL_SPARE_RATIO;
+}
+
 /* The largest size that may start beside what runs, or 0 once it is less than `enough`. */
 static uint64_t spare_size(const struct pool *pool, uint64_t enough)
 {
     uint64_t size = UINT64_MAX;
     for (const struct pool_run *run = pool->runs; run; run = run->next) {
-        uint64_t most = pool_queue_size(run->job) / POOL_SPARE_RATIO;
+        uint64_t most = size_beside(run->job);
         size = most < size ? most : size;
         if (size < enough)
             return 0;

@@ -12,8 +12,8 @@ static void a_small_job_starts_beside_a_large_one(void **state)
         loop_init(&loop, threads);
         struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
         for (unsigned i = 0; i < threads; i++)
-            step_hold_thread(&large[i], &loop, turn, 6400 + i);
-        step_hold_thread(&small, &loop, other, 800);
+            step_hold_thread(&large[i], &loop, turn, 102400 + i);
+        step_hold_thread(&small, &loop, other, 12800);
         step_hold_thread(&smaller, &loop, turn, 100);
         assert_int_equal(pool_load(loop.pool).running, threads + 2);
         step_let_go(&smaller);
@@ -44,15 +44,15 @@ static void others_wait(void **state)
     struct step large, similar, small, same, smaller, smallest;
     loop_init(&loop, 1);
     struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
-    step_hold_thread(&large, &loop, turn, 51200);
-    step_init(&similar, &loop, other, 8192);
+    step_hold_thread(&large, &loop, turn, 819200);
+    step_init(&similar, &loop, other, 131072);
     step_submit(&similar);
     check_waits(&similar);
-    step_hold_thread(&small, &loop, other, 4000);
-    step_init(&same, &loop, turn, 4000);
+    step_hold_thread(&small, &loop, other, 64000);
+    step_init(&same, &loop, turn, 64000);
     step_submit(&same);
     check_waits(&same);
-    step_hold_thread(&smaller, &loop, other, 500);
+    step_hold_thread(&smaller, &loop, other, 8000);
     step_init(&smallest, &loop, other, 1);
     step_submit(&smallest);
     check_waits(&smallest);
@@ -71,6 +71,30 @@ static void others_wait(void **state)
     pool_turn_end(loop.pool, turn);
     pool_turn_end(loop.pool, other);
     loop_finish(&loop);
+}
+
+static void what_ends_soon_is_waited_for(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step running, small;
+    for (uint64_t size = POOL_SPARE_LEAST - 1; size <= POOL_SPARE_LEAST; size++) {
+        loop_init(&loop, 1);
+        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
+        step_hold_thread(&running, &loop, turn, size);
+        step_init(&small, &loop, other, 1);
+        step_submit(&small);
+        if (size < POOL_SPARE_LEAST)
+            check_waits(&small);
+        else
+            step_await(&loop, &small);
+        step_let_go(&running);
+        step_await(&loop, &running);
+        step_await(&loop, &small);
+        pool_turn_end(loop.pool, turn);
+        pool_turn_end(loop.pool, other);
+        loop_finish(&loop);
+    }
 }
 
 static void a_small_job_does_not_wait_behind_a_large_one(void **state)
@@ -110,7 +134,7 @@ static void a_spare_thread_comes_when_a_large_one_starts(void **state)
     loop_init(&loop, 1);
     struct pool_turn *turn = loop_turn(&loop);
     step_hold_thread(&first, &loop, turn, 10);
-    step_init(&large, &loop, turn, 1000);
+    step_init(&large, &loop, turn, 10000);
     large.body = hold;
     large.job.priority = 1;
     step_submit(&large);
@@ -118,7 +142,7 @@ static void a_spare_thread_comes_when_a_large_one_starts(void **state)
         step_init(&small[i], &loop, turn, 10);
         step_submit(&small[i]);
     }
-    step_init(&similar, &loop, turn, 2000);
+    step_init(&similar, &loop, turn, 20000);
     step_submit(&similar);
     check_waits(&small[0]);
     step_let_go(&first);
@@ -149,7 +173,7 @@ static void a_spare_thread_goes_to_the_least_served(void **state)
         struct step large, served, between, small[2];
         loop_init(&loop, 1);
         struct pool_turn *turn = loop_turn(&loop), *turns[2] = {loop_turn(&loop), loop_turn(&loop)};
-        step_hold_thread(&large, &loop, turn, 1000);
+        step_hold_thread(&large, &loop, turn, 10000);
         step_init(&served, &loop, turns[1 - fresh], 10);
         served.body = sleep_for_count;
         served.count = 10;
@@ -206,9 +230,13 @@ static void small_jobs_flow_beside_tasks(void **state)
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_small_job_starts_beside_a_large_one),        cmocka_unit_test(others_wait),
-        cmocka_unit_test(a_small_job_does_not_wait_behind_a_large_one), cmocka_unit_test(a_spare_thread_comes_when_a_large_one_starts),
-        cmocka_unit_test(a_spare_thread_goes_to_the_least_served),      cmocka_unit_test(small_jobs_flow_beside_tasks),
+        cmocka_unit_test(a_small_job_starts_beside_a_large_one),
+        cmocka_unit_test(others_wait),
+        cmocka_unit_test(what_ends_soon_is_waited_for),
+        cmocka_unit_test(a_small_job_does_not_wait_behind_a_large_one),
+        cmocka_unit_test(a_spare_thread_comes_when_a_large_one_starts),
+        cmocka_unit_test(a_spare_thread_goes_to_the_least_served),
+        cmocka_unit_test(small_jobs_flow_beside_tasks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

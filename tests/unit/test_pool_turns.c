@@ -225,10 +225,10 @@ static void meeting_init(struct meeting *meeting, unsigned threads)
     loop_init(&meeting->loop, threads);
     meeting->turn = loop_turn(&meeting->loop);
     meeting->other = loop_turn(&meeting->loop);
-    step_init(&meeting->large, &meeting->loop, meeting->turn, 1000);
+    step_init(&meeting->large, &meeting->loop, meeting->turn, 100000);
     meeting->large.body = step_many_tasks;
     meeting->large.count = 100000;
-    step_init(&meeting->newcomer, &meeting->loop, meeting->other, 1000);
+    step_init(&meeting->newcomer, &meeting->loop, meeting->other, 100000);
 }
 
 static void start_large(struct meeting *meeting)
@@ -364,7 +364,7 @@ static void newcomers_are_not_put_off_by_more_of_them(void **state)
     int count = 0;
     do {
         assert_true(count < MOST);
-        step_init(&steps[count], &meeting.loop, meeting.other, 1000);
+        step_init(&steps[count], &meeting.loop, meeting.other, 100000);
         step_submit(&steps[count++]);
         steps_burn(300000);
     } while (!step_has_started(&steps[0]));
