@@ -2,18 +2,11 @@
 #include "batch.h"
 
 #include <string.h>
-#include <time.h>
 
+#include "clock.h"
 #include "content_key.h"
 #include "prepare.h"
 #include "validate.h"
-
-static double milliseconds(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
-}
 
 /*
  * Items that were built, by key: open addressing, slots hold an item's index + 1 or 0. A key is a cryptographic hash, so its first bytes spread
@@ -70,9 +63,9 @@ static enum bvhd_status build_item(const struct batch *batch, const struct canon
         item->stats = equal->stats;
         return BVHD_OK;
     }
-    double begin = milliseconds();
+    double begin = clock_ms();
     status = build(canonical, options, context, &item->blob, &item->stats, &item->error);
-    item->build_ms = milliseconds() - begin;
+    item->build_ms = clock_ms() - begin;
     if (status == BVHD_OK) {
         memory_hand_up(context->memory, item->blob);
         item->size = item->stats.sizes.total;
@@ -90,9 +83,9 @@ static void run_item(const struct batch *batch, const struct build_input *input,
     struct canonical canonical;
     memory_init_within(&memory, batch->context->memory, UINT64_MAX);
     context.memory = &memory;
-    double begin = milliseconds();
+    double begin = clock_ms();
     item->status = prepare(input, index, batch->limits, &context, &canonical, &item->error);
-    item->prepare_ms = milliseconds() - begin;
+    item->prepare_ms = clock_ms() - begin;
     if (item->status != BVHD_OK)
         return;
     item->status = build_item(batch, &canonical, &input->options, &context, item);

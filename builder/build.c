@@ -2,9 +2,9 @@
 #include "build.h"
 
 #include <string.h>
-#include <time.h>
 
 #include "clip.h"
+#include "clock.h"
 #include "collapse.h"
 #include "depth.h"
 #include "pieces.h"
@@ -55,13 +55,6 @@ const char *build_quality_name(enum build_quality quality)
     return (unsigned)quality < sizeof names / sizeof *names ? names[quality] : "unknown";
 }
 
-static double milliseconds(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
-}
-
 static enum bvhd_status cancelled(const struct construction *construction)
 {
     return bvhd_error_set(construction->error, BVHD_CANCELLED, "", "cancelled");
@@ -70,7 +63,7 @@ static enum bvhd_status cancelled(const struct construction *construction)
 /* Ends a stage: adds its time, looks at the cancel flag. */
 static enum bvhd_status stage_end(struct construction *construction, double *ms)
 {
-    double now = milliseconds();
+    double now = clock_ms();
     *ms += now - construction->clock;
     construction->clock = now;
     return context_cancelled(construction->context) ? cancelled(construction) : BVHD_OK;
@@ -323,7 +316,7 @@ static enum bvhd_status construction_init(struct construction *construction, con
                                           const struct build_options *options, const struct build_context *context,
                                           struct bvhd_error *error)
 {
-    *construction = (struct construction){.canonical = canonical, .context = context, .error = error, .clock = milliseconds()};
+    *construction = (struct construction){.canonical = canonical, .context = context, .error = error, .clock = clock_ms()};
     construction->quality = build_quality_resolve(options->quality, canonical->flags);
     construction->layout = layout_find(options->target);
     if (!construction->layout)

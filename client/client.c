@@ -12,7 +12,7 @@
 
 void client_look(struct bvhd_client *client)
 {
-    uint64_t now = library_now();
+    uint64_t now = clock_ns();
     incoming_receive(client, now);
     client_link_check(client, now);
 }
@@ -20,7 +20,7 @@ void client_look(struct bvhd_client *client)
 void client_advance(struct bvhd_client *client)
 {
     client_look(client);
-    client_link_connect(client, library_now());
+    client_link_connect(client, clock_ns());
     outgoing_pump(client);
     client_link_tidy(client);
 }
@@ -44,7 +44,7 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
     *client = (struct bvhd_client){
         .connect_timeout = ns_or(options->connect_timeout_ms, DEFAULT_CONNECT_TIMEOUT_MS),
         .lost_after = ns_or(options->lost_after_ms, DEFAULT_LOST_AFTER_MS),
-        .random = (uint32_t)library_now(),
+        .random = (uint32_t)clock_ns(),
     };
     uint64_t pool_size = options->pool_size && options->pool_size < MAX_POOL_SIZE ? options->pool_size : MAX_POOL_SIZE;
     placement_init(&client->placement, &library_memory, pool_size);

@@ -224,7 +224,7 @@ int bvhd_batch_is_done(struct bvhd_batch *batch)
 static enum bvhd_status wait_for(struct bvhd_batch *batch, int timeout_ms, bool (*is_true)(const void *context))
 {
     client_lock(batch->client);
-    bool result = client_wait_until(batch->client, library_after(library_now(), timeout_ms), is_true, batch);
+    bool result = client_wait_until(batch->client, library_after(clock_ns(), timeout_ms), is_true, batch);
     client_unlock(batch->client);
     return result ? BVHD_OK : BVHD_PENDING;
 }

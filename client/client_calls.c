@@ -45,7 +45,7 @@ enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_err
 {
     client_lock(client);
     struct call call = {.client = client, .failures = client->failures};
-    enum bvhd_status status = await_connection(&call, library_now() + client->connect_timeout, ret_error);
+    enum bvhd_status status = await_connection(&call, clock_ns() + client->connect_timeout, ret_error);
     client_unlock(client);
     return status;
 }
@@ -64,11 +64,11 @@ static void forget(struct call *call)
 static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout_ms, struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;
-    uint64_t now = library_now(), moment = library_after(now, timeout_ms), hope = now + client->connect_timeout;
+    uint64_t now = clock_ns(), moment = library_after(now, timeout_ms), hope = now + client->connect_timeout;
     enum bvhd_status status = await_connection(call, moment < hope ? moment : hope, error);
     if (status != BVHD_OK)
         return status;
-    if (!connection_send_empty(client_link_open(client), type, &call->waiter, library_now()))
+    if (!connection_send_empty(client_link_open(client), type, &call->waiter, clock_ns()))
         return bvhd_error_set(error, BVHD_NO_MEMORY, "client", "no memory for a request");
     if (!client_wait_until(client, moment, is_answered, call)) {
         forget(call);
@@ -82,9 +82,9 @@ enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, do
 {
     client_lock(client);
     struct call call = {.client = client, .failures = client->failures};
-    uint64_t start = library_now();
+    uint64_t start = clock_ns();
     enum bvhd_status status = ask(&call, FRAME_PING, timeout_ms, ret_error);
-    uint64_t end = library_now();
+    uint64_t end = clock_ns();
     client_unlock(client);
     if (status == BVHD_OK && ret_ms)
         *ret_ms = (double)(end - start) / (double)LIBRARY_MS;

@@ -103,7 +103,7 @@ void client_link_lose(struct bvhd_client *client, struct connection *connection,
         return;
     client->last_error = told;
     if (try_again)
-        try_later(client, library_now());
+        try_later(client, clock_ns());
     else
         give_up(client, &told);
 }
@@ -197,7 +197,7 @@ static uint64_t connection_deadline(const struct bvhd_client *client, const stru
     if (connection->busy_until)
         deadline = earlier(deadline, connection->busy_until);
     if (connection->is_starved)
-        deadline = earlier(deadline, library_after(library_now(), STARVED_MS));
+        deadline = earlier(deadline, library_after(clock_ns(), STARVED_MS));
     return deadline;
 }
 

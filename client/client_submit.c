@@ -44,7 +44,7 @@ static void enqueue(struct bvhd_batch *batch)
     batch->next = *at;
     *at = batch;
     batch->queued = true;
-    batch->deadline = library_now() + batch->client->connect_timeout;
+    batch->deadline = clock_ns() + batch->client->connect_timeout;
 }
 
 /*

@@ -93,7 +93,7 @@ static void set_timer(struct client_wakeups *wakeups, uint64_t moment)
 /* A timer that fires too early costs less than setting it for each request: it is set anew only when it is late, or has fired. */
 static void update_timer(struct client_wakeups *wakeups, uint64_t deadline)
 {
-    if (deadline < wakeups->timer_at || (wakeups->timer_at != LIBRARY_NEVER && wakeups->timer_at <= library_now()))
+    if (deadline < wakeups->timer_at || (wakeups->timer_at != LIBRARY_NEVER && wakeups->timer_at <= clock_ns()))
         set_timer(wakeups, deadline);
 }
 
@@ -173,7 +173,7 @@ static void poll_once(struct bvhd_client *client, uint64_t moment)
     watch(polls, &count, client->leaving);
     wakeups->polling = true;
     pthread_mutex_unlock(&client->lock);
-    int timeout = library_poll_ms(library_now(), wakeups->polling_until);
+    int timeout = library_poll_ms(clock_ns(), wakeups->polling_until);
     poll(polls, count, timeout);
     pthread_mutex_lock(&client->lock);
     wakeups->polling = false;
@@ -197,7 +197,7 @@ static void wait_for_others(struct bvhd_client *client, uint64_t moment)
 bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context), const void *context)
 {
     bool result, looked = false;
-    while (!(result = is_true(context)) && (!looked || library_now() < moment)) {
+    while (!(result = is_true(context)) && (!looked || clock_ns() < moment)) {
         if (client->wakeups.polling)
             wait_for_others(client, moment);
         else

@@ -2,7 +2,6 @@
 #include "library.h"
 
 #include <limits.h>
-#include <time.h>
 
 #include <bvhd/bvhd.h>
 
@@ -12,13 +11,6 @@
 _Static_assert((int)BVHD_KEY_SIZE == (int)KEY_SIZE && (int)BVHD_KEY_TEXT_SIZE == (int)KEY_TEXT_SIZE, "one kind of key");
 
 struct memory library_memory = {.limit = UINT64_MAX, .fail_after = -1};
-
-uint64_t library_now(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000 * LIBRARY_MS + (uint64_t)now.tv_nsec;
-}
 
 uint64_t library_after(uint64_t now, int64_t ms)
 {

@@ -5,6 +5,7 @@
 
 #include <stdint.h>
 
+#include "clock.h"
 #include "memory.h"
 
 /* Without a limit; tests let it fail and count what is left. */
@@ -12,9 +13,6 @@ extern struct memory library_memory;
 
 #define LIBRARY_MS UINT64_C(1000000)
 #define LIBRARY_NEVER UINT64_MAX
-
-/* Nanoseconds of the monotonic clock. */
-uint64_t library_now(void);
 
 /* The moment `ms` milliseconds after `now`; LIBRARY_NEVER for a negative number. */
 uint64_t library_after(uint64_t now, int64_t ms);

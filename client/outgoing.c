@@ -103,7 +103,7 @@ static enum added put_inline(struct draft *draft, uint32_t index, uint64_t size)
 /* The pool as this daemon takes it: a smaller one if need be; one that was refused is tried again after a while. */
 static void adapt_pool(struct bvhd_client *client, struct connection *connection)
 {
-    if (connection->pool == POOL_REFUSED && connection->pool_again && library_now() >= connection->pool_again) {
+    if (connection->pool == POOL_REFUSED && connection->pool_again && clock_ns() >= connection->pool_again) {
         connection->pool = POOL_UNASKED;
         placement_refuse(&client->placement, false);
     }
@@ -123,7 +123,7 @@ static void ask_for_pool(struct draft *draft)
     exchange->descriptors[0] = placement->descriptor;
     exchange->descriptor_count = 1;
     if (control_pack_pool(&pool, &library_memory, &exchange->control, NULL) == BVHD_OK &&
-        connection_send(connection, exchange, library_now()))
+        connection_send(connection, exchange, clock_ns()))
         connection->pool = POOL_ASKED;
     else
         exchange_destroy(exchange);
@@ -293,7 +293,7 @@ static bool send_draft(struct draft *draft)
     if (sent) {
         exchange->inline_bytes = (struct bytes){draft->inline_bytes, draft->inline_size};
         draft->inline_bytes = NULL;
-        sent = connection_send(draft->connection, exchange, library_now());
+        sent = connection_send(draft->connection, exchange, clock_ns());
     }
     if (sent)
         hand_over(draft);
@@ -418,14 +418,14 @@ static void resend(struct bvhd_client *client, struct connection *connection, st
     } else {
         connection_resend(connection, exchange);
         if (count > 0)
-            connection_cancel(connection, exchange->number, gone, count, library_now());
+            connection_cancel(connection, exchange->number, gone, count, clock_ns());
     }
     memory_free(&library_memory, gone);
 }
 
 static void resend_parked(struct bvhd_client *client, struct connection *connection)
 {
-    if (!connection || !connection->busy_until || library_now() < connection->busy_until)
+    if (!connection || !connection->busy_until || clock_ns() < connection->busy_until)
         return;
     for (struct exchange *exchange = connection_unpark(connection), *next; exchange; exchange = next) {
         next = exchange->next;
@@ -451,5 +451,5 @@ void outgoing_cancel(struct bvhd_client *client, struct exchange *exchange, cons
     struct connection *connections[] = {client->current, client->leaving};
     for (int i = 0; i < 2; i++)
         if (connections[i] && exchange_table_find(&connections[i]->table, exchange->number) == exchange)
-            connection_cancel(connections[i], exchange->number, entries, count, library_now());
+            connection_cancel(connections[i], exchange->number, entries, count, clock_ns());
 }

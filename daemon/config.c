@@ -9,6 +9,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "number.h"
+
 enum option_kind {
     KIND_FIRST = 256, /* above every character: getopt_long returns both */
     KIND_SOCKET,
@@ -32,12 +34,13 @@ struct option_row {
 
 static const struct option_row option_rows[] = {
     {"socket", "PATH", KIND_SOCKET,
-     "listen there (default: $XDG_RUNTIME_DIR/bvhd.sock,\nfor root /run/bvhd/bvhd.sock); a socket that a service\nmanager hands over "
-     "comes first"},
+     "listen there (default: $XDG_RUNTIME_DIR/bvhd.sock; for root,\nand without that variable, /run/bvhd/bvhd.sock); a socket\n"
+     "that a service manager hands over comes first"},
     {"workers", "N", KIND_WORKERS, "threads that build (default: one for each processor)"},
-    {"memory", "BYTES", KIND_MEMORY, "memory for requests and builds; K, M, G may follow\n(default: half of the machine's)"},
-    {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none"},
-    {"cache", "DIR", KIND_CACHE, "results on disk: not in this version"},
+    {"memory", "BYTES", KIND_MEMORY,
+     "memory for requests and builds, at least 16M; K, M, G may\nfollow (default: half of the machine's)"},
+    {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none (default: 1G)"},
+    {"cache", "DIR", KIND_CACHE, "taken with a warning: this version keeps results in\nmemory only"},
     {"max-connections", "N", KIND_CONNECTIONS, "clients at once (default: 1024), of one user at most\nthree quarters of them"},
     {"idle-exit", "SECONDS", KIND_IDLE, "leave after so long without clients (default: 0, never)"},
     {"drain-timeout", "SECONDS", KIND_DRAIN, "after SIGTERM, time to finish what is under way\n(default: 20)"},
@@ -50,36 +53,6 @@ static const struct option_row option_rows[] = {
 enum { OPTION_ROWS = sizeof option_rows / sizeof *option_rows };
 
 static const char *const level_names[] = {[LOG_ERROR] = "error", [LOG_WARNING] = "warning", [LOG_INFO] = "info", [LOG_DEBUG] = "debug"};
-
-/* A whole number in decimal; `suffixes`: K, M or G may follow. */
-static enum bvhd_status read_number(const char *where, const char *text, bool suffixes, uint64_t lowest, uint64_t highest,
-                                    uint64_t *ret_value, struct bvhd_error *error)
-{
-    char *end;
-    errno = 0;
-    unsigned long long value = strtoull(text, &end, 10);
-    const char *letters = "KMG", *letter = suffixes && *end ? strchr(letters, *end) : NULL;
-    unsigned shift = letter ? 10 * (unsigned)(letter - letters + 1) : 0;
-    if (letter)
-        end++;
-    if (!isdigit((unsigned char)*text) || errno || *end || value > UINT64_MAX >> shift)
-        return bvhd_error_set(error, BVHD_INVALID, where, "not a whole number: '%s'", text);
-    if (value << shift < lowest || value << shift > highest)
-        return bvhd_error_set(error, BVHD_INVALID, where, "not between %llu and %llu: '%s'", (unsigned long long)lowest,
-                              (unsigned long long)highest, text);
-    *ret_value = value << shift;
-    return BVHD_OK;
-}
-
-static enum bvhd_status read_number32(const char *where, const char *text, uint32_t lowest, uint32_t highest, uint32_t *ret_value,
-                                      struct bvhd_error *error)
-{
-    uint64_t value;
-    enum bvhd_status status = read_number(where, text, false, lowest, highest, &value, error);
-    if (!status)
-        *ret_value = (uint32_t)value;
-    return status;
-}
 
 static enum bvhd_status read_seconds(const char *where, const char *text, uint64_t *ret_ms, struct bvhd_error *error)
 {
@@ -117,15 +90,15 @@ static enum bvhd_status apply(int kind, const char *where, const char *text, str
         config->socket_given = true;
         return read_path(where, text, config->socket, error);
     case KIND_WORKERS:
-        return read_number32(where, text, 1, POOL_MAX_THREADS, &config->service.workers, error);
+        return number_read32(where, text, (struct number_range){1, POOL_MAX_THREADS, false}, &config->service.workers, error);
     case KIND_MEMORY:
-        return read_number(where, text, true, 1 << 20, UINT64_MAX, &config->service.memory, error);
+        return number_read(where, text, (struct number_range){SERVICE_LEAST_MEMORY, UINT64_MAX, true}, &config->service.memory, error);
     case KIND_CACHE_SIZE:
-        return read_number(where, text, true, 0, UINT64_MAX, &config->service.cache, error);
+        return number_read(where, text, (struct number_range){0, UINT64_MAX, true}, &config->service.cache, error);
     case KIND_CACHE:
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, where, "this version keeps results in memory only");
+        return read_path(where, text, config->cache, error);
     case KIND_CONNECTIONS:
-        return read_number32(where, text, 1, 1000000, &config->max_connections, error);
+        return number_read32(where, text, (struct number_range){1, 1000000, false}, &config->max_connections, error);
     case KIND_IDLE:
         return read_seconds(where, text, &config->idle_exit_ms, error);
     case KIND_DRAIN:

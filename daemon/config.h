@@ -15,6 +15,7 @@ struct config {
     char socket[CONFIG_PATH_SIZE];
     bool socket_given; /* false: a default */
     char file[CONFIG_PATH_SIZE]; /* "": none */
+    char cache[CONFIG_PATH_SIZE]; /* a directory for results, which this version does not use; "": none */
     enum log_level log_level;
     uint64_t idle_exit_ms; /* leave after so long without connections and work; 0: never */
     uint64_t drain_ms; /* how long what is under way may take after SIGTERM */
@@ -23,8 +24,7 @@ struct config {
 };
 
 /*
- * The command line wins over the file. BVHD_INVALID names the option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO a file that cannot be read;
- * BVHD_UNSUPPORTED an option for something that this version does not do.
+ * The command line wins over the file. BVHD_INVALID names the option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO a file that cannot be read.
  */
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error);
 

@@ -11,6 +11,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "clock.h"
+
 enum { LINE_SIZE = 1000 };
 
 static const char *const level_names[] = {"error", "warning", "info", "debug"};
@@ -90,9 +92,7 @@ struct log_quoted log_quote(const char *text)
 
 bool log_limit_pass(struct log_limit *limit, uint32_t *ret_suppressed)
 {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    uint64_t ms = (uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000;
+    uint64_t ms = clock_ns() / 1000000;
     if (ms < limit->next_ms) {
         limit->suppressed++;
         return false;

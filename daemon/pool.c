@@ -91,7 +91,7 @@ void pool_submit(struct pool *pool, struct pool_job *job)
 {
     job->turn->jobs++;
     pool_lock(pool);
-    uint64_t now = pool_clock();
+    uint64_t now = clock_ns();
     job->state = POOL_JOB_QUEUED;
     job->ran = false;
     job->submitted_ns = now;
@@ -117,7 +117,7 @@ void pool_cancel(struct pool *pool, struct pool_job *job)
     pool_lock(pool);
     if (job->state == POOL_JOB_QUEUED) {
         pool_turns_take_job(pool, job);
-        pool_turns_close_job(pool, job, pool_clock());
+        pool_turns_close_job(pool, job, clock_ns());
         pool_append_ended(pool, job);
     }
     pool_unlock(pool);
@@ -147,7 +147,7 @@ void pool_collect(struct pool *pool)
 struct pool_load pool_load(struct pool *pool)
 {
     pool_lock(pool);
-    uint64_t now = pool_clock();
+    uint64_t now = clock_ns();
     struct pool_load load = {
         .queued = pool->queued,
         .running = pool->running,

@@ -32,7 +32,7 @@ static void run_tasks(struct pool_call *call)
 static void run_round(struct pool_call *call, uint64_t until)
 {
     current = call;
-    while (run_task(call) && pool_clock() < until)
+    while (run_task(call) && clock_ns() < until)
         continue;
     current = NULL;
 }
@@ -57,7 +57,7 @@ void pool_calls_help(struct pool *pool, struct pool_call *call, uint64_t now)
         pool_unlock(pool);
         run_round(call, now + ROUND_NS);
         pool_lock(pool);
-        now = pool_clock();
+        now = clock_ns();
     } while (pool_calls_has_tasks(call) && !pool_turns_leave(pool, call, now));
     leave(pool, call);
 }
@@ -82,7 +82,7 @@ static struct pool_call *open_below(const struct pool_call *call)
 static void open_call(struct pool *pool, struct pool_call *call)
 {
     pool_lock(pool);
-    uint64_t now = pool_clock();
+    uint64_t now = clock_ns();
     pool_turns_add_call(pool, call, now);
     for (struct pool_call *ancestor = call->parent; ancestor; ancestor = ancestor->parent)
         if (ancestor->sleeper) {
@@ -104,9 +104,9 @@ static void sleep_as_caller(struct pool *pool, struct pool_call *call, struct po
 {
     struct pool_turn *turn = call->run->job->turn;
     call->sleeper = self;
-    pool_threads_pause(pool, turn, pool_clock());
+    pool_threads_pause(pool, turn, clock_ns());
     pool_threads_sleep(pool, self);
-    pool_threads_resume(pool, turn, pool_clock());
+    pool_threads_resume(pool, turn, clock_ns());
 }
 
 static void wait_for_helpers(struct pool *pool, struct pool_call *call, struct pool_thread *self)

@@ -11,8 +11,8 @@
 
 #include <pthread.h>
 #include <semaphore.h>
-#include <time.h>
 
+#include "clock.h"
 #include "pool.h"
 #include "pool_queue.h"
 
@@ -109,13 +109,6 @@ struct pool {
     char apart_too[POOL_CACHE_LINE];
     struct pool_thread all_threads[];
 };
-
-static inline uint64_t pool_clock(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
-}
 
 static inline void pool_lock(struct pool *pool)
 {

@@ -149,7 +149,7 @@ static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
     job->run(job, &run.parallel);
 
     pool_lock(pool);
-    job->ended_ns = pool_clock();
+    job->ended_ns = clock_ns();
     end(pool, turn, job->ended_ns);
     unlink_run(pool, &run);
     pool->jobs_done++;
@@ -162,7 +162,7 @@ static void help_call(struct pool *pool, struct pool_call *call, uint64_t now)
     struct pool_turn *turn = call->run->job->turn;
     begin(pool, turn, now);
     pool_calls_help(pool, call, now);
-    end(pool, turn, pool_clock());
+    end(pool, turn, clock_ns());
 }
 
 static struct pool_work find_work(struct pool *pool, uint64_t now)
@@ -200,7 +200,7 @@ static void *work_until_stopped(void *argument)
     self_thread = self;
     pool_lock(pool);
     while (!pool->stop) {
-        uint64_t now = pool_clock();
+        uint64_t now = clock_ns();
         struct pool_work work = find_work(pool, now);
         if (work.call)
             help_call(pool, work.call, now);

@@ -5,6 +5,7 @@
 #include <stddef.h>
 
 #include "build.h"
+#include "clock.h"
 #include "log.h"
 #include "place.h"
 
@@ -54,7 +55,7 @@ struct request *request_create(struct request_client *client, const struct reque
     request->number = head->number;
     request->priority = head->priority;
     request->is_build = head->is_build;
-    request->arrived_ns = service_now();
+    request->arrived_ns = clock_ns();
     request->count = request->open = head->count;
     request->untold = head->is_build ? head->count : 0;
     for (uint32_t i = 0; i < head->count; i++) {
@@ -93,7 +94,7 @@ static void leave_news(struct request *request)
 static void report_end(const struct request *request)
 {
     log_event(LOG_DEBUG, "request_done", "request=%llu kind=%s items=%u ms=%.3f", (unsigned long long)request->number,
-              request->is_build ? "build" : "get", request->count, (double)(service_now() - request->arrived_ns) * 1e-6);
+              request->is_build ? "build" : "get", request->count, (double)(clock_ns() - request->arrived_ns) * 1e-6);
 }
 
 void request_settle(struct request *request)
@@ -128,7 +129,7 @@ static void answer(struct item *item, struct control_result *result, struct blob
     struct request *request = item->request;
     if (request->client->gone)
         return;
-    double total = (double)(service_now() - request->arrived_ns) * 1e-6;
+    double total = (double)(clock_ns() - request->arrived_ns) * 1e-6;
     double rest = total - item->prepare_ms - result->build_ms;
     result->item = item->index;
     result->prepare_ms = item->prepare_ms;

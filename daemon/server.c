@@ -106,6 +106,15 @@ static void on_turn(void *context)
         watch_idleness(server);
 }
 
+static enum bvhd_status bind_socket(struct server *server, struct bvhd_error *error)
+{
+    const struct config *config = server->config;
+    enum bvhd_status status = listen_bind(config->socket, &server->listener, error);
+    if (status && !config->socket_given)
+        bvhd_error_set(error, status, error->where, "%s (--socket PATH names another place)", error->text);
+    return status;
+}
+
 static enum bvhd_status open_socket(struct server *server, struct bvhd_error *error)
 {
     int count = notify_sockets();
@@ -113,8 +122,7 @@ static enum bvhd_status open_socket(struct server *server, struct bvhd_error *er
         return bvhd_error_set(error, BVHD_INVALID, "socket activation", "%s", strerror(-count));
     if (count > 1)
         return bvhd_error_set(error, BVHD_INVALID, "socket activation", "%d sockets were handed over instead of one", count);
-    return count ? listen_adopt(NOTIFY_FIRST_SOCKET, &server->listener, error)
-                 : listen_bind(server->config->socket, &server->listener, error);
+    return count ? listen_adopt(NOTIFY_FIRST_SOCKET, &server->listener, error) : bind_socket(server, error);
 }
 
 static void init_handles(struct server *server)
@@ -175,6 +183,9 @@ static void announce(const struct server *server)
     const char *path = server->listener.path;
     snprintf(status, sizeof status, "listening on %s", *path ? path : "the socket handed over");
     log_event(LOG_INFO, "listening", "socket=%s version=%s", log_quote(*path ? path : "(handed over)").text, BVHD_VERSION);
+    if (*server->config->cache)
+        log_event(LOG_WARNING, "no_disk_cache", "dir=%s why=%s", log_quote(server->config->cache).text,
+                  log_quote("this version keeps results in memory only").text);
     notify_ready(status);
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <assert.h>
 #include <stdlib.h>
-#include <time.h>
 
+#include "clock.h"
 #include "embree.h"
 #include "machine.h"
 #include "request.h"
@@ -12,9 +12,6 @@ enum { DEFAULT_CREDITS = 1024, DEFAULT_QUEUE = 16384, DEFAULT_POOL = 64 << 20, D
 
 /* Inline payloads may take this part of the budget, pools as much beside it as session.c allows. */
 enum { INLINE_PART = 8 };
-
-/* Enough for the requests themselves, whatever is asked for. */
-enum { LEAST_MEMORY = 16 << 20 };
 
 struct service_options service_options_default(void)
 {
@@ -27,20 +24,13 @@ struct service_options service_options_default(void)
     };
 }
 
-uint64_t service_now(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (uint64_t)now.tv_sec * 1000000000 + (uint64_t)now.tv_nsec;
-}
-
 static struct service_options complete(const struct service_options *options)
 {
     struct service_options result = *options;
     if (result.memory == 0)
         result.memory = machine_memory() / 2;
-    if (result.memory < LEAST_MEMORY)
-        result.memory = LEAST_MEMORY;
+    if (result.memory < SERVICE_LEAST_MEMORY)
+        result.memory = SERVICE_LEAST_MEMORY;
     if (result.max_pool > result.memory / 4)
         result.max_pool = result.memory / 4;
     return result;
@@ -64,7 +54,7 @@ static void init_plain_parts(struct service *service)
     descriptors_init(&service->descriptors);
     blob_account_init(&service->account, &service->replies, &service->descriptors);
     service->admission.limit = options->memory;
-    service->started_ns = service_now();
+    service->started_ns = clock_ns();
 }
 
 static enum bvhd_status create_parts(struct service *service, void (*wake)(void *context), void *wake_context, struct bvhd_error *error)
@@ -220,7 +210,7 @@ struct counters service_counters(const struct service *service)
     counters.jobs_queued = load.queued;
     counters.jobs_running = load.running;
     counters.workers = pool_threads(service->pool);
-    counters.uptime_ms = (service_now() - service->started_ns) / 1000000;
+    counters.uptime_ms = (clock_ns() - service->started_ns) / 1000000;
     counters.connections = service->connections;
     counters.sessions = service->session_count + service->closing_count;
     counters.queue_depth = service->under_way;

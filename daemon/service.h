@@ -11,9 +11,13 @@
 #include "pool.h"
 #include "request_limits.h"
 
+/* Enough for the requests themselves, whatever is asked for. */
+enum { SERVICE_LEAST_MEMORY = 16 << 20 };
+
 struct service_options {
     unsigned workers; /* 0: one for each processor */
-    uint64_t memory; /* bytes for requests and builds, at least 16 MiB; 0: half of what the machine, or its control group, has */
+    uint64_t
+        memory; /* bytes for requests and builds, at least SERVICE_LEAST_MEMORY; 0: half of what the machine, or its control group, has */
     uint64_t cache; /* bytes of results kept; 0: keep none */
     struct limits limits;
     uint32_t credits; /* items under way on a connection */

@@ -46,9 +46,6 @@ struct service {
     bool draining;
 };
 
-/* CLOCK_MONOTONIC */
-uint64_t service_now(void);
-
 /*
  * Whoever has asked for something, or let go of something, calls it before the loop goes on: starts what memory now allows, and tells clients of
  * payloads that are free.

@@ -5,6 +5,7 @@
 #include "assemble.h"
 #include "backend_local.h"
 #include "backend_service.h"
+#include "clock.h"
 #include "commands.h"
 #include "depfile.h"
 #include "files.h"
@@ -299,14 +300,14 @@ static void print_report(struct run *run)
         json_object_end(json);
     }
     json_array_end(json);
-    json_number(json, "wall_ms", progress_now() - run->start);
+    json_number(json, "wall_ms", clock_ms() - run->start);
     json_object_end(json);
 }
 
 static void print_summary(const struct run *run)
 {
     printf("%llu structures, %.2f MB, %llu files changed, %.0f ms\n", (unsigned long long)run->structure_count,
-           (double)run->byte_count / 1e6, (unsigned long long)run->changed_count, progress_now() - run->start);
+           (double)run->byte_count / 1e6, (unsigned long long)run->changed_count, clock_ms() - run->start);
 }
 
 static void write_lists(struct run *run)
@@ -378,7 +379,7 @@ static enum exit_code build_scenes(struct run *run)
 enum exit_code command_build(const struct options *options, const atomic_bool *cancel)
 {
     struct bvhd_error error;
-    struct run run = {.options = options, .cancel = cancel, .start = progress_now()};
+    struct run run = {.options = options, .cancel = cancel, .start = clock_ms()};
     memory_init(&run.memory, options->memory);
     memory_init(&run.notes, UINT64_MAX);
     enum exit_code code;

@@ -8,9 +8,9 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "files.h"
 #include "private_daemon.h"
-#include "progress.h"
 
 static const char system_socket[] = "/run/bvhd/bvhd.sock";
 
@@ -92,7 +92,7 @@ static enum bvhd_status find_daemon(double deadline, struct memory *memory, char
 
 static uint32_t call_time(double deadline)
 {
-    double left = deadline - progress_now();
+    double left = deadline - clock_ms();
     return left < SHORTEST_CALL_MS ? SHORTEST_CALL_MS : left > LONGEST_CALL_MS ? LONGEST_CALL_MS : (uint32_t)left;
 }
 
@@ -102,14 +102,14 @@ enum bvhd_status connect_open(const struct options *options, struct memory *memo
     const char *socket = explicit_socket(options);
     if (socket)
         return open_explicit(socket, options->connect_timeout_ms, memory, ret_connect, error);
-    double deadline = progress_now() + options->connect_timeout_ms;
+    double deadline = clock_ms() + options->connect_timeout_ms;
     for (;;) {
         char *path;
         enum bvhd_status status = find_daemon(deadline, memory, &path, error);
         if (status)
             return status;
         status = attach(path, call_time(deadline), memory, ret_connect, error);
-        if (status != BVHD_UNAVAILABLE || progress_now() >= deadline)
+        if (status != BVHD_UNAVAILABLE || clock_ms() >= deadline)
             return status;
     }
 }

@@ -130,12 +130,3 @@ void import_files_init(struct import_files *files, struct memory *memory)
     *files = (struct import_files){.io = {.OpenProc = open_file, .CloseProc = close_file}, .memory = memory};
     files->io.UserData = (aiUserData)(void *)files;
 }
-
-void import_files_finish(struct import_files *files)
-{
-    for (uint32_t i = 0; i < files->count; i++)
-        memory_free(files->memory, files->paths[i]);
-    memory_free(files->memory, files->paths);
-    files->paths = NULL;
-    files->count = 0;
-}

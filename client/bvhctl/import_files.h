@@ -17,8 +17,7 @@ struct import_files {
     struct memory *memory;
 };
 
+/* Nothing is held at first; the paths and their array, from `memory`, are the caller's to free. */
 void import_files_init(struct import_files *files, struct memory *memory);
-/* Frees the record, unless it was taken by setting paths to NULL and count to 0. */
-void import_files_finish(struct import_files *files);
 
 #endif

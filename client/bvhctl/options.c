@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "options.h"
 
-#include <errno.h>
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "number.h"
 
 enum { ON_BUILD = 1 << COMMAND_BUILD, ON_CHECK = 1 << COMMAND_CHECK, ON_INSPECT = 1 << COMMAND_INSPECT, ON_TRACE = 1 << COMMAND_TRACE };
 enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
@@ -14,6 +15,7 @@ enum {
     ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
     ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING,
     ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* what may ask a daemon */
+    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE, /* what never does */
     ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET,
     ON_MAIN = 1 << COMMAND_COUNT,
 };
@@ -73,10 +75,12 @@ static const struct option_row option_rows[] = {
      "how many threads work in this process (default: one for each\nprocessor); a daemon has its own"},
     {"memory", OPTION_MEMORY, "BYTES", ON_SCENES, "fail rather than use more for geometry and results; K, M, G may follow"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
-    {"local", OPTION_LOCAL, NULL, ON_SCENES | ON_MAIN, "build in this process, without a daemon"},
-    {"socket", OPTION_SOCKET, "PATH", ON_ALL | ON_MAIN,
+    {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
+    {"socket", OPTION_SOCKET, "PATH", ON_SERVICE | ON_MAIN,
      "the daemon's socket (default: $BVHD_SOCKET; without that a running daemon's,\nand where there is none a daemon of your own is "
      "started)"},
+    {"local", OPTION_LOCAL, NULL, ON_ALONE, "changes nothing: this command never asks a daemon"},
+    {"socket", OPTION_SOCKET, "PATH", ON_ALONE, "changes nothing, likewise"},
     {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SEC", ON_SERVICE | ON_MAIN, "how many seconds a daemon is waited for (default 5)"},
     {"help", 'h', NULL, ON_ALL | ON_MAIN, "print this help"},
     {"version", OPTION_VERSION, NULL, ON_MAIN, "print the version"},
@@ -94,7 +98,7 @@ static const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_BUILD] = {"build", "SCENE... -o DIR", "build acceleration structures from scene files", 1, 1 << 20},
     [COMMAND_CHECK] = {"check", "DIR SCENE", "trace built files against brute force over the scene they came from", 2, 2},
     [COMMAND_INSPECT] = {"inspect", "PATH", "say what is in a built file, or in all files of a directory", 1, 1},
-    [COMMAND_TRACE] = {"trace", "DIR -o PNG", "make a picture of what was built", 1, 1},
+    [COMMAND_TRACE] = {"trace", "DIR --device NAME -o PNG", "make a picture of what was built", 1, 1},
     [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure that the daemon knows by its key", 1, 1},
     [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},
     [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
@@ -135,11 +139,6 @@ static const struct name_value target_names[] = {
     {"portable", TARGET_PORTABLE},
     {NULL, 0},
 };
-
-const char *options_command_name(enum command command)
-{
-    return command < COMMAND_COUNT ? command_rows[command].name : "bvhctl";
-}
 
 bool options_want_json(int argc, char *const *argv)
 {
@@ -188,43 +187,11 @@ static enum bvhd_status parse_list(const char *where, const struct name_value *n
     return BVHD_OK;
 }
 
-/* A whole number in decimal; `suffixes`: K, M or G may follow. */
-static enum bvhd_status parse_integer(const char *where, const char *text, bool suffixes, uint64_t lowest, uint64_t highest,
-                                      uint64_t *ret_value, struct bvhd_error *error)
-{
-    char *end;
-    errno = 0;
-    unsigned long long value = strtoull(text, &end, 10);
-    if (*text < '0' || *text > '9' || errno)
-        return usage(error, where, "not a whole number: '%s'", text);
-    const char *letters = "KMG", *letter = suffixes && *end ? strchr(letters, *end) : NULL;
-    unsigned shift = letter ? 10 * (unsigned)(letter - letters + 1) : 0;
-    if (letter)
-        end++;
-    if (*end || value > UINT64_MAX >> shift)
-        return usage(error, where, "not a whole number: '%s'", text);
-    if (value << shift < lowest || value << shift > highest)
-        return bvhd_error_set(error, BVHD_INVALID, where, "not between %llu and %llu: '%s'", (unsigned long long)lowest,
-                              (unsigned long long)highest, text);
-    *ret_value = value << shift;
-    return BVHD_OK;
-}
-
-static enum bvhd_status parse_integer32(const char *where, const char *text, uint32_t lowest, uint32_t highest, uint32_t *ret_value,
-                                        struct bvhd_error *error)
-{
-    uint64_t value;
-    enum bvhd_status status = parse_integer(where, text, false, lowest, highest, &value, error);
-    if (!status)
-        *ret_value = (uint32_t)value;
-    return status;
-}
-
 static enum bvhd_status parse_rays(const struct options *options, const char *text, double *ret_rays, struct bvhd_error *error)
 {
     if (options->command == COMMAND_CHECK) {
         uint64_t count;
-        enum bvhd_status status = parse_integer("--rays", text, false, 1, 100000000, &count, error);
+        enum bvhd_status status = number_read("--rays", text, (struct number_range){1, 100000000, false}, &count, error);
         if (!status)
             *ret_rays = (double)count;
         return status;
@@ -335,11 +302,11 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
     case OPTION_RAYS:
         return parse_rays(options, text, &options->rays, error);
     case OPTION_THREADS:
-        return parse_integer32("--threads", text, 1, 1024, &options->threads, error);
+        return number_read32("--threads", text, (struct number_range){1, 1024, false}, &options->threads, error);
     case OPTION_MEMORY:
-        return parse_integer("--memory", text, true, 1, UINT64_MAX, &options->memory, error);
+        return number_read("--memory", text, (struct number_range){1, UINT64_MAX, true}, &options->memory, error);
     case OPTION_SEED:
-        return parse_integer("--seed", text, false, 0, UINT64_MAX, &options->seed, error);
+        return number_read("--seed", text, (struct number_range){0, UINT64_MAX, false}, &options->seed, error);
     case OPTION_CONNECT_TIMEOUT:
         return parse_timeout(text, &options->connect_timeout_ms, error);
     case OPTION_SIZE:

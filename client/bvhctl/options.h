@@ -55,8 +55,6 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
 /* Whether --json stands anywhere: needed when parsing fails. */
 bool options_want_json(int argc, char *const *argv);
 
-const char *options_command_name(enum command command);
-
 /* Prints the help of one command, or of bvhctl as a whole for COMMAND_COUNT, to stdout. */
 void options_print_help(enum command about);
 

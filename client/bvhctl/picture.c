@@ -5,8 +5,8 @@
 #include <stdatomic.h>
 #include <string.h>
 
+#include "clock.h"
 #include "files.h"
-#include "progress.h"
 #include "rays.h"
 #include "smooth.h"
 
@@ -169,10 +169,10 @@ enum bvhd_status picture_render(const struct light *light, uint32_t width, uint3
     rendering.pixels = memory_array(memory, count, sizeof *rendering.pixels);
     rendering.rgb = memory_array(memory, count, 3);
     bool ok = rendering.pixels && rendering.rgb;
-    double start = progress_now();
+    double start = clock_ms();
     if (ok)
         parallel_for(parallel, height, take_row, &rendering);
-    double seconds = (progress_now() - start) / 1e3;
+    double seconds = (clock_ms() - start) / 1e3;
     if (ok && (ok = smooth_ambient(rendering.pixels, width, height, parallel, memory))) {
         rendering.exposure = choose_exposure(&rendering);
         parallel_for(parallel, height, develop_row, &rendering);

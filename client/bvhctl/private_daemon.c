@@ -15,9 +15,9 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "connect.h"
 #include "files.h"
-#include "progress.h"
 
 enum { POLL_MS = 5 };
 
@@ -113,7 +113,7 @@ static enum bvhd_status take_lock(const struct private_place *place, const char 
         return bvhd_error_set(error, BVHD_UNAVAILABLE, path, "no daemon, and none can be started: %s", strerror(errno));
     bool answers = false, locked = false;
     while (!(answers = connect_answers(place->socket)) && !(locked = flock(descriptor, LOCK_EX | LOCK_NB) == 0) &&
-           progress_now() < deadline)
+           clock_ms() < deadline)
         nap();
     if (locked) {
         *ret_descriptor = descriptor;
@@ -264,7 +264,7 @@ static enum bvhd_status wait_for(pid_t child, const char *socket, const char *lo
         pid_t ended = waitpid(child, &status, WNOHANG);
         if (ended == child)
             return report_end(status, log, error);
-        if (progress_now() >= deadline)
+        if (clock_ms() >= deadline)
             return bvhd_error_set(error, BVHD_UNAVAILABLE, log, "the daemon that was started does not answer yet");
         nap();
     }

@@ -25,7 +25,7 @@ void private_place_finish(struct private_place *place, struct memory *memory);
 
 /*
  * Returns when a daemon answers on place->socket: one that is there, one that somebody else starts, or a new one. BVHD_UNAVAILABLE, with the reason, when
- * none does until `deadline` (progress_now) or the new one ends at once.
+ * none does until `deadline` (clock_ms) or the new one ends at once.
  */
 enum bvhd_status private_daemon_start(struct private_place *place, double deadline, struct memory *memory, struct bvhd_error *error);
 

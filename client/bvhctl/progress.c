@@ -3,17 +3,11 @@
 
 #include <stdio.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
-enum { BAR_WIDTH = 30, DRAW_INTERVAL = 100 };
+#include "clock.h"
 
-double progress_now(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec / 1e6;
-}
+enum { BAR_WIDTH = 30, DRAW_INTERVAL = 100 };
 
 static void put(const char *text, size_t size)
 {
@@ -25,7 +19,7 @@ void progress_begin(struct progress *progress, const char *verb, const char *nam
 {
     progress->shown = isatty(STDERR_FILENO);
     snprintf(progress->label, sizeof progress->label, "%s %s", verb, name);
-    atomic_store(&progress->next, (int64_t)progress_now() + DRAW_INTERVAL);
+    atomic_store(&progress->next, (int64_t)clock_ms() + DRAW_INTERVAL);
 }
 
 static void draw(const struct progress *progress, double part)
@@ -43,7 +37,7 @@ void progress_update(void *context, uint64_t done, uint64_t total)
     struct progress *progress = context;
     if (!progress->shown || total == 0)
         return;
-    int64_t now = (int64_t)progress_now(), next = atomic_load(&progress->next);
+    int64_t now = (int64_t)clock_ms(), next = atomic_load(&progress->next);
     if (now >= next && atomic_compare_exchange_strong(&progress->next, &next, now + DRAW_INTERVAL))
         draw(progress, done < total ? (double)done / (double)total : 1);
 }

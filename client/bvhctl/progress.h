@@ -22,7 +22,4 @@ void progress_update(void *context, uint64_t done, uint64_t total);
 /* Wipes the line, so that the next output starts on a clean one. */
 void progress_end(struct progress *progress);
 
-/* Milliseconds on a clock that only goes forward. */
-double progress_now(void);
-
 #endif

@@ -102,8 +102,6 @@ refused 2 word
 refused 2 --workers
 refused 2 --workers 0
 refused 2 --memory lots
-refused 1 --cache d
-expect 'the disk cache is named' has 'memory only' err
 timeout 20 "$bvhd" --help >out 2>err
 expect 'help is no failure' [ $? -eq 0 ]
 for name in socket workers cache cache-size memory config help version log-level idle-exit drain-timeout max-connections; do
@@ -116,6 +114,13 @@ for word in --help --version; do
     "$bvhd" $word >/dev/full 2>/dev/null
     expect "a full disk is a failure of $word" [ $? -eq 1 ]
 done
+
+# A directory for results: taken, with a word that nothing is kept there.
+start --cache d
+expect 'the disk cache is named' has 'level=warning event=no_disk_cache dir="d" why="this version keeps results in memory only"' log
+expect 'it is no error' [ "$(grep -c level=error log)" -eq 0 ]
+kill -TERM "$daemon"
+ended 0 'a directory for results'
 
 # A file of options.
 printf 'workers = 1\n# a comment\nnonsense = 3\n' >conf
@@ -148,6 +153,10 @@ refused 1 --socket s
 expect 'what is no socket stays' has precious s
 rm s
 refused 1 --socket no/such/place
+if [ ! -e /run/bvhd ]; then
+    refused 1
+    expect "the default can be changed: $(cat err)" has '/run/bvhd/: .*--socket PATH' err
+fi
 refused 1 --socket "$(printf '%0200d' 0)"
 expect 'the limit is named' has 107 err
 
@@ -176,7 +185,8 @@ if (ulimit -n 64 && "$bvhd" --version) >/dev/null 2>&1; then
 fi
 
 # More connections than it may have.
-start --max-connections 1
+start --max-connections 1 --log-level debug
+eventually 'those who asked whether it answers are gone' sh -c '[ "$(grep -c event=connected log)" -eq "$(grep -c event=disconnected log)" ]'
 "$helper" hold s >held &
 eventually 'one is in' has welcome held
 "$helper" ping s >out 2>err

@@ -96,6 +96,9 @@ static void test_command_line(void **state)
     assert_int_equal(config.log_level, LOG_DEBUG);
     assert_int_equal(parse(&config, &error, "--cache-size", "0", NULL), BVHD_OK);
     assert_int_equal(config.service.cache, 0);
+    assert_string_equal(config.cache, "");
+    assert_int_equal(parse(&config, &error, "--cache", "/var/cache/bvhd", NULL), BVHD_OK);
+    assert_string_equal(config.cache, "/var/cache/bvhd");
     assert_int_equal(parse(&config, &error, "--help", NULL), BVHD_OK);
     assert_int_equal(config.action, CONFIG_HELP);
     assert_int_equal(parse(&config, &error, "-h", NULL), BVHD_OK);
@@ -132,7 +135,8 @@ static void test_usage(void **state)
     REFUSED(BVHD_INVALID, "--max-connections", "--max-connections", "0");
     REFUSED(BVHD_INVALID, "--log-level", "--log-level", "loud");
     REFUSED(BVHD_INVALID, "--socket", "--socket", "");
-    REFUSED(BVHD_UNSUPPORTED, "--cache", "--cache", "/var/cache/bvhd");
+    REFUSED(BVHD_INVALID, "--cache", "--cache", "");
+    REFUSED(BVHD_INVALID, "--memory", "--memory", "15M");
 }
 
 static void test_file(void **state)
@@ -175,7 +179,7 @@ static void test_broken_files(void **state)
     file_refused("help = yes\n", BVHD_INVALID, 1);
     file_refused("version =\n", BVHD_INVALID, 1);
     file_refused("socket =\n", BVHD_INVALID, 1);
-    file_refused("cache = /var/cache/bvhd\n", BVHD_UNSUPPORTED, 1);
+    file_refused("cache =\n", BVHD_INVALID, 1);
     memset(much, 'x', sizeof much - 1);
     much[sizeof much - 1] = 0;
     file_refused(much, BVHD_INVALID, 1);
