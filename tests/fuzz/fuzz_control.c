@@ -47,7 +47,7 @@ static void try_payload(const struct control_item *item, uint32_t index, struct 
         .source = item->source,
         .options = {(enum build_quality)item->quality, (enum target)item->target, item->layout_flags},
     };
-    struct rows_shape shape = {item->geometry_count, item->geometry_size, item->reference_count, item->reference_size};
+    struct rows_shape shape = {item->geometry_count, item->geometry_size, item->reference_count, item->reference_size, NULL};
     struct limits limits = small_limits();
     struct bvhd_error error;
     if (rows_read(payload, &shape, index, &memory, &input, &error) != BVHD_OK)

@@ -15,7 +15,7 @@ struct payload {
 
 static struct payload write_payload(const struct build_input *input)
 {
-    struct payload payload = {.shape = {input->geometry_count, ROWS_GEOMETRY_SIZE, input->reference_count, ROWS_REFERENCE_SIZE}};
+    struct payload payload = {.shape = {input->geometry_count, ROWS_GEOMETRY_SIZE, input->reference_count, ROWS_REFERENCE_SIZE, NULL}};
     assert_true(rows_payload_size(input, &payload.size));
     payload.bytes = aligned_alloc(64, payload.size + 64 - payload.size % 64);
     assert_non_null(payload.bytes);
