@@ -20,7 +20,7 @@
     X(request_errors) /* requests answered by ERROR for what they say */                                                               \
     X(protocol_errors) /* connections that ended for what was sent */                                                                  \
     X(cancelled) /* items that were cancelled, or whose client went before their result */                                             \
-    X(prepares_started)                                                                                                                \
+    X(prepares_started) /* one whose rows ask for more memory than it was promised begins again */                                     \
     X(prepares_done)                                                                                                                   \
     X(prepares_failed)                                                                                                                 \
     X(builds_started)                                                                                                                  \

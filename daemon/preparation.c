@@ -71,16 +71,17 @@ uint64_t preparation_bound(const struct build_input *input)
 }
 
 /*
- * Positions and 32-bit indices are copied as they are, so most copies are as large as their payloads; small ones lie twice in memory. Rows alone
- * always fit; where the payload has no room for them nothing is read.
+ * Positions and 32-bit indices are copied as they are. Without indices a triangle of 36 bytes gets some, and an instance record of 64 bytes grows; small
+ * copies lie twice in memory. Rows alone always fit; where the payload has no room for them nothing is read.
  */
 uint64_t preparation_guess(const struct control_item *item)
 {
     uint64_t size = item->payload_size;
+    uint64_t copy = sum(size, item->type == STRUCTURE_TOP ? size / 64 * (INSTANCE_BYTES - 64) : size / 3);
     uint64_t geometries = least(item->geometry_count, size / ROWS_GEOMETRY_SIZE);
     uint64_t references = least(item->reference_count, size / ROWS_REFERENCE_SIZE);
     uint64_t rows = sum(product(geometries, GEOMETRY_BYTES), product(references, REFERENCE_BYTES));
-    return sum(sum(size, size / 8), sum(sum(least(size, MOVED_BYTES), 2 * rows), FIXED_BYTES));
+    return sum(sum(copy, least(copy, MOVED_BYTES)), sum(2 * rows, FIXED_BYTES));
 }
 
 struct preparation *preparation_create(const struct control_item *item, uint32_t index, const struct preparation_source *source,

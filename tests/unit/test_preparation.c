@@ -211,6 +211,31 @@ static void test_the_guess_suits_ordinary_payloads(void **state)
     }
 }
 
+static void test_the_guess_suits_meshes_without_indices_and_top_levels(void **state)
+{
+    (void)state;
+    for (uint32_t count = 1; count < 2000000; count = count * 5) {
+        struct geometry triangles = {
+            .type = GEOMETRY_TRIANGLES,
+            .triangles = {.max_vertex = 3 * count - 1,
+                          .vertex_stride = 12,
+                          .index_type = INDEX_NONE,
+                          .vertex_format = 106,
+                          .vertices = {NULL, (uint64_t)count * 36}},
+            .range = {.primitive_count = count},
+        };
+        struct geometry instances = {.type = GEOMETRY_INSTANCES, .range = {.primitive_count = count}};
+        struct build_input bottom = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &triangles};
+        struct build_input top = {
+            .type = STRUCTURE_TOP, .geometry_count = 1, .geometries = &instances, .reference_count = count / 10 + 1};
+        struct control_item bottom_item = item_of(&bottom, ROWS_GEOMETRY_SIZE + (uint64_t)count * 36);
+        struct control_item top_item =
+            item_of(&top, ROWS_GEOMETRY_SIZE + (uint64_t)top.reference_count * ROWS_REFERENCE_SIZE + (uint64_t)count * 64);
+        assert_true(preparation_bound(&bottom) <= preparation_guess(&bottom_item));
+        assert_true(preparation_bound(&top) <= preparation_guess(&top_item));
+    }
+}
+
 static void test_hostile_counts_are_no_large_guess(void **state)
 {
     (void)state;
@@ -395,6 +420,7 @@ int main(void)
         TEST(test_bounds_hold),
         TEST(test_bounds_of_top_levels_hold),
         TEST(test_the_guess_suits_ordinary_payloads),
+        TEST(test_the_guess_suits_meshes_without_indices_and_top_levels),
         TEST(test_hostile_counts_are_no_large_guess),
         TEST(test_truncated_payloads),
         TEST(test_broken_rules_come_before_bounds),
