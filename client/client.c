@@ -37,7 +37,8 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
     if (!options)
         options = &standard;
     if (options->struct_size < sizeof *options)
-        return bvhd_error_set(ret_error, BVHD_INVALID, "options.struct_size", "%zu bytes", options->struct_size);
+        return bvhd_error_set(ret_error, BVHD_INVALID, "options.struct_size", "%zu bytes instead of sizeof(struct bvhd_client_options)",
+                              options->struct_size);
     struct bvhd_client *client = memory_alloc(&library_memory, sizeof *client);
     if (!client)
         return bvhd_error_set(ret_error, BVHD_NO_MEMORY, "client", "no memory for it");

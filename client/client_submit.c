@@ -89,7 +89,8 @@ static void start(struct bvhd_batch *batch)
 static enum bvhd_status check_build(const struct bvhd_build *build, struct bvhd_error *error)
 {
     if (build->struct_size < sizeof *build)
-        return bvhd_error_set(error, BVHD_INVALID, "build.struct_size", "%zu bytes", build->struct_size);
+        return bvhd_error_set(error, BVHD_INVALID, "build.struct_size", "%zu bytes instead of sizeof(struct bvhd_build)",
+                              build->struct_size);
     if (build->info_count > 0 && !build->infos)
         return bvhd_error_set(error, BVHD_INVALID, "build.infos", "not given");
     if (build->reference_count > 0 && !build->references)

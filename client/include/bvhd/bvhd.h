@@ -8,7 +8,7 @@
  *     struct bvhd_client *client;
  *     bvhd_client_create(NULL, &client, &error);
  *     bvhd_batch_submit(client, &build, &batch, &error);
- *     bvhd_batch_wait(batch, -1, &error);
+ *     bvhd_batch_wait(batch, -1);
  *     const struct bvhd_result *result = bvhd_batch_result(batch, 0);     result->error.status, result->data, result->size, result->key
  *     bvhd_batch_destroy(batch);
  *     bvhd_client_destroy(client);
@@ -127,7 +127,7 @@ struct bvhd_reference {
 
 struct bvhd_build {
     size_t struct_size; /* sizeof(struct bvhd_build) */
-    uint32_t info_count;
+    uint32_t info_count; /* any number, 0 included */
     const VkAccelerationStructureBuildGeometryInfoKHR *infos; /* addresses are host addresses; handles are numbers, compared only */
     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges; /* ranges[i]: infos[i].geometryCount of them */
     const struct bvhd_reference *references; /* what instances of any info may name */
