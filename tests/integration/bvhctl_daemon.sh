@@ -144,7 +144,7 @@ plain_report()
 "$make_scene" stadium-like --size 2000 -o stadium.ply >/dev/null
 "$make_scene" park --size 1000 -o park.gltf >/dev/null
 printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
-"$make_scene" sphere --size 40000 -o large.ply >/dev/null
+"$make_scene" sphere --size $((${SIZE:-10000} * 4)) -o large.ply >/dev/null
 s=$scratch/s.sock
 
 # Without a daemon: an explicit socket is waited for, and nothing is started on it.
@@ -273,7 +273,7 @@ for field in socket ms; do
 done
 
 # An interrupt ends the build, here and there. One thread, so that it takes a while on any machine.
-"$make_scene" sphere --size 600000 -o huge.ply >/dev/null
+"$make_scene" sphere --size $((${SIZE:-20000} * 30)) -o huge.ply >/dev/null
 start "$scratch/slow.sock" --workers 1
 slow=$daemon
 s=$scratch/slow.sock
