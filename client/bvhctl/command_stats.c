@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <stdio.h>
+#include <string.h>
 
 #include "commands.h"
 #include "connect.h"
@@ -13,10 +14,40 @@ static void write_counters(const struct bvhd_counters *counters, struct json *js
     json_object_end(json);
 }
 
+/* 0 for a counter that this daemon does not have. */
+static uint64_t value_of(const struct bvhd_counters *counters, const char *name)
+{
+    for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
+        if (!strcmp(bvhd_counters_name(counters, i), name))
+            return bvhd_counters_value(counters, i);
+    return 0;
+}
+
+static double megabytes(const struct bvhd_counters *counters, const char *name)
+{
+    return (double)value_of(counters, name) / 1e6;
+}
+
+/* What one wants to know first. */
+static void print_summary(const struct bvhd_counters *counters)
+{
+    uint64_t hits = value_of(counters, "hits_memory") + value_of(counters, "hits_disk");
+    uint64_t coalesced = value_of(counters, "coalesced"), misses = value_of(counters, "misses"), all = hits + coalesced + misses;
+    printf("hits     %.1f %% of %llu structures; %llu waited for another's build, %llu were new\n",
+           all ? 100 * (double)hits / (double)all : 0, (unsigned long long)all, (unsigned long long)coalesced,
+           (unsigned long long)misses);
+    printf("queue    %llu under way, %llu builds running, %llu workers, %llu connections\n",
+           (unsigned long long)value_of(counters, "queue_depth"), (unsigned long long)value_of(counters, "builds_running"),
+           (unsigned long long)value_of(counters, "workers"), (unsigned long long)value_of(counters, "connections"));
+    printf("memory   %.1f of %.1f MB; kept results %.1f of %.1f MB\n\n", megabytes(counters, "memory_live"),
+           megabytes(counters, "memory_limit"), megabytes(counters, "cache_bytes"), megabytes(counters, "cache_budget"));
+}
+
 static bool print_counters(const struct options *options, const struct bvhd_counters *counters, struct memory *memory)
 {
     struct json json;
     if (!options->json) {
+        print_summary(counters);
         for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
             printf("%-24s %llu\n", bvhd_counters_name(counters, i), (unsigned long long)bvhd_counters_value(counters, i));
         return report_flush();

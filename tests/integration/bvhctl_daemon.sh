@@ -264,8 +264,13 @@ one_json_object
 for field in builds_started builds_done hits_memory hits_disk misses coalesced refused cancelled queue_depth live_result_bytes connections; do
     expect "the counter $field" grep -Eq "\"$field\":[0-9]+[,}]" out
 done
-expect 'only this connection' grep -q '"connections":1[,}]' out
-expect 'nothing under way' grep -q '"queue_depth":0[,}]' out
+within 10 counter_is "$s" queue_depth 0
+run 0 --socket "$s" stats
+for line in 'hits +[0-9.]+ % of [1-9][0-9]* structures; ' 'queue +0 under way, 0 builds running, [1-9]' 'memory +[0-9.]+ of [0-9.]+ MB; '; do
+    expect "the summary: $(head -n 4 out)" grep -Eq "^$line" out
+done
+expect 'only the connection that asks' within 10 counter_is "$s" connections 1
+expect 'nothing under way' within 10 counter_is "$s" queue_depth 0
 run 0 --socket "$s" ping --json
 one_json_object
 for field in socket ms; do
