@@ -7,7 +7,8 @@
  * Starts its own daemons (BVHD is the program). Sections, all of them when none is named:
  *   cost      a build through the service beside the same views, canonical copy and blob in this process, without key and socket; interleaved
  *   hits      a result by key, 1 KiB and 1 MiB; the geometry of a 1 MiB result again
- *   many      640 different meshes of 2,000 triangles in one batch: all workers against one
+ *   many      640 different meshes of 2,000 triangles in one batch: all workers against one; beside it processes that share nothing, which
+ *             shows what the machine has to give
  *   small     a small job beside a build of 4 million triangles, and on a quiet daemon
  *   cancel    200 cancelled in the queue, 200 while they run
  *   death     how long the work and the resources of a client that died go on

@@ -76,15 +76,16 @@ static void each(unsigned processes, int descriptor, void (*what)(int descriptor
 double bench_apart(const struct terrain *meshes, unsigned count, unsigned processes)
 {
     int go[2], done[2];
-    if (pipe(go) || pipe(done))
-        bench_fail("no pipes");
+    pid_t *pids = calloc(processes, sizeof *pids);
+    if (!pids || pipe(go) || pipe(done))
+        bench_fail("no memory or no pipes");
     for (unsigned i = 0; i < processes; i++) {
-        pid_t pid = fork();
-        if (pid == 0) {
+        pids[i] = fork();
+        if (pids[i] == 0) {
             close(go[1]);
             be_process(meshes, count, i, processes, go[0], done[1]);
         }
-        if (pid < 0)
+        if (pids[i] < 0)
             bench_fail("cannot fork");
     }
     close(done[1]);
@@ -93,10 +94,11 @@ double bench_apart(const struct terrain *meshes, unsigned count, unsigned proces
     each(processes, go[1], pass);
     each(processes, done[0], await);
     double ms = bench_now() - begin;
-    while (wait(NULL) > 0)
-        continue;
+    for (unsigned i = 0; i < processes; i++)
+        waitpid(pids[i], NULL, 0);
     close(go[0]);
     close(go[1]);
     close(done[0]);
+    free(pids);
     return ms;
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* service_share.c - bench_service's sections `many`, `small`, `cancel` and `death`. */
 #include <signal.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -44,62 +45,72 @@ static struct share_times time_batch(struct bvhd_client *client, const struct bv
     return times;
 }
 
-/* Of the run in which the jobs took least. */
-static struct share_times build_meshes(const struct bench *bench, unsigned workers)
-{
-    enum { RUNS = 7, PAUSE_US = 30000 };
+/* A daemon with so many workers, and as many processes that share nothing. */
+struct crew {
+    unsigned workers;
     struct service_process process;
+    struct bvhd_client *client;
+    struct share_times best; /* of the run in which the jobs took least */
+    double apart;
+};
+
+static void crew_start(struct crew *crew, const struct bench *bench, unsigned workers)
+{
+    *crew = (struct crew){.workers = workers, .best = {.active = 1e30}, .apart = 1e30};
+    bench_start(bench, workers, "0", &crew->process);
+    crew->client = bench_client(&crew->process);
+}
+
+static void crew_build(struct crew *crew)
+{
+    enum { PAUSE_US = 30000 }; /* longer than the daemon counts as work */
     struct bvhd_build build = {.struct_size = sizeof build,
                                .info_count = MESHES,
                                .infos = infos,
                                .ranges = ranges,
                                .quality = BVHD_QUALITY_BALANCED,
                                .target = BVHD_TARGET_PORTABLE};
-    bench_start(bench, workers, "0", &process);
-    struct bvhd_client *client = bench_client(&process);
-    struct share_times best = {.active = 1e30};
-    for (int i = 0; i < RUNS; i++) {
-        struct share_times times = time_batch(client, &build);
-        best = times.active < best.active ? times : best;
-        sleep_us(PAUSE_US); /* a longer pause than the daemon counts as work */
-    }
-    bvhd_client_destroy(client);
-    bench_stop(&process);
-    return best;
+    double apart = bench_apart(meshes, MESHES, crew->workers);
+    crew->apart = apart < crew->apart ? apart : crew->apart;
+    sleep_us(PAUSE_US);
+    struct share_times times = time_batch(crew->client, &build);
+    crew->best = times.active < crew->best.active ? times : crew->best;
 }
 
-/* The best of a few: what the machine has to give. */
-static double apart(unsigned processes)
+static void crew_stop(struct crew *crew)
 {
-    enum { RUNS = 3 };
-    double best = 1e30;
-    for (int i = 0; i < RUNS; i++) {
-        double ms = bench_apart(meshes, MESHES, processes);
-        best = ms < best ? ms : best;
-    }
-    return best;
+    const struct share_times *times = &crew->best;
+    char what[40];
+    snprintf(what, sizeof what, "640 meshes, %u workers", crew->workers);
+    bench_line(what, "first job to last %.1f ms, workers busy %.3f of it, client waits %.1f ms; as many processes apart %.1f ms",
+               times->active, times->busy / times->active / crew->workers, times->wall, crew->apart);
+    bvhd_client_destroy(crew->client);
+    bench_stop(&crew->process);
 }
 
 void bench_many(const struct bench *bench)
 {
+    enum { ROUNDS = 7 };
+    struct crew one, all;
     for (int i = 0; i < MESHES; i++) {
         terrain_init(&meshes[i], MESH_SIZE, (uint32_t)i + 100);
         infos[i] = meshes[i].info;
         ranges[i] = meshes[i].ranges;
     }
     unsigned workers = bench->workers ? bench->workers : (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
-    double apart_one = apart(1), apart_all = apart(workers);
-    struct share_times one = build_meshes(bench, 1), all = build_meshes(bench, workers);
-    bench_line("640 meshes, processes apart", "1: %.1f ms, %u: %.1f ms: %.3f times the rate of as many single ones", apart_one, workers,
-               apart_all, apart_one / apart_all / workers);
-    bench_line("640 meshes, 1 worker", "first job to last %.1f ms, busy %.1f ms, client waits %.1f ms", one.active, one.busy, one.wall);
-    bench_line("640 meshes, all workers", "%u: first job to last %.1f ms, busy %.1f ms (%.3f of the time), client waits %.1f ms",
-               workers, all.active, all.busy, all.busy / all.active / workers, all.wall);
+    crew_start(&one, bench, 1);
+    crew_start(&all, bench, workers);
+    for (int i = 0; i < ROUNDS; i++) { /* in turns: machines are not equally fast all the time */
+        crew_build(&one);
+        crew_build(&all);
+    }
+    crew_stop(&one);
+    crew_stop(&all);
     bench_line("640 meshes, rates",
-               "%.3f times that of as many single workers (goal: 0.85; by one worker's busy time %.3f), %.3f times that of processes "
-               "apart, as clients see it %.3f",
-               one.active / all.active / workers, one.busy / all.active / workers, apart_all / all.active,
-               one.wall / all.wall / workers);
+               "%.3f times that of %u single workers (goal: 0.85), as clients see it %.3f; processes apart %.3f times that of as many "
+               "alone",
+               one.best.active / all.best.active / workers, workers, one.best.wall / all.best.wall / workers,
+               one.apart / all.apart / workers);
     for (int i = 0; i < MESHES; i++)
         terrain_finish(&meshes[i]);
 }
