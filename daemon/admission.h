@@ -12,6 +12,9 @@
  *   budget.
  *
  * No deadlock: copies wait for builds only, and a build starts when no other of its tier does. Loop thread only.
+ *
+ * In one turn of the loop only ADMISSION_TURN_STARTS of each kind may start: memory for thousands becomes free at once, and to start one takes
+ * microseconds.
  */
 #ifndef BVHD_ADMISSION_H
 #define BVHD_ADMISSION_H
@@ -25,9 +28,12 @@ enum admission_tier { ADMISSION_SMALL, ADMISSION_LARGE, ADMISSION_TIERS };
 /* A small prepare asks for no more than this, and than this part of the budget. Its build takes at most some ten times as much. */
 enum { ADMISSION_SMALL_MOST = 1 << 20, ADMISSION_SMALL_PART = 1024 };
 
+enum { ADMISSION_TURN_STARTS = 64 };
+
 struct admission_share {
     uint64_t bytes;
     uint32_t count;
+    uint32_t starts; /* in this turn */
 };
 
 struct admission {
@@ -58,10 +64,17 @@ static inline bool admission_fits_large(const struct admission *admission, uint6
     return admission_sum(others, bytes) <= admission->limit - admission->limit / 4;
 }
 
+static inline bool admission_has_turn(const struct admission_share *share)
+{
+    return share->starts < ADMISSION_TURN_STARTS;
+}
+
 /* Promises are given only after asking. */
 static inline bool admission_may_prepare(const struct admission *admission, enum admission_tier tier, uint64_t bytes)
 {
     const struct admission_share *share = &admission->prepares[tier];
+    if (!admission_has_turn(share))
+        return false;
     if (share->count == 0)
         return true;
     if (tier == ADMISSION_SMALL)
@@ -73,6 +86,8 @@ static inline bool admission_may_prepare(const struct admission *admission, enum
 static inline bool admission_may_build(const struct admission *admission, enum admission_tier tier, uint64_t bytes, bool exclusive)
 {
     const struct admission_share *share = &admission->builds[tier];
+    if (!admission_has_turn(share))
+        return false;
     if (share->count == 0)
         return true;
     if (tier == ADMISSION_SMALL)
@@ -91,12 +106,28 @@ static inline void admission_give(struct admission_share *share, uint64_t bytes)
 {
     share->bytes += bytes;
     share->count++;
+    share->starts++;
 }
 
 static inline void admission_end(struct admission_share *share, uint64_t bytes)
 {
     share->bytes -= bytes;
     share->count--;
+}
+
+/* Whether something may have to wait for the next turn. */
+static inline bool admission_turn_is_over(const struct admission *admission)
+{
+    for (int tier = 0; tier < ADMISSION_TIERS; tier++)
+        if (!admission_has_turn(&admission->prepares[tier]) || !admission_has_turn(&admission->builds[tier]))
+            return true;
+    return false;
+}
+
+static inline void admission_begin_turn(struct admission *admission)
+{
+    for (int tier = 0; tier < ADMISSION_TIERS; tier++)
+        admission->prepares[tier].starts = admission->builds[tier].starts = 0;
 }
 
 #endif

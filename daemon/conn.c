@@ -7,7 +7,8 @@
 
 #include "release.h"
 
-enum { SCRAP_READS = 16 };
+/* TURN_NS: no more frames are taken in a turn after it. */
+enum { SCRAP_READS = 16, TURN_NS = 500 * 1000 };
 
 static struct descriptors *descriptors_of(const struct conn *conn)
 {
@@ -159,13 +160,13 @@ static bool receive(struct conn *conn, uint64_t *bytes)
 static bool take_frames(struct conn *conn)
 {
     const struct conn_limits *limits = &conn->group->limits;
-    uint64_t bytes = 0;
+    uint64_t bytes = 0, end = uv_hrtime() + TURN_NS;
     uint32_t frames = 0;
     while (conn->state == CONN_OPEN && !conn->failed && !(conn->reading_full = is_queue_full(conn))) {
         struct frame frame;
         struct bvhd_error error;
         bool found;
-        if (frames >= limits->turn_frames || bytes >= limits->turn_bytes) {
+        if (frames >= limits->turn_frames || bytes >= limits->turn_bytes || (frames > 0 && uv_hrtime() >= end)) {
             conn_group_later(conn->group, conn);
             break;
         }

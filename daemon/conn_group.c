@@ -170,7 +170,7 @@ void conn_group_due(struct conn_group *group, struct conn *conn)
 {
     if (conn->is_due || conn->is_later || conn == group->working) /* its work ends with a look at everything */
         return;
-    conn->waits_costly = conn->cost_ns > COSTLY_NS;
+    conn->waits_costly = conn->lost || conn->cost_ns > COSTLY_NS; /* who has left waits for nothing */
     struct conn ***end = conn->waits_costly ? &group->costly_end : &group->due_end;
     conn->is_due = true;
     conn->next_due = NULL;

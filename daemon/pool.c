@@ -123,25 +123,34 @@ void pool_cancel(struct pool *pool, struct pool_job *job)
     pool_unlock(pool);
 }
 
-static struct pool_job *take_ended(struct pool *pool)
+/* The first that have ended. What is left is told of once more. */
+static struct pool_job *take_ended(struct pool *pool, bool *ret_more)
 {
     pool_lock(pool);
-    struct pool_job *jobs = pool->ended;
-    pool->ended = NULL;
-    pool->ended_end = &pool->ended;
+    struct pool_job *jobs = pool->ended, **end = &pool->ended;
+    for (int i = 0; i < POOL_COLLECT_MOST && *end; i++)
+        end = &(*end)->next;
+    pool->ended = *end;
+    *end = NULL;
+    if (!pool->ended)
+        pool->ended_end = &pool->ended;
+    *ret_more = pool->ended != NULL;
+    pool->to_tell |= *ret_more;
     pool_unlock(pool);
     return jobs;
 }
 
-void pool_collect(struct pool *pool)
+bool pool_collect(struct pool *pool)
 {
-    for (struct pool_job *job = take_ended(pool), *next; job; job = next) {
+    bool more;
+    for (struct pool_job *job = take_ended(pool, &more), *next; job; job = next) {
         struct pool_turn *turn = job->turn;
         next = job->next;
         job->done(job);
         turn->jobs--;
         free_if_unused(turn);
     }
+    return more;
 }
 
 struct pool_load pool_load(struct pool *pool)

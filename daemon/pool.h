@@ -24,7 +24,13 @@
 #include "parallel.h"
 #include "status.h"
 
-enum { POOL_SPARE_RATIO = 8, POOL_SPARE_LEAST = 8192, POOL_MAX_THREADS = 1024, POOL_PAUSE_NS = 10 * 1000 * 1000 };
+enum {
+    POOL_SPARE_RATIO = 8,
+    POOL_SPARE_LEAST = 8192,
+    POOL_MAX_THREADS = 1024,
+    POOL_PAUSE_NS = 10 * 1000 * 1000,
+    POOL_COLLECT_MOST = 64
+};
 
 struct pool;
 struct pool_turn;
@@ -71,8 +77,11 @@ void pool_submit(struct pool *pool, struct pool_job *job);
  */
 void pool_cancel(struct pool *pool, struct pool_job *job);
 
-/* Calls done() of the jobs that have ended, in the order in which they did; done() may submit and cancel. */
-void pool_collect(struct pool *pool);
+/*
+ * Calls done() of the jobs that have ended, in the order in which they did, of POOL_COLLECT_MOST at most; done() may submit and cancel. Returns
+ * whether there are more, for which `wake` has been called again.
+ */
+bool pool_collect(struct pool *pool);
 
 struct pool_load {
     uint32_t queued, running; /* jobs */

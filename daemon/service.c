@@ -100,6 +100,8 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
     if (!service)
         return out_of_memory(error);
     service->options = complete(options);
+    service->wake = wake;
+    service->wake_context = wake_context;
     init_plain_parts(service);
     enum bvhd_status status = create_parts(service, wake, wake_context, error);
     if (status != BVHD_OK) {
@@ -116,7 +118,8 @@ static void await_workers(struct service *service)
 {
     static const struct timespec moment = {.tv_nsec = 200 * 1000};
     for (;;) {
-        service_collect(service);
+        while (service_collect(service))
+            ;
         struct pool_load load = pool_load(service->pool);
         if (load.queued == 0 && load.running == 0 && service->flights.running == 0 && !service->sessions)
             return;
@@ -140,12 +143,16 @@ void service_pump(struct service *service)
     request_pump(service);
     flights_pump(&service->flights);
     request_tell(service);
+    if (admission_turn_is_over(&service->admission))
+        service->wake(service->wake_context);
 }
 
-void service_collect(struct service *service)
+bool service_collect(struct service *service)
 {
-    pool_collect(service->pool);
+    admission_begin_turn(&service->admission);
+    bool more = pool_collect(service->pool);
     service_pump(service);
+    return more;
 }
 
 void service_drain(struct service *service)

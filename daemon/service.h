@@ -36,8 +36,8 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
 /* All sessions must be closed; waits for what still runs, which has been told to stop. NULL-safe. */
 void service_destroy(struct service *service);
 
-/* Takes up what workers have finished. */
-void service_collect(struct service *service);
+/* Takes up what workers have finished, and starts what may start: as much as fits in a turn of the loop. Returns whether more has finished. */
+bool service_collect(struct service *service);
 
 /* No new requests: sessions answer them with UNAVAILABLE. What is under way goes on. */
 void service_drain(struct service *service);

@@ -19,6 +19,8 @@ struct request_news {
 
 struct service {
     struct service_options options;
+    void (*wake)(void *context);
+    void *wake_context;
     struct memory memory; /* the budget */
     struct memory inlines; /* of inline payloads, a share of it */
     struct memory large; /* of prepares and builds that are not small, a share of it */
