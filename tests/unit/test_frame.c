@@ -9,6 +9,14 @@
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
 
+/* One at a time: it is too large for a stack. */
+static struct frames_stream *empty_stream(void)
+{
+    static struct frames_stream stream;
+    stream.size = stream.count = 0;
+    return &stream;
+}
+
 static void start(struct frame_parser *parser)
 {
     frame_parser_init(parser, &memory, FRAME_MAX_CONTROL, FRAME_MAX_INLINE);
@@ -83,14 +91,14 @@ static void the_header_is_a_table(void **state)
 static void a_frame_comes_out_as_it_went_in(void **state)
 {
     (void)state;
-    struct frames_stream stream = {0};
-    frames_add(&stream, &(struct frame_header){.type = 3, .control_size = 700, .inline_size = 900, .request = UINT64_MAX});
+    struct frames_stream *stream = empty_stream();
+    frames_add(stream, &(struct frame_header){.type = 3, .control_size = 700, .inline_size = 900, .request = UINT64_MAX});
     struct frame_parser parser;
     start(&parser);
     expect_none(&parser);
-    assert_int_equal(feed(&parser, stream.bytes, stream.size, NULL, 0), BVHD_OK);
+    assert_int_equal(feed(&parser, stream->bytes, stream->size, NULL, 0), BVHD_OK);
     struct frame frame = next(&parser);
-    frames_check(&stream, 0, &frame);
+    frames_check(stream, 0, &frame);
     assert_int_equal(frame.descriptors[0], -1);
     expect_none(&parser);
     stop(&parser);
@@ -100,16 +108,16 @@ static void a_frame_comes_out_as_it_went_in(void **state)
 static void every_truncation_waits(void **state)
 {
     (void)state;
-    struct frames_stream stream = {0};
-    frames_add(&stream, &(struct frame_header){.type = 70, .control_size = 11, .inline_size = 7, .request = 5});
-    for (size_t cut = 0; cut < stream.size; cut++) {
+    struct frames_stream *stream = empty_stream();
+    frames_add(stream, &(struct frame_header){.type = 70, .control_size = 11, .inline_size = 7, .request = 5});
+    for (size_t cut = 0; cut < stream->size; cut++) {
         struct frame_parser parser;
         start(&parser);
-        assert_int_equal(feed(&parser, stream.bytes, cut, NULL, 0), BVHD_OK);
+        assert_int_equal(feed(&parser, stream->bytes, cut, NULL, 0), BVHD_OK);
         expect_none(&parser);
-        assert_int_equal(feed(&parser, stream.bytes + cut, stream.size - cut, NULL, 0), BVHD_OK);
+        assert_int_equal(feed(&parser, stream->bytes + cut, stream->size - cut, NULL, 0), BVHD_OK);
         struct frame frame = next(&parser);
-        frames_check(&stream, 0, &frame);
+        frames_check(stream, 0, &frame);
         stop(&parser);
     }
 }
@@ -169,12 +177,12 @@ static void portions_do_not_matter(void **state)
 /* One byte of a good header changed. */
 static void refuse(size_t at, unsigned char value, enum bvhd_status status, const char *where)
 {
-    struct frames_stream stream = {0};
-    frames_add(&stream, &(struct frame_header){.type = 3});
-    stream.bytes[at] = value;
+    struct frames_stream *stream = empty_stream();
+    frames_add(stream, &(struct frame_header){.type = 3});
+    stream->bytes[at] = value;
     struct frame_parser parser;
     start(&parser);
-    assert_int_equal(feed(&parser, stream.bytes, stream.size, NULL, 0), BVHD_OK);
+    assert_int_equal(feed(&parser, stream->bytes, stream->size, NULL, 0), BVHD_OK);
     expect_broken(&parser, status, where);
     assert_true(memory.live < 64 * 1024);
     stop(&parser);
@@ -220,11 +228,11 @@ static void limits_are_the_receivers(void **state)
 {
     (void)state;
     for (int over = 0; over < 3; over++) {
-        struct frames_stream stream = {0};
-        frames_add(&stream, &(struct frame_header){.type = 3, .control_size = 50 + (over == 1), .inline_size = 9 + (over == 2)});
+        struct frames_stream *stream = empty_stream();
+        frames_add(stream, &(struct frame_header){.type = 3, .control_size = 50 + (over == 1), .inline_size = 9 + (over == 2)});
         struct frame_parser parser;
         frame_parser_init(&parser, &memory, 50, 9);
-        assert_int_equal(feed(&parser, stream.bytes, stream.size, NULL, 0), BVHD_OK);
+        assert_int_equal(feed(&parser, stream->bytes, stream->size, NULL, 0), BVHD_OK);
         if (over)
             expect_broken(&parser, BVHD_TOO_LARGE, over == 1 ? "frame.controlSize" : "frame.inlineSize");
         else
@@ -237,21 +245,21 @@ static void limits_are_the_receivers(void **state)
 static void buffers_grow_and_shrink(void **state)
 {
     (void)state;
-    struct frames_stream stream = {0};
-    frames_add(&stream, &(struct frame_header){.type = 3, .control_size = FRAME_MAX_CONTROL, .inline_size = 100});
+    struct frames_stream *stream = empty_stream();
+    frames_add(stream, &(struct frame_header){.type = 3, .control_size = FRAME_MAX_CONTROL, .inline_size = 100});
     struct frame_parser parser;
     unsigned char *at;
     uint64_t size;
     start(&parser);
     assert_int_equal(memory.live, 0);
-    assert_int_equal(feed(&parser, stream.bytes, FRAME_HEADER_SIZE - 1, NULL, 0), BVHD_OK);
+    assert_int_equal(feed(&parser, stream->bytes, FRAME_HEADER_SIZE - 1, NULL, 0), BVHD_OK);
     assert_int_equal(frame_parser_space(&parser, &at, &size, NULL), BVHD_OK);
     assert_int_equal(memory.live, 16 * 1024);
-    assert_int_equal(feed(&parser, stream.bytes + FRAME_HEADER_SIZE - 1, 1, NULL, 0), BVHD_OK);
+    assert_int_equal(feed(&parser, stream->bytes + FRAME_HEADER_SIZE - 1, 1, NULL, 0), BVHD_OK);
     assert_int_equal(frame_parser_space(&parser, &at, &size, NULL), BVHD_OK);
     assert_int_equal(size, FRAME_MAX_CONTROL + 100);
-    assert_int_equal(memory.live, stream.size);
-    assert_int_equal(feed(&parser, stream.bytes + FRAME_HEADER_SIZE, stream.size - FRAME_HEADER_SIZE, NULL, 0), BVHD_OK);
+    assert_int_equal(memory.live, stream->size);
+    assert_int_equal(feed(&parser, stream->bytes + FRAME_HEADER_SIZE, stream->size - FRAME_HEADER_SIZE, NULL, 0), BVHD_OK);
     next(&parser);
     assert_int_equal(frame_parser_space(&parser, &at, &size, NULL), BVHD_OK);
     assert_int_equal(memory.live, 16 * 1024);
@@ -262,23 +270,23 @@ static void buffers_grow_and_shrink(void **state)
 static void failing_allocations_change_nothing(void **state)
 {
     (void)state;
-    struct frames_stream stream = {0};
-    frames_add(&stream, &(struct frame_header){.type = 3, .control_size = 100000, .inline_size = 100});
+    struct frames_stream *stream = empty_stream();
+    frames_add(stream, &(struct frame_header){.type = 3, .control_size = 100000, .inline_size = 100});
     int failures = 0;
     for (bool failed = true; failed; failures++) {
         struct frame_parser parser;
         failed = false;
         start(&parser);
         atomic_store(&memory.fail_after, failures);
-        for (size_t at = 0; at < stream.size;) {
-            size_t size = stream.size - at < 10000 ? stream.size - at : 10000;
-            enum bvhd_status status = feed(&parser, stream.bytes + at, size, NULL, 0);
+        for (size_t at = 0; at < stream->size;) {
+            size_t size = stream->size - at < 10000 ? stream->size - at : 10000;
+            enum bvhd_status status = feed(&parser, stream->bytes + at, size, NULL, 0);
             assert_true(status == BVHD_OK || (status == BVHD_NO_MEMORY && !failed));
             failed = failed || status == BVHD_NO_MEMORY;
             at += status == BVHD_OK ? size : 0;
         }
         struct frame frame = next(&parser);
-        frames_check(&stream, 0, &frame);
+        frames_check(stream, 0, &frame);
         stop(&parser);
     }
     assert_true(failures > 2);
@@ -287,7 +295,7 @@ static void failing_allocations_change_nothing(void **state)
 
 /* Three frames that declare 0, 2 and 1 descriptors. */
 struct story {
-    struct frames_stream stream;
+    struct frames_stream *stream;
     size_t starts[4];
     int descriptors[3];
     ino_t inodes[3];
@@ -298,19 +306,19 @@ struct story {
 static void open_story(struct story *story)
 {
     static const uint8_t declared[3] = {0, 2, 1};
-    *story = (struct story){.open = frames_open()};
+    *story = (struct story){.stream = empty_stream(), .open = frames_open()};
     for (int i = 0; i < 3; i++) {
-        story->starts[i] = story->stream.size;
-        frames_add(&story->stream, &(struct frame_header){.type = 3, .descriptors = declared[i], .control_size = 20, .request = 1});
+        story->starts[i] = story->stream->size;
+        frames_add(story->stream, &(struct frame_header){.type = 3, .descriptors = declared[i], .control_size = 20, .request = 1});
         story->descriptors[i] = frames_descriptor(&story->inodes[i]);
     }
-    story->starts[3] = story->stream.size;
+    story->starts[3] = story->stream->size;
     start(&story->parser);
 }
 
 static enum bvhd_status tell(struct story *story, size_t from, size_t to, int first, uint32_t count)
 {
-    return feed(&story->parser, story->stream.bytes + from, to - from, story->descriptors + first, count);
+    return feed(&story->parser, story->stream->bytes + from, to - from, story->descriptors + first, count);
 }
 
 static void expect_descriptor(int descriptor, ino_t inode)
@@ -434,14 +442,14 @@ static void the_queue_has_an_end(void **state)
     (void)state;
     for (uint32_t over = 0; over < 2; over++) {
         int open = frames_open(), descriptors[FRAME_QUEUE + 1];
-        struct frames_stream stream = {0};
+        struct frames_stream *stream = empty_stream();
         for (int i = 0; i < 8; i++)
-            frames_add(&stream, &(struct frame_header){.type = 3, .descriptors = 4, .request = 1});
+            frames_add(stream, &(struct frame_header){.type = 3, .descriptors = 4, .request = 1});
         for (uint32_t i = 0; i < FRAME_QUEUE + over; i++)
             descriptors[i] = frames_descriptor(NULL);
         struct frame_parser parser;
         start(&parser);
-        assert_int_equal(feed(&parser, stream.bytes, stream.size, descriptors, FRAME_QUEUE + over), over ? BVHD_TOO_LARGE : BVHD_OK);
+        assert_int_equal(feed(&parser, stream->bytes, stream->size, descriptors, FRAME_QUEUE + over), over ? BVHD_TOO_LARGE : BVHD_OK);
         for (int i = 0; i < 8 && !over; i++) {
             struct frame frame = next(&parser);
             for (int k = 0; k < 4; k++) {
