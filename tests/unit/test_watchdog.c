@@ -4,9 +4,10 @@
 
 #include "unit.h"
 
+#include "pool_inside.h"
 #include "watchdog.h"
 
-enum { MAX_STUCK = 8 };
+enum { MAX_STUCK = 8, PATIENCE_MS = 20000 };
 
 static pthread_mutex_t gate = PTHREAD_MUTEX_INITIALIZER;
 
@@ -36,6 +37,20 @@ static void collect_for(struct pool *pool, int ms)
     }
 }
 
+/* Until what the pool was asked is answered. */
+static void await_answer(struct pool *pool, const struct watchdog *watchdog)
+{
+    for (int ms = 0; watchdog->under_way && ms < PATIENCE_MS; ms++)
+        collect_for(pool, 1);
+}
+
+/* Until that many jobs run. */
+static void await_running(struct pool *pool, uint32_t count)
+{
+    for (int ms = 0; pool_load(pool).running < count && ms < PATIENCE_MS; ms++)
+        collect_for(pool, 1);
+}
+
 static void test_idle_pool(void **state)
 {
     struct pool *pool;
@@ -45,7 +60,7 @@ static void test_idle_pool(void **state)
     assert_int_equal(watchdog_init(&watchdog, pool, 100, NULL), BVHD_OK);
     for (uint64_t now = 0; now < 2000; now += 50) {
         assert_true(watchdog_is_alive(&watchdog, now));
-        collect_for(pool, 3);
+        await_answer(pool, &watchdog);
     }
     watchdog_finish(&watchdog);
     pool_destroy(pool);
@@ -67,14 +82,14 @@ static void test_stuck_pool(void **state)
         jobs[i] = (struct pool_job){.run = wait_at_gate, .done = ended, .turn = turn, .size = size};
         pool_submit(pool, &jobs[i]);
     }
-    collect_for(pool, 50);
+    await_running(pool, 1 + POOL_SPARE_THREADS);
     assert_true(watchdog_is_alive(&watchdog, 1000));
     collect_for(pool, 20);
     assert_true(watchdog_is_alive(&watchdog, 1099));
     assert_false(watchdog_is_alive(&watchdog, 1100));
     assert_false(watchdog_is_alive(&watchdog, 5000));
     pthread_mutex_unlock(&gate);
-    collect_for(pool, 50);
+    await_answer(pool, &watchdog);
     assert_true(watchdog_is_alive(&watchdog, 6000));
     watchdog_finish(&watchdog); /* while its job may be under way */
     for (int i = 0; i < MAX_STUCK; i++)
