@@ -23,37 +23,50 @@ static struct form_geometry *row_of(const struct fetch *fetch, uint32_t geometry
     return (struct form_geometry *)(void *)(fetch->block + sizeof(struct form_header)) + geometry;
 }
 
-enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input, uint32_t index, struct memory *memory,
+/* Of millions of rows: the system clears their memory meanwhile, which takes longer than anything else. False when cancelled. */
+static bool list_geometries(struct fetch *fetch, const atomic_bool *cancel)
+{
+    const struct geometry *geometries = fetch->input->geometries;
+    uint32_t primitives = 0;
+    for (uint32_t i = 0; i < fetch->view.geometry_count; i++) {
+        if (parallel_cancelled_at(cancel, i))
+            return false;
+        atomic_init(&fetch->sources[i].lowest, UINT32_MAX);
+        atomic_init(&fetch->sources[i].highest, 0);
+        fetch->sources[i].transformed = false;
+        fetch->view.geometries[i] = (struct canonical_geometry){
+            .primitive_count = geometries[i].range.primitive_count,
+            .first_primitive = primitives,
+        };
+        primitives += geometries[i].range.primitive_count;
+    }
+    fetch->view.primitive_count = primitives;
+    return true;
+}
+
+enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input, uint32_t index, const struct build_context *context,
                             struct bvhd_error *error)
 {
-    uint32_t count = input->geometry_count, primitives = 0;
+    uint32_t count = input->geometry_count;
+    struct memory *memory = context->memory;
     *fetch = (struct fetch){.input = input, .index = index, .view = {.geometry_count = count}};
     atomic_init(&fetch->first_unknown, UINT32_MAX);
     atomic_init(&fetch->suspect, false);
     if (input->type == STRUCTURE_TOP) {
-        enum bvhd_status status = reference_lookup_init(input, index, memory, &fetch->lookup, error);
+        enum bvhd_status status = reference_lookup_init(input, index, context, &fetch->lookup, error);
         if (status != BVHD_OK)
             return status;
     }
     fetch->sources = memory_array(memory, count, sizeof *fetch->sources);
     fetch->view.geometries = memory_array(memory, count, sizeof *fetch->view.geometries);
-    if (count > 0 && (!fetch->sources || !fetch->view.geometries)) {
-        memory_free(memory, fetch->view.geometries);
-        fetch_finish(fetch, memory);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, place("infos[%u].pGeometries", index).text, "%u geometries", count);
-    }
-    for (uint32_t i = 0; i < count; i++) {
-        atomic_init(&fetch->sources[i].lowest, UINT32_MAX);
-        atomic_init(&fetch->sources[i].highest, 0);
-        fetch->sources[i].transformed = false;
-        fetch->view.geometries[i] = (struct canonical_geometry){
-            .primitive_count = input->geometries[i].range.primitive_count,
-            .first_primitive = primitives,
-        };
-        primitives += input->geometries[i].range.primitive_count;
-    }
-    fetch->view.primitive_count = primitives;
-    return BVHD_OK;
+    bool allocated = count == 0 || (fetch->sources && fetch->view.geometries);
+    if (allocated && list_geometries(fetch, context->cancel))
+        return BVHD_OK;
+    memory_free(memory, fetch->view.geometries);
+    fetch_finish(fetch, memory);
+    if (allocated)
+        return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", index).text, "cancelled");
+    return bvhd_error_set(error, BVHD_NO_MEMORY, place("infos[%u].pGeometries", index).text, "%u geometries", count);
 }
 
 void fetch_finish(struct fetch *fetch, struct memory *memory)

@@ -22,8 +22,8 @@ struct fetch {
     _Atomic uint32_t first_unknown; /* the first instance whose reference is not in the table, or UINT32_MAX */
 };
 
-/* Takes a validated input. On success view.geometries is the caller's to free, the rest is freed by fetch_finish. */
-enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input, uint32_t index, struct memory *memory,
+/* Takes a validated input. On success view.geometries is the caller's to free, the rest is freed by fetch_finish. BVHD_CANCELLED. */
+enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input, uint32_t index, const struct build_context *context,
                             struct bvhd_error *error);
 void fetch_finish(struct fetch *fetch, struct memory *memory);
 

@@ -98,6 +98,22 @@ static void clear_gaps(struct work *work, enum form_part part)
     }
 }
 
+/* Between steps that do not look by themselves: with millions of rows each takes a while. */
+static enum bvhd_status look_at_cancel(const struct work *work)
+{
+    if (!context_cancelled(work->context))
+        return BVHD_OK;
+    return bvhd_error_set(work->error, BVHD_CANCELLED, place("infos[%u]", work->index).text, "cancelled");
+}
+
+/* Ends early when cancelled. */
+static void make_rows(struct work *work)
+{
+    const struct build_input *input = work->input;
+    for (uint32_t i = 0; i < input->geometry_count && !parallel_cancelled_at(work->context->cancel, i); i++)
+        rows_of(work)[i] = make_row(&input->geometries[i], is_update(input));
+}
+
 /* The first part of the block: rows, and places of the arrays that fetch_primitives will fill. */
 static enum bvhd_status place_primitives(struct work *work)
 {
@@ -106,8 +122,10 @@ static enum bvhd_status place_primitives(struct work *work)
     enum bvhd_status status = grow(work, tables);
     if (status != BVHD_OK)
         return status;
-    for (uint32_t i = 0; i < input->geometry_count; i++)
-        rows_of(work)[i] = make_row(&input->geometries[i], is_update(input));
+    make_rows(work);
+    status = look_at_cancel(work);
+    if (status != BVHD_OK)
+        return status;
     if (!form_place(rows_of(work), input->geometry_count, FORM_PRIMITIVES, tables, &end))
         return too_large(work, "the canonical copy is over 2^64 bytes");
     status = grow(work, end);
@@ -125,7 +143,9 @@ static enum bvhd_status place_positions(struct work *work)
         rows_of(work)[i].vertex_count = work->fetch.view.geometries[i].vertex_count;
     if (!form_place(rows_of(work), count, FORM_POSITIONS, work->size, &end) || !bytes_add(end, references, &end))
         return too_large(work, "the canonical copy is over 2^64 bytes");
-    enum bvhd_status status = grow(work, end);
+    enum bvhd_status status = look_at_cancel(work);
+    if (status == BVHD_OK)
+        status = grow(work, end);
     if (status == BVHD_OK)
         clear_gaps(work, FORM_POSITIONS);
     return status;
@@ -174,14 +194,6 @@ static enum bvhd_status finish_view(struct work *work)
     return work->fetch.suspect ? validate_canonical(view, work->index, work->context->cancel, work->error) : BVHD_OK;
 }
 
-/* Between steps that do not look by themselves: with millions of rows each takes a while. */
-static enum bvhd_status look_at_cancel(const struct work *work)
-{
-    if (!context_cancelled(work->context))
-        return BVHD_OK;
-    return bvhd_error_set(work->error, BVHD_CANCELLED, place("infos[%u]", work->index).text, "cancelled");
-}
-
 static enum bvhd_status run(struct work *work)
 {
     enum bvhd_status status = look_at_cancel(work);
@@ -211,9 +223,9 @@ enum bvhd_status prepare(const struct build_input *input, uint32_t index, const 
     struct memory *memory = context->memory;
     struct work work = {
         .input = input, .index = index, .max_bytes = limits->max_canonical_bytes, .context = context, .memory = memory, .error = error};
-    enum bvhd_status status = validate_input(input, index, limits, error);
+    enum bvhd_status status = validate_input_until(input, index, limits, context->cancel, error);
     if (status == BVHD_OK)
-        status = fetch_init(&work.fetch, input, index, memory, error);
+        status = fetch_init(&work.fetch, input, index, context, error);
     if (status != BVHD_OK)
         return status;
 

@@ -20,13 +20,22 @@ static enum bvhd_status refuse(const struct reference *reference, struct place w
     return bvhd_error_set(error, BVHD_INVALID, where.text, "bounds are not finite");
 }
 
-static enum bvhd_status check_references(const struct build_input *input, uint32_t index, struct bvhd_error *error)
+static enum bvhd_status cancelled(uint32_t index, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", index).text, "cancelled");
+}
+
+static enum bvhd_status check_references(const struct build_input *input, uint32_t index, const atomic_bool *cancel,
+                                         struct bvhd_error *error)
 {
     if (input->reference_count > 0 && !input->references)
         return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references", index).text, "no references given");
-    for (uint32_t i = 0; i < input->reference_count; i++)
+    for (uint32_t i = 0; i < input->reference_count; i++) {
+        if (parallel_cancelled_at(cancel, i))
+            return cancelled(index, error);
         if (!is_good(&input->references[i]))
             return refuse(&input->references[i], place("infos[%u].references[%u]", index, i), error);
+    }
     return BVHD_OK;
 }
 
@@ -39,27 +48,37 @@ static enum bvhd_status check_unique(const struct handle_entry *entries, uint32_
     return BVHD_OK;
 }
 
-enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index, struct memory *memory,
+/* False when cancelled. */
+static bool list_references(const struct build_input *input, const atomic_bool *cancel, struct handle_entry *entries)
+{
+    uint32_t count = input->reference_count;
+    for (uint32_t i = 0; i < count; i++) {
+        if (parallel_cancelled_at(cancel, i))
+            return false;
+        entries[i] = (struct handle_entry){input->references[i].handle, i};
+    }
+    return handle_sort_until(entries, entries + count, count, cancel);
+}
+
+enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index, const struct build_context *context,
                                        struct reference_lookup *ret_lookup, struct bvhd_error *error)
 {
     uint32_t count = input->reference_count;
-    enum bvhd_status status = check_references(input, index, error);
+    enum bvhd_status status = check_references(input, index, context->cancel, error);
     if (status != BVHD_OK || count == 0) {
         if (status == BVHD_OK)
             *ret_lookup = (struct reference_lookup){NULL, 0};
         return status;
     }
-    struct handle_entry *entries = memory_array(memory, count, 2 * sizeof *entries);
+    struct handle_entry *entries = memory_array(context->memory, count, 2 * sizeof *entries);
     if (!entries)
         return bvhd_error_set(error, BVHD_NO_MEMORY, place("infos[%u].references", index).text, "%u references", count);
-    for (uint32_t i = 0; i < count; i++)
-        entries[i] = (struct handle_entry){input->references[i].handle, i};
-    handle_sort(entries, entries + count, count);
-    status = check_unique(entries, count, index, error);
+    bool listed = list_references(input, context->cancel, entries);
+    status = listed ? check_unique(entries, count, index, error) : cancelled(index, error);
     if (status == BVHD_OK)
         *ret_lookup = (struct reference_lookup){entries, count};
     else
-        memory_free(memory, entries);
+        memory_free(context->memory, entries);
     return status;
 }
 

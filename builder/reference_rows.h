@@ -17,7 +17,7 @@ struct reference_lookup {
 };
 
 /* Checks the caller's table (kinds, handles, bounds; BVHD_INVALID with the place) and sorts it. `index`: of the entry, for errors. */
-enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index, struct memory *memory,
+enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index, const struct build_context *context,
                                        struct reference_lookup *ret_lookup, struct bvhd_error *error);
 void reference_lookup_finish(struct reference_lookup *lookup, struct memory *memory);
 

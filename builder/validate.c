@@ -3,6 +3,7 @@
 
 #include <inttypes.h>
 
+#include "parallel.h"
 #include "place.h"
 #include "vertex_format.h"
 
@@ -301,24 +302,36 @@ static enum bvhd_status check_data(const struct subject *subject)
     }
 }
 
+static enum bvhd_status look_at_cancel(const struct subject *subject, const atomic_bool *cancel)
+{
+    if (!parallel_cancelled_at(cancel, subject->index))
+        return BVHD_OK;
+    return bvhd_error_set(subject->error, BVHD_CANCELLED, place("infos[%u]", subject->info).text, "cancelled");
+}
+
 /* All shapes come before all data, so that what is over a limit is not looked into. */
 static enum bvhd_status check_geometries(const struct build_input *input, uint32_t index, const struct limits *limits,
-                                         struct bvhd_error *error)
+                                         const atomic_bool *cancel, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
     uint64_t total = 0;
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
         struct subject subject = {&input->geometries[i], index, i, error};
-        status = check_shape(&subject, input, limits, &total);
+        status = look_at_cancel(&subject, cancel);
+        if (status == BVHD_OK)
+            status = check_shape(&subject, input, limits, &total);
     }
     for (uint32_t i = 0; status == BVHD_OK && i < input->geometry_count; i++) {
         struct subject subject = {&input->geometries[i], index, i, error};
-        status = check_data(&subject);
+        status = look_at_cancel(&subject, cancel);
+        if (status == BVHD_OK)
+            status = check_data(&subject);
     }
     return status;
 }
 
-enum bvhd_status validate_input(const struct build_input *input, uint32_t index, const struct limits *limits, struct bvhd_error *error)
+enum bvhd_status validate_input_until(const struct build_input *input, uint32_t index, const struct limits *limits,
+                                      const atomic_bool *cancel, struct bvhd_error *error)
 {
     enum bvhd_status status = check_type(input->type, index, error);
     if (status == BVHD_OK)
@@ -330,6 +343,11 @@ enum bvhd_status validate_input(const struct build_input *input, uint32_t index,
     if (status == BVHD_OK)
         status = check_geometry_count(input, index, limits, error);
     if (status == BVHD_OK)
-        status = check_geometries(input, index, limits, error);
+        status = check_geometries(input, index, limits, cancel, error);
     return status;
+}
+
+enum bvhd_status validate_input(const struct build_input *input, uint32_t index, const struct limits *limits, struct bvhd_error *error)
+{
+    return validate_input_until(input, index, limits, NULL, error);
 }

@@ -24,6 +24,10 @@
  */
 enum bvhd_status validate_input(const struct build_input *input, uint32_t index, const struct limits *limits, struct bvhd_error *error);
 
+/* The same, but gives up when *cancel is set: BVHD_CANCELLED. `cancel` may be NULL. */
+enum bvhd_status validate_input_until(const struct build_input *input, uint32_t index, const struct limits *limits,
+                                      const atomic_bool *cancel, struct bvhd_error *error);
+
 /*
  * Rules on contents: AABB min <= max, invertible matrices and flags of active instances (flags of inactive ones too). Indices are checked
  * while they are fetched (prepare.h). `cancel` may be NULL; BVHD_CANCELLED.

@@ -202,7 +202,7 @@ static enum bvhd_status run(struct preparation *preparation, const struct build_
         status = rows_read(bytes, &shape, preparation->index, context->memory, &input, &preparation->error);
     if (status != BVHD_OK)
         return status;
-    status = validate_input(&input, preparation->index, preparation->limits, &preparation->error);
+    status = validate_input_until(&input, preparation->index, preparation->limits, context->cancel, &preparation->error);
     uint64_t bound = status == BVHD_OK ? preparation_bound(&input) : 0;
     if (bound > preparation->promised)
         preparation->needed = bound;

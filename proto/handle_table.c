@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "handle_table.h"
 
-#include <stdbool.h>
 #include <string.h>
+
+#include "parallel.h"
 
 enum { DIGIT_BITS = 8, DIGITS = 1 << DIGIT_BITS };
 
@@ -31,10 +32,12 @@ static bool sort_by_digit(const struct handle_entry *source, struct handle_entry
     return true;
 }
 
-void handle_sort(struct handle_entry *entries, struct handle_entry *scratch, uint32_t count)
+bool handle_sort_until(struct handle_entry *entries, struct handle_entry *scratch, uint32_t count, const atomic_bool *cancel)
 {
     struct handle_entry *from = entries, *to = scratch;
     for (unsigned shift = 0; count > 0 && shift < 64; shift += DIGIT_BITS) {
+        if (parallel_cancelled(cancel))
+            return false;
         if (!sort_by_digit(from, to, count, shift))
             continue;
         struct handle_entry *swap = from;
@@ -43,6 +46,12 @@ void handle_sort(struct handle_entry *entries, struct handle_entry *scratch, uin
     }
     if (from != entries)
         memcpy(entries, from, count * sizeof *entries);
+    return true;
+}
+
+void handle_sort(struct handle_entry *entries, struct handle_entry *scratch, uint32_t count)
+{
+    handle_sort_until(entries, scratch, count, NULL);
 }
 
 /* Without a branch on what is compared: handles are as good as random, and searches that follow each other then overlap. */

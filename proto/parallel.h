@@ -33,6 +33,12 @@ static inline bool parallel_cancelled(const atomic_bool *cancel)
     return cancel && atomic_load_explicit(cancel, memory_order_relaxed);
 }
 
+/* The same, for step number `step` of many short ones: looks every few thousand. */
+static inline bool parallel_cancelled_at(const atomic_bool *cancel, size_t step)
+{
+    return step % 8192 == 0 && parallel_cancelled(cancel);
+}
+
 /* As parallel_for, but leaves out the tasks that have not begun when *cancel is set. False when it is set, so that some may be missing. */
 bool parallel_for_until(const struct parallel *parallel, const atomic_bool *cancel, size_t count, parallel_task task, void *context);
 

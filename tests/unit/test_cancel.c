@@ -8,8 +8,10 @@
 
 #include "build.h"
 #include "content_key.h"
+#include "fetch.h"
 #include "prepare.h"
 #include "random.h"
+#include "validate.h"
 #include "workers.h"
 
 /* Runs tasks one after another; sets the flag before task number `at`, counted over all loops. */
@@ -249,6 +251,34 @@ static void a_set_flag_stops_each_step(void **state)
     scene_finish(&scene);
 }
 
+/* So do the parts that only go through rows. */
+static void a_set_flag_stops_going_through_rows(void **state)
+{
+    (void)state;
+    struct scene scenes[2];
+    make_triangles(&scenes[0], 1);
+    make_instances(&scenes[1]);
+    for (int i = 0; i < 2; i++) {
+        const struct build_input *input = &scenes[i].input;
+        struct limits limits = limits_default();
+        struct memory memory;
+        struct fetch fetch;
+        struct reference_lookup lookup;
+        struct bvhd_error error = {0};
+        atomic_bool cancel = true;
+        struct build_context context = {.memory = &memory, .parallel = &parallel_serial, .cancel = &cancel};
+        memory_init(&memory, UINT64_MAX);
+        assert_int_equal(validate_input_until(input, 4, &limits, &cancel, &error), BVHD_CANCELLED);
+        assert_string_equal(error.where, "infos[4]");
+        assert_int_equal(fetch_init(&fetch, input, 4, &context, &error), BVHD_CANCELLED);
+        assert_int_equal(reference_lookup_init(input, 4, &context, &lookup, NULL), input->reference_count ? BVHD_CANCELLED : BVHD_OK);
+        assert_int_equal(memory.live, 0);
+        cancel = false;
+        assert_int_equal(validate_input_until(input, 4, &limits, &cancel, NULL), BVHD_OK);
+        scene_finish(&scenes[i]);
+    }
+}
+
 struct setter {
     atomic_bool cancel;
     long after_ns;
@@ -289,6 +319,38 @@ static void from_another_thread(void **state)
     scene_finish(&scene);
 }
 
+enum { ROWS = 400000 };
+
+/* Hundreds of thousands of geometries of nearly nothing: no loop over rows keeps a thread, whichever is under way. */
+static void among_many_rows(void **state)
+{
+    (void)state;
+    static const float box[6] = {0, 0, 0, 1, 1, 1};
+    struct geometry *geometries = zeroed(ROWS, sizeof *geometries);
+    struct limits limits = limits_default();
+    struct build_input input = {
+        .type = STRUCTURE_BOTTOM, .geometry_count = ROWS, .geometries = geometries, .options.target = TARGET_PORTABLE};
+    for (uint32_t i = 0; i < ROWS; i++)
+        geometries[i] = (struct geometry){
+            .type = GEOMETRY_AABBS, .aabbs = {24, {(const unsigned char *)box, sizeof box}}, .range = {.primitive_count = 1}};
+    for (int i = 0; i < 20; i++) {
+        struct memory memory;
+        struct setter setter = {.after_ns = 3000000L * i};
+        struct build_context context = {.memory = &memory, .parallel = &parallel_serial, .cancel = &setter.cancel};
+        struct canonical canonical = {0};
+        pthread_t thread;
+        memory_init(&memory, UINT64_MAX);
+        assert_int_equal(pthread_create(&thread, NULL, set_later, &setter), 0);
+        enum bvhd_status status = prepare(&input, 0, &limits, &context, &canonical, NULL);
+        pthread_join(thread, NULL);
+        assert_true(status == BVHD_OK || status == BVHD_CANCELLED);
+        if (status == BVHD_OK)
+            prepare_finish(&canonical, &memory);
+        assert_int_equal(memory.live, 0);
+    }
+    free(geometries);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -297,7 +359,9 @@ int main(void)
         cmocka_unit_test(deep_trees),
         cmocka_unit_test(top_levels),
         cmocka_unit_test(a_set_flag_stops_each_step),
+        cmocka_unit_test(a_set_flag_stops_going_through_rows),
         cmocka_unit_test(from_another_thread),
+        cmocka_unit_test(among_many_rows),
     };
     return cmocka_run_group_tests(tests, start, end);
 }

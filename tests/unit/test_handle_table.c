@@ -54,8 +54,21 @@ static void unknown_handles_are_none(void **state)
     assert_int_equal(handle_find(NULL, 0, 5), HANDLE_NONE);
 }
 
+static void cancelled_sorts_say_so(void **state)
+{
+    (void)state;
+    struct handle_entry entries[] = {{7, 0}, {3, 1}, {5, 2}}, scratch[3];
+    atomic_bool cancel = true;
+    assert_false(handle_sort_until(entries, scratch, 3, &cancel));
+    cancel = false;
+    assert_true(handle_sort_until(entries, scratch, 3, &cancel));
+    assert_true(handle_sort_until(entries, scratch, 3, NULL));
+    assert_true(entries[0].handle == 3 && entries[1].handle == 5 && entries[2].handle == 7);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(sorts_and_finds), cmocka_unit_test(unknown_handles_are_none)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(sorts_and_finds), cmocka_unit_test(unknown_handles_are_none),
+                                       cmocka_unit_test(cancelled_sorts_say_so)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -229,6 +229,36 @@ static void cancelled_in_the_queue(void **state)
     loop_finish(&loop);
 }
 
+/* Whoever else waits for the loop has a turn in between. */
+static void collected_in_portions(void **state)
+{
+    (void)state;
+    enum { QUEUED = 2 * POOL_COLLECT_MOST + 10 };
+    struct loop loop;
+    static struct step holder, steps[QUEUED];
+    loop_init(&loop, 1);
+    struct pool_turn *turn = loop_turn(&loop);
+    step_hold_thread(&holder, &loop, turn, 10);
+    for (int i = 0; i < QUEUED; i++) {
+        step_init(&steps[i], &loop, turn, 10);
+        step_submit(&steps[i]);
+    }
+    for (int i = 0; i < QUEUED; i++)
+        pool_cancel(loop.pool, &steps[i].job);
+    for (int portion = 1; portion <= 3; portion++) {
+        unsigned wakes = loop_wakes(&loop);
+        assert_int_equal(pool_collect(loop.pool), portion < 3);
+        assert_int_equal(loop_wakes(&loop), wakes + (portion < 3));
+        for (int i = 0; i < QUEUED; i++)
+            assert_int_equal(steps[i].done, i < portion * POOL_COLLECT_MOST);
+    }
+    assert_false(pool_collect(loop.pool));
+    step_let_go(&holder);
+    step_await(&loop, &holder);
+    pool_turn_end(loop.pool, turn);
+    loop_finish(&loop);
+}
+
 static void a_cancelled_queued_job_wakes_the_loop(void **state)
 {
     (void)state;
@@ -516,6 +546,7 @@ int main(void)
         cmocka_unit_test(load_counts),
         cmocka_unit_test(pauses),
         cmocka_unit_test(cancelled_in_the_queue),
+        cmocka_unit_test(collected_in_portions),
         cmocka_unit_test(a_cancelled_queued_job_wakes_the_loop),
         cmocka_unit_test(cancelled_while_it_runs),
         cmocka_unit_test(cancelled_too_late),

@@ -111,6 +111,43 @@ static void test_pending_counts_what_has_not_left(void **state)
     world_finish(&world);
 }
 
+/* A request of many items keeps the loop for a part of them only; it is asked for the next turn. */
+static void test_items_start_in_portions(void **state)
+{
+    (void)state;
+    enum { ITEMS = 2 * ADMISSION_TURN_STARTS + 10 };
+    static struct session_world world;
+    static struct control_item items[ITEMS];
+    struct service_options options = world_options();
+    struct world_mesh mesh;
+    options.credits = ITEMS;
+    world_init(&world, &options);
+    world_mesh_init(&mesh, 10, 1);
+    struct world_client *client = world_join(&world);
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    for (int i = 0; i < ITEMS; i++)
+        items[i] = world_item(&mesh.input, mesh.size, SOURCE_INLINE, 0);
+    world_turn(&world);
+    while (sem_trywait(&world.woken) == 0)
+        ;
+    struct control_build build = {.item_count = ITEMS, .items = items};
+    world_build(client, 1, &build, (struct bytes){mesh.payload, mesh.size}, NULL);
+    for (int turns = 1; turns <= 3; turns++) {
+        uint32_t started = turns < 3 ? turns * ADMISSION_TURN_STARTS : ITEMS;
+        assert_int_equal(world_counters(&world).prepares_started, started);
+        assert_int_equal(world_counters(&world).prepares_waiting, ITEMS - started);
+        assert_int_equal(sem_trywait(&world.woken) == 0, turns < 3);
+        world_turn(&world);
+    }
+    world_open(gates[0]);
+    world_open(gates[1]);
+    world_settle(&world);
+    for (uint32_t i = 0; i < ITEMS; i++)
+        assert_int_equal(world_status(client, 1, i), BVHD_OK);
+    world_mesh_finish(&mesh);
+    world_finish(&world);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -119,6 +156,7 @@ int main(void)
         cmocka_unit_test(test_a_service_that_cannot_start_leaves_nothing),
         cmocka_unit_test(test_it_ends_while_workers_are_busy),
         cmocka_unit_test(test_pending_counts_what_has_not_left),
+        cmocka_unit_test(test_items_start_in_portions),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
