@@ -18,8 +18,11 @@ struct conn_limits conn_limits_default(void)
     };
 }
 
-/* Nanoseconds of work that make a connection costly; of a turn for those that are. */
-enum { COSTLY_NS = 300 * 1000, COSTLY_TURN_NS = 2 * 1000 * 1000 };
+/*
+ * Nanoseconds of work that make a connection costly; of a turn for those that are. When all others have taken TURN_NS together, those of them that are
+ * not light either wait with the costly ones: that they are many is as bad.
+ */
+enum { COSTLY_NS = 300 * 1000, COSTLY_TURN_NS = 2 * 1000 * 1000, LIGHT_NS = 50 * 1000, TURN_NS = 1000 * 1000 };
 
 static struct conn *take_first(struct conn **first, struct conn ***end)
 {
@@ -31,6 +34,16 @@ static struct conn *take_first(struct conn **first, struct conn ***end)
         *end = first;
     conn->is_due = conn->waits_costly = false;
     return conn;
+}
+
+static void append_due(struct conn_group *group, struct conn *conn, bool costly)
+{
+    struct conn ***end = costly ? &group->costly_end : &group->due_end;
+    conn->is_due = true;
+    conn->waits_costly = costly;
+    conn->next_due = NULL;
+    **end = conn;
+    *end = &conn->next_due;
 }
 
 static void ignore_idle(uv_idle_t *idle)
@@ -56,22 +69,27 @@ static void prepare_next_turn(struct conn_group *group)
 }
 
 /* The struct outlives its end: the loop frees it later. */
-static void work(struct conn *conn)
+static void work(struct conn_group *group, struct conn *conn)
 {
     uint64_t begin = uv_hrtime();
+    group->working = conn;
     conn_work(conn);
+    group->working = NULL;
     conn->cost_ns = (3 * conn->cost_ns + uv_hrtime() - begin) / 4;
 }
 
 static void take_turn(uv_prepare_t *prepare)
 {
     struct conn_group *group = prepare->data;
-    while ((group->working = take_first(&group->due, &group->due_end)))
-        work(group->working);
-    for (uint64_t end = uv_hrtime() + COSTLY_TURN_NS;
-         uv_hrtime() < end && (group->working = take_first(&group->costly, &group->costly_end));)
-        work(group->working);
-    group->working = NULL;
+    struct conn *conn;
+    for (uint64_t end = uv_hrtime() + TURN_NS; (conn = take_first(&group->due, &group->due_end));) {
+        if (conn->cost_ns > LIGHT_NS && uv_hrtime() >= end)
+            append_due(group, conn, true);
+        else
+            work(group, conn);
+    }
+    for (uint64_t end = uv_hrtime() + COSTLY_TURN_NS; uv_hrtime() < end && (conn = take_first(&group->costly, &group->costly_end));)
+        work(group, conn);
     prepare_next_turn(group);
     if (group->changed)
         group->changed(group->context);
@@ -170,12 +188,7 @@ void conn_group_due(struct conn_group *group, struct conn *conn)
 {
     if (conn->is_due || conn->is_later || conn == group->working) /* its work ends with a look at everything */
         return;
-    conn->waits_costly = conn->lost || conn->cost_ns > COSTLY_NS; /* who has left waits for nothing */
-    struct conn ***end = conn->waits_costly ? &group->costly_end : &group->due_end;
-    conn->is_due = true;
-    conn->next_due = NULL;
-    **end = conn;
-    *end = &conn->next_due;
+    append_due(group, conn, conn->lost || conn->cost_ns > COSTLY_NS); /* who has left waits for nothing */
 }
 
 void conn_group_later(struct conn_group *group, struct conn *conn)

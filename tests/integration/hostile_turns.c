@@ -2,14 +2,21 @@
 /*
  * hostile_turns BVHD [CASE...] - clients that ask for much, or let things lie: others have their turn in the meantime, and memory stays within bounds.
  */
+#include <fcntl.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "hostile.h"
 
 enum { MIB = 1 << 20, MEMORY = 256, CACHE = 16, SOON_MS = 1000, UNFINISHED = 300, SLOW_READERS = 4, REQUESTS = 110, CROWD = 17 };
+enum { FLOODS = 64, ROWS = 1000000, PING_MEAN_MS = 30, PING_WORST_MS = 300, FREE_MS = 250 };
 
 static struct hostile hostile;
 
@@ -163,14 +170,137 @@ static void case_unread(void)
         raw_close(&clients[i]);
 }
 
+/* Asks how long the loop takes to answer, for that long. */
+static void ping_for(double ms, const char *when)
+{
+    struct raw_client client;
+    connect_well(&client);
+    double begin = hostile_now(), sum = 0, worst = 0;
+    int count = 0;
+    for (bool answered = true; answered && hostile_now() - begin < ms; count++) {
+        struct raw_frame ping = {.header = {.type = FRAME_PING, .request = ++client.last_request}};
+        struct frame pong;
+        double sent = hostile_now();
+        answered = raw_send_frame(&client, &ping) && raw_await(&client, FRAME_PONG, 20000, &pong);
+        double took = hostile_now() - sent;
+        hostile_expect(answered, "%s: no PONG", when);
+        sum += took;
+        worst = took > worst ? took : worst;
+        sleep_ms(2);
+    }
+    hostile_expect(sum <= PING_MEAN_MS * count && worst <= PING_WORST_MS, "%s: PONG after %.1f ms, worst %.0f ms", when, sum / count,
+                   worst);
+    printf("%s: PONG after %.1f ms, worst %.1f ms\n", when, sum / count, worst);
+    raw_close(&client);
+}
+
+static void cancel(struct raw_client *client)
+{
+    struct raw_frame frame = {.header = {.type = FRAME_CANCEL, .request = client->last_request}};
+    raw_send_frame(client, &frame);
+}
+
+static void connect_impatiently(struct raw_client *client)
+{
+    static const struct timeval patience = {.tv_usec = 20000};
+    connect_well(client);
+    setsockopt(client->socket, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
+}
+
+/* 1,024 items at a time, half of them cancelled at once, over many connections, some of which are new. Never ends. */
+static void flood(void)
+{
+    static struct raw_client clients[FLOODS];
+    static char scrap[65536];
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    signal(SIGPIPE, SIG_IGN);
+    for (int i = 0; i < FLOODS; i++)
+        connect_impatiently(&clients[i]);
+    for (uint32_t seed = 1;; seed++) {
+        struct raw_client *client = &clients[seed % FLOODS];
+        ask_for_boxes(client, 1, seed, 1024);
+        if (seed % 2)
+            cancel(client);
+        while (recv(client->socket, scrap, sizeof scrap, MSG_DONTWAIT) > 0)
+            ;
+        if (seed % 15 == 0) {
+            raw_close(client);
+            connect_impatiently(client);
+        }
+    }
+}
+
+static void case_floods(void)
+{
+    ping_for(500, "nobody else");
+    fflush(stdout);
+    pid_t pid = fork();
+    if (pid == 0)
+        flood();
+    hostile_expect(pid > 0, "no second process");
+    sleep_ms(500);
+    ping_for(4000, "floods");
+    if (pid > 0) {
+        kill(pid, SIGKILL);
+        waitpid(pid, NULL, 0);
+    }
+}
+
+static int make_rows(uint64_t *ret_size)
+{
+    uint64_t size = (uint64_t)ROWS * ROWS_GEOMETRY_SIZE;
+    int descriptor = memfd_create("rows", MFD_ALLOW_SEALING);
+    if (ftruncate(descriptor, (off_t)size) != 0)
+        return -1;
+    struct geometry_row *rows = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
+    for (uint32_t i = 0; i < ROWS; i++)
+        rows[i] = (struct geometry_row){
+            .type = GEOMETRY_AABBS, .primitive_count = 1, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}}; /* whatever lies there */
+    munmap(rows, size);
+    fcntl(descriptor, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL);
+    *ret_size = size;
+    return descriptor;
+}
+
+/* A million geometries in one item; cancelled at any moment, they let go of their thread soon. */
+static void case_rows(void)
+{
+    struct raw_client client;
+    uint64_t size;
+    int descriptor = make_rows(&size);
+    double sum = 0, worst = 0;
+    enum { TIMES = 10 };
+    connect_well(&client);
+    for (int i = 0; i < TIMES; i++) {
+        struct control_item item = raw_item(0, size, SOURCE_MEMFD);
+        item.geometry_count = ROWS;
+        raw_build(&client, &item, 1, (struct bytes){NULL, 0}, &descriptor, &size, 1);
+        sleep_ms(5 + 25 * i);
+        cancel(&client);
+        double begin = hostile_now();
+        enum bvhd_status status = status_of(&client, 20000);
+        hostile_expect(status == BVHD_CANCELLED || status == BVHD_OK, "rows: %s", bvhd_status_name(status));
+        while (hostile_counter(&hostile, "jobs_running") > 0 && hostile_now() - begin < 20000)
+            ;
+        double took = hostile_now() - begin;
+        sum += took;
+        worst = took > worst ? took : worst;
+    }
+    hostile_expect(sum <= TIMES * FREE_MS, "the thread is free %.0f ms after cancelling rows", sum / TIMES);
+    printf("the thread is free %.1f ms after cancelling rows, worst %.1f ms\n", sum / TIMES, worst);
+    close(descriptor);
+    raw_close(&client);
+}
+
 static const struct {
     const char *name;
     void (*run)(void);
-} cases[] = {{"giants", case_giants}, {"unfinished", case_unfinished}, {"crowd", case_crowd}, {"unread", case_unread}};
+    const char *memory;
+} cases[] = {{"giants", case_giants, "256M"}, {"unfinished", case_unfinished, "256M"}, {"crowd", case_crowd, "256M"},
+             {"unread", case_unread, "256M"}, {"floods", case_floods, "1G"},           {"rows", case_rows, "3G"}};
 
 int main(int argc, char **argv)
 {
-    static const char *const options[] = {"--workers", "2", "--memory", "256M", "--cache-size", "16M", NULL};
     int failures = 0;
     if (argc < 2)
         return 2;
@@ -180,6 +310,7 @@ int main(int argc, char **argv)
             chosen |= !strcmp(argv[k], cases[i].name);
         if (!chosen)
             continue;
+        const char *const options[] = {"--workers", "2", "--memory", cases[i].memory, "--cache-size", "16M", NULL};
         hostile_begin(&hostile, argv[1], options);
         double begin = hostile_now();
         cases[i].run();
