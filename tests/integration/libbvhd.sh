@@ -104,7 +104,7 @@ done
 
 # The README's example: compiled as a stranger would, linked both ways; a daemon answers, and then none does.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$source/README.md" >example.c
-expect "the README has an example of about 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -ge 20 -a "$(wc -l <example.c)" -le 45 ]
+expect "the README has an example of 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -eq 30 ]
 export LD_LIBRARY_PATH="$libraries"
 expect 'the example, shared' $compiler -std=c99 -pedantic -Wall -Wextra -Werror example.c -o example $(pkg --cflags --libs)
 expect 'it uses the shared library' sh -c "ldd ./example | grep -q '$libraries/libbvhd.so.0'"
