@@ -135,7 +135,7 @@ wait "$daemon"
 daemon=
 ./example >out 2>&1
 got=$?
-expect "without a daemon it says so: $(cat out)" grep -q 'no daemon' out
+expect "without a daemon it says so: $(cat out)" grep -q '^UNAVAILABLE: ' out
 expect "status 1 without a daemon ($got)" [ $got -eq 1 ]
 
 echo "$checks expectations, $failures of them do not hold"
