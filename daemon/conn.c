@@ -7,8 +7,7 @@
 
 #include "release.h"
 
-/* TURN_NS: no more frames are taken in a turn after it. */
-enum { SCRAP_READS = 16, TURN_NS = 500 * 1000 };
+enum { SCRAP_READS = 16 };
 
 static struct descriptors *descriptors_of(const struct conn *conn)
 {
@@ -160,7 +159,7 @@ static bool receive(struct conn *conn, uint64_t *bytes)
 static bool take_frames(struct conn *conn)
 {
     const struct conn_limits *limits = &conn->group->limits;
-    uint64_t bytes = 0, end = uv_hrtime() + TURN_NS;
+    uint64_t bytes = 0, end = uv_hrtime() + (uint64_t)limits->turn_us * 1000;
     uint32_t frames = 0;
     while (conn->state == CONN_OPEN && !conn->failed && !(conn->reading_full = is_queue_full(conn))) {
         struct frame frame;

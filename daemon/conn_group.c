@@ -13,6 +13,7 @@ struct conn_limits conn_limits_default(void)
         .retry_ms = 50,
         .turn_bytes = 512 * 1024,
         .turn_frames = 64,
+        .turn_us = 500,
         .queue_bytes = 4 * 1024 * 1024,
         .queue_replies = 1024,
     };

@@ -24,6 +24,7 @@ struct conn_limits {
     uint32_t held_ms; /* between two looks at whether a client that was dropped has let go of its descriptors */
     uint32_t retry_ms; /* the longest pause before descriptors or memory are asked for again */
     uint32_t turn_bytes, turn_frames; /* that one connection takes in one turn of the loop */
+    uint32_t turn_us; /* after which it takes no more frames in that turn */
     uint32_t queue_bytes, queue_replies; /* of unsent replies: beyond it nothing more is read */
 };
 

@@ -169,6 +169,7 @@ static void test_asks_and_never_reads(void **state)
     (void)state;
     limits.stall_ms = 400;
     limits.queue_bytes = 1 << 20;
+    limits.turn_us = UINT32_MAX;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1);
     bed_hello(&bed, client);
@@ -243,6 +244,7 @@ static void test_turns(void **state)
     unsigned char bytes[200 * FRAME_HEADER_SIZE];
     (void)state;
     limits.turn_frames = 4;
+    limits.turn_us = UINT32_MAX;
     bed_open(&bed, &limits);
     struct bed_client *flood = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
     bed_hello(&bed, flood);
@@ -261,6 +263,28 @@ static void test_turns(void **state)
     assert_true(found);
     for (uint64_t i = 1; i <= 200; i++)
         bed_expect(&bed, flood, FRAME_PONG, i);
+    bed_close(&bed);
+}
+
+/* What takes long is taken one at a time. */
+static void test_turns_by_time(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.turn_us = 1;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    for (uint64_t i = 1; i <= 10; i++)
+        bed_send(client, FAKE_COSTLY, i);
+    uint32_t before = bed.service.frames;
+    for (uint32_t turn = 1; turn <= 3; turn++) {
+        uv_run(&bed.loop, UV_RUN_NOWAIT);
+        assert_in_range(bed.service.frames - before, turn - 1, turn);
+    }
+    for (uint64_t i = 1; i <= 10; i++)
+        bed_expect(&bed, client, FRAME_PONG, i);
     bed_close(&bed);
 }
 
@@ -453,6 +477,7 @@ int main(void)
         cmocka_unit_test(test_reads_slowly),
         cmocka_unit_test(test_part_of_a_frame),
         cmocka_unit_test(test_turns),
+        cmocka_unit_test(test_turns_by_time),
         cmocka_unit_test(test_costly_ones_come_last),
         cmocka_unit_test(test_refused_by_the_kernel),
         cmocka_unit_test(test_short_of_descriptors),
