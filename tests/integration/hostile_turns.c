@@ -16,7 +16,7 @@
 #include "hostile.h"
 
 enum { MIB = 1 << 20, MEMORY = 256, CACHE = 16, SOON_MS = 1000, UNFINISHED = 300, SLOW_READERS = 4, REQUESTS = 110, CROWD = 17 };
-enum { FLOODS = 64, ROWS = 1000000, PING_MEAN_MS = 30, PING_WORST_MS = 300, FREE_MS = 250 };
+enum { FLOODS = 64, ROWS = 1000000, PING_MEAN_MS = 30, PING_WORST_MS = 1000, FREE_MS = 250 };
 
 static struct hostile hostile;
 
