@@ -54,7 +54,7 @@ enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct bvh
     memset(flights->buckets, 0, size * sizeof *flights->buckets);
     flights->mask = size - 1;
     memset(flights->waiting, 0, sizeof flights->waiting);
-    flights->running = 0;
+    flights->running = flights->disposals = 0;
     flights->started = 0;
     return BVHD_OK;
 }
@@ -66,7 +66,7 @@ uint32_t flights_waiting(const struct flights *flights)
 
 void flights_finish(struct flights *flights)
 {
-    assert(flights->running == 0 && flights_waiting(flights) == 0);
+    assert(flights->running == 0 && flights->disposals == 0 && flights_waiting(flights) == 0);
     memory_free(flights->memory, flights->buckets);
     flights->buckets = NULL;
 }
@@ -115,6 +115,7 @@ static void dispose_done(struct pool_job *job)
 {
     struct disposal *disposal = (void *)job;
     struct flights *flights = disposal->flights;
+    flights->disposals--;
     admission_end(&flights->admission->prepares[disposal->tier], disposal->promised);
     memory_free(flights->memory, disposal);
 }
@@ -136,6 +137,7 @@ void flights_dispose(struct flights *flights, struct preparation *preparation)
                                   .preparation = preparation,
                                   .promised = preparation->promised,
                                   .tier = preparation->tier};
+    flights->disposals++;
     pool_submit(flights->pool, &disposal->job);
 }
 

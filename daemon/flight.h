@@ -59,6 +59,7 @@ struct flights {
     uint64_t mask;
     struct fair_queue waiting[ADMISSION_TIERS]; /* for memory */
     uint32_t running; /* jobs, those of abandoned flights included */
+    uint32_t disposals; /* jobs that free a copy */
     uint64_t started; /* builds so far */
 };
 

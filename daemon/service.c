@@ -113,15 +113,18 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
     return BVHD_OK;
 }
 
-/* Nobody waits for anything any more; what workers still have they have been told to leave. */
+/*
+ * Nobody waits for anything any more; what workers still have they have been told to leave. Counted here, not by the pool: what has ended there may still
+ * have to be collected.
+ */
 static void await_workers(struct service *service)
 {
     static const struct timespec moment = {.tv_nsec = 200 * 1000};
+    const struct flights *flights = &service->flights;
     for (;;) {
         while (service_collect(service))
             ;
-        struct pool_load load = pool_load(service->pool);
-        if (load.queued == 0 && load.running == 0 && service->flights.running == 0 && !service->sessions)
+        if (flights->running == 0 && flights->disposals == 0 && !service->sessions)
             return;
         nanosleep(&moment, NULL);
     }

@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include "clock.h"
 #include "machine.h"
 #include "session_world.h"
 
@@ -86,6 +87,35 @@ static void test_it_ends_while_workers_are_busy(void **state)
     world_mesh_finish(&mesh);
 }
 
+/* A copy as a cache hit leaves it, on its way out. */
+static void dispose_of_a_large_copy(struct service *service)
+{
+    const struct control_item item = {.type = STRUCTURE_BOTTOM};
+    const struct preparation_source source = {0};
+    struct preparation *preparation = preparation_create(&item, 0, &source, &service->memory);
+    assert_non_null(preparation);
+    preparation->tier = ADMISSION_LARGE;
+    preparation->promised = preparation->canonical.size = 2 << 20;
+    preparation->canonical.owned = memory_alloc(&preparation->memory, preparation->canonical.size);
+    admission_give(&service->admission.prepares[ADMISSION_LARGE], preparation->promised);
+    flights_dispose(&service->flights, preparation);
+    assert_int_equal(service->flights.disposals, 1);
+}
+
+/* Also when that ends just when nobody looks. */
+static void test_it_ends_while_copies_are_freed(void **state)
+{
+    (void)state;
+    struct service_options options = world_options();
+    for (int i = 0; i < 300; i++) {
+        struct service *service = create(&options);
+        dispose_of_a_large_copy(service);
+        for (uint64_t until = clock_ns() + (uint64_t)(i % 100) * 1000; clock_ns() < until;)
+            continue;
+        service_destroy(service);
+    }
+}
+
 static void test_pending_counts_what_has_not_left(void **state)
 {
     (void)state;
@@ -155,6 +185,7 @@ int main(void)
         cmocka_unit_test(test_little_memory_is_raised),
         cmocka_unit_test(test_a_service_that_cannot_start_leaves_nothing),
         cmocka_unit_test(test_it_ends_while_workers_are_busy),
+        cmocka_unit_test(test_it_ends_while_copies_are_freed),
         cmocka_unit_test(test_pending_counts_what_has_not_left),
         cmocka_unit_test(test_items_start_in_portions),
     };
