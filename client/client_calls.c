@@ -6,7 +6,7 @@
 /* What a thread waits for. */
 struct call {
     struct bvhd_client *client;
-    uint64_t failures; /* when it began */
+    uint64_t failures; /* when it began to look for a daemon */
     struct exchange_waiter waiter;
 };
 
@@ -34,6 +34,8 @@ static enum bvhd_status tell(const struct bvhd_client *client, struct bvhd_error
 static enum bvhd_status await_connection(struct call *call, uint64_t moment, struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;
+    client_look(client); /* what was lost before this call is not its failure */
+    call->failures = client->failures;
     client->wanted++;
     client_advance(client);
     client_wait_until(client, moment, is_decided, call);
@@ -44,7 +46,7 @@ static enum bvhd_status await_connection(struct call *call, uint64_t moment, str
 enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error)
 {
     client_lock(client);
-    struct call call = {.client = client, .failures = client->failures};
+    struct call call = {.client = client};
     enum bvhd_status status = await_connection(&call, clock_ns() + client->connect_timeout, ret_error);
     client_unlock(client);
     return status;
@@ -81,7 +83,7 @@ static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout
 enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms, struct bvhd_error *ret_error)
 {
     client_lock(client);
-    struct call call = {.client = client, .failures = client->failures};
+    struct call call = {.client = client};
     uint64_t start = clock_ns();
     enum bvhd_status status = ask(&call, FRAME_PING, timeout_ms, ret_error);
     uint64_t end = clock_ns();
@@ -95,7 +97,7 @@ enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms
                                       struct bvhd_error *ret_error)
 {
     client_lock(client);
-    struct call call = {.client = client, .failures = client->failures};
+    struct call call = {.client = client};
     enum bvhd_status status = ask(&call, FRAME_STATS, timeout_ms, ret_error);
     client_unlock(client);
     if (status == BVHD_OK && !call.waiter.counters)

@@ -90,6 +90,37 @@ static void test_comes_and_goes(void **state)
     assert_true(bed_stop(&bed));
 }
 
+enum { CALLS = 3 };
+
+/* Everything that waits for the daemon itself. */
+static enum bvhd_status call(struct client_bed *bed, int which)
+{
+    struct bvhd_counters *counters = NULL;
+    enum bvhd_status status = which == 0   ? bvhd_client_connect(bed->client, NULL)
+                              : which == 1 ? bvhd_client_ping(bed->client, 5000, NULL, NULL)
+                                           : bvhd_client_counters(bed->client, 5000, &counters, NULL);
+    bvhd_counters_destroy(counters);
+    return status;
+}
+
+/* A daemon that was restarted since the last call is found by every call, not by a submission alone. */
+static void test_calls_after_restart(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    bed_start(&bed);
+    fake_serve(&bed.fake);
+    assert_int_equal(bvhd_client_connect(bed.client, NULL), BVHD_OK);
+    for (int i = 0; i < CALLS; i++) {
+        fake_serve_end(&bed.fake);
+        fake_hang_up(&bed.fake);
+        fake_serve(&bed.fake);
+        assert_int_equal(call(&bed, i), BVHD_OK);
+    }
+    fake_serve_end(&bed.fake);
+    assert_true(bed_stop(&bed));
+}
+
 /* Accepts, and says nothing. */
 static void test_silent_at_hello(void **state)
 {
@@ -227,7 +258,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_nobody),          cmocka_unit_test(test_path_too_long), cmocka_unit_test(test_comes_and_goes),
         cmocka_unit_test(test_silent_at_hello), cmocka_unit_test(test_silence),       cmocka_unit_test(test_absent_program),
-        cmocka_unit_test(test_goodbye),         cmocka_unit_test(test_goodbye_again),
+        cmocka_unit_test(test_goodbye),         cmocka_unit_test(test_goodbye_again), cmocka_unit_test(test_calls_after_restart),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
