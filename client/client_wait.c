@@ -182,8 +182,10 @@ static void poll_once(struct bvhd_client *client, uint64_t moment)
     client_advance(client);
 }
 
+/* The lock is dropped here, too: whoever polls has to learn what this thread has done before, such as connecting. */
 static void wait_for_others(struct bvhd_client *client, uint64_t moment)
 {
+    announce(client, false);
     client->wakeups.waiting++;
     if (moment == LIBRARY_NEVER) {
         pthread_cond_wait(&client->changed, &client->lock);

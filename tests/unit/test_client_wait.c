@@ -200,6 +200,52 @@ static void test_hands_over(void **state)
     assert_true(bed_stop(&bed));
 }
 
+struct caller {
+    pthread_t thread;
+    struct bvhd_client *client;
+    enum bvhd_status status;
+    double ended;
+};
+
+static void *connect_client(void *context)
+{
+    struct caller *caller = context;
+    caller->status = bvhd_client_connect(caller->client, NULL);
+    caller->ended = bed_now();
+    return NULL;
+}
+
+/* A thread polls a daemon that leaves; another one connects to the next: the first one has to watch that connection from then on. */
+static void test_connects_while_another_polls(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct raw_client old;
+    struct frame frame;
+    struct waiter polling;
+    bed_start(&bed);
+    assert_true(bed_connect(&bed));
+    struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    fake_send(&bed.fake, FRAME_GOODBYE, 0, (struct bytes){NULL, 0});
+    begin_waiting(&polling, batch, 20000);
+    struct caller caller = {.client = bed.client};
+    assert_int_equal(pthread_create(&caller.thread, NULL, connect_client, &caller), 0);
+    assert_true(fake_accept(&bed.fake, &old));
+    assert_true(fake_expect(&bed.fake, FRAME_HELLO, &frame));
+    usleep(10000);
+    double start = bed_now();
+    fake_send_welcome(&bed.fake);
+    pthread_join(caller.thread, NULL);
+    assert_int_equal(caller.status, BVHD_OK);
+    assert_true(caller.ended - start < BED_LATE_MS);
+    bvhd_batch_cancel(batch);
+    pthread_join(polling.thread, NULL);
+    bvhd_batch_destroy(batch);
+    raw_close(&old);
+    assert_true(bed_stop(&bed));
+}
+
 /* What other threads do takes effect at once: cancelling, submitting, finishing by a dispatch elsewhere. */
 static void test_woken(void **state)
 {
@@ -402,7 +448,7 @@ int main(void)
         cmocka_unit_test(test_takes_over),   cmocka_unit_test(test_hands_over),
         cmocka_unit_test(test_woken),        cmocka_unit_test(test_timeouts),
         cmocka_unit_test(test_loop),         cmocka_unit_test(test_loop_notice),
-        cmocka_unit_test(test_fork),
+        cmocka_unit_test(test_fork),         cmocka_unit_test(test_connects_while_another_polls),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
