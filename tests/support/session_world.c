@@ -177,7 +177,8 @@ static bool is_idle(void *context)
     bool requests = false;
     for (struct session *session = service->sessions; session; session = session->next)
         requests = requests || session->request_count > 0;
-    return load.queued == 0 && load.running == 0 && service->flights.running == 0 && service->closing_count == 0 && !requests;
+    bool flies = service->flights.running > 0 || service->flights.disposals > 0;
+    return load.queued == 0 && load.running == 0 && !flies && service->closing_count == 0 && !requests;
 }
 
 void world_finish(struct session_world *world)
