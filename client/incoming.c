@@ -36,12 +36,13 @@ static void settle(const struct arrival *arrival)
         exchange_drop_frame(exchange);
 }
 
-/* Payloads go without a pool, for a while at least. */
+/* Payloads go without a pool, for a while at least. What a daemon that leaves says of it is nothing to the next one. */
 static void refuse_pool(const struct arrival *arrival, uint64_t again)
 {
     arrival->connection->pool = POOL_REFUSED;
     arrival->connection->pool_again = again;
-    placement_refuse(&arrival->client->placement, true);
+    if (arrival->connection == arrival->client->current)
+        placement_refuse(&arrival->client->placement, true);
     client_stir(arrival->client);
 }
 

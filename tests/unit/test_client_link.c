@@ -224,6 +224,51 @@ static void test_goodbye(void **state)
     assert_true(bed_stop(&bed));
 }
 
+/* Another daemon's connection takes the place of the one that the fake speaks on. */
+static void swap_peer(struct client_bed *bed, struct raw_client *other)
+{
+    struct raw_client peer = bed->fake.peer;
+    bed->fake.peer = *other;
+    bed->fake.peer.parser.memory = &bed->fake.peer.memory;
+    *other = peer;
+}
+
+/* The pool that a leaving daemon refuses is still the next one's. */
+static void test_goodbye_without_pool(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct raw_client other;
+    struct frame frame;
+    bed_start_impatient(&bed);
+    assert_true(bed_connect(&bed));
+    struct bvhd_batch *first = bed_submit(&bed, 1, 3000);
+    assert_true(fake_expect(&bed.fake, FRAME_POOL, &frame));
+    close(frame.descriptors[0]);
+    uint64_t asked = frame.header.request;
+    fake_send(&bed.fake, FRAME_GOODBYE, 0, nothing);
+    bvhd_client_dispatch(bed.client);
+    assert_true(fake_accept(&bed.fake, &other));
+    assert_true(fake_expect(&bed.fake, FRAME_HELLO, &frame));
+    fake_send_welcome(&bed.fake);
+    bvhd_client_dispatch(bed.client);
+    assert_true(fake_take_pool(&bed.fake));
+    swap_peer(&bed, &other);
+    fake_send_error(&bed.fake, asked, BVHD_UNAVAILABLE, "pool", "leaving");
+    bvhd_client_dispatch(bed.client);
+    raw_close(&bed.fake.peer);
+    swap_peer(&bed, &other);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    struct bvhd_batch *second = bed_submit(&bed, 1, 3000);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    struct control_build *build = fake_build(&bed.fake, &frame);
+    assert_int_equal(build->items[0].payload_source, SOURCE_POOL);
+    fake_free(&bed.fake, build);
+    bvhd_batch_destroy(first);
+    bvhd_batch_destroy(second);
+    assert_true(bed_stop(&bed));
+}
+
 /* A daemon that says GOODBYE each time it was given something: the one that leaves longest is given up. */
 static void test_goodbye_again(void **state)
 {
@@ -256,9 +301,16 @@ static void test_goodbye_again(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_nobody),          cmocka_unit_test(test_path_too_long), cmocka_unit_test(test_comes_and_goes),
-        cmocka_unit_test(test_silent_at_hello), cmocka_unit_test(test_silence),       cmocka_unit_test(test_absent_program),
-        cmocka_unit_test(test_goodbye),         cmocka_unit_test(test_goodbye_again), cmocka_unit_test(test_calls_after_restart),
+        cmocka_unit_test(test_nobody),
+        cmocka_unit_test(test_path_too_long),
+        cmocka_unit_test(test_comes_and_goes),
+        cmocka_unit_test(test_silent_at_hello),
+        cmocka_unit_test(test_silence),
+        cmocka_unit_test(test_absent_program),
+        cmocka_unit_test(test_goodbye),
+        cmocka_unit_test(test_goodbye_again),
+        cmocka_unit_test(test_calls_after_restart),
+        cmocka_unit_test(test_goodbye_without_pool),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
