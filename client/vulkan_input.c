@@ -130,11 +130,15 @@ static enum bvhd_status check_head(const struct entry *entry)
     return BVHD_OK;
 }
 
-/* offset + stride * (count - 1) + size: the bytes that `count` elements need. 0 where none are, or where it does not fit 64 bits. */
+/*
+ * offset + stride * (count - 1) + size: the bytes that `count` elements need. 0 where none are, or where it does not fit 64 bits; and with a stride that is
+ * against the rules, for a program that does not know what it says must not have so much of its memory read.
+ */
 static uint64_t extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
 {
     uint64_t bytes;
-    if (count == 0 || !bytes_mul(stride, count - 1, &bytes) || !bytes_add(bytes, offset, &bytes) || !bytes_add(bytes, size, &bytes))
+    if (count == 0 || stride > UINT32_MAX || !bytes_mul(stride, count - 1, &bytes) || !bytes_add(bytes, offset, &bytes) ||
+        !bytes_add(bytes, size, &bytes))
         return 0;
     return bytes;
 }
@@ -169,10 +173,16 @@ static uint64_t vertex_bytes(const VkAccelerationStructureGeometryTrianglesDataK
                   size);
 }
 
+/* Of a type that does not exist nobody knows how much there is: nothing is read, and validate_input says so. */
+static uint64_t index_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source, const struct geometry_range *range)
+{
+    uint64_t size = source->indexType == VK_INDEX_TYPE_UINT16 ? 2 : source->indexType == VK_INDEX_TYPE_UINT32 ? 4 : 0;
+    return size > 0 ? extent(range->primitive_offset, 3 * size, range->primitive_count, 3 * size) : 0;
+}
+
 static struct geometry_triangles convert_triangles(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
                                                    const struct geometry_range *range)
 {
-    uint64_t index_size = source->indexType == VK_INDEX_TYPE_UINT16 ? 2 : 4;
     bool indexed = source->indexType != VK_INDEX_TYPE_NONE_KHR;
     return (struct geometry_triangles){
         .vertex_format = (uint32_t)source->vertexFormat,
@@ -180,8 +190,7 @@ static struct geometry_triangles convert_triangles(const VkAccelerationStructure
         .vertex_stride = source->vertexStride,
         .index_type = (uint32_t)source->indexType,
         .vertices = bytes_at(source->vertexData.hostAddress, vertex_bytes(source, range)),
-        .indices = bytes_at(indexed ? source->indexData.hostAddress : NULL,
-                            extent(range->primitive_offset, 3 * index_size, range->primitive_count, 3 * index_size)),
+        .indices = bytes_at(indexed ? source->indexData.hostAddress : NULL, index_bytes(source, range)),
         .transform = bytes_at(source->transformData.hostAddress, extent(range->transform_offset, 0, 1, sizeof(VkTransformMatrixKHR))),
     };
 }
@@ -228,7 +237,7 @@ static enum bvhd_status convert_instances(const struct entry *entry, const VkAcc
 {
     const struct geometry_range *range = &geometry->range;
     uint64_t size = extent(range->primitive_offset, RECORD_SIZE, range->primitive_count, RECORD_SIZE);
-    geometry->instances.records = bytes_at(source->data.hostAddress, size);
+    geometry->instances.records = bytes_at(source->data.hostAddress, source->arrayOfPointers ? 0 : size); /* pointers are no records */
     if (!source->arrayOfPointers || !source->data.hostAddress || !are_readable(entry, geometry))
         return BVHD_OK;
     return gather(entry, source->data.hostAddress, geometry);

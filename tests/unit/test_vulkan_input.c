@@ -388,6 +388,40 @@ static void nonsense_is_left_to_validation(void **state)
     }
 }
 
+/* Memory whose size only a rule that is broken would tell. */
+static void what_breaks_rules_is_not_read(void **state)
+{
+    (void)state;
+    struct call call;
+    struct vulkan_input *input;
+    struct bvhd_error errors[ENTRIES], error;
+    struct limits limits = limits_default();
+    call_make(&call);
+    call.geometries[0].geometry.triangles.indexType = (VkIndexType)1000265000; /* UINT8 */
+    call.geometries[0].geometry.triangles.vertexStride = UINT64_C(1) << 33;
+    call.geometries[1].geometry.aabbs.stride = UINT64_C(1) << 33;
+    call.infos[3].type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR; /* of pointers to instances */
+    assert_int_equal(convert(&call, &input, errors), BVHD_OK);
+    const struct build_input *entries = vulkan_input_entries(input);
+    assert_int_equal(entries[0].geometries[0].triangles.vertices.size, 0);
+    assert_int_equal(entries[0].geometries[0].triangles.indices.size, 0);
+    assert_int_equal(entries[1].geometries[0].aabbs.boxes.size, 0);
+    assert_int_equal(entries[3].geometries[0].instances.records.size, 0);
+    static const enum bvhd_vuid vuids[ENTRIES] = {BVHD_VUID_03819, BVHD_VUID_03820, BVHD_VUID_NONE, BVHD_VUID_03791};
+    for (int i = 0; i < 4; i++)
+        if (vuids[i] != BVHD_VUID_NONE) {
+            assert_int_equal(validate_input(&entries[i], 0, &limits, &error), BVHD_INVALID);
+            assert_int_equal(error.vuid, vuids[i]);
+        }
+    vulkan_input_destroy(input);
+    call.geometries[0].geometry.triangles.vertexStride = 12;
+    assert_int_equal(convert(&call, &input, errors), BVHD_OK);
+    assert_int_equal(validate_input(&vulkan_input_entries(input)[0], 0, &limits, &error), BVHD_INVALID);
+    assert_int_equal(error.vuid, BVHD_VUID_03798);
+    vulkan_input_destroy(input);
+    assert_int_equal(memory.live, 0);
+}
+
 static void ranges_may_be_missing_altogether(void **state)
 {
     (void)state;
@@ -437,13 +471,10 @@ static void every_allocation_may_fail(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(structs_are_converted),
-        cmocka_unit_test(descriptions_are_prepared),
-        cmocka_unit_test(every_rule_is_named),
-        cmocka_unit_test(destinations_are_not_named),
-        cmocka_unit_test(sizes_are_what_is_read),
-        cmocka_unit_test(nonsense_is_left_to_validation),
-        cmocka_unit_test(ranges_may_be_missing_altogether),
+        cmocka_unit_test(structs_are_converted),         cmocka_unit_test(descriptions_are_prepared),
+        cmocka_unit_test(every_rule_is_named),           cmocka_unit_test(destinations_are_not_named),
+        cmocka_unit_test(sizes_are_what_is_read),        cmocka_unit_test(nonsense_is_left_to_validation),
+        cmocka_unit_test(what_breaks_rules_is_not_read), cmocka_unit_test(ranges_may_be_missing_altogether),
         cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
