@@ -50,6 +50,7 @@ static void on_drain_timeout(uv_timer_t *timer)
 static void start_drain(struct server *server)
 {
     server->draining = true;
+    uv_timer_stop(&server->idle); /* it would accept from a socket that is closed by then */
     log_event(LOG_INFO, "draining", "pending=%u connections=%u", service_pending(server->service), server->group.count);
     notify_stopping("finishing what is under way");
     accept_close(&server->acceptor);

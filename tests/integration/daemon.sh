@@ -239,6 +239,21 @@ expect 'it stays for a client' kill -0 "$daemon"
 kill "$client"
 ended 0 'the last client'
 
+# A signal in the moment of idleness: nobody reads what the daemon says, so that moment passes while it begins to drain.
+mkfifo full
+exec 9<>full
+"$bvhd" --socket s --idle-exit 2 2>&9 &
+daemon=$!
+started="$started $daemon"
+eventually 'it answers, its words unread' "$helper" ping s
+timeout 0.5 cat /dev/zero >&9
+kill -TERM "$daemon"
+sleep 2.5
+timeout 1 cat <&9 | tr -d '\0' >log
+ended 0 'a signal and idleness at once'
+exec 9<&-
+expect 'the signal ended it' has event=draining log
+
 # Notifications: ready when it answers, alive every now and then, stopping.
 "$helper" notify n 20 >told &
 listener=$!
