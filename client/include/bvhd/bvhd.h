@@ -24,7 +24,8 @@
  * for who waits or watches bvhd_client_descriptor. A daemon that is there but says nothing at all while it owes an answer is given up after
  * `lost_after_ms`. A submission without a daemon fails after `connect_timeout_ms`. The next submission after a loss connects anew, so a restarted daemon
  * is found. A daemon that announces its end finishes what it has; what is submitted from then on goes to the next one. Whoever gets BVHD_UNAVAILABLE can
- * fall back to the device's own build, or submit again.
+ * fall back to the device's own build, or submit again. The other way round a daemon gives up a program that leaves what it sends unread for 30 s: whoever
+ * asks for much and then does something else for long should dispatch meanwhile.
  *
  * The process may fork; the child must not use the parent's objects. No signal is raised or handled. Descriptors are close-on-exec.
  */
