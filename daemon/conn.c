@@ -298,6 +298,8 @@ void conn_work(struct conn *conn)
         leave(conn);
         return;
     }
+    if (conn->failed && conn->state == CONN_OPEN)
+        conn_group_later(conn->group, conn); /* a reply that left made its session do more, which failed */
     watch_socket(conn);
     set_timer(conn);
 }

@@ -9,7 +9,7 @@
 struct session {
     struct fake_service *service;
     struct session_link link;
-    bool open;
+    bool open, fails_when_sent;
 };
 
 static struct fake_service *fake(struct service *service)
@@ -97,6 +97,13 @@ static void take_long(void)
     while ((now.tv_sec - begin.tv_sec) * 1000000000 + now.tv_nsec - begin.tv_nsec < FAKE_COSTLY_MS * 1000000);
 }
 
+static void fail(struct session *session)
+{
+    struct bvhd_error error;
+    bvhd_error_set(&error, BVHD_NO_MEMORY, "session", "told to fail");
+    session->link.fail(session->link.context, &error);
+}
+
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error)
 {
     session->service->frames++;
@@ -117,8 +124,11 @@ enum bvhd_status session_frame(struct session *session, const struct frame *fram
         answer(session, FRAME_RESULT, frame->header.request, make_blob(session, BLOB_INLINE_MAX));
         break;
     case FAKE_FAIL:
-        bvhd_error_set(error, BVHD_NO_MEMORY, "session", "told to fail");
-        session->link.fail(session->link.context, error);
+        fail(session);
+        break;
+    case FAKE_FAIL_SENT:
+        session->fails_when_sent = true;
+        answer(session, FRAME_PONG, frame->header.request, NULL);
         break;
     case FAKE_COSTLY:
         take_long();
@@ -136,6 +146,9 @@ void session_sent(struct session *session, const struct reply *reply)
 {
     (void)reply;
     session->service->sent++;
+    if (session->fails_when_sent)
+        fail(session);
+    session->fails_when_sent = false;
 }
 
 void session_goodbye(struct session *session)

@@ -67,6 +67,20 @@ static void test_broken_protocol(void **state)
     bed_close(&bed);
 }
 
+/* A reply that leaves lets a session do more, which fails: the client is told at once. */
+static void test_fails_while_sending(void **state)
+{
+    (void)state;
+    struct bed bed;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_send(client, FAKE_FAIL_SENT, 1);
+    bed_expect(&bed, client, FRAME_PONG, 1);
+    bed_expect_error(&bed, client, BVHD_NO_MEMORY);
+    bed_close(&bed);
+}
+
 /* What a broken client goes on to send is taken away, so that it can read why. */
 static void test_broken_while_sending(void **state)
 {
@@ -290,6 +304,7 @@ int main(void)
         cmocka_unit_test(test_goodbye),
         cmocka_unit_test(test_refused_session),
         cmocka_unit_test(test_failing_allocations),
+        cmocka_unit_test(test_fails_while_sending),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
