@@ -37,6 +37,17 @@ void session_backlog_drop(struct session *session)
     session->backlog.dropped = true;
 }
 
+/*
+ * A result that many wait for counts for each of them, but lies in memory once, and what the cache keeps is in its budget. Nobody who reads has to go
+ * because all get the same.
+ */
+static bool is_too_much(const struct service *service)
+{
+    uint64_t live = atomic_load_explicit(&service->account.live_bytes, memory_order_relaxed), kept = cache_load(service->cache).bytes;
+    uint64_t beside = live > kept ? live - kept : 0;
+    return service->backlog_bytes > service->options.memory && beside > service->options.memory;
+}
+
 static void end_longest(struct service *service)
 {
     struct session *longest = NULL;
@@ -57,7 +68,7 @@ void session_backlog_add(struct session *session, uint64_t bytes)
         return;
     service->backlog_bytes += bytes;
     hold(session);
-    if (service->backlog_bytes > service->options.memory)
+    if (is_too_much(service))
         end_longest(service);
 }
 

@@ -45,7 +45,8 @@ void session_end(struct session *session, enum bvhd_status status, const char *t
 /*
  * session_backlog.c: results lie in memory that no budget counts. A session with more than its part of the budget on its way, from the start of an
  * item until its result has left, is given nothing more to do until there is less; while results of all sessions together take more than theirs, no
- * session is that has any. When that does not help, since many have a little each, the one with most of it has to go. Who comes with new requests while too
+ * session is that has any. When that does not help, since many have a little each, and results beside the cache do fill the budget, the one with most
+ * of it has to go. Who comes with new requests while too
  * many results wait is told to come later.
  */
 void session_backlog_review(struct session *session); /* what is ahead has changed */

@@ -150,6 +150,7 @@ static void test_the_one_furthest_behind_has_to_go(void **state)
 {
     (void)state;
     struct world_client *clients[9];
+    atomic_fetch_add(&world.service->account.live_bytes, MEMORY + 1); /* all of them different */
     for (int i = 0; i < 9; i++) {
         clients[i] = world_join(&world);
         session_backlog_add(clients[i]->session, i == 3 ? MEMORY / 8 : MEMORY / 8 - 100);
@@ -160,6 +161,21 @@ static void test_the_one_furthest_behind_has_to_go(void **state)
     assert_true(world.service->backlog_bytes <= MEMORY);
     session_backlog_take(clients[3]->session, 1); /* what leaves of it now no longer counts */
     assert_int_equal(world.service->backlog_bytes, 8 * (MEMORY / 8 - 100));
+    atomic_fetch_sub(&world.service->account.live_bytes, MEMORY + 1);
+}
+
+/* What all wait for lies in memory once. */
+static void test_nobody_has_to_go_for_the_same_result(void **state)
+{
+    (void)state;
+    struct world_client *clients[12];
+    for (int i = 0; i < 12; i++) {
+        clients[i] = world_join(&world);
+        session_backlog_add(clients[i]->session, MEMORY / 8);
+    }
+    assert_true(world.service->backlog_bytes > MEMORY);
+    for (int i = 0; i < 12; i++)
+        assert_false(clients[i]->failed);
 }
 
 int main(void)
@@ -171,6 +187,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_nobody_starts_more_than_its_part, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_crowd_is_held, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_the_one_furthest_behind_has_to_go, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_nobody_has_to_go_for_the_same_result, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
