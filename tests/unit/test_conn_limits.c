@@ -468,6 +468,7 @@ static void test_closing_all(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_refused_by_the_kernel), /* forks, so before there are threads */
         cmocka_unit_test(test_descriptors_in_order),
         cmocka_unit_test(test_stalled_with_descriptors),
         cmocka_unit_test(test_reads_one_at_a_time),
@@ -479,7 +480,6 @@ int main(void)
         cmocka_unit_test(test_turns),
         cmocka_unit_test(test_turns_by_time),
         cmocka_unit_test(test_costly_ones_come_last),
-        cmocka_unit_test(test_refused_by_the_kernel),
         cmocka_unit_test(test_short_of_descriptors),
         cmocka_unit_test(test_short_of_memory),
         cmocka_unit_test(test_idle_costs_nothing),
