@@ -2,13 +2,13 @@
 #include "workers.h"
 
 #include <pthread.h>
-#include <sched.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
+
+#include "processor.h"
 
 /* One call of for_each; lives on its caller's stack. Fields without a word are constant once it is posted. */
 struct call {
@@ -49,15 +49,6 @@ enum { SPIN_ROUNDS = 250 };
 
 /* The innermost call whose task this thread is running. */
 static _Thread_local struct call *current;
-
-static void pause_briefly(void)
-{
-#if defined(__x86_64__) || defined(__i386__)
-    __builtin_ia32_pause();
-#elif defined(__aarch64__)
-    __asm__ volatile("yield");
-#endif
-}
 
 static void run_tasks(struct call *call)
 {
@@ -135,7 +126,7 @@ static void withdraw(struct workers *workers, struct call *call)
 static void wait_for_helpers(struct workers *workers, struct call *call)
 {
     for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&call->helpers, memory_order_relaxed) > 0; i++)
-        pause_briefly();
+        processor_relax();
     pthread_mutex_lock(&workers->lock);
     while (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
         struct call *below = find_work(workers, call);
@@ -176,7 +167,7 @@ static void workers_for_each(const struct parallel *self, size_t count, parallel
 static void await_post(struct workers *workers, unsigned seen)
 {
     for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen; i++)
-        pause_briefly();
+        processor_relax();
 }
 
 static void *work_until_stopped(void *argument)
@@ -203,13 +194,6 @@ static void *work_until_stopped(void *argument)
     }
     pthread_mutex_unlock(&workers->lock);
     return NULL;
-}
-
-static unsigned usable_processors(void)
-{
-    cpu_set_t set;
-    long count = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : sysconf(_SC_NPROCESSORS_ONLN);
-    return count < 1 ? 1 : count > WORKERS_MAX_THREADS ? WORKERS_MAX_THREADS : (unsigned)count;
 }
 
 /* 0 or an errno value. Signals are for the threads of the program. */
@@ -241,7 +225,7 @@ enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, 
     if (threads > WORKERS_MAX_THREADS)
         return bvhd_error_set(error, BVHD_TOO_LARGE, "threads", "%u threads are more than %d", threads, WORKERS_MAX_THREADS);
     if (threads == 0)
-        threads = usable_processors();
+        threads = processor_count() < WORKERS_MAX_THREADS ? processor_count() : WORKERS_MAX_THREADS;
     struct workers *workers = calloc(1, sizeof *workers + (threads - 1) * sizeof workers->threads[0]);
     if (!workers)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "threads", "out of memory for %u threads", threads);

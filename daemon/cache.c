@@ -28,7 +28,7 @@ struct table {
 /* Blobs in memory and memfds have an order each, so that either kind's coldest is at hand; `used` compares between them. */
 enum kind { IN_MEMORY, WITH_DESCRIPTOR, KINDS };
 
-/* Many tables, each for one first byte of hashes, so that one that grows moves few entries: the loop stops for none of them. */
+/* Many tables, each for one first byte of hashes, so that one that grows moves few entries, and the loop does not stop for it. */
 enum { TABLES = 256, FIRST_CAPACITY = 8 };
 
 struct cache {
@@ -231,13 +231,23 @@ static struct entry *coldest(const struct cache *cache)
     return a->used < b->used ? a : b;
 }
 
-static void make_room(struct cache *cache, const struct blob *blob, uint64_t cost)
+/* What has to go next; NULL when nothing has to. The newest entry fits by itself, so it is never the one. */
+static struct entry *surplus(const struct cache *cache)
 {
     const struct order *holders = &cache->orders[WITH_DESCRIPTOR];
-    while (blob->descriptor >= 0 && holders->count >= descriptor_share(blob))
-        evict(cache, holders->coldest);
-    while (cache->budget - cache->bytes < cost)
-        evict(cache, coldest(cache));
+    if (holders->coldest && holders->count > descriptor_share(holders->coldest->blob))
+        return holders->coldest;
+    return cache->bytes > cache->budget ? coldest(cache) : NULL;
+}
+
+bool cache_trim(struct cache *cache)
+{
+    struct entry *entry = surplus(cache);
+    for (int i = 0; entry && i < CACHE_TRIM_MOST; i++) {
+        evict(cache, entry);
+        entry = surplus(cache);
+    }
+    return entry != NULL;
 }
 
 void cache_put(struct cache *cache, struct blob *blob)
@@ -249,10 +259,10 @@ void cache_put(struct cache *cache, struct blob *blob)
     if (!entry)
         return;
     *entry = (struct entry){.blob = blob_ref(blob), .cost = cost_of(blob)};
-    make_room(cache, blob, entry->cost);
     insert(table, entry);
     cache->bytes += entry->cost;
     link_warmest(cache, entry);
+    cache_trim(cache);
 }
 
 struct cache_load cache_load(const struct cache *cache)

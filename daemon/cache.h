@@ -16,6 +16,8 @@
  */
 enum { CACHE_OVERHEAD = 2048, CACHE_PAGE = 4096 };
 
+enum { CACHE_TRIM_MOST = 512 }; /* entries that go in one call: less than a millisecond of the loop */
+
 struct cache;
 
 /* `budget`: bytes that may be kept, counted as above; 0 keeps nothing. NULL without memory. */
@@ -35,6 +37,12 @@ void cache_get(struct cache *cache, const struct key *key, cache_answer answer, 
  * half of what the process may open.
  */
 void cache_put(struct cache *cache, struct blob *blob);
+
+/*
+ * A large result may push out many small ones. cache_put lets go of CACHE_TRIM_MOST at once, this of as many more: true while some are left, and the cache
+ * is over its budget until they have gone.
+ */
+bool cache_trim(struct cache *cache);
 
 struct cache_load {
     uint64_t entries, bytes, evicted, budget; /* bytes as counted above; evicted: entries so far */

@@ -154,6 +154,10 @@ bool service_collect(struct service *service)
 {
     admission_begin_turn(&service->admission);
     bool more = pool_collect(service->pool);
+    if (cache_trim(service->cache)) {
+        service->wake(service->wake_context);
+        more = true;
+    }
     service_pump(service);
     return more;
 }

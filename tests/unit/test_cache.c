@@ -190,6 +190,32 @@ static void the_least_recently_used_goes_first(void **state)
     cache_destroy(cache);
 }
 
+/* One large result against thousands of small ones: they go in portions, the coldest first, and the large one stays. */
+static void many_go_in_portions(void **state)
+{
+    (void)state;
+    enum { COUNT = 3 * CACHE_TRIM_MOST };
+    uint64_t budget = (uint64_t)COUNT * SMALL_COST;
+    struct cache *cache = cache_create(budget, &cache_memory);
+    for (unsigned i = 0; i < COUNT; i++)
+        put(cache, number_key(i), SMALL);
+    assert_false(cache_trim(cache));
+    assert_int_equal(cache_load(cache).entries, COUNT);
+
+    uint64_t size = budget - CACHE_OVERHEAD - 2 * CACHE_PAGE;
+    put(cache, number_key(COUNT), size);
+    assert_int_equal(cache_load(cache).evicted, CACHE_TRIM_MOST);
+    assert_true(cache_load(cache).bytes > budget);
+    assert_null(get(cache, number_key(CACHE_TRIM_MOST - 1)));
+    assert_non_null(get(cache, number_key(COUNT - 1)));
+
+    while (cache_trim(cache))
+        assert_int_equal(cache_load(cache).evicted % CACHE_TRIM_MOST, 0);
+    assert_true(cache_load(cache).bytes <= budget);
+    assert_non_null(get(cache, number_key(COUNT)));
+    cache_destroy(cache);
+}
+
 static void what_is_too_large_pushes_nothing_out(void **state)
 {
     (void)state;
@@ -514,6 +540,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(the_budget_counts_pages_and_overhead, set_up, tear_down),
         cmocka_unit_test_setup_teardown(the_overhead_covers_the_structs, set_up, tear_down),
         cmocka_unit_test_setup_teardown(the_least_recently_used_goes_first, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(many_go_in_portions, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_is_too_large_pushes_nothing_out, set_up, tear_down),
         cmocka_unit_test_setup_teardown(without_budget_nothing_is_kept, set_up, tear_down),
         cmocka_unit_test_setup_teardown(who_holds_a_blob_keeps_it, set_up, tear_down),
