@@ -14,6 +14,7 @@
 
 #include "box.h"
 #include "bytes.h"
+#include "device_format.h"
 #include "key.h"
 
 /* VkAccelerationStructureTypeKHR */
@@ -112,6 +113,7 @@ enum build_quality {
 
 enum target {
     TARGET_PORTABLE = 1,
+    TARGET_LAVAPIPE = 2, /* Mesa's CPU driver, natively */
 };
 
 /* Options of the portable layout. */
@@ -121,6 +123,7 @@ struct build_options {
     enum build_quality quality;
     enum target target;
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
+    struct device_format device; /* of a native target; portable: all zero */
 };
 
 /* One entry of a batch. */

@@ -23,6 +23,7 @@ struct layout_input {
     const struct ir *ir;
     const struct wide *wide; /* NULL when the layout's arity is 2 */
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
+    const struct device_format *device; /* what the blob is to be loaded by; portable: not looked at */
     struct memory *memory;
     const struct parallel *parallel;
     const atomic_bool *cancel; /* may be NULL */
@@ -37,6 +38,7 @@ struct layout {
     uint32_t leaf_max; /* most refs a leaf may hold */
     uint32_t depth_limit; /* most levels of its nodes */
     uint32_t flags; /* layout_flags that it knows */
+    uint32_t variants; /* device_format.variant is 1 .. variants; 0: the layout leaves nothing open */
 
     /*
      * Writes the whole blob: *ret_blob from input->output, or from input->memory (64-byte aligned, the caller frees it). The same input

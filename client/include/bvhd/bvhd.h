@@ -109,7 +109,27 @@ enum bvhd_quality {
 
 enum bvhd_target {
     BVHD_TARGET_PORTABLE = 1, /* read by shaders from storage buffers, and on the CPU; 0 means this too */
+    BVHD_TARGET_LAVAPIPE = 2, /* Mesa's CPU driver, natively; needs bvhd_build.format */
 };
+
+/* What a device's driver loads natively: found by a probe (bvhd_vulkan.h, or `bvhctl probe`), given to builds. Immutable; two that are equal are the same. */
+struct bvhd_format {
+    size_t struct_size; /* sizeof(struct bvhd_format) */
+    enum bvhd_target target;
+    uint32_t variant; /* of the target's layout */
+    uint8_t driver_uuid[16]; /* as the driver's own serialized structures begin */
+    uint8_t compatibility_uuid[16];
+};
+
+/*
+ * The format of the device that a probe came from. BVHD_UNSUPPORTED: none that this library knows reproduces the probe, so that the device takes the portable target
+ * alone. BVHD_CORRUPT: this is no probe.
+ */
+BVHD_API enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct bvhd_format *ret_format,
+                                                 struct bvhd_error *ret_error);
+
+/* The name of a target: "portable", "lavapipe"; NULL for a number that is none. */
+BVHD_API const char *bvhd_target_name(enum bvhd_target target);
 
 enum {
     BVHD_PORTABLE_FAST_TRIANGLES = 0x1, /* layout_flags: three float4 a triangle instead of shared, indexed vertices */
@@ -137,6 +157,7 @@ struct bvhd_build {
     enum bvhd_target target;
     uint32_t layout_flags;
     enum bvhd_priority priority;
+    const struct bvhd_format *format; /* of a native target, whose `target` it has; NULL for the portable one */
 };
 
 /*

@@ -1,0 +1,118 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * gpu.h - Vulkan devices: which there are, and one of them opened for compute. The Vulkan loader is found at run time (dlopen), so bvhctl starts without it.
+ *
+ * Everything that Vulkan can do here goes through struct gpu's function table: `gpu->vk.CmdDispatch(...)`, looked up for this device.
+ */
+#ifndef BVHCTL_GPU_H
+#define BVHCTL_GPU_H
+
+#include "bvhd/bvhd_vulkan.h"
+#include "memory.h"
+
+/* What is known about a device before it is opened. */
+struct gpu_facts {
+    char name[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE];
+    char driver[VK_MAX_DRIVER_NAME_SIZE + VK_MAX_DRIVER_INFO_SIZE + 2]; /* "llvmpipe Mesa 25.0.7" */
+    VkPhysicalDeviceType type;
+    uint32_t api_version;
+    bool has_acceleration_structure, has_ray_query, has_ray_pipeline, has_buffer_address, has_position_fetch;
+    uint64_t memory; /* bytes of its largest device-local heap */
+    uint64_t max_storage_range;
+    uint32_t subgroup_size;
+};
+
+/*
+ * Lists the devices that could be opened, best first: discrete, integrated, virtual, CPU; the loader's order among equals. BVHD_UNAVAILABLE when there is no
+ * loader or no driver, with what is missing. The caller frees *ret_list with memory_free.
+ */
+enum bvhd_status gpu_list(struct memory *memory, struct gpu_facts **ret_list, uint32_t *ret_count, struct bvhd_error *error);
+
+/* The functions of a device that are in use; NULL where its extension is missing. */
+struct gpu_functions {
+#define GPU_FUNCTION(name) PFN_vk##name name;
+#include "gpu_functions.def"
+#undef GPU_FUNCTION
+};
+
+struct gpu {
+    struct gpu_facts facts;
+    VkInstance instance;
+    VkPhysicalDevice physical;
+    VkDevice device;
+    struct bvhd_vulkan_queue queue; /* compute and transfer */
+    VkCommandPool commands;
+    PFN_vkGetInstanceProcAddr get_instance_proc_addr;
+    struct gpu_functions vk;
+    struct bvhd_vulkan_device *library; /* libbvhd's view of it */
+    double timestamp_ms; /* milliseconds of one tick; 0: the queue has no timestamps */
+    void *loader; /* of dlopen */
+    struct memory *memory;
+};
+
+/*
+ * Opens the device whose name contains `name`, letter case ignored ("auto": the first of gpu_list); all features that struct gpu_facts names are enabled. BVHD_NOT_FOUND lists what there is.
+ * With $BVHD_VALIDATE set to 1 the Khronos validation layer is loaded, its absence an error, and its messages of warnings and errors go to stderr and are counted by
+ * gpu_messages. End with gpu_close.
+ */
+enum bvhd_status gpu_open(const char *name, struct memory *memory, struct gpu **ret_gpu, struct bvhd_error *error);
+/* NULL-safe. */
+void gpu_close(struct gpu *gpu);
+
+/* Messages of the validation layer so far, of all devices of the process. */
+unsigned gpu_messages(void);
+
+/* ---- Memory ---- */
+
+struct gpu_buffer {
+    VkBuffer buffer;
+    VkDeviceMemory memory;
+    VkDeviceSize size;
+    void *mapped; /* when host-visible: coherent, mapped as long as it lives */
+    VkDeviceAddress address; /* 0 where the device has no addresses */
+};
+
+enum gpu_place { GPU_DEVICE, GPU_UPLOAD, GPU_READBACK };
+
+/* Of at least one byte. Usage is completed with the device address where there are addresses. BVHD_NO_MEMORY. */
+enum bvhd_status gpu_buffer_create(struct gpu *gpu, VkDeviceSize size, VkBufferUsageFlags usage, enum gpu_place place,
+                                   struct gpu_buffer *ret_buffer, struct bvhd_error *error);
+/* NULL-safe, idempotent. */
+void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer);
+
+/* ---- Work ---- */
+
+/* Begins a command buffer; gpu_submit ends it, submits, waits, and frees it. */
+enum bvhd_status gpu_begin(struct gpu *gpu, VkCommandBuffer *ret_commands, struct bvhd_error *error);
+enum bvhd_status gpu_submit(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error);
+
+/* "vkCreateBuffer" and its result as a status with a text; BVHD_OK for VK_SUCCESS. */
+enum bvhd_status gpu_result(const char *call, VkResult result, struct bvhd_error *error);
+
+/* A compute pipeline from SPIR-V, with specialisation constants 0 .. count - 1. */
+struct gpu_kernel {
+    VkDescriptorSetLayout set_layout;
+    VkPipelineLayout layout;
+    VkPipeline pipeline;
+    VkDescriptorPool pool;
+    VkDescriptorSet set; /* one, over `bindings` storage buffers, and after them `structures` acceleration structures */
+    uint32_t bindings, structures;
+};
+
+struct gpu_kernel_options {
+    const uint32_t *code; /* SPIR-V */
+    size_t size; /* bytes */
+    uint32_t bindings, structures;
+    uint32_t push_size; /* bytes of push constants */
+    const uint32_t *constants;
+    uint32_t constant_count;
+};
+
+enum bvhd_status gpu_kernel_create(struct gpu *gpu, const struct gpu_kernel_options *options, struct gpu_kernel *ret_kernel,
+                                   struct bvhd_error *error);
+void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel *kernel);
+/* Points binding i at buffers[i] (whole), and the acceleration structures behind them. Not while the kernel runs. */
+void gpu_kernel_bind(struct gpu *gpu, struct gpu_kernel *kernel, const struct gpu_buffer *const *buffers,
+                     const VkAccelerationStructureKHR *structures);
+
+#endif
