@@ -3,6 +3,7 @@
 
 #include <inttypes.h>
 
+#include "layout.h"
 #include "parallel.h"
 #include "place.h"
 #include "vertex_format.h"
@@ -89,18 +90,33 @@ static enum bvhd_status check_mode(const struct build_input *input, uint32_t ind
     return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "this version does not update structures");
 }
 
+/* Bytes that decide nothing would give equal structures different keys. */
+static enum bvhd_status check_device(const struct layout *layout, const struct device_format *device, const char *where,
+                                     struct bvhd_error *error)
+{
+    static const struct device_format none;
+    if (layout->variants == 0 && memcmp(device, &none, sizeof none) != 0)
+        return bvhd_error_set(error, BVHD_INVALID, where, "target %s is of no device", layout->name);
+    if (layout->variants > 0 && device->variant == 0)
+        return bvhd_error_set(error, BVHD_INVALID, where, "target %s needs the device's format", layout->name);
+    if (device->variant > layout->variants)
+        return bvhd_error_set(error, BVHD_INVALID, where, "%s has no variant %u", layout->name, device->variant);
+    return BVHD_OK;
+}
+
 static enum bvhd_status check_options(const struct build_options *options, uint32_t index, struct bvhd_error *error)
 {
     if ((uint32_t)options->quality > QUALITY_AUTO)
         return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.quality", index).text, "%u is no quality",
                               (unsigned)options->quality);
-    if (options->target != TARGET_PORTABLE)
+    const struct layout *layout = layout_find(options->target);
+    if (!layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u].options.target", index).text, "target %u is not known",
                               (unsigned)options->target);
-    uint32_t unknown = options->layout_flags & ~(uint32_t)PORTABLE_FAST_TRIANGLES;
+    uint32_t unknown = options->layout_flags & ~layout->flags;
     if (unknown)
         return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.layoutFlags", index).text, "unknown bits 0x%x", unknown);
-    return BVHD_OK;
+    return check_device(layout, &options->device, place("infos[%u].options.device", index).text, error);
 }
 
 static enum bvhd_status check_geometry_count(const struct build_input *input, uint32_t index, const struct limits *limits,

@@ -177,6 +177,7 @@ static struct control_item describe(const struct build_input *input)
         .geometry_size = sizeof(struct geometry_row),
         .reference_count = input->reference_count,
         .reference_size = sizeof(struct reference_row),
+        .device = input->options.device,
     };
 }
 

@@ -19,6 +19,7 @@
 #define BVHD_CONTROL_H
 
 #include "bytes.h"
+#include "device_format.h"
 #include "geometry.h"
 #include "memory.h"
 #include "status.h"
@@ -67,6 +68,7 @@ struct control_item {
     uint32_t payload_source; /* SOURCE_ */
     uint32_t memfd; /* which of the request's */
     uint64_t payload_offset, payload_size; /* within the source */
+    struct device_format device; /* of a native target */
 };
 
 /* FRAME_BUILD. Priorities: PRIORITY_LOW .. PRIORITY_HIGH, others count as the nearest. */

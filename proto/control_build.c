@@ -6,7 +6,10 @@
 #include "place.h"
 #include "rows.h"
 
-/* An item as it travels. Rows can grow as those of payloads do: what a version does not know has to be 0. PROTOCOL.md has the table. */
+/*
+ * An item as it travels. Rows can grow as those of payloads do: what a version does not know has to be 0, and what a shorter row of an older client does not
+ * have is 0. PROTOCOL.md has the table.
+ */
 struct item_row {
     uint32_t type, flags, mode;
     uint32_t quality, target, layout_flags;
@@ -15,13 +18,18 @@ struct item_row {
     uint32_t payload_source, memfd;
     uint64_t destination, source;
     uint64_t payload_offset, payload_size;
+    uint8_t driver_uuid[16], compatibility_uuid[16]; /* from here on: since there are native targets */
+    uint32_t variant;
+    uint32_t reserved; /* 0 */
 };
 
-_Static_assert(sizeof(struct item_row) == 80, "wire format");
+enum { ITEM_ROW_SHORTEST = offsetof(struct item_row, driver_uuid) };
+
+_Static_assert(ITEM_ROW_SHORTEST == 80 && sizeof(struct item_row) == 120, "wire format");
 
 static struct item_row item_to_row(const struct control_item *item)
 {
-    return (struct item_row){
+    struct item_row row = {
         .type = item->type,
         .flags = item->flags,
         .mode = item->mode,
@@ -38,12 +46,16 @@ static struct item_row item_to_row(const struct control_item *item)
         .source = item->source,
         .payload_offset = item->payload_offset,
         .payload_size = item->payload_size,
+        .variant = item->device.variant,
     };
+    memcpy(row.driver_uuid, item->device.driver_uuid, sizeof row.driver_uuid);
+    memcpy(row.compatibility_uuid, item->device.compatibility_uuid, sizeof row.compatibility_uuid);
+    return row;
 }
 
 static struct control_item row_to_item(const struct item_row *row)
 {
-    return (struct control_item){
+    struct control_item item = {
         .type = row->type,
         .flags = row->flags,
         .mode = row->mode,
@@ -60,7 +72,11 @@ static struct control_item row_to_item(const struct item_row *row)
         .memfd = row->memfd,
         .payload_offset = row->payload_offset,
         .payload_size = row->payload_size,
+        .device = {.variant = row->variant},
     };
+    memcpy(item.device.driver_uuid, row->driver_uuid, sizeof item.device.driver_uuid);
+    memcpy(item.device.compatibility_uuid, row->compatibility_uuid, sizeof item.device.compatibility_uuid);
+    return item;
 }
 
 static enum bvhd_status too_many(const char *where, uint64_t count, uint64_t most, struct bvhd_error *error)
@@ -94,7 +110,7 @@ enum bvhd_status control_pack_build(const struct control_build *build, struct me
 
 static enum bvhd_status check_rest(const unsigned char *row, uint32_t size, uint32_t item, struct bvhd_error *error)
 {
-    for (uint32_t at = sizeof(struct item_row); at < size; at++)
+    for (uint32_t at = offsetof(struct item_row, reserved); at < size; at++)
         if (row[at] != 0)
             return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u]", item).text, "fields of a newer version");
     return BVHD_OK;
@@ -103,7 +119,7 @@ static enum bvhd_status check_rest(const unsigned char *row, uint32_t size, uint
 static enum bvhd_status check_items(const Bvhd__Build *message, struct bvhd_error *error)
 {
     uint32_t size = message->item_size;
-    if (size < sizeof(struct item_row) || message->items.len % size != 0)
+    if (size < ITEM_ROW_SHORTEST || message->items.len % size != 0)
         return bvhd_error_set(error, BVHD_CORRUPT, "build.items", "%zu bytes in rows of %u", message->items.len, size);
     if (size > ROWS_MAX_SIZE)
         return bvhd_error_set(error, BVHD_TOO_LARGE, "build.items", "rows of %u bytes", size);
@@ -139,9 +155,10 @@ static void fill_build(const void *from, void *ret_plain)
     if (message->items.len == 0)
         return;
     build->item_count = (uint32_t)(message->items.len / message->item_size);
+    uint32_t known = message->item_size < sizeof(struct item_row) ? message->item_size : sizeof(struct item_row);
     for (uint32_t i = 0; i < build->item_count; i++) {
-        struct item_row row;
-        memcpy(&row, message->items.data + (uint64_t)i * message->item_size, sizeof row);
+        struct item_row row = {0};
+        memcpy(&row, message->items.data + (uint64_t)i * message->item_size, known);
         build->items[i] = row_to_item(&row);
     }
 }

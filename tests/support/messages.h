@@ -36,9 +36,12 @@ static inline void messages_fill(struct messages *all)
     all->build = (struct control_build){PRIORITY_LOW, 3, {1, UINT64_MAX, 3}, MESSAGES_ITEMS, all->build_items};
     for (uint32_t i = 0; i < MESSAGES_ITEMS; i++) {
         uint32_t n = 100 * i;
-        all->build_items[i] =
-            (struct control_item){n + 1, n + 2,  n + 3,  UINT64_MAX - n, n + 5,  n + 6,          n + 7,  n + 8,
-                                  n + 9, n + 10, n + 11, n + 12,         n + 13, UINT32_MAX - n, n + 15, UINT64_MAX - 2 * n};
+        all->build_items[i] = (struct control_item){
+            n + 1,  n + 2,          n + 3,  UINT64_MAX - n,     n + 5,        n + 6, n + 7, n + 8, n + 9, n + 10, n + 11, n + 12,
+            n + 13, UINT32_MAX - n, n + 15, UINT64_MAX - 2 * n, {{0}, {0}, 0}};
+        memset(all->build_items[i].device.driver_uuid, (int)n + 17, 16);
+        memset(all->build_items[i].device.compatibility_uuid, (int)n + 18, 16);
+        all->build_items[i].device.variant = UINT32_MAX - n - 19;
         memset(&all->keys[i], (int)(0x11 * i), sizeof all->keys[i]);
         all->numbers[i] = i * 1000003;
     }

@@ -78,6 +78,7 @@ static void builds_come_back(void **state)
             assert_true(a->reference_count == b->reference_count && a->reference_size == b->reference_size);
             assert_true(a->payload_source == b->payload_source && a->memfd == b->memfd);
             assert_true(a->payload_offset == b->payload_offset && a->payload_size == b->payload_size);
+            assert_memory_equal(&a->device, &b->device, sizeof a->device);
         }
         memory_free(&memory, back);
     }
@@ -320,10 +321,15 @@ static void counts_and_sizes_are_checked(void **state)
     refuse("build", &writing, BVHD_TOO_LARGE, "build.items");
     put_items(&writing, 4096, 8192, 0);
     refuse("build", &writing, BVHD_OK, "");
-    put_items(&writing, 96, 5 * 96, 7);
+    put_items(&writing, 116, 116 * CONTROL_MAX_ITEMS, 7);
+    refuse("build", &writing, BVHD_OK, "");
+    put_items(&writing, 120, 5 * 120, 7);
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[0]");
-    put_items(&writing, 81, 5 * 81, 0);
+    put_items(&writing, 121, 5 * 121, 0);
     writing.bytes[writing.size - 1] = 1;
+    refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
+    put_items(&writing, 120, 5 * 120, 0);
+    writing.bytes[writing.size - 4] = 1;
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
     put_block(&writing, 4, 80, 0); /* rows of no declared size */
     refuse("build", &writing, BVHD_CORRUPT, "build.items");
@@ -355,6 +361,35 @@ static void counts_and_sizes_are_checked(void **state)
     put_block(&writing, 29, 20, 0);
     refuse("result", &writing, BVHD_CORRUPT, "result.bounds");
     free(writing.bytes);
+}
+
+/* Rows of every size that some version may send: what they have comes through, what they lack is 0, and no row takes from the next one. */
+static void older_rows_lack_their_end(void **state)
+{
+    (void)state;
+    enum { ROWS = 3 };
+    unsigned char whole[120];
+    for (size_t i = 0; i < sizeof whole; i++)
+        whole[i] = i < 116 ? (unsigned char)(i + 1) : 0;
+    for (uint32_t size = 80; size <= 160; size += 4) {
+        struct writing writing = {malloc(1000), 0};
+        uint32_t known = size < 116 ? size : 116;
+        put_items(&writing, size, (uint64_t)ROWS * size, 0);
+        for (uint32_t row = 0; row < ROWS; row++)
+            memcpy(writing.bytes + writing.size - (uint64_t)(row + 1) * size, whole, known);
+        struct control_build *build = unpack(kind_of("build"), (struct bytes){writing.bytes, writing.size});
+        assert_int_equal(build->item_count, ROWS);
+        for (uint32_t row = 0; row < ROWS; row++) {
+            struct device_format want = {{0}, {0}, 0};
+            memcpy(&want, whole + 80, known - 80);
+            assert_memory_equal(&build->items[row].device, &want, sizeof want);
+            assert_int_equal(build->items[row].type, 0x04030201);
+            assert_true(build->items[row].payload_size == UINT64_C(0x504f4e4d4c4b4a49));
+        }
+        memory_free(&memory, build);
+        free(writing.bytes);
+    }
+    assert_int_equal(memory.live, 0);
 }
 
 /* The most that a message may hold fits its heap, with names as long as they get. */
@@ -430,6 +465,7 @@ int main(void)
         cmocka_unit_test(truncations_hold_nothing),
         cmocka_unit_test(numbers_that_nobody_knows_come_through),
         cmocka_unit_test(counts_and_sizes_are_checked),
+        cmocka_unit_test(older_rows_lack_their_end),
         cmocka_unit_test(the_largest_messages_fit),
         cmocka_unit_test(failing_allocations_hold_nothing),
     };

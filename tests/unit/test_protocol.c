@@ -211,6 +211,9 @@ static void item_rows_are_the_table(void **state)
     item.source = 14;
     item.payload_offset = 15;
     item.payload_size = 16;
+    memset(item.device.driver_uuid, 17, sizeof item.device.driver_uuid);
+    memset(item.device.compatibility_uuid, 18, sizeof item.device.compatibility_uuid);
+    item.device.variant = 19;
     static const char *const names[] = {"type",           "flags",          "mode",          "quality",         "target",
                                         "layout_flags",   "geometry_count", "geometry_size", "reference_count", "reference_size",
                                         "payload_source", "memfd",          "destination",   "source",          "payload_offset",
@@ -218,7 +221,7 @@ static void item_rows_are_the_table(void **state)
     struct control_build build = {.item_count = 1, .items = &item};
     struct bytes control;
     assert_int_equal(control_pack_build(&build, &memory, &control, NULL), BVHD_OK);
-    assert_int_equal(control.size, 4 + 80);
+    assert_int_equal(control.size, 4 + 120);
     for (size_t i = 0, offset = 0; i < 16; i++) {
         size_t size = i < 12 ? 4 : 8;
         field(offset, size, names[i]);
@@ -226,6 +229,11 @@ static void item_rows_are_the_table(void **state)
         assert_int_equal(size == 4 ? bytes_get32(at) : bytes_get64(at), i + 1);
         offset += size;
     }
+    field(80, 16, "driver_uuid");
+    field(96, 16, "compatibility_uuid");
+    field(112, 4, "variant");
+    for (int i = 0; i < 40; i++)
+        assert_int_equal(control.data[4 + 80 + i], i < 16 ? 17 : i < 32 ? 18 : i == 32 ? 19 : 0);
     memory_free(&memory, (void *)(uintptr_t)control.data);
 }
 
