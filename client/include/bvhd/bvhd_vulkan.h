@@ -16,7 +16,7 @@
  *     bvhd_vulkan_probe(device, &queue, &probe, &probe_size, &error);               once; or a file from `bvhctl probe`
  *     bvhd_format_from_probe(probe, probe_size, &format, &error);                    BVHD_UNSUPPORTED: use the portable target
  *     build with target = format.target, format = &format                           bvhd.h
- *     bvhd_vulkan_scene_create(device, &queue, blobs, count, &scene, &error);
+ *     bvhd_vulkan_scene_create(device, &queue, &options, &scene, &error);
  *
  * Threads: a device may be used by several threads at once; command buffers, queues and memory are synchronised by the caller as Vulkan wants it. Errors as in
  * bvhd.h; what Vulkan reports becomes BVHD_NO_MEMORY, BVHD_UNAVAILABLE (device lost) or BVHD_INTERNAL, with the name of the call in `where`.
@@ -46,13 +46,13 @@ struct bvhd_vulkan_device_options {
     const VkAllocationCallbacks *allocator; /* for every object that the library creates; may be NULL; outlives the device */
 };
 
-/* Looks the functions up. The Vulkan objects must outlive it. BVHD_INVALID when a function is missing, BVHD_NO_MEMORY. */
+/* Looks the functions up. The Vulkan objects must outlive it, the struct need not. BVHD_INVALID when a function is missing, BVHD_NO_MEMORY. */
 BVHD_API enum bvhd_status bvhd_vulkan_device_create(const struct bvhd_vulkan_device_options *options,
                                                     struct bvhd_vulkan_device **ret_device, struct bvhd_error *ret_error);
 /* NULL-safe. */
 BVHD_API void bvhd_vulkan_device_destroy(struct bvhd_vulkan_device *device);
 
-/* A queue for work that the library submits by itself: with compute. No other thread may use it, or the pool, during the call. */
+/* A queue for work that the library submits by itself: with compute. No other thread may use it during the call. */
 struct bvhd_vulkan_queue {
     VkQueue queue;
     uint32_t family;
@@ -69,9 +69,13 @@ BVHD_API enum bvhd_status bvhd_vulkan_probe(struct bvhd_vulkan_device *device, c
 BVHD_API void bvhd_vulkan_free(void *block);
 
 /*
- * Whether the device can take a serialized structure. BVHD_OK; BVHD_INCOMPATIBLE: it is of another driver or version, and the text says of which target it is and
- * which this device needs (`format`, may be NULL: not known); BVHD_UNSUPPORTED: native, and the device has no acceleration structures; BVHD_TOO_LARGE: over the device's
- * limits; BVHD_CORRUPT: its header is not sound. The driver's own check reads the first bytes alone and would let other versions crash: always ask this one.
+ * Whether the device can take a serialized structure that anybody may have written. What passes can be uploaded and traced without harm to the driver: the whole structure is looked at,
+ * each byte once. (The driver's own check compares 16 bytes and lets everything else through.) `format` is what a probe of this device gave; without one (NULL) only portable
+ * structures pass. `data` is aligned to 16 bytes.
+ *
+ * BVHD_INCOMPATIBLE: made for another driver or version; the text says for which target, and which one this device needs. BVHD_UNSUPPORTED: a native structure, but the device has no
+ * acceleration structures: it takes the portable target. BVHD_TOO_LARGE: over the device's limits. BVHD_CORRUPT: the bytes are not sound. BVHD_INVALID: arguments, a native structure
+ * without a format among them. BVHD_NO_MEMORY.
  */
 BVHD_API enum bvhd_status bvhd_vulkan_check(struct bvhd_vulkan_device *device, const struct bvhd_format *format, const void *data,
                                             uint64_t size, struct bvhd_error *ret_error);
@@ -81,19 +85,24 @@ BVHD_API enum bvhd_status bvhd_vulkan_check(struct bvhd_vulkan_device *device, c
 /* What to create for one serialized structure. */
 struct bvhd_vulkan_requirements {
     enum bvhd_target target;
-    VkAccelerationStructureTypeKHR type; /* VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR or BOTTOM */
+    /* VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR or BOTTOM; of a native one with nothing in it, which does not say what it is, GENERIC. */
+    VkAccelerationStructureTypeKHR type;
     uint32_t handle_count; /* of a top level: places that upload fills */
     uint32_t reference_count; /* of a top level: rows of `references` that they choose from: the highest one used */
     /* Host-visible and coherent, or flushed by the caller after the call that fills it. Needed until the copy has executed. */
     VkDeviceSize staging_size;
     VkDeviceSize staging_alignment; /* of the offset and, for native structures, of the device address */
     VkBufferUsageFlags staging_usage;
-    /* Where the structure lives. */
+    /*
+     * Where the structure lives. With VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT in a usage, memory is allocated with
+     * VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT.
+     */
     VkDeviceSize storage_size;
     VkDeviceSize storage_alignment;
     VkBufferUsageFlags storage_usage;
 };
 
+/* Reads the head and the handles of a structure that bvhd_vulkan_check has passed. BVHD_CORRUPT, BVHD_INCOMPATIBLE, BVHD_INVALID. */
 BVHD_API enum bvhd_status bvhd_vulkan_requirements(struct bvhd_vulkan_device *device, const void *data, uint64_t size,
                                                    struct bvhd_vulkan_requirements *ret_requirements, struct bvhd_error *ret_error);
 
@@ -101,7 +110,7 @@ BVHD_API enum bvhd_status bvhd_vulkan_requirements(struct bvhd_vulkan_device *de
 struct bvhd_vulkan_span {
     VkBuffer buffer;
     VkDeviceSize offset;
-    VkDeviceSize size; /* at least what is required; an acceleration structure is created with exactly what the blob says */
+    VkDeviceSize size; /* at least what is required; an acceleration structure is created with exactly that */
 };
 
 struct bvhd_vulkan_upload {
@@ -113,21 +122,24 @@ struct bvhd_vulkan_upload {
     struct bvhd_vulkan_span storage;
     /*
      * Of a top level: references[r] is where the structure of row r of the request's references is. Native: its device address, from
-     * bvhd_vulkan_address. Portable: a device address too, or, when the whole scene lies in one buffer, the structure's offset in that buffer, the same kind for
-     * all.
+     * bvhd_vulkan_address. Portable: where its storage begins, as the device address or, when the whole scene lies in one buffer, as the offset in that buffer,
+     * the same kind for all. Rows that no instance names are not looked at.
      */
     const uint64_t *references;
     uint32_t reference_count;
 };
 
 /*
- * Fills the staging memory and records the upload. Native: creates *ret_structure over the storage, which the caller destroys with vkDestroyAccelerationStructureKHR; portable:
- * VK_NULL_HANDLE. On failure nothing is recorded.
+ * Fills the staging memory and records the upload. Native: creates *ret_structure over the storage, which the caller destroys with
+ * vkDestroyAccelerationStructureKHR and the device's allocator. Portable: *ret_structure is VK_NULL_HANDLE; the storage becomes the layout's body (FORMATS.md, chapter 2), whose
+ * instances hold the locations of their bottom levels, and where it begins is what bvhd_ray_query.glsl takes as its root. Outside of a render pass. On failure nothing is recorded.
  *
  * Barriers. Before the copy: none; what the host wrote before the submission is visible to it, and storage must not be in use. After it, before anything reads or
  * builds upon the structure, the caller's own, or bvhd_vulkan_record_barrier: native: source stage ACCELERATION_STRUCTURE_BUILD, access ACCELERATION_STRUCTURE_WRITE;
  * portable: source stage TRANSFER, access TRANSFER_WRITE. Uploads need none between each other. A top level may be uploaded before what it names has been, as
  * long as those structures have been created.
+ *
+ * BVHD_INVALID: a span is too small or misaligned, a row that an instance names has no reference. BVHD_NO_MEMORY, and as bvhd_vulkan_requirements.
  */
 BVHD_API enum bvhd_status bvhd_vulkan_record_upload(struct bvhd_vulkan_device *device, VkCommandBuffer commands,
                                                     const struct bvhd_vulkan_upload *upload, VkAccelerationStructureKHR *ret_structure,
@@ -148,29 +160,51 @@ struct bvhd_vulkan_bytes {
     uint64_t size;
 };
 
+enum {
+    BVHD_VULKAN_SCENE_ADDRESSES =
+        0x1, /* portable: bottom levels are named by device address instead of by offset in the scene's buffer */
+};
+
+struct bvhd_vulkan_scene_options {
+    size_t struct_size; /* sizeof(struct bvhd_vulkan_scene_options) */
+    /*
+     * Bottom levels and, last, the top level over them, or one bottom level alone: blobs[r] is row r of the references of the request for the top level, and
+     * may be {NULL, 0} where no instance names it. All are of one target. Rows with the same `data` are loaded once. Not needed after the call.
+     */
+    const struct bvhd_vulkan_bytes *blobs;
+    uint32_t blob_count;
+    uint32_t flags; /* BVHD_VULKAN_SCENE_ */
+    const struct bvhd_format *format; /* of native structures: the device's; NULL: the device is probed */
+};
+
 /*
- * Loads bottom levels and, last, the top level over them (or one bottom level alone): blobs[r] is row r of the references of the request for the top level; an entry may
- * be {NULL, 0} where no instance names it. All are of one target. Allocates device-local memory, uploads in steps of bounded staging memory, submits, waits. On failure nothing
- * is held.
+ * Checks every blob as bvhd_vulkan_check, allocates device-local memory where there is any, a few large pieces for any number of structures, uploads in steps of at most 32 MiB
+ * (or the largest native structure), submits, waits. Fails as bvhd_vulkan_check, with "blobs[3]: ..." as its place; BVHD_INVALID when an instance names a row that has no
+ * structure; BVHD_NO_MEMORY. On failure nothing is held.
  */
 BVHD_API enum bvhd_status bvhd_vulkan_scene_create(struct bvhd_vulkan_device *device, const struct bvhd_vulkan_queue *queue,
-                                                   const struct bvhd_format *format, const struct bvhd_vulkan_bytes *blobs,
-                                                   uint32_t blob_count, struct bvhd_vulkan_scene **ret_scene,
-                                                   struct bvhd_error *ret_error);
+                                                   const struct bvhd_vulkan_scene_options *options,
+                                                   struct bvhd_vulkan_scene **ret_scene, struct bvhd_error *ret_error);
 /* The device must not use it any more. NULL-safe. */
 BVHD_API void bvhd_vulkan_scene_destroy(struct bvhd_vulkan_scene *scene);
 
 BVHD_API enum bvhd_target bvhd_vulkan_scene_target(const struct bvhd_vulkan_scene *scene);
 
-/* Native: blob `index`'s structure, for descriptors; VK_NULL_HANDLE where there was none. */
+/* Native: the structure of blob `index`, for descriptors and instances; VK_NULL_HANDLE where there was none. */
 BVHD_API VkAccelerationStructureKHR bvhd_vulkan_scene_structure(const struct bvhd_vulkan_scene *scene, uint32_t index);
 
 /*
- * Portable: one buffer with the whole scene, and where blob `index` lies in it: what bvhd_ray_query.glsl takes as its root. ret_span->size is that blob's; the buffer's whole size is
- * what to bind.
+ * Portable: where blob `index` lies, in the one buffer that holds the whole scene and that is bound whole, *ret_buffer_size bytes. BVHD_NOT_FOUND where there was none, and for
+ * native structures.
  */
 BVHD_API enum bvhd_status bvhd_vulkan_scene_storage(const struct bvhd_vulkan_scene *scene, uint32_t index,
                                                     struct bvhd_vulkan_span *ret_span, VkDeviceSize *ret_buffer_size);
+
+/*
+ * What a shader takes as its root for blob `index`. Portable: its offset in the scene's buffer, or with BVHD_VULKAN_SCENE_ADDRESSES its device address. Native: its device address. Without
+ * such a structure UINT64_MAX.
+ */
+BVHD_API uint64_t bvhd_vulkan_scene_location(const struct bvhd_vulkan_scene *scene, uint32_t index);
 
 #ifdef __cplusplus
 }
