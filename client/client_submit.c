@@ -2,6 +2,7 @@
 #include "client_batch.h"
 #include "client_link.h"
 #include "client_wait.h"
+#include "format.h"
 #include "rows.h"
 #include "validate_batch.h"
 
@@ -9,6 +10,7 @@
 struct submission {
     struct bvhd_client *client;
     const struct bvhd_build *build;
+    struct build_options options;
     struct reference *references;
     struct bvhd_error *errors; /* one an info */
     struct bvhd_error *batch_errors; /* likewise, of the rules between them */
@@ -86,16 +88,16 @@ static void start(struct bvhd_batch *batch)
     client_unlock(client);
 }
 
-static enum bvhd_status check_build(const struct bvhd_build *build, struct bvhd_error *error)
+static enum bvhd_status check_build(const struct bvhd_build *build, struct build_options *ret_options, struct bvhd_error *error)
 {
-    if (build->struct_size < sizeof *build)
+    if (build->struct_size < sizeof *build && build->struct_size != FORMAT_BUILD_WITHOUT)
         return bvhd_error_set(error, BVHD_INVALID, "build.struct_size", "%zu bytes instead of sizeof(struct bvhd_build)",
                               build->struct_size);
     if (build->info_count > 0 && !build->infos)
         return bvhd_error_set(error, BVHD_INVALID, "build.infos", "not given");
     if (build->reference_count > 0 && !build->references)
         return bvhd_error_set(error, BVHD_INVALID, "build.references", "not given");
-    return BVHD_OK;
+    return format_options(build, ret_options, error);
 }
 
 static void convert_references(const struct bvhd_build *build, struct reference *references)
@@ -113,11 +115,6 @@ static void convert_references(const struct bvhd_build *build, struct reference 
 static enum bvhd_status describe(struct submission *submission)
 {
     const struct bvhd_build *build = submission->build;
-    struct build_options options = {
-        .quality = (enum build_quality)build->quality,
-        .target = build->target ? (enum target)build->target : TARGET_PORTABLE,
-        .layout_flags = build->layout_flags,
-    };
     submission->references = memory_array(&library_memory, (uint64_t)build->reference_count + 1, sizeof *submission->references);
     submission->errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->errors);
     submission->batch_errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->batch_errors);
@@ -126,7 +123,7 @@ static enum bvhd_status describe(struct submission *submission)
     convert_references(build, submission->references);
     enum bvhd_status status =
         vulkan_input_create_in(&library_memory, build->infos, build->info_count, build->ranges, submission->references,
-                               build->reference_count, &options, &submission->batch->input, submission->errors);
+                               build->reference_count, &submission->options, &submission->batch->input, submission->errors);
     if (status == BVHD_OK)
         status = validate_batch(vulkan_input_entries(submission->batch->input), build->info_count, &library_memory,
                                 submission->batch_errors);
@@ -156,10 +153,10 @@ static int32_t priority_of(const struct bvhd_build *build)
 enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build, struct bvhd_batch **ret_batch,
                                    struct bvhd_error *ret_error)
 {
-    enum bvhd_status status = check_build(build, ret_error);
+    struct submission submission = {.client = client, .build = build};
+    enum bvhd_status status = check_build(build, &submission.options, ret_error);
     if (status != BVHD_OK)
         return status;
-    struct submission submission = {.client = client, .build = build};
     submission.batch = create_batch(client, build->info_count, priority_of(build));
     status = submission.batch ? describe(&submission) : BVHD_NO_MEMORY;
     if (status == BVHD_OK)

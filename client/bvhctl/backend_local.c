@@ -5,6 +5,7 @@
 
 #include "batch.h"
 #include "embree.h"
+#include "format.h"
 #include "vulkan_input.h"
 
 /* What results' bytes live in. */
@@ -48,7 +49,7 @@ static void copy_references(const struct bvhd_build *build, struct reference *re
     }
 }
 
-static void copy_result(const struct batch_item *item, struct bvhd_result *ret_result)
+static void copy_result(const struct batch_item *item, enum target target, struct bvhd_result *ret_result)
 {
     const struct build_stats *stats = &item->stats;
     struct bvhd_result result = {
@@ -70,6 +71,7 @@ static void copy_result(const struct batch_item *item, struct bvhd_result *ret_r
         .sah = stats->sah,
         .original_build_ms = item->build_ms,
         .method = stats->method,
+        .target = (enum bvhd_target)target,
     };
     result.error.status = item->status;
     memcpy(&result.key, &item->key, sizeof result.key);
@@ -78,26 +80,25 @@ static void copy_result(const struct batch_item *item, struct bvhd_result *ret_r
 }
 
 /* `errors`: of the rules on Vulkan's structs, said before any building. */
-static void copy_results(const struct hold *hold, const struct bvhd_error *errors, struct bvhd_result *ret_results)
+static void copy_results(const struct hold *hold, const struct bvhd_error *errors, enum target target, struct bvhd_result *ret_results)
 {
     for (uint32_t i = 0; i < hold->count; i++) {
         if (errors[i].status)
             ret_results[i] = (struct bvhd_result){.error = errors[i]};
         else
-            copy_result(&hold->items[i], &ret_results[i]);
+            copy_result(&hold->items[i], target, &ret_results[i]);
     }
 }
 
 static enum bvhd_status build_items(const struct backend_local *local, const struct bvhd_build *build,
-                                    const struct reference *references, struct bvhd_error *errors, struct hold *hold,
-                                    struct bvhd_error *error)
+                                    const struct build_options *options, const struct reference *references, struct bvhd_error *errors,
+                                    struct hold *hold, struct bvhd_error *error)
 {
-    struct build_options options = {(enum build_quality)build->quality, TARGET_PORTABLE, build->layout_flags};
     struct limits limits = limits_default();
     struct vulkan_input *input = NULL;
     memset(errors, 0, build->info_count * sizeof *errors);
     enum bvhd_status status = vulkan_input_create(build->infos, build->info_count, build->ranges, references, build->reference_count,
-                                                  &options, &input, errors);
+                                                  options, &input, errors);
     if (status)
         *error = errors[0];
     else
@@ -111,18 +112,22 @@ static enum bvhd_status build_here(struct backend *backend, const struct bvhd_bu
 {
     const struct backend_local *local = (const struct backend_local *)backend;
     struct memory *memory = local->context.memory;
+    struct build_options options;
+    enum bvhd_status status = format_options(build, &options, error);
+    if (status)
+        return status;
     struct bvhd_error *errors = memory_array(memory, build->info_count, sizeof *errors);
     struct reference *references = memory_array(memory, (uint64_t)build->reference_count + 1, sizeof *references);
     struct hold *hold = make_hold(build->info_count, memory);
-    enum bvhd_status status = BVHD_NO_MEMORY;
+    status = BVHD_NO_MEMORY;
     if (errors && references && hold) {
         copy_references(build, references);
-        status = build_items(local, build, references, errors, hold, error);
+        status = build_items(local, build, &options, references, errors, hold, error);
     } else {
         bvhd_error_set(error, status, "", "no memory for a batch of %u", build->info_count);
     }
     if (!status) {
-        copy_results(hold, errors, ret_results);
+        copy_results(hold, errors, options.target, ret_results);
         *ret_hold = hold;
     } else {
         release(backend, hold);

@@ -108,11 +108,11 @@ enum bvhd_quality {
 };
 
 enum bvhd_target {
-    BVHD_TARGET_PORTABLE = 1, /* read by shaders from storage buffers, and on the CPU; 0 means this too */
+    BVHD_TARGET_PORTABLE = 1, /* read by shaders from storage buffers, and on the CPU */
     BVHD_TARGET_LAVAPIPE = 2, /* Mesa's CPU driver, natively; needs bvhd_build.format */
 };
 
-/* What a device's driver loads natively: found by a probe (bvhd_vulkan.h, or `bvhctl probe`), given to builds. Immutable; two that are equal are the same. */
+/* What a device's driver loads natively: found by a probe (bvhd_vulkan.h, or `bvhctl probe`), given to builds. Plain values: copy, keep and compare them freely. */
 struct bvhd_format {
     size_t struct_size; /* sizeof(struct bvhd_format) */
     enum bvhd_target target;
@@ -122,8 +122,8 @@ struct bvhd_format {
 };
 
 /*
- * The format of the device that a probe came from. BVHD_UNSUPPORTED: none that this library knows reproduces the probe, so that the device takes the portable target
- * alone. BVHD_CORRUPT: this is no probe.
+ * The format of the device that a probe came from; struct_size is set, too. The probe may come from anywhere, at any alignment. BVHD_UNSUPPORTED: none that this library
+ * knows reproduces the probe, so that the device takes the portable target alone. BVHD_CORRUPT: this is no probe. BVHD_INCOMPATIBLE: one of another version.
  */
 BVHD_API enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct bvhd_format *ret_format,
                                                  struct bvhd_error *ret_error);
@@ -154,10 +154,10 @@ struct bvhd_build {
     const struct bvhd_reference *references; /* what instances of any info may name */
     uint32_t reference_count;
     enum bvhd_quality quality;
-    enum bvhd_target target;
+    enum bvhd_target target; /* 0: the format's, without one portable */
     uint32_t layout_flags;
     enum bvhd_priority priority;
-    const struct bvhd_format *format; /* of a native target, whose `target` it has; NULL for the portable one */
+    const struct bvhd_format *format; /* what the device loads, of the same target; needed for a native one, NULL for portable */
 };
 
 /*
@@ -219,6 +219,7 @@ struct bvhd_result {
     double original_build_ms; /* of the build that made the bytes, whoever asked for it */
     const char *method; /* how it was built: "binned", "spatial", ... */
     float bounds[6]; /* minimum, maximum: for bvhd_reference */
+    enum bvhd_target target; /* whose format the bytes have */
 };
 
 /*
