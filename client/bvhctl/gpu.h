@@ -7,6 +7,8 @@
 #ifndef BVHCTL_GPU_H
 #define BVHCTL_GPU_H
 
+#include <stdbool.h>
+
 #include "bvhd/bvhd_vulkan.h"
 #include "memory.h"
 
@@ -18,7 +20,8 @@ struct gpu_facts {
     uint32_t api_version;
     bool has_acceleration_structure, has_ray_query, has_ray_pipeline, has_buffer_address, has_position_fetch;
     uint64_t memory; /* bytes of its largest device-local heap */
-    uint64_t max_storage_range;
+    uint64_t max_storage_range; /* bytes of a storage buffer that a shader can bind */
+    uint32_t max_groups; /* in x, of a dispatch */
     uint32_t subgroup_size;
 };
 
@@ -35,6 +38,8 @@ struct gpu_functions {
 #undef GPU_FUNCTION
 };
 
+struct gpu_instance;
+
 struct gpu {
     struct gpu_facts facts;
     VkInstance instance;
@@ -46,7 +51,8 @@ struct gpu {
     struct gpu_functions vk;
     struct bvhd_vulkan_device *library; /* libbvhd's view of it */
     double timestamp_ms; /* milliseconds of one tick; 0: the queue has no timestamps */
-    void *loader; /* of dlopen */
+    uint64_t timestamp_mask; /* the bits of a tick count that are valid */
+    struct gpu_instance *owner; /* of the instance, with the loader */
     struct memory *memory;
 };
 
@@ -68,7 +74,7 @@ struct gpu_buffer {
     VkBuffer buffer;
     VkDeviceMemory memory;
     VkDeviceSize size;
-    void *mapped; /* when host-visible: coherent, mapped as long as it lives */
+    void *mapped; /* GPU_UPLOAD and GPU_READBACK: host-visible and coherent, mapped as long as it lives */
     VkDeviceAddress address; /* 0 where the device has no addresses */
 };
 
@@ -86,6 +92,22 @@ void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer);
 enum bvhd_status gpu_begin(struct gpu *gpu, VkCommandBuffer *ret_commands, struct bvhd_error *error);
 enum bvhd_status gpu_submit(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error);
 
+/*
+ * The time that the device takes for a part of a command buffer. Without timestamps (gpu->timestamp_ms is 0) start and stop record nothing, and the seconds are
+ * negative.
+ */
+struct gpu_timer {
+    VkQueryPool pool;
+};
+
+enum bvhd_status gpu_timer_create(struct gpu *gpu, struct gpu_timer *ret_timer, struct bvhd_error *error);
+/* NULL-safe, idempotent. */
+void gpu_timer_destroy(struct gpu *gpu, struct gpu_timer *timer);
+void gpu_timer_start(struct gpu *gpu, struct gpu_timer *timer, VkCommandBuffer commands);
+void gpu_timer_stop(struct gpu *gpu, struct gpu_timer *timer, VkCommandBuffer commands);
+/* After the command buffer has been submitted, by gpu_submit. */
+double gpu_timer_seconds(struct gpu *gpu, const struct gpu_timer *timer);
+
 /* "vkCreateBuffer" and its result as a status with a text; BVHD_OK for VK_SUCCESS. */
 enum bvhd_status gpu_result(const char *call, VkResult result, struct bvhd_error *error);
 
@@ -96,7 +118,7 @@ struct gpu_kernel {
     VkPipeline pipeline;
     VkDescriptorPool pool;
     VkDescriptorSet set; /* one, over `bindings` storage buffers, and after them `structures` acceleration structures */
-    uint32_t bindings, structures;
+    uint32_t bindings, structures, push_size;
 };
 
 struct gpu_kernel_options {
@@ -110,9 +132,16 @@ struct gpu_kernel_options {
 
 enum bvhd_status gpu_kernel_create(struct gpu *gpu, const struct gpu_kernel_options *options, struct gpu_kernel *ret_kernel,
                                    struct bvhd_error *error);
+/* NULL-safe, idempotent. */
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel *kernel);
-/* Points binding i at buffers[i] (whole), and the acceleration structures behind them. Not while the kernel runs. */
+/*
+ * Points binding i at buffers[i], and the acceleration structures behind them. Of a buffer above facts.max_storage_range the first so many bytes are bound; the rest has to be
+ * reached by its address. Not while the kernel runs.
+ */
 void gpu_kernel_bind(struct gpu *gpu, struct gpu_kernel *kernel, const struct gpu_buffer *const *buffers,
                      const VkAccelerationStructureKHR *structures);
+
+/* Records its binding, its push constants (`push_size` of its options, NULL for none) and a dispatch of so many workgroups in x. */
+void gpu_kernel_record(struct gpu *gpu, const struct gpu_kernel *kernel, VkCommandBuffer commands, const void *push, uint32_t groups);
 
 #endif
