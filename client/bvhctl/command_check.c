@@ -46,7 +46,7 @@ static enum bvhd_status open_both(struct run *run, struct bvhd_error *error)
     status = structures_open(options->operands[0], scene, memory, &run->structures, error);
     run->is_damaged = status == BVHD_CORRUPT || status == BVHD_INCOMPATIBLE;
     if (!status)
-        status = import_oracle_meshes(&run->import, run->structures.scene.top != NULL, &run->meshes, &run->mesh_count, error);
+        status = import_oracle_meshes(&run->import, run->structures.has_top, &run->meshes, &run->mesh_count, error);
     return status;
 }
 
@@ -84,7 +84,7 @@ static struct tally judge_all(const struct run *run)
     for (uint32_t i = 0; i < run->ray_count; i++) {
         struct ray_hit hit;
         double t_rel_err;
-        bool is_hit = traverse(&run->structures.scene, &run->rays[i], &options, &hit, NULL);
+        bool is_hit = structures_trace(&run->structures, &run->rays[i], &options, &hit);
         tally.hits += is_hit;
         enum oracle_verdict verdict = oracle_judge(&run->answers[i], is_hit ? &hit : NULL, &t_rel_err);
         count_verdict(&tally, verdict, t_rel_err);

@@ -83,11 +83,11 @@ static void write_file(struct json *json, const char *path, const struct seriali
 {
     json_object(json, NULL);
     json_text(json, "file", path);
-    write_header(json, serialized, file->view.header);
-    write_survey(json, survey, file->view.header->depth);
+    write_header(json, serialized, file->structure.view.portable.header);
+    write_survey(json, survey, file->structure.view.portable.header->depth);
     json_array(json, "geometries");
-    for (uint32_t i = 0; i < file->view.header->geometry_count; i++) {
-        const struct portable_geometry *geometry = &file->view.geometries[i];
+    for (uint32_t i = 0; i < file->structure.view.portable.header->geometry_count; i++) {
+        const struct portable_geometry *geometry = &file->structure.view.portable.geometries[i];
         json_object(json, NULL);
         json_integer(json, "flags", geometry->flags);
         json_integer(json, "first_primitive", geometry->first_primitive);
@@ -143,7 +143,7 @@ static void print_tree(const struct portable_header *header, const struct survey
 static void print_file(const char *path, const struct serialized_header *serialized, const struct structure_file *file,
                        const struct survey *survey)
 {
-    const struct portable_header *header = file->view.header;
+    const struct portable_header *header = file->structure.view.portable.header;
     const float *bounds = header->bounds;
     char uuid[40];
     uuid_text(serialized->compatibility_uuid, uuid);
@@ -161,7 +161,7 @@ static void print_file(const char *path, const struct serialized_header *seriali
     print_section("geometries", survey->geometry_bytes, file->size, header->geometry_count);
     print_section("padding", survey->other_bytes, file->size, 0);
     print_tree(header, survey);
-    print_geometries(&file->view);
+    print_geometries(&file->structure.view.portable);
 }
 
 static void fail(struct run *run, const struct bvhd_error *error)
@@ -183,12 +183,12 @@ static void inspect_file(struct run *run, const char *path)
     if (!status) {
         status = serialized_read((struct bytes){file.data, file.size}, &serialized, &error);
         if (!status)
-            status = survey_take(&file.view, file.size, &run->memory, &survey, &error);
+            status = survey_take(&file.structure.view.portable, file.size, &run->memory, &survey, &error);
         if (!status && run->options->json)
             write_file(&run->json, path, &serialized, &file, &survey);
         else if (!status)
             print_file(path, &serialized, &file, &survey);
-        memory_free(&run->memory, file.data);
+        structures_close_file(&file, &run->memory);
     }
     run->shown += !status;
     if (status)

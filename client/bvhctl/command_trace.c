@@ -73,7 +73,7 @@ static void judge_rays(struct run *run, uint32_t count, const struct ray *rays, 
 {
     for (uint32_t i = 0; i < count; i++) {
         struct ray_hit hit;
-        bool is_hit = traverse(&run->structures.scene, &rays[i], NULL, &hit, NULL);
+        bool is_hit = structures_trace(&run->structures, &rays[i], NULL, &hit);
         enum oracle_verdict verdict = oracle_judge(&answers[i], is_hit ? &hit : NULL, NULL);
         run->uncertain += verdict == ORACLE_UNDECIDED;
         run->mismatches += verdict != ORACLE_UNDECIDED && verdict != ORACLE_RIGHT;
@@ -109,7 +109,7 @@ static enum bvhd_status check(struct run *run, struct bvhd_error *error)
     if (!rays || !answers)
         status = bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the rays");
     if (!status)
-        status = unpack_scene(&run->structures.scene, memory, &unpacked, error);
+        status = unpack_structures(&run->structures, memory, &unpacked, error);
     if (!status)
         status = check_unpacked(run, &unpacked, rays, answers, error);
     unpack_finish(&unpacked);

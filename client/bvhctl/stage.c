@@ -40,15 +40,28 @@ struct ray stage_ray(struct vector origin, struct vector direction)
                         .cull_mask = 0xff};
 }
 
+static int compare_instances(const void *a, const void *b)
+{
+    uint32_t x = ((const struct structure_instance *)a)->instance, y = ((const struct structure_instance *)b)->instance;
+    return (x > y) - (x < y);
+}
+
+/* The one at `instance` of the request, of which there is a hit. */
+static const struct structure_instance *stage_instance(const struct stage *stage, uint32_t instance)
+{
+    const struct structure_instance wanted = {.instance = instance};
+    return bsearch(&wanted, stage->instances, stage->instance_count, sizeof wanted, compare_instances);
+}
+
 static struct vector world_normal(const struct stage *stage, const struct ray_hit *hit)
 {
     float corners[3][3];
     struct vector p[3];
-    traverse_positions(stage->scene, hit, corners);
+    structures_corners(stage->structures, hit, corners);
     for (int i = 0; i < 3; i++) {
         p[i] = from_floats(corners[i]);
-        if (stage->scene->top)
-            p[i] = transform_point(stage->instances[hit->instance]->object_to_world, p[i]);
+        if (stage->structures->has_top)
+            p[i] = transform_point(stage_instance(stage, hit->instance)->object_to_world, p[i]);
     }
     /* Sides first to unit length: squares of tiny or huge ones would leave the range. */
     return vector_unit(vector_cross(vector_unit(vector_sub(p[1], p[0])), vector_unit(vector_sub(p[2], p[0]))));
@@ -58,7 +71,7 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
 {
     struct ray ray = stage_ray(origin, direction);
     struct ray_hit hit;
-    if (!traverse(stage->scene, &ray, NULL, &hit, NULL))
+    if (!structures_trace(stage->structures, &ray, NULL, &hit))
         return false;
     struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit);
     if (vector_dot(normal, direction) > 0)
@@ -66,7 +79,7 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
     *ret_hit = (struct stage_hit){.position = vector_mad(from_floats(ray.origin), from_floats(ray.direction), (double)hit.t),
                                   .normal = normal,
                                   .distance = (double)hit.t,
-                                  .instance = stage->scene->top ? hit.instance : 0,
+                                  .instance = stage->structures->has_top ? hit.instance : 0,
                                   .handle = hit.handle,
                                   .geometry = hit.geometry};
     return true;
@@ -76,7 +89,7 @@ double stage_clearance(const struct stage *stage, struct vector origin, struct v
 {
     struct ray ray = stage_ray(origin, direction);
     struct ray_hit hit;
-    return traverse(stage->scene, &ray, NULL, &hit, NULL) ? (double)hit.t : INFINITY;
+    return structures_trace(stage->structures, &ray, NULL, &hit) ? (double)hit.t : INFINITY;
 }
 
 double stage_cost(const struct stage *stage)
@@ -90,7 +103,7 @@ double stage_cost(const struct stage *stage)
         struct vector forward = vector_unit(vector_sub(to, from));
         struct ray ray = stage_ray(vector_mad(from, forward, -stage->size), forward);
         struct ray_hit hit;
-        traverse(stage->scene, &ray, NULL, &hit, &counters);
+        structures_trace_counted(stage->structures, &ray, NULL, &hit, &counters);
     }
     return (double)counters.triangles / RAYS;
 }
@@ -112,44 +125,24 @@ struct vector stage_to_world(const struct stage *stage, struct vector local)
     return vector_mad(vector_mad(vector_scale(stage->east, local.x), stage->north, local.y), stage->up, local.z);
 }
 
-static uint64_t triangle_records(const struct portable_view *view)
-{
-    bool is_triangles = view && view->header->content <= PORTABLE_TRIANGLES;
-    return is_triangles ? view->header->record_count : 0;
-}
-
 static enum bvhd_status find_instances(struct stage *stage, struct bvhd_error *error)
 {
-    const struct portable_view *top = stage->scene->top;
+    const struct structure_file *files = stage->structures->files;
+    const struct structure *top = structures_top(stage->structures);
     if (!top) {
-        stage->triangle_count = triangle_records(stage->scene->bottoms[0]);
+        stage->triangle_count = structure_triangle_count(&files[0].structure);
         return BVHD_OK;
     }
-    const struct portable_instance *records = top->records;
-    stage->instance_count = top->header->primitive_count;
+    stage->instance_count = structure_instance_count(top);
     stage->instances = memory_array(stage->memory, (uint64_t)stage->instance_count + 1, sizeof *stage->instances);
     if (!stage->instances)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the instances");
-    memset(stage->instances, 0, stage->instance_count * sizeof *stage->instances);
-    for (uint32_t i = 0; i < top->header->record_count; i++) {
-        stage->instances[records[i].instance] = &records[i];
-        stage->triangle_count += triangle_records(stage->scene->bottoms[records[i].handle]);
+    for (uint32_t i = 0; i < stage->instance_count; i++) {
+        stage->instances[i] = structure_instance(top, i);
+        stage->triangle_count += structure_triangle_count(&files[stage->instances[i].bottom].structure);
     }
+    qsort(stage->instances, stage->instance_count, sizeof *stage->instances, compare_instances);
     return BVHD_OK;
-}
-
-static void record_corners(const struct portable_view *view, uint64_t index, struct vector ret_corners[3])
-{
-    if (view->header->content == PORTABLE_TRIANGLES) {
-        const struct portable_triangle *triangle = (const struct portable_triangle *)view->records + index;
-        ret_corners[0] = from_floats(triangle->v0);
-        ret_corners[1] = from_floats(triangle->v1);
-        ret_corners[2] = from_floats(triangle->v2);
-        return;
-    }
-    const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)view->records + index;
-    for (int i = 0; i < 3; i++)
-        ret_corners[i] = from_floats(view->vertices + UINT64_C(3) * triangle->vertices[i]);
 }
 
 static struct vector random_point(const struct vector corners[3], uint64_t *state)
@@ -178,12 +171,16 @@ static void add_sample(struct tour *tour, const struct vector corners[3])
         stage->samples[stage->sample_count++] = point;
 }
 
-static void visit_triangle(struct tour *tour, const struct portable_view *view, const float *transform, uint64_t index)
+static void visit_triangle(struct tour *tour, const struct structure *bottom, const float *transform, uint32_t row)
 {
+    float exact[3][3];
     struct vector corners[3];
-    record_corners(view, index, corners);
-    for (int i = 0; i < 3 && transform; i++)
-        corners[i] = transform_point(transform, corners[i]);
+    uint32_t primitive;
+    structure_triangle(bottom, row, exact, &primitive);
+    for (int i = 0; i < 3; i++) {
+        corners[i] = from_floats(exact[i]);
+        corners[i] = transform ? transform_point(transform, corners[i]) : corners[i];
+    }
     bool is_chosen = tour->seen++ % tour->stride == 0 && tour->area_step == 0;
     for (uint64_t i = 0; i < tour->repeats && is_chosen; i++)
         add_sample(tour, corners);
@@ -197,16 +194,16 @@ static void visit_triangle(struct tour *tour, const struct portable_view *view, 
 static void take_tour(struct tour *tour)
 {
     const struct stage *stage = tour->stage;
-    const struct portable_view *top = stage->scene->top;
-    const struct portable_instance *records = top ? top->records : NULL;
-    uint32_t bottom_count = top ? top->header->record_count : 1;
+    const struct structure_file *files = stage->structures->files;
+    uint32_t part_count = stage->structures->has_top ? stage->instance_count : 1;
     double step = fmax(1, (double)stage->triangle_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE)), next = 0, base = 0;
-    for (uint32_t i = 0; i < bottom_count; i++) {
-        const struct portable_view *view = stage->scene->bottoms[top ? records[i].handle : 0];
-        uint64_t count = triangle_records(view);
-        for (; next < base + (double)count; next += step)
-            visit_triangle(tour, view, top ? records[i].object_to_world : NULL, (uint64_t)(next - base));
-        base += (double)count;
+    for (uint32_t i = 0; i < part_count; i++) {
+        const struct structure_instance *instance = stage->structures->has_top ? &stage->instances[i] : NULL;
+        const struct structure *bottom = &files[instance ? instance->bottom : 0].structure;
+        double count = structure_triangle_count(bottom);
+        for (; next < base + count; next += step)
+            visit_triangle(tour, bottom, instance ? instance->object_to_world : NULL, (uint32_t)(next - base));
+        base += count;
     }
 }
 
@@ -247,14 +244,16 @@ static void set_component(struct vector *vector, int axis, double value)
  */
 static void measure(const struct stage *stage, const int axes[3], double *sorted, struct vector *ret_low, struct vector *ret_high)
 {
-    const struct portable_view *view = stage->scene->top ? stage->scene->top : stage->scene->bottoms[0];
+    const struct structure *top = structures_top(stage->structures);
+    float bounds[6];
+    structure_bounds(top ? top : &stage->structures->files[0].structure, bounds);
     uint32_t count = stage->even_count, cut = count * OUTLIERS / 1000;
     for (int i = 0; i < 3; i++) {
         for (uint32_t k = 0; k < count; k++)
             sorted[k] = component(stage->samples[k], axes[i]);
         qsort(sorted, count, sizeof *sorted, compare_doubles);
         double low = sorted[cut], high = sorted[count - 1 - cut];
-        double least = (double)view->header->bounds[axes[i]], most = (double)view->header->bounds[3 + axes[i]];
+        double least = (double)bounds[axes[i]], most = (double)bounds[3 + axes[i]];
         bool all = most - least <= clear_of_box * (high - low);
         set_component(ret_low, i, all ? least : low);
         set_component(ret_high, i, all ? most : high);
@@ -266,8 +265,8 @@ static struct vector spread_of_instances(const struct stage *stage)
 {
     struct vector low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
     for (uint32_t i = 0; i < stage->instance_count; i++)
-        for (int axis = 0; axis < 3 && stage->instances[i]; axis++) {
-            double at = (double)stage->instances[i]->object_to_world[4 * axis + 3];
+        for (int axis = 0; axis < 3; axis++) {
+            double at = (double)stage->instances[i].object_to_world[4 * axis + 3];
             set_component(&low, axis, fmin(component(low, axis), at));
             set_component(&high, axis, fmax(component(high, axis), at));
         }
@@ -320,7 +319,7 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
 enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct memory *memory,
                             struct bvhd_error *error)
 {
-    *stage = (struct stage){.structures = structures, .scene = &structures->scene, .memory = memory};
+    *stage = (struct stage){.structures = structures, .memory = memory};
     enum bvhd_status status = find_instances(stage, error);
     if (!status)
         status = find_bulk(stage, up, error);

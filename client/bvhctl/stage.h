@@ -14,8 +14,7 @@ enum { STAGE_EVEN_SAMPLES = 8192, STAGE_SAMPLES = 12288 };
 
 struct stage {
     const struct structures *structures;
-    const struct scene *scene; /* theirs */
-    const struct portable_instance **instances; /* by position in the request; NULL entries are inactive */
+    struct structure_instance *instances; /* those in the top level, by position in the request */
     uint32_t instance_count;
     uint64_t triangle_count; /* of all instances */
     struct vector up, east, north; /* right-handed: east x north = up; north and east are other axes of the scene */

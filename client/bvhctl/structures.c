@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "files.h"
+#include "portable_scene.h"
 
 static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
 {
@@ -30,7 +31,7 @@ enum bvhd_status structures_read(const char *path, struct memory *memory, struct
     static const unsigned char nothing[16] __attribute__((aligned(16)));
     struct bytes blob = {file.data ? file.data : nothing, file.size};
     struct bvhd_error inner = {0};
-    status = portable_open(blob, memory, &file.view, &inner);
+    status = structure_open(blob, memory, &file.structure, &inner);
     if (status) {
         prefix_where(&inner, path);
         *error = inner;
@@ -41,6 +42,16 @@ enum bvhd_status structures_read(const char *path, struct memory *memory, struct
     return BVHD_OK;
 }
 
+void structures_close_file(struct structure_file *file, struct memory *memory)
+{
+    if (!file->is_shared) {
+        structure_close(&file->structure);
+        memory_free(memory, file->data);
+        memory_free(memory, file->colours);
+    }
+    *file = (struct structure_file){0};
+}
+
 static const struct manifest_entry *find_entry(const struct manifest *manifest, const char *scene, bool is_top)
 {
     for (uint32_t i = 0; i < manifest->count; i++)
@@ -49,10 +60,10 @@ static const struct manifest_entry *find_entry(const struct manifest *manifest, 
     return NULL;
 }
 
-const float *structures_colour(const struct structures *structures, uint32_t handle, uint32_t geometry)
+const float *structures_colour(const struct structures *structures, uint32_t bottom, uint32_t geometry)
 {
-    const struct structure_file *file = &structures->files[handle];
-    bool is_there = handle < structures->scene.bottom_count && geometry < file->colour_count && file->colours[geometry].rgb[0] >= 0;
+    const struct structure_file *file = &structures->files[bottom];
+    bool is_there = bottom < structures->bottom_count && geometry < file->colour_count && file->colours[geometry].rgb[0] >= 0;
     return is_there ? file->colours[geometry].rgb : NULL;
 }
 
@@ -90,9 +101,20 @@ static enum bvhd_status read_one(const struct reading *reading, const char *file
     if (status)
         return status;
     take_colours(reading->manifest, file, ret_file);
-    if ((ret_file->view.header->content == PORTABLE_INSTANCES) != is_top)
+    enum structure_content content = ret_file->structure.content;
+    if (content != CONTENT_UNKNOWN && (content == CONTENT_INSTANCES) != is_top)
         return bvhd_error_set(reading->error, BVHD_CORRUPT, file, "the manifest says that it is a %s level", is_top ? "top" : "bottom");
     return BVHD_OK;
+}
+
+/* A portable top level has one handle for each structure that it names. */
+static enum bvhd_status check_handles(const struct structure_file *file, const struct manifest_entry *top, struct bvhd_error *error)
+{
+    uint64_t count = file->structure.view.portable.handle_count;
+    if (count == top->handle_count)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u", (unsigned long long)count,
+                          top->handle_count);
 }
 
 /* Before any bottom level, so that a manifest cannot have files read that the top level does not name. */
@@ -100,10 +122,7 @@ static enum bvhd_status read_top(const struct reading *reading, const struct man
 {
     struct structure_file *file = &reading->structures->files[top->handle_count];
     enum bvhd_status status = read_one(reading, top->file, true, file);
-    if (!status && file->view.handle_count != top->handle_count)
-        status = bvhd_error_set(reading->error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u",
-                                (unsigned long long)file->view.handle_count, top->handle_count);
-    return status;
+    return status ? status : check_handles(file, top, reading->error);
 }
 
 struct named_place {
@@ -166,44 +185,42 @@ static enum bvhd_status read_files(const struct reading *reading, const struct m
     return status ? status : read_bottoms(reading, top);
 }
 
-/* The top level first, as portable_pack wants them. */
-static void list_blobs(const struct structures *structures, bool has_top, struct bytes *ret_blobs)
+const struct structure *structures_top(const struct structures *structures)
 {
-    uint32_t count = structures->file_count;
-    for (uint32_t i = 0; i < count; i++) {
-        const struct structure_file *file = &structures->files[i];
-        ret_blobs[has_top ? (i + 1) % count : i] = (struct bytes){file->data, file->size};
-    }
+    return structures->has_top ? &structures->files[structures->bottom_count].structure : NULL;
 }
 
-static enum bvhd_status pack_files(struct structures *structures, bool has_top, struct bvhd_error *error)
+enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error)
 {
+    uint32_t count = structures->file_count;
     struct memory *memory = structures->memory;
-    uint64_t size;
-    struct bytes *blobs = memory_array(memory, structures->file_count, sizeof *blobs);
-    struct portable_scene *packed = memory_alloc(memory, sizeof *packed);
-    enum bvhd_status status = BVHD_NO_MEMORY;
-    if (blobs && packed) {
-        list_blobs(structures, has_top, blobs);
-        status = portable_pack(blobs, structures->file_count, memory, &structures->buffer, &size, error);
-        if (!status)
-            status = portable_scene_open((struct bytes){structures->buffer, size}, memory, packed, error);
-    } else {
-        no_memory(structures->name, error);
+    structures->bottom_count = count - structures->has_top;
+    structures->target = structures->files[0].structure.target;
+    structures->blobs = memory_array(memory, count, sizeof *structures->blobs);
+    structures->portable_bottoms = memory_array(memory, count, sizeof *structures->portable_bottoms);
+    if (!structures->blobs || !structures->portable_bottoms)
+        return no_memory(structures->name, error);
+    for (uint32_t i = 0; i < count; i++) {
+        structures->blobs[i] = structures->files[i].structure.blob;
+        structures->portable_bottoms[i] = &structures->files[i].structure.view.portable;
     }
-    memory_free(memory, blobs);
-    if (status) {
-        memory_free(memory, packed);
-        return status;
-    }
-    structures->packed = packed;
-    structures->scene = packed->scene;
-    for (uint32_t i = 0; i < structures->file_count; i++) {
-        if (!structures->files[i].is_shared)
-            memory_free(memory, structures->files[i].data);
-        structures->files[i].data = NULL;
-    }
+    const struct structure *top = structures_top(structures);
+    structures->scene = (struct scene){top ? &top->view.portable : NULL, structures->portable_bottoms, structures->bottom_count};
     return BVHD_OK;
+}
+
+enum bvhd_status structures_pack(const struct structures *structures, struct memory *memory, unsigned char **ret_buffer,
+                                 uint64_t *ret_size, struct bvhd_error *error)
+{
+    uint32_t count = structures->file_count;
+    struct bytes *blobs = memory_array(memory, count, sizeof *blobs);
+    if (!blobs)
+        return no_memory(structures->name, error);
+    for (uint32_t i = 0; i < count; i++)
+        blobs[structures->has_top ? (i + 1) % count : i] = structures->blobs[i];
+    enum bvhd_status status = portable_pack(blobs, count, memory, ret_buffer, ret_size, error);
+    memory_free(memory, blobs);
+    return status;
 }
 
 static enum bvhd_status open_scene(struct structures *structures, const char *directory, struct manifest *manifest, const char *name,
@@ -215,12 +232,13 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
     const struct manifest_entry *top = find_entry(manifest, scene, true), *bottom = find_entry(manifest, scene, false);
     if (!top && !bottom)
         return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no scene '%s'", scene);
+    structures->has_top = top != NULL;
     structures->name = files_copy_text(structures->memory, scene);
     if (!structures->name)
         return no_memory(directory, error);
     struct reading reading = {structures, directory, manifest, error};
     enum bvhd_status status = read_files(&reading, top, bottom);
-    return status ? status : pack_files(structures, top != NULL, error);
+    return status ? status : structures_join(structures, error);
 }
 
 enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory, struct structures *ret_structures,
@@ -244,16 +262,28 @@ void structures_close(struct structures *structures)
 {
     if (!structures || !structures->memory)
         return;
-    for (uint32_t i = 0; structures->files && i < structures->file_count; i++) {
-        if (structures->files[i].is_shared)
-            continue;
-        memory_free(structures->memory, structures->files[i].data);
-        memory_free(structures->memory, structures->files[i].colours);
-    }
+    for (uint32_t i = 0; structures->files && i < structures->file_count; i++)
+        structures_close_file(&structures->files[i], structures->memory);
     memory_free(structures->memory, structures->files);
-    portable_scene_finish(structures->packed);
-    memory_free(structures->memory, structures->packed);
-    memory_free(structures->memory, structures->buffer);
+    memory_free(structures->memory, structures->blobs);
+    memory_free(structures->memory, structures->portable_bottoms);
     memory_free(structures->memory, structures->name);
     *structures = (struct structures){0};
+}
+
+bool structures_trace_counted(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
+                              struct ray_hit *ret_hit, struct traverse_counters *counters)
+{
+    return traverse(&structures->scene, ray, options, ret_hit, counters);
+}
+
+bool structures_trace(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
+                      struct ray_hit *ret_hit)
+{
+    return structures_trace_counted(structures, ray, options, ret_hit, NULL);
+}
+
+void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
+{
+    traverse_positions(&structures->scene, hit, ret_corners);
 }

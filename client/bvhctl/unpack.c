@@ -4,91 +4,102 @@
 #include <math.h>
 #include <string.h>
 
-static bool has_triangles(const struct portable_view *view)
+/* Nine floats for each primitive. */
+static float *unpack_positions(const struct structure *bottom, struct memory *memory)
 {
-    return view && view->header->content <= PORTABLE_TRIANGLES;
-}
-
-static void put_record(const struct portable_view *view, uint32_t row, float *positions)
-{
-    if (view->header->content == PORTABLE_TRIANGLES) {
-        const struct portable_triangle *triangle = (const struct portable_triangle *)view->records + row;
-        float *at = positions + UINT64_C(9) * (triangle->id & PORTABLE_ID_MASK);
-        memcpy(at, triangle->v0, sizeof triangle->v0);
-        memcpy(at + 3, triangle->v1, sizeof triangle->v1);
-        memcpy(at + 6, triangle->v2, sizeof triangle->v2);
-        return;
-    }
-    const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)view->records + row;
-    float *at = positions + UINT64_C(9) * (triangle->id & PORTABLE_ID_MASK);
-    for (int i = 0; i < 3; i++)
-        memcpy(at + 3 * i, view->vertices + UINT64_C(3) * triangle->vertices[i], 3 * sizeof(float));
-}
-
-static float *unpack_positions(const struct portable_view *view, struct memory *memory)
-{
-    uint64_t count = UINT64_C(9) * view->header->primitive_count;
+    uint64_t count = UINT64_C(9) * bottom->primitive_count;
     float *positions = memory_array(memory, count + 1, sizeof *positions);
     for (uint64_t i = 0; i < count && positions; i++)
         positions[i] = NAN;
-    for (uint32_t row = 0; row < view->header->record_count && positions; row++)
-        put_record(view, row, positions);
+    for (uint32_t row = 0; row < structure_triangle_count(bottom) && positions; row++) {
+        float corners[3][3];
+        uint32_t primitive;
+        structure_triangle(bottom, row, corners, &primitive);
+        memcpy(positions + UINT64_C(9) * primitive, corners, sizeof corners);
+    }
     return positions;
 }
 
-static void add_meshes(struct unpacked *unpacked, const struct portable_view *view, uint32_t bottom, const float *transform,
-                       uint32_t instance)
+static void add_meshes(struct unpacked *unpacked, const struct structure *bottom, const float *positions,
+                       const struct structure_instance *instance)
 {
-    for (uint32_t i = 0; i < view->header->geometry_count; i++) {
-        const struct portable_geometry *geometry = &view->geometries[i];
+    for (uint32_t i = 0; i < bottom->geometry_count; i++) {
+        const struct structure_geometry *geometry = &bottom->geometries[i];
         unpacked->meshes[unpacked->mesh_count++] =
-            (struct oracle_mesh){.positions = unpacked->positions[bottom] + UINT64_C(9) * geometry->first_primitive,
+            (struct oracle_mesh){.positions = positions + UINT64_C(9) * geometry->first_primitive,
                                  .triangle_count = geometry->primitive_count,
-                                 .transform = transform,
-                                 .instance = instance,
-                                 .geometry = i};
+                                 .transform = instance ? instance->object_to_world : NULL,
+                                 .instance = instance ? instance->instance : RAY_NO_INSTANCE,
+                                 .geometry = geometry->geometry};
         unpacked->triangle_count += geometry->primitive_count;
     }
 }
 
-static uint64_t count_meshes(const struct scene *scene)
+static void add_instances(const struct structures *structures, struct unpacked *unpacked)
 {
-    if (!scene->top)
-        return scene->bottoms[0]->header->geometry_count;
-    const struct portable_instance *instances = scene->top->records;
+    for (uint32_t i = 0; i < unpacked->instance_count; i++) {
+        const struct structure_instance *instance = &unpacked->instances[i];
+        if (unpacked->positions[instance->bottom])
+            add_meshes(unpacked, &structures->files[instance->bottom].structure, unpacked->positions[instance->bottom], instance);
+    }
+}
+
+static bool unpack_bottoms(const struct structures *structures, struct unpacked *unpacked)
+{
+    for (uint32_t i = 0; i < structures->bottom_count; i++) {
+        const struct structure *bottom = &structures->files[i].structure;
+        unpacked->positions[i] = structure_triangle_count(bottom) ? unpack_positions(bottom, unpacked->memory) : NULL;
+        unpacked->bottom_count++;
+        if (structure_triangle_count(bottom) && !unpacked->positions[i])
+            return false;
+    }
+    return true;
+}
+
+static bool unpack_instances(const struct structure *top, struct unpacked *unpacked)
+{
+    uint32_t count = top ? structure_instance_count(top) : 0;
+    unpacked->instances = memory_array(unpacked->memory, (uint64_t)count + 1, sizeof *unpacked->instances);
+    for (uint32_t i = 0; i < count && unpacked->instances; i++)
+        unpacked->instances[i] = structure_instance(top, i);
+    unpacked->instance_count = count;
+    return unpacked->instances != NULL;
+}
+
+static uint64_t count_meshes(const struct structures *structures, const struct unpacked *unpacked)
+{
+    if (!structures->has_top)
+        return structures->files[0].structure.geometry_count;
     uint64_t count = 0;
-    for (uint32_t i = 0; i < scene->top->header->record_count; i++)
-        count += scene->bottoms[instances[i].handle]->header->geometry_count;
+    for (uint32_t i = 0; i < unpacked->instance_count; i++)
+        count += structures->files[unpacked->instances[i].bottom].structure.geometry_count;
     return count;
 }
 
-static bool unpack_bottoms(const struct scene *scene, struct unpacked *unpacked)
+static bool unpack_all(const struct structures *structures, struct unpacked *unpacked)
 {
-    bool ok = unpacked->positions != NULL;
-    for (uint32_t i = 0; i < scene->bottom_count && ok; i++) {
-        unpacked->positions[i] = has_triangles(scene->bottoms[i]) ? unpack_positions(scene->bottoms[i], unpacked->memory) : NULL;
-        ok = unpacked->positions[i] || !has_triangles(scene->bottoms[i]);
-        unpacked->bottom_count++;
-    }
-    return ok;
+    struct memory *memory = unpacked->memory;
+    unpacked->positions = memory_array(memory, (uint64_t)structures->bottom_count + 1, sizeof *unpacked->positions);
+    if (!unpacked->positions || !unpack_bottoms(structures, unpacked) || !unpack_instances(structures_top(structures), unpacked))
+        return false;
+    unpacked->meshes = memory_array(memory, count_meshes(structures, unpacked) + 1, sizeof *unpacked->meshes);
+    if (!unpacked->meshes)
+        return false;
+    if (structures->has_top)
+        add_instances(structures, unpacked);
+    else if (unpacked->positions[0])
+        add_meshes(unpacked, &structures->files[0].structure, unpacked->positions[0], NULL);
+    return true;
 }
 
-enum bvhd_status unpack_scene(const struct scene *scene, struct memory *memory, struct unpacked *ret_unpacked, struct bvhd_error *error)
+enum bvhd_status unpack_structures(const struct structures *structures, struct memory *memory, struct unpacked *ret_unpacked,
+                                   struct bvhd_error *error)
 {
     struct unpacked unpacked = {.memory = memory};
-    unpacked.positions = memory_array(memory, (uint64_t)scene->bottom_count + 1, sizeof *unpacked.positions);
-    unpacked.meshes = memory_array(memory, count_meshes(scene) + 1, sizeof *unpacked.meshes);
-    if (!unpacked.meshes || !unpack_bottoms(scene, &unpacked)) {
+    if (!unpack_all(structures, &unpacked)) {
         unpack_finish(&unpacked);
         return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the triangles");
     }
-    const struct portable_instance *instances = scene->top ? scene->top->records : NULL;
-    if (!scene->top && unpacked.positions[0])
-        add_meshes(&unpacked, scene->bottoms[0], 0, NULL, RAY_NO_INSTANCE);
-    for (uint32_t i = 0; scene->top && i < scene->top->header->record_count; i++)
-        if (unpacked.positions[instances[i].handle])
-            add_meshes(&unpacked, scene->bottoms[instances[i].handle], instances[i].handle, instances[i].object_to_world,
-                       instances[i].instance);
     *ret_unpacked = unpacked;
     return BVHD_OK;
 }
@@ -100,6 +111,7 @@ void unpack_finish(struct unpacked *unpacked)
     for (uint32_t i = 0; i < unpacked->bottom_count; i++)
         memory_free(unpacked->memory, unpacked->positions[i]);
     memory_free(unpacked->memory, unpacked->positions);
+    memory_free(unpacked->memory, unpacked->instances);
     memory_free(unpacked->memory, unpacked->meshes);
     *unpacked = (struct unpacked){0};
 }

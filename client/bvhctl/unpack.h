@@ -4,6 +4,7 @@
 #define BVHCTL_UNPACK_H
 
 #include "oracle.h"
+#include "structures.h"
 
 struct unpacked {
     struct oracle_mesh *meshes; /* one for each geometry of each instance */
@@ -11,12 +12,14 @@ struct unpacked {
     uint64_t triangle_count; /* over all meshes */
     float **positions; /* of each bottom level: nine floats a primitive, NaN where it is not in the structure */
     uint32_t bottom_count;
+    struct structure_instance *instances; /* that meshes take their transforms from */
+    uint32_t instance_count;
     struct memory *memory;
 };
 
-/* The meshes point into the structures. Bottom levels of AABBs have no triangles. End with unpack_finish. */
-enum bvhd_status unpack_scene(const struct scene *scene, struct memory *memory, struct unpacked *ret_unpacked,
-                              struct bvhd_error *error);
+/* Bottom levels of AABBs have no triangles. End with unpack_finish. */
+enum bvhd_status unpack_structures(const struct structures *structures, struct memory *memory, struct unpacked *ret_unpacked,
+                                   struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
 void unpack_finish(struct unpacked *unpacked);

@@ -75,21 +75,26 @@ void test_world_init(struct test_world *world, uint32_t threads)
     test_world_import(&world->import, &world->local.memory);
     if (assemble(&world->import, &world->options, &world->backend.backend, &world->assembly, &error))
         end("assemble", &error);
+    struct memory *memory = &world->local.memory;
+    struct structure_file *opened = memory_array(memory, TEST_WORLD_FILES, sizeof *opened);
+    if (!opened)
+        end("open", &error);
     for (int i = 0; i < TEST_WORLD_FILES; i++) {
         const struct bvhd_result *item = &world->assembly.items[i];
         if (item->error.status)
             end("build", &item->error);
-        world->files[i] = (struct structure_file){.size = item->size};
-        if (portable_open((struct bytes){item->data, item->size}, &world->local.memory, &world->files[i].view, &error))
-            end("portable_open", &error);
-        world->bottoms[i] = &world->files[i].view;
+        opened[i] = (struct structure_file){.size = item->size};
+        if (structure_open((struct bytes){item->data, item->size}, memory, &opened[i].structure, &error))
+            end("open", &error);
     }
-    world->structures = (struct structures){.files = world->files, .file_count = TEST_WORLD_FILES};
-    world->structures.scene = (struct scene){&world->files[2].view, world->bottoms, 2};
+    world->structures = (struct structures){.files = opened, .file_count = TEST_WORLD_FILES, .has_top = true, .memory = memory};
+    if (structures_join(&world->structures, &error))
+        end("join", &error);
 }
 
 void test_world_finish(struct test_world *world)
 {
+    structures_close(&world->structures);
     assembly_finish(&world->assembly);
     backend_local_close(&world->backend);
     local_close(&world->local);

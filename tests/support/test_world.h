@@ -24,8 +24,6 @@ struct test_world {
     struct options options;
     struct import import;
     struct assembly assembly;
-    struct structure_file files[TEST_WORLD_FILES];
-    const struct portable_view *bottoms[TEST_WORLD_FILES];
     struct structures structures;
 };
 

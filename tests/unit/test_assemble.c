@@ -2,7 +2,6 @@
 #include "unit.h"
 
 #include "test_world.h"
-#include "traverse.h"
 #include "unpack.h"
 
 static void test_structures(void **state)
@@ -18,14 +17,14 @@ static void test_structures(void **state)
     assert_int_equal(world.assembly.handle_count, 2);
     assert_int_equal(world.assembly.handles[0], 0);
     assert_int_equal(world.assembly.handles[1], 1);
-    assert_int_equal(world.structures.scene.top->handle_count, 2);
+    assert_int_equal(world.structures.bottom_count, 2);
     test_world_finish(&world);
 }
 
 static bool shoot_down(const struct test_world *world, float x, float z, struct ray_hit *ret_hit)
 {
     struct ray ray = {.origin = {x, 10, z}, .direction = {0, -1, 0}, .tmax = 100, .cull_mask = 0xff};
-    return traverse(&world->structures.scene, &ray, NULL, ret_hit, NULL);
+    return structures_trace(&world->structures, &ray, NULL, ret_hit);
 }
 
 /* Rays from above, where what they meet is plain. */
@@ -56,7 +55,7 @@ static void test_unpack(void **state)
     struct test_world world;
     struct unpacked unpacked;
     test_world_init(&world, 1);
-    assert_int_equal(unpack_scene(&world.structures.scene, &world.local.memory, &unpacked, NULL), BVHD_OK);
+    assert_int_equal(unpack_structures(&world.structures, &world.local.memory, &unpacked, NULL), BVHD_OK);
     assert_int_equal(unpacked.mesh_count, 3);
     assert_int_equal(unpacked.triangle_count, 2 + 12 + 12);
     for (uint32_t m = 0; m < unpacked.mesh_count; m++) {

@@ -101,6 +101,18 @@ static void test_camera_sees_the_scene(void **state)
     close_studio(&studio);
 }
 
+/* One bottom level of the world as a scene of its own. */
+static void open_alone(const struct test_world *world, uint32_t bottom, struct structures *ret_alone)
+{
+    struct memory *memory = world->import.memory;
+    struct structure_file *file = memory_alloc(memory, sizeof *file);
+    assert_non_null(file);
+    *file = world->structures.files[bottom];
+    file->is_shared = true;
+    *ret_alone = (struct structures){.files = file, .file_count = 1, .memory = memory};
+    assert_int_equal(structures_join(ret_alone, NULL), BVHD_OK);
+}
+
 /* A quad, level or upright, and a cube, alone and with too few triangles for one sample each to tell anything. */
 static void test_few_triangles(void **state)
 {
@@ -112,8 +124,9 @@ static void test_few_triangles(void **state)
         struct camera camera;
         uint64_t rays;
         struct local *local = &world.local;
-        world.structures.scene = (struct scene){NULL, &world.bottoms[i / 4], 1};
-        assert_int_equal(stage_init(&stage, &world.structures, "xyza"[i % 4], &local -> memory, NULL), BVHD_OK);
+        struct structures alone;
+        open_alone(&world, (uint32_t)i / 4, &alone);
+        assert_int_equal(stage_init(&stage, &alone, "xyza"[i % 4], &local -> memory, NULL), BVHD_OK);
         assert_true(stage.even_count >= 256 && stage.even_count <= STAGE_EVEN_SAMPLES);
         assert_true(fabs(stage.size - (i < 4 ? 16 * sqrt(2) : 2 * sqrt(3))) < 1e-3);
         assert_int_equal(camera_choose(&stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &camera, &rays, NULL), BVHD_OK);
@@ -121,6 +134,7 @@ static void test_few_triangles(void **state)
         assert_false(camera.is_inside);
         assert_in_range(hits, WIDTH * HEIGHT / 16, WIDTH * HEIGHT * 15 / 16);
         stage_finish(&stage);
+        structures_close(&alone);
     }
     test_world_finish(&world);
     assert_int_equal(world.local.memory.live, 0);

@@ -9,7 +9,9 @@
 static struct survey take(struct test_world *world, int index)
 {
     struct survey survey;
-    assert_int_equal(survey_take(&world->files[index].view, world->files[index].size, &world->local.memory, &survey, NULL), BVHD_OK);
+    assert_int_equal(survey_take(&world->structures.files[index].structure.view.portable, world->structures.files[index].size,
+                                 &world->local.memory, &survey, NULL),
+                     BVHD_OK);
     return survey;
 }
 
@@ -20,11 +22,11 @@ static void test_sums(void **state)
     struct test_world world;
     test_world_init(&world, 1);
     for (int i = 0; i < TEST_WORLD_FILES; i++) {
-        const struct portable_header *header = world.files[i].view.header;
+        const struct portable_header *header = world.structures.files[i].structure.view.portable.header;
         struct survey survey = take(&world, i);
         assert_int_equal(survey.header_bytes + survey.node_bytes + survey.record_bytes + survey.vertex_bytes + survey.geometry_bytes +
                              survey.other_bytes,
-                         world.files[i].size);
+                         world.structures.files[i].size);
         assert_true(survey.other_bytes < 64);
         uint64_t nodes = 0, children = 0, records = 0, on_levels = 0;
         for (unsigned k = 0; k <= 8; k++) {
