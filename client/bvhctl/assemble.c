@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "serialized.h"
+
 /* What both batches share while they are described and built. */
 struct job {
     const struct import *import;
@@ -74,6 +76,7 @@ static struct bvhd_build make_request(const struct options *options, uint32_t co
         .quality = (enum bvhd_quality)options->build.quality,
         .target = (enum bvhd_target)options->build.target,
         .layout_flags = options->build.layout_flags,
+        .format = options->format,
     };
 }
 
@@ -187,8 +190,8 @@ static int compare_parts(const void *a, const void *b)
     return order ? order : (x->position > y->position) - (x->position < y->position);
 }
 
-/* A top level has one handle for equal bottom levels, where the first of them is named. `seen` has room for all handles. */
-static enum bvhd_status merge_equal_handles(const struct job *job, struct assembly *assembly, bool *seen)
+/* A top level has one row for equal bottom levels, where the first of them is named. `seen` has room for all rows. */
+static enum bvhd_status merge_equal_rows(const struct job *job, struct assembly *assembly, bool *seen)
 {
     uint32_t count = assembly->handle_count, kept = 0;
     struct named_part *parts = memory_array(job->import->memory, (uint64_t)count + 1, sizeof *parts);
@@ -204,6 +207,41 @@ static enum bvhd_status merge_equal_handles(const struct job *job, struct assemb
             assembly->handles[kept++] = assembly->handles[i];
     assembly->handle_count = kept;
     memory_free(job->import->memory, parts);
+    return BVHD_OK;
+}
+
+/* The rows that the blob's handles name, as parts. False when it is none of this request's. */
+static bool parts_of_handles(struct bytes blob, uint64_t count, const struct assembly *assembly, uint32_t *ret_parts)
+{
+    for (uint64_t i = 0; i < count; i++) {
+        uint64_t row = bytes_get64(blob.data + SERIALIZED_HANDLES + 8 * i) - 1; /* a handle is its row + 1 */
+        if (row >= assembly->handle_count)
+            return false;
+        ret_parts[i] = assembly->handles[row];
+    }
+    return true;
+}
+
+/* Some targets name each row once, others have a handle for each instance. */
+static enum bvhd_status read_handles(const struct job *job, struct assembly *assembly)
+{
+    struct memory *memory = job->import->memory;
+    struct bvhd_result *top = &assembly->items[job->import->part_count];
+    struct bytes blob = {top->data, top->size};
+    struct serialized_header header;
+    if (serialized_read(blob, &header, &top->error) != BVHD_OK)
+        return BVHD_OK; /* it has failed, like others that are not built */
+    uint32_t *parts = memory_array(memory, header.handle_count + 1, sizeof *parts);
+    if (!parts)
+        return no_memory(job);
+    if (header.handle_count > UINT32_MAX || !parts_of_handles(blob, header.handle_count, assembly, parts)) {
+        memory_free(memory, parts);
+        bvhd_error_set(&top->error, BVHD_CORRUPT, "handles", "they name structures that were not asked for");
+        return BVHD_OK;
+    }
+    memory_free(memory, assembly->handles);
+    assembly->handles = parts;
+    assembly->handle_count = (uint32_t)header.handle_count;
     return BVHD_OK;
 }
 
@@ -243,7 +281,9 @@ static enum bvhd_status build_top(const struct job *job, struct assembly *assemb
     else if (collect_references(job, assembly, references, seen, failure) == BVHD_OK)
         status = build_described_top(job, assembly, records, references);
     if (!status && !failure->status)
-        status = merge_equal_handles(job, assembly, seen);
+        status = merge_equal_rows(job, assembly, seen);
+    if (!status && !failure->status)
+        status = read_handles(job, assembly);
     memory_free(memory, seen);
     memory_free(memory, references);
     memory_free(memory, records);

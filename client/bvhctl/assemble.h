@@ -15,7 +15,7 @@
 struct assembly {
     const struct import *import;
     struct bvhd_result *items; /* bottom levels in the order of parts, then the top level: part_count + 1 */
-    uint32_t *handles; /* parts in the order of the top level's handles */
+    uint32_t *handles; /* for each handle of the top level, in their order, the part that it names */
     uint32_t handle_count;
     struct backend *backend;
     void *bottoms, *top; /* the backend's: what the results live in */

@@ -5,8 +5,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "layout.h"
-
 enum { NAME_PART_MAX = 48 }; /* of a mesh's or node's name, in a file name */
 
 static bool is_safe(unsigned char character)
@@ -107,6 +105,12 @@ static const char *structure_name(const struct import *import, uint32_t index)
     return named ? import->parts[index].name : import->name;
 }
 
+static const char *target_name(const struct bvhd_result *item)
+{
+    const char *name = bvhd_target_name(item->target);
+    return name ? name : "";
+}
+
 void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index, const char *file,
                               char *const *all_files, bool times)
 {
@@ -137,7 +141,7 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_number(json, "sah", item->sah);
     json_integer(json, "refs", item->refs);
     json_text(json, "method", item->method ? item->method : "");
-    json_text(json, "target", layout_portable.name);
+    json_text(json, "target", target_name(item));
     if (is_top)
         write_handles(json, assembly, all_files);
     json_object_end(json);

@@ -28,6 +28,7 @@ enum {
     OPTION_CONNECT_TIMEOUT,
     OPTION_DEPFILE,
     OPTION_TARGET,
+    OPTION_PROBE,
     OPTION_QUALITY,
     OPTION_FLAGS,
     OPTION_LAYOUT,
@@ -57,7 +58,11 @@ static const struct option_row option_rows[] = {
     {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
     {"output", 'o', "FILE", ON_GET, "the file to write"},
     {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD, "also write what the scenes were read from, as a make rule for manifest.json"},
-    {"target", OPTION_TARGET, "NAME", ON_BUILD, "whose format to write: portable (default)"},
+    {"target", OPTION_TARGET, "NAME", ON_BUILD,
+     "portable (default): for shaders, on any device; lavapipe: what that driver\nloads natively, in the version of this machine's "
+     "or of --probe"},
+    {"probe", OPTION_PROBE, "FILE", ON_BUILD,
+     "a file of 'bvhctl probe': build what its device loads natively, and without\n--target whatever that is"},
     {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else balanced)"},
     {"flags", OPTION_FLAGS, "LIST", ON_BUILD,
      "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build,\nlow-memory, allow-data-access; with commas between"},
@@ -137,6 +142,7 @@ static const struct name_value quality_names[] = {
 
 static const struct name_value target_names[] = {
     {"portable", TARGET_PORTABLE},
+    {"lavapipe", TARGET_LAVAPIPE},
     {NULL, 0},
 };
 
@@ -263,6 +269,9 @@ static enum bvhd_status apply_text(int value, const char *text, struct options *
     case OPTION_DEPFILE:
         options->depfile = text;
         break;
+    case OPTION_PROBE:
+        options->probe = text;
+        break;
     case OPTION_SOCKET:
         options->socket = text;
         break;
@@ -366,6 +375,21 @@ static enum bvhd_status find_command(const char *word, enum command *ret_command
     return usage(error, word, "not a command; see bvhctl --help", "");
 }
 
+/* Without a word about the target a probe decides. */
+static enum bvhd_status complete_target(struct options *options, struct bvhd_error *error)
+{
+    bool is_portable = options->build.target == TARGET_PORTABLE;
+    if (options->probe && !*options->probe)
+        return usage(error, "--probe", "an empty name", "");
+    if (options->probe && is_portable)
+        return usage(error, "--probe", "makes no sense together with --target portable", "");
+    if (!options->probe && !options->build.target)
+        options->build.target = TARGET_PORTABLE;
+    if (options->build.layout_flags && options->build.target != TARGET_PORTABLE)
+        return usage(error, "--layout", "a choice of the portable target alone", "");
+    return BVHD_OK;
+}
+
 static enum bvhd_status check_complete(const struct options *options, struct bvhd_error *error)
 {
     const struct command_row *row = &command_rows[options->command];
@@ -395,7 +419,7 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
 {
     struct options options = {
         .command = COMMAND_COUNT,
-        .build = {.quality = QUALITY_UNSPECIFIED, .target = TARGET_PORTABLE},
+        .build = {.quality = QUALITY_UNSPECIFIED},
         .geometry_flags = GEOMETRY_OPAQUE,
         .memory = UINT64_MAX,
         .connect_timeout_ms = 5000,
@@ -419,6 +443,8 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         options.operand_count = argc - first - optind;
         if (!status && options.command < COMMAND_COUNT)
             status = check_complete(&options, error);
+        if (!status && options.command < COMMAND_COUNT)
+            status = complete_target(&options, error);
     }
     if (!status)
         *ret_options = options;

@@ -21,6 +21,8 @@ enum command {
     COMMAND_VERSION
 };
 
+struct bvhd_format;
+
 struct options {
     enum command command;
     enum command help_about; /* COMMAND_HELP: COMMAND_COUNT for bvhctl as a whole */
@@ -33,7 +35,9 @@ struct options {
 
     const char *output;
     const char *depfile;
-    struct build_options build;
+    const char *probe; /* build: a file that says what the device loads; NULL: not given */
+    struct build_options build; /* the target is 0 when `probe` is to decide; the device is that of `format` */
+    const struct bvhd_format *format; /* what the device loads: not parsed, but set once it is known; NULL for the portable target */
     uint32_t build_flags; /* BUILD_ */
     uint32_t geometry_flags; /* GEOMETRY_ */
     uint32_t threads; /* 0: one for each processor */

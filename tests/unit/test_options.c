@@ -71,6 +71,24 @@ static void test_defaults(void **state)
     assert_int_equal(options.connect_timeout_ms, 5000);
 }
 
+static void test_targets(void **state)
+{
+    (void)state;
+    struct options options = parse_good("bvhctl build a -o b --target lavapipe");
+    assert_int_equal(options.build.target, TARGET_LAVAPIPE);
+    assert_null(options.probe);
+    options = parse_good("bvhctl build a -o b --probe p --target lavapipe");
+    assert_int_equal(options.build.target, TARGET_LAVAPIPE);
+    assert_string_equal(options.probe, "p");
+    assert_int_equal(parse_good("bvhctl build a -o b --probe p").build.target, 0);
+    assert_int_equal(parse_good("bvhctl build a -o b --target portable --layout fast-triangles").build.target, TARGET_PORTABLE);
+    expect_bad("bvhctl build a -o b --target radv", "--target");
+    expect_bad("bvhctl build a -o b --target portable --probe p", "--probe");
+    expect_bad("bvhctl build a -o b --probe=", "--probe");
+    expect_bad("bvhctl build a -o b --probe p --layout fast-triangles", "--layout");
+    expect_bad("bvhctl build a -o b --target lavapipe --layout fast-triangles", "--layout");
+}
+
 static void test_options_anywhere(void **state)
 {
     (void)state;
@@ -191,9 +209,11 @@ static void test_want_json(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_build),          cmocka_unit_test(test_defaults),  cmocka_unit_test(test_options_anywhere),
-        cmocka_unit_test(test_other_commands), cmocka_unit_test(test_help),      cmocka_unit_test(test_bad_lines),
-        cmocka_unit_test(test_bad_values),     cmocka_unit_test(test_want_json), cmocka_unit_test(test_service),
+        cmocka_unit_test(test_build),          cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_targets),        cmocka_unit_test(test_options_anywhere),
+        cmocka_unit_test(test_other_commands), cmocka_unit_test(test_help),
+        cmocka_unit_test(test_bad_lines),      cmocka_unit_test(test_bad_values),
+        cmocka_unit_test(test_want_json),      cmocka_unit_test(test_service),
     };
     return cmocka_run_group_tests_name("options", tests, NULL, NULL);
 }
