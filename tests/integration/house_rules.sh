@@ -36,7 +36,7 @@ check_includes()
             may["proto"] = "proto"
             may["format"] = "proto format"
             may["builder"] = "proto format builder"
-            may["client"] = "proto client"
+            may["client"] = "proto format client"
             may["daemon"] = "proto format builder daemon"
             may["bvhctl"] = "proto format builder client bvhctl"
             door["embree[0-9]/"] = "builder/embree.c"
@@ -143,6 +143,9 @@ self_test()
     printf '%s\n# include "high.h"\n' "$spdx" >"$tree/builder/format/a.c" && must_fail 'format to builder' builder/format/a.c
     printf '%s\n#include "beside.h"\n' "$spdx" >"$tree/builder/a.c" && must_fail 'builder to client' builder/a.c
     printf '%s\n#include "high.h"\n' "$spdx" >"$tree/client/a.c" && must_fail 'client to builder' client/a.c
+    printf '%s\n#include "middle.h"\n' "$spdx" >"$tree/client/a.c"
+    (check_house "$tree") || { echo "client to format was refused"; exit 1; }
+    printf '%s\n#include "beside.h"\n' "$spdx" >"$tree/builder/format/a.c" && must_fail 'format to client' builder/format/a.c
     printf '%s\n#include "beside.h"\n' "$spdx" >"$tree/daemon/a.c" && must_fail 'daemon to client' daemon/a.c
     printf '%s\n#include <embree3/rtcore.h>\n' "$spdx" >"$tree/builder/a.c" && must_fail "Embree's door" builder/a.c
     printf '%s\n#include <openssl/evp.h>\n' "$spdx" >"$tree/builder/a.c" && must_fail "OpenSSL's door" builder/a.c
