@@ -49,9 +49,7 @@ struct batch {
 static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical, const struct build_options *options,
                                    const struct build_context *context, struct batch_item *item)
 {
-    enum build_quality quality = build_quality_resolve(options->quality, canonical->flags);
-    enum bvhd_status status =
-        content_key(canonical, quality, options->target, options->layout_flags, context, &item->key, &item->error);
+    enum bvhd_status status = content_key(canonical, options, context, &item->key, &item->error);
     if (status != BVHD_OK)
         return status;
     uint32_t *slot = built_find(&batch->built, batch->items, &item->key);

@@ -286,14 +286,15 @@ static enum bvhd_status make_wide(struct construction *construction)
     return status == BVHD_OK ? collapse_once(construction) : status;
 }
 
-static enum bvhd_status write_blob(struct construction *construction, uint32_t layout_flags, unsigned char **ret_blob)
+static enum bvhd_status write_blob(struct construction *construction, const struct build_options *options, unsigned char **ret_blob)
 {
     const struct build_context *context = construction->context;
     struct layout_input input = {
         .canonical = construction->canonical,
         .ir = &construction->ir,
         .wide = construction->layout->arity == 2 ? NULL : &construction->wide,
-        .layout_flags = layout_flags,
+        .layout_flags = options->layout_flags,
+        .device = &options->device,
         .memory = context->memory,
         .parallel = context->parallel,
         .cancel = context->cancel,
@@ -324,6 +325,10 @@ static enum bvhd_status construction_init(struct construction *construction, con
     if (options->layout_flags & ~construction->layout->flags)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.layoutFlags", "flags 0x%x are unknown to the %s layout",
                               options->layout_flags & ~construction->layout->flags, construction->layout->name);
+    const uint32_t variants = construction->layout->variants, variant = options->device.variant;
+    if (variants > 0 && (variant == 0 || variant > variants))
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.device", "the %s layout has no variant %u", construction->layout->name,
+                              variant);
     return BVHD_OK;
 }
 
@@ -344,7 +349,7 @@ enum bvhd_status build(const struct canonical *canonical, const struct build_opt
     if (status == BVHD_OK)
         status = make_wide(&construction);
     if (status == BVHD_OK)
-        status = write_blob(&construction, options->layout_flags, ret_blob);
+        status = write_blob(&construction, options, ret_blob);
     construction_finish(&construction);
     if (status != BVHD_OK)
         return status;

@@ -8,7 +8,7 @@
 #include "layout.h"
 
 /* The terminating NULs are hashed too: what follows begins at a known place. */
-static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 1";
+static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2";
 
 struct part {
     const void *data;
@@ -46,19 +46,32 @@ static void digest_leaf(void *context, size_t index)
 }
 
 struct root {
-    unsigned char bytes[32]; /* what stands between the domain and the digests */
+    unsigned char bytes[68]; /* what stands between the domain and the digests */
 };
 
-static struct root describe_root(uint64_t size, enum build_quality quality, const struct layout *layout, uint32_t layout_flags)
+/* A layout that leaves nothing open to devices looks at none: whatever stands there gives no other bytes. */
+static void describe_device(const struct device_format *device, uint32_t variants, unsigned char ret_bytes[36])
 {
+    memset(ret_bytes, 0, 36);
+    if (variants == 0)
+        return;
+    memcpy(ret_bytes, device->driver_uuid, 16);
+    memcpy(ret_bytes + 16, device->compatibility_uuid, 16);
+    bytes_put32(ret_bytes + 32, device->variant);
+}
+
+static struct root describe_root(const struct canonical *canonical, const struct build_options *options, const struct layout *layout)
+{
+    enum build_quality quality = build_quality_resolve(options->quality, canonical->flags);
     struct root root;
-    bytes_put64(root.bytes, size);
+    bytes_put64(root.bytes, canonical->size);
     bytes_put32(root.bytes + 8, BUILD_VERSION);
     bytes_put32(root.bytes + 12, layout->target);
     bytes_put32(root.bytes + 16, layout->version);
-    bytes_put32(root.bytes + 20, layout_flags);
+    bytes_put32(root.bytes + 20, options->layout_flags);
     bytes_put32(root.bytes + 24, quality);
     bytes_put32(root.bytes + 28, quality == QUALITY_FAST ? embree_version() : 0);
+    describe_device(&options->device, layout->variants, root.bytes + 32);
     return root;
 }
 
@@ -89,18 +102,18 @@ static enum bvhd_status digest_all(struct leaves *leaves, const struct root *roo
     return digest_root(leaves, count, root, ret_key, error);
 }
 
-enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,
+enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,
                              const struct build_context *context, struct key *ret_key, struct bvhd_error *error)
 {
-    const struct layout *layout = layout_find(target);
+    const struct layout *layout = layout_find(options->target);
     if (!layout)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)target);
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)options->target);
     /* Once for all leaves: looking it up takes locks that threads would wait for. */
     EVP_MD *hash = EVP_MD_fetch(NULL, "SHA256", NULL);
     if (!hash)
         return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library has no SHA-256");
     struct leaves leaves = {.hash = hash, .block = {canonical->bytes, canonical->size}};
-    struct root root = describe_root(canonical->size, quality, layout, layout_flags);
+    struct root root = describe_root(canonical, options, layout);
     enum bvhd_status status = digest_all(&leaves, &root, context, ret_key, error);
     memory_free(context->memory, leaves.digests);
     EVP_MD_free(hash);

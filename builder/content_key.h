@@ -5,8 +5,9 @@
  * The canonical block is cut into leaves of CONTENT_KEY_LEAF bytes (the last may be shorter; an empty block has none), hashed in parallel:
  *
  *     leaf = SHA-256("bvhd key leaf 1\0", u64 bytes in the leaf, the bytes)
- *     key  = SHA-256("bvhd key root 1\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version, u32 layout flags,
- *                    u32 quality, u32 Embree's version when it builds (quality fast), else 0, the leaves' digests in order)
+ *     key  = SHA-256("bvhd key root 2\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version, u32 layout flags,
+ *                    u32 quality, u32 Embree's version when it builds (quality fast), else 0, struct device_format as its 36 bytes,
+ *                    zeros for a layout that leaves nothing open to devices, the leaves' digests in order)
  *
  * Numbers are little-endian. Neither the number of threads nor the machine is in it.
  */
@@ -21,10 +22,10 @@
 enum { CONTENT_KEY_LEAF = 1 << 16 };
 
 /*
- * `quality` is resolved (build_quality_resolve). BVHD_UNSUPPORTED for an unknown target, BVHD_NO_MEMORY, BVHD_CANCELLED, BVHD_INTERNAL when the hash library
- * fails.
+ * Of what build() makes of the same arguments: the quality in the key is the one that it resolves to. BVHD_UNSUPPORTED for an unknown target,
+ * BVHD_NO_MEMORY, BVHD_CANCELLED, BVHD_INTERNAL when the hash library fails.
  */
-enum bvhd_status content_key(const struct canonical *canonical, enum build_quality quality, enum target target, uint32_t layout_flags,
+enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,
                              const struct build_context *context, struct key *ret_key, struct bvhd_error *error);
 
 #endif

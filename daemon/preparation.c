@@ -94,7 +94,8 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
         return NULL;
     }
     *preparation = (struct preparation){.asked = *item, .index = index, .source = *source, .within = memory};
-    preparation->options = (struct build_options){(enum build_quality)item->quality, (enum target)item->target, item->layout_flags};
+    preparation->options =
+        (struct build_options){(enum build_quality)item->quality, (enum target)item->target, item->layout_flags, item->device};
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
     return preparation;
 }
@@ -164,14 +165,12 @@ static enum bvhd_status prepare_input(struct preparation *preparation, const str
                                       const struct build_context *context)
 {
     struct bvhd_error *error = &preparation->error;
-    const struct build_options *options = &input->options;
     enum bvhd_status status = check_references(preparation, input);
     if (status == BVHD_OK)
         status = prepare(input, preparation->index, preparation->limits, context, &preparation->canonical, error);
     if (status != BVHD_OK)
         return status;
-    enum build_quality quality = build_quality_resolve(options->quality, preparation->canonical.flags);
-    status = content_key(&preparation->canonical, quality, options->target, options->layout_flags, context, &preparation->key, error);
+    status = content_key(&preparation->canonical, &input->options, context, &preparation->key, error);
     if (status != BVHD_OK)
         prepare_finish(&preparation->canonical, &preparation->memory);
     return status;

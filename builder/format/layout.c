@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "layout.h"
 
-static const struct layout *const layouts[] = {&layout_portable};
+static const struct layout *const layouts[] = {&layout_portable, &layout_lavapipe};
 
 enum { LAYOUT_COUNT = sizeof layouts / sizeof layouts[0] };
 

@@ -36,7 +36,7 @@ struct layout {
     uint32_t version; /* part of every key */
     uint32_t arity; /* 2 or 8 */
     uint32_t leaf_max; /* most refs a leaf may hold */
-    uint32_t depth_limit; /* most levels of its nodes */
+    uint32_t depth_limit; /* most levels: arity 8, of its nodes; arity 2, of the ir, leaves included */
     uint32_t flags; /* layout_flags that it knows */
     uint32_t variants; /* device_format.variant is 1 .. variants; 0: the layout leaves nothing open */
 
@@ -51,7 +51,7 @@ struct layout {
 /* Takes back what write() gave, or was about to give. */
 void layout_discard(const struct layout_input *input, unsigned char *blob);
 
-extern const struct layout layout_portable;
+extern const struct layout layout_portable, layout_lavapipe;
 
 /* NULL for an unknown target. */
 const struct layout *layout_find(enum target target);

@@ -107,7 +107,7 @@ static enum bvhd_status run_all(const struct build_input *input, const struct bu
     enum bvhd_status status = prepare(input, 0, &limits, context, &canonical, NULL);
     if (status != BVHD_OK)
         return status;
-    status = content_key(&canonical, input->options.quality, input->options.target, 0, context, &key, NULL);
+    status = content_key(&canonical, &input->options, context, &key, NULL);
     if (status == BVHD_OK)
         status = build(&canonical, &input->options, context, &blob, &stats, NULL);
     memory_free(context->memory, blob);

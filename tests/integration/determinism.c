@@ -240,7 +240,7 @@ static void run_mesh(struct run *run, uint32_t side, enum build_quality quality,
     struct geometry geometry = write_mesh(&mesh, &writings[0]);
     struct build_input input = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry};
     struct batch_item first;
-    input.options = (struct build_options){quality, TARGET_PORTABLE, layout_flags};
+    input.options = (struct build_options){.quality = quality, .target = TARGET_PORTABLE, .layout_flags = layout_flags};
     if (build_with_all(run, &input, build_quality_name(quality), &first)) {
         for (int i = 1; i < WRITINGS; i++)
             if (writings[i].index_type == INDEX_UINT32 || mesh.vertex_count <= 65536)

@@ -155,7 +155,7 @@ static enum bvhd_status run_all(const struct build_input *input, const struct bu
     enum bvhd_status status = prepare(input, 0, &limits, context, &canonical, error);
     if (status != BVHD_OK)
         return status;
-    status = content_key(&canonical, input->options.quality, input->options.target, 0, context, &key, error);
+    status = content_key(&canonical, &input->options, context, &key, error);
     if (status == BVHD_OK)
         status = build(&canonical, &input->options, context, &blob, &stats, error);
     assert_true((blob != NULL) == (status == BVHD_OK));
@@ -242,7 +242,7 @@ static void a_set_flag_stops_each_step(void **state)
     assert_int_equal(memory.live, 0);
     assert_int_equal(prepare(&scene.input, 0, &limits, &whole, &canonical, NULL), BVHD_OK);
     uint64_t live = memory.live;
-    assert_int_equal(content_key(&canonical, QUALITY_HIGH, TARGET_PORTABLE, 0, &none, &key, NULL), BVHD_CANCELLED);
+    assert_int_equal(content_key(&canonical, &scene.input.options, &none, &key, NULL), BVHD_CANCELLED);
     assert_int_equal(memory.live, live);
     assert_int_equal(build(&canonical, &scene.input.options, &none, &blob, &stats, NULL), BVHD_CANCELLED);
     assert_int_equal(memory.live, live);

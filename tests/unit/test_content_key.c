@@ -5,6 +5,7 @@
 
 #include "build.h"
 #include "content_key.h"
+#include "lavapipe.h"
 #include "workers.h"
 
 enum { LEAF = 1 << 16, LARGEST = 3 * LEAF + 5 };
@@ -32,25 +33,41 @@ static int tear_down(void **state)
     return fixture->memory.live != 0;
 }
 
-static struct key key_of(struct fixture *fixture, uint64_t size, enum build_quality quality, uint32_t layout_flags,
-                         const struct parallel *parallel)
+static struct key key_for(struct fixture *fixture, uint64_t size, const struct build_options *options, const struct parallel *parallel)
 {
     struct canonical canonical = {.bytes = size ? fixture->bytes : NULL, .size = size};
     const struct build_context context = {.memory = &fixture->memory, .parallel = parallel};
     struct key key;
-    assert_int_equal(content_key(&canonical, quality, TARGET_PORTABLE, layout_flags, &context, &key, NULL), BVHD_OK);
+    assert_int_equal(content_key(&canonical, options, &context, &key, NULL), BVHD_OK);
     return key;
 }
 
-/* The definition in the header, with one string of bytes for the root, built by hand and hashed by another interface of the library. */
-static struct key expected_key(const unsigned char *bytes, size_t size, uint32_t quality, uint32_t layout_flags)
+static struct key key_of(struct fixture *fixture, uint64_t size, enum build_quality quality, uint32_t layout_flags,
+                         const struct parallel *parallel)
 {
-    static unsigned char leaf[24 + LEAF], root[16 + 32 + 4 * 32];
-    memcpy(root, "bvhd key root 1", 16);
-    uint32_t embree = quality == QUALITY_FAST ? embree_version() : 0;
-    const uint32_t fields[8] = {(uint32_t)size, 0, BUILD_VERSION, 1, layout_portable.version, layout_flags, quality, embree};
+    const struct build_options options = {.quality = quality, .target = TARGET_PORTABLE, .layout_flags = layout_flags};
+    return key_for(fixture, size, &options, parallel);
+}
+
+/* The definition in the header, with one string of bytes for the root, built by hand and hashed by another interface of the library. */
+static struct key expected_key(const unsigned char *bytes, size_t size, const struct build_options *options)
+{
+    static unsigned char leaf[24 + LEAF], root[16 + 32 + 36 + 4 * 32];
+    memcpy(root, "bvhd key root 2", 16);
+    uint32_t embree = options->quality == QUALITY_FAST ? embree_version() : 0;
+    const uint32_t fields[8] = {(uint32_t)size,
+                                0,
+                                BUILD_VERSION,
+                                options->target,
+                                layout_find(options->target)->version,
+                                options->layout_flags,
+                                (uint32_t)options->quality,
+                                embree};
     memcpy(root + 16, fields, 32);
-    size_t end = 16 + 32;
+    memset(root + 48, 0, 36);
+    if (options->target != TARGET_PORTABLE)
+        memcpy(root + 48, &options->device, 36);
+    size_t end = 16 + 32 + 36;
     for (size_t done = 0; done < size; done += LEAF, end += 32) {
         uint64_t length = size - done < LEAF ? size - done : LEAF;
         memcpy(leaf, "bvhd key leaf 1", 16);
@@ -67,12 +84,19 @@ static const uint64_t sizes[] = {0, 1, 63, 64, 1000, LEAF - 1, LEAF, LEAF + 1, 2
 
 enum { SIZE_COUNT = sizeof sizes / sizeof sizes[0] };
 
+static const struct device_format device = {
+    .driver_uuid = "driver", .compatibility_uuid = "compatibility", .variant = LAVAPIPE_COMPACTED};
+
 static void keys_are_as_defined(void **state)
 {
-    for (int i = 0; i < SIZE_COUNT; i++) {
-        struct fixture *fixture = *state;
-        struct key key = key_of(fixture, sizes[i], QUALITY_HIGH, PORTABLE_FAST_TRIANGLES, &parallel_serial);
-        struct key expected = expected_key(fixture->bytes, sizes[i], QUALITY_HIGH, PORTABLE_FAST_TRIANGLES);
+    struct fixture *fixture = *state;
+    const struct build_options options[] = {
+        {QUALITY_HIGH, TARGET_PORTABLE, PORTABLE_FAST_TRIANGLES, device},
+        {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device},
+    };
+    for (int i = 0; i < 2 * SIZE_COUNT; i++) {
+        struct key key = key_for(fixture, sizes[i / 2], &options[i % 2], &parallel_serial);
+        struct key expected = expected_key(fixture->bytes, sizes[i / 2], &options[i % 2]);
         assert_true(key_equal(&key, &expected));
     }
 }
@@ -104,6 +128,33 @@ static void every_option_matters(void **state)
     for (int i = 0; i < 5; i++)
         for (int j = 0; j < i; j++)
             assert_false(key_equal(&keys[i], &keys[j]));
+}
+
+/* Vulkan's flags and AUTO lead to the key of the quality that is built. */
+static void the_quality_is_the_one_that_is_built(void **state)
+{
+    struct key balanced = key_of(*state, 1000, QUALITY_BALANCED, 0, &parallel_serial);
+    struct key automatic = key_of(*state, 1000, QUALITY_AUTO, 0, &parallel_serial);
+    struct key unspecified = key_of(*state, 1000, QUALITY_UNSPECIFIED, 0, &parallel_serial);
+    assert_true(key_equal(&balanced, &automatic) && key_equal(&balanced, &unspecified));
+}
+
+/* What a device's driver loads names other bytes, in every byte of it; a layout that looks at no device has one key for all. */
+static void devices_matter_to_native_targets_alone(void **state)
+{
+    struct build_options options = {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device};
+    struct key before = key_for(*state, 1000, &options, &parallel_serial);
+    for (size_t i = 0; i < sizeof device; i++) {
+        ((unsigned char *)&options.device)[i] ^= 1;
+        struct key after = key_for(*state, 1000, &options, &parallel_serial);
+        ((unsigned char *)&options.device)[i] ^= 1;
+        assert_false(key_equal(&before, &after));
+    }
+    options.target = TARGET_PORTABLE;
+    struct key portable = key_for(*state, 1000, &options, &parallel_serial);
+    struct key plain = key_of(*state, 1000, QUALITY_HIGH, 0, &parallel_serial);
+    assert_true(key_equal(&portable, &plain));
+    assert_false(key_equal(&portable, &before));
 }
 
 /* First and last byte of every leaf, and some between. */
@@ -140,8 +191,9 @@ static void an_unknown_target_is_unsupported(void **state)
     struct canonical canonical = {.bytes = fixture->bytes, .size = 100};
     const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
     struct key key = {{1, 2, 3}}, untouched = key;
+    const struct build_options options = {.quality = QUALITY_FAST, .target = (enum target)99};
     struct bvhd_error error;
-    assert_int_equal(content_key(&canonical, QUALITY_FAST, (enum target)99, 0, &context, &key, &error), BVHD_UNSUPPORTED);
+    assert_int_equal(content_key(&canonical, &options, &context, &key, &error), BVHD_UNSUPPORTED);
     assert_string_equal(error.where, "target");
     assert_true(key_equal(&key, &untouched));
 }
@@ -152,11 +204,12 @@ static void failing_allocations_are_reported(void **state)
     struct canonical canonical = {.bytes = fixture->bytes, .size = LARGEST};
     const struct build_context context = {.memory = &fixture->memory, .parallel = &parallel_serial};
     struct key key = {{1, 2, 3}}, untouched = key;
+    const struct build_options options = {.quality = QUALITY_FAST, .target = TARGET_PORTABLE};
     int failures = 0;
     for (;; failures++) {
         fixture->memory.fail_after = failures;
         struct bvhd_error error;
-        enum bvhd_status status = content_key(&canonical, QUALITY_FAST, TARGET_PORTABLE, 0, &context, &key, &error);
+        enum bvhd_status status = content_key(&canonical, &options, &context, &key, &error);
         assert_int_equal(fixture->memory.live, 0);
         if (status == BVHD_OK)
             break;
@@ -173,6 +226,8 @@ int main(void)
         cmocka_unit_test(keys_are_as_defined),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(every_option_matters),
+        cmocka_unit_test(the_quality_is_the_one_that_is_built),
+        cmocka_unit_test(devices_matter_to_native_targets_alone),
         cmocka_unit_test(every_byte_matters),
         cmocka_unit_test(order_of_leaves_matters),
         cmocka_unit_test(an_unknown_target_is_unsupported),

@@ -18,7 +18,7 @@ static void unknown_targets_lead_nowhere(void **state)
 {
     (void)state;
     assert_null(layout_find((enum target)0));
-    assert_null(layout_find((enum target)2));
+    assert_null(layout_find((enum target)3));
     assert_null(layout_find((enum target) - 1));
     assert_null(layout_find_name(""));
     assert_null(layout_find_name("Portable"));

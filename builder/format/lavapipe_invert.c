@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "lavapipe.h"
+
+#include <math.h>
+#include <stdbool.h>
+
+/*
+ * The driver inverts a general 4x4 matrix by elimination with a pivot a column, and hands it the rows of the instance's matrix as columns. So what is
+ * eliminated here is the transpose of the 4x4 matrix whose last row is 0 0 0 1, beside a unit matrix. The products that are left out
+ * there are left out here: a product of zero and infinity is not zero.
+ */
+struct row {
+    float left[4], right[4];
+};
+
+static void load(const float matrix[12], struct row rows[4])
+{
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 4; k++) {
+            rows[i].left[k] = k < 3 ? matrix[4 * k + i] : i == 3 ? 1.0f : 0.0f;
+            rows[i].right[k] = i == k ? 1.0f : 0.0f;
+        }
+}
+
+/* Brings the row with the largest entry of that column up, by swaps of neighbours from below. */
+static void choose_pivot(struct row *rows[4], int column)
+{
+    for (int i = 3; i > column; i--)
+        if (fabsf(rows[i]->left[column]) > fabsf(rows[i - 1]->left[column])) {
+            struct row *swap = rows[i];
+            rows[i] = rows[i - 1];
+            rows[i - 1] = swap;
+        }
+}
+
+/* The last column's elimination takes every product. */
+static void eliminate(struct row *rows[4], int column)
+{
+    const struct row *pivot = rows[column];
+    float factors[4];
+    for (int i = column + 1; i < 4; i++)
+        factors[i] = rows[i]->left[column] / pivot->left[column];
+    for (int i = column + 1; i < 4; i++) {
+        for (int k = column + 1; k < 4; k++)
+            rows[i]->left[k] -= factors[i] * pivot->left[k];
+        for (int k = 0; k < 4; k++)
+            if (column == 2 || pivot->right[k] != 0.0f)
+                rows[i]->right[k] -= factors[i] * pivot->right[k];
+    }
+}
+
+static void substitute_back(struct row *rows[4])
+{
+    float scale = 1.0f / rows[3]->left[3];
+    for (int k = 0; k < 4; k++)
+        rows[3]->right[k] *= scale;
+    for (int column = 3; column > 0; column--) {
+        struct row *next = rows[column - 1];
+        scale = 1.0f / next->left[column - 1];
+        for (int k = 0; k < 4; k++)
+            next->right[k] = scale * (next->right[k] - rows[column]->right[k] * next->left[column]);
+        for (int i = column - 2; i >= 0; i--)
+            for (int k = 0; k < 4; k++)
+                rows[i]->right[k] -= rows[column]->right[k] * rows[i]->left[column];
+    }
+}
+
+void lavapipe_invert(const float object_to_world[12], float ret_world_to_object[12])
+{
+    struct row storage[4], *rows[4] = {&storage[0], &storage[1], &storage[2], &storage[3]};
+    bool regular = true;
+    load(object_to_world, storage);
+    for (int column = 0; column < 3 && regular; column++) {
+        choose_pivot(rows, column);
+        regular = rows[column]->left[column] != 0.0f;
+        if (regular)
+            eliminate(rows, column);
+    }
+    regular = regular && rows[3]->left[3] != 0.0f;
+    if (regular)
+        substitute_back(rows);
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 3; k++)
+            ret_world_to_object[4 * k + i] = regular ? rows[i]->right[k] : 0.0f;
+}

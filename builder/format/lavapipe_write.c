@@ -1,0 +1,310 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "lavapipe_write.h"
+
+#include <inttypes.h>
+#include <math.h>
+
+#include "lavapipe.h"
+#include "lavapipe_leaves.h"
+#include "serialized.h"
+
+enum { BOX_CHUNK = 4096, LEAF_CHUNK = 8192, BOX = sizeof(struct lavapipe_box) };
+
+struct writing {
+    const struct layout_input *input;
+    enum lavapipe_variant variant;
+    const uint32_t *places; /* of each inner node of the ir: which box is its */
+    bool places_have_gaps;
+    struct lavapipe_leaves leaves;
+    uint32_t box_count; /* that are written; at least the root */
+    uint32_t leaf_offset;
+    uint64_t body_offset, body_size;
+    unsigned char *blob, *body;
+};
+
+uint32_t lavapipe_box_room(uint32_t primitives)
+{
+    return primitives < 2 ? 1 : primitives - 1;
+}
+
+/* False when cancelled: what follows is for nothing, but does no harm. */
+static bool run_all(struct writing *w, size_t total, size_t chunk, parallel_task task)
+{
+    return parallel_for_until(w->input->parallel, w->input->cancel, (total + chunk - 1) / chunk, task, w);
+}
+
+static enum bvhd_status report_cancelled(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, "blob", "cancelled");
+}
+
+/*
+ * Box nodes in the order of a walk that goes down the first child first: the box node of the first child follows its parent's. Counts below each node on
+ * the way up, places on the way down, in one array.
+ */
+static bool place_depth_first(const struct ir *ir, const atomic_bool *cancel, uint32_t *ret_places)
+{
+    for (uint32_t node = ir->node_count; node-- > 0;) {
+        const struct ir_node *own = &ir->nodes[node];
+        ret_places[node] = own->count > 0 ? 0 : 1 + ret_places[own->first] + ret_places[own->first + 1];
+        if (parallel_cancelled_at(cancel, node))
+            return false;
+    }
+    ret_places[0] = 0;
+    for (uint32_t node = 0; node < ir->node_count; node++) {
+        const struct ir_node *own = &ir->nodes[node];
+        if (own->count == 0) {
+            ret_places[own->first + 1] = ret_places[node] + 1 + ret_places[own->first];
+            ret_places[own->first] = ret_places[node] + 1;
+        }
+        if (parallel_cancelled_at(cancel, node))
+            return false;
+    }
+    return true;
+}
+
+/* Of primitives below 2^24 and boxes below 2^25 nothing here overflows 64 bits. */
+static enum bvhd_status place_sections(struct writing *w, struct bvhd_error *error)
+{
+    const struct canonical *canonical = w->input->canonical;
+    const struct ir *ir = w->input->ir;
+    uint32_t room = lavapipe_box_room(canonical->primitive_count);
+    w->box_count = ir->node_count < 2 ? 1 : ir->node_count / 2;
+    uint64_t boxes = room > w->box_count ? room : w->box_count;
+    uint64_t nodes = BOX * boxes + (uint64_t)lavapipe_leaf_size(w->leaves.kind) * canonical->primitive_count;
+    if (w->variant == LAVAPIPE_COMPACTED)
+        nodes = (nodes + BOX - 1) / BOX * BOX; /* its traversal fetches so many bytes of whatever node */
+    w->body_size = LAVAPIPE_HEADER + nodes;
+    w->body_offset = SERIALIZED_HANDLES + (uint64_t)8 * w->leaves.handle_count;
+    if (w->body_offset + w->body_size > UINT32_MAX)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "blob", "%" PRIu64 " bytes, where the driver counts in 32 bits",
+                              w->body_offset + w->body_size);
+    w->leaf_offset = (uint32_t)(LAVAPIPE_HEADER + BOX * boxes);
+    return BVHD_OK;
+}
+
+static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
+{
+    const struct canonical *canonical = w->input->canonical;
+    if (canonical->primitive_count > LAVAPIPE_MAX_PRIMITIVES)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "primitives", "%" PRIu32 " do not fit into 24 bits", canonical->primitive_count);
+    if (canonical->geometry_count > LAVAPIPE_MAX_PRIMITIVES)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "geometries", "%" PRIu32 " do not fit into 24 bits", canonical->geometry_count);
+    w->variant = (enum lavapipe_variant)w->input->device->variant;
+    enum bvhd_status status = lavapipe_leaves_init(&w->leaves, w->input, error);
+    return status == BVHD_OK ? place_sections(w, error) : status;
+}
+
+static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
+{
+    struct build_output *output = w->input->output;
+    uint64_t total = w->body_offset + w->body_size;
+    w->blob = output ? output->allocate(output, total) : memory_alloc(w->input->memory, total);
+    if (!w->blob)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "%" PRIu64 " bytes", total);
+    w->body = w->blob + w->body_offset;
+    return BVHD_OK;
+}
+
+/* Over all motion keys. */
+static struct box load_box(const struct ir *ir, uint32_t node)
+{
+    struct box box = ir->boxes[0][node];
+    for (uint32_t key = 1; key < ir->key_count; key++)
+        box_grow(&box, &ir->boxes[key][node]);
+    return box;
+}
+
+/* Zeros have the sign that they have in the leaves. */
+static struct box stored_box(const struct writing *w, uint32_t node)
+{
+    struct box box = load_box(w->input->ir, node);
+    for (int axis = 0; w->leaves.unsigned_zeros && axis < 3; axis++) {
+        box.min[axis] += 0.0f;
+        box.max[axis] += 0.0f;
+    }
+    return box;
+}
+
+/* As the later driver widens every box that it stores, against rays that would slip through between them. */
+static float padding(float value)
+{
+    double magnitude = fabs((double)value);
+    return (float)((magnitude > 1.0 ? magnitude : 1.0) * (double)FLT_EPSILON);
+}
+
+static void pad_box(struct box *box)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        box->min[axis] = (float)((double)box->min[axis] - (double)padding(box->min[axis]));
+        box->max[axis] = (float)((double)box->max[axis] + (double)padding(box->max[axis]));
+    }
+}
+
+static void store_child(const struct writing *w, struct lavapipe_box *box, int child, uint32_t node)
+{
+    const struct ir *ir = w->input->ir;
+    struct box bounds = stored_box(w, node);
+    if (w->variant == LAVAPIPE_COMPACTED)
+        pad_box(&bounds);
+    memcpy(box->bounds[child].min, bounds.min, sizeof bounds.min);
+    memcpy(box->bounds[child].max, bounds.max, sizeof bounds.max);
+    if (ir_is_leaf(ir, node)) {
+        uint32_t leaf = lavapipe_leaves_place(&w->leaves, ir->refs[ir->nodes[node].first]);
+        box->children[child] = (w->leaf_offset + leaf * lavapipe_leaf_size(w->leaves.kind)) | w->leaves.kind;
+    } else {
+        box->children[child] = (LAVAPIPE_HEADER + w->places[node] * BOX) | LAVAPIPE_BOX;
+    }
+}
+
+static void store_absent(const struct writing *w, struct lavapipe_box *box, int child)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        box->bounds[child].min[axis] = w->variant == LAVAPIPE_COMPACTED ? NAN : INFINITY;
+        box->bounds[child].max[axis] = w->variant == LAVAPIPE_COMPACTED ? NAN : -INFINITY;
+    }
+    box->children[child] = LAVAPIPE_NONE;
+}
+
+static void write_boxes(void *context, size_t index)
+{
+    const struct writing *w = context;
+    const struct ir *ir = w->input->ir;
+    size_t begin, end;
+    parallel_chunk(index, BOX_CHUNK, ir->node_count, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        uint32_t node = (uint32_t)i;
+        if (ir_is_leaf(ir, node))
+            continue;
+        struct lavapipe_box box;
+        store_child(w, &box, 0, ir->nodes[node].first);
+        store_child(w, &box, 1, ir->nodes[node].first + 1);
+        memcpy(w->body + LAVAPIPE_HEADER + (uint64_t)w->places[node] * BOX, &box, sizeof box);
+    }
+}
+
+/* Over no primitive or one. */
+static void write_lone_root(const struct writing *w)
+{
+    struct lavapipe_box box;
+    if (w->input->ir->node_count > 0)
+        store_child(w, &box, 0, 0);
+    else
+        store_absent(w, &box, 0);
+    store_absent(w, &box, 1);
+    memcpy(w->body + LAVAPIPE_HEADER, &box, sizeof box);
+}
+
+static void write_leaves(void *context, size_t index)
+{
+    const struct writing *w = context;
+    size_t begin, end;
+    parallel_chunk(index, LEAF_CHUNK, w->input->canonical->primitive_count, &begin, &end);
+    lavapipe_leaves_write(&w->leaves, (uint32_t)begin, (uint32_t)end, w->body + w->leaf_offset, w->blob + SERIALIZED_HANDLES);
+}
+
+/* What lies between boxes and leaves, and behind those. */
+static void clear_gaps(const struct writing *w)
+{
+    uint64_t boxes = w->places_have_gaps ? LAVAPIPE_HEADER : LAVAPIPE_HEADER + (uint64_t)w->box_count * BOX;
+    uint64_t leaves = w->leaf_offset + (uint64_t)w->leaves.count * lavapipe_leaf_size(w->leaves.kind);
+    memset(w->body + boxes, 0, w->leaf_offset - boxes);
+    memset(w->body + leaves, 0, w->body_size - leaves);
+}
+
+static void write_headers(const struct writing *w)
+{
+    unsigned char *header = w->body, *sizes = w->body + 24;
+    struct serialized_header serialized = {
+        .serialized_size = w->body_offset + w->body_size,
+        .deserialized_size = w->body_size,
+        .handle_count = w->leaves.handle_count,
+    };
+    memcpy(serialized.driver_uuid, w->input->device->driver_uuid, sizeof serialized.driver_uuid);
+    memcpy(serialized.compatibility_uuid, w->input->device->compatibility_uuid, sizeof serialized.compatibility_uuid);
+    serialized_write(w->blob, &serialized);
+    memset(header, 0, LAVAPIPE_HEADER);
+    if (w->input->ir->node_count > 0) {
+        struct box bounds = stored_box(w, 0);
+        memcpy(header, bounds.min, sizeof bounds.min);
+        memcpy(header + 12, bounds.max, sizeof bounds.max);
+    }
+    if (w->variant == LAVAPIPE_COMPACTED) {
+        bytes_put32(sizes, (uint32_t)w->body_size);
+        sizes += 4;
+    }
+    bytes_put32(sizes, (uint32_t)serialized.serialized_size);
+    bytes_put32(sizes + 4, w->leaves.handle_count);
+    bytes_put32(sizes + 8, w->leaf_offset);
+}
+
+static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
+{
+    clear_gaps(w);
+    if (w->input->ir->node_count < 2)
+        write_lone_root(w);
+    else if (!run_all(w, w->input->ir->node_count, BOX_CHUNK, write_boxes))
+        return report_cancelled(error);
+    if (!run_all(w, w->input->canonical->primitive_count, LEAF_CHUNK, write_leaves))
+        return report_cancelled(error);
+    write_headers(w);
+    return BVHD_OK;
+}
+
+static struct layout_sizes sizes_of(const struct writing *w)
+{
+    return (struct layout_sizes){
+        .total = w->body_offset + w->body_size,
+        .header = w->body_offset + LAVAPIPE_HEADER,
+        .nodes = w->leaf_offset - LAVAPIPE_HEADER,
+        .records = w->body_size - w->leaf_offset,
+    };
+}
+
+enum bvhd_status lavapipe_write_at(const struct layout_input *input, const uint32_t *places, unsigned char **ret_blob,
+                                   struct layout_sizes *ret_sizes, struct bvhd_error *error)
+{
+    struct writing w = {.input = input, .places = places, .places_have_gaps = true};
+    enum bvhd_status status = plan(&w, error);
+    if (status == BVHD_OK)
+        status = allocate(&w, error);
+    if (status == BVHD_OK)
+        status = fill(&w, error);
+    if (status == BVHD_OK) {
+        *ret_blob = w.blob;
+        *ret_sizes = sizes_of(&w);
+    } else {
+        layout_discard(input, w.blob);
+    }
+    lavapipe_leaves_finish(&w.leaves);
+    return status;
+}
+
+static enum bvhd_status lavapipe_write(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
+                                       struct bvhd_error *error)
+{
+    const struct ir *ir = input->ir;
+    if (ir->node_count < 2)
+        return lavapipe_write_at(input, NULL, ret_blob, ret_sizes, error);
+    uint32_t *places = memory_array(input->memory, ir->node_count, sizeof *places);
+    if (!places)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "nodes", "places of %" PRIu32, ir->node_count);
+    enum bvhd_status status = BVHD_OK;
+    if (!place_depth_first(ir, input->cancel, places))
+        status = report_cancelled(error);
+    if (status == BVHD_OK)
+        status = lavapipe_write_at(input, places, ret_blob, ret_sizes, error);
+    memory_free(input->memory, places);
+    return status;
+}
+
+const struct layout layout_lavapipe = {
+    .target = TARGET_LAVAPIPE,
+    .name = "lavapipe",
+    .version = LAVAPIPE_VERSION,
+    .arity = 2,
+    .leaf_max = 1,
+    .depth_limit = LAVAPIPE_MAX_LEVELS + 1,
+    .variants = LAVAPIPE_VARIANTS,
+    .write = lavapipe_write,
+};
