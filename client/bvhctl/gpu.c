@@ -44,15 +44,21 @@ static enum bvhd_status no_such_device(const char *name, const struct gpu_candid
     return bvhd_error_set(error, BVHD_NOT_FOUND, name, "no device of that name; there is: %s", names);
 }
 
+/* A full name means that device, even where it is a part of another's name. */
 static enum bvhd_status choose(const char *name, const struct gpu_candidate *list, uint32_t count,
                                const struct gpu_candidate **ret_chosen, struct bvhd_error *error)
 {
-    for (uint32_t i = 0; i < count; i++)
-        if (!strcmp(name, "auto") || strcasestr(list[i].facts.name, name)) {
-            *ret_chosen = &list[i];
-            return BVHD_OK;
-        }
-    return no_such_device(name, list, count, error);
+    const struct gpu_candidate *chosen = NULL;
+    for (uint32_t i = count; i-- > 0;)
+        if (!strcmp(name, "auto") || strcasestr(list[i].facts.name, name))
+            chosen = &list[i];
+    for (uint32_t i = count; i-- > 0;)
+        if (!strcmp(name, list[i].facts.name))
+            chosen = &list[i];
+    if (!chosen)
+        return no_such_device(name, list, count, error);
+    *ret_chosen = chosen;
+    return BVHD_OK;
 }
 
 enum { MAX_EXTENSIONS = 8 };
@@ -218,4 +224,9 @@ void gpu_close(struct gpu *gpu)
     gpu_instance_finish(gpu->owner);
     memory_free(memory, gpu->owner);
     memory_free(memory, gpu);
+}
+
+void gpu_properties(struct gpu *gpu, VkPhysicalDeviceProperties2 *properties)
+{
+    gpu->owner->vk.GetPhysicalDeviceProperties2(gpu->physical, properties);
 }

@@ -65,6 +65,9 @@ enum bvhd_status gpu_open(const char *name, struct memory *memory, struct gpu **
 /* NULL-safe. */
 void gpu_close(struct gpu *gpu);
 
+/* vkGetPhysicalDeviceProperties2, for what the facts do not tell; the caller has filled in the chain. */
+void gpu_properties(struct gpu *gpu, VkPhysicalDeviceProperties2 *properties);
+
 /* Messages of the validation layer so far, of all devices of the process. */
 unsigned gpu_messages(void);
 

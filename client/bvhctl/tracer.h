@@ -16,14 +16,20 @@ struct tracer_hit {
     uint32_t instance; /* RAY_NO_INSTANCE without a top level, or without a hit */
     uint32_t custom_index;
     uint32_t geometry, primitive;
-    uint32_t flags; /* bit 0: front face, bit 1: AABB */
+    uint32_t flags; /* TRACER_ */
 };
+
+enum { TRACER_FRONT_FACE = 1, TRACER_AABB = 2 };
+
+/* What a ray that meets nothing has: all other fields are 0. */
+extern const struct tracer_hit tracer_miss;
 
 struct tracer {
     const char *device; /* "cpu", or the device's name */
-    enum target target;
+    enum target target; /* of the structures; 0 where nobody knows */
     /*
-     * Traces rays[0 .. count). *ret_seconds: what the device spent on tracing alone, copies not counted; may be NULL. One call at a time.
+     * Traces rays[0 .. count), any number of them. Triangles are accepted; what ret_hits says of AABBs is up to the kind of tracer.
+     * *ret_seconds: what the device spent on tracing alone, copies not counted; may be NULL. One call at a time.
      */
     enum bvhd_status (*trace)(struct tracer *tracer, const struct ray *rays, uint64_t count, struct tracer_hit *ret_hits,
                               double *ret_seconds, struct bvhd_error *error);
@@ -45,8 +51,21 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
 enum bvhd_status tracer_native_create(struct gpu *gpu, const struct structures *structures, struct memory *memory,
                                       struct tracer **ret_tracer, struct bvhd_error *error);
 
-/* The same over any top-level structure of the device, for instance one that the driver built: without looking at files. */
+/* The same over any top-level structure of the device, for instance one that the driver built: without looking at files. `top` must outlive it. AABBs hit nothing
+ * until tracer_query_set_boxes. BVHD_UNSUPPORTED on a device without VK_KHR_ray_query. */
 enum bvhd_status tracer_query_create(struct gpu *gpu, VkAccelerationStructureKHR top, struct memory *memory, struct tracer **ret_tracer,
                                      struct bvhd_error *error);
+
+/* The AABBs of a scene, which a ray query does not tell. */
+struct tracer_boxes {
+    const float *boxes; /* six floats each, of all structures */
+    uint32_t box_count;
+    uint32_t instance_count, geometry_stride; /* instances of the top level; at least the most geometries that one of them has */
+    const uint32_t
+        *first; /* [instance * geometry_stride + geometry]: row in `boxes` of that geometry's primitive 0; anything for triangles */
+};
+
+/* For a tracer of tracer_query_create: from the next trace on AABBs are hit too, where rays enter them. The arrays are copied. */
+enum bvhd_status tracer_query_set_boxes(struct tracer *tracer, const struct tracer_boxes *boxes, struct bvhd_error *error);
 
 #endif

@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tracer_device.h"
+
+#include <string.h>
+
+#include "clock.h"
+#include "status.h"
+
+/* As kernels/trace_rays.glsl has it. */
+struct device_ray {
+    float origin[3], tmin;
+    float direction[3], tmax;
+    uint32_t flags, mask, reserved[2];
+};
+
+_Static_assert(sizeof(struct device_ray) == 48 && sizeof(struct tracer_hit) == 32, "as kernels have them");
+
+static void free_buffers(struct tracer_device *self)
+{
+    gpu_buffer_destroy(self->gpu, &self->upload);
+    gpu_buffer_destroy(self->gpu, &self->rays);
+    gpu_buffer_destroy(self->gpu, &self->hits);
+    gpu_buffer_destroy(self->gpu, &self->readback);
+    self->capacity = 0;
+}
+
+static enum bvhd_status create_buffers(struct tracer_device *self, uint32_t count, struct bvhd_error *error)
+{
+    const VkBufferUsageFlags from = VK_BUFFER_USAGE_TRANSFER_SRC_BIT, to = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+    const VkBufferUsageFlags bound = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
+    uint64_t rays = (uint64_t)count * sizeof(struct device_ray), hits = (uint64_t)count * sizeof(struct tracer_hit);
+    enum bvhd_status status = gpu_buffer_create(self->gpu, rays, from, GPU_UPLOAD, &self->upload, error);
+    if (!status)
+        status = gpu_buffer_create(self->gpu, rays, bound | to, GPU_DEVICE, &self->rays, error);
+    if (!status)
+        status = gpu_buffer_create(self->gpu, hits, bound | from, GPU_DEVICE, &self->hits, error);
+    if (!status)
+        status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
+    if (status)
+        free_buffers(self);
+    return status;
+}
+
+/* Buffers for a portion of so many rays, bound. */
+static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, struct bvhd_error *error)
+{
+    if (count <= self->capacity)
+        return BVHD_OK;
+    free_buffers(self);
+    enum bvhd_status status = create_buffers(self, count, error);
+    if (status)
+        return status;
+    const struct gpu_buffer *bound[TRACER_BINDINGS] = {&self->rays, &self->hits};
+    for (uint32_t i = 2; i < self->kernel.bindings; i++)
+        bound[i] = self->buffers[i - 2];
+    gpu_kernel_bind(self->gpu, &self->kernel, bound, self->structures);
+    self->capacity = count;
+    return BVHD_OK;
+}
+
+static void put_rays(struct tracer_device *self, const struct ray *rays, uint32_t count)
+{
+    struct device_ray *to = self->upload.mapped;
+    for (uint32_t i = 0; i < count; i++) {
+        const struct ray *ray = &rays[i];
+        to[i] = (struct device_ray){.tmin = ray->tmin, .tmax = ray->tmax, .flags = ray->flags, .mask = ray->cull_mask};
+        memcpy(to[i].origin, ray->origin, sizeof ray->origin);
+        memcpy(to[i].direction, ray->direction, sizeof ray->direction);
+    }
+}
+
+static void barrier(struct gpu *gpu, VkCommandBuffer commands, VkPipelineStageFlags from, VkAccessFlags written,
+                    VkPipelineStageFlags to, VkAccessFlags read)
+{
+    const VkMemoryBarrier memory = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER, .srcAccessMask = written, .dstAccessMask = read};
+    gpu->vk.CmdPipelineBarrier(commands, from, to, 0, 1, &memory, 0, NULL, 0, NULL);
+}
+
+static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count)
+{
+    struct gpu *gpu = self->gpu;
+    const VkBufferCopy up = {.size = (VkDeviceSize)count * sizeof(struct device_ray)};
+    const VkBufferCopy down = {.size = (VkDeviceSize)count * sizeof(struct tracer_hit)};
+    self->push.count = count;
+    gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &up);
+    barrier(gpu, commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+            VK_ACCESS_SHADER_READ_BIT);
+    gpu_timer_start(gpu, &self->timer, commands);
+    gpu_kernel_record(gpu, &self->kernel, commands, &self->push, (count + TRACER_GROUP - 1) / TRACER_GROUP);
+    gpu_timer_stop(gpu, &self->timer, commands);
+    barrier(gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
+            VK_ACCESS_TRANSFER_READ_BIT);
+    gpu->vk.CmdCopyBuffer(commands, self->hits.buffer, self->readback.buffer, 1, &down);
+    barrier(gpu, commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_HOST_BIT,
+            VK_ACCESS_HOST_READ_BIT);
+}
+
+/* Without timestamps the wall clock has to do: what copies take is in it then. */
+static enum bvhd_status trace_portion(struct tracer_device *self, const struct ray *rays, uint32_t count, struct tracer_hit *ret_hits,
+                                      double *seconds, struct bvhd_error *error)
+{
+    VkCommandBuffer commands;
+    put_rays(self, rays, count);
+    enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
+    if (status)
+        return status;
+    record(self, commands, count);
+    uint64_t began = clock_ns();
+    status = gpu_submit(self->gpu, commands, error);
+    if (status)
+        return status;
+    double measured = gpu_timer_seconds(self->gpu, &self->timer);
+    *seconds += measured >= 0 ? measured : (double)(clock_ns() - began) * 1e-9;
+    memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
+    return BVHD_OK;
+}
+
+static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uint64_t count, struct tracer_hit *ret_hits,
+                              double *ret_seconds, struct bvhd_error *error)
+{
+    struct tracer_device *self = (struct tracer_device *)tracer;
+    double seconds = 0;
+    uint64_t most = (uint64_t)self->gpu->facts.max_groups * TRACER_GROUP;
+    if (most > TRACER_PORTION)
+        most = TRACER_PORTION;
+    enum bvhd_status status = count ? reserve(self, (uint32_t)(count < most ? count : most), error) : BVHD_OK;
+    for (uint64_t at = 0; at < count && !status; at += most) {
+        uint64_t portion = count - at < most ? count - at : most;
+        status = trace_portion(self, rays + at, (uint32_t)portion, ret_hits + at, &seconds, error);
+    }
+    if (!status && ret_seconds)
+        *ret_seconds = seconds;
+    return status;
+}
+
+static void destroy(struct tracer *tracer)
+{
+    tracer_device_destroy((struct tracer_device *)tracer);
+}
+
+enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, enum target target,
+                                    const struct gpu_kernel_options *options, struct memory *memory, struct bvhd_error *error)
+{
+    static const uint32_t constants[] = {TRACER_GROUP};
+    struct gpu_kernel_options with_group = *options;
+    with_group.constants = constants;
+    with_group.constant_count = 1;
+    with_group.push_size = sizeof(struct tracer_push);
+    *self = (struct tracer_device){.gpu = gpu, .memory = memory};
+    enum bvhd_status status = gpu_kernel_create(gpu, &with_group, &self->kernel, error);
+    if (status)
+        return status;
+    status = gpu_timer_create(gpu, &self->timer, error);
+    if (status) {
+        gpu_kernel_destroy(gpu, &self->kernel);
+        return status;
+    }
+    self->tracer = (struct tracer){.device = gpu->facts.name, .trace = trace, .destroy = destroy};
+    return BVHD_OK;
+}
+
+void tracer_device_rebind(struct tracer_device *self)
+{
+    free_buffers(self);
+}
+
+void tracer_device_destroy(struct tracer_device *self)
+{
+    if (!self)
+        return;
+    if (self->release)
+        self->release(self);
+    free_buffers(self);
+    gpu_timer_destroy(self->gpu, &self->timer);
+    gpu_kernel_destroy(self->gpu, &self->kernel);
+    memory_free(self->memory, self);
+}

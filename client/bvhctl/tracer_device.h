@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * tracer_device.h - what tracers on a Vulkan device have in common: rays go up in portions, a kernel runs over them, hits come back. The kernel's first two
+ * bindings are rays and hits (kernels/trace_rays.glsl), its push constants begin with struct tracer_push.
+ */
+#ifndef BVHCTL_TRACER_DEVICE_H
+#define BVHCTL_TRACER_DEVICE_H
+
+#include "tracer.h"
+
+enum {
+    TRACER_PORTION = 1 << 20, /* most rays of a dispatch */
+    TRACER_GROUP = 64, /* threads of a workgroup, specialisation constant 0 */
+    TRACER_BINDINGS = 8, /* most storage buffers */
+};
+
+/* As kernels declare it. */
+struct tracer_push {
+    uint32_t count; /* of rays; filled by tracer_device_trace */
+    uint32_t has_top;
+    uint32_t extra[2]; /* for the kind of tracer */
+};
+
+struct tracer_device {
+    struct tracer tracer; /* its first member */
+    struct gpu *gpu;
+    struct memory *memory;
+    struct gpu_kernel kernel;
+    struct gpu_timer timer;
+    struct tracer_push push;
+    const struct gpu_buffer *buffers[TRACER_BINDINGS]; /* from binding 2 on, kept by the kind of tracer */
+    const VkAccelerationStructureKHR *structures;
+    struct gpu_buffer upload, rays, hits, readback;
+    uint32_t capacity; /* of these, in rays */
+    void (*release)(struct tracer_device *self); /* what the kind of tracer holds besides; may be NULL */
+};
+
+/*
+ * Creates kernel and timer of a zeroed tracer_device from `memory`: then the caller sets push, buffers, structures and release, and hands out &self->tracer. Constant 0 is
+ * TRACER_GROUP, whatever `options` says. On failure nothing is held.
+ */
+enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, enum target target,
+                                    const struct gpu_kernel_options *options, struct memory *memory, struct bvhd_error *error);
+
+/* The buffers that it points to, or its structures, are others from now on. */
+void tracer_device_rebind(struct tracer_device *self);
+
+/* The end of all of them: calls release, and frees `self`. */
+void tracer_device_destroy(struct tracer_device *self);
+
+#endif
