@@ -138,8 +138,8 @@ static void destroy(struct tracer *tracer)
     tracer_device_destroy((struct tracer_device *)tracer);
 }
 
-enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, enum target target,
-                                    const struct gpu_kernel_options *options, struct memory *memory, struct bvhd_error *error)
+enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
+                                    struct memory *memory, struct bvhd_error *error)
 {
     static const uint32_t constants[] = {TRACER_GROUP};
     struct gpu_kernel_options with_group = *options;

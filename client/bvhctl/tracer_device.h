@@ -39,8 +39,8 @@ struct tracer_device {
  * Creates kernel and timer of a zeroed tracer_device from `memory`: then the caller sets push, buffers, structures and release, and hands out &self->tracer. Constant 0 is
  * TRACER_GROUP, whatever `options` says. On failure nothing is held.
  */
-enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, enum target target,
-                                    const struct gpu_kernel_options *options, struct memory *memory, struct bvhd_error *error);
+enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
+                                    struct memory *memory, struct bvhd_error *error);
 
 /* The buffers that it points to, or its structures, are others from now on. */
 void tracer_device_rebind(struct tracer_device *self);

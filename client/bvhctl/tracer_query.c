@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <stdint.h>
 #include <string.h>
 
 #include "status.h"
-#include "trace_query.h"
 #include "tracer_device.h"
+
+#include "trace_query.h"
 
 enum { BINDING_BOXES = 2, BINDING_FIRST, BINDINGS };
 
