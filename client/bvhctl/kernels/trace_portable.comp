@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rays through portable structures. Triangles that are not opaque are accepted, AABBs where the ray enters them. Compiled twice: with
+// BVHD_BUFFER_ADDRESS and without, when the scene is binding 2.
+#version 450
+#extension GL_GOOGLE_include_directive : require
+#ifdef BVHD_BUFFER_ADDRESS
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+#endif
+
+#include "trace_rays.glsl"
+
+layout(constant_id = 1) const bool plain_bytes = false;
+layout(constant_id = 2) const bool fused_fma = false;
+#define BVHD_PLAIN_BYTES plain_bytes
+#define BVHD_FUSED_FMA fused_fma
+
+#ifndef BVHD_BUFFER_ADDRESS
+layout(set = 0, binding = 2, std430) readonly buffer SceneRows { uvec4 scene_rows[]; };
+layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_words[]; };
+#define BVHD_STORAGE_ROWS scene_rows
+#define BVHD_STORAGE_WORDS scene_words
+#endif
+
+#include "bvhd_ray_query.glsl"
+
+Hit committed(BvhdRayQuery query)
+{
+    Hit hit = miss();
+    uint type = bvhdRayQueryGetIntersectionType(query, true);
+    if (type == BVHD_COMMITTED_NONE)
+        return hit;
+    uvec2 primitive = bvhdPrimitiveOf(query, true);
+    vec2 barycentrics = bvhdRayQueryGetIntersectionBarycentrics(query, true);
+    hit.t = bvhdRayQueryGetIntersectionT(query, true);
+    hit.u = barycentrics.x;
+    hit.v = barycentrics.y;
+    hit.instance = bvhdRayQueryGetIntersectionInstanceId(query, true);
+    hit.custom_index = bvhdRayQueryGetIntersectionInstanceCustomIndex(query, true);
+    hit.geometry = primitive.x;
+    hit.primitive = primitive.y;
+    hit.flags = (bvhdRayQueryGetIntersectionFrontFace(query, true) ? FRONT_FACE : 0u) | (type == BVHD_COMMITTED_GENERATED ? IS_AABB : 0u);
+    return hit;
+}
+
+void main()
+{
+    uint index = gl_GlobalInvocationID.x;
+    if (index >= count)
+        return;
+    Ray ray = rays[index];
+    BvhdRayQuery query;
+    bvhdRayQueryInitialize(query, extra, ray.flags.x, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
+    while (bvhdRayQueryProceed(query))
+        if (bvhdRayQueryGetIntersectionType(query, false) == BVHD_CANDIDATE_TRIANGLE)
+            bvhdRayQueryConfirmIntersection(query);
+        else
+            bvhdRayQueryGenerateIntersection(query, bvhdRayQueryGetIntersectionT(query, false));
+    hits[index] = committed(query);
+}

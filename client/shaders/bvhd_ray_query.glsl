@@ -1,0 +1,563 @@
+// SPDX-License-Identifier: Apache-2.0
+/*
+ * bvhd_ray_query.glsl - ray queries over portable structures, for any shader of any device: the life cycle of GL_EXT_ray_query with names of its own.
+ *
+ *     #version 450
+ *     #extension GL_GOOGLE_include_directive : require
+ *     ... where structures are: see bvhd_structure.glsl
+ *     #include "bvhd_ray_query.glsl"
+ *
+ *     BvhdRayQuery query;
+ *     bvhdRayQueryInitialize(query, root, BVHD_RAY_FLAGS_NONE, 0xffu, origin, tmin, direction, tmax);
+ *     while (bvhdRayQueryProceed(query)) {
+ *         if (bvhdRayQueryGetIntersectionType(query, false) == BVHD_CANDIDATE_AABB)
+ *             ... bvhdRayQueryGenerateIntersection(query, t);
+ *         else
+ *             ... bvhdRayQueryConfirmIntersection(query);
+ *     }
+ *     if (bvhdRayQueryGetIntersectionType(query, true) != BVHD_COMMITTED_NONE)
+ *         ... bvhdRayQueryGetIntersectionT(query, true)
+ *
+ * The root is the location of a top level's body, or of a bottom level's alone.
+ *
+ * Vulkan's semantics: opaque triangles are committed by themselves, others and AABBs are candidates; triangles are hit for tmin < t < tmax,
+ * AABBs may be for tmin <= t <= tmax; facing is that of object space. A candidate could be the answer when it is offered. With split
+ * references one may be offered more than once, unless its geometry says NO_DUPLICATE_ANY_HIT. Of equal t, the lowest (instance, geometry, primitive)
+ * wins. The same answers as on the CPU (traverse.h) but for rays that a last bit decides.
+ *
+ * Coordinates and directions lie within 2^-60 .. 2^60 (or are 0) and tmin is not negative; otherwise hits may be missed. A direction of zero, and an
+ * origin or direction that is not finite, hit nothing.
+ *
+ * The stack is a private array of the invocation. When a query begins while another one is under way, BVHD_QUERIES is defined as how many there may be, and each begins
+ * with bvhdRayQueryInitializeAt and a number of its own below that.
+ */
+#ifndef BVHD_RAY_QUERY_GLSL
+#define BVHD_RAY_QUERY_GLSL
+
+#include "bvhd_structure.glsl"
+#include "bvhd_box.glsl"
+#include "bvhd_triangle.glsl"
+
+#ifndef BVHD_QUERIES
+#define BVHD_QUERIES 1
+#endif
+
+// As gl_RayFlags...EXT.
+const uint BVHD_RAY_FLAGS_NONE = 0x0u;
+const uint BVHD_RAY_FLAGS_OPAQUE = 0x1u;
+const uint BVHD_RAY_FLAGS_NO_OPAQUE = 0x2u;
+const uint BVHD_RAY_FLAGS_TERMINATE_ON_FIRST_HIT = 0x4u;
+const uint BVHD_RAY_FLAGS_CULL_BACK_FACING = 0x10u;
+const uint BVHD_RAY_FLAGS_CULL_FRONT_FACING = 0x20u;
+const uint BVHD_RAY_FLAGS_CULL_OPAQUE = 0x40u;
+const uint BVHD_RAY_FLAGS_CULL_NO_OPAQUE = 0x80u;
+const uint BVHD_RAY_FLAGS_SKIP_TRIANGLES = 0x100u;
+const uint BVHD_RAY_FLAGS_SKIP_AABBS = 0x200u;
+
+const uint BVHD_CANDIDATE_TRIANGLE = 0u;
+const uint BVHD_CANDIDATE_AABB = 1u;
+const uint BVHD_COMMITTED_NONE = 0u;
+const uint BVHD_COMMITTED_TRIANGLE = 1u;
+const uint BVHD_COMMITTED_GENERATED = 2u;
+
+const uint BVHD_NO_INSTANCE = 0xffffffffu; // without a top level
+
+// VkGeometryInstanceFlagsKHR.
+const uint BVHD_INSTANCE_CULL_DISABLE = 0x1u;
+const uint BVHD_INSTANCE_FLIP_FACING = 0x2u;
+const uint BVHD_INSTANCE_FORCE_OPAQUE = 0x4u;
+const uint BVHD_INSTANCE_FORCE_NO_OPAQUE = 0x8u;
+
+// One group a level of nodes at most, 32 levels in each structure, and what waits of a top level's leaf.
+const int BVHD_STACK_SIZE = 66;
+uvec2 bvhdStack[BVHD_QUERIES * BVHD_STACK_SIZE];
+
+// Something that was hit, or may be.
+struct BvhdIntersection {
+    vec2 t; // a pair; t.x is the distance
+    vec2 barycentrics;
+    uint record; // in its bottom level
+    uint instance; // record in the top level, BVHD_NO_INSTANCE without one
+    uint type; // BVHD_COMMITTED_
+    bool isFront;
+};
+
+struct BvhdRayQuery {
+    vec3 origin, direction;
+    float tmin;
+    uint flags, cullMask;
+    uvec2 root;
+    BvhdIntersection committed, candidate;
+
+    // Where it is: a structure, the ray in its space, what waits there.
+    BvhdBody body;
+    BvhdBoxRay boxRay;
+    BvhdTriangleRay triangleRay;
+    uint instance; // record in the top level; BVHD_NO_INSTANCE: in the root
+    uint instanceFlags;
+    uvec2 nodes; // first child; hits in bits 31 .. 24, inner mask in bits 7 .. 0
+    uvec2 records; // first record; hits
+    int bottom, top, levelBottom; // of the stack
+    bool isDone;
+};
+
+/* ---- Inside ---- */
+
+void bvhdPush(inout BvhdRayQuery query, uvec2 group)
+{
+    bvhdStack[query.top++] = group;
+}
+
+uvec2 bvhdPop(inout BvhdRayQuery query)
+{
+    return bvhdStack[--query.top];
+}
+
+// Goes to a structure's root node; query.triangleRay is in its space. False when nothing is hit there.
+bool bvhdEnter(inout BvhdRayQuery query, uvec2 location)
+{
+    BvhdExtent extent;
+    query.body = bvhdBodyOpen(location, extent);
+    BvhdTriangleRay ray = query.triangleRay;
+    bool canHit = bvhdBoxRayInit(ray.origin, ray.originLow, ray.direction, query.tmin, extent, query.boxRay);
+    query.levelBottom = query.top;
+    query.nodes = uvec2(0u, canHit ? 0x01000001u : 0u);
+    query.records = uvec2(0u);
+    return canHit;
+}
+
+void bvhdEnterRoot(inout BvhdRayQuery query)
+{
+    query.triangleRay.origin = query.origin;
+    query.triangleRay.direction = query.direction;
+    query.triangleRay.originLow = query.triangleRay.directionLow = vec3(0.0);
+    query.instance = BVHD_NO_INSTANCE;
+    query.instanceFlags = 0u;
+    bvhdEnter(query, query.root);
+}
+
+// sum - (row . x), as a pair, where x is one of floats.
+float bvhdResidual(vec2 sum, vec3 row, vec3 x)
+{
+    sum = bvhdAdd(sum, -bvhdProduct(row.x, x.x));
+    sum = bvhdAdd(sum, -bvhdProduct(row.y, x.y));
+    return bvhdAdd(sum, -bvhdProduct(row.z, x.z)).x;
+}
+
+/*
+ * The ray in an instance's object space, as pairs. The stored inverse, rounded to float, is not enough for rays to meet at shared edges what the exact
+ * ray meets: its answer is corrected by what the instance's own matrix makes of it.
+ */
+void bvhdToObject(inout BvhdTriangleRay ray, BvhdBody top, uint record)
+{
+    vec4 m0, m1, m2, i0, i1, i2;
+    bvhdMatrix(top, record, 0u, m0, m1, m2);
+    bvhdMatrix(top, record, 3u, i0, i1, i2);
+    mat3 inverse = mat3(i0.xyz, i1.xyz, i2.xyz); // its columns are the rows
+    vec2 x = bvhdSum(ray.origin.x, -m0.w), y = bvhdSum(ray.origin.y, -m1.w), z = bvhdSum(ray.origin.z, -m2.w);
+    vec3 guess = vec3(x.x, y.x, z.x) * inverse;
+    vec3 rest = vec3(bvhdResidual(x, m0.xyz, guess), bvhdResidual(y, m1.xyz, guess), bvhdResidual(z, m2.xyz, guess)) * inverse;
+    vec3 towards = ray.direction * inverse;
+    vec3 restTowards = vec3(bvhdResidual(vec2(ray.direction.x, 0.0), m0.xyz, towards), bvhdResidual(vec2(ray.direction.y, 0.0), m1.xyz, towards),
+                            bvhdResidual(vec2(ray.direction.z, 0.0), m2.xyz, towards)) *
+                       inverse;
+    vec2 sums[6] = vec2[](bvhdSum(guess.x, rest.x), bvhdSum(guess.y, rest.y), bvhdSum(guess.z, rest.z), bvhdSum(towards.x, restTowards.x),
+                          bvhdSum(towards.y, restTowards.y), bvhdSum(towards.z, restTowards.z));
+    ray.origin = vec3(sums[0].x, sums[1].x, sums[2].x);
+    ray.originLow = vec3(sums[0].y, sums[1].y, sums[2].y);
+    ray.direction = vec3(sums[3].x, sums[4].x, sums[5].x);
+    ray.directionLow = vec3(sums[3].y, sums[4].y, sums[5].y);
+}
+
+// Back in the top level, with what waits there.
+void bvhdLeaveInstance(inout BvhdRayQuery query)
+{
+    query.top = query.levelBottom;
+    uvec2 records = bvhdPop(query), nodes = bvhdPop(query);
+    int top = query.top;
+    query.top = query.bottom;
+    bvhdEnterRoot(query);
+    query.top = top;
+    query.nodes = nodes;
+    query.records = records;
+}
+
+void bvhdVisitInstance(inout BvhdRayQuery query, uint record)
+{
+    BvhdInstance instance = bvhdInstance(query.body, record);
+    if ((instance.mask & query.cullMask) == 0u || instance.bottom == BVHD_NO_LOCATION)
+        return;
+    bvhdPush(query, query.nodes);
+    bvhdPush(query, query.records);
+    bvhdToObject(query.triangleRay, query.body, record);
+    query.instance = record;
+    query.instanceFlags = instance.flags;
+    bool canHit = bvhdEnter(query, instance.bottom);
+    uint content = query.body.content;
+    uint skipped = content == BVHD_CONTENT_AABBS ? BVHD_RAY_FLAGS_SKIP_AABBS : BVHD_RAY_FLAGS_SKIP_TRIANGLES;
+    if (!canHit || (query.flags & skipped) != 0u || content == BVHD_CONTENT_INSTANCES)
+        bvhdLeaveInstance(query);
+}
+
+// Opacity: the ray's flags come before the instance's, those before the geometry's.
+bool bvhdIsOpaque(BvhdRayQuery query, uint id)
+{
+    if ((query.flags & (BVHD_RAY_FLAGS_OPAQUE | BVHD_RAY_FLAGS_NO_OPAQUE)) != 0u)
+        return (query.flags & BVHD_RAY_FLAGS_OPAQUE) != 0u;
+    if ((query.instanceFlags & (BVHD_INSTANCE_FORCE_OPAQUE | BVHD_INSTANCE_FORCE_NO_OPAQUE)) != 0u)
+        return (query.instanceFlags & BVHD_INSTANCE_FORCE_OPAQUE) != 0u;
+    return (id & BVHD_ID_OPAQUE) != 0u;
+}
+
+bool bvhdIsFacingCulled(BvhdRayQuery query, bool isFront)
+{
+    bool isFlipped = (query.instanceFlags & BVHD_INSTANCE_FLIP_FACING) != 0u;
+    uint culls = isFront != isFlipped ? BVHD_RAY_FLAGS_CULL_FRONT_FACING : BVHD_RAY_FLAGS_CULL_BACK_FACING;
+    return (query.instanceFlags & BVHD_INSTANCE_CULL_DISABLE) == 0u && (query.flags & culls) != 0u;
+}
+
+bool bvhdIsBelow(vec2 a, vec2 b)
+{
+    return a.x < b.x || a.x == b.x && a.y < b.y;
+}
+
+// (instance, flat primitive index) of an intersection: the order of equal t.
+uvec2 bvhdRank(BvhdRayQuery query, BvhdIntersection intersection)
+{
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return uvec2(0u, bvhdId(query.body, intersection.record) & BVHD_ID_MASK);
+    BvhdExtent unused;
+    BvhdBody top = bvhdBodyOpen(query.root, unused);
+    BvhdInstance instance = bvhdInstance(top, intersection.instance);
+    return uvec2(instance.index, bvhdId(bvhdBodyOpen(instance.bottom, unused), intersection.record) & BVHD_ID_MASK);
+}
+
+// Whether the candidate could become the answer: triangles within the open interval, AABBs within the closed one, then the closest.
+bool bvhdIsBetter(BvhdRayQuery query)
+{
+    bool isTriangle = query.candidate.type == BVHD_COMMITTED_TRIANGLE;
+    vec2 t = query.candidate.t, end = query.committed.t;
+    if (isTriangle ? !bvhdIsBelow(vec2(query.tmin, 0.0), t) : !(t.x >= query.tmin))
+        return false;
+    if (t != end)
+        return bvhdIsBelow(t, end);
+    if (query.committed.type == BVHD_COMMITTED_NONE)
+        return !isTriangle;
+    uvec2 rank = bvhdRank(query, query.candidate), other = bvhdRank(query, query.committed);
+    return rank.x < other.x || rank.x == other.x && rank.y < other.y;
+}
+
+void bvhdCommit(inout BvhdRayQuery query)
+{
+    query.committed = query.candidate;
+    query.isDone = query.isDone || (query.flags & BVHD_RAY_FLAGS_TERMINATE_ON_FIRST_HIT) != 0u;
+}
+
+// True: the candidate is for the caller to decide.
+bool bvhdConsider(inout BvhdRayQuery query, uint id)
+{
+    bool isOpaque = bvhdIsOpaque(query, id);
+    if (!bvhdIsBetter(query) || (query.flags & (isOpaque ? BVHD_RAY_FLAGS_CULL_OPAQUE : BVHD_RAY_FLAGS_CULL_NO_OPAQUE)) != 0u)
+        return false;
+    if (!isOpaque || query.candidate.type == BVHD_COMMITTED_GENERATED)
+        return true;
+    bvhdCommit(query);
+    return false;
+}
+
+bool bvhdVisitTriangle(inout BvhdRayQuery query, uint record)
+{
+    vec3 v0, v1, v2;
+    uint id = bvhdCorners(query.body, record, v0, v1, v2);
+    BvhdTriangleHit hit;
+    if (!bvhdTriangleMayHit(query.triangleRay, query.tmin, query.committed.t.x, v0, v1, v2) ||
+        !bvhdTriangleHit(query.triangleRay, v0, v1, v2, hit) || bvhdIsFacingCulled(query, hit.isFront))
+        return false;
+    bool isFlipped = (query.instanceFlags & BVHD_INSTANCE_FLIP_FACING) != 0u;
+    query.candidate = BvhdIntersection(hit.t, hit.barycentrics, record, query.instance, BVHD_COMMITTED_TRIANGLE, hit.isFront != isFlipped);
+    return bvhdConsider(query, id);
+}
+
+bool bvhdVisitAabb(inout BvhdRayQuery query, uint record)
+{
+    vec3 lowest, highest;
+    float entry;
+    uint id = bvhdAabb(query.body, record, lowest, highest);
+    if (!bvhdBoxMet(query.boxRay, lowest, highest, query.committed.t.x, entry))
+        return false;
+    query.candidate = BvhdIntersection(vec2(entry, 0.0), vec2(0.0), record, query.instance, BVHD_COMMITTED_GENERATED, false);
+    return bvhdConsider(query, id);
+}
+
+// True: there is a candidate for the caller.
+bool bvhdVisitRecord(inout BvhdRayQuery query)
+{
+    uint record = query.records.x + uint(findLSB(query.records.y));
+    query.records.y &= query.records.y - 1u;
+    if (query.body.content == BVHD_CONTENT_AABBS)
+        return bvhdVisitAabb(query, record);
+    if (query.body.content != BVHD_CONTENT_INSTANCES)
+        return bvhdVisitTriangle(query, record);
+    bvhdVisitInstance(query, record);
+    return false;
+}
+
+// Goes to the next child of the group, which has one.
+void bvhdVisitNode(inout BvhdRayQuery query)
+{
+    uint slot = bvhdFirstSlot(query.nodes.y, query.boxRay.order);
+    query.nodes.y &= ~(0x01000000u << slot);
+    uint child = query.nodes.x + uint(bitCount(query.nodes.y & ((1u << slot) - 1u)));
+    if (query.nodes.y >= 0x01000000u)
+        bvhdPush(query, query.nodes);
+
+    uint row = query.body.nodes + 5u * child;
+    uvec4 head = bvhdRow(query.body.base, row), meta = bvhdRow(query.body.base, row + 1u);
+    uint hits = bvhdNodeHits(query.boxRay, query.committed.t.x, head, meta, bvhdRow(query.body.base, row + 2u),
+                             bvhdRow(query.body.base, row + 3u), bvhdRow(query.body.base, row + 4u));
+    query.nodes = uvec2(meta.x, hits & 0xff000000u | head.w >> 24);
+    query.records = uvec2(meta.y, hits & 0x00ffffffu);
+}
+
+/* ---- The life of a query ---- */
+
+void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, uint flags, uint cullMask, vec3 origin, float tmin,
+                              vec3 direction, float tmax)
+{
+    query.origin = origin;
+    query.direction = direction;
+    query.tmin = tmin;
+    query.flags = flags;
+    query.cullMask = cullMask;
+    query.root = root;
+    query.committed = BvhdIntersection(vec2(tmax, 0.0), vec2(0.0), 0u, BVHD_NO_INSTANCE, BVHD_COMMITTED_NONE, false);
+    query.candidate = query.committed;
+    query.bottom = query.top = number * BVHD_STACK_SIZE;
+    bvhdEnterRoot(query);
+    uint content = query.body.content;
+    bool isSkipped = content == BVHD_CONTENT_AABBS     ? (flags & BVHD_RAY_FLAGS_SKIP_AABBS) != 0u :
+                     content != BVHD_CONTENT_INSTANCES ? (flags & BVHD_RAY_FLAGS_SKIP_TRIANGLES) != 0u :
+                                                         false;
+    query.isDone = !(tmin <= tmax) || isSkipped;
+}
+
+void bvhdRayQueryInitialize(out BvhdRayQuery query, uvec2 root, uint flags, uint cullMask, vec3 origin, float tmin, vec3 direction,
+                            float tmax)
+{
+    bvhdRayQueryInitializeAt(query, 0, root, flags, cullMask, origin, tmin, direction, tmax);
+}
+
+// Goes on to the next candidate; false when there is none left and the committed intersection is the answer.
+bool bvhdRayQueryProceed(inout BvhdRayQuery query)
+{
+    while (!query.isDone) {
+        if (query.records.y != 0u) {
+            if (bvhdVisitRecord(query))
+                return true;
+        } else if (query.nodes.y >= 0x01000000u) {
+            bvhdVisitNode(query);
+        } else if (query.top != query.levelBottom) {
+            query.nodes = bvhdPop(query);
+        } else if (query.instance != BVHD_NO_INSTANCE) {
+            bvhdLeaveInstance(query);
+        } else {
+            query.isDone = true;
+        }
+    }
+    return false;
+}
+
+// Takes a triangle candidate for the answer, unless a closer one comes.
+void bvhdRayQueryConfirmIntersection(inout BvhdRayQuery query)
+{
+    bvhdCommit(query);
+}
+
+// Takes an AABB candidate, hit at t. Outside of tmin and the closest answer so far it has no effect.
+void bvhdRayQueryGenerateIntersection(inout BvhdRayQuery query, float t)
+{
+    query.candidate.t = vec2(t, 0.0);
+    if (bvhdIsBetter(query))
+        bvhdCommit(query);
+}
+
+void bvhdRayQueryTerminate(inout BvhdRayQuery query)
+{
+    query.isDone = true;
+}
+
+/*
+ * ---- What was met: `committed` false asks for the candidate, between Proceed and the next one. As rayQueryGet...EXT. ----
+ */
+
+BvhdIntersection bvhdIntersection(BvhdRayQuery query, bool committed)
+{
+    if (committed)
+        return query.committed;
+    return query.candidate;
+}
+
+BvhdBody bvhdTopOf(BvhdRayQuery query)
+{
+    BvhdExtent unused;
+    return bvhdBodyOpen(query.root, unused);
+}
+
+// The instance that an intersection is in. Not without a top level.
+BvhdInstance bvhdInstanceOf(BvhdRayQuery query, BvhdIntersection intersection)
+{
+    return bvhdInstance(bvhdTopOf(query), intersection.instance);
+}
+
+BvhdBody bvhdBodyOf(BvhdRayQuery query, BvhdIntersection intersection)
+{
+    BvhdExtent unused;
+    uvec2 location = query.root;
+    if (intersection.instance != BVHD_NO_INSTANCE)
+        location = bvhdInstanceOf(query, intersection).bottom;
+    return bvhdBodyOpen(location, unused);
+}
+
+// (geometry, primitive)
+uvec2 bvhdPrimitiveOf(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    BvhdBody body = bvhdBodyOf(query, intersection);
+    return bvhdGeometryOf(body, bvhdId(body, intersection.record) & BVHD_ID_MASK);
+}
+
+// BVHD_CANDIDATE_ or BVHD_COMMITTED_.
+uint bvhdRayQueryGetIntersectionType(BvhdRayQuery query, bool committed)
+{
+    if (committed)
+        return query.committed.type;
+    return query.candidate.type == BVHD_COMMITTED_TRIANGLE ? BVHD_CANDIDATE_TRIANGLE : BVHD_CANDIDATE_AABB;
+}
+
+// Without a committed intersection, the end of the interval. Of an AABB candidate: where the ray enters it, within the interval.
+float bvhdRayQueryGetIntersectionT(BvhdRayQuery query, bool committed)
+{
+    return bvhdIntersection(query, committed).t.x;
+}
+
+// position = (1 - x - y) v0 + x v1 + y v2
+vec2 bvhdRayQueryGetIntersectionBarycentrics(BvhdRayQuery query, bool committed)
+{
+    return bvhdIntersection(query, committed).barycentrics;
+}
+
+bool bvhdRayQueryGetIntersectionFrontFace(BvhdRayQuery query, bool committed)
+{
+    return bvhdIntersection(query, committed).isFront;
+}
+
+uint bvhdRayQueryGetIntersectionGeometryIndex(BvhdRayQuery query, bool committed)
+{
+    return bvhdPrimitiveOf(query, committed).x;
+}
+
+uint bvhdRayQueryGetIntersectionPrimitiveIndex(BvhdRayQuery query, bool committed)
+{
+    return bvhdPrimitiveOf(query, committed).y;
+}
+
+// The exact corners, in object space. Of triangles.
+void bvhdRayQueryGetIntersectionTriangleVertexPositions(BvhdRayQuery query, bool committed, out vec3 positions[3])
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    bvhdCorners(bvhdBodyOf(query, intersection), intersection.record, positions[0], positions[1], positions[2]);
+}
+
+// Whether an AABB candidate counts as opaque.
+bool bvhdRayQueryGetIntersectionCandidateAABBOpaque(BvhdRayQuery query)
+{
+    return bvhdIsOpaque(query, bvhdId(query.body, query.candidate.record));
+}
+
+// Position of the instance in the request; BVHD_NO_INSTANCE without a top level.
+uint bvhdRayQueryGetIntersectionInstanceId(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return BVHD_NO_INSTANCE;
+    return bvhdInstanceOf(query, intersection).index;
+}
+
+// 0 without a top level, and so are the next ones.
+uint bvhdRayQueryGetIntersectionInstanceCustomIndex(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return 0u;
+    return bvhdInstanceOf(query, intersection).customIndex;
+}
+
+uint bvhdRayQueryGetIntersectionInstanceShaderBindingTableRecordOffset(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return 0u;
+    return bvhdInstanceOf(query, intersection).sbtOffset;
+}
+
+// Four columns, as in GLSL's own queries; the identity without a top level.
+mat4x3 bvhdMatrixOf(BvhdRayQuery query, bool committed, uint first)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return mat4x3(1.0);
+    vec4 x, y, z;
+    bvhdMatrix(bvhdTopOf(query), intersection.instance, first, x, y, z);
+    return transpose(mat3x4(x, y, z));
+}
+
+mat4x3 bvhdRayQueryGetIntersectionObjectToWorld(BvhdRayQuery query, bool committed)
+{
+    return bvhdMatrixOf(query, committed, 0u);
+}
+
+mat4x3 bvhdRayQueryGetIntersectionWorldToObject(BvhdRayQuery query, bool committed)
+{
+    return bvhdMatrixOf(query, committed, 3u);
+}
+
+BvhdTriangleRay bvhdObjectRayOf(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    BvhdTriangleRay ray = BvhdTriangleRay(query.origin, query.direction, vec3(0.0), vec3(0.0));
+    if (intersection.instance != BVHD_NO_INSTANCE)
+        bvhdToObject(ray, bvhdTopOf(query), intersection.instance);
+    return ray;
+}
+
+vec3 bvhdRayQueryGetIntersectionObjectRayOrigin(BvhdRayQuery query, bool committed)
+{
+    return bvhdObjectRayOf(query, committed).origin;
+}
+
+vec3 bvhdRayQueryGetIntersectionObjectRayDirection(BvhdRayQuery query, bool committed)
+{
+    return bvhdObjectRayOf(query, committed).direction;
+}
+
+float bvhdRayQueryGetRayTMin(BvhdRayQuery query)
+{
+    return query.tmin;
+}
+
+uint bvhdRayQueryGetRayFlags(BvhdRayQuery query)
+{
+    return query.flags;
+}
+
+vec3 bvhdRayQueryGetWorldRayOrigin(BvhdRayQuery query)
+{
+    return query.origin;
+}
+
+vec3 bvhdRayQueryGetWorldRayDirection(BvhdRayQuery query)
+{
+    return query.direction;
+}
+
+#endif

@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: Apache-2.0
+/*
+ * bvhd_structure.glsl - portable structures in a shader: where their sections lie, and what their rows say. FORMATS.md, chapter 2, has the bytes.
+ *
+ * The including shader says where structures are, before it includes this:
+ *
+ *   BVHD_BUFFER_ADDRESS    defined: they are found by device addresses. Needs the extensions GL_EXT_buffer_reference and
+ *                          GL_EXT_buffer_reference_uvec2, and bufferDeviceAddress enabled.
+ *   otherwise              the whole scene is one storage buffer, bound once and declared twice at the same set and binding:
+ *     BVHD_STORAGE_ROWS    a readonly array of uvec4 over it
+ *     BVHD_STORAGE_WORDS   a readonly array of uint over it
+ *
+ *     layout(set = 0, binding = 0, std430) readonly buffer SceneRows { uvec4 scene_rows[]; };
+ *     layout(set = 0, binding = 0, std430) readonly buffer SceneWords { uint scene_words[]; };
+ *     #define BVHD_STORAGE_ROWS scene_rows
+ *     #define BVHD_STORAGE_WORDS scene_words
+ *
+ * A location is 64 bits in a uvec2, low half first: the device address of a structure's body, or the byte offset of the body in the buffer.
+ * Of an instance's bottom level it stands in the instance's record, where the loader has put it; all ones are none.
+ */
+#ifndef BVHD_STRUCTURE_GLSL
+#define BVHD_STRUCTURE_GLSL
+
+const uint BVHD_CONTENT_INDEXED_TRIANGLES = 0u;
+const uint BVHD_CONTENT_TRIANGLES = 1u;
+const uint BVHD_CONTENT_AABBS = 2u;
+const uint BVHD_CONTENT_INSTANCES = 3u;
+
+const uvec2 BVHD_NO_LOCATION = uvec2(0xffffffffu);
+
+const uint BVHD_ID_MASK = 0x1fffffffu; // of a record's id: the flat primitive index
+const uint BVHD_ID_OPAQUE = 0x80000000u;
+
+// Rows are 16 bytes. Sections are counted in rows from `base` (addresses) or from the buffer's start.
+#ifdef BVHD_BUFFER_ADDRESS
+#define BvhdBase uvec2
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer BvhdRows {
+    uvec4 row[];
+};
+layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer BvhdWords {
+    uint word[];
+};
+#else
+#define BvhdBase uint
+#endif
+
+uvec4 bvhdRow(BvhdBase base, uint row)
+{
+#ifdef BVHD_BUFFER_ADDRESS
+    return BvhdRows(base).row[row];
+#else
+    return BVHD_STORAGE_ROWS[row];
+#endif
+}
+
+uint bvhdWord(BvhdBase base, uint word)
+{
+#ifdef BVHD_BUFFER_ADDRESS
+    return BvhdWords(base).word[word];
+#else
+    return BVHD_STORAGE_WORDS[word];
+#endif
+}
+
+uint bvhdRowOfOffset(uvec2 offset)
+{
+    return offset.x >> 4 | offset.y << 28;
+}
+
+// What traversal needs of a structure.
+struct BvhdBody {
+    BvhdBase base;
+    uint content;
+    uint nodes; // rows
+    uint records; // rows
+    uint vertices; // words
+};
+
+// Bounds and emptiness, needed once.
+struct BvhdExtent {
+    vec3 lowest, highest;
+    bool isEmpty;
+};
+
+#ifdef BVHD_BUFFER_ADDRESS
+BvhdBase bvhdBase(uvec2 location)
+{
+    return location;
+}
+uint bvhdFirstRow(BvhdBase base)
+{
+    return 0u;
+}
+#else
+BvhdBase bvhdBase(uvec2 location)
+{
+    return bvhdRowOfOffset(location);
+}
+uint bvhdFirstRow(BvhdBase base)
+{
+    return base;
+}
+#endif
+
+BvhdBody bvhdBodyOpen(uvec2 location, out BvhdExtent extent)
+{
+    BvhdBody body;
+    body.base = bvhdBase(location);
+    uint first = bvhdFirstRow(body.base);
+    uvec4 bounds = bvhdRow(body.base, first + 1u), counts = bvhdRow(body.base, first + 2u);
+    uvec4 sections = bvhdRow(body.base, first + 4u);
+    body.content = bvhdRow(body.base, first).z;
+    body.nodes = first + bvhdRowOfOffset(sections.xy);
+    body.records = first + bvhdRowOfOffset(sections.zw);
+    body.vertices = (first + bvhdRowOfOffset(bvhdRow(body.base, first + 5u).xy)) << 2;
+    extent.lowest = uintBitsToFloat(bounds.xyz);
+    extent.highest = uintBitsToFloat(uvec3(bounds.w, counts.xy));
+    extent.isEmpty = counts.w == 0u;
+    return body;
+}
+
+vec3 bvhdVertex(BvhdBody body, uint vertex)
+{
+    uint word = body.vertices + 3u * vertex;
+    return uintBitsToFloat(uvec3(bvhdWord(body.base, word), bvhdWord(body.base, word + 1u), bvhdWord(body.base, word + 2u)));
+}
+
+// The exact corners of a triangle record. Returns its id.
+uint bvhdCorners(BvhdBody body, uint record, out vec3 v0, out vec3 v1, out vec3 v2)
+{
+    if (body.content == BVHD_CONTENT_INDEXED_TRIANGLES) {
+        uvec4 row = bvhdRow(body.base, body.records + record);
+        v0 = bvhdVertex(body, row.x);
+        v1 = bvhdVertex(body, row.y);
+        v2 = bvhdVertex(body, row.z);
+        return row.w;
+    }
+    uint row = body.records + 3u * record;
+    uvec4 first = bvhdRow(body.base, row);
+    v0 = uintBitsToFloat(first.xyz);
+    v1 = uintBitsToFloat(bvhdRow(body.base, row + 1u).xyz);
+    v2 = uintBitsToFloat(bvhdRow(body.base, row + 2u).xyz);
+    return first.w;
+}
+
+// The box of an AABB record. Returns its id.
+uint bvhdAabb(BvhdBody body, uint record, out vec3 lowest, out vec3 highest)
+{
+    uint row = body.records + 2u * record;
+    uvec4 first = bvhdRow(body.base, row);
+    lowest = uintBitsToFloat(first.xyz);
+    highest = uintBitsToFloat(bvhdRow(body.base, row + 1u).xyz);
+    return first.w;
+}
+
+// The id of a triangle or AABB record.
+uint bvhdId(BvhdBody body, uint record)
+{
+    uint rows = body.content == BVHD_CONTENT_AABBS ? 2u : body.content == BVHD_CONTENT_TRIANGLES ? 3u : 1u;
+    return bvhdRow(body.base, body.records + rows * record).w;
+}
+
+struct BvhdInstance {
+    uint customIndex, mask, sbtOffset, flags; // flags: VkGeometryInstanceFlagsKHR
+    uint index; // position in the request
+    uvec2 bottom; // location
+};
+
+BvhdInstance bvhdInstance(BvhdBody top, uint record)
+{
+    uint row = top.records + 8u * record;
+    uvec4 words = bvhdRow(top.base, row + 6u);
+    BvhdInstance instance;
+    instance.customIndex = words.x & 0xffffffu;
+    instance.mask = words.x >> 24;
+    instance.sbtOffset = words.y & 0xffffffu;
+    instance.flags = words.y >> 24;
+    instance.index = words.z;
+    instance.bottom = bvhdRow(top.base, row + 7u).xy;
+    return instance;
+}
+
+// Row-major 3x4 as three rows: object to world (first 0), or world to object (first 3).
+void bvhdMatrix(BvhdBody top, uint record, uint first, out vec4 x, out vec4 y, out vec4 z)
+{
+    uint row = top.records + 8u * record + first;
+    x = uintBitsToFloat(bvhdRow(top.base, row));
+    y = uintBitsToFloat(bvhdRow(top.base, row + 1u));
+    z = uintBitsToFloat(bvhdRow(top.base, row + 2u));
+}
+
+// The geometry of a flat primitive index, and the primitive's index in it: the last row whose first primitive is not above it.
+uvec2 bvhdGeometryOf(BvhdBody body, uint flatIndex)
+{
+    uint header = bvhdFirstRow(body.base);
+    uint geometries = header + bvhdRowOfOffset(bvhdRow(body.base, header + 5u).zw), low = 0u, high = bvhdRow(body.base, header + 3u).z;
+    while (high - low > 1u) {
+        uint middle = (low + high) >> 1;
+        if (bvhdRow(body.base, geometries + middle).y <= flatIndex)
+            low = middle;
+        else
+            high = middle;
+    }
+    return uvec2(low, flatIndex - bvhdRow(body.base, geometries + low).y);
+}
+
+#endif
