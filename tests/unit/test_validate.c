@@ -3,6 +3,7 @@
 #include "unit.h"
 
 #include "inputs.h"
+#include "lavapipe.h"
 #include "validate.h"
 
 typedef void (*change)(struct test_input *test);
@@ -45,6 +46,12 @@ static void refuse(const struct wrong *wrong, const struct limits *limits)
 #define TRIANGLES(index) test->geometries[index].triangles
 #define RANGE(index) test->geometries[index].range
 
+static void make_native(struct test_input *test, uint32_t variant)
+{
+    test->input.options.target = TARGET_LAVAPIPE;
+    test->input.options.device.variant = variant;
+}
+
 CHANGE(generic, test->input.type = STRUCTURE_GENERIC)
 CHANGE(unknown_type, test->input.type = 3)
 CHANGE(micromap_type, test->input.type = 1000623000)
@@ -60,6 +67,14 @@ CHANGE(update, test->input.mode = MODE_UPDATE; test->input.source = 5)
 CHANGE(unknown_quality, test->input.options.quality = (enum build_quality)5)
 CHANGE(unknown_target, test->input.options.target = (enum target)77)
 CHANGE(unknown_layout_flag, test->input.options.layout_flags = 2)
+CHANGE(foreign_layout_flag, make_native(test, 1); test->input.options.layout_flags = PORTABLE_FAST_TRIANGLES)
+CHANGE(portable_driver, test->input.options.device.driver_uuid[15] = 1)
+CHANGE(portable_compatibility, test->input.options.device.compatibility_uuid[0] = 1)
+CHANGE(portable_variant, test->input.options.device.variant = 1)
+CHANGE(native_without_device, make_native(test, 0))
+CHANGE(native_without_variant, make_native(test, 0); test->input.options.device.driver_uuid[0] = 1)
+CHANGE(unknown_variant, make_native(test, LAVAPIPE_VARIANTS + 1))
+CHANGE(far_variant, make_native(test, UINT32_MAX))
 CHANGE(two_in_top, test->input.geometry_count = 2)
 CHANGE(none_in_top, test->input.geometry_count = 0)
 CHANGE(no_geometries, test->input.geometries = NULL)
@@ -142,6 +157,14 @@ static const struct wrong entries[] = {
     WRONG(triangles, unknown_quality, "", "infos[3].options.quality"),
     FOREIGN(triangles, unknown_target, "infos[3].options.target"),
     WRONG(triangles, unknown_layout_flag, "", "infos[3].options.layoutFlags"),
+    WRONG(triangles, foreign_layout_flag, "", "infos[3].options.layoutFlags"),
+    WRONG(aabbs, portable_driver, "", "infos[3].options.device"),
+    WRONG(triangles, portable_compatibility, "", "infos[3].options.device"),
+    WRONG(instances, portable_variant, "", "infos[3].options.device"),
+    WRONG(triangles, native_without_device, "", "infos[3].options.device"),
+    WRONG(triangles, native_without_variant, "", "infos[3].options.device"),
+    WRONG(aabbs, unknown_variant, "", "infos[3].options.device"),
+    WRONG(instances, far_variant, "", "infos[3].options.device"),
     WRONG(instances, two_in_top, BUILD "type-03790", "infos[3].geometryCount"),
     WRONG(instances, none_in_top, BUILD "type-03790", "infos[3].geometryCount"),
     WRONG(triangles, no_geometries, BUILD "pGeometries-parameter", "infos[3].pGeometries"),
@@ -281,13 +304,28 @@ static void edges_are_legal(void **state)
     accept(&test, "triangles");
 }
 
+/* UUIDs are whatever the device's driver has. */
+static void native_targets_are_legal(void **state)
+{
+    (void)state;
+    struct test_input test;
+    for (uint32_t variant = 1; variant <= LAVAPIPE_VARIANTS; variant++) {
+        inputs_triangles(&test);
+        make_native(&test, variant);
+        accept(&test, "without UUIDs");
+        memset(&test.input.options.device.driver_uuid, 0xff, 32);
+        accept(&test, "with UUIDs");
+        inputs_instances(&test);
+        make_native(&test, variant);
+        accept(&test, "instances");
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_rule_is_named),
-        cmocka_unit_test(limits_are_kept),
-        cmocka_unit_test(nothing_needs_no_memory),
-        cmocka_unit_test(edges_are_legal),
+        cmocka_unit_test(every_rule_is_named), cmocka_unit_test(limits_are_kept),          cmocka_unit_test(nothing_needs_no_memory),
+        cmocka_unit_test(edges_are_legal),     cmocka_unit_test(native_targets_are_legal),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
