@@ -2,41 +2,32 @@
 /* traverse_leaf.c - what a ray does at a leaf: intersections, opacity, facing, candidates, and which of two hits is the answer. */
 #include "traverse_state.h"
 
-static uint32_t flat_id(const struct traverse_found *found)
+void traverse_leaf_describe(const struct traverse_state *state, const struct traverse_found *found,
+                            const struct traverse_instance *instance, struct ray_hit *ret_hit)
 {
-    return found->id & PORTABLE_ID_MASK;
-}
-
-static uint32_t instance_of(const struct traverse_found *found)
-{
-    return found->instance ? found->instance->instance : RAY_NO_INSTANCE;
-}
-
-void traverse_leaf_describe(const struct traverse_found *found, struct ray_hit *ret_hit)
-{
-    const struct portable_instance *instance = found->instance;
-    uint32_t geometry = portable_geometry_of(found->view, flat_id(found));
+    uint32_t geometry, primitive;
+    state->identify(state, instance->bottom, found->id, &geometry, &primitive);
     *ret_hit = (struct ray_hit){
         .t = (float)found->t,
         .u = (float)found->u,
         .v = (float)found->v,
-        .instance = instance_of(found),
-        .custom_index = instance ? instance->custom_and_mask & 0xffffff : 0,
-        .sbt_offset = instance ? instance->sbt_and_flags & 0xffffff : 0,
+        .instance = instance->instance,
+        .custom_index = instance->custom_and_mask & 0xffffff,
+        .sbt_offset = instance->sbt_and_flags & 0xffffff,
         .geometry = geometry,
-        .primitive = flat_id(found) - found->view->geometries[geometry].first_primitive,
+        .primitive = primitive,
         .record = found->record,
-        .handle = instance ? instance->handle : 0,
+        .handle = instance->bottom,
         .front_face = found->front_face,
         .is_aabb = found->is_aabb,
     };
 }
 
-/* The order of equal t. Flat ids are in the order of (geometry, primitive). */
-static inline bool comes_first(const struct traverse_found *a, const struct traverse_found *b)
+/* The order of equal t: whether it comes before the best so far. */
+static inline bool comes_first(const struct traverse_state *state, const struct traverse_found *found)
 {
-    uint32_t instance_a = instance_of(a), instance_b = instance_of(b);
-    return instance_a != instance_b ? instance_a < instance_b : flat_id(a) < flat_id(b);
+    uint32_t instance = state->instance.instance, best = state->best_instance.instance;
+    return instance != best ? instance < best : found->id < state->best.id;
 }
 
 /* Whether `found` could become the answer: triangles within the open interval, AABBs within the closed one, then the closest. */
@@ -45,7 +36,7 @@ static inline bool is_better(const struct traverse_state *state, const struct tr
     if (found->is_aabb ? !(found->t >= state->ray->tmin) : !(found->t > state->ray->tmin))
         return false;
     if (found->t == state->tmax)
-        return state->is_hit ? comes_first(found, &state->best) : found->is_aabb;
+        return state->is_hit ? comes_first(state, found) : found->is_aabb;
     return found->t < state->tmax;
 }
 
@@ -63,22 +54,23 @@ static inline void accept(struct traverse_state *state, struct traverse_found fo
 {
     float nearest = (float)found.t;
     state->best = found;
+    state->best_instance = state->instance;
     state->tmax = found.t;
     state->tmax_above = nearest < found.t ? next_up(nearest) : nearest;
     state->is_hit = true;
     state->is_done = state->is_done || (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT);
 }
 
-static bool is_opaque(const struct traverse_state *state, uint32_t id)
+static bool is_opaque(const struct traverse_state *state, const struct traverse_found *found)
 {
-    return state->opacity == OPACITY_AS_BUILT ? (id & PORTABLE_ID_OPAQUE) != 0 : state->opacity == OPACITY_OPAQUE;
+    return state->opacity == OPACITY_AS_BUILT ? found->is_opaque : state->opacity == OPACITY_OPAQUE;
 }
 
 /* Asks the caller about a candidate. */
 static void offer(struct traverse_state *state, struct traverse_found found)
 {
     struct ray_hit hit;
-    traverse_leaf_describe(&found, &hit);
+    traverse_leaf_describe(state, &found, &state->instance, &hit);
     enum candidate_verdict verdict = state->options->candidate(state->options->context, state->ray, &hit);
     if (verdict == CANDIDATE_IGNORE)
         return;
@@ -93,7 +85,7 @@ static void offer(struct traverse_state *state, struct traverse_found found)
 /* Values go by value here: kept in registers, they are stored once. */
 static inline void consider(struct traverse_state *state, struct traverse_found found)
 {
-    bool opaque = is_opaque(state, found.id);
+    bool opaque = is_opaque(state, &found);
     if (!is_better(state, &found) || state->ray->flags & (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE))
         return;
     if (state->options->candidate && (found.is_aabb || !opaque))
@@ -102,52 +94,29 @@ static inline void consider(struct traverse_state *state, struct traverse_found 
         accept(state, found);
 }
 
-void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint32_t id, const float *const corners[3])
+void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float *const corners[3])
 {
     struct triangle_hit hit;
     if (!triangle_intersect(&state->triangle_ray, corners[0], corners[1], corners[2], &hit))
         return;
     if (hit.front ? state->cull_front : state->cull_back)
         return;
-    bool is_flipped = state->instance && (state->instance->sbt_and_flags >> 24 & INSTANCE_FLIP_FACING);
     struct traverse_found found = {
         .t = hit.t,
         .u = hit.u,
         .v = hit.v,
-        .view = state->view,
-        .instance = state->instance,
         .id = id,
         .record = record,
-        .front_face = hit.front != is_flipped,
+        .is_opaque = is_opaque,
+        .front_face = hit.front != state->is_flipped,
     };
     consider(state, found);
 }
 
-void traverse_leaf_triangles(struct traverse_state *state, uint32_t first, uint32_t count)
+void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
+                        const float max[3])
 {
-    for (uint32_t i = 0; i < count && !state->is_done; i++) {
-        uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
-        const float *corners[3];
-        uint32_t id = traverse_corners(state->view, record, corners);
-        state->counters.triangles++;
-        traverse_leaf_triangle(state, record, id, corners);
-    }
-}
-
-void traverse_leaf_aabbs(struct traverse_state *state, uint32_t first, uint32_t count)
-{
-    for (uint32_t i = 0; i < count && !state->is_done; i++) {
-        uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
-        const struct portable_aabb *aabb = (const struct portable_aabb *)state->view->records + record;
-        struct traverse_found found = {
-            .view = state->view,
-            .instance = state->instance,
-            .id = aabb->id,
-            .record = record,
-            .is_aabb = true,
-        };
-        if (!boxtest_aabb(state->origin, state->direction, aabb->min, aabb->max, state->ray->tmin, state->tmax, &found.t))
-            continue;
+    struct traverse_found found = {.id = id, .record = record, .is_opaque = is_opaque, .is_aabb = true};
+    if (boxtest_aabb(state->origin, state->direction, min, max, state->ray->tmin, state->tmax, &found.t))
         consider(state, found);
-    }
 }

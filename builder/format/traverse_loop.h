@@ -14,11 +14,12 @@
  * Children are visited nearest first (with flip_order: farthest first); those that wait on the stack are dropped when they come up and a
  * closer hit has been found meanwhile. A stack entry is a node, or a leaf: its records' number in the two highest bits, the first one below.
  */
-LOOP_TARGET void LOOP_NAME(struct traverse_state *state, const LOOP_RAY *ray, traverse_leaf leaf)
+LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, traverse_leaf leaf)
 {
     LOOP_REAL distances[STACK_SIZE]; /* the stack, in two arrays: */
     uint32_t children[STACK_SIZE]; /* what is stored in one piece can be loaded at once */
-    const struct portable_node *nodes = state->view->nodes;
+    struct traverse_state *state = &walk->state;
+    const struct portable_node *nodes = walk->view->nodes;
     const bool flip = state->options->flip_order;
     unsigned top = 0;
     uint32_t child = 0;
@@ -27,7 +28,7 @@ LOOP_TARGET void LOOP_NAME(struct traverse_state *state, const LOOP_RAY *ray, tr
 
     for (;;) {
         if (child >> CHILD_COUNT_SHIFT) {
-            LOOP_LEAF(state, child & CHILD_INDEX_MASK, child >> CHILD_COUNT_SHIFT);
+            LOOP_LEAF(walk, child & CHILD_INDEX_MASK, child >> CHILD_COUNT_SHIFT);
             if (state->is_done)
                 break;
         } else {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* traverse_loops.c - the loops over nodes: with float boxes in plain C and eight wide, and with boxes in double. */
 #include "boxtest_kernels.h"
-#include "traverse_state.h"
+#include "traverse_walk.h"
 #include "triangle_wide.h"
 
 /* Each level leaves at most 7 siblings waiting; the last one may add all 8. */
@@ -40,17 +40,18 @@ BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned
 
 #ifdef BOXTEST_WIDE
 
-BOXTEST_WIDE static inline __attribute__((always_inline)) void triangles_wide(struct traverse_state *state, uint32_t first,
+BOXTEST_WIDE static inline __attribute__((always_inline)) void triangles_wide(struct traverse_walk *walk, uint32_t first,
                                                                               uint32_t count)
 {
+    struct traverse_state *state = &walk->state;
     const bool flip = state->options->flip_order;
     state->counters.triangles += count;
     for (uint32_t i = 0; i < count && !state->is_done; i++) {
         uint32_t record = first + (flip ? count - 1 - i : i);
         const float *corners[3];
-        uint32_t id = traverse_corners(state->view, record, corners);
+        uint32_t id = traverse_corners(walk->view, record, corners);
         if (triangle_wide_may_hit(&state->triangle_ray, corners[0], corners[1], corners[2]))
-            traverse_leaf_triangle(state, record, id, corners);
+            traverse_leaf_triangle(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, corners);
     }
 }
 
@@ -74,14 +75,14 @@ BOXTEST_WIDE static inline __attribute__((always_inline)) void triangles_wide(st
 
 #else
 
-void traverse_loop_wide(struct traverse_state *state, const struct boxtest_ray *ray, traverse_leaf leaf)
+void traverse_loop_wide(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf)
 {
-    traverse_loop_float(state, ray, leaf);
+    traverse_loop_float(walk, ray, leaf);
 }
 
-void traverse_loop_wide_triangles(struct traverse_state *state, const struct boxtest_ray *ray, traverse_leaf leaf)
+void traverse_loop_wide_triangles(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf)
 {
-    traverse_loop_float(state, ray, leaf);
+    traverse_loop_float(walk, ray, leaf);
 }
 
 #endif

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * traverse_state.h - one ray on its way: what traverse.c, traverse_leaf.c and the loops of traverse_loops.c share. Internal.
+ * traverse_state.h - one ray on its way, whatever the layout: the semantics of traverse.h, which exist once. Internal.
  *
- * Levels nest by calls: the loop over a top level calls, for each instance that it meets, the loop over that bottom level. Each level has a
- * stack of its own in its frame, of a size that portable_open's limit on depth makes enough.
+ * A layout's traversal brings what walks its nodes and reads its leaves. For each bottom level that the ray comes to, it says so (traverse_state_enter,
+ * before that traverse_state_to_object for that of an instance), and hands over what lies at the leaves that the ray may meet (traverse_leaf_...), as long as
+ * is_done is not set and up to the distance tmax.
  */
 #ifndef BVHD_TRAVERSE_STATE_H
 #define BVHD_TRAVERSE_STATE_H
@@ -12,13 +13,19 @@
 #include "traverse.h"
 #include "triangle.h"
 
+/* Through which instance a bottom level is seen. */
+struct traverse_instance {
+    uint32_t custom_and_mask, sbt_and_flags; /* as in Vulkan's record */
+    uint32_t instance; /* position in the request; RAY_NO_INSTANCE without a top level */
+    uint32_t bottom; /* row of the scene's bottoms */
+};
+
 /* Something that was hit, or may be. */
 struct traverse_found {
     double t, u, v;
-    const struct portable_view *view; /* the bottom level that it lies in */
-    const struct portable_instance *instance; /* NULL without a top level */
-    uint32_t id; /* of its record */
+    uint64_t id; /* of the primitive in its bottom level, in the layout's terms: in the order of (geometry, primitive) */
     uint32_t record;
+    bool is_opaque; /* its geometry is */
     bool front_face, is_aabb;
 };
 
@@ -26,63 +33,53 @@ struct traverse_found {
 enum traverse_opacity { OPACITY_AS_BUILT, OPACITY_OPAQUE, OPACITY_NO_OPAQUE };
 
 struct traverse_state {
-    const struct scene *scene;
     const struct ray *ray;
     const struct traverse_options *options; /* never NULL */
     struct traverse_counters counters;
-    bool wide; /* this machine can, and the caller does not forbid it */
+
+    /* The layout's: which primitive an id is. */
+    void (*identify)(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry, uint32_t *ret_primitive);
 
     /* What is of interest ends here: the closest hit so far, else the ray's tmax. */
     double tmax;
     float tmax_above; /* rounded up */
     bool is_hit, is_done;
     struct traverse_found best;
+    struct traverse_instance best_instance;
 
     /* The bottom level that is being traversed, and the ray in its space. */
-    const struct portable_view *view;
-    const struct portable_instance *instance;
-    bool cull_front, cull_back;
+    struct traverse_instance instance;
+    bool cull_front, cull_back, is_flipped;
     enum traverse_opacity opacity;
     double origin[3], direction[3];
     struct triangle_ray triangle_ray;
 };
 
-/* What to do with the records of a leaf that the ray reached. */
-typedef void (*traverse_leaf)(struct traverse_state *state, uint32_t first, uint32_t count);
+/* Begins in world space. False: the ray's interval is empty, and nothing is hit. */
+bool traverse_state_start(struct traverse_state *state, const struct ray *ray, const struct traverse_options *options);
 
-/* traverse.c: goes through state->view with the ray in state->origin, state->direction. */
-void traverse_level(struct traverse_state *state, traverse_leaf leaf);
+/* Puts the ray into the space of an instance. */
+void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12]);
 
-/* traverse_leaf.c: leaves by content. */
-void traverse_leaf_triangles(struct traverse_state *state, uint32_t first, uint32_t count);
-void traverse_leaf_aabbs(struct traverse_state *state, uint32_t first, uint32_t count);
+/*
+ * Makes the state ready for the primitives of a bottom level; the ray is in its space already. `instance` NULL: there is no top level. False: the ray's flags
+ * skip all of them.
+ */
+bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs);
 
-/* traverse_leaf.c: one triangle, in double: the end of what traverse_leaf_triangles does. */
-void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint32_t id, const float *const corners[3]);
+/* Whether the ray, in the space that it is in, can hit anything. */
+bool traverse_state_is_usable(const struct traverse_state *state);
+
+/* The answer. */
+bool traverse_state_finish(const struct traverse_state *state, struct ray_hit *ret_hit, struct traverse_counters *counters);
+
+/* traverse_leaf.c: one primitive at a leaf. `record` is its row in the layout's terms. */
+void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float *const corners[3]);
+void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
+                        const float max[3]);
 
 /* traverse_leaf.c: the answer in the caller's terms. */
-void traverse_leaf_describe(const struct traverse_found *found, struct ray_hit *ret_hit);
-
-/* traverse_loops.c: the loops over nodes, by kind of box test. loop_wide_triangles brings its own leaves. */
-void traverse_loop_float(struct traverse_state *state, const struct boxtest_ray *ray, traverse_leaf leaf);
-void traverse_loop_wide(struct traverse_state *state, const struct boxtest_ray *ray, traverse_leaf leaf);
-void traverse_loop_wide_triangles(struct traverse_state *state, const struct boxtest_ray *ray, traverse_leaf leaf);
-void traverse_loop_double(struct traverse_state *state, const struct boxtest_exact *ray, traverse_leaf leaf);
-
-/* The corners of a triangle record, and its id. */
-static inline uint32_t traverse_corners(const struct portable_view *view, uint32_t record, const float *ret_corners[3])
-{
-    if (view->header->content == PORTABLE_TRIANGLES) {
-        const struct portable_triangle *triangle = (const struct portable_triangle *)view->records + record;
-        ret_corners[0] = triangle->v0;
-        ret_corners[1] = triangle->v1;
-        ret_corners[2] = triangle->v2;
-        return triangle->id;
-    }
-    const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)view->records + record;
-    for (int k = 0; k < 3; k++)
-        ret_corners[k] = view->vertices + (uint64_t)3 * triangle->vertices[k];
-    return triangle->id;
-}
+void traverse_leaf_describe(const struct traverse_state *state, const struct traverse_found *found,
+                            const struct traverse_instance *instance, struct ray_hit *ret_hit);
 
 #endif

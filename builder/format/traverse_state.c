@@ -1,0 +1,107 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* traverse_state.c - where a ray begins, how it comes into a bottom level, and what is said in the end. */
+#include "traverse_state.h"
+
+#include <math.h>
+
+/* Field by field: clearing all of it costs more than a short traversal. */
+bool traverse_state_start(struct traverse_state *state, const struct ray *ray, const struct traverse_options *options)
+{
+    static const struct traverse_options defaults = {0};
+    state->ray = ray;
+    state->options = options ? options : &defaults;
+    state->counters = (struct traverse_counters){0, 0, 0};
+    state->tmax = ray->tmax;
+    state->tmax_above = ray->tmax;
+    state->is_hit = state->is_done = false;
+    for (int axis = 0; axis < 3; axis++) {
+        state->origin[axis] = ray->origin[axis];
+        state->direction[axis] = ray->direction[axis];
+    }
+    return ray->tmin <= ray->tmax;
+}
+
+static void cross(const double a[3], const double b[3], double ret_product[3])
+{
+    ret_product[0] = a[1] * b[2] - a[2] * b[1];
+    ret_product[1] = a[2] * b[0] - a[0] * b[2];
+    ret_product[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/*
+ * The matrix is inverted in double (Cramer's rule), once for the visit. The inverses that layouts store are rounded to float, which is not enough for rays
+ * to meet at shared edges what the exact ray meets.
+ */
+void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12])
+{
+    const struct ray *ray = state->ray;
+    double columns[3][3], offset[3], direction[3], rows[3][3];
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            columns[j][i] = object_to_world[4 * i + j];
+        offset[i] = (double)ray->origin[i] - object_to_world[4 * i + 3];
+        direction[i] = ray->direction[i];
+    }
+    cross(columns[1], columns[2], rows[0]);
+    cross(columns[2], columns[0], rows[1]);
+    cross(columns[0], columns[1], rows[2]);
+    double scale = 1 / dot(columns[0], rows[0]);
+    for (int i = 0; i < 3; i++) {
+        state->origin[i] = dot(rows[i], offset) * scale;
+        state->direction[i] = dot(rows[i], direction) * scale;
+    }
+}
+
+/* Opacity: the ray's flags come before the instance's, those before the geometry's. */
+static enum traverse_opacity resolve_opacity(uint32_t ray_flags, uint32_t instance_flags)
+{
+    if (ray_flags & (RAY_OPAQUE | RAY_NO_OPAQUE))
+        return ray_flags & RAY_OPAQUE ? OPACITY_OPAQUE : OPACITY_NO_OPAQUE;
+    if (instance_flags & (INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE))
+        return instance_flags & INSTANCE_FORCE_OPAQUE ? OPACITY_OPAQUE : OPACITY_NO_OPAQUE;
+    return OPACITY_AS_BUILT;
+}
+
+bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs)
+{
+    static const struct traverse_instance no_instance = {.instance = RAY_NO_INSTANCE};
+    uint32_t ray_flags = state->ray->flags, instance_flags = instance ? instance->sbt_and_flags >> 24 : 0;
+    if (ray_flags & (is_aabbs ? RAY_SKIP_AABBS : RAY_SKIP_TRIANGLES))
+        return false;
+    state->instance = instance ? *instance : no_instance;
+    state->opacity = resolve_opacity(ray_flags, instance_flags);
+    bool is_flipped = instance_flags & INSTANCE_FLIP_FACING, is_culled = !(instance_flags & INSTANCE_CULL_DISABLE);
+    state->is_flipped = is_flipped;
+    state->cull_front = is_culled && (ray_flags & (is_flipped ? RAY_CULL_BACK_FACING : RAY_CULL_FRONT_FACING));
+    state->cull_back = is_culled && (ray_flags & (is_flipped ? RAY_CULL_FRONT_FACING : RAY_CULL_BACK_FACING));
+    if (!is_aabbs)
+        triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
+    return true;
+}
+
+bool traverse_state_is_usable(const struct traverse_state *state)
+{
+    const double *direction = state->direction;
+    bool is_zero = direction[0] == 0 && direction[1] == 0 && direction[2] == 0;
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(state->origin[axis]) || !isfinite(direction[axis]))
+            return false;
+    return !is_zero;
+}
+
+bool traverse_state_finish(const struct traverse_state *state, struct ray_hit *ret_hit, struct traverse_counters *counters)
+{
+    if (counters) {
+        counters->nodes += state->counters.nodes;
+        counters->triangles += state->counters.triangles;
+        counters->instances += state->counters.instances;
+    }
+    if (state->is_hit)
+        traverse_leaf_describe(state, &state->best, &state->best_instance, ret_hit);
+    return state->is_hit;
+}

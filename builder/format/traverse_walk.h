@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * traverse_walk.h - a ray on its way through portable structures: what traverse.c and the loops of traverse_loops.c share. Internal.
+ *
+ * Levels nest by calls: the loop over a top level calls, for each instance that it meets, the loop over that bottom level. Each level has a
+ * stack of its own in its frame, of a size that portable_open's limit on depth makes enough.
+ */
+#ifndef BVHD_TRAVERSE_WALK_H
+#define BVHD_TRAVERSE_WALK_H
+
+#include "traverse_state.h"
+
+struct traverse_walk {
+    struct traverse_state state; /* first: its identify() gets back to the walk */
+    const struct scene *scene;
+    const struct portable_view *view; /* of the level that is being traversed */
+    bool wide; /* this machine can, and the caller does not forbid it */
+};
+
+/* What to do with the records of a leaf that the ray reached. */
+typedef void (*traverse_leaf)(struct traverse_walk *walk, uint32_t first, uint32_t count);
+
+/* traverse_loops.c: the loops over nodes, by kind of box test. loop_wide_triangles brings its own leaves. */
+void traverse_loop_float(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
+void traverse_loop_wide(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
+void traverse_loop_wide_triangles(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
+void traverse_loop_double(struct traverse_walk *walk, const struct boxtest_exact *ray, traverse_leaf leaf);
+
+/* The corners of a triangle record, and its id. */
+static inline uint32_t traverse_corners(const struct portable_view *view, uint32_t record, const float *ret_corners[3])
+{
+    if (view->header->content == PORTABLE_TRIANGLES) {
+        const struct portable_triangle *triangle = (const struct portable_triangle *)view->records + record;
+        ret_corners[0] = triangle->v0;
+        ret_corners[1] = triangle->v1;
+        ret_corners[2] = triangle->v2;
+        return triangle->id;
+    }
+    const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)view->records + record;
+    for (int k = 0; k < 3; k++)
+        ret_corners[k] = view->vertices + (uint64_t)3 * triangle->vertices[k];
+    return triangle->id;
+}
+
+#endif
