@@ -1,0 +1,213 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "lavapipe_topology.h"
+
+#include <inttypes.h>
+
+#include "lavapipe_write.h"
+#include "place.h"
+
+enum { KIND_MASK = 3, BOX = sizeof(struct lavapipe_box) };
+
+struct reading {
+    const struct lavapipe_view *view;
+    const struct canonical *canonical;
+    struct ir *ir;
+    uint32_t *places;
+    struct bvhd_error *error;
+};
+
+static enum bvhd_status differs(const struct reading *reading, const char *where, const char *text)
+{
+    return bvhd_error_set(reading->error, BVHD_UNSUPPORTED, where, "%s", text);
+}
+
+/* The driver's choice where both are equal: the second, which matters for the sign of zeros. */
+static struct box join(const struct box *first, const struct box *second)
+{
+    struct box box;
+    for (int axis = 0; axis < 3; axis++) {
+        box.min[axis] = first->min[axis] < second->min[axis] ? first->min[axis] : second->min[axis];
+        box.max[axis] = first->max[axis] > second->max[axis] ? first->max[axis] : second->max[axis];
+    }
+    return box;
+}
+
+static struct box triangle_box(const struct canonical_geometry *geometry, uint32_t index)
+{
+    float corners[3][3];
+    struct box boxes[3], pair;
+    canonical_triangle(geometry, index, corners);
+    for (int k = 0; k < 3; k++) {
+        memcpy(boxes[k].min, corners[k], sizeof corners[k]);
+        memcpy(boxes[k].max, corners[k], sizeof corners[k]);
+    }
+    pair = join(&boxes[0], &boxes[1]);
+    return join(&pair, &boxes[2]);
+}
+
+static struct box aabb_box(const struct canonical_geometry *geometry, uint32_t index)
+{
+    struct box box;
+    memcpy(box.min, geometry->boxes + (uint64_t)6 * index, sizeof box.min);
+    memcpy(box.max, geometry->boxes + (uint64_t)6 * index + 3, sizeof box.max);
+    return box;
+}
+
+/* An empty structure says that its bounds are zeros. */
+static struct box instance_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index)
+{
+    struct canonical_instance instance = canonical_instance(geometry, index);
+    struct box bounds = canonical->references[instance.reference - 1].bounds, box;
+    if (box_is_empty(&bounds))
+        bounds = (struct box){{0, 0, 0}, {0, 0, 0}};
+    for (int row = 0; row < 3; row++) {
+        const float *m = instance.transform + 4 * row;
+        box.min[row] = box.max[row] = m[3];
+        for (int axis = 0; axis < 3; axis++) {
+            float from = m[axis] * bounds.min[axis], to = m[axis] * bounds.max[axis];
+            box.min[row] += from < to ? from : to;
+            box.max[row] += from > to ? from : to;
+        }
+    }
+    return box;
+}
+
+static struct box leaf_box(const struct canonical *canonical, uint32_t id)
+{
+    const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
+    uint32_t index = id - geometry->first_primitive;
+    if (geometry->type == GEOMETRY_TRIANGLES)
+        return triangle_box(geometry, index);
+    return geometry->type == GEOMETRY_AABBS ? aabb_box(geometry, index) : instance_box(canonical, geometry, index);
+}
+
+/* Which primitive a leaf is: that of its place; instances say it, since null ones have no place. */
+static enum bvhd_status identify(const struct reading *reading, uint32_t reference, uint32_t *ret_id)
+{
+    const struct canonical *canonical = reading->canonical;
+    uint32_t leaf = lavapipe_leaf_index(reading->view, reference), id = leaf;
+    if (reading->view->kind == LAVAPIPE_INSTANCE)
+        id = lavapipe_instance_at(reading->view, leaf).instance;
+    if (id >= canonical->primitive_count)
+        return differs(reading, place("leaf[%" PRIu32 "]", leaf).text, "is not one of the request's primitives");
+    const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
+    static const uint8_t kinds[] = {
+        [GEOMETRY_TRIANGLES] = LAVAPIPE_TRIANGLE, [GEOMETRY_AABBS] = LAVAPIPE_AABB, [GEOMETRY_INSTANCES] = LAVAPIPE_INSTANCE};
+    bool null = geometry->type == GEOMETRY_INSTANCES && canonical_instance(geometry, id - geometry->first_primitive).reference == 0;
+    if (kinds[geometry->type] != reading->view->kind || null)
+        return differs(reading, place("leaf[%" PRIu32 "]", leaf).text, "is of another kind than the request's primitive");
+    *ret_id = id;
+    return BVHD_OK;
+}
+
+/* Makes ir node `node` of a reference: a leaf, or an inner node whose children are still to come. */
+static enum bvhd_status add_node(struct reading *reading, uint32_t node, uint32_t reference)
+{
+    struct ir *ir = reading->ir;
+    if ((reference & KIND_MASK) == LAVAPIPE_BOX) {
+        uint32_t box = ((reference & ~(uint32_t)KIND_MASK) - LAVAPIPE_HEADER) / BOX;
+        reading->places[node] = box;
+        ir->nodes[node] = (struct ir_node){0, 0};
+        return BVHD_OK;
+    }
+    uint32_t id;
+    enum bvhd_status status = identify(reading, reference, &id);
+    if (status != BVHD_OK)
+        return status;
+    ir->boxes[0][node] = leaf_box(reading->canonical, id);
+    ir->nodes[node] = (struct ir_node){.first = ir->ref_count, .count = 1};
+    ir->refs[ir->ref_count++] = id;
+    return BVHD_OK;
+}
+
+static enum bvhd_status add_children(struct reading *reading, uint32_t node)
+{
+    struct ir *ir = reading->ir;
+    struct lavapipe_box box = lavapipe_box_at(reading->view, LAVAPIPE_HEADER + reading->places[node] * BOX);
+    if (box.children[0] == LAVAPIPE_NONE || box.children[1] == LAVAPIPE_NONE)
+        return differs(reading, place("node[%" PRIu32 "]", reading->places[node]).text, "has fewer than two children");
+    ir->nodes[node].first = ir->node_count;
+    ir->node_count += 2;
+    enum bvhd_status status = add_node(reading, ir->node_count - 2, box.children[0]);
+    return status == BVHD_OK ? add_node(reading, ir->node_count - 1, box.children[1]) : status;
+}
+
+/* Nodes in the order of a walk that takes the oldest first: children follow their parents, siblings each other. */
+static enum bvhd_status add_tree(struct reading *reading)
+{
+    struct ir *ir = reading->ir;
+    struct lavapipe_box root = lavapipe_box_at(reading->view, LAVAPIPE_HEADER);
+    ir->node_count = 0;
+    if (root.children[0] == LAVAPIPE_NONE && root.children[1] == LAVAPIPE_NONE)
+        return BVHD_OK;
+    ir->node_count = 1;
+    if (root.children[1] == LAVAPIPE_NONE)
+        return add_node(reading, 0, root.children[0]);
+    enum bvhd_status status = add_node(reading, 0, LAVAPIPE_HEADER | LAVAPIPE_BOX);
+    for (uint32_t node = 0; status == BVHD_OK && node < ir->node_count; node++)
+        if (!ir_is_leaf(ir, node))
+            status = add_children(reading, node);
+    return status;
+}
+
+static void join_boxes(struct ir *ir)
+{
+    for (uint32_t node = ir->node_count; node-- > 0;)
+        if (!ir_is_leaf(ir, node)) {
+            const struct box *first = &ir->boxes[0][ir->nodes[node].first];
+            ir->boxes[0][node] = join(first, first + 1);
+        }
+}
+
+/* A writer keeps room for so many boxes; what lies beyond it would not be written where it was. */
+static enum bvhd_status check_places(const struct reading *reading)
+{
+    const struct ir *ir = reading->ir;
+    uint32_t room = lavapipe_box_room(reading->canonical->primitive_count), inner = ir->node_count / 2;
+    for (uint32_t node = 0; node < ir->node_count; node++)
+        if (!ir_is_leaf(ir, node) && reading->places[node] >= (room > inner ? room : inner))
+            return differs(reading, place("node[%" PRIu32 "]", reading->places[node]).text, "lies beyond the boxes of the request");
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_tree(struct reading *reading)
+{
+    enum bvhd_status status = add_tree(reading);
+    if (status != BVHD_OK)
+        return status;
+    join_boxes(reading->ir);
+    return check_places(reading);
+}
+
+enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const struct canonical *canonical, struct memory *memory,
+                                        struct lavapipe_topology *ret_topology, struct bvhd_error *error)
+{
+    /* Each box is met once, so there are at most twice as many children, and the root. */
+    uint32_t boxes = (view->leaf_offset - LAVAPIPE_HEADER) / BOX;
+    struct lavapipe_topology topology = {.memory = memory};
+    enum bvhd_status status = ir_init(&topology.ir, memory, 2 * boxes + 1, boxes + 1, error);
+    if (status != BVHD_OK)
+        return status;
+    topology.places = memory_array(memory, 2 * (uint64_t)boxes + 1, sizeof *topology.places);
+    struct reading reading = {.view = view, .canonical = canonical, .ir = &topology.ir, .places = topology.places, .error = error};
+    topology.ir.key_count = 1;
+    if (topology.places)
+        status = read_tree(&reading);
+    else
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, "nodes", "places of %" PRIu32, boxes);
+    if (status == BVHD_OK)
+        *ret_topology = topology;
+    else
+        lavapipe_topology_finish(&topology);
+    return status;
+}
+
+void lavapipe_topology_finish(struct lavapipe_topology *topology)
+{
+    if (!topology)
+        return;
+    ir_finish(&topology->ir);
+    if (topology->places)
+        memory_free(topology->memory, topology->places);
+    topology->places = NULL;
+}
