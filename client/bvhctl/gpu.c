@@ -172,6 +172,20 @@ static enum bvhd_status create_pool(struct gpu *gpu, struct bvhd_error *error)
     return gpu_result("vkCreateCommandPool", gpu->vk.CreateCommandPool(gpu->device, &info, NULL, &gpu->commands), error);
 }
 
+static enum bvhd_status open_library(struct gpu *gpu, struct bvhd_error *error)
+{
+    const struct bvhd_vulkan_device_options options = {
+        .struct_size = sizeof options,
+        .get_instance_proc_addr = gpu->get_instance_proc_addr,
+        .instance = gpu->instance,
+        .physical_device = gpu->physical,
+        .device = gpu->device,
+        .has_acceleration_structure = gpu->facts.has_acceleration_structure,
+        .has_buffer_device_address = gpu->facts.has_buffer_address,
+    };
+    return bvhd_vulkan_device_create(&options, &gpu->library, error);
+}
+
 static enum bvhd_status open_by_name(struct gpu *gpu, const char *name, struct bvhd_error *error)
 {
     struct gpu_candidate *list = NULL;
@@ -189,6 +203,8 @@ static enum bvhd_status open_by_name(struct gpu *gpu, const char *name, struct b
         status = open_device(gpu, chosen, error);
     if (!status)
         status = create_pool(gpu, error);
+    if (!status)
+        status = open_library(gpu, error);
     memory_free(gpu->memory, list);
     return status;
 }
@@ -217,6 +233,7 @@ void gpu_close(struct gpu *gpu)
     if (!gpu)
         return;
     struct memory *memory = gpu->memory;
+    bvhd_vulkan_device_destroy(gpu->library);
     if (gpu->commands)
         gpu->vk.DestroyCommandPool(gpu->device, gpu->commands, NULL);
     if (gpu->device)

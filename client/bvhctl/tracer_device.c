@@ -141,13 +141,10 @@ static void destroy(struct tracer *tracer)
 enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
                                     struct memory *memory, struct bvhd_error *error)
 {
-    static const uint32_t constants[] = {TRACER_GROUP};
-    struct gpu_kernel_options with_group = *options;
-    with_group.constants = constants;
-    with_group.constant_count = 1;
-    with_group.push_size = sizeof(struct tracer_push);
+    struct gpu_kernel_options with_push = *options;
+    with_push.push_size = sizeof(struct tracer_push);
     *self = (struct tracer_device){.gpu = gpu, .memory = memory};
-    enum bvhd_status status = gpu_kernel_create(gpu, &with_group, &self->kernel, error);
+    enum bvhd_status status = gpu_kernel_create(gpu, &with_push, &self->kernel, error);
     if (status)
         return status;
     status = gpu_timer_create(gpu, &self->timer, error);

@@ -36,8 +36,8 @@ struct tracer_device {
 };
 
 /*
- * Creates kernel and timer of a zeroed tracer_device from `memory`: then the caller sets push, buffers, structures and release, and hands out &self->tracer. Constant 0 is
- * TRACER_GROUP, whatever `options` says. On failure nothing is held.
+ * Fills *self with a kernel and a timer: then the caller sets push, buffers, structures and release, and hands out &self->tracer. Constant 0 of `options` is TRACER_GROUP; the size of push
+ * constants is not looked at. `self` comes from `memory`. On failure nothing is held, but `self` is the caller's to free.
  */
 enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
                                     struct memory *memory, struct bvhd_error *error);

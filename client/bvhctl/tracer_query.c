@@ -60,10 +60,14 @@ enum bvhd_status tracer_query_create(struct gpu *gpu, VkAccelerationStructureKHR
                                      struct bvhd_error *error)
 {
     static const float no_box[6];
-    static const uint32_t no_first;
+    static const uint32_t no_first, constants[] = {TRACER_GROUP};
     const struct tracer_boxes none = {.boxes = no_box, .box_count = 1, .instance_count = 1, .geometry_stride = 1, .first = &no_first};
-    const struct gpu_kernel_options kernel = {
-        .code = trace_query_code, .size = sizeof trace_query_code, .bindings = BINDINGS, .structures = 1};
+    const struct gpu_kernel_options kernel = {.code = trace_query_code,
+                                              .size = sizeof trace_query_code,
+                                              .bindings = BINDINGS,
+                                              .structures = 1,
+                                              .constants = constants,
+                                              .constant_count = 1};
     if (!gpu->facts.has_ray_query)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, gpu->facts.name, "has no ray queries (VK_KHR_ray_query)");
     struct tracer_query *self = memory_alloc(memory, sizeof *self);

@@ -1,0 +1,118 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdint.h>
+
+#include "status.h"
+#include "tracer_device.h"
+
+#include "trace_portable.h"
+#include "trace_portable_address.h"
+
+enum { BINDING_SCENE = 2 };
+
+struct tracer_portable {
+    struct tracer_device device; /* its first member */
+    struct bvhd_vulkan_scene *scene;
+    struct gpu_buffer storage; /* the scene's: not to be destroyed */
+};
+
+static void release(struct tracer_device *device)
+{
+    bvhd_vulkan_scene_destroy(((struct tracer_portable *)device)->scene);
+}
+
+/* What follows the workgroup's size in the kernel. */
+static void choose_constants(const struct gpu *gpu, uint32_t ret_constants[3])
+{
+    bool is_cpu = gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU;
+    ret_constants[0] = TRACER_GROUP;
+    ret_constants[1] = false; /* bytes widen through halves, as they do everywhere */
+    ret_constants[2] = !is_cpu; /* fma() rounds once: in hardware it does */
+}
+
+static enum bvhd_status create_kernel(struct tracer_portable *self, struct gpu *gpu, struct memory *memory, struct bvhd_error *error)
+{
+    uint32_t constants[3];
+    bool by_address = gpu->facts.has_buffer_address;
+    choose_constants(gpu, constants);
+    const struct gpu_kernel_options options = {
+        .code = by_address ? trace_portable_address_code : trace_portable_code,
+        .size = by_address ? sizeof trace_portable_address_code : sizeof trace_portable_code,
+        .bindings = by_address ? BINDING_SCENE : BINDING_SCENE + 1,
+        .constants = constants,
+        .constant_count = 3,
+    };
+    enum bvhd_status status = tracer_device_init(&self->device, gpu, &options, memory, error);
+    if (status)
+        return status;
+    self->device.release = release;
+    self->device.tracer.target = TARGET_PORTABLE;
+    self->device.buffers[0] = &self->storage;
+    return BVHD_OK;
+}
+
+static enum bvhd_status load(struct tracer_portable *self, const struct structures *structures, struct bvhd_error *error)
+{
+    struct memory *memory = self->device.memory;
+    struct gpu *gpu = self->device.gpu;
+    struct bvhd_vulkan_bytes *blobs = memory_array(memory, structures->file_count, sizeof *blobs);
+    if (!blobs)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, structures->name, "no memory for the list of structures");
+    for (uint32_t i = 0; i < structures->file_count; i++)
+        blobs[i] = (struct bvhd_vulkan_bytes){structures->blobs[i].data, structures->blobs[i].size};
+    const struct bvhd_vulkan_scene_options options = {
+        .struct_size = sizeof options,
+        .blobs = blobs,
+        .blob_count = structures->file_count,
+        .flags = gpu->facts.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0,
+    };
+    enum bvhd_status status = bvhd_vulkan_scene_create(gpu->library, &gpu->queue, &options, &self->scene, error);
+    memory_free(memory, blobs);
+    return status;
+}
+
+/* Where the kernel starts, and, without addresses, the buffer that it looks into. */
+static enum bvhd_status find_root(struct tracer_portable *self, const struct structures *structures, struct bvhd_error *error)
+{
+    const struct gpu *gpu = self->device.gpu;
+    uint32_t root = structures->has_top ? structures->file_count - 1 : 0;
+    struct bvhd_vulkan_span span;
+    VkDeviceSize size;
+    enum bvhd_status status = bvhd_vulkan_scene_storage(self->scene, root, &span, &size);
+    if (status)
+        return bvhd_error_set(error, status, structures->name, "nothing to trace was loaded");
+    if (!gpu->facts.has_buffer_address && size > gpu->facts.max_storage_range)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, structures->name,
+                              "more bytes than this device binds (%llu), and it has no buffer addresses",
+                              (unsigned long long)gpu->facts.max_storage_range);
+    uint64_t location = bvhd_vulkan_scene_location(self->scene, root);
+    self->storage = (struct gpu_buffer){.buffer = span.buffer, .size = size};
+    self->device.push.has_top = structures->has_top;
+    self->device.push.extra[0] = (uint32_t)location;
+    self->device.push.extra[1] = (uint32_t)(location >> 32);
+    return BVHD_OK;
+}
+
+enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures *structures, struct memory *memory,
+                                        struct tracer **ret_tracer, struct bvhd_error *error)
+{
+    if (structures->target != TARGET_PORTABLE)
+        return bvhd_error_set(error, BVHD_INCOMPATIBLE, structures->name, "%s structures; a compute shader traces portable ones",
+                              bvhd_target_name((enum bvhd_target)structures->target));
+    struct tracer_portable *self = memory_alloc(memory, sizeof *self);
+    if (!self)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, structures->name, "no memory for the tracer");
+    *self = (struct tracer_portable){.scene = NULL};
+    enum bvhd_status status = create_kernel(self, gpu, memory, error);
+    if (status) {
+        memory_free(memory, self);
+        return status;
+    }
+    status = load(self, structures, error);
+    if (!status)
+        status = find_root(self, structures, error);
+    if (status)
+        tracer_device_destroy(&self->device);
+    else
+        *ret_tracer = &self->device.tracer;
+    return status;
+}
