@@ -10,6 +10,7 @@
 #include "depfile.h"
 #include "files.h"
 #include "manifest.h"
+#include "probe_source.h"
 
 struct failure {
     char *what;
@@ -18,7 +19,9 @@ struct failure {
 
 /* One call of `bvhctl build`. */
 struct run {
-    const struct options *options;
+    const struct options *options; /* `complete` */
+    struct options complete; /* what was asked, and the format that it means */
+    struct bvhd_format format;
     const atomic_bool *cancel;
     struct memory memory; /* the budget: of scenes, and of what is built here */
     struct memory notes; /* for what is said and listed: outside the budget, so that its end can be reported */
@@ -272,6 +275,8 @@ static void begin_output(struct run *run)
 {
     char *target = files_join(&run->notes, run->options->output, MANIFEST_NAME);
     depfile_init(&run->depfile, &run->notes, target ? target : "");
+    if (run->options->probe)
+        depfile_add(&run->depfile, run->options->probe);
     run->depfile.failed |= !target;
     memory_free(&run->notes, target);
     json_init(&run->report, &run->notes, false);
@@ -357,6 +362,21 @@ static void release(struct run *run)
     backend_service_close(&run->service);
 }
 
+/* What is built for: portable structures are for any device. */
+static enum bvhd_status find_format(struct run *run, struct bvhd_error *error)
+{
+    struct options *options = &run->complete;
+    if (options->build.target == TARGET_PORTABLE)
+        return BVHD_OK;
+    struct probe_source source = {options->probe, options->build.target};
+    enum bvhd_status status = probe_source_read(&source, &run->notes, &run->format, error);
+    if (!status) {
+        options->build.target = (enum target)run->format.target;
+        options->format = &run->format;
+    }
+    return status;
+}
+
 static enum bvhd_status open_backend(struct run *run, struct bvhd_error *error)
 {
     const struct options *options = run->options;
@@ -379,14 +399,15 @@ static enum exit_code build_scenes(struct run *run)
 enum exit_code command_build(const struct options *options, const atomic_bool *cancel)
 {
     struct bvhd_error error;
-    struct run run = {.options = options, .cancel = cancel, .start = clock_ms()};
+    struct run run = {.complete = *options, .cancel = cancel, .start = clock_ms()};
+    run.options = &run.complete;
     memory_init(&run.memory, options->memory);
     memory_init(&run.notes, UINT64_MAX);
     enum exit_code code;
     if (check_names(options, &run.notes, &error)) {
         report_failure(options->json, "build", &error);
         code = error.status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED;
-    } else if (open_backend(&run, &error) || files_make_directory(options->output, &error)) {
+    } else if (find_format(&run, &error) || open_backend(&run, &error) || files_make_directory(options->output, &error)) {
         code = report_failure(options->json, "build", &error);
     } else {
         code = build_scenes(&run);
