@@ -1,0 +1,157 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# bvhctl_targets.sh MAKE_SCENE MAKE_PROBE BVHCTL BVHD - native targets on the command line, for devices that this machine need not have: probes from files, keys and
+# bytes in process and through a daemon, manifests, errors. Prints each expectation that does not hold; status 1 when one does not.
+set -u
+make_scene=$(realpath "$1")
+make_probe=$(realpath "$2")
+bvhctl=$(realpath "$3")
+bvhd=$(realpath "$4")
+scratch=$(mktemp -d)
+daemon=
+cleanup()
+{
+    [ -z "$daemon" ] || kill -9 "$daemon" 2>/dev/null
+    rm -rf "$scratch"
+}
+trap cleanup EXIT
+trap 'exit 1' HUP INT TERM
+cd "$scratch" || exit 1
+unset BVHD_SOCKET NOTIFY_SOCKET
+failures=0
+checks=0
+
+# expect WHAT COMMAND... - the command succeeds.
+expect()
+{
+    what=$1
+    shift
+    checks=$((checks + 1))
+    "$@" && return
+    echo "does not hold: $what"
+    failures=$((failures + 1))
+}
+
+# run CODE ARGUMENT... - bvhctl ends with that code; its output is in `out` and `err`.
+run()
+{
+    code=$1
+    shift
+    "$bvhctl" "$@" >out 2>err
+    got=$?
+    expect "status $code of: bvhctl $* (got $got: $(head -c 300 err))" [ $got -eq "$code" ]
+}
+
+one_error_line()
+{
+    expect "one line on stderr: $(cat err)" [ "$(wc -l <err)" -eq 1 ]
+    expect "it reads bvhctl: WHAT: WHERE: ...: $(cat err)" grep -Eq '^bvhctl: [^:]+: .+: .+' err
+}
+
+says()
+{
+    expect "it says '$1': $(cat err)" grep -Fq -- "$1" err
+}
+
+sums()
+{
+    (cd "$1" && sha256sum -- * | sort -k 2)
+}
+
+same_sums()
+{
+    [ "$(sums "$1")" = "$(sums "$2")" ]
+}
+
+keys()
+{
+    sed -n 's/^ *"key": "\([0-9a-f]*\)".*/\1/p' "$1/manifest.json"
+}
+
+"$make_scene" sphere --size 2000 -o ball.ply >/dev/null
+"$make_scene" nan --size 500 -o nan.ply >/dev/null
+"$make_scene" park --size 1000 -o park.gltf >/dev/null
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
+"$make_probe" 1 10 'plain 10'
+"$make_probe" 2 10 'compacted 10'
+"$make_probe" 1 11 'plain 11'
+expect 'probes were made' [ -s 'plain 11' ]
+s=$scratch/s.sock
+"$bvhd" --socket "$s" >daemon.log 2>&1 &
+daemon=$!
+run 0 --socket "$s" --connect-timeout 30 ping
+
+# The same bytes in process and through a daemon, for each kind of device, by name or as the probe has it; asked again, what is there is found.
+for scene in ball.ply nan.ply one.obj park.gltf; do
+    name=${scene%.*}
+    for probe in 'plain 10' 'compacted 10' 'plain 11'; do
+        run 0 --local build $scene -o "local/$name $probe" --probe "$probe" --depfile d
+        expect "the probe is an input: $(cat d)" grep -Fq "$(echo "$probe" | sed 's/ /\\ /')" d
+        run 0 --socket "$s" build $scene -o "remote/$name $probe" --probe "$probe" --target lavapipe
+        expect "the same files: $scene, $probe" same_sums "local/$name $probe" "remote/$name $probe"
+        run 0 --socket "$s" build $scene -o "remote/$name $probe" --probe "$probe" --target lavapipe --json
+        expect 'found again' sh -c '! grep -q "\"cached\":false" out'
+        expect 'the report has the target' grep -q '"target":"lavapipe"' out
+        keys "local/$name $probe" >>all-keys
+    done
+    run 0 --local build $scene -o "local/$name" --target portable
+    run 0 --socket "$s" build $scene -o "remote/$name"
+    expect "the same files: $scene, portable" same_sums "local/$name" "remote/$name"
+    expect 'portable in the manifest' grep -q '"target": "portable"' "local/$name/manifest.json"
+    expect 'and nothing else' sh -c "! grep -q lavapipe 'local/$name/manifest.json'"
+    keys "local/$name" >>all-keys
+done
+expect "every device has keys of its own, and so has every target: $(sort all-keys | uniq -d)" [ -z "$(sort all-keys | uniq -d)" ]
+expect 'there are keys' [ "$(wc -l <all-keys)" -gt 30 ]
+
+# Structures begin with the device's own UUIDs, and differ by nothing else between devices of one variant.
+tail -c +33 'local/ball plain 10/ball.blas-0.as' >rest10
+tail -c +33 'local/ball plain 11/ball.blas-0.as' >rest11
+expect 'the rest is the same' cmp -s rest10 rest11
+expect 'the UUIDs are not' sh -c '! cmp -s "local/ball plain 10/ball.blas-0.as" "local/ball plain 11/ball.blas-0.as"'
+expect 'they are the probe'"'"'s' [ "$(head -c 16 'local/ball plain 11/ball.blas-0.as' | od -An -tu1 | tr -s ' ')" = \
+    " 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26" ]
+
+# A top level of this target has a handle for each instance: so has the manifest, in the same order.
+top='local/park plain 10/park.tlas.as'
+count=$(od -An -tu8 -j 48 -N 8 "$top" | tr -d ' ')
+expect "handles of a park: $count" [ "$count" -gt 10 ]
+od -An -v -w8 -tu8 -j 56 -N $((8 * count)) "$top" | tr -d ' ' >rows
+sed -n '/"handles"/,/]/{s/^ *"\(.*\.as\)",\{0,1\}$/\1/p}' 'local/park plain 10/manifest.json' >names
+sed -n '/"handles"/,/]/{s/^ *"\(.*\.as\)",\{0,1\}$/\1/p}' local/park/manifest.json >distinct
+expect "as many names as handles ($(wc -l <names))" [ "$(wc -l <names)" -eq "$count" ]
+while read -r row; do sed -n "${row}p" distinct; done <rows >wanted
+expect 'in the order of the handles' cmp -s names wanted
+expect 'more than one of them' [ "$(sort -u names | wc -l)" -gt 1 ]
+
+# Without a device, and with files that are no probes.
+export VK_DRIVER_FILES=/nonexistent VK_ICD_FILENAMES=/nonexistent
+run 1 --local build one.obj -o none --target lavapipe
+one_error_line
+says 'bvhctl: build: --target: no Vulkan device here loads lavapipe structures ('
+says '); use --probe FILE'
+run 1 --socket "$s" build one.obj -o none --target lavapipe --json
+expect 'the error as JSON' grep -q '^{"schema":1,"error":{"status":"UNSUPPORTED","vuid":"","where":"--target"' out
+run 0 --local build one.obj -o some --target lavapipe --probe 'plain 10'
+for file in missing one.obj /dev/null .; do
+    run 1 --local build one.obj -o none --probe "$file"
+    one_error_line
+    says "bvhctl: build: $file: "
+done
+head -c 500 'plain 10' >part
+run 1 --socket "$s" build one.obj -o none --probe part
+says 'bvhctl: build: part: '
+expect 'nothing was written' [ ! -e none ]
+for line in '--probe plain --target portable' '--probe= ' '--target radv' '--target lavapipe --layout fast-triangles' '--probe part --layout fast-triangles'; do
+    # shellcheck disable=SC2086 # a list of words
+    run 2 --local build one.obj -o none $line
+    one_error_line
+done
+
+kill "$daemon"
+wait "$daemon"
+got=$?
+daemon=
+expect "the daemon ends as it should ($got)" [ $got -eq 0 ]
+echo "$checks expectations, $failures of them do not hold"
+[ $failures -eq 0 ]
