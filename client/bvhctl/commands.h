@@ -16,5 +16,7 @@ enum exit_code command_trace(const struct options *options);
 enum exit_code command_get(const struct options *options);
 enum exit_code command_stats(const struct options *options);
 enum exit_code command_ping(const struct options *options);
+enum exit_code command_devices(const struct options *options);
+enum exit_code command_probe(const struct options *options);
 
 #endif

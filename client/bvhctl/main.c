@@ -52,6 +52,10 @@ static enum exit_code run(const struct options *options)
         return command_stats(options);
     case COMMAND_PING:
         return command_ping(options);
+    case COMMAND_DEVICES:
+        return command_devices(options);
+    case COMMAND_PROBE:
+        return command_probe(options);
     case COMMAND_VERSION:
         printf("bvhctl %s\n", BVHCTL_VERSION);
         return report_flush() ? EXIT_DONE : EXIT_FAILED;

@@ -11,12 +11,13 @@
 
 enum { ON_BUILD = 1 << COMMAND_BUILD, ON_CHECK = 1 << COMMAND_CHECK, ON_INSPECT = 1 << COMMAND_INSPECT, ON_TRACE = 1 << COMMAND_TRACE };
 enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
+enum { ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
 enum {
     ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
-    ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING,
+    ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING | ON_DEVICES | ON_PROBE,
     ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* what may ask a daemon */
-    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE, /* what never does */
-    ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET,
+    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* what never does */
+    ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
     ON_MAIN = 1 << COMMAND_COUNT,
 };
 
@@ -57,6 +58,7 @@ static const struct option_row option_rows[] = {
     {"output", 'o', "PATH", ON_BUILD, "the directory that gets manifest.json and one .as file a structure"},
     {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
     {"output", 'o', "FILE", ON_GET, "the file to write"},
+    {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
     {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD, "also write what the scenes were read from, as a make rule for manifest.json"},
     {"target", OPTION_TARGET, "NAME", ON_BUILD,
      "portable (default): for shaders, on any device; lavapipe: what that driver\nloads natively, in the version of this machine's "
@@ -74,6 +76,8 @@ static const struct option_row option_rows[] = {
     {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK, "visit children in the opposite order; the answers must be the same"},
     {"scene", OPTION_SCENE, "NAME", ON_CHECK | ON_TRACE, "which scene of the directory (default: that of the file; the first)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE, "cpu or auto: where the rays are traced"},
+    {"device", OPTION_DEVICE, "NAME", ON_PROBE,
+     "a part of its name as 'bvhctl devices' has it, or auto: the first one there (default)"},
     {"size", OPTION_SIZE, "WxH", ON_TRACE, "of the picture (default 1280x720)"},
     {"up", OPTION_UP, "AXIS", ON_TRACE, "x, y, z or auto (default): which axis points up"},
     {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE,
@@ -107,6 +111,8 @@ static const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure that the daemon knows by its key", 1, 1},
     [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},
     [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
+    [COMMAND_DEVICES] = {"devices", "", "list the Vulkan devices of this machine, and what they load", 0, 0},
+    [COMMAND_PROBE] = {"probe", "--device NAME -o FILE", "find out what a device loads, for builds on machines without it", 0, 0},
 };
 
 struct name_value {

@@ -132,6 +132,20 @@ static void test_service(void **state)
     assert_int_equal(parse_good("bvhctl build a -o b --connect-timeout 86400").connect_timeout_ms, 86400000);
 }
 
+static void test_devices(void **state)
+{
+    (void)state;
+    assert_int_equal(parse_good("bvhctl devices --json").command, COMMAND_DEVICES);
+    struct options options = parse_good("bvhctl probe --device llvm -o f");
+    assert_int_equal(options.command, COMMAND_PROBE);
+    assert_string_equal(options.device, "llvm");
+    assert_string_equal(options.output, "f");
+    assert_null(parse_good("bvhctl probe -o f").device);
+    expect_bad("bvhctl probe --device llvm", "probe");
+    expect_bad("bvhctl devices llvm", "llvm");
+    expect_bad("bvhctl devices --device llvm", "--device");
+}
+
 static void test_help(void **state)
 {
     (void)state;

@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdio.h>
+
+#include "commands.h"
+#include "gpu.h"
+
+/* A device, and what it loads natively as far as a probe tells. */
+struct found {
+    struct gpu_facts facts;
+    const char *native; /* a target's name; NULL: none */
+    struct bvhd_error why_not; /* when there is none */
+};
+
+struct list {
+    struct memory memory;
+    struct found *devices;
+    uint32_t count;
+    struct bvhd_error missing; /* why the list is empty */
+};
+
+static const char *kind_of(VkPhysicalDeviceType type)
+{
+    switch (type) {
+    case VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU:
+        return "discrete";
+    case VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU:
+        return "integrated";
+    case VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU:
+        return "virtual";
+    case VK_PHYSICAL_DEVICE_TYPE_CPU:
+        return "cpu";
+    default:
+        return "other";
+    }
+}
+
+static enum bvhd_status ask(struct gpu *gpu, const char **ret_native, struct bvhd_error *error)
+{
+    void *probe;
+    uint64_t size;
+    struct bvhd_format format = {.struct_size = sizeof format};
+    enum bvhd_status status = bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, error);
+    if (status)
+        return status;
+    status = bvhd_format_from_probe(probe, size, &format, error);
+    bvhd_vulkan_free(probe);
+    if (!status)
+        *ret_native = bvhd_target_name(format.target);
+    return status;
+}
+
+static void probe(struct found *found, struct memory *memory)
+{
+    struct gpu *gpu;
+    if (gpu_open(found->facts.name, memory, &gpu, &found->why_not))
+        return;
+    ask(gpu, &found->native, &found->why_not);
+    gpu_close(gpu);
+}
+
+/* That there is no device is an answer. */
+static enum bvhd_status find(struct list *list, struct bvhd_error *error)
+{
+    struct gpu_facts *facts = NULL;
+    uint32_t count = 0;
+    enum bvhd_status status = gpu_list(&list->memory, &facts, &count, &list->missing);
+    if (status) {
+        *error = list->missing;
+        return status == BVHD_UNAVAILABLE ? BVHD_OK : status;
+    }
+    list->devices = memory_array(&list->memory, count, sizeof *list->devices);
+    if (!list->devices)
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, "devices", "no memory for the list of devices");
+    for (uint32_t i = 0; i < count && !status; i++) {
+        list->devices[i] = (struct found){.facts = facts[i]};
+        probe(&list->devices[i], &list->memory);
+    }
+    list->count = status ? 0 : count;
+    memory_free(&list->memory, facts);
+    return status;
+}
+
+static void write_device(const struct found *found, struct json *json)
+{
+    const struct gpu_facts *facts = &found->facts;
+    char version[32];
+    snprintf(version, sizeof version, "%u.%u", VK_API_VERSION_MAJOR(facts->api_version), VK_API_VERSION_MINOR(facts->api_version));
+    json_object(json, NULL);
+    json_text(json, "name", facts->name);
+    json_text(json, "kind", kind_of(facts->type));
+    json_text(json, "driver", facts->driver);
+    json_text(json, "vulkan", version);
+    json_integer(json, "memory", facts->memory);
+    json_array(json, "targets");
+    json_text(json, NULL, "portable");
+    if (found->native)
+        json_text(json, NULL, found->native);
+    json_array_end(json);
+    if (found->native)
+        json_null(json, "not_native");
+    else
+        json_text(json, "not_native", found->why_not.text);
+    json_bool(json, "acceleration_structures", facts->has_acceleration_structure);
+    json_bool(json, "ray_queries", facts->has_ray_query);
+    json_bool(json, "ray_pipelines", facts->has_ray_pipeline);
+    json_bool(json, "buffer_addresses", facts->has_buffer_address);
+    json_integer(json, "subgroup_size", facts->subgroup_size);
+    json_object_end(json);
+}
+
+static bool print_json(struct list *list)
+{
+    struct json json;
+    json_init(&json, &list->memory, false);
+    json_object(&json, NULL);
+    json_integer(&json, "schema", 1);
+    json_array(&json, "devices");
+    for (uint32_t i = 0; i < list->count; i++)
+        write_device(&list->devices[i], &json);
+    json_array_end(&json);
+    if (list->count)
+        json_null(&json, "missing");
+    else
+        json_text(&json, "missing", list->missing.text);
+    json_object_end(&json);
+    bool ok = report_print(&json);
+    json_finish(&json);
+    return ok;
+}
+
+static void print_device(const struct found *found)
+{
+    const struct gpu_facts *facts = &found->facts;
+    printf("%s\n", facts->name);
+    printf("  kind      %s, %.1f GB, Vulkan %u.%u\n", kind_of(facts->type), (double)facts->memory / 1e9,
+           VK_API_VERSION_MAJOR(facts->api_version), VK_API_VERSION_MINOR(facts->api_version));
+    printf("  driver    %s\n", facts->driver);
+    if (found->native)
+        printf("  loads     portable, %s\n", found->native);
+    else
+        printf("  loads     portable (nothing natively: %s)\n", found->why_not.text);
+    printf("  rays      queries: %s; ray-tracing pipelines: %s\n", facts->has_ray_query ? "yes" : "no",
+           facts->has_ray_pipeline ? "yes" : "no");
+}
+
+static bool print_text(const struct list *list)
+{
+    if (!list->count)
+        printf("no Vulkan device: %s\n", list->missing.text);
+    for (uint32_t i = 0; i < list->count; i++)
+        print_device(&list->devices[i]);
+    return report_flush();
+}
+
+enum exit_code command_devices(const struct options *options)
+{
+    struct list list = {.count = 0};
+    struct bvhd_error error;
+    memory_init(&list.memory, UINT64_MAX);
+    enum exit_code code;
+    if (find(&list, &error))
+        code = report_failure(options->json, "devices", &error);
+    else
+        code = (options->json ? print_json(&list) : print_text(&list)) ? EXIT_DONE : EXIT_FAILED;
+    memory_free(&list.memory, list.devices);
+    return code;
+}

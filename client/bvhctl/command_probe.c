@@ -1,0 +1,93 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdio.h>
+
+#include "commands.h"
+#include "files.h"
+#include "gpu.h"
+
+/* One call of `bvhctl probe`. */
+struct call {
+    const struct options *options;
+    struct memory memory;
+    struct gpu *gpu;
+    void *probe;
+    uint64_t size;
+    const char *target; /* what reproduces the probe; NULL: nothing */
+    struct bvhd_error why_not;
+};
+
+/* A probe that nothing reproduces is worth a file too: a newer version may know more. */
+static enum bvhd_status match(struct call *call, struct bvhd_error *error)
+{
+    struct bvhd_format format = {.struct_size = sizeof format};
+    enum bvhd_status status = bvhd_format_from_probe(call->probe, call->size, &format, &call->why_not);
+    if (!status)
+        call->target = bvhd_target_name(format.target);
+    if (status && status != BVHD_UNSUPPORTED)
+        *error = call->why_not;
+    return status == BVHD_UNSUPPORTED ? BVHD_OK : status;
+}
+
+static enum bvhd_status run(struct call *call, struct bvhd_error *error)
+{
+    const struct options *options = call->options;
+    enum bvhd_status status = gpu_open(options->device ? options->device : "auto", &call->memory, &call->gpu, error);
+    if (!status)
+        status = bvhd_vulkan_probe(call->gpu->library, &call->gpu->queue, &call->probe, &call->size, error);
+    if (!status)
+        status = match(call, error);
+    if (!status)
+        status = files_write(options->output, (struct bytes){call->probe, call->size}, &call->memory, NULL, error);
+    return status;
+}
+
+static bool print_json(struct call *call)
+{
+    struct json json;
+    json_init(&json, &call->memory, false);
+    json_object(&json, NULL);
+    json_integer(&json, "schema", 1);
+    json_text(&json, "device", call->gpu->facts.name);
+    json_text(&json, "driver", call->gpu->facts.driver);
+    json_text(&json, "file", call->options->output);
+    json_integer(&json, "bytes", call->size);
+    if (call->target)
+        json_text(&json, "target", call->target);
+    else
+        json_null(&json, "target");
+    if (call->target)
+        json_null(&json, "not_native");
+    else
+        json_text(&json, "not_native", call->why_not.text);
+    json_object_end(&json);
+    bool ok = report_print(&json);
+    json_finish(&json);
+    return ok;
+}
+
+static bool print_text(const struct call *call)
+{
+    printf("%s: %s, %s\n", call->options->output, call->gpu->facts.name, call->gpu->facts.driver);
+    if (call->target)
+        printf("it loads %s structures: bvhctl build --probe %s\n", call->target, call->options->output);
+    else
+        printf("it loads portable structures alone (%s)\n", call->why_not.text);
+    return report_flush();
+}
+
+enum exit_code command_probe(const struct options *options)
+{
+    struct call call = {.options = options};
+    struct bvhd_error error;
+    memory_init(&call.memory, UINT64_MAX);
+    enum exit_code code;
+    if (run(&call, &error)) {
+        report_failure(options->json, "probe", &error);
+        code = EXIT_FAILED; /* a device that is not there is no daemon that is not there */
+    } else {
+        code = (options->json ? print_json(&call) : print_text(&call)) ? EXIT_DONE : EXIT_FAILED;
+    }
+    bvhd_vulkan_free(call.probe);
+    gpu_close(call.gpu);
+    return code;
+}
