@@ -10,6 +10,7 @@
 #include "pieces.h"
 #include "primitive.h"
 #include "rescale.h"
+#include "spatial.h"
 #include "split.h"
 
 /* A tree of this depth is not touched before it is known how deep its wide form is: eight-wide nodes make a third of the levels. */
@@ -104,13 +105,21 @@ static enum bvhd_status collect(struct construction *construction)
     return stage_end(construction, &stats->ms.boxes);
 }
 
+/* A binary layout's levels hold so many leaves; a wide one has room for as many as ids can name. */
+static bool split_refs_fit(const struct construction *construction)
+{
+    const struct layout *layout = construction->layout;
+    return layout->arity != 2 || layout->depth_limit > 32 ||
+           spatial_capacity(construction->refs.count) >> (layout->depth_limit - 1) == 0;
+}
+
 /* Rescaling and updates replace boxes by those of whole primitives: splits would be lost. */
 static enum pieces_method method_for(const struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
     if (construction->quality == QUALITY_FAST)
         return PIECES_EMBREE_LOW;
-    bool splits = construction->quality == QUALITY_HIGH && !construction->rescaled;
+    bool splits = construction->quality == QUALITY_HIGH && !construction->rescaled && split_refs_fit(construction);
     splits = splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
     return splits && clip_allowed(canonical) ? PIECES_SPATIAL : PIECES_BINNED;
 }
@@ -242,6 +251,19 @@ static enum bvhd_status limit_depth(struct construction *construction, uint32_t 
     return stage_end(construction, &construction->stats.ms.depth);
 }
 
+static enum bvhd_status widen(struct construction *construction)
+{
+    const struct canonical *canonical = construction->canonical;
+    const struct build_context *context = construction->context;
+    bool parts = canonical->type == STRUCTURE_TOP || construction->ir.ref_count > construction->refs.count;
+    if (!construction->layout->widen || !parts)
+        return BVHD_OK;
+    if (!construction->layout->widen(canonical, context->parallel, context->cancel, &construction->ir))
+        return cancelled(construction);
+    construction->stats.sah = ir_sah(&construction->ir);
+    return stage_end(construction, &construction->stats.ms.depth);
+}
+
 static enum bvhd_status make_tree(struct construction *construction)
 {
     enum bvhd_status status = collect(construction);
@@ -255,7 +277,7 @@ static enum bvhd_status make_tree(struct construction *construction)
     if (status == BVHD_OK)
         status = limit_depth(construction, limit);
     construction->stats.refs = construction->ir.ref_count;
-    return status;
+    return status == BVHD_OK ? widen(construction) : status;
 }
 
 /* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */

@@ -3,6 +3,7 @@
 
 #include <inttypes.h>
 
+#include "lavapipe_bounds.h"
 #include "lavapipe_write.h"
 #include "place.h"
 
@@ -19,66 +20,6 @@ struct reading {
 static enum bvhd_status differs(const struct reading *reading, const char *where, const char *text)
 {
     return bvhd_error_set(reading->error, BVHD_UNSUPPORTED, where, "%s", text);
-}
-
-/* The driver's choice where both are equal: the second, which matters for the sign of zeros. */
-static struct box join(const struct box *first, const struct box *second)
-{
-    struct box box;
-    for (int axis = 0; axis < 3; axis++) {
-        box.min[axis] = first->min[axis] < second->min[axis] ? first->min[axis] : second->min[axis];
-        box.max[axis] = first->max[axis] > second->max[axis] ? first->max[axis] : second->max[axis];
-    }
-    return box;
-}
-
-static struct box triangle_box(const struct canonical_geometry *geometry, uint32_t index)
-{
-    float corners[3][3];
-    struct box boxes[3], pair;
-    canonical_triangle(geometry, index, corners);
-    for (int k = 0; k < 3; k++) {
-        memcpy(boxes[k].min, corners[k], sizeof corners[k]);
-        memcpy(boxes[k].max, corners[k], sizeof corners[k]);
-    }
-    pair = join(&boxes[0], &boxes[1]);
-    return join(&pair, &boxes[2]);
-}
-
-static struct box aabb_box(const struct canonical_geometry *geometry, uint32_t index)
-{
-    struct box box;
-    memcpy(box.min, geometry->boxes + (uint64_t)6 * index, sizeof box.min);
-    memcpy(box.max, geometry->boxes + (uint64_t)6 * index + 3, sizeof box.max);
-    return box;
-}
-
-/* An empty structure says that its bounds are zeros. */
-static struct box instance_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index)
-{
-    struct canonical_instance instance = canonical_instance(geometry, index);
-    struct box bounds = canonical->references[instance.reference - 1].bounds, box;
-    if (box_is_empty(&bounds))
-        bounds = (struct box){{0, 0, 0}, {0, 0, 0}};
-    for (int row = 0; row < 3; row++) {
-        const float *m = instance.transform + 4 * row;
-        box.min[row] = box.max[row] = m[3];
-        for (int axis = 0; axis < 3; axis++) {
-            float from = m[axis] * bounds.min[axis], to = m[axis] * bounds.max[axis];
-            box.min[row] += from < to ? from : to;
-            box.max[row] += from > to ? from : to;
-        }
-    }
-    return box;
-}
-
-static struct box leaf_box(const struct canonical *canonical, uint32_t id)
-{
-    const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
-    uint32_t index = id - geometry->first_primitive;
-    if (geometry->type == GEOMETRY_TRIANGLES)
-        return triangle_box(geometry, index);
-    return geometry->type == GEOMETRY_AABBS ? aabb_box(geometry, index) : instance_box(canonical, geometry, index);
 }
 
 /* Which primitive a leaf is: that of its place; instances say it, since null ones have no place. */
@@ -114,7 +55,7 @@ static enum bvhd_status add_node(struct reading *reading, uint32_t node, uint32_
     enum bvhd_status status = identify(reading, reference, &id);
     if (status != BVHD_OK)
         return status;
-    ir->boxes[0][node] = leaf_box(reading->canonical, id);
+    ir->boxes[0][node] = lavapipe_bounds_leaf(reading->canonical, id);
     ir->nodes[node] = (struct ir_node){.first = ir->ref_count, .count = 1};
     ir->refs[ir->ref_count++] = id;
     return BVHD_OK;
@@ -155,7 +96,7 @@ static void join_boxes(struct ir *ir)
     for (uint32_t node = ir->node_count; node-- > 0;)
         if (!ir_is_leaf(ir, node)) {
             const struct box *first = &ir->boxes[0][ir->nodes[node].first];
-            ir->boxes[0][node] = join(first, first + 1);
+            ir->boxes[0][node] = lavapipe_bounds_join(first, first + 1);
         }
 }
 

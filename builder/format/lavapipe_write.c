@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "lavapipe.h"
+#include "lavapipe_bounds.h"
 #include "lavapipe_leaves.h"
 #include "serialized.h"
 
@@ -306,5 +307,6 @@ const struct layout layout_lavapipe = {
     .leaf_max = 1,
     .depth_limit = LAVAPIPE_MAX_LEVELS + 1,
     .variants = LAVAPIPE_VARIANTS,
+    .widen = lavapipe_bounds_widen,
     .write = lavapipe_write,
 };

@@ -41,6 +41,12 @@ struct layout {
     uint32_t variants; /* device_format.variant is 1 .. variants; 0: the layout leaves nothing open */
 
     /*
+     * Lets the boxes of a tree grow to what those who trace it need. Asked for trees whose leaf boxes are not those of whole primitives: with split references, or over
+     * instances. NULL: nothing is needed. False when cancelled.
+     */
+    bool (*widen)(const struct canonical *canonical, const struct parallel *parallel, const atomic_bool *cancel, struct ir *ir);
+
+    /*
      * Writes the whole blob: *ret_blob from input->output, or from input->memory (64-byte aligned, the caller frees it). The same input
      * gives the same bytes for any number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED, BVHD_TOO_LARGE (a section passes 32-bit ids).
      */
