@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "unit.h"
 
+#include "bytes.h"
 #include "test_world.h"
 #include "unpack.h"
 
@@ -193,12 +194,93 @@ static void test_lost_backend(void **state)
     test_world_finish(&world);
 }
 
+/* One handle for each instance that is not skipped, in the order of its leaves; portable structures have one for each structure. */
+static void test_native_handles(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    const struct bvhd_format format = {.struct_size = sizeof format, .target = BVHD_TARGET_LAVAPIPE, .variant = 2, .driver_uuid = {7}};
+    test_world_init(&world, 1);
+    world.options.build.target = TARGET_LAVAPIPE;
+    world.options.format = &format;
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, NULL), BVHD_OK);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(assembly.items[i].error.status, BVHD_OK);
+        assert_int_equal(assembly.items[i].target, BVHD_TARGET_LAVAPIPE);
+        assert_memory_equal(assembly.items[i].data, format.driver_uuid, 16);
+        assert_memory_not_equal(&assembly.items[i].key, &world.assembly.items[i].key, sizeof(struct bvhd_key));
+    }
+    assert_int_equal(assembly.handle_count, TEST_WORLD_INSTANCES - 1);
+    for (uint32_t i = 0; i < assembly.handle_count; i++)
+        assert_int_equal(assembly.handles[i], i == 0 ? 0 : 1);
+    assembly_finish(&assembly);
+    world.options.format = NULL;
+    struct bvhd_error error;
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "build.format");
+    test_world_finish(&world);
+}
+
+/* A backend whose top levels have another handle, or another size. */
+struct lying {
+    struct backend backend;
+    struct backend *real;
+    unsigned char top[4096];
+    uint64_t handle, size;
+};
+
+static enum bvhd_status build_lies(struct backend *backend, const struct bvhd_build *build, struct bvhd_result *ret_results,
+                                   void **ret_hold, struct bvhd_error *error)
+{
+    struct lying *lying = (struct lying *)backend;
+    enum bvhd_status status = lying->real->build(lying->real, build, ret_results, ret_hold, error);
+    if (build->info_count == 1) {
+        assert_true(ret_results[0].size <= sizeof lying->top);
+        memcpy(lying->top, ret_results[0].data, ret_results[0].size);
+        bytes_put64(lying->top + 64, lying->handle);
+        ret_results[0].data = lying->top;
+        ret_results[0].size -= lying->size;
+    }
+    return status;
+}
+
+static void release_lies(struct backend *backend, void *hold)
+{
+    struct lying *lying = (struct lying *)backend;
+    lying->real->release(lying->real, hold);
+}
+
+static void test_wrong_handles(void **state)
+{
+    (void)state;
+    static const struct {
+        uint64_t handle, size;
+        enum bvhd_status status;
+    } lies[] = {{2, 0, BVHD_OK}, {0, 0, BVHD_CORRUPT}, {3, 0, BVHD_CORRUPT}, {UINT64_MAX, 0, BVHD_CORRUPT}, {2, 1, BVHD_CORRUPT}};
+    struct test_world world;
+    test_world_init(&world, 1);
+    uint64_t live = world.local.memory.live;
+    for (size_t i = 0; i < sizeof lies / sizeof lies[0]; i++) {
+        struct lying lying = {.backend = {build_lies, release_lies}, .real = &world.backend.backend};
+        struct assembly assembly;
+        lying.handle = lies[i].handle;
+        lying.size = lies[i].size;
+        assert_int_equal(assemble(&world.import, &world.options, &lying.backend, &assembly, NULL), BVHD_OK);
+        assert_int_equal(assembly.items[0].error.status, BVHD_OK);
+        assert_int_equal(assembly.items[2].error.status, lies[i].status);
+        assembly_finish(&assembly);
+        assert_int_equal(world.local.memory.live, live);
+    }
+    test_world_finish(&world);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_structures),         cmocka_unit_test(test_answers),   cmocka_unit_test(test_unpack),
-        cmocka_unit_test(test_rules_are_reported), cmocka_unit_test(test_cancelled), cmocka_unit_test(test_no_memory),
-        cmocka_unit_test(test_lost_backend),
+        cmocka_unit_test(test_structures),         cmocka_unit_test(test_answers),        cmocka_unit_test(test_unpack),
+        cmocka_unit_test(test_rules_are_reported), cmocka_unit_test(test_cancelled),      cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_lost_backend),       cmocka_unit_test(test_native_handles), cmocka_unit_test(test_wrong_handles),
     };
     return cmocka_run_group_tests_name("assemble", tests, NULL, NULL);
 }
