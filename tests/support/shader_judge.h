@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * shader_judge.h - what ray queries of a shader answered, against the CPU traversal, and where they differ against brute force in double. For test programs only.
+ */
+#ifndef BVHD_SHADER_JUDGE_H
+#define BVHD_SHADER_JUDGE_H
+
+#include "oracle.h"
+#include "shader_bed.h"
+
+/* What a group of rays has in common. */
+struct shader_case {
+    uint32_t flags; /* RAY_ */
+    uint8_t cull_mask;
+    enum shader_policy policy;
+};
+
+struct shader_tally {
+    uint64_t rays, hits; /* hits of the CPU's */
+    uint64_t differing; /* another primitive, or a t, u, v that is not the same to some last bits */
+    uint64_t right; /* of these: all the same right, by the double reference: ties */
+    uint64_t uncertain; /* of these: the reference cannot tell */
+    uint64_t boxes; /* of these: an AABB is hit, about which the reference says nothing, where rounding can decide */
+    uint64_t certain; /* the rest: defects */
+    uint64_t other_bits; /* the same primitive, with a t that is not bit-equal */
+};
+
+/* The triangles of a scene that rays of a case can hit, for the double reference. */
+struct shader_meshes {
+    struct oracle_mesh *meshes;
+    uint32_t count;
+    float **positions; /* what they point to */
+    uint32_t position_count;
+};
+
+void shader_meshes_make(const struct scene *scene, const struct shader_case *rays, struct shader_meshes *ret_meshes);
+void shader_meshes_finish(struct shader_meshes *meshes);
+
+/* rays[i].flags and cull_mask are those of the case. Adds to *tally, and prints the first defects of a call as "WHAT: ...". */
+void shader_judge(const char *what, const struct scene *scene, const struct shader_case *shared, const struct ray *rays, uint32_t count,
+                  const struct shader_answer *answers, const struct parallel *parallel, struct memory *memory,
+                  struct shader_tally *tally);
+
+/*
+ * For SHADER_IGNORE: every candidate that there must be, none that there cannot be, each told of rightly. Boxes by extended precision, triangles by the double
+ * reference where the CPU's candidates differ. Returns the number of defects.
+ */
+uint64_t shader_judge_candidates(const char *what, const struct scene *scene, const struct ray *rays, uint32_t count,
+                                 const struct shader_full_answer *answers, struct memory *memory);
+
+/* What else a query says of its hits: corners, the ray in object space, matrices. Returns the number of defects. */
+uint64_t shader_judge_details(const char *what, const struct scene *scene, const struct ray *rays, uint32_t count,
+                              const struct shader_full_answer *answers);
+
+/* Whether the CPU's candidate function accepts, by the policy that context (enum shader_policy *) points to. */
+enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, struct ray_hit *hit);
+
+#endif
