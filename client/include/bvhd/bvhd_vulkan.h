@@ -18,6 +18,9 @@
  *     build with target = format.target, format = &format                           bvhd.h
  *     bvhd_vulkan_scene_create(device, &queue, &options, &scene, &error);
  *
+ * A top level names its bottom levels by rows: the structures that its instances name, each once, in the order in which the instances first name them; what has the same key (or,
+ * without keys, the same bounds) is one row. bvhd_vulkan_rows tells them.
+ *
  * Threads: a device may be used by several threads at once; command buffers, queues and memory are synchronised by the caller as Vulkan wants it. Errors as in
  * bvhd.h; what Vulkan reports becomes BVHD_NO_MEMORY, BVHD_UNAVAILABLE (device lost) or BVHD_INTERNAL, with the name of the call in `where`.
  */
@@ -80,6 +83,14 @@ BVHD_API void bvhd_vulkan_free(void *block);
 BVHD_API enum bvhd_status bvhd_vulkan_check(struct bvhd_vulkan_device *device, const struct bvhd_format *format, const void *data,
                                             uint64_t size, struct bvhd_error *ret_error);
 
+/*
+ * Which row of a top level each of the references of its request is: *ret_rows of reference_count numbers, UINT32_MAX where no instance names it. `references` and `instances` as they were
+ * asked for, in one array. BVHD_INVALID: an instance names what is not among the references; BVHD_NO_MEMORY.
+ */
+BVHD_API enum bvhd_status bvhd_vulkan_rows(const struct bvhd_reference *references, uint32_t reference_count,
+                                           const VkAccelerationStructureInstanceKHR *instances, uint32_t instance_count,
+                                           uint32_t *ret_rows, uint32_t *ret_row_count, struct bvhd_error *ret_error);
+
 /* ---- With an allocator of the program's own ---- */
 
 /* What to create for one serialized structure. */
@@ -88,7 +99,7 @@ struct bvhd_vulkan_requirements {
     /* VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR or BOTTOM; of a native one with nothing in it, which does not say what it is, GENERIC. */
     VkAccelerationStructureTypeKHR type;
     uint32_t handle_count; /* of a top level: places that upload fills */
-    uint32_t reference_count; /* of a top level: rows of `references` that they choose from: the highest one used */
+    uint32_t reference_count; /* of a top level: its rows */
     /* Host-visible and coherent, or flushed by the caller after the call that fills it. Needed until the copy has executed. */
     VkDeviceSize staging_size;
     VkDeviceSize staging_alignment; /* of the offset and, for native structures, of the device address */
@@ -121,7 +132,7 @@ struct bvhd_vulkan_upload {
     void *staging_mapped; /* host address of staging.offset */
     struct bvhd_vulkan_span storage;
     /*
-     * Of a top level: references[r] is where the structure of row r of the request's references is. Native: its device address, from
+     * Of a top level: references[r] is where the structure of row r is. Native: its device address, from
      * bvhd_vulkan_address. Portable: where its storage begins, as the device address or, when the whole scene lies in one buffer, as the offset in that buffer,
      * the same kind for all. Rows that no instance names are not looked at.
      */
@@ -168,7 +179,7 @@ enum {
 struct bvhd_vulkan_scene_options {
     size_t struct_size; /* sizeof(struct bvhd_vulkan_scene_options) */
     /*
-     * Bottom levels and, last, the top level over them, or one bottom level alone: blobs[r] is row r of the references of the request for the top level, and
+     * Bottom levels and, last, the top level over them, or one bottom level alone: blobs[r] is row r of the top level, and
      * may be {NULL, 0} where no instance names it. All are of one target. Rows with the same `data` are loaded once. Not needed after the call.
      */
     const struct bvhd_vulkan_bytes *blobs;
