@@ -66,8 +66,15 @@ static void end(const char *what, const struct bvhd_error *error)
 
 void test_world_init(struct test_world *world, uint32_t threads)
 {
+    test_world_init_for(world, threads, NULL);
+}
+
+void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format)
+{
     struct bvhd_error error = {0};
-    *world = (struct test_world){.options = {.build = {.target = TARGET_PORTABLE}, .geometry_flags = GEOMETRY_OPAQUE}};
+    *world = (struct test_world){.options = {.build = {.target = format ? (enum target)format->target : TARGET_PORTABLE},
+                                             .format = format,
+                                             .geometry_flags = GEOMETRY_OPAQUE}};
     if (local_open(&world->local, threads, UINT64_MAX, &error))
         end("open", &error);
     if (backend_local_open(&world->backend, threads, &world->local.memory, &world->local.progress, NULL, &error))

@@ -29,6 +29,8 @@ struct test_world {
 
 /* Ends the program when something fails. `threads` as for local_open. */
 void test_world_init(struct test_world *world, uint32_t threads);
+/* In what a device loads natively, or, with NULL, portable. `format` must outlive the world. */
+void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format);
 void test_world_finish(struct test_world *world);
 
 #endif

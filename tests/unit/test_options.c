@@ -224,9 +224,10 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_build),          cmocka_unit_test(test_defaults),
         cmocka_unit_test(test_targets),        cmocka_unit_test(test_options_anywhere),
-        cmocka_unit_test(test_other_commands), cmocka_unit_test(test_help),
-        cmocka_unit_test(test_bad_lines),      cmocka_unit_test(test_bad_values),
-        cmocka_unit_test(test_want_json),      cmocka_unit_test(test_service),
+        cmocka_unit_test(test_other_commands), cmocka_unit_test(test_devices),
+        cmocka_unit_test(test_help),           cmocka_unit_test(test_bad_lines),
+        cmocka_unit_test(test_bad_values),     cmocka_unit_test(test_want_json),
+        cmocka_unit_test(test_service),
     };
     return cmocka_run_group_tests_name("options", tests, NULL, NULL);
 }

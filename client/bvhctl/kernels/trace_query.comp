@@ -81,7 +81,8 @@ void main()
         return;
     }
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, top, ray.flags.x, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
+    uint mask = has_top != 0u ? ray.flags.y & 0xffu : 0xffu; // the instance around a bottom level alone is nobody's to cull
+    rayQueryInitializeEXT(query, top, ray.flags.x, mask, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
     accept_candidates(query, ray);
     hits[index] = committed(query);
 }
