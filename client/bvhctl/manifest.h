@@ -34,6 +34,7 @@ struct manifest_colour {
 
 struct manifest_entry {
     char *file, *scene, *name;
+    enum target target;
     bool is_top;
     char **handles; /* of a top level: files in handle order */
     uint32_t handle_count;

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "files.h"
+#include "layout.h"
 #include "manifest.h"
 
 enum { MANIFEST_LIMIT = 1 << 30 };
@@ -64,6 +65,16 @@ static enum bvhd_status read_handles(const struct reader *reader, const cJSON *o
     return BVHD_OK;
 }
 
+static enum bvhd_status read_target(const struct reader *reader, const cJSON *object, enum target *ret_target)
+{
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "target");
+    const struct layout *layout = cJSON_IsString(value) ? layout_find_name(value->valuestring) : NULL;
+    if (!layout)
+        return corrupt(reader, "target", "not a target that this version knows");
+    *ret_target = layout->target;
+    return BVHD_OK;
+}
+
 static struct manifest_colour read_colour(const cJSON *geometry)
 {
     struct manifest_colour colour;
@@ -99,6 +110,8 @@ static enum bvhd_status read_entry(const struct reader *reader, const cJSON *obj
         status = read_text(reader, object, "scene", &entry->scene);
     if (!status)
         status = read_text(reader, object, "name", &entry->name);
+    if (!status)
+        status = read_target(reader, object, &entry->target);
     if (!status)
         status = read_colours(reader, object, entry);
     if (status)

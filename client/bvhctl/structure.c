@@ -3,6 +3,9 @@
 
 #include <string.h>
 
+#include "serialized.h"
+#include "structure_lavapipe.h"
+
 static const enum structure_content portable_contents[] = {
     [PORTABLE_INDEXED_TRIANGLES] = CONTENT_TRIANGLES,
     [PORTABLE_TRIANGLES] = CONTENT_TRIANGLES,
@@ -32,10 +35,27 @@ static enum bvhd_status open_portable(struct structure *structure, struct bvhd_e
     return BVHD_OK;
 }
 
+/* Blobs of native targets bear their driver's UUID, which nobody here knows. */
+static enum bvhd_status open_native(struct structure *structure, struct bvhd_error *error)
+{
+    struct bvhd_error inner;
+    enum bvhd_status status = structure_lavapipe_open(structure, &inner);
+    if (status == BVHD_CORRUPT)
+        return bvhd_error_set(error, status, inner.where, "%s, or this is the structure of another driver", inner.text);
+    if (status && error)
+        *error = inner;
+    return status;
+}
+
 enum bvhd_status structure_open(struct bytes blob, struct memory *memory, struct structure *ret_structure, struct bvhd_error *error)
 {
     struct structure structure = {.blob = blob, .memory = memory};
-    enum bvhd_status status = open_portable(&structure, error);
+    struct serialized_header header;
+    enum bvhd_status status = serialized_read(blob, &header, error);
+    if (status)
+        return status;
+    bool is_portable = !memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);
+    status = is_portable ? open_portable(&structure, error) : open_native(&structure, error);
     if (status)
         structure_close(&structure);
     else
@@ -48,11 +68,16 @@ void structure_close(struct structure *structure)
     if (!structure || !structure->memory)
         return;
     memory_free(structure->memory, structure->geometries);
+    memory_free(structure->memory, structure->instance_rows);
     *structure = (struct structure){0};
 }
 
 void structure_bounds(const struct structure *structure, float ret_bounds[6])
 {
+    if (structure->target == TARGET_LAVAPIPE) {
+        memcpy(ret_bounds, structure->view.lavapipe.bounds, sizeof structure->view.lavapipe.bounds);
+        return;
+    }
     const struct portable_header *header = structure->view.portable.header;
     memset(ret_bounds, 0, 6 * sizeof *ret_bounds);
     if (header->node_count)
@@ -82,7 +107,13 @@ static void portable_triangle(const struct portable_view *view, uint32_t row, fl
 
 void structure_triangle(const struct structure *structure, uint32_t row, float ret_corners[3][3], uint32_t *ret_primitive)
 {
-    portable_triangle(&structure->view.portable, row, ret_corners, ret_primitive);
+    if (structure->target == TARGET_PORTABLE) {
+        portable_triangle(&structure->view.portable, row, ret_corners, ret_primitive);
+        return;
+    }
+    const struct lavapipe_triangle triangle = lavapipe_triangle_at(&structure->view.lavapipe, row);
+    memcpy(ret_corners, triangle.corners, sizeof triangle.corners);
+    *ret_primitive = row;
 }
 
 uint32_t structure_instance_count(const struct structure *structure)
@@ -92,6 +123,8 @@ uint32_t structure_instance_count(const struct structure *structure)
 
 struct structure_instance structure_instance(const struct structure *structure, uint32_t row)
 {
+    if (structure->target == TARGET_LAVAPIPE)
+        return structure_lavapipe_instance(structure, row);
     const struct portable_instance *record = (const struct portable_instance *)structure->view.portable.records + row;
     struct structure_instance instance = {.instance = record->instance, .bottom = record->handle};
     memcpy(instance.object_to_world, record->object_to_world, sizeof instance.object_to_world);

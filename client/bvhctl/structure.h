@@ -25,6 +25,7 @@ struct structure {
     uint32_t record_count; /* rows of structure_triangle and structure_instance */
     struct structure_geometry *geometries; /* of a bottom level, by rising index */
     uint32_t geometry_count;
+    uint32_t *instance_rows; /* of a native top level: the leaves that its tree refers to */
     union {
         struct portable_view portable;
         struct lavapipe_view lavapipe;

@@ -6,7 +6,9 @@
 #include <string.h>
 
 #include "files.h"
+#include "place.h"
 #include "portable_scene.h"
+#include "serialized.h"
 
 static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
 {
@@ -90,6 +92,11 @@ struct reading {
     struct bvhd_error *error;
 };
 
+static enum bvhd_status corrupt(const struct reading *reading, const char *file, const char *text)
+{
+    return bvhd_error_set(reading->error, BVHD_CORRUPT, file, "%s", text);
+}
+
 static enum bvhd_status read_one(const struct reading *reading, const char *file, bool is_top, struct structure_file *ret_file)
 {
     struct memory *memory = reading->structures->memory;
@@ -101,88 +108,142 @@ static enum bvhd_status read_one(const struct reading *reading, const char *file
     if (status)
         return status;
     take_colours(reading->manifest, file, ret_file);
-    enum structure_content content = ret_file->structure.content;
-    if (content != CONTENT_UNKNOWN && (content == CONTENT_INSTANCES) != is_top)
-        return bvhd_error_set(reading->error, BVHD_CORRUPT, file, "the manifest says that it is a %s level", is_top ? "top" : "bottom");
+    const struct structure *structure = &ret_file->structure;
+    if (structure->content != CONTENT_UNKNOWN && (structure->content == CONTENT_INSTANCES) != is_top)
+        return corrupt(reading, file,
+                       is_top ? "the manifest says that it is a top level" : "the manifest says that it is a bottom level");
+    if (structure->target != reading->structures->target)
+        return corrupt(reading, file, "not of the target that the manifest says");
     return BVHD_OK;
 }
 
-/* A portable top level has one handle for each structure that it names. */
-static enum bvhd_status check_handles(const struct structure_file *file, const struct manifest_entry *top, struct bvhd_error *error)
-{
-    uint64_t count = file->structure.view.portable.handle_count;
-    if (count == top->handle_count)
-        return BVHD_OK;
-    return bvhd_error_set(error, BVHD_CORRUPT, top->file, "it has %llu handles, the manifest has %u", (unsigned long long)count,
-                          top->handle_count);
-}
-
-/* Before any bottom level, so that a manifest cannot have files read that the top level does not name. */
-static enum bvhd_status read_top(const struct reading *reading, const struct manifest_entry *top)
-{
-    struct structure_file *file = &reading->structures->files[top->handle_count];
-    enum bvhd_status status = read_one(reading, top->file, true, file);
-    return status ? status : check_handles(file, top, reading->error);
-}
-
-struct named_place {
+struct named_row {
     const char *name;
-    uint32_t place;
+    uint32_t row;
 };
 
-static int compare_places(const void *a, const void *b)
+/* By rows, and of one row those with equal names side by side. */
+static int compare_rows(const void *a, const void *b)
 {
-    const struct named_place *x = a, *y = b;
-    int order = strcmp(x->name, y->name);
-    return order ? order : (x->place > y->place) - (x->place < y->place);
+    const struct named_row *x = a, *y = b;
+    return x->row != y->row ? (x->row > y->row) - (x->row < y->row) : strcmp(x->name, y->name);
 }
 
-/* A file that several handles name is read once. */
-static enum bvhd_status read_places(const struct reading *reading, const struct named_place *places, uint32_t count)
+static int compare_names(const void *a, const void *b)
+{
+    const struct named_row *x = a, *y = b;
+    int order = strcmp(x->name, y->name);
+    return order ? order : (x->row > y->row) - (x->row < y->row);
+}
+
+/* The file of each row, once. */
+static enum bvhd_status merge_rows(const struct reading *reading, const char *top, struct named_row *rows, uint32_t *count)
+{
+    uint32_t kept = 0;
+    qsort(rows, *count, sizeof *rows, compare_rows);
+    for (uint32_t i = 0; i < *count; i++) {
+        if (kept == 0 || rows[i].row != rows[kept - 1].row)
+            rows[kept++] = rows[i];
+        else if (strcmp(rows[i].name, rows[kept - 1].name))
+            return corrupt(reading, top, "the manifest has several files for one of its references");
+    }
+    *count = kept;
+    return BVHD_OK;
+}
+
+/* A file that several rows name is read once. */
+static enum bvhd_status read_rows(const struct reading *reading, const struct named_row *rows, uint32_t count)
 {
     struct structure_file *files = reading->structures->files;
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0, first = 0; i < count && !status; i++) {
-        if (strcmp(places[i].name, places[first].name))
+        if (strcmp(rows[i].name, rows[first].name))
             first = i;
-        struct structure_file *file = &files[places[i].place];
+        struct structure_file *file = &files[rows[i].row];
         if (i == first) {
-            status = read_one(reading, places[i].name, false, file);
+            status = read_one(reading, rows[i].name, false, file);
         } else {
-            *file = files[places[first].place];
+            *file = files[rows[first].row];
             file->is_shared = true;
         }
     }
     return status;
 }
 
-static enum bvhd_status read_bottoms(const struct reading *reading, const struct manifest_entry *top)
+/* What each handle of the top level is the row of, and the file that the manifest has for it. Rows are as many as the handles at most. */
+static enum bvhd_status list_rows(const struct reading *reading, const struct manifest_entry *entry, const struct structure *top,
+                                  struct named_row *ret_rows, uint32_t *ret_row_count)
 {
-    struct memory *memory = reading->structures->memory;
-    struct named_place *places = memory_array(memory, (uint64_t)top->handle_count + 1, sizeof *places);
-    if (!places)
-        return no_memory(reading->directory, reading->error);
-    for (uint32_t i = 0; i < top->handle_count; i++)
-        places[i] = (struct named_place){top->handles[i], i};
-    qsort(places, top->handle_count, sizeof *places, compare_places);
-    enum bvhd_status status = read_places(reading, places, top->handle_count);
-    memory_free(memory, places);
-    return status;
+    uint64_t highest = 0;
+    for (uint32_t i = 0; i < entry->handle_count; i++) {
+        uint64_t handle = bytes_get64(top->blob.data + SERIALIZED_HANDLES + UINT64_C(8) * i);
+        bool is_row = handle > 0 && handle <= entry->handle_count && (top->target != TARGET_PORTABLE || handle == i + UINT64_C(1));
+        if (!is_row)
+            return corrupt(reading, entry->file, "its handles are not what a build writes");
+        ret_rows[i] = (struct named_row){entry->handles[i], (uint32_t)(handle - 1)};
+        highest = handle > highest ? handle : highest;
+    }
+    *ret_row_count = (uint32_t)highest;
+    return BVHD_OK;
 }
 
-static enum bvhd_status read_files(const struct reading *reading, const struct manifest_entry *top, const struct manifest_entry *bottom)
+static enum bvhd_status make_files(const struct reading *reading, uint32_t count)
 {
     struct structures *structures = reading->structures;
-    uint64_t count = top ? (uint64_t)top->handle_count + 1 : 1;
     structures->files = memory_array(structures->memory, count, sizeof *structures->files);
     if (!structures->files)
         return no_memory(reading->directory, reading->error);
     memset(structures->files, 0, count * sizeof *structures->files);
-    structures->file_count = (uint32_t)count;
-    if (!top)
-        return read_one(reading, bottom->file, false, &structures->files[0]);
-    enum bvhd_status status = read_top(reading, top);
-    return status ? status : read_bottoms(reading, top);
+    structures->file_count = count;
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_bottoms(const struct reading *reading, const struct manifest_entry *entry, struct structure_file *top,
+                                     struct named_row *rows)
+{
+    uint32_t row_count = 0, count = entry->handle_count;
+    enum bvhd_status status = list_rows(reading, entry, &top->structure, rows, &row_count);
+    if (!status)
+        status = merge_rows(reading, entry->file, rows, &count);
+    if (!status)
+        status = make_files(reading, row_count + 1);
+    if (status)
+        return status;
+    reading->structures->files[row_count] = *top;
+    *top = (struct structure_file){0};
+    qsort(rows, count, sizeof *rows, compare_names);
+    return read_rows(reading, rows, count);
+}
+
+static enum bvhd_status read_below(const struct reading *reading, const struct manifest_entry *entry, struct structure_file *top)
+{
+    struct memory *memory = reading->structures->memory;
+    struct serialized_header header;
+    enum bvhd_status status = serialized_read(top->structure.blob, &header, reading->error);
+    if (status)
+        return status;
+    if (header.handle_count != entry->handle_count)
+        return bvhd_error_set(reading->error, BVHD_CORRUPT, entry->file, "it has %llu handles, the manifest has %u",
+                              (unsigned long long)header.handle_count, entry->handle_count);
+    struct named_row *rows = memory_array(memory, header.handle_count + 1, sizeof *rows);
+    status = rows ? read_bottoms(reading, entry, top, rows) : no_memory(reading->directory, reading->error);
+    memory_free(memory, rows);
+    return status;
+}
+
+/* The top level before any bottom level, so that a manifest cannot have files read that the top level does not name. */
+static enum bvhd_status read_files(const struct reading *reading, const struct manifest_entry *top, const struct manifest_entry *bottom)
+{
+    if (!top) {
+        enum bvhd_status status = make_files(reading, 1);
+        return status ? status : read_one(reading, bottom->file, false, &reading->structures->files[0]);
+    }
+    struct structure_file file = {0};
+    enum bvhd_status status = read_one(reading, top->file, true, &file);
+    if (!status)
+        status = read_below(reading, top, &file);
+    structures_close_file(&file, reading->structures->memory);
+    return status;
 }
 
 const struct structure *structures_top(const struct structures *structures)
@@ -190,23 +251,50 @@ const struct structure *structures_top(const struct structures *structures)
     return structures->has_top ? &structures->files[structures->bottom_count].structure : NULL;
 }
 
+/* What instances name is there. */
+static enum bvhd_status check_instances(const struct structures *structures, struct bvhd_error *error)
+{
+    const struct structure *top = structures_top(structures);
+    for (uint32_t i = 0; top && i < structure_instance_count(top); i++) {
+        uint32_t bottom = structure_instance(top, i).bottom;
+        if (bottom >= structures->bottom_count || !structures->files[bottom].structure.blob.data)
+            return bvhd_error_set(error, BVHD_CORRUPT, place("instances[%u]", i).text, "there is no bottom level %u", bottom);
+    }
+    return BVHD_OK;
+}
+
+static void make_scene(struct structures *structures)
+{
+    const struct structure *top = structures_top(structures);
+    bool is_portable = structures->target == TARGET_PORTABLE;
+    for (uint32_t i = 0; i < structures->bottom_count; i++) {
+        const struct structure *bottom = &structures->files[i].structure;
+        bool is_there = bottom->blob.data;
+        structures->portable_bottoms[i] = is_there && is_portable ? &bottom->view.portable : NULL;
+        structures->lavapipe_bottoms[i] = is_there && !is_portable ? &bottom->view.lavapipe : NULL;
+    }
+    if (is_portable)
+        structures->scene = (struct scene){top ? &top->view.portable : NULL, structures->portable_bottoms, structures->bottom_count};
+    else
+        structures->lavapipe =
+            (struct lavapipe_scene){top ? &top->view.lavapipe : NULL, structures->lavapipe_bottoms, structures->bottom_count};
+}
+
 enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error)
 {
     uint32_t count = structures->file_count;
     struct memory *memory = structures->memory;
     structures->bottom_count = count - structures->has_top;
-    structures->target = structures->files[0].structure.target;
+    structures->target = structures->files[count - 1].structure.target;
     structures->blobs = memory_array(memory, count, sizeof *structures->blobs);
     structures->portable_bottoms = memory_array(memory, count, sizeof *structures->portable_bottoms);
-    if (!structures->blobs || !structures->portable_bottoms)
-        return no_memory(structures->name, error);
-    for (uint32_t i = 0; i < count; i++) {
+    structures->lavapipe_bottoms = memory_array(memory, count, sizeof *structures->lavapipe_bottoms);
+    if (!structures->blobs || !structures->portable_bottoms || !structures->lavapipe_bottoms)
+        return no_memory("structures", error);
+    for (uint32_t i = 0; i < count; i++)
         structures->blobs[i] = structures->files[i].structure.blob;
-        structures->portable_bottoms[i] = &structures->files[i].structure.view.portable;
-    }
-    const struct structure *top = structures_top(structures);
-    structures->scene = (struct scene){top ? &top->view.portable : NULL, structures->portable_bottoms, structures->bottom_count};
-    return BVHD_OK;
+    make_scene(structures);
+    return check_instances(structures, error);
 }
 
 enum bvhd_status structures_pack(const struct structures *structures, struct memory *memory, unsigned char **ret_buffer,
@@ -233,6 +321,7 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
     if (!top && !bottom)
         return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no scene '%s'", scene);
     structures->has_top = top != NULL;
+    structures->target = top ? top->target : bottom->target;
     structures->name = files_copy_text(structures->memory, scene);
     if (!structures->name)
         return no_memory(directory, error);
@@ -267,6 +356,7 @@ void structures_close(struct structures *structures)
     memory_free(structures->memory, structures->files);
     memory_free(structures->memory, structures->blobs);
     memory_free(structures->memory, structures->portable_bottoms);
+    memory_free(structures->memory, structures->lavapipe_bottoms);
     memory_free(structures->memory, structures->name);
     *structures = (struct structures){0};
 }
@@ -274,7 +364,8 @@ void structures_close(struct structures *structures)
 bool structures_trace_counted(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
                               struct ray_hit *ret_hit, struct traverse_counters *counters)
 {
-    return traverse(&structures->scene, ray, options, ret_hit, counters);
+    return structures->target == TARGET_PORTABLE ? traverse(&structures->scene, ray, options, ret_hit, counters)
+                                                 : lavapipe_traverse(&structures->lavapipe, ray, options, ret_hit, counters);
 }
 
 bool structures_trace(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
@@ -285,5 +376,8 @@ bool structures_trace(const struct structures *structures, const struct ray *ray
 
 void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
 {
-    traverse_positions(&structures->scene, hit, ret_corners);
+    if (structures->target == TARGET_PORTABLE)
+        traverse_positions(&structures->scene, hit, ret_corners);
+    else
+        lavapipe_positions(&structures->lavapipe, hit, ret_corners);
 }

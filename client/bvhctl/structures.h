@@ -43,7 +43,10 @@ enum bvhd_status structures_open(const char *directory, const char *name, struct
 /* NULL-safe, idempotent. */
 void structures_close(struct structures *structures);
 
-/* The end of structures_open, for files that are open: name, files, file_count, has_top and memory are set; the rest follows. End with structures_close. */
+/*
+ * The end of structures_open, for files that are open: name, files, file_count, has_top and memory are set; the rest follows. BVHD_CORRUPT when they do not
+ * belong together. End with structures_close.
+ */
 enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error);
 
 /* The top level; NULL without one. */

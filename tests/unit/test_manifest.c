@@ -32,11 +32,13 @@ static enum bvhd_status read_text(const char *text, struct memory *memory, struc
     return manifest_read(directory, memory, ret_manifest, error);
 }
 
-static const char good[] = "{\"schema\":1,\"structures\":["
-                           "{\"file\":\"s.blas-0.as\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"m\",\"geometries\":[{\"color\":[0.5,"
-                           "0,1]},{},{\"color\":[2,0,0]}]},"
-                           "{\"file\":\"s.tlas.as\",\"type\":\"tlas\",\"scene\":\"s\",\"name\":\"s\",\"geometries\":[],\"handles\":["
-                           "\"s.blas-0.as\"],\"new\":1}]}";
+static const char good[] =
+    "{\"schema\":1,\"structures\":["
+    "{\"file\":\"s.blas-0.as\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"m\",\"target\":\"portable\",\"geometries\":[{\"color\":[0."
+    "5,"
+    "0,1]},{},{\"color\":[2,0,0]}]},"
+    "{\"file\":\"s.tlas.as\",\"type\":\"tlas\",\"scene\":\"s\",\"name\":\"s\",\"target\":\"lavapipe\",\"geometries\":[],\"handles\":["
+    "\"s.blas-0.as\"],\"new\":1}]}";
 
 static void test_read(void **state)
 {
@@ -49,6 +51,8 @@ static void test_read(void **state)
     assert_string_equal(blas->file, "s.blas-0.as");
     assert_string_equal(blas->name, "m");
     assert_false(blas->is_top);
+    assert_int_equal(blas->target, TARGET_PORTABLE);
+    assert_int_equal(tlas->target, TARGET_LAVAPIPE);
     assert_int_equal(blas->colour_count, 3);
     assert_true(blas->colours[0].rgb[0] == 0.5f && blas->colours[0].rgb[2] == 1.0f);
     assert_true(blas->colours[1].rgb[0] < 0 && blas->colours[2].rgb[0] < 0);
@@ -72,7 +76,11 @@ static void expect_corrupt(const char *text, const char *place)
 }
 
 #define ENTRY(file, type, more)                                                                                                        \
-    "{\"schema\":1,\"structures\":[{\"file\":" file ",\"type\":" type ",\"scene\":\"s\",\"name\":\"n\",\"geometries\":[]" more "}]}"
+    "{\"schema\":1,\"structures\":[{\"file\":" file ",\"type\":" type                                                                  \
+    ",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\",\"geometries\":[]" more "}]}"
+
+#define NO_TARGET(more)                                                                                                                \
+    "{\"schema\":1,\"structures\":[{\"file\":\"a\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\",\"geometries\":[]" more "}]}"
 
 static void test_hostile(void **state)
 {
@@ -89,6 +97,9 @@ static void test_hostile(void **state)
     expect_corrupt(ENTRY("\"\"", "\"blas\"", ""), "structures[0].file");
     expect_corrupt(ENTRY("1", "\"blas\"", ""), "structures[0].file");
     expect_corrupt(ENTRY("\"a\"", "\"slab\"", ""), "structures[0].type");
+    expect_corrupt(NO_TARGET(""), "structures[0].target");
+    expect_corrupt(NO_TARGET(",\"target\":1"), "structures[0].target");
+    expect_corrupt(NO_TARGET(",\"target\":\"teapot\""), "structures[0].target");
     expect_corrupt(ENTRY("\"a\"", "null", ""), "structures[0].type");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ""), "structures[0].handles");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[3]"), "structures[0].handles");
