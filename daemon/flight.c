@@ -95,12 +95,14 @@ static void leave_table(struct flight *flight)
 
 uint64_t flights_build_bytes(const struct preparation *preparation)
 {
-    /* Measured peaks for a primitive: 136 bytes, with spatial splits 236; boxes and instances, one a leaf, 200. */
-    enum { TRIANGLE = 144, SPLIT_TRIANGLE = 248, BOX = 208, VERTEX = 8, FIXED = 16 * 1024 };
+    /* Measured peaks for a primitive: 136 bytes, one a leaf 200; with spatial splits 236, one a leaf 241. Boxes and instances are one a leaf. */
+    enum { TRIANGLE = 144, SPLIT_TRIANGLE = 248, SINGLE = 208, VERTEX = 8, FIXED = 16 * 1024 };
     const struct canonical *canonical = &preparation->canonical;
     bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
     bool high = build_quality_resolve(preparation->options.quality, canonical->flags) == QUALITY_HIGH;
-    uint64_t each = !triangles ? BOX : high ? SPLIT_TRIANGLE : TRIANGLE;
+    const struct layout *layout = layout_find(preparation->options.target);
+    bool single = !triangles || (layout && layout->leaf_max == 1);
+    uint64_t each = triangles && high ? SPLIT_TRIANGLE : single ? SINGLE : TRIANGLE;
     return canonical->primitive_count * each + (uint64_t)canonical->vertex_count * VERTEX + FIXED;
 }
 

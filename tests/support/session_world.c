@@ -518,6 +518,7 @@ struct control_item world_item(const struct build_input *input, uint64_t size, e
         .payload_source = source,
         .payload_offset = offset,
         .payload_size = size,
+        .device = input->options.device,
     };
 }
 
