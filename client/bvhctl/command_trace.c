@@ -2,14 +2,20 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "agreement.h"
+#include "clock.h"
+#include "command_trace.h"
 #include "commands.h"
+#include "layout.h"
 #include "local.h"
 #include "picture.h"
-#include "unpack.h"
 
-/* Camera rays that are compared with brute force: at most so many, and so many pairs of ray and triangle. */
+/* On the CPU, camera rays that are compared with brute force: at most so many, and so many pairs of ray and triangle. */
 enum { CHECKED_RAYS = 1024, CHECKED_SIDE = 32 };
 static const double checked_pairs = 4e8;
+
+/* Samples at once: devices want many threads at work. */
+enum { CPU_BATCH = 1 << 14, DEVICE_BATCH = 1 << 18 };
 
 enum { RAYS_A_PIXEL = 20 };
 static const double affordable_tests = 2e10;
@@ -17,12 +23,16 @@ static const double affordable_tests = 2e10;
 /* One call of `bvhctl trace`. */
 struct run {
     const struct options *options;
+    tracer_chooser choose;
     struct local local;
     struct structures structures;
+    struct tracer_choice choice;
+    struct surfaces surfaces;
     struct stage stage;
     struct camera camera;
     struct picture picture;
-    uint64_t checked, mismatches, uncertain;
+    struct agreement agreement;
+    double wall_ms;
 };
 
 /*
@@ -38,22 +48,32 @@ static enum bvhd_status check_cost(const struct run *run, struct bvhd_error *err
                           "about %.0e triangle tests for this picture; a smaller --size may do", tests);
 }
 
+static enum bvhd_status choose_camera(struct run *run, struct bvhd_error *error)
+{
+    uint64_t rays;
+    double aspect = (double)run->options->width / run->options->height;
+    return camera_choose(&run->stage, aspect, run->local.parallel, &run->local.memory, &run->camera, &rays, error);
+}
+
 static enum bvhd_status render(struct run *run, struct bvhd_error *error)
 {
-    const struct options *options = run->options;
-    struct memory *memory = &run->local.memory;
-    const struct parallel *parallel = run->local.parallel;
-    uint64_t rays_before = 0;
-    enum bvhd_status status =
-        camera_choose(&run->stage, (double)options->width / options->height, parallel, memory, &run->camera, &rays_before, error);
-    if (status)
-        return status;
     struct light light;
-    light_init(&light, &run->stage, &run->camera);
+    light_init(&light, &run->stage, &run->surfaces, &run->camera);
+    struct picture_options options = {.light = &light,
+                                      .tracer = run->choice.tracer,
+                                      .parallel = run->local.parallel,
+                                      .width = run->options->width,
+                                      .height = run->options->height,
+                                      .batch = run->choice.is_cpu ? CPU_BATCH : DEVICE_BATCH,
+                                      .watch = run->choice.is_cpu ? NULL : agreement_watch,
+                                      .watch_context = &run->agreement,
+                                      .progress = progress_update,
+                                      .progress_context = &run->local.progress};
+    double start = clock_ms();
     progress_begin(&run->local.progress, "tracing", run->structures.name);
-    status = picture_render(&light, options->width, options->height, parallel, progress_update, &run->local.progress, memory,
-                            &run->picture, error);
+    enum bvhd_status status = picture_render(&options, &run->local.memory, &run->picture, error);
     progress_end(&run->local.progress);
+    run->wall_ms = clock_ms() - start;
     return status;
 }
 
@@ -69,52 +89,35 @@ static void make_checked_rays(const struct run *run, uint32_t count, struct ray 
     }
 }
 
-static void judge_rays(struct run *run, uint32_t count, const struct ray *rays, const struct oracle_answer *answers)
-{
-    for (uint32_t i = 0; i < count; i++) {
-        struct ray_hit hit;
-        bool is_hit = structures_trace(&run->structures, &rays[i], NULL, &hit);
-        enum oracle_verdict verdict = oracle_judge(&answers[i], is_hit ? &hit : NULL, NULL);
-        run->uncertain += verdict == ORACLE_UNDECIDED;
-        run->mismatches += verdict != ORACLE_UNDECIDED && verdict != ORACLE_RIGHT;
-    }
-}
-
-static enum bvhd_status check_unpacked(struct run *run, const struct unpacked *unpacked, struct ray *rays,
-                                       struct oracle_answer *answers, struct bvhd_error *error)
-{
-    double affordable = checked_pairs / (double)(unpacked->triangle_count + 1);
-    uint32_t count = affordable < 16 ? 16 : affordable > CHECKED_RAYS ? CHECKED_RAYS : (uint32_t)affordable;
-    make_checked_rays(run, count, rays);
-    progress_begin(&run->local.progress, "checking", run->structures.name);
-    enum bvhd_status status = oracle_trace(unpacked->meshes, unpacked->mesh_count, rays, count, &run->local.memory, run->local.parallel,
-                                           progress_update, &run->local.progress, answers, error);
-    progress_end(&run->local.progress);
-    if (status)
-        return status;
-    run->checked = count;
-    judge_rays(run, count, rays, answers);
-    oracle_finish(answers, count, &run->local.memory);
-    return BVHD_OK;
-}
-
-/* What the picture shows against brute force over the triangles that are in the files. */
-static enum bvhd_status check(struct run *run, struct bvhd_error *error)
+static enum bvhd_status doubt_cpu(struct run *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
-    struct unpacked unpacked = {0};
+    double affordable = checked_pairs / (double)(run->stage.triangle_count + 1);
+    uint32_t count = affordable < 16 ? 16 : affordable > CHECKED_RAYS ? CHECKED_RAYS : (uint32_t)affordable;
     struct ray *rays = memory_array(memory, CHECKED_RAYS, sizeof *rays);
-    struct oracle_answer *answers = memory_array(memory, CHECKED_RAYS, sizeof *answers);
+    struct tracer_hit *hits = memory_array(memory, CHECKED_RAYS, sizeof *hits);
     enum bvhd_status status = BVHD_OK;
-    if (!rays || !answers)
+    if (!rays || !hits)
         status = bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the rays");
+    if (!status) {
+        make_checked_rays(run, count, rays);
+        status = run->choice.tracer->trace(run->choice.tracer, rays, count, hits, NULL, error);
+    }
     if (!status)
-        status = unpack_structures(&run->structures, memory, &unpacked, error);
-    if (!status)
-        status = check_unpacked(run, &unpacked, rays, answers, error);
-    unpack_finish(&unpacked);
-    memory_free(memory, answers);
+        status = agreement_doubt(&run->agreement, rays, hits, count, error);
+    memory_free(memory, hits);
     memory_free(memory, rays);
+    return status;
+}
+
+static enum bvhd_status check(struct run *run, struct bvhd_error *error)
+{
+    enum bvhd_status status = run->choice.is_cpu ? doubt_cpu(run, error) : BVHD_OK;
+    if (status)
+        return status;
+    progress_begin(&run->local.progress, "checking", run->structures.name);
+    status = agreement_judge(&run->agreement, progress_update, &run->local.progress, error);
+    progress_end(&run->local.progress);
     return status;
 }
 
@@ -129,15 +132,16 @@ static bool print_json(struct run *run)
     json_init(&json, &run->local.memory, false);
     json_object(&json, NULL);
     json_integer(&json, "schema", 1);
-    json_text(&json, "device", "cpu");
-    json_text(&json, "target", "portable");
+    json_text(&json, "device", run->choice.tracer->device);
+    json_text(&json, "target", layout_find(run->structures.target)->name);
     json_text(&json, "scene", run->structures.name);
     json_text(&json, "picture", run->options->output);
     json_integer(&json, "rays", run->picture.rays);
     json_number(&json, "mrays_s", mrays_s(run));
-    json_integer(&json, "checked", run->checked);
-    json_integer(&json, "mismatches", run->mismatches);
-    json_integer(&json, "uncertain", run->uncertain);
+    json_integer(&json, "checked", run->agreement.checked);
+    json_integer(&json, "mismatches", run->agreement.mismatches);
+    json_integer(&json, "uncertain", run->agreement.uncertain);
+    json_number(&json, "wall_ms", run->wall_ms);
     json_object_end(&json);
     bool ok = report_print(&json);
     json_finish(&json);
@@ -146,54 +150,85 @@ static bool print_json(struct run *run)
 
 static bool print_text(const struct run *run)
 {
-    printf("%s: %u x %u of %s, %.1f million rays, %.2f Mray/s on %u threads; %llu of them checked: %llu wrong, %llu uncertain\n",
+    const struct agreement *agreement = &run->agreement;
+    printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; %llu of them %s: %llu wrong, %llu uncertain\n",
            run->options->output, run->picture.width, run->picture.height, run->structures.name, (double)run->picture.rays / 1e6,
-           mrays_s(run), run->local.parallel->threads, (unsigned long long)run->checked, (unsigned long long)run->mismatches,
-           (unsigned long long)run->uncertain);
+           run->choice.tracer->device, mrays_s(run), (unsigned long long)agreement->checked,
+           run->choice.is_cpu ? "checked" : "compared with the CPU", (unsigned long long)agreement->mismatches,
+           (unsigned long long)agreement->uncertain);
     return report_flush();
 }
 
-static enum bvhd_status make_picture(struct run *run, struct bvhd_error *error)
+static enum bvhd_status open_scene(struct run *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
     enum bvhd_status status = structures_open(options->operands[0], options->scene, memory, &run->structures, error);
     if (!status)
+        status = run->choose(options->device, &run->structures, run->local.parallel, memory, &run->choice, error);
+    if (!status)
         status = stage_init(&run->stage, &run->structures, options->up[0], memory, error);
     if (!status)
         status = check_cost(run, error);
+    if (!status)
+        status = surfaces_init(&run->surfaces, &run->structures, memory, error);
+    return status;
+}
+
+static enum bvhd_status make_picture(struct run *run, struct bvhd_error *error)
+{
+    enum bvhd_status status = open_scene(run, error);
+    if (status)
+        return status;
+    uint64_t pixels = (uint64_t)run->options->width * run->options->height;
+    agreement_init(&run->agreement, &run->surfaces, pixels, run->local.parallel, &run->local.memory);
+    status = choose_camera(run, error);
     if (!status)
         status = render(run, error);
     if (!status)
         status = check(run, error);
     if (!status)
-        status = picture_write_png(&run->picture, options->output, error);
+        status = picture_write_png(&run->picture, run->options->output, error);
     return status;
+}
+
+static void release(struct run *run)
+{
+    picture_finish(&run->picture);
+    agreement_finish(&run->agreement);
+    surfaces_finish(&run->surfaces);
+    stage_finish(&run->stage);
+    tracer_choice_finish(&run->choice);
+    structures_close(&run->structures);
+    local_close(&run->local);
+}
+
+/* No daemon is asked, so whatever is not there fails like anything else. */
+static enum exit_code fail(const struct options *options, const struct bvhd_error *error)
+{
+    report_failure(options->json, "trace", error);
+    return EXIT_FAILED;
 }
 
 static enum exit_code finish(struct run *run)
 {
     if (!(run->options->json ? print_json(run) : print_text(run)))
         return EXIT_FAILED;
-    return run->mismatches ? EXIT_WRONG : EXIT_DONE;
+    return run->agreement.mismatches ? EXIT_WRONG : EXIT_DONE;
+}
+
+enum exit_code command_trace_by(const struct options *options, tracer_chooser choose)
+{
+    struct run run = {.options = options, .choose = choose};
+    struct bvhd_error error;
+    if (local_open(&run.local, options->threads, options->memory, &error))
+        return fail(options, &error);
+    enum exit_code code = make_picture(&run, &error) ? fail(options, &error) : finish(&run);
+    release(&run);
+    return code;
 }
 
 enum exit_code command_trace(const struct options *options)
 {
-    struct run run = {.options = options};
-    struct bvhd_error error;
-    if (strcmp(options->device, "cpu") && strcmp(options->device, "auto")) {
-        bvhd_error_set(&error, BVHD_UNSUPPORTED, options->device, "not a device of this version: cpu or auto");
-        return report_failure(options->json, "trace", &error);
-    }
-    enum bvhd_status status = local_open(&run.local, options->threads, options->memory, &error);
-    if (status)
-        return report_failure(options->json, "trace", &error);
-    status = make_picture(&run, &error);
-    enum exit_code code = status ? report_failure(options->json, "trace", &error) : finish(&run);
-    picture_finish(&run.picture);
-    stage_finish(&run.stage);
-    structures_close(&run.structures);
-    local_close(&run.local);
-    return code;
+    return command_trace_by(options, tracer_choose);
 }

@@ -3,8 +3,6 @@
 
 #include "rays.h"
 
-enum { BOUNCES = 2 }; /* rays that look for ambient light at each sample's surface */
-
 static const double pi = 3.14159265358979323846;
 static const double sun_radius = 0.012, sun_radius_inside = 0.0045; /* of its disc, in radians: a little softer than the real one */
 static const struct vector sun_light = {2.5, 2.2, 1.8};
@@ -26,9 +24,10 @@ static double smooth_step(double low, double high, double value)
     return part * part * (3 - 2 * part);
 }
 
-void light_init(struct light *light, const struct stage *stage, const struct camera *camera)
+void light_init(struct light *light, const struct stage *stage, const struct surfaces *surfaces, const struct camera *camera)
 {
-    *light = (struct light){.stage = stage, .camera = camera, .sun = camera_sun(stage, camera), .has_floor = !camera->is_inside};
+    *light = (struct light){
+        .stage = stage, .surfaces = surfaces, .camera = camera, .sun = camera_sun(stage, camera), .has_floor = !camera->is_inside};
 }
 
 static struct vector sky(const struct light *light, struct vector direction)
@@ -61,7 +60,7 @@ static struct vector surface_albedo(const struct light *light, const struct stag
     const float *colour = structures_colour(light->stage->structures, hit->handle, hit->geometry);
     if (colour)
         albedo = vector_make(reflectance(colour[0]), reflectance(colour[1]), reflectance(colour[2]));
-    if (light->stage->instance_count > 1) {
+    if (light->surfaces->instance_count > 1) {
         double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
         albedo = vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
     }
@@ -81,62 +80,26 @@ static struct vector around(struct vector axis, double turn, double sine, double
     return vector_mad(vector_mad(vector_scale(axis, cosine), a, sine * cos(angle)), b, sine * sin(angle));
 }
 
-/* The sun's light on a surface, from a random point of its disc. */
-static struct vector sun_on(const struct light *light, struct vector position, struct vector normal, double turn, double outward,
-                            uint32_t *rays)
+/* The sun's light on a surface, from a random point of its disc, when nothing is in the way. `reflected`: what it is multiplied with. */
+static struct light_shadow sun_on(const struct light *light, struct vector position, struct vector normal, double turn, double outward,
+                                  struct vector reflected)
 {
     double radius = light->camera->is_inside ? sun_radius_inside : sun_radius;
     struct vector towards = vector_unit(around(light->sun, turn, radius * sqrt(outward), 1));
     double cosine = vector_dot(normal, towards);
-    if (cosine <= 0)
-        return vector_make(0, 0, 0);
-    ++*rays;
-    bool is_lit = isinf(stage_clearance(light->stage, position, towards));
-    return vector_scale(sun_light, is_lit ? cosine : 0);
-}
-
-/* Light that arrives from one direction: the sky, or a surface that the sun shines on. */
-static struct vector arriving(const struct light *light, struct vector position, struct vector direction, uint64_t *state,
-                              uint32_t *rays)
-{
-    struct stage_hit hit;
-    ++*rays;
-    if (!stage_look(light->stage, position, direction, &hit))
-        return sky(light, direction);
-    struct vector from = stage_leave(light->stage, &hit);
-    double turn = rays_uniform(state), outward = rays_uniform(state);
-    struct vector sun = sun_on(light, from, hit.normal, turn, outward, rays);
-    struct vector fill = light->camera->is_inside ? inside_fill : outside_fill;
-    double room = hit.distance / (hit.distance + 0.03 * light->stage->size); /* corners get less of what bounces on and on */
-    return vector_mul(surface_albedo(light, &hit), vector_mad(sun, fill, 2 * room));
-}
-
-/* The hemisphere is shared out among a pixel's samples in squares, so that together they cover it evenly. */
-static struct vector ambient_on(const struct light *light, struct vector position, struct vector normal, unsigned index,
-                                uint64_t *state, uint32_t *rays)
-{
-    struct vector sum = {0, 0, 0};
-    for (unsigned i = 0; i < BOUNCES; i++) {
-        unsigned cell = index * BOUNCES + i;
-        double turn = (cell % LIGHT_STRATA + rays_uniform(state)) / LIGHT_STRATA;
-        double outward = (cell / LIGHT_STRATA % 2 + rays_uniform(state)) / 2;
-        struct vector direction = vector_unit(around(normal, turn, sqrt(outward), sqrt(1 - outward)));
-        sum = vector_add(sum, arriving(light, position, direction, state, rays));
-    }
-    return vector_scale(sum, 1.0 / BOUNCES);
+    return (struct light_shadow){
+        .is_needed = cosine > 0, .from = position, .towards = towards, .gain = vector_mul(reflected, vector_scale(sun_light, cosine))};
 }
 
 static void shade(const struct light *light, struct vector position, struct vector normal, struct vector albedo, double share,
-                  unsigned index, uint64_t *state, struct light_sample *sample)
+                  struct light_sample *sample)
 {
-    double turn = (index % 4 + rays_uniform(state)) / 4, outward = rays_uniform(state);
-    struct vector sun = sun_on(light, position, normal, turn, outward, &sample->rays);
-    sample->ambient = ambient_on(light, position, normal, index, state, &sample->rays);
+    double turn = (sample->index % 4 + rays_uniform(&sample->random)) / 4, outward = rays_uniform(&sample->random);
     sample->albedo = vector_scale(albedo, share);
-    sample->direct = vector_mul(sample->albedo, sun);
     sample->position = position;
     sample->normal = normal;
     sample->is_surface = true;
+    sample->shadow = sun_on(light, position, normal, turn, outward, sample->albedo);
 }
 
 /* The distance to the floor along a ray from the camera, INFINITY when it does not come down. */
@@ -147,32 +110,77 @@ static double floor_distance(const struct light *light, struct vector direction)
     return light->has_floor && down > 0 && height > 0 ? height / down : INFINITY;
 }
 
-static void look_at_floor(const struct light *light, struct vector direction, double distance, unsigned index, uint64_t *state,
-                          struct light_sample *sample)
+static void look_at_floor(const struct light *light, double distance, struct light_sample *sample)
 {
     const struct stage *stage = light->stage;
-    struct vector position = vector_mad(light->camera->origin, direction, distance);
+    struct vector position = vector_mad(light->camera->origin, sample->direction, distance);
     struct vector middle = stage_to_world(stage, vector_scale(vector_add(stage->low, stage->high), 0.5));
     double away = vector_length(vector_sub(position, middle)) / stage->size;
     double share = 1 - smooth_step(0.7, 2.6, away);
-    sample->backdrop = vector_scale(backdrop(light, direction), 1 - share);
+    sample->backdrop = vector_scale(backdrop(light, sample->direction), 1 - share);
     if (share > 0)
-        shade(light, vector_mad(position, stage->up, 1e-5 * stage->size), stage->up, floor_albedo, share, index, state, sample);
+        shade(light, vector_mad(position, stage->up, 1e-5 * stage->size), stage->up, floor_albedo, share, sample);
 }
 
-struct light_sample light_look(const struct light *light, struct vector direction, unsigned index, uint64_t *state)
+struct ray light_begin(const struct light *light, const struct light_sample *sample)
 {
-    struct light_sample sample = {.rays = 1};
-    struct stage_hit hit = {.distance = INFINITY};
-    bool is_hit = stage_look(light->stage, light->camera->origin, direction, &hit);
-    double to_floor = floor_distance(light, direction);
-    if (is_hit && hit.distance <= to_floor)
-        shade(light, stage_leave(light->stage, &hit), hit.normal, surface_albedo(light, &hit), 1, index, state, &sample);
+    return stage_ray(light->camera->origin, sample->direction);
+}
+
+void light_meet(const struct light *light, const struct ray *ray, const struct tracer_hit *hit, struct light_sample *sample)
+{
+    struct stage_hit met = {.distance = INFINITY};
+    bool is_hit = surfaces_meet(light->surfaces, ray, hit, &met);
+    double to_floor = floor_distance(light, sample->direction);
+    if (is_hit && met.distance <= to_floor)
+        shade(light, stage_leave(light->stage, &met), met.normal, surface_albedo(light, &met), 1, sample);
     else if (isfinite(to_floor))
-        look_at_floor(light, direction, to_floor, index, state, &sample);
+        look_at_floor(light, to_floor, sample);
     else
-        sample.backdrop = backdrop(light, direction);
-    return sample;
+        sample->backdrop = backdrop(light, sample->direction);
+}
+
+/* The hemisphere is shared out among a pixel's samples in squares, so that together they cover it evenly. */
+void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_BOUNCES])
+{
+    for (unsigned i = 0; i < LIGHT_BOUNCES; i++) {
+        unsigned cell = sample->index * LIGHT_BOUNCES + i;
+        double turn = (cell % LIGHT_STRATA + rays_uniform(&sample->random)) / LIGHT_STRATA;
+        double outward = (cell / LIGHT_STRATA % 2 + rays_uniform(&sample->random)) / 2;
+        struct vector direction = vector_unit(around(sample->normal, turn, sqrt(outward), sqrt(1 - outward)));
+        ret_rays[i] = stage_ray(sample->position, direction);
+    }
+}
+
+/* Light that arrives along one ray: from the sky, or from a surface that the sun may shine on. */
+static struct vector arriving(const struct light *light, const struct ray *ray, const struct tracer_hit *hit, uint64_t *state,
+                              struct light_shadow *ret_shadow)
+{
+    struct stage_hit met;
+    *ret_shadow = (struct light_shadow){0};
+    if (!surfaces_meet(light->surfaces, ray, hit, &met))
+        return sky(light, vector_make((double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2]));
+    double turn = rays_uniform(state), outward = rays_uniform(state);
+    struct vector albedo = surface_albedo(light, &met), fill = light->camera->is_inside ? inside_fill : outside_fill;
+    double room = met.distance / (met.distance + 0.03 * light->stage->size); /* corners get less of what bounces on and on */
+    *ret_shadow = sun_on(light, stage_leave(light->stage, &met), met.normal, turn, outward, vector_scale(albedo, 1.0 / LIGHT_BOUNCES));
+    return vector_mul(albedo, vector_scale(fill, 2 * room));
+}
+
+void light_reflect(const struct light *light, const struct ray rays[LIGHT_BOUNCES], const struct tracer_hit hits[LIGHT_BOUNCES],
+                   struct light_sample *sample)
+{
+    for (unsigned i = 0; i < LIGHT_BOUNCES; i++) {
+        struct vector light_there = arriving(light, &rays[i], &hits[i], &sample->random, &sample->bounced[i]);
+        sample->ambient = vector_mad(sample->ambient, light_there, 1.0 / LIGHT_BOUNCES);
+    }
+}
+
+struct ray light_shadow_ray(const struct light_shadow *shadow)
+{
+    struct ray ray = stage_ray(shadow->from, shadow->towards);
+    ray.flags = RAY_TERMINATE_ON_FIRST_HIT;
+    return ray;
 }
 
 /* A filmic curve: a toe, a nearly straight part, a long shoulder (the fit of Narkowicz 2015). */

@@ -2,24 +2,33 @@
 #include "picture.h"
 
 #include <png.h>
-#include <stdatomic.h>
 #include <string.h>
 
-#include "clock.h"
 #include "files.h"
 #include "rays.h"
 #include "smooth.h"
 
-enum { GRID = 2, SAMPLES = GRID * GRID, EDGE_GRID = 3 }; /* pixels on edges get the samples of both grids */
+enum {
+    GRID = 2,
+    SAMPLES = GRID * GRID,
+    EDGE_GRID = 3,
+    EDGE_SAMPLES = EDGE_GRID * EDGE_GRID
+}; /* pixels on edges get the samples of both grids */
+
+static enum bvhd_status no_memory(const struct picture_options *options, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for a picture of %u x %u", options->width, options->height);
+}
 
 struct rendering {
-    const struct light *light;
+    const struct picture_options *options;
+    struct sampler sampler;
     struct pixel *pixels;
     uint8_t *rgb;
-    uint32_t width, height;
-    _Atomic uint64_t rays, rows;
-    void (*progress)(void *context, uint64_t done, uint64_t total);
-    void *progress_context;
+    struct sums *sums; /* of the pixels that are sampled */
+    struct edge *edges; /* of pixels that wait for more samples */
+    uint32_t first, count; /* the pixels that are sampled, unless `edges` are */
+    uint32_t edge_count;
     double exposure;
 };
 
@@ -43,18 +52,16 @@ static void set_surface(const struct light *light, struct pixel *pixel, struct v
     pixel->depth = (float)fmax(vector_length(seen), 1e-30);
 }
 
-static uint64_t pixel_seed(uint32_t x, uint32_t y)
-{
-    uint64_t state = (uint64_t)y << 32 | x;
-    return rays_random(&state);
-}
-
 /* What a pixel's samples add up to. */
 struct sums {
     struct vector backdrop, albedo, direct, ambient, normal, position;
     unsigned samples, surfaces;
     double darkest, brightest; /* of what is seen without ambient light: edges of things and of shadows show in it */
-    uint64_t rays;
+};
+
+struct edge {
+    uint32_t pixel;
+    struct sums sums;
 };
 
 static void add_sample(struct sums *sums, const struct light_sample *sample)
@@ -65,7 +72,6 @@ static void add_sample(struct sums *sums, const struct light_sample *sample)
     sums->brightest = sums->samples ? fmax(sums->brightest, brightness) : brightness;
     sums->backdrop = vector_add(sums->backdrop, sample->backdrop);
     sums->samples++;
-    sums->rays += sample->rays;
     if (!sample->is_surface)
         return;
     sums->albedo = vector_add(sums->albedo, sample->albedo);
@@ -76,48 +82,140 @@ static void add_sample(struct sums *sums, const struct light_sample *sample)
     sums->surfaces++;
 }
 
-/* One sample in each cell of a grid over the pixel. */
-static void take_samples(const struct rendering *rendering, uint32_t x, uint32_t y, unsigned grid, uint64_t *state, struct sums *sums)
+static bool is_edge(const struct sums *sums)
 {
-    const struct light *light = rendering->light;
-    for (unsigned i = 0; i < grid * grid; i++) {
-        double u = (x + (i % grid + rays_uniform(state)) / grid) / rendering->width;
-        double v = (y + (i / grid + rays_uniform(state)) / grid) / rendering->height;
-        struct light_sample sample = light_look(light, camera_direction(light->camera, u, v), i % SAMPLES, state);
-        add_sample(sums, &sample);
-    }
+    return sums->brightest - sums->darkest > 0.12 * (sums->brightest + 0.1);
 }
 
-static void take_pixel(struct rendering *rendering, uint32_t x, uint32_t y, uint64_t *rays)
+static void finish_pixel(const struct light *light, const struct sums *sums, struct pixel *ret_pixel)
 {
     struct pixel pixel = {0};
-    struct sums sums = {0};
-    uint64_t state = pixel_seed(x, y);
-    take_samples(rendering, x, y, GRID, &state, &sums);
-    if (sums.brightest - sums.darkest > 0.12 * (sums.brightest + 0.1))
-        take_samples(rendering, x, y, EDGE_GRID, &state, &sums);
-    put_floats(pixel.backdrop, vector_scale(sums.backdrop, 1.0 / sums.samples));
-    put_floats(pixel.albedo, vector_scale(sums.albedo, 1.0 / sums.samples));
-    put_floats(pixel.direct, vector_scale(sums.direct, 1.0 / sums.samples));
-    if (sums.surfaces) {
-        put_floats(pixel.ambient, vector_scale(sums.ambient, 1.0 / sums.surfaces));
-        set_surface(rendering->light, &pixel, sums.normal, vector_scale(sums.position, 1.0 / sums.surfaces));
+    put_floats(pixel.backdrop, vector_scale(sums->backdrop, 1.0 / sums->samples));
+    put_floats(pixel.albedo, vector_scale(sums->albedo, 1.0 / sums->samples));
+    put_floats(pixel.direct, vector_scale(sums->direct, 1.0 / sums->samples));
+    if (sums->surfaces) {
+        put_floats(pixel.ambient, vector_scale(sums->ambient, 1.0 / sums->surfaces));
+        set_surface(light, &pixel, sums->normal, vector_scale(sums->position, 1.0 / sums->surfaces));
     }
-    *rays += sums.rays;
-    rendering->pixels[(size_t)y * rendering->width + x] = pixel;
+    *ret_pixel = pixel;
 }
 
-static void take_row(void *context, size_t row)
+/* One sample in each cell of a grid over the pixel. */
+static void place_samples(const struct rendering *rendering, uint32_t pixel, unsigned grid, struct light_sample *samples)
 {
-    struct rendering *rendering = context;
-    uint64_t rays = 0;
-    for (uint32_t x = 0; x < rendering->width; x++)
-        take_pixel(rendering, x, (uint32_t)row, &rays);
-    atomic_fetch_add(&rendering->rays, rays);
-    uint64_t done = atomic_fetch_add(&rendering->rows, 1) + 1;
-    if (rendering->progress)
-        rendering->progress(rendering->progress_context, done, rendering->height);
+    const struct picture_options *options = rendering->options;
+    uint32_t x = pixel % options->width, y = pixel / options->width;
+    uint64_t seed = (uint64_t)y << 32 | x << 8 | grid, state = rays_random(&seed);
+    for (unsigned i = 0; i < grid * grid; i++) {
+        double u = (x + (i % grid + rays_uniform(&state)) / grid) / options->width;
+        double v = (y + (i / grid + rays_uniform(&state)) / grid) / options->height;
+        samples[i].direction = camera_direction(options->light->camera, u, v);
+        samples[i].index = i % SAMPLES;
+        samples[i].random = rays_random(&state);
+    }
 }
+
+/* ---- all pixels, some at a time ---- */
+
+enum { CHUNK = 128 }; /* pixels */
+
+static void place_pixels(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->count, &begin, &end);
+    for (size_t i = begin; i < end; i++)
+        place_samples(rendering, rendering->first + (uint32_t)i, GRID, rendering->sampler.samples + i * SAMPLES);
+}
+
+static void add_pixels(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->count, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        struct sums *sums = &rendering->sums[i];
+        *sums = (struct sums){0};
+        for (int k = 0; k < SAMPLES; k++)
+            add_sample(sums, &rendering->sampler.samples[i * SAMPLES + k]);
+        if (!is_edge(sums))
+            finish_pixel(rendering->options->light, sums, &rendering->pixels[rendering->first + i]);
+    }
+}
+
+static void place_edges(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->edge_count, &begin, &end);
+    for (size_t i = begin; i < end; i++)
+        place_samples(rendering, rendering->edges[i].pixel, EDGE_GRID, rendering->sampler.samples + i * EDGE_SAMPLES);
+}
+
+static void add_edges(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->edge_count, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        struct edge *edge = &rendering->edges[i];
+        for (int k = 0; k < EDGE_SAMPLES; k++)
+            add_sample(&edge->sums, &rendering->sampler.samples[i * EDGE_SAMPLES + k]);
+        finish_pixel(rendering->options->light, &edge->sums, &rendering->pixels[edge->pixel]);
+    }
+}
+
+static void in_chunks(struct rendering *rendering, uint32_t pixels, parallel_task task)
+{
+    parallel_for(rendering->options->parallel, (pixels + CHUNK - 1) / CHUNK, task, rendering);
+}
+
+static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_error *error)
+{
+    in_chunks(rendering, rendering->edge_count, place_edges);
+    enum bvhd_status status = sampler_take(&rendering->sampler, rendering->edge_count * EDGE_SAMPLES, error);
+    if (status)
+        return status;
+    in_chunks(rendering, rendering->edge_count, add_edges);
+    rendering->edge_count = 0;
+    return BVHD_OK;
+}
+
+/* Pixels on edges wait until there are enough of them for a batch. */
+static enum bvhd_status collect_edges(struct rendering *rendering, struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < rendering->count && !status; i++) {
+        if (!is_edge(&rendering->sums[i]))
+            continue;
+        rendering->edges[rendering->edge_count++] = (struct edge){rendering->first + i, rendering->sums[i]};
+        if (rendering->edge_count == rendering->options->batch / EDGE_SAMPLES)
+            status = sample_edges(rendering, error);
+    }
+    return status;
+}
+
+static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_error *error)
+{
+    const struct picture_options *options = rendering->options;
+    uint32_t total = options->width * options->height, step = options->batch / SAMPLES;
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t first = 0; first < total && !status; first += rendering->count) {
+        rendering->first = first;
+        rendering->count = total - first < step ? total - first : step;
+        in_chunks(rendering, rendering->count, place_pixels);
+        status = sampler_take(&rendering->sampler, rendering->count * SAMPLES, error);
+        if (status)
+            return status;
+        in_chunks(rendering, rendering->count, add_pixels);
+        status = collect_edges(rendering, error);
+        if (options->progress)
+            options->progress(options->progress_context, first + rendering->count, total);
+    }
+    return status ? status : sample_edges(rendering, error);
+}
+
+/* ---- development ---- */
 
 static struct vector pixel_colour(const struct pixel *pixel)
 {
@@ -129,28 +227,28 @@ static struct vector pixel_colour(const struct pixel *pixel)
 static double choose_exposure(const struct rendering *rendering)
 {
     static const double middle_grey = 0.26;
-    uint64_t count = (uint64_t)rendering->width * rendering->height;
+    uint64_t count = (uint64_t)rendering->options->width * rendering->options->height;
     double sum = 0;
     for (uint64_t i = 0; i < count; i++) {
         struct vector colour = pixel_colour(&rendering->pixels[i]);
         sum += log(fmax(0.2126 * colour.x + 0.7152 * colour.y + 0.0722 * colour.z, 1e-3));
     }
     double exposure = middle_grey / exp(sum / (double)count);
-    return rendering->light->camera->is_inside ? fmin(fmax(exposure, 0.5), 8) : 1;
+    return rendering->options->light->camera->is_inside ? fmin(fmax(exposure, 0.5), 8) : 1;
 }
 
 /* Corners a little darker, as through a lens. */
 static double vignette(const struct rendering *rendering, uint32_t x, uint32_t y)
 {
-    double u = 2 * (x + 0.5) / rendering->width - 1, v = 2 * (y + 0.5) / rendering->height - 1;
+    double u = 2 * (x + 0.5) / rendering->options->width - 1, v = 2 * (y + 0.5) / rendering->options->height - 1;
     return 1 - 0.09 * (u * u + v * v);
 }
 
 static void develop_row(void *context, size_t row)
 {
     const struct rendering *rendering = context;
-    for (uint32_t x = 0; x < rendering->width; x++) {
-        size_t index = row * rendering->width + x;
+    for (uint32_t x = 0; x < rendering->options->width; x++) {
+        size_t index = row * rendering->options->width + x;
         struct vector colour = vector_scale(pixel_colour(&rendering->pixels[index]), rendering->exposure);
         colour = light_display(vector_scale(colour, vignette(rendering, x, (uint32_t)row)));
         rendering->rgb[3 * index] = (uint8_t)lround(255 * colour.x);
@@ -159,31 +257,55 @@ static void develop_row(void *context, size_t row)
     }
 }
 
-enum bvhd_status picture_render(const struct light *light, uint32_t width, uint32_t height, const struct parallel *parallel,
-                                void (*progress)(void *context, uint64_t done, uint64_t total), void *progress_context,
-                                struct memory *memory, struct picture *ret_picture, struct bvhd_error *error)
+static enum bvhd_status prepare(struct rendering *rendering, struct memory *memory, struct bvhd_error *error)
 {
-    struct rendering rendering = {
-        .light = light, .width = width, .height = height, .progress = progress, .progress_context = progress_context};
-    uint64_t count = (uint64_t)width * height;
-    rendering.pixels = memory_array(memory, count, sizeof *rendering.pixels);
-    rendering.rgb = memory_array(memory, count, 3);
-    bool ok = rendering.pixels && rendering.rgb;
-    double start = clock_ms();
-    if (ok)
-        parallel_for(parallel, height, take_row, &rendering);
-    double seconds = (clock_ms() - start) / 1e3;
-    if (ok && (ok = smooth_ambient(rendering.pixels, width, height, parallel, memory))) {
-        rendering.exposure = choose_exposure(&rendering);
-        parallel_for(parallel, height, develop_row, &rendering);
-    }
-    memory_free(memory, rendering.pixels);
-    if (!ok) {
-        memory_free(memory, rendering.rgb);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for a picture of %u x %u", width, height);
-    }
-    *ret_picture = (struct picture){width, height, rendering.rgb, atomic_load(&rendering.rays), seconds, memory};
+    const struct picture_options *options = rendering->options;
+    uint64_t count = (uint64_t)options->width * options->height;
+    struct sampler_options sampler = {.light = options->light,
+                                      .tracer = options->tracer,
+                                      .parallel = options->parallel,
+                                      .batch = options->batch,
+                                      .watch = options->watch,
+                                      .watch_context = options->watch_context};
+    rendering->pixels = memory_array(memory, count, sizeof *rendering->pixels);
+    rendering->rgb = memory_array(memory, count, 3);
+    rendering->sums = memory_array(memory, options->batch / SAMPLES, sizeof *rendering->sums);
+    rendering->edges = memory_array(memory, options->batch / EDGE_SAMPLES, sizeof *rendering->edges);
+    if (!rendering->pixels || !rendering->rgb || !rendering->sums || !rendering->edges)
+        return no_memory(options, error);
+    return sampler_init(&rendering->sampler, &sampler, memory, error);
+}
+
+static enum bvhd_status develop(struct rendering *rendering, struct memory *memory, struct bvhd_error *error)
+{
+    const struct picture_options *options = rendering->options;
+    if (!smooth_ambient(rendering->pixels, options->width, options->height, options->parallel, memory))
+        return no_memory(options, error);
+    rendering->exposure = choose_exposure(rendering);
+    parallel_for(options->parallel, options->height, develop_row, rendering);
     return BVHD_OK;
+}
+
+enum bvhd_status picture_render(const struct picture_options *options, struct memory *memory, struct picture *ret_picture,
+                                struct bvhd_error *error)
+{
+    struct rendering rendering = {.options = options};
+    enum bvhd_status status = prepare(&rendering, memory, error);
+    if (!status)
+        status = sample_pixels(&rendering, error);
+    struct picture picture = {options->width,         options->height,           rendering.rgb,
+                              rendering.sampler.rays, rendering.sampler.seconds, memory};
+    sampler_finish(&rendering.sampler);
+    memory_free(memory, rendering.sums);
+    memory_free(memory, rendering.edges);
+    if (!status)
+        status = develop(&rendering, memory, error);
+    memory_free(memory, rendering.pixels);
+    if (status)
+        memory_free(memory, rendering.rgb);
+    else
+        *ret_picture = picture;
+    return status;
 }
 
 enum bvhd_status picture_write_png(const struct picture *picture, const char *path, struct bvhd_error *error)

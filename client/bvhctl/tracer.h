@@ -24,6 +24,9 @@ enum { TRACER_FRONT_FACE = 1, TRACER_AABB = 2 };
 /* What a ray that meets nothing has: all other fields are 0. */
 extern const struct tracer_hit tracer_miss;
 
+/* What the CPU has found, in this form. */
+struct tracer_hit tracer_hit_of(const struct ray_hit *hit);
+
 struct tracer {
     const char *device; /* "cpu", or the device's name */
     enum target target; /* of the structures; 0 where nobody knows */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "unit.h"
 
+#include <float.h>
 #include <math.h>
 #include <png.h>
 #include <unistd.h>
@@ -11,9 +12,11 @@
 
 enum { WIDTH = 64, HEIGHT = 36 };
 
-/* A world with its stage, camera and light. */
+/* A world with its stage, camera and light, and what traces them. */
 struct studio {
     struct test_world world;
+    struct surfaces surfaces;
+    struct tracer *tracer;
     struct stage stage;
     struct camera camera;
     struct light light;
@@ -28,22 +31,36 @@ static void open_studio(struct studio *studio, uint32_t threads)
     assert_int_equal(
         camera_choose(&studio->stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &studio->camera, &rays, NULL), BVHD_OK);
     assert_true(rays > 0);
-    light_init(&studio->light, &studio->stage, &studio->camera);
+    assert_int_equal(surfaces_init(&studio->surfaces, &studio->world.structures, &local->memory, NULL), BVHD_OK);
+    assert_int_equal(tracer_cpu_create(&studio->world.structures, local->parallel, &local->memory, &studio->tracer, NULL), BVHD_OK);
+    light_init(&studio->light, &studio->stage, &studio->surfaces, &studio->camera);
 }
 
 static void close_studio(struct studio *studio)
 {
+    tracer_destroy(studio->tracer);
+    surfaces_finish(&studio->surfaces);
+    surfaces_finish(&studio->surfaces);
     stage_finish(&studio->stage);
     stage_finish(&studio->stage);
     test_world_finish(&studio->world);
     assert_int_equal(studio->world.local.memory.live, 0);
 }
 
+static struct picture_options picture_options(const struct studio *studio)
+{
+    return (struct picture_options){.light = &studio->light,
+                                    .tracer = studio->tracer,
+                                    .parallel = studio->world.local.parallel,
+                                    .width = WIDTH,
+                                    .height = HEIGHT,
+                                    .batch = 2048};
+}
+
 static void take_picture(struct studio *studio, struct picture *ret_picture)
 {
-    struct local *local = &studio->world.local;
-    assert_int_equal(picture_render(&studio->light, WIDTH, HEIGHT, local->parallel, NULL, NULL, &local->memory, ret_picture, NULL),
-                     BVHD_OK);
+    struct picture_options options = picture_options(studio);
+    assert_int_equal(picture_render(&options, &studio->world.local.memory, ret_picture, NULL), BVHD_OK);
 }
 
 static void test_stage(void **state)
@@ -157,6 +174,138 @@ static void test_same_for_any_threads(void **state)
     }
 }
 
+/* From the fewest samples at once to all of them. */
+static void test_same_for_any_batch(void **state)
+{
+    (void)state;
+    struct studio studio;
+    struct picture expected, picture;
+    open_studio(&studio, 2);
+    take_picture(&studio, &expected);
+    static const uint32_t batches[] = {PICTURE_LEAST_BATCH, 37, 1000, 1 << 16};
+    for (size_t i = 0; i < sizeof batches / sizeof *batches; i++) {
+        struct picture_options options = picture_options(&studio);
+        options.batch = batches[i];
+        assert_int_equal(picture_render(&options, &studio.world.local.memory, &picture, NULL), BVHD_OK);
+        assert_memory_equal(picture.rgb, expected.rgb, 3 * WIDTH * HEIGHT);
+        assert_int_equal(picture.rays, expected.rays);
+        picture_finish(&picture);
+    }
+    picture_finish(&expected);
+    close_studio(&studio);
+}
+
+struct watcher {
+    uint64_t camera_rays, other_rays, hits;
+    uint64_t fail_at; /* this wave, from 1 */
+    uint64_t waves, pixels, pixels_total;
+};
+
+static enum bvhd_status watch(void *context, bool is_camera, const struct ray *rays, const struct tracer_hit *hits, uint64_t count,
+                              struct bvhd_error *error)
+{
+    struct watcher *watcher = context;
+    *(is_camera ? &watcher->camera_rays : &watcher->other_rays) += count;
+    for (uint64_t i = 0; i < count; i++) {
+        watcher->hits += isfinite(hits[i].t);
+        assert_true(rays[i].cull_mask == 0xff && (!is_camera || rays[i].flags == 0));
+    }
+    return ++watcher->waves == watcher->fail_at ? bvhd_error_set(error, BVHD_CANCELLED, "watch", "enough") : BVHD_OK;
+}
+
+static void note_progress(void *context, uint64_t done, uint64_t total)
+{
+    struct watcher *watcher = context;
+    assert_true(done > watcher->pixels && done <= total);
+    watcher->pixels = done;
+    watcher->pixels_total = total;
+}
+
+/* Every ray is shown, and progress ends at the end. */
+static void test_watch(void **state)
+{
+    (void)state;
+    struct studio studio;
+    struct picture picture;
+    struct watcher watcher = {0};
+    open_studio(&studio, 2);
+    struct picture_options options = picture_options(&studio);
+    options.watch = watch;
+    options.progress = note_progress;
+    options.watch_context = options.progress_context = &watcher;
+    assert_int_equal(picture_render(&options, &studio.world.local.memory, &picture, NULL), BVHD_OK);
+    assert_int_equal(watcher.camera_rays + watcher.other_rays, picture.rays);
+    assert_true(watcher.camera_rays >= 4 * WIDTH * HEIGHT && watcher.other_rays > watcher.camera_rays && watcher.hits > 0);
+    assert_true(picture.seconds > 0);
+    assert_int_equal(watcher.pixels, WIDTH * HEIGHT);
+    assert_int_equal(watcher.pixels_total, WIDTH * HEIGHT);
+    picture_finish(&picture);
+    close_studio(&studio);
+}
+
+/* Whichever wave fails, nothing is held. */
+static void test_failing_wave(void **state)
+{
+    (void)state;
+    struct studio studio;
+    struct picture picture;
+    open_studio(&studio, 2);
+    uint64_t live = studio.world.local.memory.live;
+    enum bvhd_status status = BVHD_CANCELLED;
+    for (uint64_t wave = 1; status; wave++) {
+        struct watcher watcher = {.fail_at = wave};
+        struct bvhd_error error = {0};
+        struct picture_options options = picture_options(&studio);
+        options.watch = watch;
+        options.watch_context = &watcher;
+        status = picture_render(&options, &studio.world.local.memory, &picture, &error);
+        assert_true(status == BVHD_OK || (status == BVHD_CANCELLED && error.status == BVHD_CANCELLED && watcher.waves == wave));
+        assert_true(status == BVHD_OK || studio.world.local.memory.live == live);
+        assert_true(status || wave > 12);
+    }
+    picture_finish(&picture);
+    close_studio(&studio);
+}
+
+/* A tracer that answers with what is not there draws nothing that is not there, and is survived. */
+static enum bvhd_status trace_nonsense(struct tracer *tracer, const struct ray *rays, uint64_t count, struct tracer_hit *ret_hits,
+                                       double *ret_seconds, struct bvhd_error *error)
+{
+    (void)tracer;
+    (void)rays;
+    (void)error;
+    static const struct tracer_hit nonsense[] = {
+        {1, 0, 0, 99, 0, 0, 0, 0},
+        {1, 0, 0, 1, 0, 99, 0, 0},
+        {1, 0, 0, 1, 0, 0, UINT32_MAX, 0},
+        {1, 0, 0, 2, 0, 0, 0, 0},
+        {1, 0, 0, RAY_NO_INSTANCE, 0, 0, 0, 0},
+        {NAN, 0, 0, 1, 0, 0, 0, 0},
+        {-INFINITY, 0, 0, 1, 0, 0, 0, 0},
+        {1, 0, 0, 99, 0, 0, 0, TRACER_AABB},
+        {-5, 0, 0, 1, 0, 0, 0, 0},
+        {FLT_MAX, 0, 0, 1, 0, 0, 1, 0},
+    };
+    for (uint64_t i = 0; i < count; i++)
+        ret_hits[i] = nonsense[i % (sizeof nonsense / sizeof *nonsense)];
+    *ret_seconds = 0;
+    return BVHD_OK;
+}
+
+static void test_nonsense(void **state)
+{
+    (void)state;
+    struct studio studio;
+    struct picture picture;
+    struct tracer liar = {"liar", TARGET_PORTABLE, trace_nonsense, NULL};
+    open_studio(&studio, 2);
+    struct picture_options options = picture_options(&studio);
+    options.tracer = &liar;
+    assert_int_equal(picture_render(&options, &studio.world.local.memory, &picture, NULL), BVHD_OK);
+    picture_finish(&picture);
+    close_studio(&studio);
+}
+
 /* Something is in it: shadows are dark, the sun is bright. */
 static void test_contrast(void **state)
 {
@@ -210,12 +359,17 @@ static void test_no_memory(void **state)
     open_studio(&studio, 1);
     struct memory *memory = &studio.world.local.memory;
     uint64_t live = memory->live;
-    for (int64_t after = 0; after < 4; after++) {
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    int64_t after = 0;
+    for (; status; after++) {
+        struct picture_options options = picture_options(&studio);
+        options.width = options.height = 4;
         atomic_store(&memory->fail_after, after);
-        enum bvhd_status status = picture_render(&studio.light, 4, 4, studio.world.local.parallel, NULL, NULL, memory, &picture, NULL);
-        assert_int_equal(status, BVHD_NO_MEMORY);
-        assert_int_equal(memory->live, live);
+        status = picture_render(&options, memory, &picture, NULL);
+        assert_true(status == BVHD_OK || (status == BVHD_NO_MEMORY && memory->live == live));
     }
+    assert_true(after > 8);
+    picture_finish(&picture);
     atomic_store(&memory->fail_after, -1);
     close_studio(&studio);
 }
@@ -262,10 +416,20 @@ static void test_display(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_stage),         cmocka_unit_test(test_up),     cmocka_unit_test(test_camera_sees_the_scene),
-        cmocka_unit_test(test_contrast),      cmocka_unit_test(test_png),    cmocka_unit_test(test_same_for_any_threads),
-        cmocka_unit_test(test_no_memory),     cmocka_unit_test(test_smooth), cmocka_unit_test(test_display),
+        cmocka_unit_test(test_stage),
+        cmocka_unit_test(test_up),
+        cmocka_unit_test(test_camera_sees_the_scene),
+        cmocka_unit_test(test_contrast),
+        cmocka_unit_test(test_png),
+        cmocka_unit_test(test_same_for_any_threads),
+        cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_smooth),
+        cmocka_unit_test(test_display),
         cmocka_unit_test(test_few_triangles),
+        cmocka_unit_test(test_same_for_any_batch),
+        cmocka_unit_test(test_watch),
+        cmocka_unit_test(test_failing_wave),
+        cmocka_unit_test(test_nonsense),
     };
     return cmocka_run_group_tests_name("picture", tests, NULL, NULL);
 }

@@ -1,0 +1,286 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "agreement.h"
+
+#include <float.h>
+#include <string.h>
+
+#include "oracle.h"
+#include "unpack.h"
+
+enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, RAYS_A_PIXEL = 20, CAMERA_RAYS_A_PIXEL = 4 };
+enum { CASES = 4096, FEWEST_CASES = 256, CHUNK = 256 };
+static const double affordable_pairs = 2e10; /* of a ray and a triangle, for the oracle: a minute */
+
+static const double roundings = 8;
+
+/* How two answers to one ray compare. */
+enum { ANSWERS_AGREE, ANSWERS_DIFFER, FACTS_DIFFER /* other than by where the ray goes: of one triangle, not the same is said */ };
+
+struct agreement_case {
+    struct ray ray;
+    struct tracer_hit device, own;
+    bool is_disputed; /* FACTS_DIFFER */
+};
+
+static uint32_t stride(double rays, double limit)
+{
+    return rays > limit ? (uint32_t)ceil(rays / limit) : 1;
+}
+
+void agreement_init(struct agreement *agreement, const struct surfaces *surfaces, uint64_t pixels, const struct parallel *parallel,
+                    struct memory *memory)
+{
+    *agreement = (struct agreement){.surfaces = surfaces,
+                                    .parallel = parallel,
+                                    .camera_stride = stride((double)pixels * CAMERA_RAYS_A_PIXEL, CAMERA_RAYS),
+                                    .other_stride = stride((double)pixels * RAYS_A_PIXEL, OTHER_RAYS),
+                                    .memory = memory};
+}
+
+void agreement_finish(struct agreement *agreement)
+{
+    if (!agreement || !agreement->memory)
+        return;
+    memory_free(agreement->memory, agreement->cases);
+    memory_free(agreement->memory, agreement->verdicts);
+    *agreement = (struct agreement){0};
+}
+
+/* ---- two answers ---- */
+
+static bool is_miss(const struct tracer_hit *hit)
+{
+    return hit->t == INFINITY;
+}
+
+static double component(struct vector vector, int axis)
+{
+    return axis == 0 ? vector.x : axis == 1 ? vector.y : vector.z;
+}
+
+/* The distance to the triangle's plane, and how far rounding may move it. */
+static void plane_distance(const struct ray *ray, const struct surface *surface, double *ret_t, double *ret_tolerance)
+{
+    struct vector normal = surface_normal(surface);
+    double above = 0, facing = 0, wobble = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double n = component(normal, axis), corner = component(surface->corners[0], axis), farthest = fabs(corner);
+        for (int i = 1; i < 3; i++)
+            farthest = fmax(farthest, fabs(component(surface->corners[i], axis)));
+        above += n * (corner - (double)ray->origin[axis]);
+        facing += n * (double)ray->direction[axis];
+        wobble += fabs(n) * (fabs((double)ray->origin[axis]) + farthest + fabs(component(surface->shift, axis)));
+    }
+    double t = above / facing;
+    for (int axis = 0; axis < 3; axis++)
+        wobble += fabs(component(normal, axis) * t * (double)ray->direction[axis]);
+    *ret_t = t;
+    *ret_tolerance = roundings * FLT_EPSILON * wobble / fabs(facing) + FLT_TRUE_MIN;
+}
+
+/* Whether two distances to the same triangle differ by rounding alone. */
+static bool is_near(const struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
+                    const struct tracer_hit *own)
+{
+    double apart = fabs((double)device->t - (double)own->t), t, tolerance;
+    struct surface surface;
+    if (apart <= roundings * FLT_EPSILON * fabs((double)own->t))
+        return true;
+    if (!isfinite(apart) || !surfaces_find(agreement->surfaces, own, &surface))
+        return false;
+    plane_distance(ray, &surface, &t, &tolerance);
+    return apart <= tolerance;
+}
+
+static bool same_instance(const struct agreement *agreement, const struct tracer_hit *a, const struct tracer_hit *b)
+{
+    return !agreement->surfaces->structures->has_top || a->instance == b->instance;
+}
+
+static int compare(const struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
+                   const struct tracer_hit *own)
+{
+    if (isnan(device->t))
+        return FACTS_DIFFER;
+    if (is_miss(device) || is_miss(own) || ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
+        return is_miss(device) == is_miss(own) ? ANSWERS_AGREE : ANSWERS_DIFFER;
+    if (!same_instance(agreement, device, own) || device->geometry != own->geometry || device->primitive != own->primitive)
+        return ANSWERS_DIFFER;
+    if (device->flags != own->flags || (agreement->surfaces->structures->has_top && device->custom_index != own->custom_index))
+        return FACTS_DIFFER;
+    return is_near(agreement, ray, device, own) ? ANSWERS_AGREE : ANSWERS_DIFFER;
+}
+
+/* ---- a wave ---- */
+
+struct wave {
+    const struct agreement *agreement;
+    const struct ray *rays;
+    const struct tracer_hit *hits;
+    uint64_t first, count; /* of the rays that are looked at, and how many they are */
+    uint32_t stride;
+};
+
+static struct tracer_hit trace_own(const struct structures *structures, const struct ray *ray)
+{
+    struct ray_hit hit;
+    return structures_trace(structures, ray, NULL, &hit) ? tracer_hit_of(&hit) : tracer_miss;
+}
+
+static void compare_chunk(void *context, size_t index)
+{
+    const struct wave *wave = context;
+    const struct agreement *agreement = wave->agreement;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, wave->count, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        uint64_t at = wave->first + i * wave->stride;
+        struct tracer_hit own = trace_own(agreement->surfaces->structures, &wave->rays[at]);
+        agreement->verdicts[i] = (unsigned char)compare(agreement, &wave->rays[at], &wave->hits[at], &own);
+    }
+}
+
+static bool has_room(struct agreement *agreement, uint64_t verdicts)
+{
+    if (!agreement->cases)
+        agreement->cases = memory_array(agreement->memory, CASES, sizeof *agreement->cases);
+    if (verdicts > agreement->verdict_capacity) {
+        unsigned char *block = memory_resize(agreement->memory, agreement->verdicts, verdicts);
+        if (!block)
+            return false;
+        agreement->verdicts = block;
+        agreement->verdict_capacity = verdicts;
+    }
+    return agreement->cases;
+}
+
+static void keep_case(struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device, const struct tracer_hit *own,
+                      int verdict)
+{
+    agreement->differing++;
+    if (agreement->case_count < CASES)
+        agreement->cases[agreement->case_count++] = (struct agreement_case){*ray, *device, *own, verdict == FACTS_DIFFER};
+}
+
+static enum bvhd_status no_memory(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory to compare with the CPU");
+}
+
+/* Every stride-th ray of all waves of its kind; returns the first one in this wave. */
+static uint64_t next_ray(uint64_t *seen, uint64_t count, uint32_t stride)
+{
+    uint64_t first = (stride - *seen % stride) % stride;
+    *seen += count;
+    return first;
+}
+
+enum bvhd_status agreement_watch(void *context, bool is_camera, const struct ray *rays, const struct tracer_hit *hits, uint64_t count,
+                                 struct bvhd_error *error)
+{
+    struct agreement *agreement = context;
+    struct wave wave = {.agreement = agreement, .rays = rays, .hits = hits};
+    wave.stride = is_camera ? agreement->camera_stride : agreement->other_stride;
+    wave.first = next_ray(is_camera ? &agreement->camera_seen : &agreement->other_seen, count, wave.stride);
+    wave.count = wave.first < count ? (count - wave.first - 1) / wave.stride + 1 : 0;
+    if (!has_room(agreement, wave.count))
+        return no_memory(error);
+    parallel_for(agreement->parallel, (wave.count + CHUNK - 1) / CHUNK, compare_chunk, &wave);
+    agreement->checked += wave.count;
+    for (uint64_t i = 0; i < wave.count; i++) {
+        uint64_t at = wave.first + i * wave.stride;
+        if (agreement->verdicts[i] == ANSWERS_AGREE)
+            continue;
+        struct tracer_hit own = trace_own(agreement->surfaces->structures, &rays[at]);
+        keep_case(agreement, &rays[at], &hits[at], &own, agreement->verdicts[i]);
+    }
+    return BVHD_OK;
+}
+
+enum bvhd_status agreement_doubt(struct agreement *agreement, const struct ray *rays, const struct tracer_hit *hits, uint32_t count,
+                                 struct bvhd_error *error)
+{
+    if (!has_room(agreement, 0))
+        return no_memory(error);
+    agreement->checked += count;
+    for (uint32_t i = 0; i < count; i++)
+        keep_case(agreement, &rays[i], &hits[i], &hits[i], ANSWERS_DIFFER);
+    return BVHD_OK;
+}
+
+/* ---- what the oracle says ---- */
+
+/* An answer as the oracle judges it, which leaves less room for rounding than is given here: within that, the triangle's own distance stands for t. */
+static enum oracle_verdict judge_hit(const struct agreement *agreement, const struct oracle_answer *answer, const struct ray *ray,
+                                     const struct tracer_hit *hit)
+{
+    struct ray_hit judged = {.t = hit->t, .instance = hit->instance, .geometry = hit->geometry, .primitive = hit->primitive};
+    judged.is_aabb = hit->flags & TRACER_AABB;
+    if (!agreement->surfaces->structures->has_top)
+        judged.instance = RAY_NO_INSTANCE;
+    if (is_miss(hit))
+        return oracle_judge(answer, NULL, NULL);
+    struct surface surface;
+    double t, tolerance;
+    if (surfaces_find(agreement->surfaces, hit, &surface)) {
+        plane_distance(ray, &surface, &t, &tolerance);
+        judged.t = fabs((double)hit->t - t) <= tolerance ? (float)t : hit->t;
+    }
+    return oracle_judge(answer, &judged, NULL);
+}
+
+static void judge_case(struct agreement *agreement, const struct agreement_case *one, const struct oracle_answer *answer)
+{
+    bool agrees = false;
+    if (answer->kind == ORACLE_UNCERTAIN && !isnan(one->device.t)) {
+        agreement->uncertain++;
+        return;
+    }
+    if (!one->is_disputed && !(one->ray.flags & RAY_TERMINATE_ON_FIRST_HIT))
+        agrees = judge_hit(agreement, answer, &one->ray, &one->device) == ORACLE_RIGHT &&
+                 judge_hit(agreement, answer, &one->ray, &one->own) == ORACLE_RIGHT;
+    agreement->mismatches += !agrees;
+}
+
+static enum bvhd_status ask(struct agreement *agreement, const struct unpacked *unpacked, uint32_t count, struct ray *rays,
+                            struct oracle_answer *answers, void (*progress)(void *context, uint64_t done, uint64_t total),
+                            void *progress_context, struct bvhd_error *error)
+{
+    for (uint32_t i = 0; i < count; i++)
+        rays[i] = agreement->cases[i].ray;
+    enum bvhd_status status = oracle_trace(unpacked->meshes, unpacked->mesh_count, rays, count, agreement->memory, agreement->parallel,
+                                           progress, progress_context, answers, error);
+    if (status)
+        return status;
+    for (uint32_t i = 0; i < count; i++)
+        judge_case(agreement, &agreement->cases[i], &answers[i]);
+    oracle_finish(answers, count, agreement->memory);
+    agreement->mismatches += agreement->differing - count;
+    return BVHD_OK;
+}
+
+static uint32_t affordable_cases(const struct agreement *agreement, const struct unpacked *unpacked)
+{
+    double limit = fmax(affordable_pairs / (double)(unpacked->triangle_count + 1), FEWEST_CASES);
+    return limit < agreement->case_count ? (uint32_t)limit : agreement->case_count;
+}
+
+enum bvhd_status agreement_judge(struct agreement *agreement, void (*progress)(void *context, uint64_t done, uint64_t total),
+                                 void *progress_context, struct bvhd_error *error)
+{
+    if (agreement->case_count == 0)
+        return BVHD_OK;
+    struct memory *memory = agreement->memory;
+    struct unpacked unpacked = {0};
+    struct ray *rays = memory_array(memory, agreement->case_count, sizeof *rays);
+    struct oracle_answer *answers = memory_array(memory, agreement->case_count, sizeof *answers);
+    enum bvhd_status status = rays && answers ? BVHD_OK : no_memory(error);
+    if (!status)
+        status = unpack_structures(agreement->surfaces->structures, memory, &unpacked, error);
+    if (!status)
+        status = ask(agreement, &unpacked, affordable_cases(agreement, &unpacked), rays, answers, progress, progress_context, error);
+    unpack_finish(&unpacked);
+    memory_free(memory, answers);
+    memory_free(memory, rays);
+    return status;
+}
