@@ -21,6 +21,13 @@ enum { BINDING_TOP, BINDING_RAYS, BINDING_HITS, BINDING_BOXES, BINDING_FIRST, BI
 
 enum { PASS_ALL, PASS_TRIANGLES, PASS_BOXES };
 
+/* As shaders/rays.rgen has it. */
+struct device_ray {
+    float origin[3], tmin;
+    float direction[3], tmax;
+    uint32_t flags, mask, reserved[2];
+};
+
 struct ray_pipeline {
     struct tracer tracer;
     struct gpu *gpu;
@@ -198,7 +205,7 @@ static enum bvhd_status create_buffers(struct ray_pipeline *self, struct bvhd_er
 {
     struct gpu *gpu = self->gpu;
     const VkBufferUsageFlags storage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
-    VkDeviceSize rays = (VkDeviceSize)MAX_RAYS * sizeof(struct ray), hits = (VkDeviceSize)MAX_RAYS * sizeof(struct tracer_hit);
+    VkDeviceSize rays = (VkDeviceSize)MAX_RAYS * sizeof(struct device_ray), hits = (VkDeviceSize)MAX_RAYS * sizeof(struct tracer_hit);
     VkQueryPoolCreateInfo clock = {
         .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
     enum bvhd_status status = gpu_buffer_create(gpu, rays, storage | VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_DEVICE, &self->rays, error);
@@ -266,7 +273,7 @@ static void launch(struct ray_pipeline *self, VkCommandBuffer commands, uint32_t
 static void record(struct ray_pipeline *self, VkCommandBuffer commands, uint32_t count)
 {
     struct gpu *gpu = self->gpu;
-    VkBufferCopy rays = {0, 0, count * sizeof(struct ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
+    VkBufferCopy rays = {0, 0, count * sizeof(struct device_ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
     gpu->vk.CmdResetQueryPool(commands, self->clock, 0, 2);
     gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &rays);
     barrier(self, commands);
@@ -284,13 +291,22 @@ static void record(struct ray_pipeline *self, VkCommandBuffer commands, uint32_t
     barrier(self, commands);
 }
 
+static void put_rays(struct device_ray *to, const struct ray *rays, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        to[i] = (struct device_ray){.tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .mask = rays[i].cull_mask};
+        memcpy(to[i].origin, rays[i].origin, sizeof to[i].origin);
+        memcpy(to[i].direction, rays[i].direction, sizeof to[i].direction);
+    }
+}
+
 static enum bvhd_status trace_chunk(struct ray_pipeline *self, const struct ray *rays, uint32_t count, struct tracer_hit *ret_hits,
                                     double *ret_seconds, struct bvhd_error *error)
 {
     struct gpu *gpu = self->gpu;
     uint64_t ticks[2];
     VkCommandBuffer commands;
-    memcpy(self->upload.mapped, rays, count * sizeof *rays);
+    put_rays(self->upload.mapped, rays, count);
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
     if (status)
         return status;
@@ -372,7 +388,7 @@ enum bvhd_status ray_pipeline_create(struct gpu *gpu, VkAccelerationStructureKHR
     return BVHD_OK;
 }
 
-enum bvhd_status ray_pipeline_set_boxes(struct tracer *tracer, const struct ray_pipeline_boxes *boxes, struct bvhd_error *error)
+enum bvhd_status ray_pipeline_set_boxes(struct tracer *tracer, const struct tracer_boxes *boxes, struct bvhd_error *error)
 {
     struct ray_pipeline *self = (struct ray_pipeline *)tracer;
     struct gpu_buffer bounds = {0}, first = {0};

@@ -1,0 +1,217 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "bench_vulkan_kernel.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "files.h"
+
+enum { MAX_RAYS = 1 << 20, MAX_CONSTANTS = 16, BINDINGS = 4 };
+
+struct device_ray {
+    float origin[3], tmin;
+    float direction[3], tmax;
+    uint32_t flags, mask, reserved[2];
+};
+
+struct push {
+    uint32_t count, has_top;
+    uint64_t root, base;
+};
+
+struct bench_kernel {
+    struct tracer tracer;
+    struct gpu *gpu;
+    struct memory *memory;
+    char name[64], file[4096];
+    uint32_t constants[MAX_CONSTANTS], constant_count;
+    struct gpu_kernel kernel;
+    struct gpu_timer timer;
+    struct bvhd_vulkan_scene *scene;
+    struct gpu_buffer rays, hits, upload, readback, counter, storage; /* the last one is the scene's */
+    struct push push;
+};
+
+static enum bvhd_status parse(struct bench_kernel *self, const char *text, struct bvhd_error *error)
+{
+    const char *equals = strchr(text, '='), *colon = equals ? strchr(equals, ':') : NULL;
+    if (!equals || (size_t)(equals - text) >= sizeof self->name || strlen(equals) >= sizeof self->file)
+        return bvhd_error_set(error, BVHD_INVALID, text, "NAME=FILE.spv:CONSTANT,... is wanted");
+    memcpy(self->name, text, (size_t)(equals - text));
+    memcpy(self->file, equals + 1, colon ? (size_t)(colon - equals - 1) : strlen(equals + 1));
+    self->constants[0] = 64;
+    self->constant_count = 2;
+    for (uint32_t i = 0; colon && i < MAX_CONSTANTS; i++) {
+        self->constants[i] = (uint32_t)strtoul(colon + 1, NULL, 0);
+        self->constant_count = i < 2 ? 2 : i + 1;
+        colon = strchr(colon + 1, ',');
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status load_kernel(struct bench_kernel *self, struct bvhd_error *error)
+{
+    unsigned char *code;
+    uint64_t size;
+    enum bvhd_status status = files_read(self->file, 1 << 24, self->memory, &code, &size, error);
+    if (status)
+        return status;
+    struct gpu_kernel_options options = {.code = (const uint32_t *)(const void *)code,
+                                         .size = size,
+                                         .bindings = BINDINGS,
+                                         .push_size = sizeof(struct push),
+                                         .constants = self->constants,
+                                         .constant_count = self->constant_count};
+    status = gpu_kernel_create(self->gpu, &options, &self->kernel, error);
+    memory_free(self->memory, code);
+    return status;
+}
+
+static enum bvhd_status load_scene(struct bench_kernel *self, const struct structures *structures, struct bvhd_error *error)
+{
+    struct bvhd_vulkan_bytes *blobs = memory_array(self->memory, structures->file_count, sizeof *blobs);
+    if (!blobs)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, self->name, "no memory for the list of structures");
+    for (uint32_t i = 0; i < structures->file_count; i++)
+        blobs[i] = (struct bvhd_vulkan_bytes){structures->blobs[i].data, structures->blobs[i].size};
+    struct bvhd_vulkan_scene_options options = {.struct_size = sizeof options,
+                                                .blobs = blobs,
+                                                .blob_count = structures->file_count,
+                                                .flags = self->gpu->facts.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0};
+    enum bvhd_status status = bvhd_vulkan_scene_create(self->gpu->library, &self->gpu->queue, &options, &self->scene, error);
+    memory_free(self->memory, blobs);
+    uint32_t root = structures->has_top ? structures->file_count - 1 : 0;
+    struct bvhd_vulkan_span span;
+    VkDeviceSize size = 0;
+    if (!status)
+        status = bvhd_vulkan_scene_storage(self->scene, root, &span, &size);
+    if (status)
+        return status;
+    self->storage = (struct gpu_buffer){.buffer = span.buffer, .size = size};
+    self->push = (struct push){.has_top = structures->has_top, .root = bvhd_vulkan_scene_location(self->scene, root)};
+    if (options.flags) {
+        VkBufferDeviceAddressInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = span.buffer};
+        self->push.base = self->gpu->vk.GetBufferDeviceAddress(self->gpu->device, &info);
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_error *error)
+{
+    const VkBufferUsageFlags bound = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
+    const VkBufferUsageFlags from = VK_BUFFER_USAGE_TRANSFER_SRC_BIT, to = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+    uint64_t rays = (uint64_t)MAX_RAYS * sizeof(struct device_ray), hits = (uint64_t)MAX_RAYS * sizeof(struct tracer_hit);
+    enum bvhd_status status = gpu_buffer_create(self->gpu, rays, from, GPU_UPLOAD, &self->upload, error);
+    if (!status)
+        status = gpu_buffer_create(self->gpu, rays, bound | to, GPU_DEVICE, &self->rays, error);
+    if (!status)
+        status = gpu_buffer_create(self->gpu, hits, bound | from, GPU_DEVICE, &self->hits, error);
+    if (!status)
+        status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
+    if (!status)
+        status = gpu_buffer_create(self->gpu, 256, bound | to, GPU_DEVICE, &self->counter, error);
+    if (!status)
+        status = gpu_timer_create(self->gpu, &self->timer, error);
+    return status;
+}
+
+static void barrier(struct bench_kernel *self, VkCommandBuffer commands)
+{
+    VkMemoryBarrier memory = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                              .srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT,
+                              .dstAccessMask = VK_ACCESS_MEMORY_READ_BIT | VK_ACCESS_MEMORY_WRITE_BIT};
+    VkPipelineStageFlags stages = VK_PIPELINE_STAGE_TRANSFER_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_HOST_BIT;
+    self->gpu->vk.CmdPipelineBarrier(commands, stages, stages, 0, 1, &memory, 0, NULL, 0, NULL);
+}
+
+static void record(struct bench_kernel *self, VkCommandBuffer commands, uint32_t count)
+{
+    struct gpu *gpu = self->gpu;
+    VkBufferCopy rays = {0, 0, count * sizeof(struct device_ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
+    uint32_t groups = self->constants[1] ? self->constants[1] : (count + self->constants[0] - 1) / self->constants[0];
+    self->push.count = count;
+    gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &rays);
+    gpu->vk.CmdFillBuffer(commands, self->counter.buffer, 0, 256, 0);
+    barrier(self, commands);
+    gpu_timer_start(gpu, &self->timer, commands);
+    gpu_kernel_record(gpu, &self->kernel, commands, &self->push, groups);
+    gpu_timer_stop(gpu, &self->timer, commands);
+    barrier(self, commands);
+    gpu->vk.CmdCopyBuffer(commands, self->hits.buffer, self->readback.buffer, 1, &hits);
+    barrier(self, commands);
+}
+
+static enum bvhd_status trace_portion(struct bench_kernel *self, const struct ray *rays, uint32_t count, struct tracer_hit *ret_hits,
+                                      double *seconds, struct bvhd_error *error)
+{
+    struct device_ray *to = self->upload.mapped;
+    VkCommandBuffer commands;
+    for (uint32_t i = 0; i < count; i++) {
+        to[i] = (struct device_ray){.tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .mask = rays[i].cull_mask};
+        memcpy(to[i].origin, rays[i].origin, sizeof to[i].origin);
+        memcpy(to[i].direction, rays[i].direction, sizeof to[i].direction);
+    }
+    enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
+    if (status)
+        return status;
+    record(self, commands, count);
+    status = gpu_submit(self->gpu, commands, error);
+    if (status)
+        return status;
+    memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
+    *seconds += gpu_timer_seconds(self->gpu, &self->timer);
+    return BVHD_OK;
+}
+
+static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uint64_t count, struct tracer_hit *ret_hits,
+                              double *ret_seconds, struct bvhd_error *error)
+{
+    struct bench_kernel *self = (struct bench_kernel *)tracer;
+    double seconds = 0;
+    enum bvhd_status status = BVHD_OK;
+    for (uint64_t at = 0; at < count && !status; at += MAX_RAYS)
+        status =
+            trace_portion(self, rays + at, (uint32_t)(count - at < MAX_RAYS ? count - at : MAX_RAYS), ret_hits + at, &seconds, error);
+    if (!status && ret_seconds)
+        *ret_seconds = seconds;
+    return status;
+}
+
+static void destroy(struct tracer *tracer)
+{
+    struct bench_kernel *self = (struct bench_kernel *)tracer;
+    struct gpu_buffer *buffers[] = {&self->rays, &self->hits, &self->upload, &self->readback, &self->counter};
+    for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++)
+        gpu_buffer_destroy(self->gpu, buffers[i]);
+    gpu_timer_destroy(self->gpu, &self->timer);
+    gpu_kernel_destroy(self->gpu, &self->kernel);
+    bvhd_vulkan_scene_destroy(self->scene);
+    memory_free(self->memory, self);
+}
+
+enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, const struct structures *structures, struct memory *memory,
+                                     struct tracer **ret_tracer, struct bvhd_error *error)
+{
+    struct bench_kernel *self = memory_alloc(memory, sizeof *self);
+    if (!self)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, text, "no memory");
+    *self =
+        (struct bench_kernel){.tracer = {.target = TARGET_PORTABLE, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory};
+    enum bvhd_status status = parse(self, text, error);
+    if (!status)
+        status = load_kernel(self, error);
+    if (!status)
+        status = load_scene(self, structures, error);
+    if (!status)
+        status = create_buffers(self, error);
+    if (status) {
+        destroy(&self->tracer);
+        return status;
+    }
+    const struct gpu_buffer *bound[BINDINGS] = {&self->rays, &self->hits, &self->storage, &self->counter};
+    gpu_kernel_bind(gpu, &self->kernel, bound, NULL);
+    self->tracer.device = self->name;
+    *ret_tracer = &self->tracer;
+    return BVHD_OK;
+}

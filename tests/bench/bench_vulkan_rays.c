@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "bench_vulkan_rays.h"
+
+#include <float.h>
+#include <math.h>
+
+#include "camera.h"
+#include "random.h"
+
+enum { TILE_WIDTH = 8, TILE_HEIGHT = 4, CHUNK = 4096 };
+
+const char *const bench_rays_names[RAYS_KINDS] = {"primary", "diffuse", "random"};
+
+struct making {
+    struct bench_rays *rays;
+    const struct stage *stage;
+    struct camera camera;
+    uint32_t side; /* of the picture */
+    unsigned char *is_hit; /* by primary ray */
+};
+
+static void task_primary(void *context, size_t index)
+{
+    struct making *making = context;
+    size_t begin, end;
+    uint32_t side = making->side, columns = side / TILE_WIDTH;
+    parallel_chunk(index, CHUNK, making->rays->count[RAYS_PRIMARY], &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        uint32_t tile = (uint32_t)i / (TILE_WIDTH * TILE_HEIGHT), pixel = (uint32_t)i % (TILE_WIDTH * TILE_HEIGHT);
+        double x = (tile % columns) * TILE_WIDTH + pixel % TILE_WIDTH + 0.5,
+               y = (tile / columns) * TILE_HEIGHT + pixel / TILE_WIDTH + 0.5;
+        making->rays->rays[RAYS_PRIMARY][i] = stage_ray(making->camera.origin, camera_direction(&making->camera, x / side, y / side));
+    }
+}
+
+/* Evenly over the unit sphere. */
+static struct vector random_direction(struct random *random)
+{
+    double point[3], length;
+    do {
+        random_point(random, point);
+        length = sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2]);
+    } while (length > 1 || length < 1e-3);
+    return (struct vector){point[0] / length, point[1] / length, point[2] / length};
+}
+
+static void task_diffuse(void *context, size_t index)
+{
+    struct making *making = context;
+    struct random random = {index * 977 + 1};
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, making->rays->count[RAYS_PRIMARY], &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        const struct ray *ray = &making->rays->rays[RAYS_PRIMARY][i];
+        struct vector origin = {ray->origin[0], ray->origin[1], ray->origin[2]};
+        struct vector direction = {ray->direction[0], ray->direction[1], ray->direction[2]}, away = random_direction(&random);
+        struct stage_hit hit;
+        making->is_hit[i] = stage_look(making->stage, origin, direction, &hit);
+        if (making->is_hit[i])
+            making->rays->rays[RAYS_DIFFUSE][i] =
+                stage_ray(stage_leave(making->stage, &hit),
+                          (struct vector){hit.normal.x + 0.999 * away.x, hit.normal.y + 0.999 * away.y, hit.normal.z + 0.999 * away.z});
+    }
+}
+
+/* Those that start from something, together. */
+static void close_ranks(struct making *making)
+{
+    uint32_t count = 0;
+    struct ray *rays = making->rays->rays[RAYS_DIFFUSE];
+    for (uint32_t i = 0; i < making->rays->count[RAYS_PRIMARY]; i++)
+        if (making->is_hit[i])
+            rays[count++] = rays[i];
+    making->rays->count[RAYS_DIFFUSE] = count;
+}
+
+static void make_random(struct making *making)
+{
+    struct random random = {2};
+    const struct stage *stage = making->stage;
+    for (uint32_t i = 0; i < making->rays->count[RAYS_RANDOM]; i++) {
+        struct vector local = {random_between(&random, stage->low.x, stage->high.x),
+                               random_between(&random, stage->low.y, stage->high.y),
+                               random_between(&random, stage->low.z, stage->high.z)};
+        making->rays->rays[RAYS_RANDOM][i] = stage_ray(stage_to_world(stage, local), random_direction(&random));
+    }
+}
+
+static enum bvhd_status make(struct making *making, const struct parallel *parallel, struct memory *memory, struct bvhd_error *error)
+{
+    struct bench_rays *rays = making->rays;
+    uint32_t count = making->side * making->side;
+    uint64_t looks;
+    enum bvhd_status status = camera_choose(making->stage, 1, parallel, memory, &making->camera, &looks, error);
+    if (status)
+        return status;
+    for (int kind = 0; kind < RAYS_KINDS; kind++) {
+        rays->count[kind] = count;
+        rays->rays[kind] = memory_array(memory, count, sizeof *rays->rays[kind]);
+    }
+    making->is_hit = memory_alloc(memory, count);
+    if (!making->is_hit || !rays->rays[RAYS_PRIMARY] || !rays->rays[RAYS_DIFFUSE] || !rays->rays[RAYS_RANDOM])
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory for %u rays", count);
+    parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_primary, making);
+    parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_diffuse, making);
+    close_ranks(making);
+    make_random(making);
+    return BVHD_OK;
+}
+
+enum bvhd_status bench_rays_make(const struct structures *structures, uint32_t count, const struct parallel *parallel,
+                                 struct memory *memory, struct bench_rays *ret_rays, struct bvhd_error *error)
+{
+    struct stage stage;
+    struct bench_rays rays = {.memory = memory};
+    struct making making = {.rays = &rays, .stage = &stage};
+    enum bvhd_status status = stage_init(&stage, structures, 'a', memory, error);
+    if (status)
+        return status;
+    making.side = (uint32_t)sqrt((double)count + 0.5) / TILE_WIDTH * TILE_WIDTH;
+    making.side = making.side < TILE_WIDTH ? TILE_WIDTH : making.side;
+    status = make(&making, parallel, memory, error);
+    memory_free(memory, making.is_hit);
+    stage_finish(&stage);
+    if (status)
+        bench_rays_finish(&rays);
+    else
+        *ret_rays = rays;
+    return status;
+}
+
+void bench_rays_finish(struct bench_rays *rays)
+{
+    for (int kind = 0; kind < RAYS_KINDS; kind++)
+        memory_free(rays->memory, rays->rays[kind]);
+    *rays = (struct bench_rays){0};
+}

@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* bench_vulkan_rays.h - the rays that a scene is measured with: the same for everybody who traces it. */
+#ifndef BVHD_BENCH_VULKAN_RAYS_H
+#define BVHD_BENCH_VULKAN_RAYS_H
+
+#include "parallel.h"
+#include "structures.h"
+
+enum bench_rays_kind { RAYS_PRIMARY, RAYS_DIFFUSE, RAYS_RANDOM, RAYS_KINDS };
+
+extern const char *const bench_rays_names[RAYS_KINDS];
+
+struct bench_rays {
+    struct ray *rays[RAYS_KINDS];
+    uint32_t count[RAYS_KINDS]; /* diffuse: 0 when no primary ray hits anything */
+    struct memory *memory;
+};
+
+/*
+ * About `count` rays of each kind. Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit, in the same order, cosine-distributed;
+ * found on the CPU. Random: origins in the bounds of the scene's bulk, directions evenly. End with bench_rays_finish.
+ */
+enum bvhd_status bench_rays_make(const struct structures *structures, uint32_t count, const struct parallel *parallel,
+                                 struct memory *memory, struct bench_rays *ret_rays, struct bvhd_error *error);
+void bench_rays_finish(struct bench_rays *rays);
+
+#endif

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * bench_vulkan_scene.h - a scene that `bvhctl build` wrote for the portable target, taken apart again: so that the driver gets what our structures were built from.
+ */
+#ifndef BVHD_BENCH_VULKAN_SCENE_H
+#define BVHD_BENCH_VULKAN_SCENE_H
+
+#include "bvhd/bvhd.h"
+#include "canonical.h"
+#include "context.h"
+#include "driver_structure.h"
+#include "structures.h"
+
+/* Triangles of one bottom level, as a request has them. */
+struct bench_mesh {
+    float *positions;
+    uint32_t *indices;
+    uint32_t vertex_count, triangle_count;
+};
+
+struct bench_scene {
+    struct structures given; /* as read */
+    struct canonical *bottoms; /* by row of the top level's references */
+    struct canonical top; /* if given.has_top */
+    struct bench_mesh *meshes;
+    uint64_t triangle_count; /* of bottom levels that are different ones */
+    struct memory *memory;
+};
+
+struct bench_scene_options {
+    const char *directory;
+    bool is_shuffled; /* triangles of each geometry in random order, from `seed` */
+    uint64_t seed;
+};
+
+/* Triangles and instances only. BVHD_UNSUPPORTED for AABBs and for other targets. End with bench_scene_close. */
+enum bvhd_status bench_scene_open(const struct bench_scene_options *options, struct memory *memory, const struct parallel *parallel,
+                                  struct bench_scene *ret_scene, struct bvhd_error *error);
+void bench_scene_close(struct bench_scene *scene);
+
+/* Builds it again in this process. The caller ends it with structures_close. */
+enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct build_options *options,
+                                   const struct build_context *context, struct structures *ret_structures, struct bvhd_error *error);
+
+/* The driver's own: PREFER_FAST_TRACE, bottom levels compacted. */
+struct bench_driver {
+    struct driver_structure *bottoms;
+    struct driver_structure top;
+    uint32_t bottom_count;
+    uint64_t bytes; /* after compaction */
+    double build_ms; /* wall time, compaction included */
+    struct gpu *gpu;
+    struct memory *memory;
+};
+
+enum bvhd_status bench_driver_build(struct gpu *gpu, const struct bench_scene *scene, struct memory *memory,
+                                    struct bench_driver *ret_driver, struct bvhd_error *error);
+void bench_driver_destroy(struct bench_driver *driver);
+
+#endif
