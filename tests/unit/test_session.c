@@ -161,12 +161,12 @@ static void test_rows_of_later_versions_are_unsupported(void **state)
 {
     (void)state;
     struct world_client *client = world_join(&world);
-    unsigned char control[100] = {0x18, 88, 0x22, 88}; /* item_size, items: PROTOCOL.md */
-    struct bytes bytes = {control, 4 + 88};
+    unsigned char control[140] = {0x18, 124, 0x22, 124}; /* item_size, items: PROTOCOL.md */
+    struct bytes bytes = {control, 4 + 124};
     control[4] = 1;
     assert_int_equal(send_bare(client, FRAME_BUILD, 1, 0, bytes), BVHD_OK);
     assert_null(world_find(client, FRAME_ERROR, 1, 0));
-    control[4 + 84] = 1;
+    control[4 + 122] = 1;
     int descriptors = world_descriptors();
     assert_int_equal(send_bare(client, FRAME_BUILD, 2, 0, bytes), BVHD_OK);
     assert_int_equal(world_find(client, FRAME_ERROR, 2, 0)->error->status, BVHD_UNSUPPORTED);
@@ -174,6 +174,30 @@ static void test_rows_of_later_versions_are_unsupported(void **state)
     assert_int_equal(world_find(client, FRAME_ERROR, 3, 0)->error->status, BVHD_UNSUPPORTED);
     world_await_descriptors(descriptors);
     world_settle(&world);
+}
+
+/* Shorter ones, of clients that know no native targets. */
+static void test_rows_of_earlier_versions_are_taken(void **state)
+{
+    (void)state;
+    struct world_mesh mesh;
+    struct world_client *client = world_join(&world);
+    unsigned char control[4 + 80] = {0x18, 80, 0x22, 80};
+    unsigned char *row = control + 4;
+    world_mesh_init(&mesh, 20, 1);
+    bytes_put32(row, STRUCTURE_BOTTOM);
+    bytes_put32(row + 16, TARGET_PORTABLE);
+    bytes_put32(row + 24, 1);
+    bytes_put32(row + 28, ROWS_GEOMETRY_SIZE);
+    bytes_put64(row + 72, mesh.size);
+    struct frame frame = {
+        .header = {.type = FRAME_BUILD, .request = 1, .control_size = sizeof control, .inline_size = (uint32_t)mesh.size},
+        .control = {control, sizeof control},
+        .inline_bytes = {mesh.payload, mesh.size}};
+    assert_int_equal(world_send(client, &frame, NULL), BVHD_OK);
+    world_settle(&world);
+    world_check_bytes(world_result(client, 1, 0), &mesh.input);
+    world_mesh_finish(&mesh);
 }
 
 static void test_requests_without_items_are_refused(void **state)
@@ -390,6 +414,7 @@ int main(void)
         TEST(test_a_number_in_use_ends_the_connection),
         TEST(test_unknown_types_are_unsupported),
         TEST(test_rows_of_later_versions_are_unsupported),
+        TEST(test_rows_of_earlier_versions_are_taken),
         TEST(test_requests_without_items_are_refused),
         TEST(test_stats_name_every_counter),
         TEST(test_goodbye_is_said_once),
