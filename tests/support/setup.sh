@@ -7,7 +7,7 @@
 # Numbers and messages as the scripts expect them.
 export LC_ALL=C
 
-setup_build_packages="gcc libc6-dev meson ninja-build pkg-config cmake libembree-dev libassimp-dev libcjson-dev libssl-dev libpng-dev libvulkan-dev libprotobuf-c-dev protobuf-c-compiler libuv1-dev libsystemd-dev"
+setup_build_packages="gcc libc6-dev meson ninja-build pkg-config cmake libembree-dev libassimp-dev libcjson-dev libssl-dev libpng-dev libvulkan-dev glslang-tools libprotobuf-c-dev protobuf-c-compiler libuv1-dev libsystemd-dev"
 setup_check_packages="$setup_build_packages g++ clang libclang-rt-dev libcmocka-dev systemd"
 
 setup_say()
@@ -72,3 +72,5 @@ setup_configure()
     shift
     [ -f "$folder/build.ninja" ] || meson setup "$folder" "$@"
 }
+
+. tests/support/setup_vulkan.sh
