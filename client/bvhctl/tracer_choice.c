@@ -11,7 +11,8 @@ static enum bvhd_status open_device(const char *name, const struct structures *s
     struct tracer_choice choice = {0};
     enum bvhd_status status = gpu_open(name, memory, &choice.gpu, error);
     if (!status)
-        status = tracer_native_create(choice.gpu, structures, memory, &choice.tracer, error);
+        status = structures->target == TARGET_PORTABLE ? tracer_portable_create(choice.gpu, structures, memory, &choice.tracer, error)
+                                                       : tracer_native_create(choice.gpu, structures, memory, &choice.tracer, error);
     if (status)
         tracer_choice_finish(&choice);
     else
