@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* traverse_leaf.c - what a ray does at a leaf: intersections, opacity, facing, candidates, and which of two hits is the answer. */
+#include <math.h>
+
 #include "traverse_state.h"
 
 void traverse_leaf_describe(const struct traverse_state *state, const struct traverse_found *found,
@@ -30,14 +32,29 @@ static inline bool comes_first(const struct traverse_state *state, const struct 
     return instance != best ? instance < best : found->id < state->best.id;
 }
 
+/*
+ * A distance to 32 significant bits: what is equal there counts as equal. Triangles in one plane are at the same distance but for the last bits of double, which
+ * would choose among them otherwise; and shaders, which know distances to some 40 bits, would choose others.
+ */
+static inline double round_distance(double t)
+{
+    uint64_t bits;
+    memcpy(&bits, &t, sizeof bits);
+    bits = (bits + (UINT64_C(1) << 20)) & ~((UINT64_C(1) << 21) - 1);
+    memcpy(&t, &bits, sizeof t);
+    return t;
+}
+
 /* Whether `found` could become the answer: triangles within the open interval, AABBs within the closed one, then the closest. */
 static inline bool is_better(const struct traverse_state *state, const struct traverse_found *found)
 {
-    if (found->is_aabb ? !(found->t >= state->ray->tmin) : !(found->t > state->ray->tmin))
+    double t = found->t, tmin = state->ray->tmin, tmax = state->ray->tmax;
+    if (found->is_aabb ? !(t >= tmin && t <= tmax) : !(t > tmin && t < tmax))
         return false;
-    if (found->t == state->tmax)
-        return state->is_hit ? comes_first(state, found) : found->is_aabb;
-    return found->t < state->tmax;
+    if (!state->is_hit)
+        return true;
+    double rounded = round_distance(t), best = round_distance(state->best.t);
+    return rounded == best ? comes_first(state, found) : rounded < best;
 }
 
 /* The next float, of one that is not infinite. */
@@ -52,11 +69,12 @@ static float next_up(float value)
 
 static inline void accept(struct traverse_state *state, struct traverse_found found)
 {
-    float nearest = (float)found.t;
+    double rounded = round_distance(found.t), farthest_equal = rounded + 0x1p-31 * fabs(rounded);
+    float nearest = (float)farthest_equal;
     state->best = found;
     state->best_instance = state->instance;
-    state->tmax = found.t;
-    state->tmax_above = nearest < found.t ? next_up(nearest) : nearest;
+    state->tmax = farthest_equal;
+    state->tmax_above = nearest < farthest_equal ? next_up(nearest) : nearest;
     state->is_hit = true;
     state->is_done = state->is_done || (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT);
 }

@@ -74,7 +74,7 @@ uvec2 bvhdStack[BVHD_QUERIES * BVHD_STACK_SIZE];
 
 // Something that was hit, or may be.
 struct BvhdIntersection {
-    vec2 t; // a pair; t.x is the distance
+    vec2 t; // a pair to 32 significant bits: what is equal there counts as equal
     vec2 barycentrics;
     uint record; // in its bottom level
     uint instance; // record in the top level, BVHD_NO_INSTANCE without one
@@ -84,7 +84,7 @@ struct BvhdIntersection {
 
 struct BvhdRayQuery {
     vec3 origin, direction;
-    float tmin;
+    float tmin, tmax;
     uint flags, cullMask;
     uvec2 root;
     BvhdIntersection committed, candidate;
@@ -216,11 +216,6 @@ bool bvhdIsFacingCulled(BvhdRayQuery query, bool isFront)
     return (query.instanceFlags & BVHD_INSTANCE_CULL_DISABLE) == 0u && (query.flags & culls) != 0u;
 }
 
-bool bvhdIsBelow(vec2 a, vec2 b)
-{
-    return a.x < b.x || a.x == b.x && a.y < b.y;
-}
-
 // (instance, flat primitive index) of an intersection: the order of equal t.
 uvec2 bvhdRank(BvhdRayQuery query, BvhdIntersection intersection)
 {
@@ -232,17 +227,12 @@ uvec2 bvhdRank(BvhdRayQuery query, BvhdIntersection intersection)
     return uvec2(instance.index, bvhdId(bvhdBodyOpen(instance.bottom, unused), intersection.record) & BVHD_ID_MASK);
 }
 
-// Whether the candidate could become the answer: triangles within the open interval, AABBs within the closed one, then the closest.
+// Whether the candidate, which lies in the ray's interval, is closer than the answer so far.
 bool bvhdIsBetter(BvhdRayQuery query)
 {
-    bool isTriangle = query.candidate.type == BVHD_COMMITTED_TRIANGLE;
-    vec2 t = query.candidate.t, end = query.committed.t;
-    if (isTriangle ? !bvhdIsBelow(vec2(query.tmin, 0.0), t) : !(t.x >= query.tmin))
-        return false;
-    if (t != end)
-        return bvhdIsBelow(t, end);
-    if (query.committed.type == BVHD_COMMITTED_NONE)
-        return !isTriangle;
+    vec2 t = query.candidate.t, best = query.committed.t;
+    if (query.committed.type == BVHD_COMMITTED_NONE || t != best)
+        return t.x < best.x || t.x == best.x && t.y <= best.y;
     uvec2 rank = bvhdRank(query, query.candidate), other = bvhdRank(query, query.committed);
     return rank.x < other.x || rank.x == other.x && rank.y < other.y;
 }
@@ -265,16 +255,32 @@ bool bvhdConsider(inout BvhdRayQuery query, uint id)
     return false;
 }
 
+// The open interval, for a distance that has not been rounded yet.
+bool bvhdIsWithin(vec2 t, float tmin, float tmax)
+{
+    return (t.x > tmin || t.x == tmin && t.y > 0.0) && (t.x < tmax || t.x == tmax && t.y < 0.0);
+}
+
+vec2 bvhdRoundDistance(vec2 t)
+{
+    uint exponent = max(floatBitsToUint(t.x) & 0x7f800000u, 0x20000000u);
+    float shift = 1.5 * uintBitsToFloat(exponent - (8u << 23)); // its last bit is the last one that is kept
+    precise float shifted = t.y + shift;
+    precise float low = shifted - shift;
+    return vec2(t.x, low);
+}
+
 bool bvhdVisitTriangle(inout BvhdRayQuery query, uint record)
 {
     vec3 v0, v1, v2;
     uint id = bvhdCorners(query.body, record, v0, v1, v2);
     BvhdTriangleHit hit;
     if (!bvhdTriangleMayHit(query.triangleRay, query.tmin, query.committed.t.x, v0, v1, v2) ||
-        !bvhdTriangleHit(query.triangleRay, v0, v1, v2, hit) || bvhdIsFacingCulled(query, hit.isFront))
+        !bvhdTriangleHit(query.triangleRay, v0, v1, v2, hit) || !bvhdIsWithin(hit.t, query.tmin, query.tmax) ||
+        bvhdIsFacingCulled(query, hit.isFront))
         return false;
     bool isFlipped = (query.instanceFlags & BVHD_INSTANCE_FLIP_FACING) != 0u;
-    query.candidate = BvhdIntersection(hit.t, hit.barycentrics, record, query.instance, BVHD_COMMITTED_TRIANGLE, hit.isFront != isFlipped);
+    query.candidate = BvhdIntersection(bvhdRoundDistance(hit.t), hit.barycentrics, record, query.instance, BVHD_COMMITTED_TRIANGLE, hit.isFront != isFlipped);
     return bvhdConsider(query, id);
 }
 
@@ -327,6 +333,7 @@ void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, ui
     query.origin = origin;
     query.direction = direction;
     query.tmin = tmin;
+    query.tmax = tmax;
     query.flags = flags;
     query.cullMask = cullMask;
     query.root = root;
@@ -377,7 +384,7 @@ void bvhdRayQueryConfirmIntersection(inout BvhdRayQuery query)
 void bvhdRayQueryGenerateIntersection(inout BvhdRayQuery query, float t)
 {
     query.candidate.t = vec2(t, 0.0);
-    if (bvhdIsBetter(query))
+    if (t >= query.tmin && bvhdIsBetter(query))
         bvhdCommit(query);
 }
 
