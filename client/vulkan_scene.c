@@ -244,7 +244,7 @@ static enum bvhd_status place_all(struct loading *loading)
     if (status == BVHD_OK)
         status = place_rows(loading, needed.storage_alignment, &sizes);
     if (status == BVHD_OK)
-        status = create_pages(loading, sizes, needed.storage_usage);
+        status = create_pages(loading, sizes, needed.storage_usage | VK_BUFFER_USAGE_TRANSFER_SRC_BIT);
     if (status == BVHD_OK)
         status = create_staging(loading, &needed);
     memory_free(&library_memory, sizes);

@@ -343,8 +343,8 @@ unsigned char *fake_vulkan_structure(VkAccelerationStructureKHR structure, uint6
 
 VkBuffer fake_vulkan_buffer(uint64_t size, VkBufferUsageFlags usage, bool is_mapped, void **ret_mapped)
 {
-    VkBuffer buffer;
-    VkDeviceMemory memory;
+    VkBuffer buffer = VK_NULL_HANDLE;
+    VkDeviceMemory memory = VK_NULL_HANDLE;
     const VkBufferCreateInfo info = {.size = size, .usage = usage};
     const VkMemoryAllocateFlagsInfo flags = {.flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT};
     const VkMemoryAllocateInfo allocation = {
