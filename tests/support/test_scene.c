@@ -20,24 +20,51 @@ void test_scene_init(struct test_scene *scene)
     memory_init(&scene->memory, UINT64_MAX);
     must(embree_create(&scene->embree, &error) == BVHD_OK, "embree", &error);
     scene->scene.bottoms = scene->bottoms;
+    scene->native.bottoms = scene->native_bottoms;
+}
+
+void test_scene_init_native(struct test_scene *scene, enum lavapipe_variant variant)
+{
+    test_scene_init(scene);
+    memcpy(scene->device.driver_uuid, "test driver 1.0a", sizeof scene->device.driver_uuid);
+    memcpy(scene->device.compatibility_uuid, "test driver 1.0a", sizeof scene->device.compatibility_uuid);
+    scene->device.variant = variant;
 }
 
 void test_scene_finish(struct test_scene *scene)
 {
     batch_finish(scene->items, TEST_SCENE_BOTTOMS + 1, &scene->memory);
+    batch_finish(scene->native_items, TEST_SCENE_BOTTOMS + 1, &scene->memory);
     embree_destroy(scene->embree);
 }
 
-static void build_row(struct test_scene *scene, const struct build_input *input, uint32_t row)
+static struct bytes build_item(struct test_scene *scene, const struct build_input *input, struct batch_item *item)
 {
     struct bvhd_error error = {0};
     struct limits limits = limits_default();
     struct build_context context = {.embree = scene->embree, .memory = &scene->memory, .parallel = &parallel_serial};
-    must(batch_build(input, 1, &limits, &context, &scene->items[row], &error) == BVHD_OK, "batch", &error);
-    struct batch_item *item = &scene->items[row];
+    must(batch_build(input, 1, &limits, &context, item, &error) == BVHD_OK, "batch", &error);
     must(item->status == BVHD_OK, "build", &item->error);
-    struct bytes blob = {item->blob, item->size};
+    return (struct bytes){item->blob, item->size};
+}
+
+/* `references` are those of the input, or NULL: what they name has other keys for the native target. */
+static void build_row(struct test_scene *scene, struct build_input *input, struct reference *references, uint32_t row)
+{
+    struct bvhd_error error = {0};
+    input->options.target = TARGET_PORTABLE;
+    input->options.quality = scene->quality;
+    struct bytes blob = build_item(scene, input, &scene->items[row]);
     must(portable_open(blob, &scene->memory, &scene->views[row], &error) == BVHD_OK, "open", &error);
+    if (scene->device.variant == 0)
+        return;
+    for (uint32_t i = 0; i < input->reference_count; i++)
+        references[i].key = scene->native_items[i].key;
+    input->options.target = TARGET_LAVAPIPE;
+    input->options.layout_flags = 0;
+    input->options.device = scene->device;
+    blob = build_item(scene, input, &scene->native_items[row]);
+    must(lavapipe_open_any(blob, &scene->memory, &scene->native_views[row], &error) == BVHD_OK, "open native", &error);
 }
 
 uint32_t test_scene_add(struct test_scene *scene, const struct geometry *geometries, uint32_t count, uint32_t layout_flags)
@@ -47,11 +74,13 @@ uint32_t test_scene_add(struct test_scene *scene, const struct geometry *geometr
         .type = STRUCTURE_BOTTOM,
         .geometry_count = count,
         .geometries = geometries,
-        .options = {.target = TARGET_PORTABLE, .layout_flags = layout_flags},
+        .options.layout_flags = layout_flags,
     };
     must(row < TEST_SCENE_BOTTOMS, "too many bottom levels", NULL);
-    build_row(scene, &input, row);
+    build_row(scene, &input, NULL, row);
     scene->bottoms[row] = &scene->views[row];
+    scene->native_bottoms[row] = &scene->native_views[row];
+    scene->native.bottom_count++;
     return row;
 }
 
@@ -60,7 +89,7 @@ static void write_record(const struct test_instance *instance, unsigned char rec
     memcpy(record, instance->transform, 48);
     bytes_put32(record + 48, instance->custom_index | instance->mask << 24);
     bytes_put32(record + 52, instance->sbt_offset | instance->flags << 24);
-    bytes_put64(record + 56, UINT64_C(0x1000) + instance->bottom);
+    bytes_put64(record + 56, instance->bottom == TEST_SCENE_INACTIVE ? 0 : UINT64_C(0x1000) + instance->bottom);
 }
 
 void test_scene_add_top(struct test_scene *scene, const struct test_instance *instances, uint32_t count)
@@ -85,13 +114,13 @@ void test_scene_add_top(struct test_scene *scene, const struct test_instance *in
         .geometries = &geometry,
         .reference_count = scene->scene.bottom_count,
         .references = references,
-        .options.target = TARGET_PORTABLE,
     };
-    build_row(scene, &input, TEST_SCENE_BOTTOMS);
+    build_row(scene, &input, references, TEST_SCENE_BOTTOMS);
     free(records);
     scene->instances = instances;
     scene->instance_count = count;
     scene->scene.top = &scene->views[TEST_SCENE_BOTTOMS];
+    scene->native.top = scene->device.variant ? &scene->native_views[TEST_SCENE_BOTTOMS] : NULL;
 }
 
 struct geometry test_scene_triangles(const float (*corners)[3][3], uint32_t count, uint32_t flags)
@@ -214,7 +243,7 @@ struct test_answer test_scene_brute_force(const struct test_scene *scene, const 
     if (!scene->instances)
         try_bottom(scene->bottoms[0], NULL, RAY_NO_INSTANCE, ray, &answer);
     for (uint32_t i = 0; i < scene->instance_count; i++)
-        if (scene->instances[i].mask & ray->cull_mask)
+        if (scene->instances[i].bottom != TEST_SCENE_INACTIVE && scene->instances[i].mask & ray->cull_mask)
             try_bottom(scene->bottoms[scene->instances[i].bottom], &scene->instances[i], i, ray, &answer);
     return answer;
 }

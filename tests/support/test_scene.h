@@ -9,9 +9,12 @@
 
 #include "batch.h"
 #include "geometry.h"
+#include "lavapipe_traverse.h"
 #include "traverse.h"
 
 enum { TEST_SCENE_BOTTOMS = 8 };
+
+#define TEST_SCENE_INACTIVE UINT32_MAX /* as the bottom level of an instance */
 
 struct test_instance {
     float transform[12];
@@ -28,15 +31,26 @@ struct test_scene {
     const struct test_instance *instances; /* NULL without a top level */
     uint32_t instance_count;
     struct scene scene;
+
+    /* The same for a lavapipe device, of scenes that test_scene_init_native begins. */
+    struct device_format device;
+    struct batch_item native_items[TEST_SCENE_BOTTOMS + 1];
+    struct lavapipe_view native_views[TEST_SCENE_BOTTOMS + 1];
+    const struct lavapipe_view *native_bottoms[TEST_SCENE_BOTTOMS];
+    struct lavapipe_scene native;
+
+    enum build_quality quality; /* of what is added from now on */
 };
 
 void test_scene_init(struct test_scene *scene);
+/* Everything is built twice: portable, and for a lavapipe device of this variant. */
+void test_scene_init_native(struct test_scene *scene, enum lavapipe_variant variant);
 void test_scene_finish(struct test_scene *scene);
 
 /* Builds another bottom level; returns its number. */
 uint32_t test_scene_add(struct test_scene *scene, const struct geometry *geometries, uint32_t count, uint32_t layout_flags);
 
-/* Builds a top level over all bottom levels. The instances must outlive the scene. */
+/* Builds a top level over all bottom levels, which its instances first use in their order. The instances must outlive the scene. */
 void test_scene_add_top(struct test_scene *scene, const struct test_instance *instances, uint32_t count);
 
 /* A geometry of `count` triangles without indices, or of boxes; the floats must outlive the build. */

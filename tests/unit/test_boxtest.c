@@ -4,7 +4,7 @@
 #include <float.h>
 #include <math.h>
 
-#include "boxtest.h"
+#include "boxtest_kernels.h"
 #include "random.h"
 
 /* A node in [-2, 2) * 2^magnitude, shifted; flat axes now and then, some slots empty; and the bounds of a structure around it. */
@@ -188,6 +188,52 @@ static void test_range(void **state)
         check_range(boxtest_init_wide);
 }
 
+/* A box of any magnitude, flat now and then, and a ray towards it or, if `touches`, towards its lowest corner. */
+struct aimed {
+    float min[3], max[3];
+    double origin[3], direction[3];
+};
+
+static struct aimed make_aimed(struct random *random, bool touches)
+{
+    struct aimed aimed;
+    int magnitude = (int)random_between(random, -140, 120);
+    for (int axis = 0; axis < 3; axis++) {
+        float a = (float)ldexp(random_between(random, -1, 1), magnitude), b = (float)ldexp(random_between(random, -1, 1), magnitude);
+        if (random_next(random) % 6 == 0)
+            b = a;
+        aimed.min[axis] = fminf(a, b);
+        aimed.max[axis] = fmaxf(a, b);
+        aimed.origin[axis] = (float)ldexp(random_between(random, -2, 2), magnitude);
+        double target = touches ? aimed.min[axis] : (aimed.min[axis] + (double)aimed.max[axis]) * random_between(random, 0, 1);
+        aimed.direction[axis] = random_next(random) % 6 ? target - aimed.origin[axis] : 0;
+    }
+    return aimed;
+}
+
+static bool is_aimed_nowhere(const struct aimed *aimed)
+{
+    return aimed->direction[0] == 0 && aimed->direction[1] == 0 && aimed->direction[2] == 0;
+}
+
+/* Where the ray is in the box, in long double. `*ret_beside`: along all axes that it does not move on, it is within the box. */
+static struct span span_of(const struct aimed *aimed, bool *ret_beside)
+{
+    struct span span = {-INFINITY, INFINITY};
+    *ret_beside = true;
+    for (int axis = 0; axis < 3; axis++) {
+        double origin = aimed->origin[axis], direction = aimed->direction[axis];
+        if (direction == 0) {
+            *ret_beside = *ret_beside && origin >= aimed->min[axis] && origin <= aimed->max[axis];
+            continue;
+        }
+        long double low = aimed->min[axis], high = aimed->max[axis];
+        span.near = fmaxl(span.near, ((direction > 0 ? low : high) - origin) / direction);
+        span.far = fminl(span.far, ((direction > 0 ? high : low) - origin) / direction);
+    }
+    return span;
+}
+
 /* Against long double; touching counts, starting inside enters at tmin. */
 static void test_aabb(void **state)
 {
@@ -195,47 +241,75 @@ static void test_aabb(void **state)
     struct random random = {3};
     int met = 0, missed = 0;
     for (int i = 0; i < 300000; i++) {
-        float min[3], max[3];
-        double origin[3], direction[3], entry;
-        int magnitude = (int)random_between(&random, -140, 120);
-        for (int axis = 0; axis < 3; axis++) {
-            float a = (float)ldexp(random_between(&random, -1, 1), magnitude),
-                  b = (float)ldexp(random_between(&random, -1, 1), magnitude);
-            if (random_next(&random) % 6 == 0)
-                b = a;
-            min[axis] = fminf(a, b);
-            max[axis] = fmaxf(a, b);
-            origin[axis] = (float)ldexp(random_between(&random, -2, 2), magnitude);
-            double target = i % 2 ? min[axis] : (min[axis] + (double)max[axis]) * random_between(&random, 0, 1);
-            direction[axis] = random_next(&random) % 6 ? target - origin[axis] : 0;
-        }
-        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
+        struct aimed aimed = make_aimed(&random, i % 2);
+        if (is_aimed_nowhere(&aimed))
             continue;
-        long double near = -INFINITY, far = INFINITY;
-        bool beside = true;
-        for (int axis = 0; axis < 3; axis++) {
-            if (direction[axis] == 0) {
-                beside = beside && origin[axis] >= min[axis] && origin[axis] <= max[axis];
-                continue;
-            }
-            long double first = ((long double)(direction[axis] > 0 ? min[axis] : max[axis]) - origin[axis]) / direction[axis];
-            long double last = ((long double)(direction[axis] > 0 ? max[axis] : min[axis]) - origin[axis]) / direction[axis];
-            near = fmaxl(near, first);
-            far = fminl(far, last);
-        }
-        bool reported = boxtest_aabb(origin, direction, min, max, 0, 4, &entry);
-        bool meets = beside && fmaxl(near, 0) <= fminl(far, 4);
+        bool beside;
+        double entry;
+        struct span span = span_of(&aimed, &beside);
+        bool reported = boxtest_aabb(aimed.origin, aimed.direction, aimed.min, aimed.max, 0, 4, &entry);
+        bool meets = beside && fmaxl(span.near, 0) <= fminl(span.far, 4);
         if (meets) {
             assert_true(reported);
-            long double expected = fmaxl(near, 0);
+            long double expected = fmaxl(span.near, 0);
             assert_true(fabsl(entry - expected) <= 1e-14L * expected && entry >= 0 && entry <= 4);
         }
-        if (!beside || near * (1 - 1e-14L) > far * (1 + 1e-14L) || far < 0 || near > 4 + 1e-13L)
+        if (!beside || span.near * (1 - 1e-14L) > span.far * (1 + 1e-14L) || span.far < 0 || span.near > 4 + 1e-13L)
             assert_false(reported);
         met += meets;
         missed += !reported;
     }
     assert_true(met > 20000 && missed > 20000);
+}
+
+/* Boxes of nodes of two children: none that is met is passed over, few others are taken. */
+static void test_box(void **state)
+{
+    (void)state;
+    struct random random = {4};
+    int met = 0, apart = 0, kept_apart = 0;
+    for (int i = 0; i < 300000; i++) {
+        struct aimed aimed = make_aimed(&random, i % 2);
+        if (is_aimed_nowhere(&aimed))
+            continue;
+        float bounds[6];
+        bool beside;
+        double near;
+        struct boxtest_exact ray;
+        struct span span = span_of(&aimed, &beside);
+        memcpy(bounds, aimed.min, sizeof aimed.min);
+        memcpy(bounds + 3, aimed.max, sizeof aimed.max);
+        boxtest_init_exact(aimed.origin, aimed.direction, 0, bounds, &ray);
+        bool reported = kernel_box(&ray, aimed.min, aimed.max, 4, &near);
+        if (beside && fmaxl(span.near, 0) <= fminl(span.far, 4)) {
+            assert_true(reported && near <= fmaxl(span.near, 0));
+            met++;
+        } else if (beside && (span.near > span.far + 1e-9L || span.far < -1e-9L || span.near > 4 + 1e-9L)) {
+            apart++;
+            kept_apart += !reported;
+        }
+    }
+    assert_true(met > 20000 && apart > 20000 && kept_apart > 0.99 * apart);
+}
+
+static void test_box_edges(void **state)
+{
+    (void)state;
+    const float min[3] = {1, -1, -1}, max[3] = {2, 1, 1}, bounds[6] = {1, -1, -1, 2, 1, 1};
+    const float nans[3] = {NAN, -1, -1}, high[3] = {INFINITY, INFINITY, INFINITY}, low[3] = {-INFINITY, -INFINITY, -INFINITY};
+    const double origin[3] = {0, 0, 0}, ahead[3] = {1, 0, 0}, aside[3] = {0, 0, 1};
+    struct boxtest_exact ray, across;
+    double near = -1;
+    boxtest_init_exact(origin, ahead, 0, bounds, &ray);
+    boxtest_init_exact(origin, aside, 0, bounds, &across);
+    assert_true(kernel_box(&ray, min, max, 10, &near) && near <= 1 && near > 0.999);
+    assert_true(kernel_box(&ray, min, max, 1, &near));
+    assert_false(kernel_box(&ray, min, max, 0.5, &near));
+    assert_false(kernel_box(&across, min, max, 10, &near));
+    assert_false(kernel_box(&ray, nans, max, 10, &near));
+    assert_false(kernel_box(&ray, min, nans, 10, &near));
+    assert_false(kernel_box(&ray, high, low, INFINITY, &near));
+    assert_true(kernel_box(&ray, low, high, INFINITY, &near) && near == 0);
 }
 
 static void test_aabb_edges(void **state)
@@ -264,6 +338,8 @@ int main(void)
         cmocka_unit_test(test_range),
         cmocka_unit_test(test_aabb),
         cmocka_unit_test(test_aabb_edges),
+        cmocka_unit_test(test_box),
+        cmocka_unit_test(test_box_edges),
     };
     return cmocka_run_group_tests_name("boxtest", tests, NULL, NULL);
 }
