@@ -21,7 +21,7 @@ struct agreement {
     const struct parallel *parallel;
     uint32_t camera_stride, other_stride; /* of rays, one in so many is compared */
     uint64_t camera_seen, other_seen;
-    uint64_t checked, differing;
+    uint64_t checked, differing; /* of agreement_doubt's, all count as differing */
     uint64_t uncertain, mismatches; /* after agreement_judge */
     struct agreement_case *cases; /* for the oracle */
     uint32_t case_count;

@@ -139,6 +139,8 @@ static bool print_json(struct run *run)
     json_integer(&json, "rays", run->picture.rays);
     json_number(&json, "mrays_s", mrays_s(run));
     json_integer(&json, "checked", run->agreement.checked);
+    if (!run->choice.is_cpu)
+        json_integer(&json, "differing", run->agreement.differing);
     json_integer(&json, "mismatches", run->agreement.mismatches);
     json_integer(&json, "uncertain", run->agreement.uncertain);
     json_number(&json, "wall_ms", run->wall_ms);
