@@ -36,12 +36,28 @@ enum candidate_verdict shader_judge_candidate(void *context, const struct ray *r
 
 /* ---- meshes ---- */
 
+/* Something that rays can be aimed at: a triangle through opposite corners of each box. */
+static void unpack_boxes(const struct portable_view *view, float *positions)
+{
+    for (uint32_t i = 0; i < view->header->record_count; i++) {
+        const struct portable_aabb *box = (const struct portable_aabb *)view->records + i;
+        float *corners = positions + UINT64_C(9) * (box->id & PORTABLE_ID_MASK);
+        memcpy(corners, box->min, 12);
+        memcpy(corners + 3, box->max, 12);
+        memcpy(corners + 6, (const float[3]){box->min[0], box->max[1], box->min[2]}, 12);
+    }
+}
+
 static float *unpack(const struct portable_view *view)
 {
     uint64_t count = UINT64_C(9) * view->header->primitive_count;
     float *positions = allocate(count, sizeof *positions);
     for (uint64_t i = 0; i < count; i++)
         positions[i] = NAN;
+    if (view->header->content == PORTABLE_AABBS) {
+        unpack_boxes(view, positions);
+        return positions;
+    }
     for (uint32_t i = 0; i < view->header->record_count; i++) {
         const struct portable_indexed_triangle *indexed = (const struct portable_indexed_triangle *)view->records + i;
         const struct portable_triangle *fast = (const struct portable_triangle *)view->records + i;
@@ -92,6 +108,10 @@ static float *copy_turned(const struct oracle_mesh *mesh)
 static void add_mesh(struct shader_meshes *meshes, const struct shader_case *rays, struct oracle_mesh mesh, uint32_t instance_flags,
                      uint32_t geometry_flags)
 {
+    if (!rays) {
+        meshes->meshes[meshes->count++] = mesh;
+        return;
+    }
     bool opaque = is_opaque(rays, instance_flags, geometry_flags);
     if (rays->flags & (RAY_SKIP_TRIANGLES | (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE)))
         return;
@@ -143,13 +163,13 @@ void shader_meshes_make(const struct scene *scene, const struct shader_case *ray
                                    .positions = allocate(2 * most + scene->bottom_count, sizeof *meshes.positions)};
     float **bottoms = allocate(scene->bottom_count, sizeof *bottoms);
     for (uint32_t i = 0; i < scene->bottom_count; i++)
-        if (scene->bottoms[i] && scene->bottoms[i]->header->content <= PORTABLE_TRIANGLES)
+        if (scene->bottoms[i] && (!rays || scene->bottoms[i]->header->content <= PORTABLE_TRIANGLES))
             bottoms[i] = keep_positions(&meshes, unpack(scene->bottoms[i]));
     if (!scene->top && bottoms[0])
         add_bottom(&meshes, rays, scene->bottoms[0], bottoms[0], NULL);
     for (uint32_t i = 0; scene->top && i < scene->top->header->record_count; i++) {
         const struct portable_instance *instance = (const struct portable_instance *)scene->top->records + i;
-        if (bottoms[instance->handle] && instance->custom_and_mask >> 24 & rays->cull_mask)
+        if (bottoms[instance->handle] && (!rays || instance->custom_and_mask >> 24 & rays->cull_mask))
             add_bottom(&meshes, rays, scene->bottoms[instance->handle], bottoms[instance->handle], instance);
     }
     free(bottoms);
@@ -167,7 +187,7 @@ void shader_meshes_finish(struct shader_meshes *meshes)
 
 /* ---- comparing ---- */
 
-static struct ray_hit as_hit(const struct shader_intersection *hit)
+struct ray_hit shader_judge_hit(const struct shader_intersection *hit)
 {
     return (struct ray_hit){.t = hit->t,
                             .u = hit->u,
@@ -203,7 +223,7 @@ static double reach_of(const struct ray *ray)
     return reach / speed;
 }
 
-static bool same(const struct ray *ray, const struct ray_hit *a, const struct ray_hit *b)
+bool shader_judge_same(const struct ray *ray, const struct ray_hit *a, const struct ray_hit *b)
 {
     if (!same_primitive(a, b))
         return false;
@@ -292,12 +312,12 @@ void shader_judge(const char *what, const struct scene *scene, const struct shad
     uint32_t differing = 0;
     for (uint32_t i = 0; i < count; i++) {
         struct difference difference = {.ray = rays[i], .is_hit = answers[i].type != 0};
-        difference.hit = as_hit(&answers[i].hit);
+        difference.hit = shader_judge_hit(&answers[i].hit);
         difference.is_cpu_hit = traverse(scene, &rays[i], &options, &difference.cpu, NULL);
         tally->hits += difference.is_cpu_hit;
         bool is_same = difference.is_hit == difference.is_cpu_hit;
         if (is_same && difference.is_hit && !ends_early) {
-            is_same = same(&rays[i], &difference.hit, &difference.cpu);
+            is_same = shader_judge_same(&rays[i], &difference.hit, &difference.cpu);
             tally->other_bits += is_same && difference.hit.t != difference.cpu.t;
         }
         if (!is_same)

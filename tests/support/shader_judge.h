@@ -25,7 +25,7 @@ struct shader_tally {
     uint64_t other_bits; /* the same primitive, with a t that is not bit-equal */
 };
 
-/* The triangles of a scene that rays of a case can hit, for the double reference. */
+/* The triangles of a scene that rays of a case can hit, for the double reference. Without a case (NULL): all of them and one for each box, to aim at. */
 struct shader_meshes {
     struct oracle_mesh *meshes;
     uint32_t count;
@@ -41,16 +41,9 @@ void shader_judge(const char *what, const struct scene *scene, const struct shad
                   const struct shader_answer *answers, const struct parallel *parallel, struct memory *memory,
                   struct shader_tally *tally);
 
-/*
- * For SHADER_IGNORE: every candidate that there must be, none that there cannot be, each told of rightly. Boxes by extended precision, triangles by the double
- * reference where the CPU's candidates differ. Returns the number of defects.
- */
-uint64_t shader_judge_candidates(const char *what, const struct scene *scene, const struct ray *rays, uint32_t count,
-                                 const struct shader_full_answer *answers, struct memory *memory);
-
-/* What else a query says of its hits: corners, the ray in object space, matrices. Returns the number of defects. */
-uint64_t shader_judge_details(const char *what, const struct scene *scene, const struct ray *rays, uint32_t count,
-                              const struct shader_full_answer *answers);
+/* The shader's answer in the CPU's terms, and whether both say the same, to some last bits of t, u and v. */
+struct ray_hit shader_judge_hit(const struct shader_intersection *hit);
+bool shader_judge_same(const struct ray *ray, const struct ray_hit *a, const struct ray_hit *b);
 
 /* Whether the CPU's candidate function accepts, by the policy that context (enum shader_policy *) points to. */
 enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, struct ray_hit *hit);

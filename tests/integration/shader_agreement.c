@@ -1,0 +1,257 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * shader_agreement [--device NAME] [COUNT [SEED]] - ray queries of the shaders over random structures and instances: every combination of ray flags, masks,
+ * opacities and facings, AABBs, candidates that are accepted, ignored, accepted in part or end the query; through a storage buffer and through addresses. Ray by ray
+ * against the CPU traversal, and where they differ against references.
+ *
+ * Ends with status 1 when something is wrong, 77 without a device.
+ */
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "batch.h"
+#include "random_top.h"
+#include "rays.h"
+#include "shader_candidates.h"
+
+enum { RAYS = 256, CASES = 4, MOST_PRIMITIVES = 2000, MOST_BELOW_TOP = 300 };
+
+struct run {
+    struct memory memory;
+    struct embree *embree;
+    struct shader_bed *beds[2];
+    struct shader_full_answer *answers;
+    uint64_t seed, scenes, defects;
+    struct shader_tally tally;
+    struct shader_candidate_tally candidates;
+};
+
+/* ---- rays ---- */
+
+/* What Vulkan lets be combined: at most one of the four of opacity, at most one of the three of culling by facing and skipping triangles. */
+static struct shader_case random_case(struct random *random)
+{
+    static const uint32_t opacities[] = {0, 0, RAY_OPAQUE, RAY_NO_OPAQUE, RAY_CULL_OPAQUE, RAY_CULL_NO_OPAQUE};
+    static const uint32_t triangles[] = {0, 0, 0, RAY_CULL_BACK_FACING, RAY_CULL_FRONT_FACING, RAY_SKIP_TRIANGLES};
+    static const enum shader_policy policies[] = {SHADER_ACCEPT, SHADER_SOME, SHADER_IGNORE, SHADER_IGNORE, SHADER_END};
+    struct shader_case shared = {.cull_mask = random_chance(random, 0.6) ? 0xff : (uint8_t)random_below(random, 256),
+                                 .policy = policies[random_below(random, 5)]};
+    shared.flags = opacities[random_below(random, 6)] | triangles[random_below(random, 6)];
+    shared.flags |= random_chance(random, 0.1) ? RAY_TERMINATE_ON_FIRST_HIT : 0;
+    shared.flags |= random_chance(random, 0.1) && !(shared.flags & RAY_SKIP_TRIANGLES) ? RAY_SKIP_AABBS : 0;
+    /* Candidates are told apart from each other only where nothing is committed. */
+    if (shared.policy == SHADER_IGNORE && !(shared.flags & (RAY_NO_OPAQUE | RAY_CULL_OPAQUE)))
+        shared.flags = (shared.flags & ~(uint32_t)(RAY_OPAQUE | RAY_CULL_NO_OPAQUE)) | RAY_NO_OPAQUE;
+    return shared;
+}
+
+/* Exactly at a corner of a random triangle: the rays that leak. */
+static void aim_at_corner(const struct shader_meshes *meshes, struct random *random, struct ray *ray)
+{
+    const struct oracle_mesh *mesh = &meshes->meshes[random_below(random, meshes->count)];
+    if (!mesh->triangle_count || mesh->transform)
+        return;
+    const float *corner = mesh->positions + (uint64_t)3 * random_below(random, 3 * mesh->triangle_count);
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(corner[axis] - ray->origin[axis]))
+            return;
+    for (int axis = 0; axis < 3; axis++)
+        ray->direction[axis] = corner[axis] - ray->origin[axis];
+}
+
+static void align_with_axis(struct random *random, struct ray *ray)
+{
+    int axis = (int)random_below(random, 3);
+    for (int i = 0; i < 3; i++)
+        ray->direction[i] = i != axis ? 0 : random_chance(random, 0.5) ? 1 : -1.0f;
+}
+
+static void make_rays(const struct shader_meshes *aims, const struct shader_case *shared, struct random *random, struct ray *rays)
+{
+    rays_make(aims->meshes, aims->count, random_next(random), RAYS, rays);
+    for (uint32_t i = 0; i < RAYS; i++) {
+        rays[i].flags = shared->flags;
+        rays[i].cull_mask = shared->cull_mask;
+        if (i % 4 == 1 && aims->count)
+            aim_at_corner(aims, random, &rays[i]);
+        if (i % 16 == 3)
+            align_with_axis(random, &rays[i]);
+        if (i % 16 == 7) {
+            rays[i].tmin = (float)random_between(random, 0, 1);
+            rays[i].tmax = rays[i].tmin + (float)random_between(random, 0, 2);
+        }
+        if (i % 64 == 11)
+            rays[i].tmax = INFINITY;
+        if (i % 64 == 43)
+            memset(rays[i].direction, 0, sizeof rays[i].direction);
+    }
+}
+
+/* ---- scenes ---- */
+
+static bool is_in_range(const float *values, int count)
+{
+    float largest = 0;
+    for (int i = 0; i < count; i++) {
+        if (!(fabsf(values[i]) <= 0x1p60f))
+            return false;
+        largest = fmaxf(largest, fabsf(values[i]));
+    }
+    return largest == 0 || largest >= 0x1p-60f;
+}
+
+/* Shaders promise nothing about other magnitudes. */
+static bool is_promised(const struct scene *scene)
+{
+    for (uint32_t i = 0; i < scene->bottom_count; i++)
+        if (scene->bottoms[i]->header->node_count && !is_in_range(scene->bottoms[i]->header->bounds, 6))
+            return false;
+    return !scene->top || !scene->top->header->node_count || is_in_range(scene->top->header->bounds, 6);
+}
+
+static void trace_case(struct run *run, struct shader_bed *bed, const struct scene *scene, const struct shader_case *shared,
+                       const struct ray *rays)
+{
+    char what[80];
+    struct shader_answer answers[RAYS];
+    snprintf(what, sizeof what, "shader_agreement 1 %llu (flags %x, policy %d)", (unsigned long long)run->seed, shared->flags, shared->policy);
+    shader_bed_trace(bed, rays, RAYS, shared->policy, answers);
+    shader_judge(what, scene, shared, rays, RAYS, answers, &parallel_serial, &run->memory, &run->tally);
+    shader_bed_trace_fully(bed, rays, RAYS, shared->policy, run->answers);
+    if (shared->policy == SHADER_IGNORE)
+        shader_candidates_judge(what, scene, rays, RAYS, run->answers, &run->memory, &run->candidates);
+    if (shared->policy == SHADER_ACCEPT)
+        run->defects += shader_details_judge(what, scene, rays, RAYS, run->answers);
+}
+
+static void trace_scene(struct run *run, const struct scene *scene, struct random *random)
+{
+    struct shader_meshes aims;
+    struct ray rays[RAYS];
+    struct shader_bed *bed = run->beds[run->seed % 2 && run->beds[1] ? 1 : 0];
+    if (!is_promised(scene))
+        return;
+    run->scenes++;
+    shader_bed_load(bed, scene);
+    shader_meshes_make(scene, NULL, &aims);
+    for (int i = 0; i < CASES; i++) {
+        struct shader_case shared = random_case(random);
+        make_rays(&aims, &shared, random, rays);
+        trace_case(run, bed, scene, &shared, rays);
+    }
+    shader_meshes_finish(&aims);
+}
+
+static void build_one(struct run *run, const struct build_input *input, struct batch_item *ret_item, struct portable_view *ret_view)
+{
+    struct bvhd_error error = {0};
+    struct limits limits = limits_default();
+    struct build_context context = {.embree = run->embree, .memory = &run->memory, .parallel = &parallel_serial};
+    if (batch_build(input, 1, &limits, &context, ret_item, &error) || ret_item->status ||
+        portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error)) {
+        fprintf(stderr, "shader_agreement 1 %llu: does not build\n", (unsigned long long)run->seed);
+        exit(1);
+    }
+}
+
+static void run_bottom(struct run *run, struct random *random)
+{
+    struct random_input bottom;
+    struct batch_item item;
+    struct portable_view view;
+    const struct portable_view *bottoms[1] = {&view};
+    struct scene scene = {.bottoms = bottoms, .bottom_count = 1};
+    random_input_bottom(&bottom, random, MOST_PRIMITIVES);
+    build_one(run, &bottom.input, &item, &view);
+    trace_scene(run, &scene, random);
+    batch_finish(&item, 1, &run->memory);
+    random_input_finish(&bottom);
+}
+
+static void run_top(struct run *run, struct random *random)
+{
+    struct random_top top;
+    struct batch_item items[RANDOM_TOP_BOTTOMS + 1];
+    struct portable_view views[RANDOM_TOP_BOTTOMS + 1];
+    const struct portable_view *bottoms[RANDOM_TOP_BOTTOMS];
+    random_top_init(&top, random, MOST_BELOW_TOP);
+    for (uint32_t i = 0; i < top.bottom_count; i++) {
+        build_one(run, &top.bottoms[i].input, &items[i], &views[i]);
+        top.references[i].key = items[i].key;
+        top.references[i].bounds = items[i].stats.bounds;
+    }
+    build_one(run, &top.input, &items[top.bottom_count], &views[top.bottom_count]);
+    struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms)};
+    trace_scene(run, &scene, random);
+    batch_finish(items, top.bottom_count + 1, &run->memory);
+    random_top_finish(&top);
+}
+
+/* ---- the test ---- */
+
+static bool open_beds(struct run *run, const char *device)
+{
+    struct bvhd_error error;
+    struct shader_bed_options options = {.device = device};
+    if (shader_bed_create(&options, &run->memory, &run->beds[0], &error)) {
+        fprintf(stderr, "shader_agreement: skipped: %s\n", error.text);
+        return false;
+    }
+    options.by_address = options.plain_bytes = true;
+    if (shader_bed_create(&options, &run->memory, &run->beds[1], &error))
+        fprintf(stderr, "shader_agreement: without addresses: %s\n", error.text);
+    return true;
+}
+
+static void print_tally(const struct run *run)
+{
+    const struct shader_tally *tally = &run->tally;
+    const struct shader_candidate_tally *candidates = &run->candidates;
+    printf("%s: %llu scenes, %llu rays: %llu hits, %llu with other bits of t; %llu differ: %llu ties, %llu uncertain, %llu about boxes, %llu "
+           "wrong\n",
+           shader_bed_device(run->beds[0]), (unsigned long long)run->scenes, (unsigned long long)tally->rays, (unsigned long long)tally->hits,
+           (unsigned long long)tally->other_bits, (unsigned long long)tally->differing, (unsigned long long)tally->right,
+           (unsigned long long)tally->uncertain, (unsigned long long)tally->boxes, (unsigned long long)tally->certain);
+    printf("candidates of %llu rays: %llu, %llu differ, %llu wrong; %llu wrong details\n", (unsigned long long)candidates->rays,
+           (unsigned long long)candidates->candidates, (unsigned long long)candidates->differing, (unsigned long long)candidates->defects,
+           (unsigned long long)run->defects);
+}
+
+int main(int argc, char **argv)
+{
+    struct bvhd_error error;
+    struct run run = {.seed = 0};
+    const char *device = "auto";
+    int next = 1;
+    if (argc > 2 && strcmp(argv[1], "--device") == 0) {
+        device = argv[2];
+        next = 3;
+    }
+    uint64_t count = argc > next ? strtoull(argv[next], NULL, 10) : 60, seed = argc > next + 1 ? strtoull(argv[next + 1], NULL, 10) : 1;
+    memory_init(&run.memory, UINT64_C(1) << 32);
+    run.answers = calloc(RAYS, sizeof *run.answers);
+    if (!run.answers || !open_beds(&run, device))
+        return run.answers ? 77 : 1;
+    if (embree_create(&run.embree, &error)) {
+        fprintf(stderr, "shader_agreement: %s\n", error.text);
+        return 1;
+    }
+    for (run.seed = seed; run.seed < seed + count; run.seed++) {
+        struct random random = {run.seed * UINT64_C(0x632be59bd9b4e019)};
+        (run.seed % 3 ? run_top : run_bottom)(&run, &random);
+    }
+    print_tally(&run);
+    /* A test that asks too little shows nothing. */
+    bool thin = count >= 30 && (run.tally.hits < run.tally.rays / 10 || run.candidates.candidates < run.candidates.rays / 10);
+    bool is_wrong = run.tally.certain || run.candidates.defects || run.defects || run.tally.boxes * 200 > run.tally.rays;
+    embree_destroy(run.embree);
+    shader_bed_destroy(run.beds[0]);
+    shader_bed_destroy(run.beds[1]);
+    free(run.answers);
+    if (thin)
+        fprintf(stderr, "shader_agreement: too few of these rays decide anything\n");
+    return is_wrong || thin;
+}
