@@ -4,6 +4,7 @@
 
 #include "commands.h"
 #include "files.h"
+#include "layout.h"
 #include "serialized.h"
 #include "structures.h"
 #include "survey.h"
@@ -27,6 +28,15 @@ static void uuid_text(const uint8_t uuid[SERIALIZED_UUID_SIZE], char ret_text[40
         out += sprintf(out, "%s%02x", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
 }
 
+/* Drivers put the names of their versions there. */
+static void add_letters(const uint8_t uuid[SERIALIZED_UUID_SIZE], char text[64])
+{
+    for (int i = 0; i < SERIALIZED_UUID_SIZE; i++)
+        if (uuid[i] < ' ' || uuid[i] > '~')
+            return;
+    sprintf(text + strlen(text), " \"%.16s\"", (const char *)uuid);
+}
+
 static void write_counts(struct json *json, const char *key, const uint64_t *counts, unsigned first, unsigned end)
 {
     json_array(json, key);
@@ -35,7 +45,15 @@ static void write_counts(struct json *json, const char *key, const uint64_t *cou
     json_array_end(json);
 }
 
-static void write_header(struct json *json, const struct serialized_header *serialized, const struct portable_header *header)
+/* One file, opened and looked at. */
+struct inspected {
+    const char *path;
+    const struct structure *structure;
+    struct serialized_header serialized;
+    struct survey survey;
+};
+
+static void write_serialized(struct json *json, const struct serialized_header *serialized)
 {
     char uuid[40];
     uuid_text(serialized->driver_uuid, uuid);
@@ -45,22 +63,42 @@ static void write_header(struct json *json, const struct serialized_header *seri
     json_integer(json, "serialized_size", serialized->serialized_size);
     json_integer(json, "deserialized_size", serialized->deserialized_size);
     json_integer(json, "handles", serialized->handle_count);
-    json_text(json, "target", "portable");
-    json_integer(json, "version", header->version);
-    json_text(json, "content", survey_content_name(header->content));
-    json_integer(json, "build_flags", header->build_flags);
-    json_array(json, "bounds");
-    for (int i = 0; i < 6; i++)
-        json_number(json, NULL, header->bounds[i]);
-    json_array_end(json);
-    json_integer(json, "depth", header->depth);
-    json_integer(json, "nodes", header->node_count);
-    json_integer(json, "records", header->record_count);
-    json_integer(json, "vertices", header->vertex_count);
-    json_integer(json, "primitives", header->primitive_count);
 }
 
-static void write_survey(struct json *json, const struct survey *survey, uint32_t depth)
+/* What only one of the targets has. */
+static void write_layout(struct json *json, const struct structure *structure)
+{
+    if (structure->target == TARGET_PORTABLE) {
+        const struct portable_header *header = structure->view.portable.header;
+        json_integer(json, "version", header->version);
+        json_integer(json, "build_flags", header->build_flags);
+        json_integer(json, "vertices", header->vertex_count);
+    } else {
+        json_integer(json, "variant", structure->view.lavapipe.device.variant);
+        json_integer(json, "leaf_offset", structure->view.lavapipe.leaf_offset);
+    }
+}
+
+static void write_header(struct json *json, const struct inspected *inspected)
+{
+    const struct structure *structure = inspected->structure;
+    float bounds[6];
+    structure_bounds(structure, bounds);
+    write_serialized(json, &inspected->serialized);
+    json_text(json, "target", layout_find(structure->target)->name);
+    write_layout(json, structure);
+    json_text(json, "content", survey_content_name(structure));
+    json_array(json, "bounds");
+    for (int i = 0; i < 6; i++)
+        json_number(json, NULL, bounds[i]);
+    json_array_end(json);
+    json_integer(json, "depth", inspected->survey.depth);
+    json_integer(json, "nodes", inspected->survey.nodes);
+    json_integer(json, "records", structure->record_count);
+    json_integer(json, "primitives", structure->primitive_count);
+}
+
+static void write_survey(struct json *json, const struct survey *survey)
 {
     json_object(json, "bytes");
     json_integer(json, "header", survey->header_bytes);
@@ -70,25 +108,28 @@ static void write_survey(struct json *json, const struct survey *survey, uint32_
     json_integer(json, "geometries", survey->geometry_bytes);
     json_integer(json, "padding", survey->other_bytes);
     json_object_end(json);
-    json_number(json, "wide_sah", survey->sah);
+    json_number(json, survey->arity == 8 ? "wide_sah" : "binary_sah", survey->sah);
+    json_integer(json, "unused_nodes", survey->unused_nodes);
+    json_integer(json, "unreferred_records", survey->unreferred_records);
     json_integer(json, "inner_children", survey->inner_children);
     json_integer(json, "leaf_children", survey->leaf_children);
-    write_counts(json, "nodes_with_children", survey->node_children, 1, 9);
-    write_counts(json, "leaves_with_records", survey->leaf_records, 1, PORTABLE_LEAF_MAX + 1);
-    write_counts(json, "nodes_on_level", survey->level_nodes, 0, depth);
+    write_counts(json, "nodes_with_children", survey->node_children, 1, survey->arity + 1);
+    write_counts(json, "leaves_with_records", survey->leaf_records, 1, survey->arity == 8 ? PORTABLE_LEAF_MAX + 1 : 2);
+    write_counts(json, "nodes_on_level", survey->level_nodes, 0, survey->depth);
 }
 
-static void write_file(struct json *json, const char *path, const struct serialized_header *serialized,
-                       const struct structure_file *file, const struct survey *survey)
+static void write_file(struct json *json, const struct inspected *inspected)
 {
+    const struct structure *structure = inspected->structure;
     json_object(json, NULL);
-    json_text(json, "file", path);
-    write_header(json, serialized, file->structure.view.portable.header);
-    write_survey(json, survey, file->structure.view.portable.header->depth);
+    json_text(json, "file", inspected->path);
+    write_header(json, inspected);
+    write_survey(json, &inspected->survey);
     json_array(json, "geometries");
-    for (uint32_t i = 0; i < file->structure.view.portable.header->geometry_count; i++) {
-        const struct portable_geometry *geometry = &file->structure.view.portable.geometries[i];
+    for (uint32_t i = 0; i < structure->geometry_count; i++) {
+        const struct structure_geometry *geometry = &structure->geometries[i];
         json_object(json, NULL);
+        json_integer(json, "geometry", geometry->geometry);
         json_integer(json, "flags", geometry->flags);
         json_integer(json, "first_primitive", geometry->first_primitive);
         json_integer(json, "primitives", geometry->primitive_count);
@@ -98,11 +139,11 @@ static void write_file(struct json *json, const char *path, const struct seriali
     json_object_end(json);
 }
 
-static void print_section(const char *name, uint64_t bytes, uint64_t total, uint32_t count)
+static void print_section(const char *name, uint64_t bytes, uint64_t total, uint64_t count)
 {
     printf("  %-11s %12llu bytes %5.1f %%", name, (unsigned long long)bytes, 100.0 * (double)bytes / (double)total);
     if (count)
-        printf("  %10u, %.1f B each", count, (double)bytes / count);
+        printf("  %10llu, %.1f B each", (unsigned long long)count, (double)bytes / (double)count);
     printf("\n");
 }
 
@@ -114,54 +155,103 @@ static void print_counts(const char *title, const uint64_t *counts, unsigned fir
     printf("\n");
 }
 
-static void print_geometries(const struct portable_view *view)
+static void print_geometries(const struct structure *structure)
 {
-    uint32_t count = view->header->geometry_count;
-    for (uint32_t i = 0; i < count && i < GEOMETRY_LINES; i++)
-        printf("  geometry %u: %u primitives%s%s\n", i, view->geometries[i].primitive_count,
-               view->geometries[i].flags & GEOMETRY_OPAQUE ? ", opaque" : "",
-               view->geometries[i].flags & GEOMETRY_NO_DUPLICATE_ANY_HIT ? ", no duplicate any-hit" : "");
+    uint32_t count = structure->geometry_count;
+    for (uint32_t i = 0; i < count && i < GEOMETRY_LINES; i++) {
+        const struct structure_geometry *geometry = &structure->geometries[i];
+        printf("  geometry %u: %u primitives%s%s\n", geometry->geometry, geometry->primitive_count,
+               geometry->flags & GEOMETRY_OPAQUE ? ", opaque" : "",
+               geometry->flags & GEOMETRY_NO_DUPLICATE_ANY_HIT ? ", no duplicate any-hit" : "");
+    }
     if (count > GEOMETRY_LINES)
         printf("  and %u geometries more\n", count - GEOMETRY_LINES);
 }
 
-static void print_tree(const struct portable_header *header, const struct survey *survey)
+/* Rows in the file; of a native top level some may not be in its tree. */
+static uint32_t records_of(const struct structure *structure)
+{
+    return structure->target == TARGET_PORTABLE ? structure->record_count : structure->primitive_count;
+}
+
+/* How the leaves, one for each primitive, hang in the tree. */
+static void print_leaves(const struct structure *structure, const struct survey *survey)
+{
+    uint64_t referred = records_of(structure) - survey->unreferred_records;
+    printf("  leaves from byte %u of the body on: %llu that no box refers to, %llu references beyond the first; room for %llu boxes "
+           "more\n",
+           structure->view.lavapipe.leaf_offset, (unsigned long long)survey->unreferred_records,
+           (unsigned long long)(survey->leaf_children - referred), (unsigned long long)survey->unused_nodes);
+}
+
+static void print_tree(const struct structure *structure, const struct survey *survey)
 {
     uint64_t children = survey->inner_children + survey->leaf_children;
-    if (header->node_count == 0) {
+    bool is_wide = survey->arity == 8;
+    if (survey->depth == 0) {
         printf("  empty\n");
         return;
     }
-    printf("  8-wide tree: %u levels, %.2f children a node, %.2f records a leaf, SAH %.2f\n", header->depth,
-           (double)children / header->node_count, survey->leaf_children ? header->record_count / (double)survey->leaf_children : 0.0,
-           survey->sah);
-    print_counts("nodes by children", survey->node_children, 1, 9);
-    print_counts("leaves by records", survey->leaf_records, 1, PORTABLE_LEAF_MAX + 1);
-    print_counts("nodes by level", survey->level_nodes, 0, header->depth);
+    printf("  %u-wide tree: %u levels, %.2f children a node", survey->arity, survey->depth, (double)children / (double)survey->nodes);
+    if (is_wide)
+        printf(", %.2f records a leaf", survey->leaf_children ? structure->record_count / (double)survey->leaf_children : 0.0);
+    printf(", SAH %.2f\n", survey->sah);
+    print_counts("nodes by children", survey->node_children, 1, survey->arity + 1);
+    if (is_wide)
+        print_counts("leaves by records", survey->leaf_records, 1, PORTABLE_LEAF_MAX + 1);
+    else
+        print_leaves(structure, survey);
+    print_counts("nodes by level", survey->level_nodes, 0, survey->depth);
 }
 
-static void print_file(const char *path, const struct serialized_header *serialized, const struct structure_file *file,
-                       const struct survey *survey)
+static const char *level_name(const struct structure *structure)
 {
-    const struct portable_header *header = file->structure.view.portable.header;
-    const float *bounds = header->bounds;
-    char uuid[40];
+    return structure->content == CONTENT_UNKNOWN ? "top or bottom" : structure->content == CONTENT_INSTANCES ? "top" : "bottom";
+}
+
+static void print_title(const struct inspected *inspected)
+{
+    const struct structure *structure = inspected->structure;
+    const struct serialized_header *serialized = &inspected->serialized;
+    bool is_portable = structure->target == TARGET_PORTABLE;
+    char uuid[64];
     uuid_text(serialized->compatibility_uuid, uuid);
-    printf("%s: %s level, portable version %u, %u %s of %u primitives, %llu bytes\n", path,
-           header->content == PORTABLE_INSTANCES ? "top" : "bottom", header->version, header->record_count,
-           survey_content_name(header->content), header->primitive_count, (unsigned long long)file->size);
-    printf("  compatibility %s, %llu bytes when created, %llu handles, build flags 0x%x\n", uuid,
-           (unsigned long long)serialized->deserialized_size, (unsigned long long)serialized->handle_count, header->build_flags);
-    if (header->node_count)
+    add_letters(serialized->compatibility_uuid, uuid);
+    printf("%s: %s level, %s %s %u, %u %s of %u primitives, %llu bytes\n", inspected->path, level_name(structure),
+           layout_find(structure->target)->name, is_portable ? "version" : "variant",
+           is_portable ? structure->view.portable.header->version : structure->view.lavapipe.device.variant, structure->record_count,
+           survey_content_name(structure), structure->primitive_count, (unsigned long long)structure->blob.size);
+    printf("  compatibility %s, %llu bytes when created, %llu handles", uuid, (unsigned long long)serialized->deserialized_size,
+           (unsigned long long)serialized->handle_count);
+    if (is_portable)
+        printf(", build flags 0x%x", structure->view.portable.header->build_flags);
+    printf("\n");
+}
+
+static void print_sections(const struct structure *structure, const struct survey *survey)
+{
+    uint64_t total = structure->blob.size;
+    print_section("headers", survey->header_bytes, total, 0);
+    print_section("nodes", survey->node_bytes, total, survey->nodes + survey->unused_nodes);
+    print_section("records", survey->record_bytes, total, records_of(structure));
+    if (structure->target == TARGET_PORTABLE) {
+        print_section("vertices", survey->vertex_bytes, total, structure->view.portable.header->vertex_count);
+        print_section("geometries", survey->geometry_bytes, total, structure->geometry_count);
+    }
+    print_section("padding", survey->other_bytes, total, 0);
+}
+
+static void print_file(const struct inspected *inspected)
+{
+    const struct structure *structure = inspected->structure;
+    float bounds[6];
+    structure_bounds(structure, bounds);
+    print_title(inspected);
+    if (inspected->survey.depth)
         printf("  bounds (%g, %g, %g) to (%g, %g, %g)\n", bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]);
-    print_section("headers", survey->header_bytes, file->size, 0);
-    print_section("nodes", survey->node_bytes, file->size, header->node_count);
-    print_section("records", survey->record_bytes, file->size, header->record_count);
-    print_section("vertices", survey->vertex_bytes, file->size, header->vertex_count);
-    print_section("geometries", survey->geometry_bytes, file->size, header->geometry_count);
-    print_section("padding", survey->other_bytes, file->size, 0);
-    print_tree(header, survey);
-    print_geometries(&file->structure.view.portable);
+    print_sections(structure, &inspected->survey);
+    print_tree(structure, &inspected->survey);
+    print_geometries(structure);
 }
 
 static void fail(struct run *run, const struct bvhd_error *error)
@@ -173,21 +263,24 @@ static void fail(struct run *run, const struct bvhd_error *error)
     run->code = run->code == EXIT_FAILED ? EXIT_FAILED : code;
 }
 
+static enum bvhd_status take(struct run *run, struct inspected *inspected, struct bvhd_error *error)
+{
+    enum bvhd_status status = serialized_read(inspected->structure->blob, &inspected->serialized, error);
+    return status ? status : survey_take(inspected->structure, &run->memory, &inspected->survey, error);
+}
+
 static void inspect_file(struct run *run, const char *path)
 {
     struct structure_file file;
-    struct serialized_header serialized;
-    struct survey survey;
+    struct inspected inspected = {.path = path, .structure = &file.structure};
     struct bvhd_error error;
     enum bvhd_status status = structures_read(path, &run->memory, &file, &error);
     if (!status) {
-        status = serialized_read((struct bytes){file.data, file.size}, &serialized, &error);
-        if (!status)
-            status = survey_take(&file.structure.view.portable, file.size, &run->memory, &survey, &error);
+        status = take(run, &inspected, &error);
         if (!status && run->options->json)
-            write_file(&run->json, path, &serialized, &file, &survey);
+            write_file(&run->json, &inspected);
         else if (!status)
-            print_file(path, &serialized, &file, &survey);
+            print_file(&inspected);
         structures_close_file(&file, &run->memory);
     }
     run->shown += !status;
