@@ -1,0 +1,189 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# bvhctl_vulkan.sh MAKE_SCENE MAKE_PROBE BVHCTL - bvhctl and the Vulkan devices of this machine: what it says where there is none, and, on lavapipe, probes, builds, traces.
+# Prints each expectation that does not hold; status 1 when one does not, 77 when all that was tried holds but there is no lavapipe with ray queries.
+set -u
+make_scene=$(realpath "$1")
+make_probe=$(realpath "$2")
+bvhctl=$(realpath "$3")
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+trap 'exit 1' HUP INT TERM
+cd "$scratch" || exit 1
+unset BVHD_SOCKET
+failures=0
+checks=0
+
+# expect WHAT COMMAND... - the command succeeds.
+expect()
+{
+    what=$1
+    shift
+    checks=$((checks + 1))
+    "$@" && return
+    echo "does not hold: $what"
+    failures=$((failures + 1))
+}
+
+# run CODE ARGUMENT... - bvhctl ends with that code, and validation layers, where they are loaded, say nothing; its output is in `out` and `err`.
+run()
+{
+    code=$1
+    shift
+    "$bvhctl" "$@" >out 2>err
+    got=$?
+    expect "status $code of: bvhctl $* (got $got: $(head -c 300 err))" [ $got -eq "$code" ]
+    expect "no message of validation layers: $(grep validation: err)" [ "$(grep -c validation: err)" -eq 0 ]
+}
+
+one_error_line()
+{
+    expect "one line on stderr: $(cat err)" [ "$(wc -l <err)" -eq 1 ]
+    expect "it reads bvhctl: WHAT: WHERE: ...: $(cat err)" grep -Eq '^bvhctl: [^:]+: .+: .+' err
+}
+
+one_json_object()
+{
+    expect "one line of JSON: $(cat out)" [ "$(wc -l <out)" -eq 1 ]
+    expect 'schema 1' grep -q '^{"schema":1,.*}$' out
+}
+
+# prints TEXT, says TEXT - on stdout, on stderr.
+prints()
+{
+    expect "it prints '$1': $(cat out)" grep -Fq -- "$1" out
+}
+
+says()
+{
+    expect "it says '$1': $(cat err)" grep -Fq -- "$1" err
+}
+
+missing()
+{
+    expect "$1 is not there" [ ! -e "$1" ]
+}
+
+sums()
+{
+    (cd "$1" && sha256sum -- * | sort -k 2)
+}
+
+same_sums()
+{
+    [ "$(sums "$1")" = "$(sums "$2")" ]
+}
+
+# All that asks for a device, where there is none.
+try_without()
+{
+    run 0 devices
+    prints 'no Vulkan device: '
+    prints "$1"
+    run 0 devices --json
+    one_json_object
+    prints '"devices":[]'
+    prints "$1"
+    run 1 probe --device auto -o none.probe
+    one_error_line
+    says "$1"
+    missing none.probe
+    run 1 --local build ball.ply -o none --target lavapipe
+    says 'use --probe FILE'
+    run 1 trace ball --device llvmpipe -o none.png
+    one_error_line
+    missing none.png
+}
+
+# name PATTERN - of the first device of which the listing says that.
+name()
+{
+    sed 's/{"name"/\n&/g' out | grep "$1" | head -n 1 | sed 's/^{"name":"\([^"]*\)".*/\1/'
+}
+
+# trace DIRECTORY - on the device, and all that was compared with the CPU agrees.
+trace()
+{
+    run 0 trace "$1" --device "$device" -o "$1.png" --size 96x54 --json
+    one_json_object
+    prints "\"device\":\"$device\""
+    prints '"mismatches":0'
+    expect 'rays were compared' grep -Eq '"checked":[0-9]*[1-9]' out
+    expect 'a picture' [ -s "$1.png" ]
+}
+
+"$make_scene" sphere --size 2000 -o ball.ply >/dev/null
+"$make_scene" park --size 3000 -o park.gltf >/dev/null
+run 0 --local build ball.ply -o ball
+run 0 --local build park.gltf -o park
+
+# Neither drivers nor a loader.
+(
+    export VK_DRIVER_FILES=/nonexistent VK_ICD_FILENAMES=/nonexistent
+    try_without 'mesa-vulkan-drivers'
+    echo 'this is no library' >libvulkan.so.1
+    export LD_LIBRARY_PATH="$scratch"
+    try_without 'libvulkan1'
+    exit $((failures > 0))
+) || failures=1
+
+run 0 devices --json
+one_json_object
+device=$(name '"targets":\[[^]]*"lavapipe".*"ray_queries":true')
+if [ -z "$device" ]; then
+    [ "$failures" -eq 0 ] || exit 1
+    echo "skipped: no lavapipe with ray queries here: $(cat out)"
+    exit 77
+fi
+
+# The device, by parts of its name.
+run 0 devices
+prints "$device"
+prints 'portable, lavapipe'
+run 0 probe --device LLVMpipe -o a.probe
+prints lavapipe
+run 0 probe --device "$device" -o b.probe --json
+one_json_object
+prints '"target":"lavapipe"'
+prints "\"device\":\"$device\""
+run 1 probe --device 'of tomorrow' -o c.probe
+one_error_line
+says "$device"
+missing c.probe
+run 1 probe --device "$device" -o nowhere/c.probe
+one_error_line
+run 2 probe --device "$device"
+
+# A build for the device here, and for its probe.
+run 0 --local build park.gltf -o native --target lavapipe
+run 0 --local build park.gltf -o probed --probe a.probe
+run 0 --local build park.gltf -o both --target lavapipe --probe b.probe
+expect 'the same bytes for the device and for its probe' same_sums native probed
+expect 'the same bytes with the target named' same_sums native both
+run 0 --local build ball.ply -o native-ball --target lavapipe
+
+# The device's own ray queries through native structures, a compute shader through portable ones.
+trace native
+prints '"target":"lavapipe"'
+trace native-ball
+trace park
+prints '"target":"portable"'
+trace ball
+
+# Not this device's.
+"$make_probe" 1 10 'another version' >/dev/null
+"$make_probe" 2 10 'another layout' >/dev/null
+for other in 'another version' 'another layout'; do
+    run 0 --local build ball.ply -o "$other built" --probe "$other"
+    run 1 trace "$other built" --device "$device" -o other.png
+    one_error_line
+    says lavapipe
+    missing other.png
+done
+run 1 trace native --device 'of tomorrow' -o other.png
+one_error_line
+says "$device"
+missing other.png
+
+echo "$checks checks, $failures failures"
+[ "$failures" -eq 0 ]
