@@ -1,0 +1,84 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# examples.sh SOURCE BUILD COMPILER... - the programs of client/examples as their readers meet them: compiled against an installed library, with the structures of a real daemon, on
+# this machine's Vulkan device. With $BVHD_VALIDATE set to 1 under the Khronos validation layer, whose messages count as failures. Status 77 when no device can run any of them.
+# shellcheck disable=SC2046,SC2086 # compilers and flags are lists of words
+set -u
+export LC_ALL=C
+source=$(realpath "$1")
+build=$(realpath "$2")
+shift 2
+compiler=$*
+scratch=$(mktemp -d)
+daemon=
+cleanup()
+{
+    [ -z "$daemon" ] || kill "$daemon" 2>/dev/null
+    rm -rf "$scratch"
+}
+trap cleanup EXIT
+trap 'exit 1' HUP INT TERM
+cd "$scratch" || exit 1
+unset BVHD_SOCKET XDG_RUNTIME_DIR PKG_CONFIG_SYSROOT_DIR
+
+fail()
+{
+    echo "examples: $*"
+    [ ! -f log ] || head -n 20 log
+    exit 1
+}
+
+meson install -C "$build" --no-rebuild --destdir "$scratch/stage" >log 2>&1 || fail 'meson install'
+config=$(find stage -name bvhd.pc)
+prefix=$scratch/stage$(sed -n 's/^prefix=//p' "$config")
+pkg()
+{
+    PKG_CONFIG_PATH=$(dirname "$config") pkg-config --define-variable=prefix="$prefix" "$@" bvhd
+}
+shaders=$(pkg --variable=shaderdir)
+[ -f "$shaders/bvhd_ray_query.glsl" ] || fail "no shaders in '$shaders'"
+LD_LIBRARY_PATH=$(pkg --variable=libdir)
+export LD_LIBRARY_PATH
+
+# The driver's own memory is not the examples' to free.
+export ASAN_OPTIONS=detect_leaks=0
+cp "$source"/client/examples/* .
+for kind in native portable addresses; do
+    define=$(echo $kind | tr a-z A-Z)
+    glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h rays.comp >log 2>&1 || fail "rays.comp for $kind"
+done
+for name in load_native load_portable load_scene; do
+    $compiler -std=c99 -pedantic -Wall -Wextra -Werror $name.c example_scene.c example_vulkan.c -o $name $(pkg --cflags --libs) -lvulkan >log 2>&1 ||
+        fail "$name does not compile"
+done
+
+"$prefix/bin/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
+daemon=$!
+export BVHD_SOCKET="$scratch/s.sock"
+"$prefix/bin/bvhctl" --connect-timeout 30 ping >log 2>&1 || fail "no daemon: $(cat daemon.log)"
+
+if [ "${BVHD_VALIDATE-}" = 1 ]; then
+    export VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation VK_KHRONOS_VALIDATION_REPORT_FLAGS=error,warn VK_KHRONOS_VALIDATION_VALIDATE_SYNC=true
+fi
+# Of the 4,096 rays 2 * 256 meet squares and 2 * 136 triangles, whose heights are 0, 2 and 1, 3.
+expected='784 of 4096 rays hit something, after 6784.000 in all'
+runs=0
+for name in load_native load_portable load_scene; do
+    ./$name >log 2>&1
+    got=$?
+    if [ $got -eq 77 ]; then
+        echo "skipped: $name: $(head -n 1 log)"
+        continue
+    fi
+    # On a device whose own format is not known the first one says so, which is an answer, too.
+    if [ $name = load_native ] && [ $got -eq 1 ] && grep -q '^UNSUPPORTED: ' log; then
+        echo "$name: $(tail -n 1 log)"
+        continue
+    fi
+    [ $got -eq 0 ] || fail "$name: status $got"
+    [ "$(tail -n 1 log)" = "$expected" ] || fail "$name: expected '$expected'"
+    ! grep -Ei 'validation|VUID|warning|error' log >/dev/null || fail "$name: messages"
+    runs=$((runs + 1))
+done
+echo "$runs examples ran"
+[ $runs -gt 0 ] || exit 77
