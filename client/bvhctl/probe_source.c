@@ -6,7 +6,7 @@
 #include "files.h"
 #include "gpu.h"
 
-enum { LARGEST_FILE = 16 << 20 };
+enum { LARGEST_FILE = 16 << 20, WHY_SIZE = 127 /* so that a text has room for what to do */ };
 
 static const char *name_of(enum bvhd_target target)
 {
@@ -70,7 +70,7 @@ static enum bvhd_status probe_device(const struct gpu_facts *facts, enum bvhd_ta
 static enum bvhd_status refuse(enum bvhd_target target, enum bvhd_status status, const char *why, struct bvhd_error *error)
 {
     return bvhd_error_set(error, status == BVHD_NO_MEMORY ? status : BVHD_UNSUPPORTED, "--target",
-                          "no Vulkan device here loads %s structures (%s); use --probe FILE", name_of(target), why);
+                          "no Vulkan device here loads %s structures (%.*s); use --probe FILE", name_of(target), WHY_SIZE, why);
 }
 
 static enum bvhd_status ask_devices(enum bvhd_target target, struct memory *memory, struct bvhd_format *ret_format,
@@ -79,14 +79,14 @@ static enum bvhd_status ask_devices(enum bvhd_target target, struct memory *memo
     struct gpu_facts *list = NULL;
     uint32_t count = 0;
     struct bvhd_error inner = {0};
-    char why[BVHD_TEXT_SIZE] = "there is none";
+    char why[WHY_SIZE + 1] = "there is none";
     enum bvhd_status status = gpu_list(memory, &list, &count, &inner);
     if (status)
         return refuse(target, status, inner.text, error);
     status = BVHD_UNSUPPORTED;
     for (uint32_t i = 0; i < count && status && status != BVHD_NO_MEMORY; i++) {
         status = probe_device(&list[i], target, memory, ret_format, &inner);
-        snprintf(why, sizeof why, "%.60s: %.120s", list[i].name, inner.text);
+        snprintf(why, sizeof why, "%.50s: %.75s", list[i].name, inner.text);
     }
     memory_free(memory, list);
     return status ? refuse(target, status, why, error) : BVHD_OK;
