@@ -36,7 +36,8 @@ enum bvhd_status structures_read(const char *path, struct memory *memory, struct
     status = structure_open(blob, memory, &file.structure, &inner);
     if (status) {
         prefix_where(&inner, path);
-        *error = inner;
+        if (error)
+            *error = inner;
         memory_free(memory, file.data);
         return status;
     }
