@@ -115,7 +115,8 @@ static enum bvhd_status check_options(const struct build_options *options, uint3
                               (unsigned)options->target);
     uint32_t unknown = options->layout_flags & ~layout->flags;
     if (unknown)
-        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.layoutFlags", index).text, "unknown bits 0x%x", unknown);
+        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.layoutFlags", index).text, "target %s has no bits 0x%x",
+                              layout->name, unknown);
     return check_device(layout, &options->device, place("infos[%u].options.device", index).text, error);
 }
 
