@@ -61,8 +61,8 @@ static const struct option_row option_rows[] = {
     {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
     {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD, "also write what the scenes were read from, as a make rule for manifest.json"},
     {"target", OPTION_TARGET, "NAME", ON_BUILD,
-     "portable (default): for shaders, on any device; lavapipe: what that driver\nloads natively, in the version of this machine's "
-     "or of --probe"},
+     "portable (default): for shaders, on any device; lavapipe: for that driver's own\nray queries, in this machine's version or in "
+     "that of --probe"},
     {"probe", OPTION_PROBE, "FILE", ON_BUILD,
      "a file of 'bvhctl probe': build what its device loads natively, and without\n--target whatever that is"},
     {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else balanced)"},
