@@ -87,7 +87,7 @@ static enum bvhd_status build(struct gpu *gpu, const struct scaffold *scaffold, 
 enum bvhd_status tracer_top_build(struct gpu *gpu, uint64_t address, struct tracer_top *ret_top, struct bvhd_error *error)
 {
     struct scaffold scaffold = {.scratch.size = 0};
-    struct tracer_top top = {VK_NULL_HANDLE};
+    struct tracer_top top = {.handle = VK_NULL_HANDLE};
     enum bvhd_status status = put_instance(gpu, address, &scaffold, error);
     if (!status)
         status = create(gpu, &scaffold, &top, error);
@@ -109,5 +109,5 @@ void tracer_top_finish(struct gpu *gpu, struct tracer_top *top)
     if (top->handle)
         gpu->vk.DestroyAccelerationStructureKHR(gpu->device, top->handle, NULL);
     gpu_buffer_destroy(gpu, &top->storage);
-    *top = (struct tracer_top){VK_NULL_HANDLE};
+    *top = (struct tracer_top){.handle = VK_NULL_HANDLE};
 }

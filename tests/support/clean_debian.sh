@@ -7,13 +7,15 @@ set -eu
 suite=$1
 root=$2/clean-$suite
 
-# The archive of this machine's own apt sources, whatever their format: the first that holds Debian's main component.
+# mirror PATTERN - the archive of this machine's own apt sources, whatever their format: the first that holds Debian's main component of a release with such a name.
 mirror()
 {
     # shellcheck disable=SC2016 # apt fills these in
     apt-get indextargets --format '$(REPO_URI)|$(COMPONENT)|$(CODENAME)|$(ORIGIN)' 'Created-By: Packages' |
-        awk -F'|' '$2 == "main" && $3 !~ /-/ && ($4 == "Debian" || $4 == "") { print $1; exit }'
+        awk -F'|' -v pattern="$1" '$2 == "main" && $3 ~ pattern && ($4 ~ /^Debian/ || $4 == "") { print $1; exit }'
 }
+
+releases='^[a-z]+$'
 
 # A mirror list stands for its first mirror.
 resolve()
@@ -36,6 +38,15 @@ copy_network_settings()
     fi
 }
 
+# Where this machine gets backports from another place than the rest, the fresh system is told. Else it has to find out by itself.
+copy_backports()
+{
+    backports=$(resolve "$(mirror "^$suite-backports\$")")
+    if [ -n "$backports" ] && [ "${backports%/}" != "${url%/}" ]; then
+        echo "deb $backports $suite-backports main" >"$root/etc/apt/sources.list.d/backports.list"
+    fi
+}
+
 # inside COMMAND - in the fresh system, with nothing of this machine's environment.
 inside()
 {
@@ -52,8 +63,8 @@ inside()
 for tool in debootstrap unshare git; do
     command -v "$tool" >/dev/null || { echo "clean_debian: needs $tool" >&2; exit 1; }
 done
-[ -n "$(mirror)" ] || apt-get update -q
-url=$(resolve "$(mirror)")
+[ -n "$(mirror "$releases")" ] || apt-get update -q
+url=$(resolve "$(mirror "$releases")")
 [ -n "$url" ] || { echo "clean_debian: found no Debian archive in apt's sources" >&2; exit 1; }
 
 rm -rf --one-file-system "$root"
@@ -62,5 +73,6 @@ trap 'exit 1' HUP INT TERM
 mkdir -p "$root"
 debootstrap --variant=minbase --include=git,ca-certificates "$suite" "$root" "$url"
 copy_network_settings
+copy_backports
 git clone --quiet . "$root/root/bvhd"
 inside 'cd /root/bvhd && ./demo && ./check'
