@@ -27,7 +27,9 @@ static enum bvhd_status check_upload(const struct bvhd_vulkan_device *device, co
                               "a native structure, but the device has no acceleration structures");
     if (!upload->staging_mapped)
         return bvhd_error_set(error, BVHD_INVALID, "upload.staging_mapped", "the staging memory is not mapped");
-    enum bvhd_status status = check_span(&upload->staging, needed.staging_size, needed.staging_alignment, "upload.staging", error);
+    /* Of native structures it is the address that has to be aligned, which record_native looks at. */
+    enum bvhd_status status =
+        check_span(&upload->staging, needed.staging_size, is_native ? 1 : needed.staging_alignment, "upload.staging", error);
     if (status == BVHD_OK)
         status = check_span(&upload->storage, needed.storage_size, needed.storage_alignment, "upload.storage", error);
     if (status == BVHD_OK) /* offset 0 is a place as good as any, address 0 is none */

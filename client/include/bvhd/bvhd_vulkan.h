@@ -102,7 +102,8 @@ struct bvhd_vulkan_requirements {
     uint32_t reference_count; /* of a top level: its rows */
     /* Host-visible and coherent, or flushed by the caller after the call that fills it. Needed until the copy has executed. */
     VkDeviceSize staging_size;
-    VkDeviceSize staging_alignment; /* of the offset and, for native structures, of the device address */
+    VkDeviceSize
+        staging_alignment; /* portable: of the offset in its buffer; native: of the device address, buffer's and offset together */
     VkBufferUsageFlags staging_usage;
     /*
      * Where the structure lives. With VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT in a usage, memory is allocated with
