@@ -36,6 +36,7 @@ void test_scene_finish(struct test_scene *scene)
     batch_finish(scene->items, TEST_SCENE_BOTTOMS + 1, &scene->memory);
     batch_finish(scene->native_items, TEST_SCENE_BOTTOMS + 1, &scene->memory);
     embree_destroy(scene->embree);
+    must(scene->memory.live == 0, "memory is still held", NULL);
 }
 
 static struct bytes build_item(struct test_scene *scene, const struct build_input *input, struct batch_item *item)
