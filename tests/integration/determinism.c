@@ -9,6 +9,7 @@
 #include <stdlib.h>
 
 #include "batch.h"
+#include "lavapipe.h"
 #include "random_input.h"
 #include "random_top.h"
 #include "workers.h"
@@ -80,11 +81,23 @@ static bool build_with_all(struct run *run, const struct build_input *input, con
 
 /* ---- random requests ---- */
 
+/* A third of the requests is for a driver's own format, of either variant. */
+static void choose_target(struct build_input *input, struct random *random)
+{
+    if (!random_chance(random, 0.33))
+        return;
+    input->options.target = TARGET_LAVAPIPE;
+    input->options.layout_flags = 0;
+    input->options.device =
+        (struct device_format){.driver_uuid = "determinism", .variant = 1 + random_below(random, LAVAPIPE_VARIANTS)};
+}
+
 static void run_bottom(struct run *run, struct random *random)
 {
     struct random_input bottom;
     struct batch_item item;
     random_input_bottom(&bottom, random, 3000);
+    choose_target(&bottom.input, random);
     if (build_with_all(run, &bottom.input, "a random bottom level", &item))
         batch_finish(&item, 1, &run->memory);
     random_input_finish(&bottom);
@@ -102,6 +115,7 @@ static void run_top(struct run *run, struct random *random)
         top.references[i].bounds = item.stats.bounds;
         batch_finish(&item, 1, &run->memory);
     }
+    choose_target(&top.input, random);
     if (build_with_all(run, &top.input, "a random top level", &item))
         batch_finish(&item, 1, &run->memory);
     random_top_finish(&top);
@@ -234,14 +248,14 @@ static void run_writing(struct run *run, const struct mesh *mesh, const struct w
 }
 
 /* Every writing of a mesh against the first; 16-bit ones where they fit. */
-static void run_mesh(struct run *run, uint32_t side, enum build_quality quality, uint32_t layout_flags)
+static void run_mesh(struct run *run, uint32_t side, const struct build_options *options)
 {
     struct mesh mesh = make_mesh(side, side);
     struct geometry geometry = write_mesh(&mesh, &writings[0]);
     struct build_input input = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry};
     struct batch_item first;
-    input.options = (struct build_options){.quality = quality, .target = TARGET_PORTABLE, .layout_flags = layout_flags};
-    if (build_with_all(run, &input, build_quality_name(quality), &first)) {
+    input.options = *options;
+    if (build_with_all(run, &input, build_quality_name(options->quality), &first)) {
         for (int i = 1; i < WRITINGS; i++)
             if (writings[i].index_type == INDEX_UINT32 || mesh.vertex_count <= 65536)
                 run_writing(run, &mesh, &writings[i], &input.options, &first);
@@ -251,6 +265,19 @@ static void run_mesh(struct run *run, uint32_t side, enum build_quality quality,
     free((void *)(uintptr_t)geometry.triangles.indices.data);
     free_mesh(&mesh);
 }
+
+static const struct {
+    uint32_t side;
+    struct build_options options;
+} meshes[] = {
+    {40, {.quality = QUALITY_FAST, .target = TARGET_PORTABLE, .layout_flags = PORTABLE_FAST_TRIANGLES}},
+    {GRID, {.quality = QUALITY_FAST, .target = TARGET_PORTABLE}},
+    {40, {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE}},
+    {GRID, {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE}},
+    {60, {.quality = QUALITY_HIGH, .target = TARGET_PORTABLE}},
+    {GRID, {.quality = QUALITY_BALANCED, .target = TARGET_LAVAPIPE, .device = {.variant = LAVAPIPE_PLAIN}}},
+    {60, {.quality = QUALITY_HIGH, .target = TARGET_LAVAPIPE, .device = {.variant = LAVAPIPE_COMPACTED}}},
+};
 
 /* ---- all ---- */
 
@@ -290,11 +317,8 @@ int main(int argc, char **argv)
         struct random random = {i * UINT64_C(0x632be59bd9b4e019)};
         (i % 4 ? run_bottom : run_top)(&run, &random);
     }
-    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_BALANCED; quality++) {
-        run_mesh(&run, 40, quality, quality == QUALITY_FAST ? PORTABLE_FAST_TRIANGLES : 0);
-        run_mesh(&run, GRID, quality, 0);
-    }
-    run_mesh(&run, 60, QUALITY_HIGH, 0);
+    for (size_t i = 0; i < sizeof meshes / sizeof meshes[0]; i++)
+        run_mesh(&run, meshes[i].side, &meshes[i].options);
     run_finish(&run);
     if (digest_only)
         printf("%016llx\n", (unsigned long long)run.digest);
