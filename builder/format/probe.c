@@ -39,7 +39,7 @@ enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, un
             return status;
         size += room(probe->structures[i].size);
     }
-    unsigned char *data = memory_alloc(memory, size), *at = data + HEADER;
+    unsigned char *data = memory_alloc(memory, size);
     if (!data)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "probe", "%" PRIu64 " bytes", size);
     memset(data, 0, size);
@@ -50,6 +50,7 @@ enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, un
     /* The last byte of a name stays 0. */
     memcpy(data + NAMES, probe->device, strnlen(probe->device, PROBE_NAME_SIZE - 1));
     memcpy(data + NAMES + PROBE_NAME_SIZE, probe->driver, strnlen(probe->driver, PROBE_NAME_SIZE - 1));
+    unsigned char *at = data + HEADER;
     for (int i = 0; i < PROBE_COUNT; i++) {
         const struct bytes *structure = &probe->structures[i];
         bytes_put64(data + HANDLES + 8 * i, probe->handles[i]);
