@@ -138,12 +138,12 @@ static bool print_json(struct run *run)
     json_text(&json, "picture", run->options->output);
     json_integer(&json, "rays", run->picture.rays);
     json_number(&json, "mrays_s", mrays_s(run));
+    json_number(&json, "wall_ms", run->wall_ms);
     json_integer(&json, "checked", run->agreement.checked);
     if (!run->choice.is_cpu)
         json_integer(&json, "differing", run->agreement.differing);
     json_integer(&json, "mismatches", run->agreement.mismatches);
     json_integer(&json, "uncertain", run->agreement.uncertain);
-    json_number(&json, "wall_ms", run->wall_ms);
     json_object_end(&json);
     bool ok = report_print(&json);
     json_finish(&json);
