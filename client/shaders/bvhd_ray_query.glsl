@@ -88,6 +88,12 @@ struct BvhdRayQuery {
     uint flags, cullMask;
     uvec2 root;
     BvhdIntersection committed, candidate;
+    /*
+     * The committed distance lies in near .. far. While traversal goes on it may be a guess, with nothing but record, instance and type known; guesses that overlap
+     * are decided exactly, and so is the last one when traversal ends.
+     */
+    bool isGuess;
+    float near, far;
 
     // Where it is: a structure, the ray in its space, what waits there.
     BvhdBody body;
@@ -240,19 +246,10 @@ bool bvhdIsBetter(BvhdRayQuery query)
 void bvhdCommit(inout BvhdRayQuery query)
 {
     query.committed = query.candidate;
+    query.isGuess = false;
+    query.far = query.committed.t.x;
+    query.near = query.far - 2.0e-7 * abs(query.far);
     query.isDone = query.isDone || (query.flags & BVHD_RAY_FLAGS_TERMINATE_ON_FIRST_HIT) != 0u;
-}
-
-// True: the candidate is for the caller to decide.
-bool bvhdConsider(inout BvhdRayQuery query, uint id)
-{
-    bool isOpaque = bvhdIsOpaque(query, id);
-    if (!bvhdIsBetter(query) || (query.flags & (isOpaque ? BVHD_RAY_FLAGS_CULL_OPAQUE : BVHD_RAY_FLAGS_CULL_NO_OPAQUE)) != 0u)
-        return false;
-    if (!isOpaque || query.candidate.type == BVHD_COMMITTED_GENERATED)
-        return true;
-    bvhdCommit(query);
-    return false;
 }
 
 // The open interval, for a distance that has not been rounded yet.
@@ -270,32 +267,48 @@ vec2 bvhdRoundDistance(vec2 t)
     return vec2(t.x, low);
 }
 
+bool bvhdIsCulled(BvhdRayQuery query, bool isOpaque)
+{
+    return (query.flags & (isOpaque ? BVHD_RAY_FLAGS_CULL_OPAQUE : BVHD_RAY_FLAGS_CULL_NO_OPAQUE)) != 0u;
+}
+
+// True: the candidate has to be decided. It has no more than a record, an instance and a type then.
 bool bvhdVisitTriangle(inout BvhdRayQuery query, uint record)
 {
     vec3 v0, v1, v2;
+    BvhdTriangleGuess guess;
     uint id = bvhdCorners(query.body, record, v0, v1, v2);
-    BvhdTriangleHit hit;
-    if (!bvhdTriangleMayHit(query.triangleRay, query.tmin, query.committed.t.x, v0, v1, v2) ||
-        !bvhdTriangleHit(query.triangleRay, v0, v1, v2, hit) || !bvhdIsWithin(hit.t, query.tmin, query.tmax) ||
-        bvhdIsFacingCulled(query, hit.isFront))
+    bool isOpaque = bvhdIsOpaque(query, id);
+    if (bvhdIsCulled(query, isOpaque) || !bvhdTriangleMayHit(query.triangleRay, query.tmin, query.far, v0, v1, v2, guess))
         return false;
-    bool isFlipped = (query.instanceFlags & BVHD_INSTANCE_FLIP_FACING) != 0u;
-    query.candidate = BvhdIntersection(bvhdRoundDistance(hit.t), hit.barycentrics, record, query.instance, BVHD_COMMITTED_TRIANGLE, hit.isFront != isFlipped);
-    return bvhdConsider(query, id);
+    BvhdIntersection found = BvhdIntersection(vec2(guess.t, 0.0), vec2(0.0), record, query.instance, BVHD_COMMITTED_TRIANGLE, guess.isFront);
+    if (!guess.isSure || !isOpaque || !(guess.t - guess.error > query.tmin) || !(guess.t + guess.error < query.near)) {
+        query.candidate = found;
+        return true;
+    }
+    if (bvhdIsFacingCulled(query, guess.isFront))
+        return false;
+    query.committed = found;
+    query.isGuess = true;
+    query.near = guess.t - guess.error;
+    query.far = guess.t + guess.error;
+    query.isDone = (query.flags & BVHD_RAY_FLAGS_TERMINATE_ON_FIRST_HIT) != 0u;
+    return false;
 }
 
+// True: there is a candidate.
 bool bvhdVisitAabb(inout BvhdRayQuery query, uint record)
 {
     vec3 lowest, highest;
     float entry;
     uint id = bvhdAabb(query.body, record, lowest, highest);
-    if (!bvhdBoxMet(query.boxRay, lowest, highest, query.committed.t.x, entry))
+    if (bvhdIsCulled(query, bvhdIsOpaque(query, id)) || !bvhdBoxMet(query.boxRay, lowest, highest, query.far, entry))
         return false;
     query.candidate = BvhdIntersection(vec2(entry, 0.0), vec2(0.0), record, query.instance, BVHD_COMMITTED_GENERATED, false);
-    return bvhdConsider(query, id);
+    return true;
 }
 
-// True: there is a candidate for the caller.
+// True: there is a candidate, to be decided.
 bool bvhdVisitRecord(inout BvhdRayQuery query)
 {
     uint record = query.records.x + uint(findLSB(query.records.y));
@@ -319,10 +332,92 @@ void bvhdVisitNode(inout BvhdRayQuery query)
 
     uint row = query.body.nodes + 5u * child;
     uvec4 head = bvhdRow(query.body.base, row), meta = bvhdRow(query.body.base, row + 1u);
-    uint hits = bvhdNodeHits(query.boxRay, query.committed.t.x, head, meta, bvhdRow(query.body.base, row + 2u),
+    uint hits = bvhdNodeHits(query.boxRay, query.far, head, meta, bvhdRow(query.body.base, row + 2u),
                              bvhdRow(query.body.base, row + 3u), bvhdRow(query.body.base, row + 4u));
     query.nodes = uvec2(meta.x, hits & 0xff000000u | head.w >> 24);
     query.records = uvec2(meta.y, hits & 0x00ffffffu);
+}
+
+/* ---- Deciding exactly ---- */
+
+BvhdBody bvhdTopOf(BvhdRayQuery query)
+{
+    BvhdExtent unused;
+    return bvhdBodyOpen(query.root, unused);
+}
+
+// The instance that an intersection is in. Not without a top level.
+BvhdInstance bvhdInstanceOf(BvhdRayQuery query, BvhdIntersection intersection)
+{
+    return bvhdInstance(bvhdTopOf(query), intersection.instance);
+}
+
+BvhdBody bvhdBodyOf(BvhdRayQuery query, BvhdIntersection intersection)
+{
+    BvhdExtent unused;
+    uvec2 location = query.root;
+    if (intersection.instance != BVHD_NO_INSTANCE)
+        location = bvhdInstanceOf(query, intersection).bottom;
+    return bvhdBodyOpen(location, unused);
+}
+
+// The ray in the space of an intersection.
+BvhdTriangleRay bvhdRayOf(BvhdRayQuery query, BvhdIntersection intersection)
+{
+    BvhdTriangleRay ray = BvhdTriangleRay(query.origin, query.direction, vec3(0.0), vec3(0.0));
+    if (intersection.instance != BVHD_NO_INSTANCE)
+        bvhdToObject(ray, bvhdTopOf(query), intersection.instance);
+    return ray;
+}
+
+// Fills in where a triangle is hit, by record and instance. Returns whether it is, at any t.
+bool bvhdPlace(BvhdRayQuery query, inout BvhdIntersection intersection)
+{
+    vec3 v0, v1, v2;
+    uint flags = 0u;
+    BvhdTriangleHit hit;
+    bvhdCorners(bvhdBodyOf(query, intersection), intersection.record, v0, v1, v2);
+    if (!bvhdTriangleHit(bvhdRayOf(query, intersection), v0, v1, v2, hit))
+        return false;
+    if (intersection.instance != BVHD_NO_INSTANCE)
+        flags = bvhdInstanceOf(query, intersection).flags;
+    intersection.t = hit.t;
+    intersection.barycentrics = hit.barycentrics;
+    intersection.isFront = hit.isFront != ((flags & BVHD_INSTANCE_FLIP_FACING) != 0u);
+    return true;
+}
+
+// The end of a guess.
+void bvhdPlaceCommitted(inout BvhdRayQuery query)
+{
+    if (!query.isGuess)
+        return;
+    bvhdPlace(query, query.committed);
+    query.committed.t = bvhdRoundDistance(query.committed.t);
+    query.isGuess = false;
+    query.far = query.committed.t.x;
+    query.near = query.far - 2.0e-7 * abs(query.far);
+}
+
+// Commits the candidate, or not. True: that is for the caller to decide.
+bool bvhdDecide(inout BvhdRayQuery query)
+{
+    bool isTriangle = query.candidate.type == BVHD_COMMITTED_TRIANGLE;
+    bvhdPlaceCommitted(query);
+    if (isTriangle) {
+        if (!bvhdPlace(query, query.candidate) || !bvhdIsWithin(query.candidate.t, query.tmin, query.tmax))
+            return false;
+        bool isFlipped = (query.instanceFlags & BVHD_INSTANCE_FLIP_FACING) != 0u;
+        if (bvhdIsFacingCulled(query, query.candidate.isFront != isFlipped))
+            return false;
+        query.candidate.t = bvhdRoundDistance(query.candidate.t);
+    }
+    if (!bvhdIsBetter(query))
+        return false;
+    if (!isTriangle || !bvhdIsOpaque(query, bvhdId(query.body, query.candidate.record)))
+        return true;
+    bvhdCommit(query);
+    return false;
 }
 
 /* ---- The life of a query ---- */
@@ -339,6 +434,8 @@ void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, ui
     query.root = root;
     query.committed = BvhdIntersection(vec2(tmax, 0.0), vec2(0.0), 0u, BVHD_NO_INSTANCE, BVHD_COMMITTED_NONE, false);
     query.candidate = query.committed;
+    query.isGuess = false;
+    query.near = query.far = tmax;
     query.bottom = query.top = number * BVHD_STACK_SIZE;
     bvhdEnterRoot(query);
     uint content = query.body.content;
@@ -359,7 +456,7 @@ bool bvhdRayQueryProceed(inout BvhdRayQuery query)
 {
     while (!query.isDone) {
         if (query.records.y != 0u) {
-            if (bvhdVisitRecord(query))
+            if (bvhdVisitRecord(query) && bvhdDecide(query))
                 return true;
         } else if (query.nodes.y >= 0x01000000u) {
             bvhdVisitNode(query);
@@ -371,6 +468,7 @@ bool bvhdRayQueryProceed(inout BvhdRayQuery query)
             query.isDone = true;
         }
     }
+    bvhdPlaceCommitted(query);
     return false;
 }
 
@@ -402,27 +500,6 @@ BvhdIntersection bvhdIntersection(BvhdRayQuery query, bool committed)
     if (committed)
         return query.committed;
     return query.candidate;
-}
-
-BvhdBody bvhdTopOf(BvhdRayQuery query)
-{
-    BvhdExtent unused;
-    return bvhdBodyOpen(query.root, unused);
-}
-
-// The instance that an intersection is in. Not without a top level.
-BvhdInstance bvhdInstanceOf(BvhdRayQuery query, BvhdIntersection intersection)
-{
-    return bvhdInstance(bvhdTopOf(query), intersection.instance);
-}
-
-BvhdBody bvhdBodyOf(BvhdRayQuery query, BvhdIntersection intersection)
-{
-    BvhdExtent unused;
-    uvec2 location = query.root;
-    if (intersection.instance != BVHD_NO_INSTANCE)
-        location = bvhdInstanceOf(query, intersection).bottom;
-    return bvhdBodyOpen(location, unused);
 }
 
 // (geometry, primitive)
@@ -528,23 +605,14 @@ mat4x3 bvhdRayQueryGetIntersectionWorldToObject(BvhdRayQuery query, bool committ
     return bvhdMatrixOf(query, committed, 3u);
 }
 
-BvhdTriangleRay bvhdObjectRayOf(BvhdRayQuery query, bool committed)
-{
-    BvhdIntersection intersection = bvhdIntersection(query, committed);
-    BvhdTriangleRay ray = BvhdTriangleRay(query.origin, query.direction, vec3(0.0), vec3(0.0));
-    if (intersection.instance != BVHD_NO_INSTANCE)
-        bvhdToObject(ray, bvhdTopOf(query), intersection.instance);
-    return ray;
-}
-
 vec3 bvhdRayQueryGetIntersectionObjectRayOrigin(BvhdRayQuery query, bool committed)
 {
-    return bvhdObjectRayOf(query, committed).origin;
+    return bvhdRayOf(query, bvhdIntersection(query, committed)).origin;
 }
 
 vec3 bvhdRayQueryGetIntersectionObjectRayDirection(BvhdRayQuery query, bool committed)
 {
-    return bvhdObjectRayOf(query, committed).direction;
+    return bvhdRayOf(query, bvhdIntersection(query, committed)).direction;
 }
 
 float bvhdRayQueryGetRayTMin(BvhdRayQuery query)

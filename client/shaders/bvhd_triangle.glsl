@@ -2,8 +2,8 @@
 /*
  * bvhd_triangle.glsl - the watertight ray-triangle test, with the accuracy of nearly double but without float64.
  *
- * It has two parts. bvhdTriangleMayHit is cheap, in float, and knows how wrong it may be: it drops what is missed, or lies outside of the interval,
- * beyond doubt. bvhdTriangleHit decides what is left, a few triangles a ray.
+ * It has two parts. bvhdTriangleMayHit is cheap, in float, and knows how wrong it may be: it drops what is missed beyond doubt, and says what is hit beyond
+ * doubt, and about where. bvhdTriangleHit decides what is left, and finds the exact place: for about one triangle a ray.
  *
  * bvhdTriangleHit is Woop's test (2013) in pairs of floats. Vertices are moved so that the ray starts at the origin, and sheared so that it runs along
  * its main axis; that is done to some 2^-44 and the two coordinates across the ray are then rounded to float. So a vertex is shifted by at most half an
@@ -98,13 +98,19 @@ float bvhdSumOfSizes(vec3 value)
     return abs(value.x) + abs(value.y) + abs(value.z);
 }
 
+struct BvhdTriangleGuess {
+    bool isSure; // it is hit, at a distance from t - error to t + error; otherwise bvhdTriangleHit has to decide
+    float t, error;
+    bool isFront;
+};
+
 /*
  * Möller and Trumbore's volumes (1997). With D the longest component of d, S, E the sums of the sizes of the components of s and of both edges, u = 2^-24
  * and l what the origin is rounded by: each component of d x e is wrong by at most 4u of D E, a volume by 8u D E S + 3 l D E, the third one by the sum of all. So
  * 12u (S + E) + 4 l, times D E, covers them and what bvhdTriangleHit moves vertices by; and the numerator of t, with E * E for D E. The last term is
- * for underflow.
+ * for underflow. False: missed, or not within tmin .. tmax.
  */
-bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, vec3 v1, vec3 v2)
+bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, vec3 v1, vec3 v2, out BvhdTriangleGuess guess)
 {
     vec3 e1 = v1 - v0, e2 = v2 - v0, s = ray.origin - v0;
     vec3 p = cross(ray.direction, e2), q = cross(s, e1);
@@ -116,13 +122,23 @@ bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, ve
     float edges = bvhdSumOfSizes(e1) + bvhdSumOfSizes(e2);
     float share = edges * (7.1525574e-7 * (bvhdSumOfSizes(s) + edges) + 4.0 * low);
     float error = longest * share + 3.0e-35;
-    if (min(min(u, v), w) < -error && max(max(u, v), w) > error)
+    float least = min(min(u, v), w), most = max(max(u, v), w);
+    if (least < -error && most > error)
         return false;
 
     float distance = det < 0.0 ? -dot(e2, q) : dot(e2, q), size = abs(det), distanceError = edges * share + 3.0e-35;
     if (distance - distanceError > 1.000001 * tmax * (size + error))
         return false;
-    return !(size > error && distance + distanceError < 0.999999 * tmin * (size - error));
+    if (size > error && distance + distanceError < 0.999999 * tmin * (size - error))
+        return false;
+
+    // With |det| above 3 errors, 1 / (|det| - error) is below 1.5 / |det|.
+    float inverse = 1.0 / size;
+    guess.isSure = least > error || most < -error;
+    guess.t = distance * inverse;
+    guess.error = 1.5 * inverse * (distanceError + abs(guess.t) * error) + 1.0e-6 * abs(guess.t);
+    guess.isFront = det > 0.0;
+    return true;
 }
 
 /* ---- What is hit ---- */

@@ -20,12 +20,13 @@ struct kernel_ray {
 struct kernel_push {
     uint32_t count, policy;
     uint64_t root;
+    uint32_t candidates, padding;
 };
 
 struct shader_bed {
     struct memory *memory;
     struct gpu *gpu;
-    struct gpu_kernel brief, full;
+    struct gpu_kernel kernel;
     struct gpu_buffer scene, rays, answers;
     uint64_t root;
     bool by_address;
@@ -46,20 +47,19 @@ bool shader_policy_accepts(uint32_t instance, uint32_t geometry, uint32_t primit
 
 /* ---- the device ---- */
 
-static void create_kernel(struct shader_bed *bed, const struct shader_bed_options *options, uint32_t candidates,
-                          struct gpu_kernel *ret_kernel)
+static void create_kernel(struct shader_bed *bed, const struct shader_bed_options *options)
 {
     struct bvhd_error error;
-    const uint32_t constants[] = {options->plain_bytes, options->fused_fma, candidates};
+    const uint32_t constants[] = {options->plain_bytes, options->fused_fma};
     struct gpu_kernel_options kernel = {
         .code = options->by_address ? shader_agreement_address_code : shader_agreement_code,
         .size = options->by_address ? sizeof shader_agreement_address_code : sizeof shader_agreement_code,
         .bindings = BINDINGS,
         .push_size = sizeof(struct kernel_push),
         .constants = constants,
-        .constant_count = 3,
+        .constant_count = 2,
     };
-    must(gpu_kernel_create(bed->gpu, &kernel, ret_kernel, &error), &error);
+    must(gpu_kernel_create(bed->gpu, &kernel, &bed->kernel, &error), &error);
 }
 
 static void create_buffer(struct shader_bed *bed, uint64_t size, enum gpu_place place, struct gpu_buffer *ret_buffer)
@@ -83,8 +83,7 @@ enum bvhd_status shader_bed_create(const struct shader_bed_options *options, str
     }
     bed->memory = memory;
     bed->by_address = options->by_address;
-    create_kernel(bed, options, 0, &bed->brief);
-    create_kernel(bed, options, SHADER_BED_CANDIDATES, &bed->full);
+    create_kernel(bed, options);
     create_buffer(bed, (uint64_t)HIT_PORTION * sizeof(struct kernel_ray), GPU_UPLOAD, &bed->rays);
     uint64_t brief = (uint64_t)HIT_PORTION * sizeof(struct shader_answer),
              full = (uint64_t)SHADER_BED_PORTION * sizeof(struct shader_full_answer);
@@ -100,8 +99,7 @@ void shader_bed_destroy(struct shader_bed *bed)
     gpu_buffer_destroy(bed->gpu, &bed->scene);
     gpu_buffer_destroy(bed->gpu, &bed->rays);
     gpu_buffer_destroy(bed->gpu, &bed->answers);
-    gpu_kernel_destroy(bed->gpu, &bed->brief);
-    gpu_kernel_destroy(bed->gpu, &bed->full);
+    gpu_kernel_destroy(bed->gpu, &bed->kernel);
     gpu_close(bed->gpu);
     free(bed);
 }
@@ -156,8 +154,7 @@ void shader_bed_load(struct shader_bed *bed, const struct scene *scene)
     bed->root = base + top;
     free(locations);
     const struct gpu_buffer *const buffers[BINDINGS] = {&bed->scene, &bed->rays, &bed->answers};
-    gpu_kernel_bind(bed->gpu, &bed->brief, buffers, NULL);
-    gpu_kernel_bind(bed->gpu, &bed->full, buffers, NULL);
+    gpu_kernel_bind(bed->gpu, &bed->kernel, buffers, NULL);
 }
 
 /* ---- rays ---- */
@@ -172,14 +169,14 @@ static void write_rays(struct shader_bed *bed, const struct ray *rays, uint32_t 
     }
 }
 
-static void run(struct shader_bed *bed, struct gpu_kernel *kernel, const struct ray *rays, uint32_t count, enum shader_policy policy)
+static void run(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy, uint32_t candidates)
 {
     struct bvhd_error error;
     VkCommandBuffer commands;
-    struct kernel_push push = {count, policy, bed->root};
+    struct kernel_push push = {count, policy, bed->root, candidates, 0};
     write_rays(bed, rays, count);
     must(gpu_begin(bed->gpu, &commands, &error), &error);
-    gpu_kernel_record(bed->gpu, kernel, commands, &push, (count + 63) / 64);
+    gpu_kernel_record(bed->gpu, &bed->kernel, commands, &push, (count + 63) / 64);
     VkMemoryBarrier barrier = {
         .sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER, .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT, .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
     bed->gpu->vk.CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0,
@@ -192,7 +189,7 @@ void shader_bed_trace(struct shader_bed *bed, const struct ray *rays, uint32_t c
 {
     for (uint32_t done = 0, portion; done < count; done += portion) {
         portion = count - done < HIT_PORTION ? count - done : HIT_PORTION;
-        run(bed, &bed->brief, rays + done, portion, policy);
+        run(bed, rays + done, portion, policy, 0);
         memcpy(ret_answers + done, bed->answers.mapped, (size_t)portion * sizeof *ret_answers);
     }
 }
@@ -200,6 +197,6 @@ void shader_bed_trace(struct shader_bed *bed, const struct ray *rays, uint32_t c
 void shader_bed_trace_fully(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy,
                             struct shader_full_answer *ret_answers)
 {
-    run(bed, &bed->full, rays, count, policy);
+    run(bed, rays, count, policy, SHADER_BED_CANDIDATES);
     memcpy(ret_answers, bed->answers.mapped, (size_t)count * sizeof *ret_answers);
 }

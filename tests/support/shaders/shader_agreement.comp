@@ -10,7 +10,6 @@
 layout(local_size_x = 64) in;
 layout(constant_id = 0) const bool plain_bytes = false;
 layout(constant_id = 1) const bool fused_fma = false;
-layout(constant_id = 2) const uint most_candidates = 0u; // 0: hits alone
 #define BVHD_PLAIN_BYTES plain_bytes
 #define BVHD_FUSED_FMA fused_fma
 
@@ -34,6 +33,7 @@ layout(push_constant) uniform Push {
     uint count;
     uint policy;
     uvec2 root;
+    uint most_candidates; // 0: hits alone
 };
 
 const uint POLICY_ACCEPT = 0u, POLICY_IGNORE = 1u, POLICY_SOME = 2u, POLICY_END = 3u;
