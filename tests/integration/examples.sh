@@ -59,6 +59,8 @@ export BVHD_SOCKET="$scratch/s.sock"
 
 if [ "${BVHD_VALIDATE-}" = 1 ]; then
     export VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation VK_KHRONOS_VALIDATION_REPORT_FLAGS=error,warn VK_KHRONOS_VALIDATION_VALIDATE_SYNC=true
+    VK_LOADER_DEBUG=layer ./load_portable >log 2>&1
+    grep -q 'Insert instance layer.*VK_LAYER_KHRONOS_validation' log || fail 'the validation layer is not loaded'
 fi
 # Of the 4,096 rays 2 * 256 meet squares and 2 * 136 triangles, whose heights are 0, 2 and 1, 3.
 expected='784 of 4096 rays hit something, after 6784.000 in all'
