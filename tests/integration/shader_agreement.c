@@ -117,7 +117,8 @@ static void trace_case(struct run *run, struct shader_bed *bed, const struct sce
 {
     char what[80];
     struct shader_answer answers[RAYS];
-    snprintf(what, sizeof what, "shader_agreement 1 %llu (flags %x, policy %d)", (unsigned long long)run->seed, shared->flags, shared->policy);
+    snprintf(what, sizeof what, "shader_agreement 1 %llu (flags %x, policy %d)", (unsigned long long)run->seed, shared->flags,
+             shared->policy);
     shader_bed_trace(bed, rays, RAYS, shared->policy, answers);
     shader_judge(what, scene, shared, rays, RAYS, answers, &parallel_serial, &run->memory, &run->tally);
     shader_bed_trace_fully(bed, rays, RAYS, shared->policy, run->answers);
@@ -210,14 +211,16 @@ static void print_tally(const struct run *run)
 {
     const struct shader_tally *tally = &run->tally;
     const struct shader_candidate_tally *candidates = &run->candidates;
-    printf("%s: %llu scenes, %llu rays: %llu hits, %llu with other bits of t; %llu differ: %llu ties, %llu uncertain, %llu about boxes, %llu "
+    printf("%s: %llu scenes, %llu rays: %llu hits, %llu with other bits of t; %llu differ: %llu ties, %llu uncertain, %llu about "
+           "boxes, %llu "
            "wrong\n",
-           shader_bed_device(run->beds[0]), (unsigned long long)run->scenes, (unsigned long long)tally->rays, (unsigned long long)tally->hits,
-           (unsigned long long)tally->other_bits, (unsigned long long)tally->differing, (unsigned long long)tally->right,
-           (unsigned long long)tally->uncertain, (unsigned long long)tally->boxes, (unsigned long long)tally->certain);
+           shader_bed_device(run->beds[0]), (unsigned long long)run->scenes, (unsigned long long)tally->rays,
+           (unsigned long long)tally->hits, (unsigned long long)tally->other_bits, (unsigned long long)tally->differing,
+           (unsigned long long)tally->right, (unsigned long long)tally->uncertain, (unsigned long long)tally->boxes,
+           (unsigned long long)tally->certain);
     printf("candidates of %llu rays: %llu, %llu differ, %llu wrong; %llu wrong details\n", (unsigned long long)candidates->rays,
-           (unsigned long long)candidates->candidates, (unsigned long long)candidates->differing, (unsigned long long)candidates->defects,
-           (unsigned long long)run->defects);
+           (unsigned long long)candidates->candidates, (unsigned long long)candidates->differing,
+           (unsigned long long)candidates->defects, (unsigned long long)run->defects);
 }
 
 int main(int argc, char **argv)

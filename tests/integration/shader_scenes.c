@@ -46,8 +46,9 @@ static void must(enum bvhd_status status, const struct bvhd_error *error)
 
 static void print_tally(const char *name, const struct shader_tally *tally)
 {
-    printf("%-24s rays %8llu hits %8llu other bits of t %7llu differing %5llu: ties %5llu uncertain %5llu boxes %llu certain %llu (%.1e of all differ)\n", name,
-           (unsigned long long)tally->rays, (unsigned long long)tally->hits, (unsigned long long)tally->other_bits,
+    printf("%-24s rays %8llu hits %8llu other bits of t %7llu differing %5llu: ties %5llu uncertain %5llu boxes %llu certain %llu "
+           "(%.1e of all differ)\n",
+           name, (unsigned long long)tally->rays, (unsigned long long)tally->hits, (unsigned long long)tally->other_bits,
            (unsigned long long)tally->differing, (unsigned long long)tally->right, (unsigned long long)tally->uncertain,
            (unsigned long long)tally->boxes, (unsigned long long)tally->certain, (double)tally->differing / (double)tally->rays);
     fflush(stdout);
@@ -155,8 +156,10 @@ static struct arguments parse(int argc, char **argv)
             options.scene = argc;
     }
     if (options.scene >= argc || options.rays == 0) {
-        fprintf(stderr, "usage: shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] [--plain-bytes] [--fused-fma] "
-                        "SCENE...\n");
+        fprintf(
+            stderr,
+            "usage: shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] [--plain-bytes] [--fused-fma] "
+            "SCENE...\n");
         exit(2);
     }
     return options;

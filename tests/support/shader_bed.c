@@ -8,7 +8,8 @@
 #include "shader_agreement.h"
 #include "shader_agreement_address.h"
 
-_Static_assert(sizeof(struct shader_answer) == 48 && sizeof(struct shader_full_answer) == 204 + 40 * SHADER_BED_CANDIDATES, "as in the kernel");
+_Static_assert(sizeof(struct shader_answer) == 48 && sizeof(struct shader_full_answer) == 204 + 40 * SHADER_BED_CANDIDATES,
+               "as in the kernel");
 
 enum { HIT_PORTION = 1 << 18, BINDINGS = 3 };
 
@@ -163,7 +164,8 @@ static void write_rays(struct shader_bed *bed, const struct ray *rays, uint32_t 
 {
     struct kernel_ray *row = bed->rays.mapped;
     for (uint32_t i = 0; i < count; i++) {
-        row[i] = (struct kernel_ray){.tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .cull_mask = rays[i].cull_mask};
+        row[i] =
+            (struct kernel_ray){.tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .cull_mask = rays[i].cull_mask};
         memcpy(row[i].origin, rays[i].origin, sizeof row[i].origin);
         memcpy(row[i].direction, rays[i].direction, sizeof row[i].direction);
     }
@@ -177,10 +179,11 @@ static void run(struct shader_bed *bed, const struct ray *rays, uint32_t count, 
     write_rays(bed, rays, count);
     must(gpu_begin(bed->gpu, &commands, &error), &error);
     gpu_kernel_record(bed->gpu, &bed->kernel, commands, &push, (count + 63) / 64);
-    VkMemoryBarrier barrier = {
-        .sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER, .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT, .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
-    bed->gpu->vk.CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0,
-                                    NULL);
+    VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                               .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT,
+                               .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
+    bed->gpu->vk.CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL,
+                                    0, NULL);
     must(gpu_submit(bed->gpu, commands, &error), &error);
 }
 

@@ -91,7 +91,8 @@ static bool is_box_right(const struct scene *scene, const struct ray *ray, const
         return false;
     if (instance)
         local = candidates_ray_into(&local, instance->object_to_world);
-    return is_candidate ? candidates_meet(&local, box, 1e-5L * reach_of(&local, box), &near, &far) : !candidates_surely_meet(&local, box, 1e-5L);
+    return is_candidate ? candidates_meet(&local, box, 1e-5L * reach_of(&local, box), &near, &far)
+                        : !candidates_surely_meet(&local, box, 1e-5L);
 }
 
 static bool is_triangle_right(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit, bool is_candidate,
@@ -123,13 +124,14 @@ static bool is_triangle_right(const struct scene *scene, const struct ray *ray, 
 
 /* ---- all of them ---- */
 
-static void report(const char *what, const char *wrong, const struct ray *ray, const struct ray_hit *hit, struct shader_candidate_tally *tally)
+static void report(const char *what, const char *wrong, const struct ray *ray, const struct ray_hit *hit,
+                   struct shader_candidate_tally *tally)
 {
     if (tally->defects++ < SHOWN)
-        printf("%s: candidate %u.%u.%u%s at %.9g %s; ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x\n", what, hit->instance, hit->geometry,
-               hit->primitive, hit->is_aabb ? " (AABB)" : "", (double)hit->t, wrong, (double)ray->origin[0], (double)ray->origin[1],
-               (double)ray->origin[2], (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin,
-               (double)ray->tmax, ray->flags);
+        printf("%s: candidate %u.%u.%u%s at %.9g %s; ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x\n", what, hit->instance,
+               hit->geometry, hit->primitive, hit->is_aabb ? " (AABB)" : "", (double)hit->t, wrong, (double)ray->origin[0],
+               (double)ray->origin[1], (double)ray->origin[2], (double)ray->direction[0], (double)ray->direction[1],
+               (double)ray->direction[2], (double)ray->tmin, (double)ray->tmax, ray->flags);
 }
 
 /* What `list` has and `other` has not. */

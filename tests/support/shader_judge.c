@@ -246,8 +246,9 @@ static void show(const char *what, const char *verdict, const struct ray *ray, c
         printf(", CPU nothing");
     if (answer)
         printf(", reference %d t %.12g in %.12g .. %.12g", (int)answer->kind, answer->t, answer->t_low, answer->t_high);
-    printf("; ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x\n", (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2],
-           (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin, (double)ray->tmax, ray->flags);
+    printf("; ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x\n", (double)ray->origin[0], (double)ray->origin[1],
+           (double)ray->origin[2], (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin,
+           (double)ray->tmax, ray->flags);
 }
 
 /* A ray that differs. */
@@ -263,7 +264,8 @@ static bool is_about_boxes(const struct difference *difference)
     return (difference->is_hit && difference->hit.is_aabb) || (difference->is_cpu_hit && difference->cpu.is_aabb);
 }
 
-static void judge_one(const char *what, const struct difference *difference, const struct oracle_answer *answer, struct shader_tally *tally)
+static void judge_one(const char *what, const struct difference *difference, const struct oracle_answer *answer,
+                      struct shader_tally *tally)
 {
     static const char *const names[] = {"right", "uncertain", "wrong miss", "wrong hit", "wrong primitive"};
     if (is_about_boxes(difference)) {
