@@ -20,26 +20,26 @@ static void release(struct tracer_device *device)
     bvhd_vulkan_scene_destroy(((struct tracer_portable *)device)->scene);
 }
 
-/* What follows the workgroup's size in the kernel. */
-static void choose_constants(const struct gpu *gpu, uint32_t ret_constants[3])
+/* Vulkan lets fma() round twice. The hardware of these vendors has one that rounds once. */
+static bool has_fused_fma(struct gpu *gpu)
 {
-    bool is_cpu = gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU;
-    ret_constants[0] = TRACER_GROUP;
-    ret_constants[1] = false; /* bytes widen through halves, as they do everywhere */
-    ret_constants[2] = !is_cpu; /* fma() rounds once: in hardware it does */
+    enum { AMD = 0x1002, NVIDIA = 0x10de, INTEL = 0x8086 };
+    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2};
+    gpu_properties(gpu, &properties);
+    uint32_t vendor = properties.properties.vendorID;
+    return vendor == AMD || vendor == NVIDIA || vendor == INTEL;
 }
 
 static enum bvhd_status create_kernel(struct tracer_portable *self, struct gpu *gpu, struct memory *memory, struct bvhd_error *error)
 {
-    uint32_t constants[3];
+    const uint32_t constants[] = {TRACER_GROUP, false, has_fused_fma(gpu)}; /* group, plain bytes, fused fma */
     bool by_address = gpu->facts.has_buffer_address;
-    choose_constants(gpu, constants);
     const struct gpu_kernel_options options = {
         .code = by_address ? trace_portable_address_code : trace_portable_code,
         .size = by_address ? sizeof trace_portable_address_code : sizeof trace_portable_code,
         .bindings = by_address ? BINDING_SCENE : BINDING_SCENE + 1,
         .constants = constants,
-        .constant_count = 3,
+        .constant_count = sizeof constants / sizeof *constants,
     };
     enum bvhd_status status = tracer_device_init(&self->device, gpu, &options, memory, error);
     if (status)

@@ -100,7 +100,7 @@ static void too_large_a_buffer_is_refused(void **state)
 {
     (void)state;
     struct gpu_buffer buffer = {.size = 5};
-    if (gpu_messages() == 0 && getenv("BVHD_VALIDATE"))
+    if (getenv("BVHD_VALIDATE"))
         skip(); /* the layer finds fault with such sizes, and it is right */
     assert_int_not_equal(gpu_buffer_create(gpu, UINT64_C(1) << 60, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, GPU_DEVICE, &buffer, NULL),
                          BVHD_OK);
