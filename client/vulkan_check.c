@@ -66,6 +66,21 @@ static enum bvhd_status incompatible(const struct check *check)
                           is_known ? "lavapipe" : "unknown", found, target_name(check->format->target), needed);
 }
 
+/* The driver's own opinion, of the first bytes: a format may be of another device, or of a time before the driver was updated. */
+static enum bvhd_status ask_driver(const struct check *check)
+{
+    const struct bvhd_vulkan_device *device = check->device;
+    const VkAccelerationStructureVersionInfoKHR version = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_VERSION_INFO_KHR,
+                                                           .pVersionData = check->blob.bytes.data};
+    VkAccelerationStructureCompatibilityKHR answer = VK_ACCELERATION_STRUCTURE_COMPATIBILITY_INCOMPATIBLE_KHR;
+    char found[UUID_TEXT];
+    device->vk.GetDeviceAccelerationStructureCompatibilityKHR(device->handle, &version, &answer);
+    if (answer == VK_ACCELERATION_STRUCTURE_COMPATIBILITY_COMPATIBLE_KHR)
+        return BVHD_OK;
+    uuid_to_text(check->blob.header.driver_uuid, found);
+    return bvhd_error_set(check->error, BVHD_INCOMPATIBLE, "format", "the device is of another driver than %s: probe it again", found);
+}
+
 static enum bvhd_status check_native_limits(const struct check *check, const struct lavapipe_view *view)
 {
     const struct vulkan_limits *limits = &check->device->limits;
@@ -90,8 +105,9 @@ static enum bvhd_status check_native(const struct check *check)
     if (memcmp(header->driver_uuid, format->driver_uuid, SERIALIZED_UUID_SIZE) != 0 ||
         memcmp(header->compatibility_uuid, format->compatibility_uuid, SERIALIZED_UUID_SIZE) != 0)
         return incompatible(check);
-    enum bvhd_status status =
-        lavapipe_open(check->blob.bytes, (enum lavapipe_variant)format->variant, &library_memory, &view, check->error);
+    enum bvhd_status status = ask_driver(check);
+    if (status == BVHD_OK)
+        status = lavapipe_open(check->blob.bytes, (enum lavapipe_variant)format->variant, &library_memory, &view, check->error);
     return status == BVHD_OK ? check_native_limits(check, &view) : status;
 }
 

@@ -193,6 +193,15 @@ static void VKAPI_CALL build_sizes(VkDevice device, VkAccelerationStructureBuild
     ret_sizes->buildScratchSize = 512;
 }
 
+static void VKAPI_CALL compatibility(VkDevice device, const VkAccelerationStructureVersionInfoKHR *info,
+                                     VkAccelerationStructureCompatibilityKHR *ret_answer)
+{
+    (void)device;
+    assert_non_null(info->pVersionData);
+    *ret_answer = fake_vulkan.is_updated ? VK_ACCELERATION_STRUCTURE_COMPATIBILITY_INCOMPATIBLE_KHR
+                                         : VK_ACCELERATION_STRUCTURE_COMPATIBILITY_COMPATIBLE_KHR;
+}
+
 /* ---- the physical device ---- */
 
 static void VKAPI_CALL get_properties(VkPhysicalDevice physical, VkPhysicalDeviceProperties2 *properties)
@@ -264,6 +273,7 @@ static const struct {
     ROW("GetAccelerationStructureDeviceAddressKHR", structure_address),
     ROW("GetBufferDeviceAddress", buffer_address),
     ROW("GetBufferMemoryRequirements", buffer_requirements),
+    ROW("GetDeviceAccelerationStructureCompatibilityKHR", compatibility),
     ROW("GetPhysicalDeviceMemoryProperties", get_memory),
     ROW("GetPhysicalDeviceProperties2", get_properties),
     ROW("MapMemory", map_memory),

@@ -20,6 +20,7 @@ struct fake_vulkan {
     uint64_t max_storage_range, max_allocation, max_buffer;
     uint64_t max_primitives, max_instances;
     uint64_t local_left; /* bytes of device-local memory */
+    bool is_updated; /* the driver takes no structure that is older */
 
     /* What happened. */
     uint64_t live; /* objects */

@@ -91,6 +91,18 @@ static void other_drivers_are_told_apart(void **state)
     assert_non_null(strstr(error.text, "driver 32352e002e382d31"));
 }
 
+/* The format is what the structures are made for, but the driver is another one by now. */
+static void formats_that_are_out_of_date_are_found_out(void **state)
+{
+    struct world *world = *state;
+    struct bvhd_error error;
+    fake_vulkan.is_updated = true;
+    assert_int_equal(check(world, &world->format, &world->native.blobs[0], &error), BVHD_INCOMPATIBLE);
+    assert_string_equal(error.where, "format");
+    assert_non_null(strstr(error.text, "25.0.7-2~bpo12+1"));
+    assert_int_equal(check(world, &world->format, &world->portable.blobs[0], &error), BVHD_OK);
+}
+
 /* The same driver's UUIDs over another layout of its header: what a driver would take, and crash with. */
 static void other_variants_are_refused(void **state)
 {
@@ -221,6 +233,7 @@ int main(void)
         WORLD_TEST(what_was_built_for_the_device_passes),
         WORLD_TEST(other_drivers_are_told_apart),
         WORLD_TEST(other_variants_are_refused),
+        WORLD_TEST(formats_that_are_out_of_date_are_found_out),
         WORLD_TEST(a_structure_of_nobody_known_is_incompatible),
         WORLD_TEST(devices_without_structures_take_portable_ones),
         WORLD_TEST(arguments_are_looked_at),

@@ -73,7 +73,7 @@ BVHD_API void bvhd_vulkan_free(void *block);
 
 /*
  * Whether the device can take a serialized structure that anybody may have written. What passes can be uploaded and traced without harm to the driver: the whole structure is looked at,
- * each byte once. (The driver's own check compares 16 bytes and lets everything else through.) `format` is what a probe of this device gave; without one (NULL) only portable
+ * each byte once. (The driver's own check compares 16 bytes and lets everything else through.) `format` is what a probe of this device gave (one that is out of date is found out); without one (NULL) only portable
  * structures pass. `data` is aligned to 16 bytes.
  *
  * BVHD_INCOMPATIBLE: made for another driver or version; the text says for which target, and which one this device needs. BVHD_UNSUPPORTED: a native structure, but the device has no
