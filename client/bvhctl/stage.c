@@ -160,7 +160,10 @@ struct tour {
     struct stage *stage;
     uint64_t state; /* of random numbers */
     double area, area_step, area_next; /* area so far, and where the next point by area is taken; area_step 0: only adds up */
-    uint64_t seen, stride, repeats; /* by number: so many samples from each stride-th triangle */
+    uint64_t seen, stride, repeats; /* by number: so many samples from one of each `stride` triangles */
+    /* Random numbers, for where and which: instances repeat, and even steps would see the same parts of all of them. */
+    uint64_t place, pick;
+    uint64_t picked;
 };
 
 static void add_sample(struct tour *tour, const struct vector corners[3])
@@ -181,7 +184,9 @@ static void visit_triangle(struct tour *tour, const struct structure *bottom, co
         corners[i] = from_floats(exact[i]);
         corners[i] = transform ? transform_point(transform, corners[i]) : corners[i];
     }
-    bool is_chosen = tour->seen++ % tour->stride == 0 && tour->area_step == 0;
+    if (tour->seen % tour->stride == 0)
+        tour->picked = rays_random(&tour->pick) % tour->stride;
+    bool is_chosen = tour->seen++ % tour->stride == tour->picked && tour->area_step == 0;
     for (uint64_t i = 0; i < tour->repeats && is_chosen; i++)
         add_sample(tour, corners);
     struct vector normal = vector_cross(vector_sub(corners[1], corners[0]), vector_sub(corners[2], corners[0]));
@@ -196,13 +201,16 @@ static void take_tour(struct tour *tour)
     const struct stage *stage = tour->stage;
     const struct structure_file *files = stage->structures->files;
     uint32_t part_count = stage->structures->has_top ? stage->instance_count : 1;
-    double step = fmax(1, (double)stage->triangle_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE)), next = 0, base = 0;
+    double step = fmax(1, (double)stage->triangle_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE));
+    double next = 0, at = rays_uniform(&tour->place) * step, base = 0;
     for (uint32_t i = 0; i < part_count; i++) {
         const struct structure_instance *instance = stage->structures->has_top ? &stage->instances[i] : NULL;
         const struct structure *bottom = &files[instance ? instance->bottom : 0].structure;
         double count = structure_triangle_count(bottom);
-        for (; next < base + count; next += step)
-            visit_triangle(tour, bottom, instance ? instance->object_to_world : NULL, (uint32_t)(next - base));
+        for (; at < base + count; at = next + rays_uniform(&tour->place) * step) {
+            visit_triangle(tour, bottom, instance ? instance->object_to_world : NULL, (uint32_t)(at - base));
+            next += step;
+        }
         base += count;
     }
 }
