@@ -9,7 +9,7 @@
 #include "lavapipe_leaves.h"
 #include "serialized.h"
 
-enum { BOX_CHUNK = 4096, LEAF_CHUNK = 8192, BOX = sizeof(struct lavapipe_box) };
+enum { BOX_CHUNK = 4096, LEAF_CHUNK = 8192, PREFETCH_AHEAD = 12, BOX = sizeof(struct lavapipe_box) };
 
 struct writing {
     const struct layout_input *input;
@@ -18,7 +18,7 @@ struct writing {
     bool places_have_gaps;
     struct lavapipe_leaves leaves;
     uint32_t box_count; /* that are written; at least the root */
-    uint32_t leaf_offset;
+    uint32_t leaf_size, leaf_offset;
     uint64_t body_offset, body_size;
     unsigned char *blob, *body;
 };
@@ -72,7 +72,8 @@ static enum bvhd_status place_sections(struct writing *w, struct bvhd_error *err
     uint32_t room = lavapipe_box_room(canonical->primitive_count);
     w->box_count = ir->node_count < 2 ? 1 : ir->node_count / 2;
     uint64_t boxes = room > w->box_count ? room : w->box_count;
-    uint64_t nodes = BOX * boxes + (uint64_t)lavapipe_leaf_size(w->leaves.kind) * canonical->primitive_count;
+    w->leaf_size = lavapipe_leaf_size(w->leaves.kind);
+    uint64_t nodes = BOX * boxes + (uint64_t)w->leaf_size * canonical->primitive_count;
     if (w->variant == LAVAPIPE_COMPACTED)
         nodes = (nodes + BOX - 1) / BOX * BOX; /* its traversal fetches so many bytes of whatever node */
     w->body_size = LAVAPIPE_HEADER + nodes;
@@ -107,55 +108,48 @@ static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
     return BVHD_OK;
 }
 
-/* Over all motion keys. */
-static struct box load_box(const struct ir *ir, uint32_t node)
+/* Minimum and maximum over all motion keys. Zeros have the sign that they have in the leaves. */
+static void load_bounds(const struct writing *w, uint32_t node, float ret_bounds[6])
 {
-    struct box box = ir->boxes[0][node];
-    for (uint32_t key = 1; key < ir->key_count; key++)
-        box_grow(&box, &ir->boxes[key][node]);
-    return box;
-}
-
-/* Zeros have the sign that they have in the leaves. */
-static struct box stored_box(const struct writing *w, uint32_t node)
-{
-    struct box box = load_box(w->input->ir, node);
-    for (int axis = 0; w->leaves.unsigned_zeros && axis < 3; axis++) {
-        box.min[axis] += 0.0f;
-        box.max[axis] += 0.0f;
+    const struct ir *ir = w->input->ir;
+    const float *bounds = (const float *)&ir->boxes[0][node];
+    struct box both;
+    if (ir->key_count > 1) {
+        both = ir->boxes[0][node];
+        box_grow(&both, &ir->boxes[1][node]);
+        bounds = (const float *)&both;
     }
-    return box;
+    _Static_assert(sizeof(struct box) == 6 * sizeof(float), "a box is six floats");
+    float zero = w->leaves.unsigned_zeros ? 0.0f : -0.0f;
+    for (int k = 0; k < 6; k++)
+        ret_bounds[k] = bounds[k] + zero;
 }
 
 /* As the later driver widens every box that it stores, against rays that would slip through between them. */
-static float padding(float value)
+static void pad_bounds(float bounds[6])
 {
-    double magnitude = fabs((double)value);
-    return (float)((magnitude > 1.0 ? magnitude : 1.0) * (double)FLT_EPSILON);
+    for (int k = 0; k < 6; k++) {
+        double magnitude = fabs((double)bounds[k]), padding = (magnitude > 1.0 ? magnitude : 1.0) * (double)FLT_EPSILON;
+        bounds[k] = (float)(k < 3 ? (double)bounds[k] - padding : (double)bounds[k] + padding);
+    }
 }
 
-static void pad_box(struct box *box)
+static uint32_t reference_to(const struct writing *w, uint32_t node)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        box->min[axis] = (float)((double)box->min[axis] - (double)padding(box->min[axis]));
-        box->max[axis] = (float)((double)box->max[axis] + (double)padding(box->max[axis]));
-    }
+    const struct ir *ir = w->input->ir;
+    if (!ir_is_leaf(ir, node))
+        return (LAVAPIPE_HEADER + w->places[node] * BOX) | LAVAPIPE_BOX;
+    uint32_t leaf = lavapipe_leaves_place(&w->leaves, ir->refs[ir->nodes[node].first]);
+    return (w->leaf_offset + leaf * w->leaf_size) | w->leaves.kind;
 }
 
 static void store_child(const struct writing *w, struct lavapipe_box *box, int child, uint32_t node)
 {
-    const struct ir *ir = w->input->ir;
-    struct box bounds = stored_box(w, node);
+    float *bounds = (float *)&box->bounds[child];
+    load_bounds(w, node, bounds);
     if (w->variant == LAVAPIPE_COMPACTED)
-        pad_box(&bounds);
-    memcpy(box->bounds[child].min, bounds.min, sizeof bounds.min);
-    memcpy(box->bounds[child].max, bounds.max, sizeof bounds.max);
-    if (ir_is_leaf(ir, node)) {
-        uint32_t leaf = lavapipe_leaves_place(&w->leaves, ir->refs[ir->nodes[node].first]);
-        box->children[child] = (w->leaf_offset + leaf * lavapipe_leaf_size(w->leaves.kind)) | w->leaves.kind;
-    } else {
-        box->children[child] = (LAVAPIPE_HEADER + w->places[node] * BOX) | LAVAPIPE_BOX;
-    }
+        pad_bounds(bounds);
+    box->children[child] = reference_to(w, node);
 }
 
 static void store_absent(const struct writing *w, struct lavapipe_box *box, int child)
@@ -167,6 +161,17 @@ static void store_absent(const struct writing *w, struct lavapipe_box *box, int 
     box->children[child] = LAVAPIPE_NONE;
 }
 
+/* A node's children lie far from it in a tree that was made in depth-first order. */
+static void prefetch_children(const struct ir *ir, uint32_t node)
+{
+    uint32_t first = ir->nodes[node].first;
+    if (ir_is_leaf(ir, node))
+        return;
+    __builtin_prefetch(&ir->boxes[0][first]);
+    __builtin_prefetch(&ir->boxes[0][first + 1].max[2]);
+    __builtin_prefetch(&ir->nodes[first]);
+}
+
 static void write_boxes(void *context, size_t index)
 {
     const struct writing *w = context;
@@ -175,6 +180,8 @@ static void write_boxes(void *context, size_t index)
     parallel_chunk(index, BOX_CHUNK, ir->node_count, &begin, &end);
     for (size_t i = begin; i < end; i++) {
         uint32_t node = (uint32_t)i;
+        if (end - i > PREFETCH_AHEAD)
+            prefetch_children(ir, node + PREFETCH_AHEAD);
         if (ir_is_leaf(ir, node))
             continue;
         struct lavapipe_box box;
@@ -208,7 +215,7 @@ static void write_leaves(void *context, size_t index)
 static void clear_gaps(const struct writing *w)
 {
     uint64_t boxes = w->places_have_gaps ? LAVAPIPE_HEADER : LAVAPIPE_HEADER + (uint64_t)w->box_count * BOX;
-    uint64_t leaves = w->leaf_offset + (uint64_t)w->leaves.count * lavapipe_leaf_size(w->leaves.kind);
+    uint64_t leaves = w->leaf_offset + (uint64_t)w->leaves.count * w->leaf_size;
     memset(w->body + boxes, 0, w->leaf_offset - boxes);
     memset(w->body + leaves, 0, w->body_size - leaves);
 }
@@ -226,9 +233,9 @@ static void write_headers(const struct writing *w)
     serialized_write(w->blob, &serialized);
     memset(header, 0, LAVAPIPE_HEADER);
     if (w->input->ir->node_count > 0) {
-        struct box bounds = stored_box(w, 0);
-        memcpy(header, bounds.min, sizeof bounds.min);
-        memcpy(header + 12, bounds.max, sizeof bounds.max);
+        float bounds[6];
+        load_bounds(w, 0, bounds);
+        memcpy(header, bounds, sizeof bounds);
     }
     if (w->variant == LAVAPIPE_COMPACTED) {
         bytes_put32(sizes, (uint32_t)w->body_size);
