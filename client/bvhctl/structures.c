@@ -65,9 +65,10 @@ static const struct manifest_entry *find_entry(const struct manifest *manifest, 
 
 const float *structures_colour(const struct structures *structures, uint32_t bottom, uint32_t geometry)
 {
-    const struct structure_file *file = &structures->files[bottom];
-    bool is_there = bottom < structures->bottom_count && geometry < file->colour_count && file->colours[geometry].rgb[0] >= 0;
-    return is_there ? file->colours[geometry].rgb : NULL;
+    if (bottom >= structures->bottom_count || geometry >= structures->files[bottom].colour_count)
+        return NULL;
+    const float *rgb = structures->files[bottom].colours[geometry].rgb;
+    return rgb[0] >= 0 ? rgb : NULL;
 }
 
 /* Takes them over from the manifest. */

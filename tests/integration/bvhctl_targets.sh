@@ -124,6 +124,39 @@ while read -r row; do sed -n "${row}p" distinct; done <rows >wanted
 expect 'in the order of the handles' cmp -s names wanted
 expect 'more than one of them' [ "$(sort -u names | wc -l)" -gt 1 ]
 
+# What was written can be read without the device: traced, with the answers of brute force in either order of visits, and looked at.
+for scene in ball.ply nan.ply one.obj park.gltf; do
+    for way in 'plain 10,' 'compacted 10,--flip-order'; do
+        directory="local/${scene%.*} ${way%,*}"
+        # shellcheck disable=SC2086 # a word or none
+        run 0 check "$directory" $scene --rays 300 --json ${way#*,}
+        expect "right answers: $(cat out)" grep -q '"wrong_miss":0,"wrong_hit":0,"wrong_primitive":0' out
+        expect "to rays that hit something: $(cat out)" sh -c '! grep -q "\"hits\":0," out'
+        run 0 inspect "$directory" --json
+        expect 'its target' grep -q '"target":"lavapipe","variant":[12],' out
+    done
+    run 0 inspect "local/${scene%.*} plain 10"
+    expect "levels within the driver's limit" [ "$(sed -n 's/^  2-wide tree: \([0-9]*\) levels.*/\1/p' out | sort -n | tail -n 1)" -le 24 ]
+done
+run 0 trace 'local/park plain 10' --device cpu -o park.png --size 32x18 --json
+expect 'the target of the picture' grep -q '"target":"lavapipe"' out
+
+# Files of another target than the manifest says, and handles that it has other files for.
+cp -R 'local/park plain 10' mixed
+file=$(head -n 1 distinct)
+cp "local/park/$file" mixed
+run 3 check mixed park.gltf --rays 10
+one_error_line
+says "bvhctl: check: $file: not of the target that the manifest says"
+rm -r mixed
+cp -R 'local/park plain 10' mixed
+sed -i 's/"target": "lavapipe"/"target": "portable"/' mixed/manifest.json
+run 3 check mixed park.gltf --rays 10
+says 'not of the target that the manifest says'
+sed 's/"target": "lavapipe"/"target": "teapot"/' 'local/park plain 10/manifest.json' >mixed/manifest.json
+run 3 inspect mixed
+says 'not a target that this version knows'
+
 # Without a device, and with files that are no probes.
 export VK_DRIVER_FILES=/nonexistent VK_ICD_FILENAMES=/nonexistent
 run 1 --local build one.obj -o none --target lavapipe
