@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_blob.h - what a loader has to know of a serialized structure: where its bytes go, and where places lie that it fills. Reads heads and handles alone; whether the rest
- * is sound is bvhd_vulkan_check's question.
+ * vulkan_blob.h - what a loader has to know of a serialized structure: where its bytes go, and where places lie that it fills. Reads
+ * heads and handles alone; whether the rest is sound is bvhd_vulkan_check's question.
  */
 #ifndef BVHD_VULKAN_BLOB_H
 #define BVHD_VULKAN_BLOB_H
@@ -26,8 +26,8 @@ struct vulkan_blob {
 };
 
 /*
- * Of a hostile blob: afterwards the functions below stay inside of it. BVHD_CORRUPT; BVHD_INCOMPATIBLE, when it has the shape of no known target, or the version of none;
- * BVHD_TOO_LARGE.
+ * Of a hostile blob: afterwards the functions below stay inside of it. BVHD_CORRUPT; BVHD_INCOMPATIBLE, when it has the shape of no
+ * known target, or the version of none; BVHD_TOO_LARGE.
  */
 enum bvhd_status vulkan_blob_read(struct bytes bytes, struct vulkan_blob *ret_blob, struct bvhd_error *error);
 
@@ -50,7 +50,8 @@ enum bvhd_status vulkan_blob_check_references(const struct vulkan_blob *blob, co
 void vulkan_blob_fill_native(const struct vulkan_blob *blob, const uint64_t *references, unsigned char *dest);
 
 /*
- * Writes bytes [begin, end) of a portable body, multiples of 64 but for the body's end, with references in the instances. BVHD_CORRUPT when an instance has no handle.
+ * Writes bytes [begin, end) of a portable body, multiples of 64 but for the body's end, with references in the instances. BVHD_CORRUPT
+ * when an instance has no handle.
  */
 enum bvhd_status vulkan_blob_fill_portable(const struct vulkan_blob *blob, const uint64_t *references, uint64_t begin, uint64_t end,
                                            unsigned char *dest, struct bvhd_error *error);

@@ -42,7 +42,10 @@ static enum bvhd_status find_instance_functions(struct lookup *lookup)
     return lookup->enumerate_extensions ? BVHD_OK : missing(lookup, "vkEnumerateDeviceExtensionProperties");
 }
 
-/* The extension's name first: a device of Vulkan 1.1 has the function under that one alone, and the other name may lead to nothing there. */
+/*
+ * The extension's name first: a device of Vulkan 1.1 has the function under that one alone, and the other name may lead to nothing
+ * there.
+ */
 static PFN_vkVoidFunction address_function(const struct lookup *lookup, const char *name)
 {
     char extended[64];

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_device.h - the caller's device as the library sees it: functions, limits, kinds of memory. Immutable once it is there, so that any thread may use it.
+ * vulkan_device.h - the caller's device as the library sees it: functions, limits, kinds of memory. Immutable once it is there, so that
+ * any thread may use it.
  */
 #ifndef BVHD_VULKAN_DEVICE_H
 #define BVHD_VULKAN_DEVICE_H

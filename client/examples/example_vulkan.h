@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* example_vulkan.h - what every Vulkan program has somewhere: a device, buffers, a kernel. Nothing of it is about bvhd. Failures end the program. */
+/*
+ * example_vulkan.h - what every Vulkan program has somewhere: a device, buffers, a kernel. Nothing of it is about bvhd. Failures end
+ * the program.
+ */
 #ifndef EXAMPLE_VULKAN_H
 #define EXAMPLE_VULKAN_H
 

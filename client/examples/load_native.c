@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_native.c - structures of the device's own format, with buffers of the program's own: the driver's ray queries run on them. Asks the device what it loads, has the scene
- * built for it, uploads it, traces.
+ * load_native.c - structures of the device's own format, with buffers of the program's own: the driver's ray queries run on them. Asks
+ * the device what it loads, has the scene built for it, uploads it, traces.
  */
 #include <stdio.h>
 
@@ -31,7 +31,10 @@ static struct bvhd_vulkan_device *create_device(const struct example_vulkan *vul
     return device;
 }
 
-/* What the driver loads: takes milliseconds, and stays the same until the driver is updated. BVHD_UNSUPPORTED means: use the portable target. */
+/*
+ * What the driver loads: takes milliseconds, and stays the same until the driver is updated. BVHD_UNSUPPORTED means: use the portable
+ * target.
+ */
 static struct bvhd_format find_format(struct bvhd_vulkan_device *device, const struct example_vulkan *vulkan)
 {
     const struct bvhd_vulkan_queue queue = {vulkan->queue, vulkan->family};

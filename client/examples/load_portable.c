@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_portable.c - portable structures in a storage buffer, with buffers of the program's own: works on any device with compute shaders. One buffer for the whole scene, and locations
- * are offsets in it.
+ * load_portable.c - portable structures in a storage buffer, with buffers of the program's own: works on any device with compute
+ * shaders. One buffer for the whole scene, and locations are offsets in it.
  */
 #include <stdio.h>
 

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# examples.sh SOURCE BUILD COMPILER... - the programs of client/examples as their readers meet them: compiled against an installed library, with the structures of a real daemon, on
-# this machine's Vulkan device. With $BVHD_VALIDATE set to 1 under the Khronos validation layer, whose messages count as failures. Status 77 when no device can run any of them.
+# examples.sh SOURCE BUILD COMPILER... - the programs of client/examples as their readers meet them: compiled against an installed library,
+# with the structures of a real daemon, on this machine's Vulkan device. With $BVHD_VALIDATE set to 1 under the Khronos validation layer, whose
+# messages count as failures. Status 77 when no device can run any of them.
 # shellcheck disable=SC2046,SC2086 # compilers and flags are lists of words
 set -u
 export LC_ALL=C
@@ -45,10 +46,12 @@ export ASAN_OPTIONS=detect_leaks=0
 cp "$source"/client/examples/* .
 for kind in native portable addresses; do
     define=$(echo $kind | tr a-z A-Z)
-    glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h rays.comp >log 2>&1 || fail "rays.comp for $kind"
+    glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h rays.comp >log 2>&1 ||
+        fail "rays.comp for $kind"
 done
 for name in load_native load_portable load_scene; do
-    $compiler -std=c99 -pedantic -Wall -Wextra -Werror $name.c example_scene.c example_vulkan.c -o $name $(pkg --cflags --libs) -lvulkan >log 2>&1 ||
+    $compiler -std=c99 -pedantic -Wall -Wextra -Werror $name.c example_scene.c example_vulkan.c -o $name \
+        $(pkg --cflags --libs) -lvulkan >log 2>&1 ||
         fail "$name does not compile"
 done
 
@@ -58,7 +61,8 @@ export BVHD_SOCKET="$scratch/s.sock"
 "$prefix/bin/bvhctl" --connect-timeout 30 ping >log 2>&1 || fail "no daemon: $(cat daemon.log)"
 
 if [ "${BVHD_VALIDATE-}" = 1 ]; then
-    export VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation VK_KHRONOS_VALIDATION_REPORT_FLAGS=error,warn VK_KHRONOS_VALIDATION_VALIDATE_SYNC=true
+    export VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation
+    export VK_KHRONOS_VALIDATION_REPORT_FLAGS=error,warn VK_KHRONOS_VALIDATION_VALIDATE_SYNC=true
     VK_LOADER_DEBUG=layer ./load_portable >log 2>&1
     grep -q 'Insert instance layer.*VK_LAYER_KHRONOS_validation' log || fail 'the validation layer is not loaded'
 fi

@@ -1,13 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_driver.c - bvhd_vulkan.h on the Vulkan device of this machine: what the probe says, structures of its native target loaded both ways and traced by the driver's own ray
- * queries, portable ones read back, and that nothing of it is left. Skipped where there is no such device.
+ * vulkan_driver.c - bvhd_vulkan.h on the Vulkan device of this machine: what the probe says, structures of its native target loaded
+ * both ways and traced by the driver's own ray queries, portable ones read back, and that nothing of it is left. Skipped where there is
+ * no such device.
  */
 #include "unit.h"
 
 #include <malloc.h>
+#include <math.h>
 
 #include "gpu_bed.h"
+#include "random.h"
 #include "tracer.h"
 #include "vulkan_bed.h"
 
@@ -359,7 +362,84 @@ static void failing_allocations_leave_nothing(void **state)
     }
 }
 
-int main(void)
+/* ---- structures that were tampered with ---- */
+
+static void tamper(struct random *random, unsigned char *data, uint64_t size)
+{
+    uint64_t at = random_next(random) % size, aligned = at & ~UINT64_C(3);
+    switch (random_next(random) % 4) {
+    case 0:
+        data[at] = (unsigned char)random_next(random);
+        break;
+    case 1:
+        data[at] = (unsigned char)(data[at] ^ 1 << random_next(random) % 8);
+        break;
+    case 2: /* like an offset, or a count */
+        bytes_put32(data + aligned, (uint32_t)(random_next(random) % 700));
+        break;
+    default:
+        bytes_put32(data + aligned, bytes_get32(data + (random_next(random) % size & ~UINT64_C(3))));
+    }
+}
+
+/* Loads what passes, and traces rays through it: their answers do not matter, but the driver goes on. False when it was refused. */
+static bool load_and_trace(const struct vulkan_bed *bed)
+{
+    struct bvhd_vulkan_scene *scene = NULL;
+    struct bvhd_error error = {0};
+    struct tracer *tracer = NULL;
+    const struct bvhd_vulkan_scene_options options = scene_options(bed, 0);
+    if (bvhd_vulkan_scene_create(device, &gpu->queue, &options, &scene, &error))
+        return false;
+    enum { COUNT = 256 };
+    struct ray rays[COUNT];
+    struct tracer_hit hits[COUNT];
+    struct random random = {5};
+    for (int i = 0; i < COUNT; i++) {
+        rays[i] = (struct ray){.tmax = INFINITY, .cull_mask = 0xff};
+        for (int axis = 0; axis < 3; axis++) {
+            rays[i].origin[axis] = (float)random_between(&random, -2, 14);
+            rays[i].direction[axis] = (float)random_between(&random, -1, 1);
+        }
+    }
+    assert_int_equal(tracer_query_create(gpu, bvhd_vulkan_scene_structure(scene, bed->count - 1), &memory, &tracer, &error), BVHD_OK);
+    assert_int_equal(tracer->trace(tracer, rays, COUNT, hits, NULL, &error), BVHD_OK);
+    tracer_destroy(tracer);
+    bvhd_vulkan_scene_destroy(scene);
+    return true;
+}
+
+/* More of them: vulkan_driver TRIES. */
+static uint64_t tries = 150;
+
+static void what_passes_the_check_does_no_harm(void **state)
+{
+    (void)state;
+    struct vulkan_bed bed;
+    struct random random = {tries};
+    uint64_t passed = 0;
+    if (!is_native)
+        return;
+    const struct vulkan_bed_options shape = native(3, 6, 6, 0);
+    vulkan_bed_init(&bed, &shape);
+    for (uint64_t i = 0; i < tries; i++) {
+        struct bvhd_vulkan_bytes *blob = &bed.blobs[random_next(&random) % bed.count];
+        const struct bvhd_vulkan_bytes whole = *blob;
+        unsigned char *data = aligned_alloc(64, bytes_align(whole.size, 64));
+        memcpy(data, whole.data, whole.size);
+        blob->data = data;
+        for (uint64_t n = 1 + random_next(&random) % 4; n > 0; n--)
+            tamper(&random, data, whole.size);
+        passed += load_and_trace(&bed);
+        *blob = whole;
+        free(data);
+    }
+    printf("%d of %d were loaded\n", (int)passed, (int)tries);
+    assert_true(passed > tries / 8 && passed < tries);
+    vulkan_bed_finish(&bed);
+}
+
+int main(int argc, char **argv)
 {
     static const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_probe_tells_what_the_device_loads),
@@ -367,6 +447,8 @@ int main(void)
         cmocka_unit_test(own_buffers_are_filled),
         cmocka_unit_test(portable_scenes_arrive),
         cmocka_unit_test(failing_allocations_leave_nothing),
+        cmocka_unit_test(what_passes_the_check_does_no_harm),
     };
+    tries = argc > 1 ? strtoull(argv[1], NULL, 10) : tries;
     return gpu_bed_is_missing(true) ? GPU_BED_SKIPPED : cmocka_run_group_tests(tests, open_device, close_device);
 }

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * fake_vulkan.h - a Vulkan device in plain memory, as far as the client library uses one: every call can be made to fail, and whatever is left, or used against
- * Vulkan's rules, shows. Device addresses are host addresses; commands run when they are submitted; structures are deserialized as lavapipe does it.
+ * fake_vulkan.h - a Vulkan device in plain memory, as far as the client library uses one: every call can be made to fail, and whatever
+ * is left, or used against Vulkan's rules, shows. Device addresses are host addresses; commands run when they are submitted; structures
+ * are deserialized as lavapipe does it.
  *
  * For test programs with one thread. After unit.h: rules that are broken end the test.
  */

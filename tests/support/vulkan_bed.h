@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_bed.h - scenes to upload, whose rays have known answers. Bottom level b is a unit square of two triangles at height b / 64, with more triangles far below. Instance i moves
- * its bottom level by (2 i, 0, i % 5).
+ * vulkan_bed.h - scenes to upload, whose rays have known answers. Bottom level b is a unit square of two triangles at height b / 64,
+ * with more triangles far below. Instance i moves its bottom level by (2 i, 0, i % 5).
  *
  * For test programs only: what does not build ends them.
  */
