@@ -13,7 +13,8 @@
  * exactly one is hit: no ray slips through, none hits twice. t and the barycentrics come from the pairs, rounded once.
  *
  * Rounding errors of products are found by splitting factors into halves, which needs no fused operation. Where fma() is known to round once, as on most
- * GPUs, BVHD_FUSED_FMA true is faster; the answers are the same.
+ * GPUs, BVHD_FUSED_FMA true is faster and the answers are the same. Vulkan does not promise it, and lavapipe does not do it: there distances lose their last bits
+ * and rays leak through edges.
  */
 #ifndef BVHD_TRIANGLE_GLSL
 #define BVHD_TRIANGLE_GLSL

@@ -4,7 +4,7 @@
  * traversal, and where they differ against brute force in double. A SCENE is a PLY file, a directory of `bvhctl build`, or the name of an adversarial scene of
  * make_scene. Half of the rays aim at triangles from outside, half are random ones inside.
  *
- * Prints a line a scene. Ends with status 3 when a ray is certainly wrong or more than 1 of 10,000 are no tie and differ, 77 without such a device.
+ * Prints a line a scene. Ends with status 3 when a ray is certainly wrong or more than 1 of 10,000 differ, 77 without such a device.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -71,7 +71,7 @@ static void trace(struct run *run, const char *name, const struct scene *scene)
         shader_judge(name, scene, &shared, rays, count, answers, run->local.parallel, &run->local.memory, &tally);
     }
     print_tally(name, &tally);
-    run->has_failed = run->has_failed || tally.certain || (tally.uncertain * 10000 > tally.rays && tally.uncertain > 2);
+    run->has_failed = run->has_failed || tally.certain || (tally.differing * 10000 > tally.rays && tally.differing > 3);
     shader_meshes_finish(&meshes);
     free(answers);
     free(rays);
