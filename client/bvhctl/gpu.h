@@ -18,7 +18,8 @@ struct gpu_facts {
     char driver[VK_MAX_DRIVER_NAME_SIZE + VK_MAX_DRIVER_INFO_SIZE + 2]; /* "llvmpipe Mesa 25.0.7" */
     VkPhysicalDeviceType type;
     uint32_t api_version;
-    bool has_acceleration_structure, has_ray_query, has_ray_pipeline, has_buffer_address, has_position_fetch;
+    bool has_acceleration_structure, has_ray_query, has_ray_pipeline, has_buffer_address; /* with Vulkan 1.2 or newer */
+    bool has_position_fetch; /* likewise; never when the Vulkan headers that this was built with do not know it */
     uint64_t memory; /* bytes of its largest device-local heap */
     uint64_t max_storage_range; /* bytes of a storage buffer that a shader can bind */
     uint32_t max_groups; /* in x, of a dispatch */

@@ -205,6 +205,27 @@ static void portable_structures_by_shader(void **state)
     test_world_finish(&world);
 }
 
+/* As on a device without buffer addresses: the whole scene is one binding, found by offsets. */
+static void portable_structures_in_one_binding(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct tracer *tracer = NULL;
+    struct bvhd_error error;
+    const struct gpu_facts facts = gpu->facts;
+    test_world_init(&world, 1);
+    gpu->facts.has_buffer_address = false;
+    tracer = create(tracer_portable_create, &world.structures);
+    compare(tracer, &world.structures.scene);
+    tracer_destroy(tracer);
+    tracer = NULL;
+    gpu->facts.max_storage_range = 1000;
+    assert_int_equal(tracer_portable_create(gpu, &world.structures, &memory, &tracer, &error), BVHD_TOO_LARGE);
+    assert_null(tracer);
+    gpu->facts = facts;
+    test_world_finish(&world);
+}
+
 static void native_structures_by_ray_queries(void **state)
 {
     (void)state;
@@ -340,6 +361,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(portable_structures_by_shader),
+        cmocka_unit_test(portable_structures_in_one_binding),
         cmocka_unit_test(native_structures_by_ray_queries),
         cmocka_unit_test(another_versions_structures_are_refused),
         cmocka_unit_test(aabbs_by_ray_queries),
