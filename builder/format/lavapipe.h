@@ -86,7 +86,8 @@ struct lavapipe_view {
     uint64_t handle_count;
     enum lavapipe_kind kind; /* of the leaves; meaningless when leaf_count is 0 */
     uint32_t leaf_offset;
-    uint32_t leaf_count; /* places of leaves, those that no box refers to included */
+    uint32_t
+        leaf_count; /* places of leaves, those that no box refers to included; 0 for a bottom level without references. The padding of a COMPACTED one may count as one more */
     uint32_t levels; /* of box nodes; 1 for an empty structure: its root has no children */
     float bounds[6]; /* as the header has them: min, max; zeros when empty */
 };
@@ -99,7 +100,7 @@ struct lavapipe_view {
 enum bvhd_status lavapipe_open(struct bytes blob, enum lavapipe_variant variant, struct memory *memory, struct lavapipe_view *ret_view,
                                struct bvhd_error *error);
 
-/* The same for a blob whose variant is not known: the first under which it opens; ours say so themselves by being consistent under one alone. */
+/* The same for a blob whose variant is not known: it states its own size in its body, where only one variant has it. */
 enum bvhd_status lavapipe_open_any(struct bytes blob, struct memory *memory, struct lavapipe_view *ret_view, struct bvhd_error *error);
 
 /* Copies of nodes at `offset` of the body (kind bits cleared), or of leaf i; the caller asks only for what the view's check has covered. */
@@ -113,7 +114,7 @@ uint32_t lavapipe_leaf_index(const struct lavapipe_view *view, uint32_t referenc
 
 /*
  * The driver's own inverse of an instance's matrix, in float and in its order of operations, so that rays through our structures give the bits that
- * they give through the driver's own. Row-major 3x4, both.
+ * they give through the driver's own. Row-major 3x4, both. Zeros where a pivot is 0 (no inverse: Vulkan does not allow such a matrix): rays hit nothing there.
  */
 void lavapipe_invert(const float object_to_world[12], float ret_world_to_object[12]);
 

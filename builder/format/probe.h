@@ -4,6 +4,9 @@
  * writer reproduces all of these bytes is the device's native target. No table of drivers and versions is needed.
  *
  * A probe is what the device gave, in one block of documented bytes (FORMATS.md): it can be written to a file and taken to machines without the device.
+ *
+ * Who asks a device fills the memory of the structures with zeros before it builds: drivers leave gaps, and what lies there is serialized too. Structures are
+ * created with exactly the size that the driver asks for, and built without build flags.
  */
 #ifndef BVHD_PROBE_H
 #define BVHD_PROBE_H
@@ -51,8 +54,8 @@ enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, un
 enum bvhd_status probe_unpack(struct bytes data, struct probe *ret_probe, struct bvhd_error *error);
 
 /*
- * The native target that reproduces the probe, byte for byte. BVHD_UNSUPPORTED when none does: the text says how far the nearest one came ("PROBE_AABBS differs
- * at byte 96"); such a device takes the portable target alone. BVHD_CORRUPT, BVHD_NO_MEMORY.
+ * The native target that reproduces the probe, byte for byte; of the bounds of instances, which are everybody's own rounding, to 2^-20. BVHD_UNSUPPORTED when none does: the text says how far the nearest one came ("PROBE_AABBS differs
+ * at byte 96"), be it another layout or hostile bytes; such a device takes the portable target alone. BVHD_NO_MEMORY.
  */
 enum bvhd_status probe_match(const struct probe *probe, struct memory *memory, enum target *ret_target,
                              struct device_format *ret_format, struct bvhd_error *error);
