@@ -236,8 +236,12 @@ int main(int argc, char **argv)
     uint64_t count = argc > next ? strtoull(argv[next], NULL, 10) : 60, seed = argc > next + 1 ? strtoull(argv[next + 1], NULL, 10) : 1;
     memory_init(&run.memory, UINT64_C(1) << 32);
     run.answers = calloc(RAYS, sizeof *run.answers);
-    if (!run.answers || !open_beds(&run, device))
-        return run.answers ? 77 : 1;
+    if (!run.answers)
+        return 1;
+    if (!open_beds(&run, device)) {
+        free(run.answers);
+        return 77;
+    }
     if (embree_create(&run.embree, &error)) {
         fprintf(stderr, "shader_agreement: %s\n", error.text);
         return 1;
