@@ -9,6 +9,7 @@
 #include <malloc.h>
 #include <math.h>
 
+#include "driver_structure.h"
 #include "gpu_bed.h"
 #include "random.h"
 #include "tracer.h"
@@ -362,6 +363,76 @@ static void failing_allocations_leave_nothing(void **state)
     }
 }
 
+/* ---- what the driver does with structures that it has not built ---- */
+
+/* Of a scene: for functions that copy. Not to be destroyed. */
+static struct driver_structure borrow(const struct vulkan_bed *bed, const struct bvhd_vulkan_scene *scene, uint32_t row)
+{
+    struct bvhd_vulkan_requirements needed;
+    assert_int_equal(bvhd_vulkan_requirements(device, bed->blobs[row].data, bed->blobs[row].size, &needed, NULL), BVHD_OK);
+    return (struct driver_structure){.handle = bvhd_vulkan_scene_structure(scene, row),
+                                     .type = needed.type,
+                                     .address = bvhd_vulkan_scene_location(scene, row),
+                                     .size = needed.storage_size};
+}
+
+/* Serialized again it is the bytes that it came from, with addresses for handles; and what these are loaded to traces the same. */
+static void serialize_again(const struct vulkan_bed *bed, const struct driver_structure *structure, uint32_t row,
+                            const uint64_t *addresses)
+{
+    unsigned char *data = NULL;
+    uint64_t size = 0;
+    struct driver_structure loaded;
+    const unsigned char *written = bed->blobs[row].data;
+    assert_int_equal(driver_structure_serialize(gpu, structure, &memory, &data, &size, NULL), BVHD_OK);
+    assert_int_equal(size, bed->blobs[row].size);
+    uint64_t handles = bytes_get64(written + 48), body = 56 + 8 * handles;
+    assert_memory_equal(data, written, 56);
+    for (uint64_t i = 0; i < handles; i++)
+        assert_int_equal(bytes_get64(data + 56 + 8 * i), addresses[bytes_get64(written + 56 + 8 * i) - 1]);
+    if (handles == 0) /* the instances of a top level hold the addresses, too */
+        assert_memory_equal(data + body, written + body, size - body);
+    else {
+        assert_int_equal(driver_structure_load(gpu, data, size, &loaded, NULL), BVHD_OK);
+        trace(bed, loaded.handle);
+        driver_structure_destroy(gpu, &loaded);
+    }
+    memory_free(&memory, data);
+}
+
+static void copies_on_the_device_trace_the_same(void **state)
+{
+    (void)state;
+    enum { BOTTOMS = 4 };
+    static const VkCopyAccelerationStructureModeKHR modes[] = {VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR,
+                                                               VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR};
+    struct vulkan_bed bed;
+    struct bvhd_vulkan_scene *scene = NULL;
+    uint64_t addresses[BOTTOMS];
+    if (!is_native)
+        return;
+    const struct vulkan_bed_options shape = native(BOTTOMS, 40, 300, 0);
+    vulkan_bed_init(&bed, &shape);
+    const struct bvhd_vulkan_scene_options options = scene_options(&bed, 0);
+    assert_int_equal(bvhd_vulkan_scene_create(device, &gpu->queue, &options, &scene, NULL), BVHD_OK);
+    for (uint32_t row = 0; row < BOTTOMS; row++)
+        addresses[row] = bvhd_vulkan_scene_location(scene, row);
+    for (size_t m = 0; m < 2; m++) {
+        struct driver_structure copies[BOTTOMS + 1], from;
+        for (uint32_t row = 0; row <= BOTTOMS; row++) {
+            from = borrow(&bed, scene, row);
+            assert_int_equal(driver_structure_copy(gpu, &from, modes[m], &copies[row], NULL), BVHD_OK);
+            serialize_again(&bed, &from, row, addresses);
+            serialize_again(&bed, &copies[row], row, addresses);
+        }
+        trace(&bed, copies[BOTTOMS].handle);
+        for (uint32_t row = 0; row <= BOTTOMS; row++)
+            driver_structure_destroy(gpu, &copies[row]);
+    }
+    bvhd_vulkan_scene_destroy(scene);
+    vulkan_bed_finish(&bed);
+}
+
 /* ---- structures that were tampered with ---- */
 
 static void tamper(struct random *random, unsigned char *data, uint64_t size)
@@ -447,6 +518,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(own_buffers_are_filled),
         cmocka_unit_test(portable_scenes_arrive),
         cmocka_unit_test(failing_allocations_leave_nothing),
+        cmocka_unit_test(copies_on_the_device_trace_the_same),
         cmocka_unit_test(what_passes_the_check_does_no_harm),
     };
     tries = argc > 1 ? strtoull(argv[1], NULL, 10) : tries;
