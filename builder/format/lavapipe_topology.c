@@ -56,8 +56,7 @@ static enum bvhd_status add_node(struct reading *reading, uint32_t node, uint32_
     if (status != BVHD_OK)
         return status;
     ir->boxes[0][node] = lavapipe_bounds_leaf(reading->canonical, id);
-    ir->nodes[node] = (struct ir_node){.first = ir->ref_count, .count = 1};
-    ir->refs[ir->ref_count++] = id;
+    ir->nodes[node] = (struct ir_node){.first = id, .count = 1}; /* until refs are numbered */
     return BVHD_OK;
 }
 
@@ -91,6 +90,24 @@ static enum bvhd_status add_tree(struct reading *reading)
     return status;
 }
 
+/* In the order of a walk that goes down first: the refs below any node are neighbours. */
+static void number_refs(struct ir *ir)
+{
+    uint32_t waiting[LAVAPIPE_MAX_LEVELS + 2], count = 0;
+    if (ir->node_count > 0)
+        waiting[count++] = 0;
+    while (count > 0) {
+        struct ir_node *node = &ir->nodes[waiting[--count]];
+        if (node->count > 0) {
+            ir->refs[ir->ref_count] = node->first;
+            node->first = ir->ref_count++;
+        } else {
+            waiting[count++] = node->first + 1;
+            waiting[count++] = node->first;
+        }
+    }
+}
+
 static void join_boxes(struct ir *ir)
 {
     for (uint32_t node = ir->node_count; node-- > 0;)
@@ -116,6 +133,7 @@ static enum bvhd_status read_tree(struct reading *reading)
     enum bvhd_status status = add_tree(reading);
     if (status != BVHD_OK)
         return status;
+    number_refs(reading->ir);
     join_boxes(reading->ir);
     return check_places(reading);
 }
