@@ -83,14 +83,31 @@ static uint32_t usable_version(const struct gpu_instance *instance)
     return version < VK_API_VERSION_1_3 ? version : VK_API_VERSION_1_3;
 }
 
+/* What shaders do to buffers takes part in synchronisation too: off by default. Headers that are older than this know no layer that has it. */
+#ifdef VK_EXT_layer_settings
+static const VkBool32 switched_on = VK_TRUE;
+static const VkLayerSettingEXT settings[] = {
+    {validation_layer, "syncval_shader_accesses_heuristic", VK_LAYER_SETTING_TYPE_BOOL32_EXT, 1, &switched_on}};
+static const VkLayerSettingsCreateInfoEXT layer_settings = {
+    .sType = VK_STRUCTURE_TYPE_LAYER_SETTINGS_CREATE_INFO_EXT, .pNext = &messenger_info, .settingCount = 1, .pSettings = settings};
+static const void *const validation_chain = &layer_settings;
+#else
+static const void *const validation_chain = &messenger_info;
+#endif
+
+static const char *const validation_extensions[] = {
+#ifdef VK_EXT_layer_settings
+    VK_EXT_LAYER_SETTINGS_EXTENSION_NAME,
+#endif
+    VK_EXT_DEBUG_UTILS_EXTENSION_NAME, VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME};
+
 static enum bvhd_status create_handle(struct gpu_instance *instance, bool is_validating, struct bvhd_error *error)
 {
     static const char *const layers[] = {validation_layer};
-    static const char *const extensions[] = {VK_EXT_DEBUG_UTILS_EXTENSION_NAME, VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME};
     static const VkValidationFeatureEnableEXT enables[] = {VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT};
     const VkValidationFeaturesEXT validation = {
         .sType = VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT,
-        .pNext = &messenger_info,
+        .pNext = validation_chain,
         .enabledValidationFeatureCount = 1,
         .pEnabledValidationFeatures = enables,
     };
@@ -105,8 +122,8 @@ static enum bvhd_status create_handle(struct gpu_instance *instance, bool is_val
         .pApplicationInfo = &application,
         .enabledLayerCount = is_validating ? 1 : 0,
         .ppEnabledLayerNames = layers,
-        .enabledExtensionCount = is_validating ? 2 : 0,
-        .ppEnabledExtensionNames = extensions,
+        .enabledExtensionCount = is_validating ? sizeof validation_extensions / sizeof *validation_extensions : 0,
+        .ppEnabledExtensionNames = validation_extensions,
     };
     PFN_vkCreateInstance create = (PFN_vkCreateInstance)instance->get_instance_proc_addr(NULL, "vkCreateInstance");
     VkResult result = create ? create(&info, NULL, &instance->handle) : VK_ERROR_INITIALIZATION_FAILED;
