@@ -45,7 +45,7 @@ export LD_LIBRARY_PATH
 export ASAN_OPTIONS=detect_leaks=0
 cp "$source"/client/examples/* .
 for kind in native portable addresses; do
-    define=$(echo $kind | tr a-z A-Z)
+    define=$(echo $kind | tr '[:lower:]' '[:upper:]')
     glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h rays.comp >log 2>&1 ||
         fail "rays.comp for $kind"
 done
