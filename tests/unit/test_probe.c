@@ -117,8 +117,8 @@ static void the_block_is_as_documented(void **state)
     assert_int_equal(size, HEADER + 8 + 16 + 16);
     assert_memory_equal(data, "bvhdprob\1\0\0\0\3\0\0\0", 16);
     assert_int_equal(bytes_get64(data + 16), size);
-    assert_string_equal(data + 24, "a device");
-    assert_string_equal(data + 280, "a driver");
+    assert_string_equal((const char *)data + 24, "a device");
+    assert_string_equal((const char *)data + 280, "a driver");
     assert_int_equal(bytes_get64(data + 552), 0x123456789abcdef0);
     assert_int_equal(bytes_get64(data + 560), 7);
     assert_int_equal(bytes_get64(data + 576), 11);
