@@ -131,111 +131,6 @@ static uint32_t number_references(unsigned char *records, uint32_t record_count,
     return count;
 }
 
-/* Groups likely-equal rows; whoever makes rows collide pays with a slower sort only. */
-static uint64_t row_hash(const struct form_reference *row)
-{
-    const unsigned char *bytes = (const unsigned char *)row;
-    uint64_t hash = 0;
-    for (unsigned i = 0; i < sizeof *row; i += 8) {
-        hash = (hash ^ bytes_get64(bytes + i)) * UINT64_C(0x9e3779b97f4a7c15);
-        hash ^= hash >> 32;
-    }
-    return hash;
-}
-
-static bool row_before(const struct form_reference *rows, uint32_t a, uint32_t b)
-{
-    int order = memcmp(&rows[a], &rows[b], sizeof *rows);
-    return order < 0 || (order == 0 && a < b);
-}
-
-static void sift_down(const struct form_reference *rows, struct handle_entry *heap, uint32_t at, uint32_t count)
-{
-    for (uint32_t child = 2 * at + 1; child < count; at = child, child = 2 * at + 1) {
-        if (child + 1 < count && row_before(rows, heap[child].number, heap[child + 1].number))
-            child++;
-        if (!row_before(rows, heap[at].number, heap[child].number))
-            return;
-        struct handle_entry swap = heap[at];
-        heap[at] = heap[child];
-        heap[child] = swap;
-    }
-}
-
-/* Heap sort: in place, and n log n whatever the rows are. */
-static void sort_group(const struct form_reference *rows, struct handle_entry *group, uint32_t count)
-{
-    for (uint32_t i = count / 2; i-- > 0;)
-        sift_down(rows, group, i, count);
-    for (uint32_t end = count; end-- > 1;) {
-        struct handle_entry swap = group[0];
-        group[0] = group[end];
-        group[end] = swap;
-        sift_down(rows, group, 0, end);
-    }
-}
-
-/* leaders[i]: the first row that equals row i. `entries` is sorted so that equal rows are adjacent. */
-static void find_leaders(const struct form_reference *rows, struct handle_entry *entries, uint32_t count, uint32_t *leaders)
-{
-    for (uint32_t first = 0, end; first < count; first = end) {
-        for (end = first + 1; end < count && entries[end].handle == entries[first].handle; end++)
-            ;
-        if (end - first > 1)
-            sort_group(rows, entries + first, end - first);
-        for (uint32_t i = first; i < end; i++) {
-            bool equal = i > first && memcmp(&rows[entries[i].number], &rows[entries[i - 1].number], sizeof *rows) == 0;
-            leaders[entries[i].number] = equal ? leaders[entries[i - 1].number] : entries[i].number;
-        }
-    }
-}
-
-/* Keeps leaders only. leaders[] becomes the 1-based number of each row among them. Returns how many there are. */
-static uint32_t keep_leaders(struct form_reference *rows, uint32_t count, uint32_t *leaders)
-{
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        if (leaders[i] == i) {
-            rows[kept] = rows[i];
-            leaders[i] = ++kept;
-        } else {
-            leaders[i] = leaders[leaders[i]];
-        }
-    }
-    return kept;
-}
-
-static void renumber(unsigned char *records, uint32_t record_count, const struct build_context *context, const uint32_t *numbers)
-{
-    for (uint32_t i = 0; i < record_count && !is_cancelled(context, i); i++) {
-        unsigned char *field = records + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
-        uint64_t reference = bytes_get64(field);
-        if (reference)
-            bytes_put64(field, numbers[reference - 1]);
-    }
-}
-
-/* Makes one row of equal rows. False without memory. */
-static bool merge_rows(unsigned char *records, uint32_t record_count, const struct build_context *context, struct reference_rows *rows)
-{
-    uint32_t count = rows->count;
-    struct handle_entry *entries = memory_array(context->memory, count, 2 * sizeof *entries);
-    uint32_t *leaders = memory_array(context->memory, count, sizeof *leaders);
-    if (entries && leaders) {
-        for (uint32_t i = 0; i < count; i++)
-            entries[i] = (struct handle_entry){row_hash(&rows->rows[i]), i};
-        handle_sort(entries, entries + count, count);
-        find_leaders(rows->rows, entries, count, leaders);
-        rows->count = keep_leaders(rows->rows, count, leaders);
-        if (rows->count < count)
-            renumber(records, record_count, context, leaders);
-    }
-    bool done = entries && leaders;
-    memory_free(context->memory, leaders);
-    memory_free(context->memory, entries);
-    return done;
-}
-
 /* False without memory. Of no use when it is cancelled on the way. */
 static bool make(unsigned char *records, uint32_t record_count, const struct reference *references, uint32_t reference_count,
                  const struct build_context *context, struct reference_rows *rows)
@@ -249,7 +144,7 @@ static bool make(unsigned char *records, uint32_t record_count, const struct ref
         rows->count = number_references(records, record_count, references, context, numbers, rows->rows);
     }
     memory_free(context->memory, numbers);
-    return ready && (rows->count < 2 || context_cancelled(context) || merge_rows(records, record_count, context, rows));
+    return ready;
 }
 
 enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,

@@ -2,7 +2,8 @@
 /*
  * reference_rows.h - the structures that instances name: from the caller's handles to rows of a canonical copy's reference table.
  *
- * The canonical table lists what is named, in the order of first use, and equal structures once: handles do not enter a key.
+ * The canonical table lists what is named, in the order of first use: handles themselves do not enter a key. Two handles are two rows whatever they name, since only
+ * the caller knows which structure each stands for.
  */
 #ifndef BVHD_REFERENCE_ROWS_H
 #define BVHD_REFERENCE_ROWS_H

@@ -142,12 +142,45 @@ static enum bvhd_status build_bottoms(const struct job *job, struct assembly *as
     return status;
 }
 
-static VkAccelerationStructureInstanceKHR describe_instance(const struct import_instance *instance, uint32_t index)
+struct keyed_part {
+    const struct bvhd_key *key;
+    uint32_t part;
+};
+
+static int compare_parts(const void *a, const void *b)
+{
+    const struct keyed_part *x = a, *y = b;
+    int order = memcmp(x->key, y->key, sizeof *x->key);
+    return order ? order : (x->part > y->part) - (x->part < y->part);
+}
+
+/* ret_shared[part]: the first part with the same content, so that a scene with equal meshes is loaded with one structure for them. */
+static enum bvhd_status share_equal_parts(const struct job *job, const struct assembly *assembly, uint32_t *ret_shared)
+{
+    uint32_t count = job->import->part_count, built = 0;
+    struct keyed_part *parts = memory_array(job->import->memory, count, sizeof *parts);
+    if (!parts)
+        return no_memory(job);
+    for (uint32_t i = 0; i < count; i++) {
+        ret_shared[i] = i;
+        if (!assembly->items[i].error.status)
+            parts[built++] = (struct keyed_part){&assembly->items[i].key, i};
+    }
+    qsort(parts, built, sizeof *parts, compare_parts);
+    for (uint32_t i = 1; i < built; i++)
+        if (!memcmp(parts[i].key, parts[i - 1].key, sizeof *parts[i].key))
+            ret_shared[parts[i].part] = ret_shared[parts[i - 1].part];
+    memory_free(job->import->memory, parts);
+    return BVHD_OK;
+}
+
+static VkAccelerationStructureInstanceKHR describe_instance(const struct import_instance *instance, const uint32_t *shared,
+                                                            uint32_t index)
 {
     VkAccelerationStructureInstanceKHR record = {
         .instanceCustomIndex = index & 0xffffff,
         .mask = 0xff,
-        .accelerationStructureReference = instance->skipped ? 0 : UINT64_C(1) + instance->part,
+        .accelerationStructureReference = instance->skipped ? 0 : UINT64_C(1) + shared[instance->part],
     };
     static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     memcpy(record.transform.matrix, instance->skipped ? identity : instance->transform, sizeof record.transform.matrix);
@@ -155,15 +188,15 @@ static VkAccelerationStructureInstanceKHR describe_instance(const struct import_
 }
 
 /* The structures that the top level names, each once, in the order in which its instances first name them. */
-static enum bvhd_status collect_references(const struct job *job, struct assembly *assembly, struct bvhd_reference *references,
-                                           bool *seen, struct bvhd_error *ret_failure)
+static enum bvhd_status collect_references(const struct job *job, struct assembly *assembly, const uint32_t *shared,
+                                           struct bvhd_reference *references, bool *seen, struct bvhd_error *ret_failure)
 {
     const struct import *import = job->import;
     memset(seen, 0, import->part_count * sizeof *seen);
     for (uint32_t i = 0; i < import->instance_count; i++) {
-        uint32_t part = import->instances[i].part;
-        if (import->instances[i].skipped || seen[part])
+        if (import->instances[i].skipped || seen[shared[import->instances[i].part]])
             continue;
+        uint32_t part = shared[import->instances[i].part];
         const struct bvhd_result *item = &assembly->items[part];
         if (item->error.status)
             return bvhd_error_set(ret_failure, item->error.status, import->name, "bottom level %u, which it needs, was not built",
@@ -174,39 +207,6 @@ static enum bvhd_status collect_references(const struct job *job, struct assembl
         *reference = (struct bvhd_reference){.handle = UINT64_C(1) + part, .has_key = 1, .key = item->key};
         memcpy(reference->bounds, item->bounds, sizeof reference->bounds);
     }
-    return BVHD_OK;
-}
-
-/* Orders parts by content. */
-struct named_part {
-    const struct bvhd_key *key;
-    uint32_t position; /* in the list of handles */
-};
-
-static int compare_parts(const void *a, const void *b)
-{
-    const struct named_part *x = a, *y = b;
-    int order = memcmp(x->key, y->key, sizeof *x->key);
-    return order ? order : (x->position > y->position) - (x->position < y->position);
-}
-
-/* A top level has one row for equal bottom levels, where the first of them is named. `seen` has room for all rows. */
-static enum bvhd_status merge_equal_rows(const struct job *job, struct assembly *assembly, bool *seen)
-{
-    uint32_t count = assembly->handle_count, kept = 0;
-    struct named_part *parts = memory_array(job->import->memory, (uint64_t)count + 1, sizeof *parts);
-    if (!parts)
-        return no_memory(job);
-    for (uint32_t i = 0; i < count; i++)
-        parts[i] = (struct named_part){&assembly->items[assembly->handles[i]].key, i};
-    qsort(parts, count, sizeof *parts, compare_parts);
-    for (uint32_t i = 0; i < count; i++)
-        seen[parts[i].position] = i > 0 && !memcmp(parts[i].key, parts[i - 1].key, sizeof *parts[i].key);
-    for (uint32_t i = 0; i < count; i++)
-        if (!seen[i])
-            assembly->handles[kept++] = assembly->handles[i];
-    assembly->handle_count = kept;
-    memory_free(job->import->memory, parts);
     return BVHD_OK;
 }
 
@@ -245,12 +245,12 @@ static enum bvhd_status read_handles(const struct job *job, struct assembly *ass
     return BVHD_OK;
 }
 
-static enum bvhd_status build_described_top(const struct job *job, struct assembly *assembly,
+static enum bvhd_status build_described_top(const struct job *job, struct assembly *assembly, const uint32_t *shared,
                                             VkAccelerationStructureInstanceKHR *records, const struct bvhd_reference *references)
 {
     const struct import *import = job->import;
     for (uint32_t i = 0; i < import->instance_count; i++)
-        records[i] = describe_instance(&import->instances[i], i);
+        records[i] = describe_instance(&import->instances[i], shared, i);
     VkAccelerationStructureGeometryKHR geometry = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
         .geometryType = VK_GEOMETRY_TYPE_INSTANCES_KHR,
@@ -275,15 +275,13 @@ static enum bvhd_status build_top(const struct job *job, struct assembly *assemb
     VkAccelerationStructureInstanceKHR *records = memory_array(memory, import->instance_count, sizeof *records);
     struct bvhd_reference *references = memory_array(memory, import->part_count, sizeof *references);
     bool *seen = memory_array(memory, import->part_count, sizeof *seen);
-    enum bvhd_status status = BVHD_OK;
-    if (!records || !references || !seen)
-        status = no_memory(job);
-    else if (collect_references(job, assembly, references, seen, failure) == BVHD_OK)
-        status = build_described_top(job, assembly, records, references);
-    if (!status && !failure->status)
-        status = merge_equal_rows(job, assembly, seen);
+    uint32_t *shared = memory_array(memory, import->part_count, sizeof *shared);
+    enum bvhd_status status = records && references && seen && shared ? share_equal_parts(job, assembly, shared) : no_memory(job);
+    if (!status && collect_references(job, assembly, shared, references, seen, failure) == BVHD_OK)
+        status = build_described_top(job, assembly, shared, records, references);
     if (!status && !failure->status)
         status = read_handles(job, assembly);
+    memory_free(memory, shared);
     memory_free(memory, seen);
     memory_free(memory, references);
     memory_free(memory, records);

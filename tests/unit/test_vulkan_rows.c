@@ -16,7 +16,7 @@ static uint32_t random_below(struct random *random, uint32_t limit)
     return (uint32_t)(random_next(random) % limit);
 }
 
-/* A request with references in any order, some of them equal, some not named. */
+/* A request with references in any order, some of them equal but for their handles, some not named. */
 struct request {
     struct bvhd_reference references[REFERENCES];
     VkAccelerationStructureInstanceKHR instances[INSTANCES];
@@ -139,7 +139,7 @@ static void unknown_names_are_refused(void **state)
     uint32_t rows[1] = {77}, count = 77;
     assert_int_equal(bvhd_vulkan_rows(references, 1, instances, 2, rows, &count, &error), BVHD_INVALID);
     assert_string_equal(error.where, "instances[1]");
-    for (int64_t n = 0; n < 3; n++) {
+    for (int64_t n = 0; n < 2; n++) {
         library_memory.fail_after = n;
         assert_int_equal(bvhd_vulkan_rows(references, 1, instances, 1, rows, &count, &error), BVHD_NO_MEMORY);
     }

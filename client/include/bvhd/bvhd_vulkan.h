@@ -19,8 +19,8 @@
  *     build with target = format.target, format = &format                           bvhd.h
  *     bvhd_vulkan_scene_create(device, &queue, &options, &scene, &error);
  *
- * A top level names its bottom levels by rows: the structures that its instances name, each once, in the order in which the instances
- * first name them; what has the same key (or, without keys, the same bounds) is one row. bvhd_vulkan_rows tells them.
+ * A top level names its bottom levels by rows: the handles that its instances name, each once, in the order in which the instances
+ * first name them. bvhd_vulkan_rows tells them.
  *
  * Threads: a device may be used by several threads at once; command buffers, queues and memory are synchronised by the caller as Vulkan
  * wants it. Errors as in bvhd.h; what Vulkan reports becomes BVHD_NO_MEMORY, BVHD_UNAVAILABLE (device lost) or BVHD_INTERNAL, with the
