@@ -2,6 +2,7 @@
 #include "collapse_cost.h"
 
 #include <math.h>
+#include <string.h>
 
 #if defined(__SSE2__) && !defined(BVHD_SCALAR)
 #define USE_SSE2 1
@@ -65,19 +66,47 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
     table->inverse = root > 0 ? 1 / root : 0;
 }
 
+/* A leaf of the ir as a row: it is one tree or none. */
+#define NO_FOREST                                                                                                                      \
+    {                                                                                                                                  \
+        {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY, INFINITY, INFINITY}, 0                                                      \
+    }
+
 /*
- * ret[m] = min over a + b = m of left[a] + right[b], for m = 0 .. 6. A minimum does not depend on the order, so both versions give the same
- * bits.
+ * measure_pair: the measures of two siblings. worth: the costs of a node from its forests and its measure; with enough refs it is no leaf.
+ * combine: ret[m] = min over a + b = m of left[a] + right[b], for m = 0 .. 6. A minimum does not depend on the order, so both versions give the
+ * same bits. There are no branches: which of two siblings are leaves cannot be foreseen.
  */
 #ifdef USE_SSE2
 
-/* Costs 4 to 6; the last lane, which is no cost, is cleared. */
-static inline __m128 load_high(const struct collapse_cost *cost)
+struct costs {
+    __m128 low, high; /* the eighth lane is no cost */
+};
+
+static inline __m128 sides_in_lanes(const struct box *box, __m128 scale)
 {
-    const __m128i mask = _mm_setr_epi32(-1, -1, -1, 0);
-    __m128i lanes = _mm_loadu_si128((const __m128i *)(const void *)((const unsigned char *)cost + 16));
-    return _mm_castsi128_ps(_mm_and_si128(lanes, mask));
+    __m128 end = _mm_loadu_ps(box->min + 2), max = _mm_shuffle_ps(end, end, _MM_SHUFFLE(3, 3, 2, 1));
+    return _mm_sub_ps(_mm_mul_ps(max, scale), _mm_mul_ps(_mm_loadu_ps(box->min), scale));
 }
+
+static inline void measure_pair(const struct collapse_table *table, uint32_t first, float ret_measures[2])
+{
+    const __m128 scale = _mm_set1_ps(table->scale);
+    __m128 sum = _mm_setzero_ps();
+    for (uint32_t key = 0; key < table->ir->key_count; key++) {
+        const struct box *boxes = &table->ir->boxes[key][first];
+        __m128 left = sides_in_lanes(&boxes[0], scale), right = sides_in_lanes(&boxes[1], scale);
+        __m128 x = _mm_unpacklo_ps(left, right), y = _mm_movehl_ps(x, x), z = _mm_unpackhi_ps(left, right), own;
+        if (table->lengths)
+            own = _mm_add_ps(_mm_add_ps(x, y), z);
+        else
+            own = _mm_add_ps(_mm_add_ps(_mm_mul_ps(x, y), _mm_mul_ps(y, z)), _mm_mul_ps(z, x));
+        sum = key == 0 ? own : _mm_add_ps(sum, own);
+    }
+    _mm_storel_epi64((__m128i *)(void *)ret_measures, _mm_castps_si128(_mm_mul_ps(sum, _mm_set1_ps(table->inverse))));
+}
+
+#define LANE(v, i) _mm_shuffle_ps(v, v, _MM_SHUFFLE(i, i, i, i))
 
 /* {carry, v0, v1, v2} */
 static inline __m128 shift_in(__m128 v, __m128 carry)
@@ -85,86 +114,129 @@ static inline __m128 shift_in(__m128 v, __m128 carry)
     return _mm_move_ss(_mm_shuffle_ps(v, v, _MM_SHUFFLE(2, 1, 0, 0)), carry);
 }
 
-static inline __m128 last_lane(__m128 v)
+/* A cost's memory is read in the halves in which it is written: what lies across is slow to load right after. */
+static inline void load_cost(const struct collapse_cost *cost, __m128 *ret_low, __m128 *ret_high)
 {
-    return _mm_shuffle_ps(v, v, _MM_SHUFFLE(3, 3, 3, 3));
+    *ret_low = _mm_loadu_ps(cost->as);
+    *ret_high = _mm_castsi128_ps(_mm_loadu_si128((const __m128i *)(const void *)((const unsigned char *)cost + 16)));
 }
 
-static inline void combine(const struct collapse_cost *left, const struct collapse_cost *right, float ret[8])
+static inline void store_cost(struct costs costs, __m128i number, struct collapse_cost *ret)
+{
+    const __m128i last = _mm_setr_epi32(0, 0, 0, -1);
+    __m128i high = _mm_or_si128(_mm_andnot_si128(last, _mm_castps_si128(costs.high)), _mm_and_si128(last, number));
+    _mm_storeu_ps(ret->as, costs.low);
+    _mm_storeu_si128((__m128i *)(void *)((unsigned char *)ret + 16), high);
+}
+
+static inline struct costs worth(const struct collapse_table *table, const struct collapse_cost *forest, float area, uint32_t refs,
+                                 struct collapse_cost *ret_cost)
 {
     const __m128 infinity = _mm_set1_ps(INFINITY);
-    __m128 l = _mm_set1_ps(left->as[0]);
-    __m128 low[4], high = load_high(right);
-    low[0] = _mm_loadu_ps(right->as);
-    __m128 best_low = _mm_add_ps(l, low[0]), best_high = _mm_add_ps(l, high);
-    for (int a = 1; a < 4; a++) {
-        high = shift_in(high, last_lane(low[a - 1]));
-        low[a] = shift_in(low[a - 1], infinity);
-        l = _mm_set1_ps(left->as[a]);
-        best_low = _mm_min_ps(best_low, _mm_add_ps(l, low[a]));
-        best_high = _mm_min_ps(best_high, _mm_add_ps(l, high));
+    __m128 low, high, areas = _mm_set1_ps(area);
+    __m128i count = _mm_set1_epi32((int32_t)refs);
+    load_cost(forest, &low, &high);
+    __m128 inner = _mm_add_ps(_mm_add_ps(areas, _mm_set1_ps(table->node_cost)), LANE(high, 2));
+    __m128 leaf = _mm_mul_ps(_mm_mul_ps(areas, _mm_cvtepi32_ps(count)), _mm_set1_ps(table->leaf_cost));
+    __m128 large = _mm_castsi128_ps(_mm_cmpgt_epi32(count, _mm_set1_epi32((int32_t)table->leaf_max)));
+    leaf = _mm_max_ps(leaf, _mm_and_ps(large, infinity));
+    __m128 one = _mm_min_ps(leaf, inner);
+    __m128i leaf_refs = _mm_and_si128(_mm_castps_si128(_mm_cmple_ps(leaf, inner)), count);
+    struct costs costs = {_mm_min_ps(one, shift_in(low, one)), _mm_min_ps(one, shift_in(high, LANE(low, 3)))};
+    store_cost(costs, leaf_refs, ret_cost);
+    return costs;
+}
+
+/* v0, v1 | w0, w1 of two lanes each */
+#define LANES(v, v0, v1, w, w0, w1) _mm_shuffle_ps(v, w, _MM_SHUFFLE(w1, w0, v1, v0))
+
+/* Minima as a tree: rows wait for the row before. */
+static inline void combine(const struct costs *left, const struct costs *right, uint32_t refs, struct collapse_cost *ret)
+{
+    const __m128 infinity = _mm_set1_ps(INFINITY), low = right->low, high = right->high;
+    const __m128 low2 = _mm_movelh_ps(infinity, low), high2 = LANES(low, 2, 3, high, 0, 1);
+    const __m128 lows[4] = {low, LANES(low2, 1, 2, low, 1, 2), low2, LANES(infinity, 0, 0, low2, 0, 2)};
+    const __m128 highs[4] = {high, LANES(high2, 1, 2, high, 1, 2), high2, LANES(low, 1, 2, high2, 1, 2)};
+    const __m128 l[4] = {LANE(left->low, 0), LANE(left->low, 1), LANE(left->low, 2), LANE(left->low, 3)};
+    __m128 sums[4], upper[4], least = _mm_add_ps(LANE(left->high, 0), low);
+    for (int a = 0; a < 4; a++) {
+        sums[a] = _mm_add_ps(l[a], lows[a]);
+        upper[a] = _mm_add_ps(l[a], highs[a]);
     }
-    for (int a = 4; a < COLLAPSE_BUDGETS; a++)
-        best_high = _mm_min_ps(best_high, _mm_add_ps(_mm_set1_ps(left->as[a]), low[a - 4]));
-    _mm_storeu_ps(ret, best_low);
-    _mm_storeu_ps(ret + 4, best_high);
+    least = _mm_min_ps(least, _mm_min_ps(_mm_add_ps(LANE(left->high, 1), lows[1]), _mm_add_ps(LANE(left->high, 2), lows[2])));
+    struct costs best = {
+        _mm_min_ps(_mm_min_ps(sums[0], sums[1]), _mm_min_ps(sums[2], sums[3])),
+        _mm_min_ps(least, _mm_min_ps(_mm_min_ps(upper[0], upper[1]), _mm_min_ps(upper[2], upper[3]))),
+    };
+    store_cost(best, _mm_set1_epi32((int32_t)refs), ret);
 }
 
 #else
 
-static inline void combine(const struct collapse_cost *left, const struct collapse_cost *right, float ret[8])
+struct costs {
+    float as[COLLAPSE_BUDGETS];
+};
+
+static inline void measure_pair(const struct collapse_table *table, uint32_t first, float ret_measures[2])
+{
+    ret_measures[0] = measure(table, first);
+    ret_measures[1] = measure(table, first + 1);
+}
+
+static inline struct costs worth(const struct collapse_table *table, const struct collapse_cost *forest, float area, uint32_t refs,
+                                 struct collapse_cost *ret_cost)
+{
+    struct costs costs;
+    float inner = area + table->node_cost + forest->as[6];
+    float leaf = refs <= table->leaf_max ? area * (float)refs * table->leaf_cost : INFINITY;
+    float one = leaf <= inner ? leaf : inner;
+    costs.as[0] = one;
+    for (int i = 1; i < COLLAPSE_BUDGETS; i++)
+        costs.as[i] = forest->as[i - 1] < one ? forest->as[i - 1] : one;
+    memcpy(ret_cost->as, costs.as, sizeof costs.as);
+    ret_cost->leaf_refs = leaf <= inner ? refs : 0;
+    return costs;
+}
+
+static inline void combine(const struct costs *left, const struct costs *right, uint32_t refs, struct collapse_cost *ret)
 {
     for (int m = 0; m < COLLAPSE_BUDGETS; m++) {
-        ret[m] = left->as[0] + right->as[m];
+        ret->as[m] = left->as[0] + right->as[m];
         for (int a = 1; a <= m; a++) {
             float sum = left->as[a] + right->as[m - a];
-            ret[m] = sum < ret[m] ? sum : ret[m];
+            ret->as[m] = sum < ret->as[m] ? sum : ret->as[m];
         }
     }
+    ret->leaf_refs = refs;
 }
 
 #endif
 
-static inline float leaf_cost_of(const struct collapse_table *table, uint32_t leaf)
+/* A leaf takes one tree and leaves the rest, which is never worse, to its sibling. */
+void collapse_cost_of(const struct collapse_table *table, uint32_t row)
 {
-    return measure(table, leaf) * (float)table->ir->nodes[leaf].count * table->leaf_cost;
+    struct collapse_cost leaves[2] = {NO_FOREST, NO_FOREST};
+    const struct ir_node *pair = &table->ir->nodes[2 * row + 1];
+    struct costs costs[2];
+    float measures[2];
+    uint32_t sum = 0;
+    measure_pair(table, 2 * row + 1, measures);
+    for (int side = 0; side < 2; side++) {
+        bool leaf = pair[side].count != 0;
+        struct collapse_cost *const choice[2] = {&table->costs[leaf ? 0 : pair[side].first / 2], &leaves[side]};
+        struct collapse_cost *own = choice[leaf];
+        uint32_t refs = pair[side].count + own->leaf_refs;
+        costs[side] = worth(table, own, measures[side], refs, own);
+        sum += refs;
+    }
+    combine(&costs[0], &costs[1], sum, &table->costs[row]);
+    table->counts[row] = sum;
 }
 
-/* The sum of what two children cost, for 2 .. 8 trees. A leaf takes one tree and leaves the rest, which is never worse, to its sibling. */
-static inline void forest_of(const struct collapse_table *table, uint32_t first, float ret_forest[8])
+void collapse_cost_end(const struct collapse_table *table)
 {
-    bool left_leaf = ir_is_leaf(table->ir, first), right_leaf = ir_is_leaf(table->ir, first + 1);
-    if (!left_leaf && !right_leaf) {
-        combine(&table->costs[collapse_row(table->ir, first)], &table->costs[collapse_row(table->ir, first + 1)], ret_forest);
-        return;
-    }
-    float cost = leaf_cost_of(table, left_leaf ? first : first + 1);
-    if (left_leaf && right_leaf) {
-        cost += leaf_cost_of(table, first + 1);
-        for (int i = 0; i < COLLAPSE_BUDGETS; i++)
-            ret_forest[i] = cost;
-        return;
-    }
-    const struct collapse_cost *other = &table->costs[collapse_row(table->ir, left_leaf ? first + 1 : first)];
-    for (int i = 0; i < COLLAPSE_BUDGETS; i++)
-        ret_forest[i] = cost + other->as[i];
-}
-
-void collapse_cost_of(const struct collapse_table *table, uint32_t node)
-{
-    uint32_t first = table->ir->nodes[node].first, refs = table->counts[first / 2];
-    struct collapse_cost *cost = &table->costs[first / 2];
-    float forest[8];
-    forest_of(table, first, forest);
-
-    float area = measure(table, node);
-    float inner = area + table->node_cost + forest[6];
-    float leaf = refs <= table->leaf_max ? area * (float)refs * table->leaf_cost : INFINITY;
-    float one = leaf <= inner ? leaf : inner;
-    cost->leaf_refs = leaf <= inner ? refs : 0;
-    cost->as[0] = one;
-    for (int i = 1; i < COLLAPSE_BUDGETS; i++)
-        cost->as[i] = forest[i - 1] < one ? forest[i - 1] : one;
+    struct collapse_cost *root = &table->costs[0];
+    worth(table, root, measure(table, 0), root->leaf_refs, root);
 }
 
 /* How many of `budget` trees the left one of two siblings takes. */

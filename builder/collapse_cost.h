@@ -21,9 +21,13 @@ enum { COLLAPSE_BUDGETS = 7 };
  */
 #define COLLAPSE_NODE_SHARE 2.0
 
+/*
+ * Rows are made in two steps: collapse_cost_of gives D(n, 2 .. 8) and the refs below n; the row of n's parent turns them into what n is worth,
+ * which takes n's own box. So each row reads one pair of siblings, which are neighbours in memory, and rows can be made in the order of memory.
+ */
 struct collapse_cost {
-    float as[COLLAPSE_BUDGETS]; /* as[i - 1] is C(n, i) */
-    uint32_t leaf_refs; /* refs of the node where C(n, 1) is a leaf, else 0 */
+    float as[COLLAPSE_BUDGETS]; /* as[i - 1] is C(n, i); before: D(n, i + 1) */
+    uint32_t leaf_refs; /* refs of the node where C(n, 1) is a leaf, else 0; before: refs below it */
 };
 
 _Static_assert(sizeof(struct collapse_cost) == 32, "two stores of 4 lanes");
@@ -37,7 +41,7 @@ struct collapse_table {
     float scale; /* a power of two that brings the root to about unit size */
     float inverse; /* of the root's scaled area */
     bool lengths; /* the root has no area, or next to none */
-    const uint32_t *counts; /* refs below each inner node */
+    uint32_t *counts; /* refs below each inner node; 0 for one whose row has not been made */
     struct collapse_cost *costs;
 };
 
@@ -73,8 +77,14 @@ static inline uint32_t collapse_leaf_refs(const struct collapse_table *table, ui
 /* Fills leaf_max, the costs and the measure from the root; `ir` has nodes. */
 void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options);
 
-/* Fills the row of an inner node from those of its children. */
-void collapse_cost_of(const struct collapse_table *table, uint32_t node);
+/*
+ * Makes a row from the pair of siblings that it stands for, and ends those of the two. These must have been made; 2 * row + 1 and 2 * row + 2 are
+ * the siblings.
+ */
+void collapse_cost_of(const struct collapse_table *table, uint32_t row);
+
+/* Ends row 0, the root's, when all have been made. */
+void collapse_cost_end(const struct collapse_table *table);
 
 /*
  * The ir nodes that become the children of the wide node for `node`, an inner ir node: at most WIDE_ARITY, in the order of the ir. Returns how

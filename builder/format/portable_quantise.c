@@ -8,14 +8,7 @@
 #include <emmintrin.h>
 #endif
 
-/*
- * In steps: the spare that the format promises, and a bit more than all rounding below can take away. Differences of floats are rounded to
- * double once (relative error 2^-53, at most 255 steps), so that coordinates in steps are wrong by less than 2^-44.
- */
-static const double MARGIN = 1.0 / 64 + 0x1p-40;
-
-/* Of an extent: the step with which it just fits, but for rounding, which the check afterwards sees. */
-static const double PER_STEPS = 1 / (255 - 2 * (1.0 / 64 + 0x1p-40));
+static const double MARGIN = PORTABLE_MARGIN, PER_STEPS = PORTABLE_PER_STEPS;
 
 static double power_of_two(int exponent)
 {

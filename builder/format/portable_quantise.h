@@ -17,7 +17,23 @@ struct portable_boxes {
     float min[3][8], max[3][8];
 };
 
+/*
+ * In steps: the spare that the format promises, and a bit more than all rounding of the writer can take away. Differences of floats are rounded to
+ * double once (relative error 2^-53, at most 255 steps), so that coordinates in steps are wrong by less than 2^-44.
+ */
+#define PORTABLE_MARGIN (1.0 / 64 + 0x1p-40)
+
+/* Of an extent: the step with which it just fits, but for rounding, which a check afterwards sees. */
+#define PORTABLE_PER_STEPS (1 / (255 - 2 * PORTABLE_MARGIN))
+
 /* Fills origin, exponent, lo and hi; slots whose bit in `occupied` is clear become lo 255, hi 0. `occupied` is not 0. */
 void portable_quantise(const struct portable_boxes *boxes, unsigned occupied, struct portable_node *ret_node);
+
+/* The same from boxes as they lie in memory; in empty slots stands another slot's. With `wide` (portable_has_wide) as fast as the machine can. */
+void portable_quantise_boxes(const struct box *const boxes[8], unsigned occupied, bool wide, struct portable_node *ret_node);
+
+/* Whether this machine has AVX2, which portable_quantise_wide needs. False from that: not a node for it, and nothing is filled. */
+bool portable_has_wide(void);
+bool portable_quantise_wide(const struct box *const boxes[8], unsigned occupied, struct portable_node *ret_node);
 
 #endif

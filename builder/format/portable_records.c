@@ -21,22 +21,59 @@ static uint32_t id_of(const struct canonical_geometry *geometry, uint32_t primit
     return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
 }
 
-/* In the numbering of all geometries. */
-static uint32_t vertex_of(const struct canonical_geometry *geometry, uint32_t primitive, unsigned k)
+/* What the loops need of a geometry of triangles. A copy: stores of bytes might change the original, as far as compilers know. */
+struct corners {
+    const uint32_t *indices;
+    uint32_t first_primitive, primitive_count, first_vertex;
+};
+
+static struct corners corners_of(const struct canonical_geometry *geometry)
 {
-    uint64_t corner = (uint64_t)3 * (primitive - geometry->first_primitive) + k;
-    return geometry->first_vertex + (geometry->indices ? geometry->indices[corner] : (uint32_t)corner);
+    return (struct corners){geometry->indices, geometry->first_primitive, geometry->primitive_count, geometry->first_vertex};
 }
 
-/* Field by field into its place: a struct that is filled in pieces and copied as a whole waits for its pieces. */
-static void write_indexed_triangle(const struct portable_records *writer, const struct canonical_geometry *geometry, uint32_t primitive,
-                                   unsigned char *record)
+static inline bool is_inside(const struct corners *corners, uint32_t primitive)
 {
-    for (unsigned k = 0; k < 3; k++) {
-        uint32_t vertex = vertex_of(geometry, primitive, k);
-        bytes_put32(record + 4 * k, writer->remap ? writer->remap[vertex] : vertex);
+    return primitive - corners->first_primitive < corners->primitive_count; /* below the first one it wraps around */
+}
+
+struct vertices {
+    uint32_t a, b, c;
+};
+
+/* A triangle's vertices in the numbering of all geometries. */
+static inline struct vertices vertices_of(const struct corners *corners, uint32_t primitive)
+{
+    uint64_t corner = (uint64_t)3 * (primitive - corners->first_primitive);
+    uint32_t first = corners->first_vertex;
+    if (!corners->indices)
+        return (struct vertices){first + (uint32_t)corner, first + (uint32_t)corner + 1, first + (uint32_t)corner + 2};
+    const uint32_t *indices = corners->indices + corner;
+    return (struct vertices){first + indices[0], first + indices[1], first + indices[2]};
+}
+
+/* Two halves into their place: a struct that is filled in pieces and copied as a whole waits for its pieces. */
+static void write_indexed_triangles(const struct portable_records *writer, const uint32_t *refs, uint32_t count, unsigned char *record)
+{
+    const struct canonical_geometry *geometry = writer->canonical->geometries;
+    const uint32_t *remap = writer->remap;
+    struct corners corners = corners_of(geometry);
+    for (uint32_t i = 0; i < count; i++, record += sizeof(struct portable_indexed_triangle)) {
+        if (!is_inside(&corners, refs[i])) {
+            geometry = &writer->canonical->geometries[canonical_geometry_of(writer->canonical, refs[i])];
+            corners = corners_of(geometry);
+        }
+        struct vertices v = vertices_of(&corners, refs[i]);
+        if (remap)
+            v = (struct vertices){remap[v.a], remap[v.b], remap[v.c]};
+        bytes_put64(record, v.a | (uint64_t)v.b << 32);
+        bytes_put64(record + 8, v.c | (uint64_t)id_of(geometry, refs[i]) << 32);
     }
-    bytes_put32(record + 12, id_of(geometry, primitive));
+}
+
+static bool lies_in(const struct canonical_geometry *geometry, uint32_t primitive)
+{
+    return primitive - geometry->first_primitive < geometry->primitive_count; /* below the first one it wraps around */
 }
 
 static void write_triangle(const struct canonical_geometry *geometry, uint32_t primitive, unsigned char *record)
@@ -75,61 +112,54 @@ static void write_instance(const struct canonical_geometry *geometry, uint32_t p
     memcpy(record, &instance, sizeof instance);
 }
 
-static bool lies_in(const struct canonical_geometry *geometry, uint32_t primitive)
-{
-    return primitive >= geometry->first_primitive && primitive - geometry->first_primitive < geometry->primitive_count;
-}
-
 void portable_records_write(const struct portable_records *writer, uint32_t first, const uint32_t *refs, uint32_t count)
 {
     const struct canonical *canonical = writer->canonical;
     const struct canonical_geometry *geometry = canonical->geometries;
     uint32_t size = portable_record_size(writer->content);
     unsigned char *record = writer->records + (uint64_t)first * size;
+    if (writer->content == PORTABLE_INDEXED_TRIANGLES) {
+        write_indexed_triangles(writer, refs, count, record);
+        return;
+    }
     for (uint32_t i = 0; i < count; i++, record += size) {
         if (!lies_in(geometry, refs[i]))
             geometry = &canonical->geometries[canonical_geometry_of(canonical, refs[i])];
-        switch (writer->content) {
-        case PORTABLE_INDEXED_TRIANGLES:
-            write_indexed_triangle(writer, geometry, refs[i], record);
-            break;
-        case PORTABLE_TRIANGLES:
+        if (writer->content == PORTABLE_TRIANGLES)
             write_triangle(geometry, refs[i], record);
-            break;
-        case PORTABLE_AABBS:
+        else if (writer->content == PORTABLE_AABBS)
             write_aabb(geometry, refs[i], record);
-            break;
-        case PORTABLE_INSTANCES:
+        else
             write_instance(geometry, refs[i], record);
-            break;
-        }
     }
 }
 
 void portable_records_mark(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used)
 {
     enum { AHEAD = 16 };
-    const struct canonical_geometry *geometry = canonical->geometries;
+    struct corners corners = corners_of(canonical->geometries);
     for (uint32_t i = 0; i < count; i++) {
-        if (!lies_in(geometry, refs[i]))
-            geometry = &canonical->geometries[canonical_geometry_of(canonical, refs[i])];
-        if (count - i > AHEAD && geometry->indices && lies_in(geometry, refs[i + AHEAD]))
-            __builtin_prefetch(geometry->indices + (uint64_t)3 * (refs[i + AHEAD] - geometry->first_primitive));
-        for (unsigned k = 0; k < 3; k++)
-            __atomic_store_n(&used[vertex_of(geometry, refs[i], k)], 1, __ATOMIC_RELAXED);
+        uint32_t later = refs[count - i > AHEAD ? i + AHEAD : i];
+        if (!is_inside(&corners, refs[i]))
+            corners = corners_of(&canonical->geometries[canonical_geometry_of(canonical, refs[i])]);
+        if (corners.indices && is_inside(&corners, later))
+            __builtin_prefetch(corners.indices + (uint64_t)3 * (later - corners.first_primitive));
+        struct vertices v = vertices_of(&corners, refs[i]);
+        __atomic_store_n(&used[v.a], 1, __ATOMIC_RELAXED);
+        __atomic_store_n(&used[v.b], 1, __ATOMIC_RELAXED);
+        __atomic_store_n(&used[v.c], 1, __ATOMIC_RELAXED);
     }
 }
 
 void portable_records_prefetch(const struct portable_records *writer, const uint32_t *refs, uint32_t count)
 {
     const struct canonical_geometry *geometry = writer->canonical->geometries;
-    for (uint32_t i = 0; i < count; i++) {
-        if (!lies_in(geometry, refs[i]))
-            continue;
-        uint64_t index = refs[i] - geometry->first_primitive;
-        if (geometry->type == GEOMETRY_TRIANGLES && geometry->indices)
-            __builtin_prefetch(geometry->indices + 3 * index);
-    }
+    if (geometry->type != GEOMETRY_TRIANGLES || !geometry->indices)
+        return;
+    const struct corners corners = corners_of(geometry);
+    for (uint32_t i = 0; i < count; i++)
+        if (is_inside(&corners, refs[i]))
+            __builtin_prefetch(corners.indices + (uint64_t)3 * (refs[i] - corners.first_primitive));
 }
 
 static double minor(const float m[12], int row, int column)

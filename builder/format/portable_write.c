@@ -20,6 +20,7 @@ struct writing {
     uint64_t body_offset;
     unsigned char *blob, *body;
     struct portable_records records;
+    bool wide; /* by wide registers */
     uint32_t *first_kept; /* of each chunk of vertices: how many are kept before it; then their sum */
     uint8_t *used; /* of each vertex: whether a record names it */
     uint32_t *remap; /* of each vertex: where it is kept; NULL when all are */
@@ -88,62 +89,70 @@ static uint32_t vertex_chunks(const struct writing *w)
     return (uint32_t)(((uint64_t)w->records.canonical->vertex_count + VERTEX_CHUNK - 1) / VERTEX_CHUNK);
 }
 
-/* Over all motion keys. */
-static void load_box(const struct ir *ir, uint32_t node, unsigned slot, struct portable_boxes *boxes)
+/* A node's refs in the order of its records. */
+struct node_refs {
+    uint32_t count;
+    uint32_t refs[WIDE_ARITY * PORTABLE_LEAF_MAX + PORTABLE_LEAF_MAX - 1]; /* filled by leaf_max at a time */
+};
+
+/* Without branches on what hangs in a slot, which cannot be foreseen; a slot without refs gives none. */
+static void gather_refs(const struct writing *w, const struct wide_node *wide, struct node_refs *ret)
 {
-    const struct box *box = &ir->boxes[0][node];
-    struct box both;
-    if (ir->key_count > 1) {
-        both = *box;
-        box_grow(&both, &ir->boxes[1][node]);
-        box = &both;
+    uint32_t *next = ret->refs;
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
+        const uint32_t *refs = w->input->ir->refs + wide->slots[slot].first_ref;
+        uint32_t count = wide->slots[slot].ref_count;
+        next[0] = refs[0];
+        next[1] = refs[count > 1];
+        next[2] = refs[(count > 2) * 2];
+        next += count;
     }
-    for (int axis = 0; axis < 3; axis++) {
-        boxes->min[axis][slot] = box->min[axis];
-        boxes->max[axis][slot] = box->max[axis];
-    }
+    ret->count = (uint32_t)(next - ret->refs);
 }
 
-/* Writes the leaf's records too; `record` counts those of the node. */
-static uint8_t write_child(const struct writing *w, const struct wide_node *wide, unsigned slot, unsigned *record)
+/* A node, and boxes where it has none of its own to point to: over all motion keys. */
+static const struct box *box_of(const struct ir *ir, uint32_t node, struct box *storage)
 {
-    static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
-    const struct wide_child *child = &wide->slots[slot];
-    if (wide_kind(child) == WIDE_INNER)
-        return (uint8_t)(0x20 | (24 + slot));
-    unsigned first = *record;
-    portable_records_write(&w->records, wide->first_leaf + first, w->input->ir->refs + child->first_ref, child->ref_count);
-    *record += child->ref_count;
-    return (uint8_t)(unary[child->ref_count] | first);
+    if (ir->key_count == 1)
+        return &ir->boxes[0][node];
+    *storage = ir->boxes[0][node];
+    box_grow(storage, &ir->boxes[1][node]);
+    return storage;
 }
 
 static void write_node(const struct writing *w, const struct wide_node *wide, struct portable_node *node)
 {
-    struct portable_boxes boxes;
-    unsigned occupied = 0, inner = 0, records = 0, filler = 0;
-    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
-        enum wide_kind kind = wide_kind(&wide->slots[slot]);
-        occupied |= (unsigned)(kind != WIDE_EMPTY) << slot;
-        inner |= (unsigned)(kind == WIDE_INNER) << slot;
-        node->meta[slot] = kind == WIDE_EMPTY ? 0 : write_child(w, wide, slot, &records);
-        filler = kind == WIDE_EMPTY ? filler : slot;
-    }
+    static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
+    struct box storage[WIDE_ARITY];
+    const struct box *boxes[WIDE_ARITY];
+    unsigned occupied = 0, inner = 0, records = 0;
+    uint32_t filler = 0;
+    uint8_t meta[WIDE_ARITY];
     for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
-        load_box(w->input->ir, wide->slots[occupied >> slot & 1 ? slot : filler].node, slot, &boxes);
+        filler = wide_kind(&wide->slots[slot]) == WIDE_EMPTY ? filler : wide->slots[slot].node;
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
+        const struct wide_child *child = &wide->slots[slot];
+        bool is_leaf = child->ref_count != 0, is_inner = !is_leaf & (child->node != WIDE_NONE), is_empty = !is_leaf & !is_inner;
+        meta[slot] = (uint8_t)(is_leaf ? unary[child->ref_count] | records : is_inner ? 0x20 | (24 + slot) : 0);
+        inner |= (unsigned)is_inner << slot;
+        occupied |= (unsigned)!is_empty << slot;
+        records += child->ref_count;
+        boxes[slot] = box_of(w->input->ir, is_empty ? filler : child->node, &storage[slot]);
+    }
+    portable_quantise_boxes(boxes, occupied, w->wide, node);
+    memcpy(node->meta, meta, sizeof meta);
     node->inner_mask = (uint8_t)inner;
     node->first_child = wide->first_child;
     node->first_record = wide->first_leaf;
-    portable_quantise(&boxes, occupied, node);
 }
 
 /* What a node is written from lies far apart: boxes in the order of the tree, primitives in that of the request. */
-static void prefetch_node(const struct writing *w, const struct wide_node *wide)
+static void prefetch_node(const struct writing *w, const struct wide_node *wide, struct node_refs *ret_refs)
 {
-    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
-        const struct wide_child *child = &wide->slots[slot];
-        __builtin_prefetch(&w->input->ir->boxes[0][child->node]);
-        portable_records_prefetch(&w->records, w->input->ir->refs + child->first_ref, child->ref_count);
-    }
+    gather_refs(w, wide, ret_refs);
+    portable_records_prefetch(&w->records, ret_refs->refs, ret_refs->count);
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
+        __builtin_prefetch(&w->input->ir->boxes[0][wide->slots[slot].node]);
 }
 
 static void write_nodes(void *context, size_t index)
@@ -151,11 +160,17 @@ static void write_nodes(void *context, size_t index)
     const struct writing *w = context;
     const struct wide *wide = w->input->wide;
     size_t begin, end;
+    struct node_refs ring[PREFETCH_AHEAD + 1];
     parallel_chunk(index, NODE_CHUNK, wide->node_count, &begin, &end);
     struct portable_node *nodes = (struct portable_node *)(void *)(w->body + w->header.node_offset);
-    for (size_t i = begin; i < end; i++) {
-        if (end - i > PREFETCH_AHEAD)
-            prefetch_node(w, &wide->nodes[i + PREFETCH_AHEAD]);
+    for (size_t ahead = begin; ahead < end + PREFETCH_AHEAD; ahead++) {
+        if (ahead < end)
+            prefetch_node(w, &wide->nodes[ahead], &ring[ahead % (PREFETCH_AHEAD + 1)]);
+        if (ahead < begin + PREFETCH_AHEAD)
+            continue;
+        size_t i = ahead - PREFETCH_AHEAD;
+        const struct node_refs *refs = &ring[i % (PREFETCH_AHEAD + 1)];
+        portable_records_write(&w->records, wide->nodes[i].first_leaf, refs->refs, refs->count);
         write_node(w, &wide->nodes[i], &nodes[i]);
     }
 }
@@ -364,7 +379,7 @@ static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
 static enum bvhd_status portable_write(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
                                        struct bvhd_error *error)
 {
-    struct writing w = {.input = input};
+    struct writing w = {.input = input, .wide = portable_has_wide()};
     enum bvhd_status status = plan(&w, error);
     if (status != BVHD_OK)
         return status;

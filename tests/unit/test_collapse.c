@@ -15,13 +15,16 @@
 #define collapse_cost_of collapse_cost_of_scalar
 #define collapse_table_init collapse_table_init_scalar
 #define collapse_children collapse_children_scalar
-void collapse_cost_of_scalar(const struct collapse_table *table, uint32_t node);
+#define collapse_cost_end collapse_cost_end_scalar
+void collapse_cost_of_scalar(const struct collapse_table *table, uint32_t row);
+void collapse_cost_end_scalar(const struct collapse_table *table);
 void collapse_table_init_scalar(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options);
 unsigned collapse_children_scalar(const struct collapse_table *table, uint32_t node, uint32_t ret_children[WIDE_ARITY]);
 #include "collapse_cost.c"
 #undef collapse_cost_of
 #undef collapse_table_init
 #undef collapse_children
+#undef collapse_cost_end
 
 static const struct collapse_options options = {.leaf_max = 3, .leaf_cost = 0.3f};
 
@@ -204,15 +207,6 @@ static void cost_is_the_least(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-static uint32_t fill_table(const struct ir *ir, struct collapse_table *table, uint32_t *counts, uint32_t node)
-{
-    if (ir_is_leaf(ir, node))
-        return ir->nodes[node].count;
-    uint32_t first = ir->nodes[node].first;
-    uint32_t count = fill_table(ir, table, counts, first) + fill_table(ir, table, counts, first + 1);
-    return counts[collapse_row(ir, node)] = count;
-}
-
 static void scalar_costs_are_the_same_bits(void **state)
 {
     (void)state;
@@ -221,22 +215,23 @@ static void scalar_costs_are_the_same_bits(void **state)
     struct ir ir;
     make_cloud(1000, 1, 12, &memory, &ir);
     struct collapse_table tables[2];
-    uint32_t *counts = calloc(collapse_rows(&ir), sizeof *counts);
-    assert_non_null(counts);
     for (int i = 0; i < 2; i++) {
         (i ? collapse_table_init_scalar : collapse_table_init)(&tables[i], &ir, &options);
-        tables[i].counts = counts;
+        tables[i].counts = calloc(collapse_rows(&ir), sizeof *tables[i].counts);
         tables[i].costs = calloc(collapse_rows(&ir), sizeof *tables[i].costs);
+        assert_non_null(tables[i].counts);
         assert_non_null(tables[i].costs);
-        fill_table(&ir, &tables[i], counts, 0);
-        for (uint32_t node = ir.node_count; node-- > 0;)
-            if (!ir_is_leaf(&ir, node))
-                (i ? collapse_cost_of_scalar : collapse_cost_of)(&tables[i], node);
+        for (uint32_t row = collapse_rows(&ir); row-- > 0;)
+            (i ? collapse_cost_of_scalar : collapse_cost_of)(&tables[i], row);
+        (i ? collapse_cost_end_scalar : collapse_cost_end)(&tables[i]);
     }
     assert_memory_equal(tables[0].costs, tables[1].costs, collapse_rows(&ir) * sizeof *tables[0].costs);
-    free(tables[0].costs);
-    free(tables[1].costs);
-    free(counts);
+    assert_memory_equal(tables[0].counts, tables[1].counts, collapse_rows(&ir) * sizeof *tables[0].counts);
+    assert_int_equal(tables[0].counts[0], 1000);
+    for (int i = 0; i < 2; i++) {
+        free(tables[i].costs);
+        free(tables[i].counts);
+    }
     ir_finish(&ir);
     assert_int_equal(memory.live, 0);
 }

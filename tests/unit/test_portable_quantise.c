@@ -66,6 +66,26 @@ static void check_axis(const struct portable_boxes *boxes, unsigned occupied, co
     }
 }
 
+/* From boxes in memory, by every way that this machine has. */
+static void check_boxes(const struct portable_boxes *boxes, unsigned occupied, const struct portable_node *expected)
+{
+    struct box rows[8];
+    const struct box *pointers[8];
+    for (int slot = 0; slot < 8; slot++) {
+        pointers[slot] = &rows[slot];
+        for (int axis = 0; axis < 3; axis++) {
+            rows[slot].min[axis] = boxes->min[axis][slot];
+            rows[slot].max[axis] = boxes->max[axis][slot];
+        }
+    }
+    for (int wide = 0; wide <= portable_has_wide(); wide++) {
+        struct portable_node node;
+        memset(&node, 0x5a, sizeof node);
+        portable_quantise_boxes(pointers, occupied, wide, &node);
+        assert_memory_equal(&node, expected, sizeof node);
+    }
+}
+
 static void check(const struct portable_boxes *boxes, unsigned occupied)
 {
     struct portable_node node, scalar;
@@ -74,6 +94,7 @@ static void check(const struct portable_boxes *boxes, unsigned occupied)
     portable_quantise(boxes, occupied, &node);
     portable_quantise_scalar(boxes, occupied, &scalar);
     assert_memory_equal(&node, &scalar, sizeof node);
+    check_boxes(boxes, occupied, &scalar);
     for (int axis = 0; axis < 3; axis++)
         check_axis(boxes, occupied, &node, axis);
     assert_int_equal(node.first_child, 0x5a5a5a5a);
@@ -186,6 +207,28 @@ static void the_step_is_the_smallest_that_fits(void **state)
     }
 }
 
+/* What the wide version leaves to the plain one is rare. */
+static void most_nodes_are_for_the_wide_version(void **state)
+{
+    (void)state;
+    struct random random = {4};
+    int done = 0, rounds = 2000;
+    for (int round = 0; round < rounds && portable_has_wide(); round++) {
+        struct box rows[8];
+        const struct box *pointers[8];
+        struct portable_node node;
+        for (int slot = 0; slot < 8; slot++) {
+            pointers[slot] = &rows[slot];
+            for (int axis = 0; axis < 3; axis++) {
+                rows[slot].min[axis] = (float)random_between(&random, 5, 6);
+                rows[slot].max[axis] = rows[slot].min[axis] + (float)random_between(&random, 0, 0.1);
+            }
+        }
+        done += portable_quantise_wide(pointers, 0xff, &node);
+    }
+    assert_true(!portable_has_wide() || done > rounds * 9 / 10);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -194,6 +237,7 @@ int main(void)
         cmocka_unit_test(the_whole_range_of_floats),
         cmocka_unit_test(flat_axes_are_exact),
         cmocka_unit_test(the_step_is_the_smallest_that_fits),
+        cmocka_unit_test(most_nodes_are_for_the_wide_version),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
