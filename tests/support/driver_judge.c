@@ -12,6 +12,8 @@
 
 enum { MOST_PRINTED = 5 };
 
+#define ROUNDING 1e-5 /* of floats in what is measured here, with room */
+
 const struct driver_case driver_cases[] = {
     {"no flags", 0, 0xff, QUERY_ACCEPT, false},
     {"cull back", RAY_CULL_BACK_FACING, 0xff, QUERY_ACCEPT, false},
@@ -113,39 +115,81 @@ static bool is_confirmed(const struct trial *trial, const struct query_answer *s
     return is_same && (said->flags & QUERY_AABB || memcmp(&said->t, &alone->t, 3 * sizeof(float)) == 0);
 }
 
+static double triple(const double a[3], const double b[3], const double c[3])
+{
+    return a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+}
+
 static void to_world(const float m[12], const float point[3], double ret_point[3])
 {
     for (ptrdiff_t row = 0; row < 3; row++)
-        ret_point[row] = (double)m[4 * row] * point[0] + (double)m[4 * row + 1] * point[1] + (double)m[4 * row + 2] * point[2] +
-                         (double)m[4 * row + 3];
+        ret_point[row] = (double)m[4 * row] * (double)point[0] + (double)m[4 * row + 1] * (double)point[1] +
+                         (double)m[4 * row + 2] * (double)point[2] + (double)m[4 * row + 3];
 }
 
-/* Whether the triangle of an answer is where its t and its barycentrics say, as far as floats can tell. */
-static bool is_true(const struct trial *trial, const struct ray *ray, const struct query_answer *answer)
+/* From the world into an instance's space, by Cramer's rule. */
+static void to_object(const float m[12], const double point[3], double ret_point[3])
 {
-    const struct driver_scene_options *scene = &trial->judge->scene->options;
-    struct canonical_instance instance = canonical_instance(&scene->top->geometries[0], answer->instance);
-    const struct canonical *bottom = &scene->bottoms[driver_scene_bottom(trial->judge->scene, (uint32_t)instance.reference - 1)];
+    double columns[4][3], determinant;
+    for (ptrdiff_t row = 0; row < 3; row++) {
+        for (int column = 0; column < 3; column++)
+            columns[column][row] = m[4 * row + column];
+        columns[3][row] = point[row] - (double)m[4 * row + 3];
+    }
+    determinant = triple(columns[0], columns[1], columns[2]);
+    ret_point[0] = triple(columns[3], columns[1], columns[2]) / determinant;
+    ret_point[1] = triple(columns[0], columns[3], columns[2]) / determinant;
+    ret_point[2] = triple(columns[0], columns[1], columns[3]) / determinant;
+}
+
+/* Whether a point is where an answer's barycentrics say, as far as floats can tell. */
+static bool is_on_triangle(const struct query_answer *answer, const float corners[3][3], const float *transform, const double there[3],
+                           double size)
+{
     const double weights[3] = {1 - (double)answer->u - (double)answer->v, (double)answer->u, (double)answer->v};
-    double point[3] = {0}, size = 0, away = 0;
-    float corners[3][3];
-    if (answer->flags & QUERY_AABB)
-        return false;
-    canonical_triangle(&bottom->geometries[answer->geometry], answer->primitive, corners);
+    double point[3] = {0}, away = 0;
     for (int k = 0; k < 3; k++) {
         double corner[3];
-        to_world(instance.transform, corners[k], corner);
+        to_world(transform, corners[k], corner);
         for (int axis = 0; axis < 3; axis++) {
             point[axis] += weights[k] * corner[axis];
             size = fmax(size, fabs(corner[axis]));
         }
     }
+    for (int axis = 0; axis < 3; axis++)
+        away = fmax(away, fabs(there[axis] - point[axis]));
+    return weights[0] > -ROUNDING && weights[1] > -ROUNDING && weights[2] > -ROUNDING && away <= ROUNDING * size;
+}
+
+static bool is_in_box(const float *box, const double point[3])
+{
+    double size = 0, away = 0;
     for (int axis = 0; axis < 3; axis++) {
-        double there = ray->origin[axis] + (double)answer->t * ray->direction[axis];
-        size = fmax(size, fmax(fabs(there), fabs((double)ray->origin[axis])));
-        away = fmax(away, fabs(there - point[axis]));
+        size = fmax(size, fmax(fabs((double)box[axis]), fabs((double)box[axis + 3])));
+        away = fmax(away, fmax((double)box[axis] - point[axis], point[axis] - (double)box[axis + 3]));
     }
-    return weights[0] > -1e-5 && weights[1] > -1e-5 && weights[2] > -1e-5 && away <= 1e-5 * size;
+    return away <= ROUNDING * size;
+}
+
+/* Whether an answer is true, by the geometry alone. */
+static bool is_true(const struct trial *trial, const struct ray *ray, const struct query_answer *answer)
+{
+    const struct driver_scene_options *scene = &trial->judge->scene->options;
+    struct canonical_instance instance = canonical_instance(&scene->top->geometries[0], answer->instance);
+    const struct canonical *bottom = &scene->bottoms[driver_scene_bottom(trial->judge->scene, (uint32_t)instance.reference - 1)];
+    const struct canonical_geometry *geometry = &bottom->geometries[answer->geometry];
+    double there[3], in_object[3], size = 0;
+    float corners[3][3];
+    for (int axis = 0; axis < 3; axis++) {
+        there[axis] = (double)ray->origin[axis] + (double)answer->t * (double)ray->direction[axis];
+        size = fmax(size, fmax(fabs(there[axis]), fabs((double)ray->origin[axis])));
+    }
+    if (answer->flags & QUERY_AABB) {
+        to_object(instance.transform, there, in_object);
+        return is_in_box(geometry->boxes + 6 * (size_t)answer->primitive, in_object);
+    }
+    canonical_triangle(geometry, answer->primitive, corners);
+    return is_on_triangle(answer, (const float(*)[3])corners, instance.transform, there, size);
 }
 
 static bool is_lost_by_driver(const struct trial *trial, uint32_t ray, const struct query_answer *ours_alone,
