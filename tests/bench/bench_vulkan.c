@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "agreement.h"
+#include "bench_vulkan_busy.h"
 #include "bench_vulkan_kernel.h"
 #include "bench_vulkan_rays.h"
 #include "bench_vulkan_scene.h"
@@ -36,9 +37,13 @@ static const char help[] =
     "  --kernel SPEC      NAME=FILE.spv[:CONSTANT,...], another kernel over the portable structures; may be repeated\n"
     "  --no-portable      leaves out bvhctl's own kernel\n"
     "  --check            compares with the CPU traversal, and asks brute force about differences\n"
-    "  --statistics       prints what the driver says of kernels: registers, spills (needs VK_KHR_pipeline_executable_properties)\n"
+    "  --statistics       prints what the driver says of each --kernel: registers, spills (needs "
+    "VK_KHR_pipeline_executable_properties)\n"
+    "  --bottom           leaves out top levels of one instance: portable structures without one, the driver's under one of its own\n"
     "  --threads N        of this process; default: one for each processor\n"
     "  --json FILE        writes the figures there\n";
+
+enum { BUSY_MS = 15, COUNTED_RAYS = 16384 };
 
 enum { MAX_KERNELS = 64, MAX_CONTESTANTS = MAX_KERNELS + 4, MAX_RUNS = 99 };
 
@@ -46,7 +51,7 @@ struct settings {
     const char *device, *json;
     uint32_t rays, runs, threads;
     bool kinds[RAYS_KINDS];
-    bool is_native, is_shuffled, is_fast_triangles, is_checked, without_portable;
+    bool is_native, is_shuffled, is_fast_triangles, is_checked, without_portable, has_statistics, is_bottom;
     uint64_t seed;
     enum build_quality quality;
     const char *kernels[MAX_KERNELS];
@@ -74,6 +79,7 @@ struct bench {
     struct workers *workers;
     const struct parallel *parallel;
     struct gpu *gpu;
+    struct bench_busy busy;
     struct json json;
     struct totals totals[MAX_CONTESTANTS];
     uint64_t mismatches;
@@ -181,7 +187,9 @@ static void add_ours(struct bench *bench)
     }
     for (uint32_t i = 0; i < settings->kernel_count; i++) {
         struct contestant *one = add(bench, settings->kernels[i], portable->has_top, bytes_of(portable));
-        must(bench_kernel_create(bench->gpu, settings->kernels[i], portable, &bench->memory, &one->tracer, &error), &error);
+        must(bench_kernel_create(bench->gpu, settings->kernels[i], settings->has_statistics, portable, &bench->memory, &one->tracer,
+                                 &error),
+             &error);
         one->name = one->tracer->device;
     }
 }
@@ -203,6 +211,7 @@ static void run_all(struct bench *bench, const struct ray *rays, uint32_t count)
     for (uint32_t run = 0; run < bench->settings.runs; run++)
         for (uint32_t i = 0; i < bench->contestant_count; i++) {
             struct contestant *one = &bench->contestants[i];
+            must(bench_busy_run(&bench->busy, &error), &error);
             must(one->tracer->trace(one->tracer, rays, count, one->hits, &one->seconds[run], &error), &error);
         }
     for (uint32_t i = 0; i < bench->contestant_count; i++)
@@ -297,12 +306,26 @@ static void report(struct bench *bench, const char *kind, uint32_t count)
     fflush(stdout);
 }
 
+/* What the CPU traversal does for a ray of them, on average. */
+static void print_work(const struct bench *bench, const char *kind, const struct ray *rays, uint32_t count)
+{
+    struct traverse_counters all = {0};
+    uint32_t step = count / COUNTED_RAYS + 1, counted = 0, hits = 0;
+    struct ray_hit hit;
+    for (uint32_t i = 0; i < count; i += step, counted++)
+        hits += structures_trace_counted(portable_of(bench), &rays[i], NULL, &hit, &all);
+    printf("  %-8s %u rays; of the portable structure a ray takes %.1f nodes, %.1f triangles, %.1f instances; %.0f %% hit\n", kind,
+           count, (double)all.nodes / counted, (double)all.triangles / counted, (double)all.instances / counted,
+           100.0 * hits / counted);
+}
+
 static void measure(struct bench *bench)
 {
     for (int kind = 0; kind < RAYS_KINDS; kind++) {
         uint32_t count = bench->rays.count[kind];
         if (!bench->settings.kinds[kind] || !count)
             continue;
+        print_work(bench, bench_rays_names[kind], bench->rays.rays[kind], count);
         run_all(bench, bench->rays.rays[kind], count);
         report(bench, bench_rays_names[kind], count);
         for (uint32_t i = 0; bench->settings.is_checked && i < bench->contestant_count; i++)
@@ -314,7 +337,8 @@ static void measure(struct bench *bench)
 static void run_scene(struct bench *bench, const char *directory)
 {
     struct bvhd_error error;
-    const struct bench_scene_options options = {directory, bench->settings.is_shuffled, bench->settings.seed};
+    const struct bench_scene_options options = {directory, bench->settings.is_bottom, bench->settings.is_shuffled,
+                                                bench->settings.seed};
     bench->contestant_count = 0;
     must(bench_scene_open(&options, &bench->memory, bench->parallel, &bench->scene, &error), &error);
     must(bench_rays_make(&bench->scene.given, bench->settings.rays, bench->parallel, &bench->memory, &bench->rays, &error), &error);
@@ -398,6 +422,8 @@ static int take_option(struct settings *settings, char **arguments)
     } flags[] = {{"--native", &settings->is_native},
                  {"--fast-triangles", &settings->is_fast_triangles},
                  {"--no-portable", &settings->without_portable},
+                 {"--statistics", &settings->has_statistics},
+                 {"--bottom", &settings->is_bottom},
                  {"--check", &settings->is_checked}};
     for (size_t i = 0; i < sizeof flags / sizeof *flags; i++)
         if (!strcmp(name, flags[i].name)) {
@@ -454,10 +480,12 @@ int main(int argc, char **argv)
         .settings = {.device = "auto", .rays = 65536, .runs = 5, .kinds = {true, true, true}, .quality = QUALITY_BALANCED}};
     struct bvhd_error error;
     int at = take_options(&bench.settings, argc, argv);
+    setvbuf(stdout, NULL, _IOLBF, 0);
     memory_init(&bench.memory, UINT64_MAX);
     must(workers_create(bench.settings.threads, &bench.workers, &error), &error);
     bench.parallel = workers_parallel(bench.workers);
     must(gpu_open(bench.settings.device, &bench.memory, &bench.gpu, &error), &error);
+    must(bench_busy_init(&bench.busy, bench.gpu, BUSY_MS, &error), &error);
     json_init(&bench.json, &bench.memory, true);
     json_object(&bench.json, NULL);
     json_integer(&bench.json, "schema", 1);
@@ -469,6 +497,7 @@ int main(int argc, char **argv)
         run_scene(&bench, argv[at]);
     summarise(&bench);
     write_json(&bench);
+    bench_busy_finish(&bench.busy);
     gpu_close(bench.gpu);
     workers_destroy(bench.workers);
     return bench.mismatches ? 3 : 0;

@@ -7,7 +7,7 @@
 
 #include "files.h"
 
-enum { MAX_RAYS = 1 << 20, MAX_CONSTANTS = 16, BINDINGS = 4 };
+enum { MAX_RAYS = 1 << 20, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056, WORK_WORDS = 64 };
 
 struct device_ray {
     float origin[3], tmin;
@@ -20,51 +20,75 @@ struct push {
     uint64_t root, base;
 };
 
+/* One dispatch. */
+struct pass {
+    char file[4096];
+    uint32_t constants[MAX_CONSTANTS], constant_count;
+    struct gpu_kernel kernel;
+};
+
 struct bench_kernel {
     struct tracer tracer;
     struct gpu *gpu;
     struct memory *memory;
-    char name[64], file[4096];
-    uint32_t constants[MAX_CONSTANTS], constant_count;
-    struct gpu_kernel kernel;
+    char name[64];
+    struct pass passes[2]; /* the second one without a file where there is none */
     struct gpu_timer timer;
     struct bvhd_vulkan_scene *scene;
     struct gpu_buffer rays, hits, upload, readback, counter, storage; /* the last one is the scene's */
     struct push push;
 };
 
+static void parse_pass(const char *text, size_t length, struct pass *pass)
+{
+    const char *colon = memchr(text, ':', length), *end = text + length;
+    memcpy(pass->file, text, colon ? (size_t)(colon - text) : length);
+    pass->constants[0] = 64;
+    pass->constant_count = 2;
+    for (uint32_t i = 0; colon && i < MAX_CONSTANTS; i++) {
+        pass->constants[i] = (uint32_t)strtoul(colon + 1, NULL, 0);
+        pass->constant_count = i < 2 ? 2 : i + 1;
+        colon = memchr(colon + 1, ',', (size_t)(end - colon - 1));
+    }
+}
+
 static enum bvhd_status parse(struct bench_kernel *self, const char *text, struct bvhd_error *error)
 {
-    const char *equals = strchr(text, '='), *colon = equals ? strchr(equals, ':') : NULL;
-    if (!equals || (size_t)(equals - text) >= sizeof self->name || strlen(equals) >= sizeof self->file)
+    const char *equals = strchr(text, '='), *plus = equals ? strchr(equals, '+') : NULL;
+    if (!equals || (size_t)(equals - text) >= sizeof self->name || strlen(equals) >= sizeof self->passes[0].file)
         return bvhd_error_set(error, BVHD_INVALID, text, "NAME=FILE.spv:CONSTANT,... is wanted");
     memcpy(self->name, text, (size_t)(equals - text));
-    memcpy(self->file, equals + 1, colon ? (size_t)(colon - equals - 1) : strlen(equals + 1));
-    self->constants[0] = 64;
-    self->constant_count = 2;
-    for (uint32_t i = 0; colon && i < MAX_CONSTANTS; i++) {
-        self->constants[i] = (uint32_t)strtoul(colon + 1, NULL, 0);
-        self->constant_count = i < 2 ? 2 : i + 1;
-        colon = strchr(colon + 1, ',');
-    }
+    parse_pass(equals + 1, plus ? (size_t)(plus - equals - 1) : strlen(equals + 1), &self->passes[0]);
+    if (plus)
+        parse_pass(plus + 1, strlen(plus + 1), &self->passes[1]);
     return BVHD_OK;
 }
 
-static enum bvhd_status load_kernel(struct bench_kernel *self, struct bvhd_error *error)
+static enum bvhd_status load_pass(struct bench_kernel *self, struct pass *pass, bool statistics, struct bvhd_error *error)
 {
     unsigned char *code;
     uint64_t size;
-    enum bvhd_status status = files_read(self->file, 1 << 24, self->memory, &code, &size, error);
+    enum bvhd_status status = files_read(pass->file, 1 << 24, self->memory, &code, &size, error);
     if (status)
         return status;
     struct gpu_kernel_options options = {.code = (const uint32_t *)(const void *)code,
                                          .size = size,
                                          .bindings = BINDINGS,
                                          .push_size = sizeof(struct push),
-                                         .constants = self->constants,
-                                         .constant_count = self->constant_count};
-    status = gpu_kernel_create(self->gpu, &options, &self->kernel, error);
+                                         .constants = pass->constants,
+                                         .constant_count = pass->constant_count};
+    status = gpu_kernel_create(self->gpu, &options, &pass->kernel, error);
+    if (!status && statistics)
+        bench_statistics_of(self->gpu, self->name, &options, pass->kernel.layout);
     memory_free(self->memory, code);
+    return status;
+}
+
+static enum bvhd_status load_kernels(struct bench_kernel *self, bool statistics, struct bvhd_error *error)
+{
+    enum bvhd_status status = load_pass(self, &self->passes[0], statistics, error);
+    if (!status && self->passes[1].file[0])
+        status = load_pass(self, &self->passes[1], statistics, error);
     return status;
 }
 
@@ -110,7 +134,8 @@ static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_er
     if (!status)
         status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
     if (!status)
-        status = gpu_buffer_create(self->gpu, 256, bound | to, GPU_DEVICE, &self->counter, error);
+        status =
+            gpu_buffer_create(self->gpu, (MAX_RAYS + WORK_WORDS) * sizeof(uint32_t), bound | to, GPU_DEVICE, &self->counter, error);
     if (!status)
         status = gpu_timer_create(self->gpu, &self->timer, error);
     return status;
@@ -129,13 +154,18 @@ static void record(struct bench_kernel *self, VkCommandBuffer commands, uint32_t
 {
     struct gpu *gpu = self->gpu;
     VkBufferCopy rays = {0, 0, count * sizeof(struct device_ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
-    uint32_t groups = self->constants[1] ? self->constants[1] : (count + self->constants[0] - 1) / self->constants[0];
+    const struct pass *pass = &self->passes[0];
+    uint32_t groups = pass->constants[1] ? pass->constants[1] : (count + pass->constants[0] - 1) / pass->constants[0];
     self->push.count = count;
     gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &rays);
-    gpu->vk.CmdFillBuffer(commands, self->counter.buffer, 0, 256, 0);
+    gpu->vk.CmdFillBuffer(commands, self->counter.buffer, 0, WORK_WORDS * sizeof(uint32_t), 0);
     barrier(self, commands);
     gpu_timer_start(gpu, &self->timer, commands);
-    gpu_kernel_record(gpu, &self->kernel, commands, &self->push, groups);
+    gpu_kernel_record(gpu, &pass->kernel, commands, &self->push, groups);
+    if (self->passes[1].file[0]) {
+        barrier(self, commands);
+        gpu_kernel_record(gpu, &self->passes[1].kernel, commands, &self->push, SECOND_GROUPS);
+    }
     gpu_timer_stop(gpu, &self->timer, commands);
     barrier(self, commands);
     gpu->vk.CmdCopyBuffer(commands, self->hits.buffer, self->readback.buffer, 1, &hits);
@@ -185,13 +215,15 @@ static void destroy(struct tracer *tracer)
     for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++)
         gpu_buffer_destroy(self->gpu, buffers[i]);
     gpu_timer_destroy(self->gpu, &self->timer);
-    gpu_kernel_destroy(self->gpu, &self->kernel);
+    for (int i = 0; i < 2; i++)
+        if (self->passes[i].kernel.pipeline)
+            gpu_kernel_destroy(self->gpu, &self->passes[i].kernel);
     bvhd_vulkan_scene_destroy(self->scene);
     memory_free(self->memory, self);
 }
 
-enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, const struct structures *structures, struct memory *memory,
-                                     struct tracer **ret_tracer, struct bvhd_error *error)
+enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, bool statistics, const struct structures *structures,
+                                     struct memory *memory, struct tracer **ret_tracer, struct bvhd_error *error)
 {
     struct bench_kernel *self = memory_alloc(memory, sizeof *self);
     if (!self)
@@ -200,7 +232,7 @@ enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, const st
         (struct bench_kernel){.tracer = {.target = TARGET_PORTABLE, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory};
     enum bvhd_status status = parse(self, text, error);
     if (!status)
-        status = load_kernel(self, error);
+        status = load_kernels(self, statistics, error);
     if (!status)
         status = load_scene(self, structures, error);
     if (!status)
@@ -210,7 +242,9 @@ enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, const st
         return status;
     }
     const struct gpu_buffer *bound[BINDINGS] = {&self->rays, &self->hits, &self->storage, &self->counter};
-    gpu_kernel_bind(gpu, &self->kernel, bound, NULL);
+    gpu_kernel_bind(gpu, &self->passes[0].kernel, bound, NULL);
+    if (self->passes[1].file[0])
+        gpu_kernel_bind(gpu, &self->passes[1].kernel, bound, NULL);
     self->tracer.device = self->name;
     *ret_tracer = &self->tracer;
     return BVHD_OK;

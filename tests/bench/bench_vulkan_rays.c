@@ -16,7 +16,8 @@ struct making {
     const struct stage *stage;
     struct camera camera;
     uint32_t side; /* of the picture */
-    unsigned char *is_hit; /* by primary ray */
+    struct stage_hit *hits; /* of primary rays; distance 0: a miss */
+    uint32_t hit_count; /* after close_ranks */
 };
 
 static void task_primary(void *context, size_t index)
@@ -44,34 +45,43 @@ static struct vector random_direction(struct random *random)
     return (struct vector){point[0] / length, point[1] / length, point[2] / length};
 }
 
-static void task_diffuse(void *context, size_t index)
+static void task_look(void *context, size_t index)
 {
     struct making *making = context;
-    struct random random = {index * 977 + 1};
     size_t begin, end;
     parallel_chunk(index, CHUNK, making->rays->count[RAYS_PRIMARY], &begin, &end);
     for (size_t i = begin; i < end; i++) {
         const struct ray *ray = &making->rays->rays[RAYS_PRIMARY][i];
         struct vector origin = {ray->origin[0], ray->origin[1], ray->origin[2]};
-        struct vector direction = {ray->direction[0], ray->direction[1], ray->direction[2]}, away = random_direction(&random);
-        struct stage_hit hit;
-        making->is_hit[i] = stage_look(making->stage, origin, direction, &hit);
-        if (making->is_hit[i])
-            making->rays->rays[RAYS_DIFFUSE][i] =
-                stage_ray(stage_leave(making->stage, &hit),
-                          (struct vector){hit.normal.x + 0.999 * away.x, hit.normal.y + 0.999 * away.y, hit.normal.z + 0.999 * away.z});
+        struct vector direction = {ray->direction[0], ray->direction[1], ray->direction[2]};
+        if (!stage_look(making->stage, origin, direction, &making->hits[i]))
+            making->hits[i].distance = 0;
     }
 }
 
-/* Those that start from something, together. */
+/* Hits that lie behind each other in memory, in the order of their rays. */
 static void close_ranks(struct making *making)
 {
-    uint32_t count = 0;
-    struct ray *rays = making->rays->rays[RAYS_DIFFUSE];
     for (uint32_t i = 0; i < making->rays->count[RAYS_PRIMARY]; i++)
-        if (making->is_hit[i])
-            rays[count++] = rays[i];
-    making->rays->count[RAYS_DIFFUSE] = count;
+        if (making->hits[i].distance > 0)
+            making->hits[making->hit_count++] = making->hits[i];
+}
+
+/* As many as there are primary rays: from the first hit again after the last. */
+static void task_diffuse(void *context, size_t index)
+{
+    struct making *making = context;
+    struct random random = {index * 977 + 1};
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, making->rays->count[RAYS_DIFFUSE], &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        const struct stage_hit *hit = &making->hits[i % making->hit_count];
+        struct vector away = random_direction(&random);
+        struct ray *ray = &making->rays->rays[RAYS_DIFFUSE][i];
+        *ray = stage_ray(hit->position, (struct vector){hit->normal.x + 0.999 * away.x, hit->normal.y + 0.999 * away.y,
+                                                        hit->normal.z + 0.999 * away.z});
+        ray->tmin = (float)(1e-5 * making->stage->size);
+    }
 }
 
 static void make_random(struct making *making)
@@ -98,12 +108,14 @@ static enum bvhd_status make(struct making *making, const struct parallel *paral
         rays->count[kind] = count;
         rays->rays[kind] = memory_array(memory, count, sizeof *rays->rays[kind]);
     }
-    making->is_hit = memory_alloc(memory, count);
-    if (!making->is_hit || !rays->rays[RAYS_PRIMARY] || !rays->rays[RAYS_DIFFUSE] || !rays->rays[RAYS_RANDOM])
+    making->hits = memory_array(memory, count, sizeof *making->hits);
+    if (!making->hits || !rays->rays[RAYS_PRIMARY] || !rays->rays[RAYS_DIFFUSE] || !rays->rays[RAYS_RANDOM])
         return bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory for %u rays", count);
     parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_primary, making);
-    parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_diffuse, making);
+    parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_look, making);
     close_ranks(making);
+    rays->count[RAYS_DIFFUSE] = making->hit_count ? count : 0;
+    parallel_for(parallel, (rays->count[RAYS_DIFFUSE] + CHUNK - 1) / CHUNK, task_diffuse, making);
     make_random(making);
     return BVHD_OK;
 }
@@ -120,7 +132,7 @@ enum bvhd_status bench_rays_make(const struct structures *structures, uint32_t c
     making.side = (uint32_t)sqrt((double)count + 0.5) / TILE_WIDTH * TILE_WIDTH;
     making.side = making.side < TILE_WIDTH ? TILE_WIDTH : making.side;
     status = make(&making, parallel, memory, error);
-    memory_free(memory, making.is_hit);
+    memory_free(memory, making.hits);
     stage_finish(&stage);
     if (status)
         bench_rays_finish(&rays);

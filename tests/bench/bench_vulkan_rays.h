@@ -17,8 +17,8 @@ struct bench_rays {
 };
 
 /*
- * About `count` rays of each kind. Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit, in the same order, cosine-distributed;
- * found on the CPU. Random: origins in the bounds of the scene's bulk, directions evenly. End with bench_rays_finish.
+ * About `count` rays of each kind. Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit (found on the CPU), in the same order,
+ * and from the first again after the last; cosine-distributed, tmin a little above 0. Random: origins in the bounds of the scene's bulk, directions evenly. End with bench_rays_finish.
  */
 enum bvhd_status bench_rays_make(const struct structures *structures, uint32_t count, const struct parallel *parallel,
                                  struct memory *memory, struct bench_rays *ret_rays, struct bvhd_error *error);

@@ -165,6 +165,20 @@ static enum bvhd_status open_top(struct bench_scene *scene, const struct paralle
     return status;
 }
 
+/* The transform is forgotten with the instance: the scene is the mesh in its own space. */
+static enum bvhd_status leave_out_top(struct bench_scene *scene, struct bvhd_error *error)
+{
+    struct structures *given = &scene->given;
+    if (!given->has_top || given->scene.top->header->primitive_count != 1)
+        return BVHD_OK;
+    memory_free(given->memory, given->blobs);
+    memory_free(given->memory, given->portable_bottoms);
+    memory_free(given->memory, given->lavapipe_bottoms);
+    structures_close_file(&given->files[--given->file_count], given->memory);
+    given->has_top = false;
+    return structures_join(given, error);
+}
+
 static enum bvhd_status take_apart(struct bench_scene *scene, const struct bench_scene_options *options,
                                    const struct parallel *parallel, struct bvhd_error *error)
 {
@@ -192,7 +206,10 @@ enum bvhd_status bench_scene_open(const struct bench_scene_options *options, str
     enum bvhd_status status = structures_open(options->directory, NULL, memory, &scene.given, error);
     if (status)
         return status;
-    status = take_apart(&scene, options, parallel, error);
+    if (options->is_bottom)
+        status = leave_out_top(&scene, error);
+    if (!status)
+        status = take_apart(&scene, options, parallel, error);
     if (status)
         bench_scene_close(&scene);
     else

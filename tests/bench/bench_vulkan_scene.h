@@ -29,6 +29,7 @@ struct bench_scene {
 
 struct bench_scene_options {
     const char *directory;
+    bool is_bottom; /* a top level of one instance is left out */
     bool is_shuffled; /* triangles of each geometry in random order, from `seed` */
     uint64_t seed;
 };
