@@ -95,11 +95,15 @@ static uint64_t handle_of(const struct lavapipe_view *view, uint32_t leaf)
     return bytes_get64(view->handles + UINT64_C(8) * leaf);
 }
 
-static enum bvhd_status check_handles(const struct lavapipe_view *view, struct bvhd_error *error)
+/* Tables are made for as many references and instances as leaves name. */
+static enum bvhd_status check_instances(const struct lavapipe_view *view, struct bvhd_error *error)
 {
-    for (uint32_t leaf = 0; leaf < view->leaf_count; leaf++)
+    for (uint32_t leaf = 0; leaf < view->leaf_count; leaf++) {
         if (handle_of(view, leaf) - 1 >= UINT32_MAX)
             return bvhd_error_set(error, BVHD_CORRUPT, place("handles[%" PRIu32 "]", leaf).text, "not the row of a reference");
+        if (lavapipe_instance_at(view, leaf).instance >= LAVAPIPE_MAX_PRIMITIVES)
+            return bvhd_error_set(error, BVHD_CORRUPT, place("leaf[%" PRIu32 "]", leaf).text, "not the instance of a request");
+    }
     return BVHD_OK;
 }
 
@@ -107,7 +111,7 @@ static enum bvhd_status open_top(struct structure *structure, struct bvhd_error 
 {
     const struct lavapipe_view *view = &structure->view.lavapipe;
     uint32_t leaf_count = view->leaf_count;
-    enum bvhd_status status = check_handles(view, error);
+    enum bvhd_status status = check_instances(view, error);
     if (status)
         return status;
     struct referred referred = {view, memory_alloc(structure->memory, leaf_count)};

@@ -334,6 +334,31 @@ static void test_wrong_leaves(void **state)
     test_world_finish(&world);
 }
 
+/* Instances that no request has: tables by instance are not made for whatever a file says. */
+static void test_wrong_instances(void **state)
+{
+    (void)state;
+    static const uint32_t wrong[] = {UINT32_MAX, UINT32_MAX - 1, LAVAPIPE_MAX_PRIMITIVES};
+    struct bvhd_format format;
+    struct test_world world;
+    open_world(&world, 1, &format);
+    put_world(&world, 1);
+    const struct bvhd_result *item = &world.assembly.items[2];
+    const struct lavapipe_view *view = &structures_top(&world.structures)->view.lavapipe;
+    size_t last = (size_t)(view->body - structures_top(&world.structures)->blob.data) + view->leaf_offset +
+                  sizeof(struct lavapipe_instance) * (view->leaf_count - 1);
+    unsigned char *top = malloc(item->size);
+    assert_non_null(top);
+    memcpy(top, item->data, item->size);
+    for (unsigned i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        bytes_put32(top + last + offsetof(struct lavapipe_instance, instance), wrong[i]);
+        put_file("top.as", top, item->size);
+        expect(BVHD_CORRUPT, "top.as");
+    }
+    free(top);
+    test_world_finish(&world);
+}
+
 /* Every truncation, and a byte too many, of every file. */
 static void test_cut(void **state)
 {
@@ -398,9 +423,10 @@ static void test_no_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_both_targets),    cmocka_unit_test(test_unpacked),      cmocka_unit_test(test_packed),
-        cmocka_unit_test(test_wrong_manifests), cmocka_unit_test(test_wrong_handles), cmocka_unit_test(test_rows),
-        cmocka_unit_test(test_wrong_leaves),    cmocka_unit_test(test_cut),           cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_both_targets),    cmocka_unit_test(test_unpacked),        cmocka_unit_test(test_packed),
+        cmocka_unit_test(test_wrong_manifests), cmocka_unit_test(test_wrong_handles),   cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_wrong_leaves),    cmocka_unit_test(test_wrong_instances), cmocka_unit_test(test_cut),
+        cmocka_unit_test(test_no_memory),
     };
     return cmocka_run_group_tests_name("structures", tests, enter_scratch, leave_scratch);
 }
