@@ -39,12 +39,17 @@ static const char *target_name(enum bvhd_target target)
 
 /* ---- portable ---- */
 
+/* By addresses shaders find the words of a structure with indices of 32 bits, which have a sign. */
+static const uint64_t reach_of_addresses = UINT64_C(4) << 31;
+
 static enum bvhd_status check_portable(const struct check *check)
 {
     struct portable_view view;
-    const struct vulkan_limits *limits = &check->device->limits;
-    uint64_t size = check->blob.body.size, range = check->device->has_addresses ? UINT64_MAX : limits->storage_range;
-    if (size > range)
+    uint64_t size = check->blob.body.size, range = check->device->limits.storage_range;
+    if (check->device->has_addresses && size > reach_of_addresses)
+        return bvhd_error_set(check->error, BVHD_TOO_LARGE, "data", "%" PRIu64 " bytes, shaders reach %" PRIu64 " of a structure", size,
+                              reach_of_addresses);
+    if (!check->device->has_addresses && size > range)
         return bvhd_error_set(check->error, BVHD_TOO_LARGE, "data",
                               "%" PRIu64 " bytes, a shader of this device sees %" PRIu64 " at once, and it has no buffer addresses",
                               size, range);

@@ -195,6 +195,29 @@ static void limits_are_the_devices(void **state)
     }
 }
 
+/* Its head is all that is looked at: no memory has so much. */
+static void what_shaders_cannot_reach_is_too_large(void **state)
+{
+    struct world *world = *state;
+    struct bvhd_error error;
+    unsigned char *head = aligned_alloc(64, 256);
+    assert_non_null(head);
+    fake_vulkan.max_buffer = fake_vulkan.max_allocation = UINT64_MAX;
+    bvhd_vulkan_device_destroy(world->device);
+    world->device = make_device(true, true);
+    memcpy(head, world->portable.blobs[0].data, 256);
+    for (uint64_t more = 0; more < 2; more++) {
+        uint64_t body = (UINT64_C(8) << 30) + 64 * more;
+        bytes_put64(head + 32, 64 + body);
+        bytes_put64(head + 40, body);
+        bytes_put64(head + 64 + offsetof(struct portable_header, body_size), body);
+        bytes_put32(head + 64 + offsetof(struct portable_header, version), 0);
+        assert_int_equal(check(world, NULL, &(struct bvhd_vulkan_bytes){head, 64 + body}, &error),
+                         more ? BVHD_TOO_LARGE : BVHD_INCOMPATIBLE);
+    }
+    free(head);
+}
+
 /* Every truncation, one byte more, and any byte changed: an answer, and nothing read outside (the blocks end where the bytes end). */
 static void whatever_is_offered_there_is_an_answer(void **state)
 {
@@ -238,6 +261,7 @@ int main(void)
         WORLD_TEST(devices_without_structures_take_portable_ones),
         WORLD_TEST(arguments_are_looked_at),
         WORLD_TEST(limits_are_the_devices),
+        WORLD_TEST(what_shaders_cannot_reach_is_too_large),
         WORLD_TEST(whatever_is_offered_there_is_an_answer),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -80,12 +80,13 @@ BVHD_API void bvhd_vulkan_free(void *block);
 /*
  * Whether the device can take a serialized structure that anybody may have written. What passes can be uploaded and traced without harm
  * to the driver: the whole structure is looked at, each byte once. (The driver's own check compares 16 bytes and lets everything else
- * through.) `format` is what a probe of this device gave (one that is out of date is found out); without one (NULL) only portable
+ * through.) What it means is not looked at: with ray-tracing pipelines, numbers of geometries and offsets of instances lead into the
+ * program's shader binding table, beyond its end too. `format` is what a probe of this device gave (one that is out of date is found out); without one (NULL) only portable
  * structures pass. `data` is aligned to 16 bytes.
  *
  * BVHD_INCOMPATIBLE: made for another driver or version; the text says for which target, and which one this device needs.
  * BVHD_UNSUPPORTED: a native structure, but the device has no acceleration structures: it takes the portable target. BVHD_TOO_LARGE:
- * over the device's limits. BVHD_CORRUPT: the bytes are not sound. BVHD_INVALID: arguments, a native structure without a format among
+ * over the device's limits, or a portable structure above 8 GiB. BVHD_CORRUPT: the bytes are not sound. BVHD_INVALID: arguments, a native structure without a format among
  * them. BVHD_NO_MEMORY.
  */
 BVHD_API enum bvhd_status bvhd_vulkan_check(struct bvhd_vulkan_device *device, const struct bvhd_format *format, const void *data,
