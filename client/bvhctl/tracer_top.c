@@ -76,11 +76,17 @@ static enum bvhd_status create(struct gpu *gpu, struct scaffold *scaffold, struc
 static enum bvhd_status build(struct gpu *gpu, const struct scaffold *scaffold, struct bvhd_error *error)
 {
     const VkAccelerationStructureBuildRangeInfoKHR range = {.primitiveCount = 1}, *ranges = &range;
+    const VkMemoryBarrier built = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                   .srcAccessMask = VK_ACCESS_ACCELERATION_STRUCTURE_WRITE_BIT_KHR,
+                                   .dstAccessMask = VK_ACCESS_ACCELERATION_STRUCTURE_READ_BIT_KHR};
     VkCommandBuffer commands;
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
     if (status)
         return status;
     gpu->vk.CmdBuildAccelerationStructuresKHR(commands, 1, &scaffold->info, &ranges);
+    /* To have waited is not enough for later submissions to see it. */
+    gpu->vk.CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+                               0, 1, &built, 0, NULL, 0, NULL);
     return gpu_submit(gpu, commands, error);
 }
 
