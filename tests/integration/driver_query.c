@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * driver_query [--rays N] [--seed S] [--quality NAME] [DIR...] - our structures in a driver against the driver's own of the same scene: the same rays by ray queries and by ray-tracing
+ * driver_query [--rays N] [--seed S] [--quality NAME] [--cases LIST] [DIR...] - our structures in a driver against the driver's own of the same scene: the same rays by ray queries and by ray-tracing
  * pipelines, with all flags, masks, and fates of candidates. Of every ray all that the driver tells is equal to the last bit, or it is a tie: the same t, which both primitives
  * have, each traced alone in the other structure.
  *
@@ -27,6 +27,7 @@ struct run {
     uint32_t rays;
     uint64_t seed;
     enum build_quality quality; /* of scenes of files */
+    const char *cases; /* likewise; NULL: all */
     struct memory memory;
     struct workers *workers;
     struct gpu *gpu;
@@ -34,9 +35,21 @@ struct run {
     bool has_failed;
 };
 
+/* Whether a list of names with commas has it; no list has all. */
+static bool is_chosen(const struct run *run, const char *name)
+{
+    size_t length = strlen(name);
+    for (const char *at = run->cases; at; at = strchr(at, ',')) {
+        at += *at == ',';
+        if (!strncmp(at, name, length) && (at[length] == ',' || !at[length]))
+            return true;
+    }
+    return !run->cases;
+}
+
 static void print_tally(const char *scene, const char *what, const struct driver_tally *tally)
 {
-    printf("%-14s %-26s rays %8" PRIu64 " hits %8" PRIu64 " same %8" PRIu64 " tied %6" PRIu64 " another %6" PRIu64 " lost %3" PRIu64
+    printf("%-14s %-36s rays %8" PRIu64 " hits %8" PRIu64 " same %8" PRIu64 " tied %6" PRIu64 " another %6" PRIu64 " lost %3" PRIu64
            " wrong %" PRIu64,
            scene, what, tally->rays, tally->hits, tally->same, tally->tied, tally->another, tally->lost, tally->other);
     if (tally->candidates)
@@ -122,23 +135,32 @@ static void run_generated(struct run *run)
 
 /* ---- Scenes of files ---- */
 
+typedef void (*judge_function)(struct driver_judge *, const char *, const struct driver_case *, const struct ray *, uint32_t);
+
+/* One case, one kind of rays, by queries or by pipelines; nothing where these do not apply. */
+static void judge_some(struct driver_judge *judge, const char *scene, const char *what, judge_function function,
+                       const struct driver_case *shared, const struct ray *rays, uint32_t count, struct driver_tally *sum)
+{
+    judge->tally = (struct driver_tally){0};
+    function(judge, what, shared, rays, count);
+    if (judge->tally.rays)
+        print_tally(scene, what, &judge->tally);
+    add(sum, &judge->tally);
+}
+
 static void judge_files(struct run *run, const char *name, struct driver_judge *judge, const struct bench_rays *rays)
 {
     static const enum bench_rays_kind kinds[] = {RAYS_PRIMARY, RAYS_RANDOM};
     struct driver_tally queries = {0}, pipelines = {0};
     for (uint32_t i = 0; i < driver_case_count; i++)
-        for (int k = 0; k < 2; k++) {
+        for (int k = 0; k < 2 && is_chosen(run, driver_cases[i].name); k++) {
             char what[64];
             const struct ray *some = rays->rays[kinds[k]];
             uint32_t count = rays->count[kinds[k]];
-            judge->tally = (struct driver_tally){0};
-            snprintf(what, sizeof what, "%s, %s", driver_cases[i].name, bench_rays_names[kinds[k]]);
-            driver_judge_queries(judge, what, &driver_cases[i], some, count);
-            print_tally(name, what, &judge->tally);
-            add(&queries, &judge->tally);
-            judge->tally = (struct driver_tally){0};
-            driver_judge_pipelines(judge, what, &driver_cases[i], some, count);
-            add(&pipelines, &judge->tally);
+            snprintf(what, sizeof what, "%s, %s, query", driver_cases[i].name, bench_rays_names[kinds[k]]);
+            judge_some(judge, name, what, driver_judge_queries, &driver_cases[i], some, count, &queries);
+            snprintf(what, sizeof what, "%s, %s, pipeline", driver_cases[i].name, bench_rays_names[kinds[k]]);
+            judge_some(judge, name, what, driver_judge_pipelines, &driver_cases[i], some, count, &pipelines);
         }
     print_tally(name, "ALL, by queries", &queries);
     print_tally(name, "ALL, by pipelines", &pipelines);
@@ -181,7 +203,7 @@ static void run_files(struct run *run, const char *directory)
 
 static void usage(void)
 {
-    fprintf(stderr, "usage: driver_query [--rays N] [--seed S] [--quality fast|balanced|high] [DIR...]\n");
+    fprintf(stderr, "usage: driver_query [--rays N] [--seed S] [--quality fast|balanced|high] [--cases LIST] [DIR...]\n");
     exit(2);
 }
 
@@ -205,6 +227,8 @@ static int take_options(struct run *run, int argc, char **argv)
             run->seed = strtoull(argv[at + 1], NULL, 10);
         else if (!strcmp(argv[at], "--quality"))
             run->quality = quality_of(argv[at + 1]);
+        else if (!strcmp(argv[at], "--cases"))
+            run->cases = argv[at + 1];
         else
             usage();
     if ((at < argc && argv[at][0] == '-') || run->rays == 0)
@@ -214,7 +238,7 @@ static int take_options(struct run *run, int argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    static struct run run = {.rays = 1000, .seed = 1, .quality = QUALITY_BALANCED};
+    static struct run run = {.rays = 500, .seed = 1, .quality = QUALITY_BALANCED};
     struct bvhd_error error;
     int at = take_options(&run, argc, argv);
     if (gpu_bed_is_missing(true))

@@ -260,5 +260,5 @@ int main(int argc, char **argv)
     free(run.answers);
     if (thin)
         fprintf(stderr, "shader_agreement: too few of these rays decide anything\n");
-    return is_wrong || thin;
+    return is_wrong || thin || gpu_messages();
 }

@@ -182,5 +182,5 @@ int main(int argc, char **argv)
     embree_destroy(run.embree);
     shader_bed_destroy(run.bed);
     local_close(&run.local);
-    return run.has_failed ? 3 : 0;
+    return run.has_failed || gpu_messages() ? 3 : 0;
 }
