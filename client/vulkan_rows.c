@@ -55,7 +55,8 @@ enum bvhd_status bvhd_vulkan_rows(const struct bvhd_reference *references, uint3
                                   ? name_rows(&naming, instances, instance_count)
                                   : bvhd_error_set(ret_error, BVHD_NO_MEMORY, "references", "%" PRIu32 " references", reference_count);
     if (status == BVHD_OK) {
-        memcpy(ret_rows, naming.row_of, reference_count * sizeof *ret_rows);
+        if (reference_count > 0) /* else there may be no array */
+            memcpy(ret_rows, naming.row_of, reference_count * sizeof *ret_rows);
         *ret_row_count = naming.row_count;
     }
     memory_free(&library_memory, naming.row_of);

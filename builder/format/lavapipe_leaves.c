@@ -122,12 +122,14 @@ static void write_one(const struct lavapipe_leaves *leaves, const struct canonic
                       unsigned char *body_leaves, unsigned char *handles)
 {
     uint32_t place = lavapipe_leaves_place(leaves, id), index = id - geometry->first_primitive;
+    if (place == LAVAPIPE_NONE)
+        return;
     unsigned char *at = body_leaves + (uint64_t)place * lavapipe_leaf_size(leaves->kind);
     if (leaves->kind == LAVAPIPE_TRIANGLE)
         write_triangle(leaves, geometry, index, at);
     else if (leaves->kind == LAVAPIPE_AABB)
         write_aabb(leaves, geometry, index, at);
-    else if (place != LAVAPIPE_NONE)
+    else
         write_instance(geometry, index, at, handles + (uint64_t)8 * place);
 }
 

@@ -126,7 +126,7 @@ static void what_is_not_named_has_no_row(void **state)
     assert_int_equal(rows[2], 0);
     assert_int_equal(bvhd_vulkan_rows(references, 3, instances, 1, rows, &count, NULL), BVHD_OK);
     assert_int_equal(count, 0);
-    assert_int_equal(bvhd_vulkan_rows(NULL, 0, NULL, 0, rows, &count, NULL), BVHD_OK);
+    assert_int_equal(bvhd_vulkan_rows(NULL, 0, NULL, 0, NULL, &count, NULL), BVHD_OK);
 }
 
 static void unknown_names_are_refused(void **state)
