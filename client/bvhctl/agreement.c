@@ -8,7 +8,7 @@
 #include "unpack.h"
 
 enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, RAYS_A_PIXEL = 20, CAMERA_RAYS_A_PIXEL = 4 };
-enum { CASES = 4096, FEWEST_CASES = 256, CHUNK = 256 };
+enum { CASES = 4096, FEWEST_CASES = 256, CHUNK = 256, AROUND = 9 };
 static const double affordable_pairs = 2e10; /* of a ray and a triangle, for the oracle: a minute */
 
 static const double roundings = 8;
@@ -229,40 +229,141 @@ static enum oracle_verdict judge_hit(const struct agreement *agreement, const st
     return oracle_judge(answer, &judged, NULL);
 }
 
-static void judge_case(struct agreement *agreement, const struct agreement_case *one, const struct oracle_answer *answer)
+static bool is_any_hit(const struct agreement_case *one)
 {
-    bool agrees = false;
-    if (answer->kind == ORACLE_UNCERTAIN && !isnan(one->device.t)) {
-        agreement->uncertain++;
-        return;
-    }
-    if (!one->is_disputed && !(one->ray.flags & RAY_TERMINATE_ON_FIRST_HIT))
-        agrees = judge_hit(agreement, answer, &one->ray, &one->device) == ORACLE_RIGHT &&
-                 judge_hit(agreement, answer, &one->ray, &one->own) == ORACLE_RIGHT;
-    agreement->mismatches += !agrees;
+    return one->ray.flags & RAY_TERMINATE_ON_FIRST_HIT;
 }
 
-static enum bvhd_status ask(struct agreement *agreement, const struct unpacked *unpacked, uint32_t count, struct ray *rays,
-                            struct oracle_answer *answers, void (*progress)(void *context, uint64_t done, uint64_t total),
-                            void *progress_context, struct bvhd_error *error)
+/* Of a ray that any hit ends, whether there is one. */
+static bool is_right(const struct agreement *agreement, const struct oracle_answer *answer, const struct agreement_case *one,
+                     const struct tracer_hit *hit)
 {
-    for (uint32_t i = 0; i < count; i++)
-        rays[i] = agreement->cases[i].ray;
-    enum bvhd_status status = oracle_trace(unpacked->meshes, unpacked->mesh_count, rays, count, agreement->memory, agreement->parallel,
-                                           progress, progress_context, answers, error);
-    if (status)
-        return status;
-    for (uint32_t i = 0; i < count; i++)
-        judge_case(agreement, &agreement->cases[i], &answers[i]);
-    oracle_finish(answers, count, agreement->memory);
-    agreement->mismatches += agreement->differing - count;
+    if (is_any_hit(one))
+        return is_miss(hit) == (answer->kind == ORACLE_MISS);
+    return judge_hit(agreement, answer, &one->ray, hit) == ORACLE_RIGHT;
+}
+
+/* Puts a case that is not settled to the front of the others. */
+static void leave_open(struct agreement *agreement, const struct agreement_case *one, uint32_t *open_count)
+{
+    agreement->cases[(*open_count)++] = *one;
+}
+
+/* true: one that a driver's inverse or its rounding may explain. */
+static bool judge_case(struct agreement *agreement, const struct agreement_case *one, const struct oracle_answer *answer)
+{
+    if (answer->kind == ORACLE_UNCERTAIN && !isnan(one->device.t)) {
+        agreement->uncertain++;
+        return false;
+    }
+    bool own_is_right = !one->is_disputed && is_right(agreement, answer, one, &one->own);
+    if (own_is_right && is_right(agreement, answer, one, &one->device))
+        return false;
+    agreement->mismatches++;
+    return own_is_right && !isnan(one->device.t);
+}
+
+/* `answer` is that of the oracle going by the inverse: its t and the triangle's place are not those that judge_hit knows. */
+static bool is_explained(const struct agreement *agreement, const struct oracle_answer *answer, const struct agreement_case *one)
+{
+    struct surface surface;
+    double t, tolerance;
+    if (answer->kind == ORACLE_UNCERTAIN)
+        return true;
+    if (is_any_hit(one) || is_miss(&one->device))
+        return is_miss(&one->device) == (answer->kind == ORACLE_MISS);
+    if (answer->kind == ORACLE_MISS || !surfaces_find(agreement->surfaces, &one->device, &surface))
+        return false;
+    plane_distance(&one->ray, &surface, &t, &tolerance);
+    struct ray_hit judged = {.t = (float)answer->t, .geometry = one->device.geometry, .primitive = one->device.primitive};
+    judged.is_aabb = one->device.flags & TRACER_AABB;
+    judged.instance = agreement->surfaces->structures->has_top ? one->device.instance : RAY_NO_INSTANCE;
+    double device_t = (double)one->device.t;
+    return device_t >= answer->t_low - tolerance && device_t <= answer->t_end + tolerance &&
+           oracle_judge(answer, &judged, NULL) == ORACLE_RIGHT;
+}
+
+/* What the oracle is asked with. */
+struct questions {
+    struct unpacked unpacked;
+    struct ray *rays;
+    struct oracle_answer *answers;
+    void (*progress)(void *context, uint64_t done, uint64_t total);
+    void *progress_context;
+};
+
+static enum bvhd_status ask_oracle(const struct agreement *agreement, const struct questions *questions, const struct ray *rays,
+                                   uint32_t count, struct oracle_answer *ret_answers, struct bvhd_error *error)
+{
+    return oracle_trace(questions->unpacked.meshes, questions->unpacked.mesh_count, rays, count, agreement->memory, agreement->parallel,
+                        questions->progress, questions->progress_context, ret_answers, error);
+}
+
+/* The ray of a case, and some beside it by as much as rounding may move it. */
+static void ask_around(const struct agreement_case *one, struct ray rays[AROUND])
+{
+    const struct ray *ray = &one->ray;
+    struct vector direction = vector_make((double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2]), side, up;
+    double farthest = 0, t = is_miss(&one->device) ? 0 : (double)one->device.t;
+    vector_basis(vector_unit(direction), &side, &up);
+    for (int axis = 0; axis < 3; axis++) {
+        double from = (double)ray->origin[axis], to = from + t * component(direction, axis);
+        farthest = fmax(farthest, fmax(fabs(from), fabs(to)));
+    }
+    for (int i = 0; i < AROUND; i++) {
+        double distance = roundings * FLT_EPSILON * farthest;
+        rays[i] = *ray;
+        for (int axis = 0; axis < 3; axis++)
+            rays[i].origin[axis] += (float)(distance * ((i % 3 - 1) * component(side, axis) + (i / 3 - 1) * component(up, axis)));
+    }
+}
+
+/* Of what is wrong, how much a driver's inverses and its rounding account for: its own structures are traced in float, without knowing its errors. */
+static enum bvhd_status ask_again(struct agreement *agreement, struct questions *questions, uint32_t count, struct bvhd_error *error)
+{
+    struct ray rays[AROUND];
+    struct oracle_answer answers[AROUND];
+    unpack_follow_inverses(&questions->unpacked);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct agreement_case *one = &agreement->cases[i];
+        bool is_settled = false;
+        ask_around(one, rays);
+        enum bvhd_status status = ask_oracle(agreement, questions, rays, AROUND, answers, error);
+        if (status)
+            return status;
+        for (int k = 0; k < AROUND; k++)
+            is_settled |= is_explained(agreement, &answers[k], one);
+        oracle_finish(answers, AROUND, agreement->memory);
+        agreement->mismatches -= is_settled;
+        agreement->uncertain += is_settled;
+    }
     return BVHD_OK;
 }
 
-static uint32_t affordable_cases(const struct agreement *agreement, const struct unpacked *unpacked)
+/* How many of `count` cases the oracle may be asked about, each with so many rays. */
+static uint32_t affordable_cases(const struct unpacked *unpacked, uint32_t count, uint32_t rays)
 {
-    double limit = fmax(affordable_pairs / (double)(unpacked->triangle_count + 1), FEWEST_CASES);
-    return limit < agreement->case_count ? (uint32_t)limit : agreement->case_count;
+    double limit = fmax(affordable_pairs / (double)(unpacked->triangle_count + 1), FEWEST_CASES) / rays;
+    return limit < count ? (uint32_t)limit : count;
+}
+
+static enum bvhd_status ask(struct agreement *agreement, struct questions *questions, uint32_t count, struct bvhd_error *error)
+{
+    const struct structures *structures = agreement->surfaces->structures;
+    uint32_t open_count = 0;
+    for (uint32_t i = 0; i < count; i++)
+        questions->rays[i] = agreement->cases[i].ray;
+    enum bvhd_status status = ask_oracle(agreement, questions, questions->rays, count, questions->answers, error);
+    if (status)
+        return status;
+    for (uint32_t i = 0; i < count; i++)
+        if (judge_case(agreement, &agreement->cases[i], &questions->answers[i]))
+            leave_open(agreement, &agreement->cases[i], &open_count);
+    oracle_finish(questions->answers, count, agreement->memory);
+    agreement->mismatches += agreement->differing - count;
+    if (structures->target == TARGET_PORTABLE)
+        return BVHD_OK;
+    return ask_again(agreement, questions, affordable_cases(&questions->unpacked, open_count, AROUND), error);
 }
 
 enum bvhd_status agreement_judge(struct agreement *agreement, void (*progress)(void *context, uint64_t done, uint64_t total),
@@ -271,16 +372,17 @@ enum bvhd_status agreement_judge(struct agreement *agreement, void (*progress)(v
     if (agreement->case_count == 0)
         return BVHD_OK;
     struct memory *memory = agreement->memory;
-    struct unpacked unpacked = {0};
-    struct ray *rays = memory_array(memory, agreement->case_count, sizeof *rays);
-    struct oracle_answer *answers = memory_array(memory, agreement->case_count, sizeof *answers);
-    enum bvhd_status status = rays && answers ? BVHD_OK : no_memory(error);
+    struct questions questions = {.rays = memory_array(memory, agreement->case_count, sizeof *questions.rays),
+                                  .answers = memory_array(memory, agreement->case_count, sizeof *questions.answers),
+                                  .progress = progress,
+                                  .progress_context = progress_context};
+    enum bvhd_status status = questions.rays && questions.answers ? BVHD_OK : no_memory(error);
     if (!status)
-        status = unpack_structures(agreement->surfaces->structures, memory, &unpacked, error);
+        status = unpack_structures(agreement->surfaces->structures, memory, &questions.unpacked, error);
     if (!status)
-        status = ask(agreement, &unpacked, affordable_cases(agreement, &unpacked), rays, answers, progress, progress_context, error);
-    unpack_finish(&unpacked);
-    memory_free(memory, answers);
-    memory_free(memory, rays);
+        status = ask(agreement, &questions, affordable_cases(&questions.unpacked, agreement->case_count, 1), error);
+    unpack_finish(&questions.unpacked);
+    memory_free(memory, questions.answers);
+    memory_free(memory, questions.rays);
     return status;
 }

@@ -7,7 +7,10 @@
  * of the way to the hit, of the corners, of the instance's place - are each off by 8 units of float's precision. That is a few roundings of a computation in
  * float, and grows, as their effect does, where the ray grazes the triangle. Barycentrics are not compared: those of slivers are all rounding.
  *
- * Of answers that differ, the oracle tells those that are uncertain, and those that are both right, because triangles are tied. All others are mismatches.
+ * Of answers that differ, the oracle tells those that are uncertain, and those that are both right, because triangles are tied. Drivers trace structures of
+ * their own format in float, without knowing their errors, and lavapipe takes rays into an instance by an inverse of its matrix that may be off by many units
+ * in the last place. So of native structures a ray is uncertain, too, where the oracle, going by that inverse, says what the device says of the ray or of one
+ * that is 8 units beside it. All others are mismatches.
  */
 #ifndef BVHCTL_AGREEMENT_H
 #define BVHCTL_AGREEMENT_H

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "lavapipe.h"
+
 /* Nine floats for each primitive. */
 static float *unpack_positions(const struct structure *bottom, struct memory *memory)
 {
@@ -102,6 +104,37 @@ enum bvhd_status unpack_structures(const struct structures *structures, struct m
     }
     *ret_unpacked = unpacked;
     return BVHD_OK;
+}
+
+/* The inverse of an affine matrix, by cofactors in double; zeros where there is none. */
+static void invert(const float matrix[12], float ret_inverse[12])
+{
+    double inverse[12] = {0}, determinant = 0;
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) {
+            int a = (k + 1) % 3, b = (k + 2) % 3, c = (i + 1) % 3, d = (i + 2) % 3;
+            inverse[4 * i + k] =
+                (double)matrix[4 * a + c] * (double)matrix[4 * b + d] - (double)matrix[4 * a + d] * (double)matrix[4 * b + c];
+        }
+    for (int k = 0; k < 3; k++)
+        determinant += (double)matrix[k] * inverse[4 * k];
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++) {
+            inverse[4 * i + k] = determinant != 0 ? inverse[4 * i + k] / determinant : 0;
+            inverse[4 * i + 3] -= inverse[4 * i + k] * (double)matrix[4 * k + 3];
+        }
+    }
+    for (int i = 0; i < 12; i++)
+        ret_inverse[i] = (float)inverse[i];
+}
+
+void unpack_follow_inverses(struct unpacked *unpacked)
+{
+    for (uint32_t i = 0; i < unpacked->instance_count; i++) {
+        float world_to_object[12];
+        lavapipe_invert(unpacked->instances[i].object_to_world, world_to_object);
+        invert(world_to_object, unpacked->instances[i].object_to_world);
+    }
 }
 
 void unpack_finish(struct unpacked *unpacked)

@@ -21,6 +21,12 @@ struct unpacked {
 enum bvhd_status unpack_structures(const struct structures *structures, struct memory *memory, struct unpacked *ret_unpacked,
                                    struct bvhd_error *error);
 
+/*
+ * Moves every instance to where lavapipe has it, which takes rays there by an inverse of the matrix that it computes in float (lavapipe_invert). Where there
+ * is none the triangles are left without area.
+ */
+void unpack_follow_inverses(struct unpacked *unpacked);
+
 /* NULL-safe, idempotent. */
 void unpack_finish(struct unpacked *unpacked);
 

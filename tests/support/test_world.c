@@ -3,6 +3,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static char ground_name[] = "ground", cube_name[] = "cube", material_name[] = "stone", world_name[] = "world",
             file_name[] = "world.gltf";
@@ -41,6 +42,11 @@ static struct import_instance instances[TEST_WORLD_INSTANCES] = {
 };
 
 static char *files[] = {file_name};
+
+void test_world_place(uint32_t instance, const float object_to_world[12])
+{
+    memcpy(instances[instance].transform, object_to_world, sizeof instances[instance].transform);
+}
 
 void test_world_import(struct import *ret_import, struct memory *memory)
 {

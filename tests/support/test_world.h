@@ -18,6 +18,9 @@ enum { TEST_WORLD_INSTANCES = 4, TEST_WORLD_FILES = 3 };
 /* The import alone: static arrays, nothing to end. `memory` is what it says it comes from. */
 void test_world_import(struct import *ret_import, struct memory *memory);
 
+/* In worlds that begin from now on an instance stands so: row-major 3x4. Its bounds and all else follow. */
+void test_world_place(uint32_t instance, const float object_to_world[12]);
+
 struct test_world {
     struct local local;
     struct backend_local backend;

@@ -7,6 +7,7 @@
 #include "agreement.h"
 #include "rays.h"
 #include "test_world.h"
+#include "unpack.h"
 
 enum { RAYS = 4000, FEW_PIXELS = 1 };
 
@@ -30,10 +31,10 @@ static void trace_rays(void)
     }
 }
 
-static void open_court(uint32_t threads, uint64_t pixels)
+static void open_court_for(uint32_t threads, uint64_t pixels, const struct bvhd_format *format)
 {
     uint64_t state = 3;
-    test_world_init(&court.world, threads);
+    test_world_init_for(&court.world, threads, format);
     const struct local *local = &court.world.local;
     assert_int_equal(surfaces_init(&court.surfaces, &court.world.structures, &court.world.local.memory, NULL), BVHD_OK);
     agreement_init(&court.agreement, &court.surfaces, pixels, local->parallel, &court.world.local.memory);
@@ -43,6 +44,11 @@ static void open_court(uint32_t threads, uint64_t pixels)
         court.rays[i] = stage_ray(from, vector_unit(vector_sub(to, from)));
     }
     trace_rays();
+}
+
+static void open_court(uint32_t threads, uint64_t pixels)
+{
+    open_court_for(threads, pixels, NULL);
 }
 
 static void close_court(void)
@@ -339,6 +345,76 @@ static void test_doubt(void **state)
     }
 }
 
+static const struct bvhd_format lavapipe = {
+    .struct_size = sizeof lavapipe, .target = BVHD_TARGET_LAVAPIPE, .variant = 1, .driver_uuid = "some driver"};
+
+/* A cube that is nearly flat, around (1, 1, 0) and (0, 0, 1): much of the inverse is lost in float. */
+static const float sheared[12] = {0.5f, 0.49987f, 0, 3.01f, 0.49987f, 0.5f, 0, 0.53f, 0, 0, 0.5f, 0.7f};
+
+/* As the world has it else. */
+static const float upright[12] = {0.5f, 0, 0, 3, 0, 0.5f, 0, 0.5f, 0, 0, 0.5f, 0};
+
+/* Where lavapipe has it when it stands so, by its inverse in float; or as far from there on the other side. */
+static void displace(bool is_other_side, float ret_matrix[12])
+{
+    struct structure_instance instance;
+    struct unpacked unpacked = {.instances = &instance, .instance_count = 1};
+    memcpy(instance.object_to_world, sheared, sizeof sheared);
+    unpack_follow_inverses(&unpacked);
+    for (int i = 0; i < 12; i++)
+        ret_matrix[i] = is_other_side ? 2 * sheared[i] - instance.object_to_world[i] : instance.object_to_world[i];
+}
+
+/* A court around that cube, with rays across its upper rim, or a little beside. */
+static void open_court_at_rim(const struct bvhd_format *format, const float matrix[12], uint32_t flags)
+{
+    uint64_t state = 5;
+    test_world_place(3, matrix);
+    open_court_for(2, FEW_PIXELS, format);
+    for (int i = 0; i < RAYS; i++) {
+        double beside = 2e-3 * rays_uniform(&state) - 1e-3;
+        struct vector from = vector_make(4.0099 + beside + 1, 1.5299 + beside - 1, 0.4 + 0.6 * rays_uniform(&state));
+        court.rays[i] = stage_ray(from, vector_unit(vector_make(-1, 1, 0)));
+        court.rays[i].flags |= flags;
+    }
+    trace_rays();
+}
+
+/* Has answers judged of a device that has the cube at a place a little beside its own. */
+static void judge_displaced(const struct bvhd_format *format, bool is_other_side, uint32_t flags)
+{
+    static struct tracer_hit hits[RAYS];
+    float displaced[12];
+    displace(is_other_side, displaced);
+    open_court_at_rim(format, displaced, flags);
+    memcpy(hits, court.hits, sizeof hits);
+    close_court();
+    open_court_at_rim(format, sheared, flags);
+    memcpy(court.hits, hits, sizeof hits);
+    watch_and_judge();
+    assert_true(court.agreement.differing > RAYS / 10);
+}
+
+/* What a driver's inverse of a matrix moves is the driver's own affair, if that is where its answers are from. */
+static void test_drivers_inverse(void **state)
+{
+    (void)state;
+    for (int any_hit = 0; any_hit < 2; any_hit++) {
+        uint32_t flags = any_hit ? RAY_TERMINATE_ON_FIRST_HIT : 0;
+        judge_displaced(&lavapipe, false, flags);
+        assert_true(court.agreement.uncertain > court.agreement.differing * 9 / 10);
+        assert_int_equal(court.agreement.mismatches, 0);
+        close_court();
+        judge_displaced(&lavapipe, true, flags);
+        assert_true(court.agreement.mismatches > court.agreement.differing / 2);
+        close_court();
+        judge_displaced(NULL, false, flags);
+        assert_true(court.agreement.mismatches > court.agreement.differing / 2);
+        close_court();
+    }
+    test_world_place(3, upright);
+}
+
 static void test_no_memory(void **state)
 {
     (void)state;
@@ -367,10 +443,10 @@ static void test_no_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_honest),         cmocka_unit_test(test_liars),   cmocka_unit_test(test_rounding),
-        cmocka_unit_test(test_grazing),        cmocka_unit_test(test_any_hit), cmocka_unit_test(test_many),
-        cmocka_unit_test(test_ties_and_doubt), cmocka_unit_test(test_stride),  cmocka_unit_test(test_doubt),
-        cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_honest),         cmocka_unit_test(test_liars),           cmocka_unit_test(test_rounding),
+        cmocka_unit_test(test_grazing),        cmocka_unit_test(test_any_hit),         cmocka_unit_test(test_many),
+        cmocka_unit_test(test_ties_and_doubt), cmocka_unit_test(test_stride),          cmocka_unit_test(test_doubt),
+        cmocka_unit_test(test_no_memory),      cmocka_unit_test(test_drivers_inverse),
     };
     return cmocka_run_group_tests_name("agreement", tests, NULL, NULL);
 }
