@@ -14,6 +14,7 @@ enum { TASK_ROWS = 2048 };
 
 struct collapsing {
     struct collapse_table table;
+    collapse_cost_function *cost_of;
     const atomic_bool *cancel;
     uint32_t *late; /* of each task: the highest of its rows that wait for others'; these are linked downwards */
     _Atomic uint32_t largest_leaf;
@@ -74,7 +75,7 @@ static void make_rows(void *context, size_t index)
         largest = pair[0].count > largest ? pair[0].count : largest;
         largest = pair[1].count > largest ? pair[1].count : largest;
         if (is_ready(table, row, (uint32_t)end)) {
-            collapse_cost_of(table, row);
+            c->cost_of(table, row);
             continue;
         }
         table->counts[row] = 0;
@@ -93,7 +94,7 @@ static void make_late_rows(struct collapsing *c, size_t tasks)
             if (++step % TASK_ROWS == 0 && is_cancelled(c))
                 return;
             next = c->table.costs[row].leaf_refs;
-            collapse_cost_of(&c->table, row);
+            c->cost_of(&c->table, row);
         }
     }
 }
@@ -148,7 +149,7 @@ enum bvhd_status collapse(const struct ir *ir, const struct collapse_options *op
         *ret_wide = (struct wide){.memory = memory};
         return BVHD_OK;
     }
-    struct collapsing c = {.cancel = options->cancel, .largest_leaf = 0};
+    struct collapsing c = {.cost_of = collapse_cost_wide(), .cancel = options->cancel, .largest_leaf = 0};
     collapse_table_init(&c.table, ir, options);
     enum bvhd_status status = decide(&c, memory, parallel, error);
     if (status == BVHD_OK) {

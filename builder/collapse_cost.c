@@ -257,31 +257,43 @@ static unsigned left_share(const struct collapse_table *table, uint32_t first, u
     return best;
 }
 
-unsigned collapse_children(const struct collapse_table *table, uint32_t node, uint32_t ret_children[WIDE_ARITY])
+/* A subtree that becomes a leaf has a handful of nodes. */
+static uint32_t first_ref(const struct ir *ir, uint32_t node)
+{
+    uint32_t first = ir->nodes[node].first;
+    if (ir_is_leaf(ir, node))
+        return first;
+    uint32_t left = first_ref(ir, first), right = first_ref(ir, first + 1);
+    return left < right ? left : right;
+}
+
+unsigned collapse_children(const struct collapse_table *table, uint32_t node, struct wide_child ret_children[WIDE_ARITY])
 {
     struct {
         uint32_t node;
         unsigned budget;
     } stack[WIDE_ARITY + 1];
-    unsigned depth = 0, count = 0, budget = WIDE_ARITY;
-    for (;;) {
-        uint32_t first = table->ir->nodes[node].first;
-        unsigned share = left_share(table, first, budget);
-        stack[depth].node = first + 1;
-        stack[depth++].budget = budget - share;
-        stack[depth].node = first;
-        stack[depth++].budget = share;
-        for (;;) {
-            if (depth == 0)
-                return count;
-            node = stack[--depth].node;
-            budget = stack[depth].budget;
-            if (budget > 1 && !ir_is_leaf(table->ir, node)) {
-                const struct collapse_cost *cost = &table->costs[collapse_row(table->ir, node)];
-                if (cost->as[budget - 1] < cost->as[0])
-                    break; /* cheaper as a forest */
+    const struct ir *ir = table->ir;
+    unsigned depth = 0, count = 0;
+    stack[depth].node = node;
+    stack[depth++].budget = WIDE_ARITY;
+    while (depth > 0) {
+        uint32_t at = stack[--depth].node, first = ir->nodes[at].first, refs = ir->nodes[at].count;
+        unsigned budget = stack[depth].budget;
+        if (refs == 0) {
+            const struct collapse_cost *cost = &table->costs[first / 2];
+            if (budget == WIDE_ARITY || (budget > 1 && cost->as[budget - 1] < cost->as[0])) { /* cheaper as a forest */
+                unsigned share = left_share(table, first, budget);
+                stack[depth].node = first + 1;
+                stack[depth++].budget = budget - share;
+                stack[depth].node = first;
+                stack[depth++].budget = share;
+                continue;
             }
-            ret_children[count++] = node;
+            refs = cost->leaf_refs;
+            first = refs ? first_ref(ir, at) : 0;
         }
+        ret_children[count++] = (struct wide_child){at, first, refs};
     }
+    return count;
 }

@@ -67,13 +67,6 @@ static inline uint32_t collapse_count(const struct collapse_table *table, uint32
     return n->count ? n->count : table->counts[n->first / 2];
 }
 
-/* The refs of a node that becomes a leaf when it becomes one child; 0 for an inner child. */
-static inline uint32_t collapse_leaf_refs(const struct collapse_table *table, uint32_t node)
-{
-    const struct ir_node *n = &table->ir->nodes[node];
-    return n->count ? n->count : table->costs[n->first / 2].leaf_refs;
-}
-
 /* Fills leaf_max, the costs and the measure from the root; `ir` has nodes. */
 void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options);
 
@@ -83,13 +76,16 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
  */
 void collapse_cost_of(const struct collapse_table *table, uint32_t row);
 
+/* The same, to the bit, as fast as this machine can. */
+typedef void collapse_cost_function(const struct collapse_table *table, uint32_t row);
+collapse_cost_function *collapse_cost_wide(void);
+
 /* Ends row 0, the root's, when all have been made. */
 void collapse_cost_end(const struct collapse_table *table);
 
 /*
- * The ir nodes that become the children of the wide node for `node`, an inner ir node: at most WIDE_ARITY, in the order of the ir. Returns how
- * many.
+ * The children of the wide node for `node` of the ir: at most WIDE_ARITY, in the order of the ir. Returns how many. A leaf is its own only child.
  */
-unsigned collapse_children(const struct collapse_table *table, uint32_t node, uint32_t ret_children[WIDE_ARITY]);
+unsigned collapse_children(const struct collapse_table *table, uint32_t node, struct wide_child ret_children[WIDE_ARITY]);
 
 #endif

@@ -35,6 +35,7 @@ struct emission {
     const struct collapse_table *table;
     const atomic_bool *cancel;
     struct memory *memory;
+    bool wide_registers;
     struct task *tasks;
     uint32_t task_count, task_capacity;
     struct wide_node *placed;
@@ -74,83 +75,51 @@ static bool start(struct emission *emission, struct run *run, uint32_t node, uin
     return true;
 }
 
-/* Sixteenths of twice the distances between centres: no sum of six of them overflows. */
-static void centre_offsets(const struct ir *ir, uint32_t parent, const uint32_t *children, unsigned count, float ret_offsets[8][4])
+/* Fills the slots of a node; returns how many refs its leaves hold. */
+static uint32_t fill_slots(const struct emission *emission, struct wide_node *wide)
 {
-    const struct box *boxes = ir->boxes[0], *outer = &boxes[parent];
-    float centre[3];
-    for (int axis = 0; axis < 3; axis++)
-        centre[axis] = 0.0625f * outer->min[axis] + 0.0625f * outer->max[axis];
-    for (unsigned i = 0; i < count; i++) {
-        const struct box *box = &boxes[children[i]];
-        for (int axis = 0; axis < 3; axis++)
-            ret_offsets[i][axis] = 0.0625f * box->min[axis] + 0.0625f * box->max[axis] - centre[axis];
-    }
-}
-
-/* A subtree that becomes a leaf has a handful of nodes. */
-static uint32_t first_ref(const struct ir *ir, uint32_t node)
-{
-    uint32_t first = ir->nodes[node].first;
-    if (ir_is_leaf(ir, node))
-        return first;
-    uint32_t left = first_ref(ir, first), right = first_ref(ir, first + 1);
-    return left < right ? left : right;
-}
-
-/* Fills the slots of a node; returns the number of inner children, and counts the refs of the others. */
-static unsigned fill_slots(const struct collapse_table *table, struct wide_node *wide, uint32_t *ret_leaf_refs)
-{
-    const struct ir *ir = table->ir;
-    uint32_t children[WIDE_ARITY];
-    float offsets[WIDE_ARITY][4] = {{0}};
+    const struct ir *ir = emission->table->ir;
+    struct wide_child children[WIDE_ARITY] = {{0}};
+    const struct box *boxes[WIDE_ARITY];
     uint8_t order[WIDE_ARITY];
-    unsigned count, inner = 0;
-    if (ir_is_leaf(ir, wide->node)) { /* the root alone */
-        count = 1;
-        children[0] = wide->node;
-    } else {
-        count = collapse_children(table, wide->node, children);
-    }
-    centre_offsets(ir, wide->node, children, count, offsets);
-    octants_assign((const float(*)[4])offsets, order);
-
     uint32_t leaf_refs = 0;
+    unsigned count = collapse_children(emission->table, wide->node, children);
+    for (unsigned i = 0; i < WIDE_ARITY; i++)
+        boxes[i] = &ir->boxes[0][children[i].node];
+    octants_assign_boxes(&ir->boxes[0][wide->node], boxes, count, emission->wide_registers, order);
     for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
-        struct wide_child child = {0};
-        if (order[slot] < count) {
-            child.node = children[order[slot]];
-            child.ref_count = collapse_leaf_refs(table, child.node);
-            child.first_ref = child.ref_count ? first_ref(ir, child.node) : 0;
-            inner += child.ref_count == 0;
-        }
-        leaf_refs += child.ref_count;
-        wide->slots[slot] = child;
+        wide->slots[slot] = children[order[slot]];
+        leaf_refs += children[slot].ref_count;
     }
-    *ret_leaf_refs = leaf_refs;
-    return inner;
+    return leaf_refs;
 }
 
-/* Visits the waiting node on top; its inner children wait after it, in slot order. */
+/*
+ * Visits the waiting node on top; its inner children wait after it, in slot order. Every slot is written to the next place and kept if it is an
+ * inner child: no branch, since that cannot be foreseen.
+ */
 static bool visit(struct emission *emission, struct run *run)
 {
     if (!reserve(emission, run, WIDE_ARITY))
         return false;
     struct wide_node *node = &run->nodes[run->waiting];
-    uint32_t level = node->first_leaf;
-    run->waiting = node->first_child;
+    uint32_t level = node->first_leaf, below = node->first_child, first = run->count, next = first;
     run->depth = level > run->depth ? level : run->depth;
-    unsigned inner = fill_slots(emission->table, node, &node->first_leaf);
-    node->first_child = inner ? run->count : 0;
-    run->count += inner;
-    uint32_t place = run->count;
-    for (int slot = WIDE_ARITY - 1; slot >= 0; slot--) {
+    node->first_leaf = fill_slots(emission, node);
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
         const struct wide_child *child = &node->slots[slot];
-        if (wide_kind(child) != WIDE_INNER)
-            continue;
-        run->nodes[--place] = (struct wide_node){.node = child->node, .first_child = run->waiting, .first_leaf = level + 1};
-        run->waiting = place;
+        struct wide_node *place = &run->nodes[next];
+        place->node = child->node;
+        place->first_child = next + 1;
+        place->first_leaf = level + 1;
+        next += (child->ref_count == 0) & (child->node != WIDE_NONE);
     }
+    bool any = next > first;
+    if (any)
+        run->nodes[next - 1].first_child = below;
+    node->first_child = any ? first : 0;
+    run->waiting = any ? first : below;
+    run->count = next;
     return true;
 }
 
@@ -319,7 +288,8 @@ static enum bvhd_status join(struct emission *emission, struct run *skeleton, co
 enum bvhd_status collapse_emit(const struct collapse_table *table, const atomic_bool *cancel, struct memory *memory,
                                const struct parallel *parallel, struct wide *ret_wide)
 {
-    struct emission emission = {.table = table, .cancel = cancel, .memory = memory, .status = BVHD_OK};
+    struct emission emission = {
+        .table = table, .cancel = cancel, .memory = memory, .wide_registers = octants_has_wide(), .status = BVHD_OK};
     struct run skeleton;
     if (emit_skeleton(&emission, &skeleton))
         parallel_for(parallel, emission.task_count, emit_task, &emission);

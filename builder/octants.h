@@ -6,7 +6,10 @@
 #ifndef BVHD_OCTANTS_H
 #define BVHD_OCTANTS_H
 
+#include <stdbool.h>
 #include <stdint.h>
+
+#include "box.h"
 
 /*
  * offsets[child][axis]: the child's centre from the parent's (the fourth number is not looked at), in any scale in which no sum of six overflows; 0 for those that are not there. Gives
@@ -14,5 +17,15 @@
  * +), comes near its maximum: 97 % of it on random ones. ret_children[slot] is the child that goes there. Deterministic, also of equal ones.
  */
 void octants_assign(const float offsets[8][4], uint8_t ret_children[8]);
+
+/*
+ * The same for children [0, count) at the centres of their boxes around the parent's; what children[count] and those behind point to is not looked
+ * at, but is a box. With `wide` (octants_has_wide) as fast as the machine can.
+ */
+void octants_assign_boxes(const struct box *parent, const struct box *const children[8], unsigned count, bool wide,
+                          uint8_t ret_children[8]);
+
+/* Whether this machine has AVX2. */
+bool octants_has_wide(void);
 
 #endif

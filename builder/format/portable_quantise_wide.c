@@ -5,21 +5,14 @@
  */
 #include "portable_quantise.h"
 
-#if defined(__x86_64__)
-#include <immintrin.h>
+#include "box_lanes.h"
 
-#define WIDE __attribute__((target("avx2")))
-#define WIDE_INLINE WIDE static inline __attribute__((always_inline))
+#if defined(__x86_64__)
 
 bool portable_has_wide(void)
 {
     return __builtin_cpu_supports("avx2");
 }
-
-/* Coordinates of eight boxes. */
-struct coordinates {
-    __m256 min[3], max[3];
-};
 
 /* Numbers of the axes x, y, z; the fourth lane is z again. */
 struct wide_grid {
@@ -28,45 +21,25 @@ struct wide_grid {
     __m128i exponent; /* 0 where flat */
 };
 
-/* Four floats of box i, and in the upper half of box i + 4. */
-WIDE_INLINE __m256 load_two(const struct box *const boxes[8], int i, size_t from)
-{
-    __m128 low = _mm_loadu_ps((const float *)(const void *)boxes[i] + from);
-    return _mm256_insertf128_ps(_mm256_castps128_ps256(low), _mm_loadu_ps((const float *)(const void *)boxes[i + 4] + from), 1);
-}
-
-WIDE_INLINE struct coordinates load_boxes(const struct box *const boxes[8])
-{
-    /* {x y z X} and {z X Y Z} of each, minima small */
-    __m256 a = load_two(boxes, 0, 0), b = load_two(boxes, 1, 0), c = load_two(boxes, 2, 0), d = load_two(boxes, 3, 0);
-    __m256 ab = _mm256_unpacklo_ps(a, b), cd = _mm256_unpacklo_ps(c, d), ab2 = _mm256_unpackhi_ps(a, b), cd2 = _mm256_unpackhi_ps(c, d);
-    __m256 e = load_two(boxes, 0, 2), f = load_two(boxes, 1, 2), g = load_two(boxes, 2, 2), h = load_two(boxes, 3, 2);
-    __m256 ef = _mm256_unpackhi_ps(e, f), gh = _mm256_unpackhi_ps(g, h);
-    return (struct coordinates){
-        {_mm256_shuffle_ps(ab, cd, 0x44), _mm256_shuffle_ps(ab, cd, 0xee), _mm256_shuffle_ps(ab2, cd2, 0x44)},
-        {_mm256_shuffle_ps(ab2, cd2, 0xee), _mm256_shuffle_ps(ef, gh, 0x44), _mm256_shuffle_ps(ef, gh, 0xee)},
-    };
-}
-
-WIDE_INLINE __m128 lesser_half(__m256 v)
+BOX_LANES_INLINE __m128 lesser_half(__m256 v)
 {
     return _mm_min_ps(_mm256_castps256_ps128(v), _mm256_extractf128_ps(v, 1));
 }
 
-WIDE_INLINE __m128 greater_half(__m256 v)
+BOX_LANES_INLINE __m128 greater_half(__m256 v)
 {
     return _mm_max_ps(_mm256_castps256_ps128(v), _mm256_extractf128_ps(v, 1));
 }
 
 /* The least on each axis. */
-WIDE_INLINE __m128 least_of(const __m256 values[3])
+BOX_LANES_INLINE __m128 least_of(const __m256 values[3])
 {
     __m128 x = lesser_half(values[0]), y = lesser_half(values[1]), z = lesser_half(values[2]);
     __m128 xy = _mm_min_ps(_mm_unpacklo_ps(x, y), _mm_unpackhi_ps(x, y)), zz = _mm_min_ps(_mm_unpacklo_ps(z, z), _mm_unpackhi_ps(z, z));
     return _mm_min_ps(_mm_movelh_ps(xy, zz), _mm_movehl_ps(zz, xy));
 }
 
-WIDE_INLINE __m128 greatest_of(const __m256 values[3])
+BOX_LANES_INLINE __m128 greatest_of(const __m256 values[3])
 {
     __m128 x = greater_half(values[0]), y = greater_half(values[1]), z = greater_half(values[2]);
     __m128 xy = _mm_max_ps(_mm_unpacklo_ps(x, y), _mm_unpackhi_ps(x, y)), zz = _mm_max_ps(_mm_unpacklo_ps(z, z), _mm_unpackhi_ps(z, z));
@@ -74,7 +47,7 @@ WIDE_INLINE __m128 greatest_of(const __m256 values[3])
 }
 
 /* Biased exponents of the smallest float powers of two >= values > 0; at least 1. */
-WIDE_INLINE __m256i exponents_above(__m256d values)
+BOX_LANES_INLINE __m256i exponents_above(__m256d values)
 {
     const __m256i one = _mm256_set1_epi64x(1), mantissa = _mm256_set1_epi64x((INT64_C(1) << 52) - 1);
     __m256i bits = _mm256_castpd_si256(values);
@@ -85,22 +58,22 @@ WIDE_INLINE __m256i exponents_above(__m256d values)
 }
 
 /* 2^(sign * (exponent - 127)) */
-WIDE_INLINE __m256d step_of(__m256i exponents)
+BOX_LANES_INLINE __m256d step_of(__m256i exponents)
 {
     return _mm256_castsi256_pd(_mm256_slli_epi64(_mm256_add_epi64(exponents, _mm256_set1_epi64x(1023 - 127)), 52));
 }
 
-WIDE_INLINE __m256d inverse_of(__m256i exponents)
+BOX_LANES_INLINE __m256d inverse_of(__m256i exponents)
 {
     return _mm256_castsi256_pd(_mm256_slli_epi64(_mm256_sub_epi64(_mm256_set1_epi64x(1023 + 127), exponents), 52));
 }
 
-WIDE_INLINE __m256d in_steps(__m256d values, __m128 origin, __m256d inverse)
+BOX_LANES_INLINE __m256d in_steps(__m256d values, __m128 origin, __m256d inverse)
 {
     return _mm256_mul_pd(_mm256_sub_pd(values, _mm256_cvtps_pd(origin)), inverse);
 }
 
-WIDE_INLINE __m128 next_down(__m128 values)
+BOX_LANES_INLINE __m128 next_down(__m128 values)
 {
     __m128i bits = _mm_castps_si128(values), minus = _mm_cmpgt_epi32(_mm_setzero_si128(), bits);
     __m128i next = _mm_add_epi32(bits, _mm_sub_epi32(_mm_set1_epi32(-1), _mm_slli_epi32(minus, 1))); /* - 1, + 1 where negative */
@@ -109,7 +82,7 @@ WIDE_INLINE __m128 next_down(__m128 values)
 }
 
 /* Where more than one step down is needed, or floats end, it is left to the plain version: false. */
-WIDE_INLINE bool fit_grid(__m128 low, __m128 high, struct wide_grid *ret_grid)
+BOX_LANES_INLINE bool fit_grid(__m128 low, __m128 high, struct wide_grid *ret_grid)
 {
     const __m256d margin = _mm256_set1_pd(PORTABLE_MARGIN), lowest = _mm256_cvtps_pd(low), highest = _mm256_cvtps_pd(high);
     __m256i exponents = exponents_above(_mm256_mul_pd(_mm256_sub_pd(highest, lowest), _mm256_set1_pd(PORTABLE_PER_STEPS)));
@@ -135,7 +108,7 @@ WIDE_INLINE bool fit_grid(__m128 low, __m128 high, struct wide_grid *ret_grid)
 }
 
 /* Of 8 coordinates: trunc((value - origin) / step - margin), as 16-bit integers. */
-WIDE_INLINE __m128i steps_down(__m256 values, __m256d origin, __m256d inverse)
+BOX_LANES_INLINE __m128i steps_down(__m256 values, __m256d origin, __m256d inverse)
 {
     const __m256d margin = _mm256_set1_pd(PORTABLE_MARGIN);
     __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(values)), high = _mm256_cvtps_pd(_mm256_extractf128_ps(values, 1));
@@ -145,7 +118,7 @@ WIDE_INLINE __m128i steps_down(__m256 values, __m256d origin, __m256d inverse)
 }
 
 /* 256 - trunc(256 - margin - (value - origin) / step) */
-WIDE_INLINE __m128i steps_up(__m256 values, __m256d origin, __m256d inverse)
+BOX_LANES_INLINE __m128i steps_up(__m256 values, __m256d origin, __m256d inverse)
 {
     const __m256d shift = _mm256_set1_pd(256 - PORTABLE_MARGIN);
     __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(values)), high = _mm256_cvtps_pd(_mm256_extractf128_ps(values, 1));
@@ -155,21 +128,21 @@ WIDE_INLINE __m128i steps_up(__m256 values, __m256d origin, __m256d inverse)
 }
 
 /* All bits set in the bytes of slots that are not occupied, in both halves. */
-WIDE_INLINE __m128i empty_slots(unsigned occupied)
+BOX_LANES_INLINE __m128i empty_slots(unsigned occupied)
 {
     const __m128i bits = _mm_set1_epi64x(INT64_C(-0x7fbfdfeff7fbfdff)); /* 1 << slot */
     return _mm_cmpeq_epi8(_mm_and_si128(_mm_set1_epi8((char)occupied), bits), _mm_setzero_si128());
 }
 
-WIDE_INLINE void store_pair(__m128i first, __m128i second, __m128i clear, __m128i set, uint8_t *ret)
+BOX_LANES_INLINE void store_pair(__m128i first, __m128i second, __m128i clear, __m128i set, uint8_t *ret)
 {
     __m128i bytes = _mm_or_si128(_mm_andnot_si128(clear, _mm_packus_epi16(first, second)), set);
     _mm_storeu_si128((__m128i *)(void *)ret, bytes);
 }
 
-WIDE bool portable_quantise_wide(const struct box *const boxes[8], unsigned occupied, struct portable_node *ret_node)
+BOX_LANES bool portable_quantise_wide(const struct box *const boxes[8], unsigned occupied, struct portable_node *ret_node)
 {
-    struct coordinates all = load_boxes(boxes);
+    struct box_lanes all = box_lanes_load(boxes);
     struct wide_grid grid;
     if (!fit_grid(least_of(all.min), greatest_of(all.max), &grid))
         return false;

@@ -19,7 +19,7 @@
 void collapse_cost_of_scalar(const struct collapse_table *table, uint32_t row);
 void collapse_cost_end_scalar(const struct collapse_table *table);
 void collapse_table_init_scalar(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options);
-unsigned collapse_children_scalar(const struct collapse_table *table, uint32_t node, uint32_t ret_children[WIDE_ARITY]);
+unsigned collapse_children_scalar(const struct collapse_table *table, uint32_t node, struct wide_child ret_children[WIDE_ARITY]);
 #include "collapse_cost.c"
 #undef collapse_cost_of
 #undef collapse_table_init
@@ -214,21 +214,24 @@ static void scalar_costs_are_the_same_bits(void **state)
     memory_init(&memory, UINT64_MAX);
     struct ir ir;
     make_cloud(1000, 1, 12, &memory, &ir);
-    struct collapse_table tables[2];
-    for (int i = 0; i < 2; i++) {
-        (i ? collapse_table_init_scalar : collapse_table_init)(&tables[i], &ir, &options);
+    collapse_cost_function *const functions[] = {collapse_cost_of_scalar, collapse_cost_of, collapse_cost_wide()};
+    struct collapse_table tables[3];
+    for (int i = 0; i < 3; i++) {
+        (i ? collapse_table_init : collapse_table_init_scalar)(&tables[i], &ir, &options);
         tables[i].counts = calloc(collapse_rows(&ir), sizeof *tables[i].counts);
         tables[i].costs = calloc(collapse_rows(&ir), sizeof *tables[i].costs);
         assert_non_null(tables[i].counts);
         assert_non_null(tables[i].costs);
         for (uint32_t row = collapse_rows(&ir); row-- > 0;)
-            (i ? collapse_cost_of_scalar : collapse_cost_of)(&tables[i], row);
-        (i ? collapse_cost_end_scalar : collapse_cost_end)(&tables[i]);
+            functions[i](&tables[i], row);
+        (i ? collapse_cost_end : collapse_cost_end_scalar)(&tables[i]);
     }
-    assert_memory_equal(tables[0].costs, tables[1].costs, collapse_rows(&ir) * sizeof *tables[0].costs);
-    assert_memory_equal(tables[0].counts, tables[1].counts, collapse_rows(&ir) * sizeof *tables[0].counts);
+    for (int i = 1; i < 3; i++) {
+        assert_memory_equal(tables[0].costs, tables[i].costs, collapse_rows(&ir) * sizeof *tables[0].costs);
+        assert_memory_equal(tables[0].counts, tables[i].counts, collapse_rows(&ir) * sizeof *tables[0].counts);
+    }
     assert_int_equal(tables[0].counts[0], 1000);
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < 3; i++) {
         free(tables[i].costs);
         free(tables[i].counts);
     }

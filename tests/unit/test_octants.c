@@ -116,6 +116,38 @@ static void extremes_still_give_each_a_slot(void **state)
     }
 }
 
+/* Boxes whose centres are anywhere, by every way that this machine has. */
+static void boxes_go_where_their_centres_go(void **state)
+{
+    (void)state;
+    struct random random = {5};
+    for (int round = 0; round < 4000; round++) {
+        unsigned count = 1 + (unsigned)(random_next(&random) % 8);
+        double size = ldexp(1, (int)(random_next(&random) % 250) - 130), place = random_next(&random) % 2 ? size * 1000 : 0;
+        struct box parent = {{0}, {0}}, children[8];
+        const struct box *pointers[8];
+        float offsets[8][4] = {{0}};
+        uint8_t expected[8], found[8];
+        for (int axis = 0; axis < 3; axis++)
+            parent.max[axis] = (float)(place + size * random_between(&random, 0, 1));
+        for (unsigned i = 0; i < 8; i++) {
+            pointers[i] = &children[i];
+            for (unsigned axis = 0; axis < 3; axis++) {
+                children[i].min[axis] = (float)(place + size * (double)(random_next(&random) % 16));
+                children[i].max[axis] = children[i].min[axis] + (float)(size * (double)(random_next(&random) % 4));
+                float centre = 0.0625f * parent.min[axis] + 0.0625f * parent.max[axis];
+                if (i < count)
+                    offsets[i][axis] = 0.0625f * children[i].min[axis] + 0.0625f * children[i].max[axis] - centre;
+            }
+        }
+        octants_assign_scalar((const float(*)[4])offsets, expected);
+        for (int wide = 0; wide <= octants_has_wide(); wide++) {
+            octants_assign_boxes(&parent, pointers, count, wide, found);
+            assert_memory_equal(found, expected, 8);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -123,6 +155,7 @@ int main(void)
         cmocka_unit_test(corners_go_home),
         cmocka_unit_test(one_alone_goes_home),
         cmocka_unit_test(extremes_still_give_each_a_slot),
+        cmocka_unit_test(boxes_go_where_their_centres_go),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
