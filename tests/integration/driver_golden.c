@@ -334,7 +334,16 @@ static void map_addresses(const struct world *world, const struct canonical *can
                 ret_addresses[row] = world->addresses[i];
 }
 
-/* Random matrices, some mirrored, some far from even; all flags, masks and offsets. */
+/* A turn by an eighth of a circle and a small step: entries of one size, among which pivots tie. */
+static void make_ties(struct random *random, float ret_matrix[12])
+{
+    static const float turn[2][12] = {{1, 1, 0, 0, -1, 1, 0, 0, 0, 0, 1, 0}, {0, 1, 1, 0, 1, 0, 0, 0, 0, -1, 1, 0}};
+    memcpy(ret_matrix, turn[random_next(random) % 2], sizeof turn[0]);
+    for (int row = 0; row < 3; row++)
+        ret_matrix[4 * row + 3] = (float)(random_next(random) % 3) - 1;
+}
+
+/* Random matrices, some mirrored, some far from even, some of few values; all flags, masks and offsets. */
 static void fill_record(struct random *random, const struct world *world, bool null, unsigned char *record)
 {
     float matrix[12];
@@ -343,6 +352,8 @@ static void fill_record(struct random *random, const struct world *world, bool n
     if (random_next(random) % 4 == 0)
         for (int k = 0; k < 12; k++)
             matrix[k] = k % 5 == 0 && k < 11 ? (k ? 2.0f : -1.0f) : k % 4 == 3 ? matrix[k] : 0.0f;
+    if (random_next(random) % 4 == 0)
+        make_ties(random, matrix);
     memcpy(record, matrix, sizeof matrix);
     bytes_put32(record + 48, (uint32_t)random_next(random));
     /* Opaqueness is forced in one way at most. */
