@@ -51,9 +51,11 @@ static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, stru
     if (status)
         return status;
     const struct gpu_buffer *bound[TRACER_BINDINGS] = {&self->rays, &self->hits};
-    for (uint32_t i = 2; i < self->kernel.bindings; i++)
+    for (uint32_t i = 2; i < TRACER_BINDINGS; i++)
         bound[i] = self->buffers[i - 2];
     gpu_kernel_bind(self->gpu, &self->kernel, bound, self->structures);
+    for (uint32_t i = 0; i < self->choice_count; i++)
+        gpu_kernel_bind(self->gpu, &self->choices[i].kernel, bound, self->structures);
     self->capacity = count;
     return BVHD_OK;
 }
@@ -76,17 +78,27 @@ static void barrier(struct gpu *gpu, VkCommandBuffer commands, VkPipelineStageFl
     gpu->vk.CmdPipelineBarrier(commands, from, to, 0, 1, &memory, 0, NULL, 0, NULL);
 }
 
-static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count)
+static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_choice *choice)
+{
+    uint32_t groups = (count + TRACER_GROUP - 1) / TRACER_GROUP;
+    if (choice && choice->most_groups && groups > choice->most_groups)
+        groups = choice->most_groups;
+    gpu_kernel_record(self->gpu, choice ? &choice->kernel : &self->kernel, commands, &self->push, groups);
+}
+
+static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_choice *choice)
 {
     struct gpu *gpu = self->gpu;
     const VkBufferCopy up = {.size = (VkDeviceSize)count * sizeof(struct device_ray)};
     const VkBufferCopy down = {.size = (VkDeviceSize)count * sizeof(struct tracer_hit)};
     self->push.count = count;
     gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &up);
+    if (choice && choice->most_groups)
+        gpu->vk.CmdFillBuffer(commands, self->work->buffer, 0, VK_WHOLE_SIZE, 0);
     barrier(gpu, commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
-            VK_ACCESS_SHADER_READ_BIT);
+            VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
     gpu_timer_start(gpu, &self->timer, commands);
-    gpu_kernel_record(gpu, &self->kernel, commands, &self->push, (count + TRACER_GROUP - 1) / TRACER_GROUP);
+    dispatch(self, commands, count, choice);
     gpu_timer_stop(gpu, &self->timer, commands);
     barrier(gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
             VK_ACCESS_TRANSFER_READ_BIT);
@@ -96,15 +108,15 @@ static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_
 }
 
 /* Without timestamps the wall clock has to do: what copies take is in it then. */
-static enum bvhd_status trace_portion(struct tracer_device *self, const struct ray *rays, uint32_t count, struct tracer_hit *ret_hits,
-                                      double *seconds, struct bvhd_error *error)
+static enum bvhd_status trace_portion(struct tracer_device *self, const struct tracer_choice *choice, const struct ray *rays,
+                                      uint32_t count, struct tracer_hit *ret_hits, double *seconds, struct bvhd_error *error)
 {
     VkCommandBuffer commands;
     put_rays(self, rays, count);
     enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
     if (status)
         return status;
-    record(self, commands, count);
+    record(self, commands, count, choice);
     uint64_t began = clock_ns();
     status = gpu_submit(self->gpu, commands, error);
     if (status)
@@ -119,6 +131,8 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
                               double *ret_seconds, struct bvhd_error *error)
 {
     struct tracer_device *self = (struct tracer_device *)tracer;
+    int place = self->choose ? self->choose(self, rays, count) : -1;
+    const struct tracer_choice *choice = place < 0 ? NULL : &self->choices[place];
     double seconds = 0;
     uint64_t most = (uint64_t)self->gpu->facts.max_groups * TRACER_GROUP;
     if (most > TRACER_PORTION)
@@ -126,7 +140,7 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
     enum bvhd_status status = count ? reserve(self, (uint32_t)(count < most ? count : most), error) : BVHD_OK;
     for (uint64_t at = 0; at < count && !status; at += most) {
         uint64_t portion = count - at < most ? count - at : most;
-        status = trace_portion(self, rays + at, (uint32_t)portion, ret_hits + at, &seconds, error);
+        status = trace_portion(self, choice, rays + at, (uint32_t)portion, ret_hits + at, &seconds, error);
     }
     if (!status && ret_seconds)
         *ret_seconds = seconds;
@@ -156,6 +170,18 @@ enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu,
     return BVHD_OK;
 }
 
+enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_kernel_options *options, uint32_t most_groups,
+                                   struct bvhd_error *error)
+{
+    struct gpu_kernel_options with_push = *options;
+    struct tracer_choice choice = {.most_groups = most_groups};
+    with_push.push_size = sizeof(struct tracer_push);
+    enum bvhd_status status = gpu_kernel_create(self->gpu, &with_push, &choice.kernel, error);
+    if (!status)
+        self->choices[self->choice_count++] = choice;
+    return status;
+}
+
 void tracer_device_rebind(struct tracer_device *self)
 {
     free_buffers(self);
@@ -170,5 +196,7 @@ void tracer_device_destroy(struct tracer_device *self)
     free_buffers(self);
     gpu_timer_destroy(self->gpu, &self->timer);
     gpu_kernel_destroy(self->gpu, &self->kernel);
+    for (uint32_t i = 0; i < self->choice_count; i++)
+        gpu_kernel_destroy(self->gpu, &self->choices[i].kernel);
     memory_free(self->memory, self);
 }

@@ -12,6 +12,7 @@ enum {
     TRACER_PORTION = 1 << 20, /* most rays of a dispatch */
     TRACER_GROUP = 64, /* threads of a workgroup, specialisation constant 0 */
     TRACER_BINDINGS = 8, /* most storage buffers */
+    TRACER_CHOICES = 2, /* kernels beside the first one */
 };
 
 /* As kernels declare it. */
@@ -19,6 +20,13 @@ struct tracer_push {
     uint32_t count; /* of rays; filled by tracer_device_trace */
     uint32_t has_top;
     uint32_t extra[2]; /* for the kind of tracer */
+    uint32_t scene_base[2];
+};
+
+/* A kernel that may run in place of the first one, over the same bindings. */
+struct tracer_choice {
+    struct gpu_kernel kernel;
+    uint32_t most_groups; /* 0: a thread a ray; else rays are handed out from the buffer `work`, which is 0 at first */
 };
 
 struct tracer_device {
@@ -26,6 +34,11 @@ struct tracer_device {
     struct gpu *gpu;
     struct memory *memory;
     struct gpu_kernel kernel;
+    struct tracer_choice choices[TRACER_CHOICES];
+    uint32_t choice_count;
+    /* Which of the choices runs over all rays of a call, -1: the first kernel. NULL: always that one. */
+    int (*choose)(const struct tracer_device *self, const struct ray *rays, uint64_t count);
+    const struct gpu_buffer *work; /* of choices with most_groups; one of `buffers` */
     struct gpu_timer timer;
     struct tracer_push push;
     const struct gpu_buffer *buffers[TRACER_BINDINGS]; /* from binding 2 on, kept by the kind of tracer */
@@ -41,6 +54,10 @@ struct tracer_device {
  */
 enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
                                     struct memory *memory, struct bvhd_error *error);
+
+/* Adds a choice; constants and bindings are up to `options`. On failure it is as before. */
+enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_kernel_options *options, uint32_t most_groups,
+                                   struct bvhd_error *error);
 
 /* The buffers that it points to, or its structures, are others from now on. */
 void tracer_device_rebind(struct tracer_device *self);

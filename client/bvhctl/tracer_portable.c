@@ -2,7 +2,7 @@
 #include <stdint.h>
 
 #include "status.h"
-#include "tracer_device.h"
+#include "tracer_closest.h"
 
 #include "trace_portable.h"
 #include "trace_portable_address.h"
@@ -13,11 +13,24 @@ struct tracer_portable {
     struct tracer_device device; /* its first member */
     struct bvhd_vulkan_scene *scene;
     struct gpu_buffer storage; /* the scene's: not to be destroyed */
+    struct tracer_closest closest;
 };
 
 static void release(struct tracer_device *device)
 {
-    bvhd_vulkan_scene_destroy(((struct tracer_portable *)device)->scene);
+    struct tracer_portable *self = (struct tracer_portable *)device;
+    tracer_closest_finish(&self->closest, device->gpu);
+    bvhd_vulkan_scene_destroy(self->scene);
+}
+
+static int choose(const struct tracer_device *device, const struct ray *rays, uint64_t count)
+{
+    return tracer_closest_choose(&((const struct tracer_portable *)device)->closest, rays, count);
+}
+
+void tracer_portable_set_way(struct tracer *tracer, enum tracer_way way)
+{
+    ((struct tracer_portable *)tracer)->closest.way = way;
 }
 
 /* Vulkan lets fma() round twice. The hardware of these vendors has one that rounds once. */
@@ -89,6 +102,12 @@ static enum bvhd_status find_root(struct tracer_portable *self, const struct str
     self->device.push.has_top = structures->has_top;
     self->device.push.extra[0] = (uint32_t)location;
     self->device.push.extra[1] = (uint32_t)(location >> 32);
+    if (gpu->facts.has_buffer_address) {
+        const VkBufferDeviceAddressInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = span.buffer};
+        uint64_t base = gpu->vk.GetBufferDeviceAddress(gpu->device, &info);
+        self->device.push.scene_base[0] = (uint32_t)base;
+        self->device.push.scene_base[1] = (uint32_t)(base >> 32);
+    }
     return BVHD_OK;
 }
 
@@ -110,6 +129,9 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
     status = load(self, structures, error);
     if (!status)
         status = find_root(self, structures, error);
+    if (!status)
+        status = tracer_closest_init(&self->closest, &self->device, structures, has_fused_fma(gpu), error);
+    self->device.choose = choose;
     if (status)
         tracer_device_destroy(&self->device);
     else

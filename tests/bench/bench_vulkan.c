@@ -16,6 +16,7 @@
 #include "json.h"
 #include "ray_pipeline.h"
 #include "surface.h"
+#include "tracer_closest.h"
 #include "workers.h"
 
 static const char help[] =
@@ -35,6 +36,7 @@ static const char help[] =
     "  --quality NAME     fast, balanced or high, of what is built here; default balanced\n"
     "  --fast-triangles   builds portable ones again, with 48-byte triangles\n"
     "  --kernel SPEC      NAME=FILE.spv[:CONSTANT,...], another kernel over the portable structures; may be repeated\n"
+    "  --ways             each of bvhctl's own kernels by itself, too\n"
     "  --no-portable      leaves out bvhctl's own kernel\n"
     "  --check            compares with the CPU traversal, and asks brute force about differences\n"
     "  --statistics       prints what the driver says of each --kernel: registers, spills (needs "
@@ -45,13 +47,13 @@ static const char help[] =
 
 enum { BUSY_MS = 15, COUNTED_RAYS = 16384 };
 
-enum { MAX_KERNELS = 64, MAX_CONTESTANTS = MAX_KERNELS + 4, MAX_RUNS = 99 };
+enum { MAX_KERNELS = 64, MAX_CONTESTANTS = MAX_KERNELS + 8, MAX_RUNS = 99 };
 
 struct settings {
     const char *device, *json;
     uint32_t rays, runs, threads;
     bool kinds[RAYS_KINDS];
-    bool is_native, is_shuffled, is_fast_triangles, is_checked, without_portable, has_statistics, is_bottom;
+    bool is_native, is_shuffled, is_fast_triangles, is_checked, without_portable, has_statistics, is_bottom, has_ways;
     uint64_t seed;
     enum build_quality quality;
     const char *kernels[MAX_KERNELS];
@@ -181,9 +183,13 @@ static void add_ours(struct bench *bench)
     if (settings->is_shuffled || settings->is_fast_triangles)
         build_again(bench, TARGET_PORTABLE, &bench->portable);
     const struct structures *portable = portable_of(bench);
-    if (!settings->without_portable) {
-        struct contestant *one = add(bench, "portable", portable->has_top, bytes_of(portable));
+    for (int way = TRACER_WAY_AUTO; way <= (settings->has_ways ? TRACER_WAY_REFILL : TRACER_WAY_AUTO); way++) {
+        static const char *const names[] = {"portable", "portable, query", "portable, together", "portable, refill"};
+        if (settings->without_portable)
+            break;
+        struct contestant *one = add(bench, names[way], portable->has_top, bytes_of(portable));
         must(tracer_portable_create(bench->gpu, portable, &bench->memory, &one->tracer, &error), &error);
+        tracer_portable_set_way(one->tracer, (enum tracer_way)way);
     }
     for (uint32_t i = 0; i < settings->kernel_count; i++) {
         struct contestant *one = add(bench, settings->kernels[i], portable->has_top, bytes_of(portable));
@@ -424,6 +430,7 @@ static int take_option(struct settings *settings, char **arguments)
                  {"--no-portable", &settings->without_portable},
                  {"--statistics", &settings->has_statistics},
                  {"--bottom", &settings->is_bottom},
+                 {"--ways", &settings->has_ways},
                  {"--check", &settings->is_checked}};
     for (size_t i = 0; i < sizeof flags / sizeof *flags; i++)
         if (!strcmp(name, flags[i].name)) {

@@ -17,12 +17,17 @@ struct Hit {
 };
 
 layout(set = 0, binding = 0, std430) readonly buffer Rays { Ray rays[]; };
+#ifdef HITS_AS_ROWS
+layout(set = 0, binding = 1, std430) writeonly buffer Hits { uvec4 hit_rows[]; }; // two each
+#else
 layout(set = 0, binding = 1, std430) writeonly buffer Hits { Hit hits[]; };
+#endif
 
 layout(push_constant) uniform Push {
     uint count;
     uint has_top; // 0: there is one bottom level, and no instance to tell of
     uvec2 extra; // for the kind of tracer
+    uvec2 scene_base; // address of the scene's buffer; 0 where locations are offsets in it
 };
 
 const uint NO_INSTANCE = 0xffffffffu, FRONT_FACE = 1u, IS_AABB = 2u;
