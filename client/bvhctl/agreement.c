@@ -53,27 +53,22 @@ static bool is_miss(const struct tracer_hit *hit)
     return hit->t == INFINITY;
 }
 
-static double component(struct vector vector, int axis)
-{
-    return axis == 0 ? vector.x : axis == 1 ? vector.y : vector.z;
-}
-
 /* The distance to the triangle's plane, and how far rounding may move it. */
 static void plane_distance(const struct ray *ray, const struct surface *surface, double *ret_t, double *ret_tolerance)
 {
     struct vector normal = surface_normal(surface);
     double above = 0, facing = 0, wobble = 0;
     for (int axis = 0; axis < 3; axis++) {
-        double n = component(normal, axis), corner = component(surface->corners[0], axis), farthest = fabs(corner);
+        double n = vector_component(normal, axis), corner = vector_component(surface->corners[0], axis), farthest = fabs(corner);
         for (int i = 1; i < 3; i++)
-            farthest = fmax(farthest, fabs(component(surface->corners[i], axis)));
+            farthest = fmax(farthest, fabs(vector_component(surface->corners[i], axis)));
         above += n * (corner - (double)ray->origin[axis]);
         facing += n * (double)ray->direction[axis];
-        wobble += fabs(n) * (fabs((double)ray->origin[axis]) + farthest + fabs(component(surface->shift, axis)));
+        wobble += fabs(n) * (fabs((double)ray->origin[axis]) + farthest + fabs(vector_component(surface->shift, axis)));
     }
     double t = above / facing;
     for (int axis = 0; axis < 3; axis++)
-        wobble += fabs(component(normal, axis) * t * (double)ray->direction[axis]);
+        wobble += fabs(vector_component(normal, axis) * t * (double)ray->direction[axis]);
     *ret_t = t;
     *ret_tolerance = roundings * FLT_EPSILON * wobble / fabs(facing) + FLT_TRUE_MIN;
 }
@@ -307,14 +302,15 @@ static void ask_around(const struct agreement_case *one, struct ray rays[AROUND]
     double farthest = 0, t = is_miss(&one->device) ? 0 : (double)one->device.t;
     vector_basis(vector_unit(direction), &side, &up);
     for (int axis = 0; axis < 3; axis++) {
-        double from = (double)ray->origin[axis], to = from + t * component(direction, axis);
+        double from = (double)ray->origin[axis], to = from + t * vector_component(direction, axis);
         farthest = fmax(farthest, fmax(fabs(from), fabs(to)));
     }
     for (int i = 0; i < AROUND; i++) {
         double distance = roundings * FLT_EPSILON * farthest;
         rays[i] = *ray;
         for (int axis = 0; axis < 3; axis++)
-            rays[i].origin[axis] += (float)(distance * ((i % 3 - 1) * component(side, axis) + (i / 3 - 1) * component(up, axis)));
+            rays[i].origin[axis] +=
+                (float)(distance * ((i % 3 - 1) * vector_component(side, axis) + (i / 3 - 1) * vector_component(up, axis)));
     }
 }
 

@@ -32,11 +32,6 @@ struct rendering {
     double exposure;
 };
 
-static struct vector from_floats(const float at[3])
-{
-    return vector_make((double)at[0], (double)at[1], (double)at[2]);
-}
-
 static void put_floats(float out[3], struct vector value)
 {
     out[0] = (float)value.x;
@@ -219,8 +214,8 @@ static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_e
 
 static struct vector pixel_colour(const struct pixel *pixel)
 {
-    struct vector reflected = vector_mul(from_floats(pixel->albedo), from_floats(pixel->ambient));
-    return vector_add(vector_add(from_floats(pixel->backdrop), from_floats(pixel->direct)), reflected);
+    struct vector reflected = vector_mul(vector_from_floats(pixel->albedo), vector_from_floats(pixel->ambient));
+    return vector_add(vector_add(vector_from_floats(pixel->backdrop), vector_from_floats(pixel->direct)), reflected);
 }
 
 /* Outdoors the light is known; inside it depends on the windows: the geometric mean of what is seen becomes a middle grey. */

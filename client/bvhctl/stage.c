@@ -20,17 +20,6 @@ enum {
 
 static const double clear_of_box = 1.6; /* how much larger the whole may be than the bulk before the rest counts as outliers */
 
-static struct vector from_floats(const float at[3])
-{
-    return vector_make((double)at[0], (double)at[1], (double)at[2]);
-}
-
-static struct vector transform_point(const float m[12], struct vector p)
-{
-    return vector_make(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3], m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
-                       m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
-}
-
 struct ray stage_ray(struct vector origin, struct vector direction)
 {
     return (struct ray){.origin = {(float)origin.x, (float)origin.y, (float)origin.z},
@@ -59,12 +48,11 @@ static struct vector world_normal(const struct stage *stage, const struct ray_hi
     struct vector p[3];
     structures_corners(stage->structures, hit, corners);
     for (int i = 0; i < 3; i++) {
-        p[i] = from_floats(corners[i]);
+        p[i] = vector_from_floats(corners[i]);
         if (stage->structures->has_top)
-            p[i] = transform_point(stage_instance(stage, hit->instance)->object_to_world, p[i]);
+            p[i] = vector_transform(stage_instance(stage, hit->instance)->object_to_world, p[i]);
     }
-    /* Sides first to unit length: squares of tiny or huge ones would leave the range. */
-    return vector_unit(vector_cross(vector_unit(vector_sub(p[1], p[0])), vector_unit(vector_sub(p[2], p[0]))));
+    return vector_normal(p);
 }
 
 bool stage_look(const struct stage *stage, struct vector origin, struct vector direction, struct stage_hit *ret_hit)
@@ -76,12 +64,13 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
     struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit);
     if (vector_dot(normal, direction) > 0)
         normal = vector_scale(normal, -1);
-    *ret_hit = (struct stage_hit){.position = vector_mad(from_floats(ray.origin), from_floats(ray.direction), (double)hit.t),
-                                  .normal = normal,
-                                  .distance = (double)hit.t,
-                                  .instance = stage->structures->has_top ? hit.instance : 0,
-                                  .handle = hit.handle,
-                                  .geometry = hit.geometry};
+    *ret_hit =
+        (struct stage_hit){.position = vector_mad(vector_from_floats(ray.origin), vector_from_floats(ray.direction), (double)hit.t),
+                           .normal = normal,
+                           .distance = (double)hit.t,
+                           .instance = stage->structures->has_top ? hit.instance : 0,
+                           .handle = hit.handle,
+                           .geometry = hit.geometry};
     return true;
 }
 
@@ -181,8 +170,8 @@ static void visit_triangle(struct tour *tour, const struct structure *bottom, co
     uint32_t primitive;
     structure_triangle(bottom, row, exact, &primitive);
     for (int i = 0; i < 3; i++) {
-        corners[i] = from_floats(exact[i]);
-        corners[i] = transform ? transform_point(transform, corners[i]) : corners[i];
+        corners[i] = vector_from_floats(exact[i]);
+        corners[i] = transform ? vector_transform(transform, corners[i]) : corners[i];
     }
     if (tour->seen % tour->stride == 0)
         tour->picked = rays_random(&tour->pick) % tour->stride;
@@ -236,11 +225,6 @@ static int compare_doubles(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static double component(struct vector vector, int axis)
-{
-    return axis == 0 ? vector.x : axis == 1 ? vector.y : vector.z;
-}
-
 static void set_component(struct vector *vector, int axis, double value)
 {
     *(axis == 0 ? &vector->x : axis == 1 ? &vector->y : &vector->z) = value;
@@ -258,7 +242,7 @@ static void measure(const struct stage *stage, const int axes[3], double *sorted
     uint32_t count = stage->even_count, cut = count * OUTLIERS / 1000;
     for (int i = 0; i < 3; i++) {
         for (uint32_t k = 0; k < count; k++)
-            sorted[k] = component(stage->samples[k], axes[i]);
+            sorted[k] = vector_component(stage->samples[k], axes[i]);
         qsort(sorted, count, sizeof *sorted, compare_doubles);
         double low = sorted[cut], high = sorted[count - 1 - cut];
         double least = (double)bounds[axes[i]], most = (double)bounds[3 + axes[i]];
@@ -275,8 +259,8 @@ static struct vector spread_of_instances(const struct stage *stage)
     for (uint32_t i = 0; i < stage->instance_count; i++)
         for (int axis = 0; axis < 3; axis++) {
             double at = (double)stage->instances[i].object_to_world[4 * axis + 3];
-            set_component(&low, axis, fmin(component(low, axis), at));
-            set_component(&high, axis, fmax(component(high, axis), at));
+            set_component(&low, axis, fmin(vector_component(low, axis), at));
+            set_component(&high, axis, fmax(vector_component(high, axis), at));
         }
     return vector_sub(high, low);
 }

@@ -142,17 +142,6 @@ static bool find_corners(const struct surfaces *surfaces, uint32_t bottom, const
     return true;
 }
 
-static struct vector from_floats(const float at[3])
-{
-    return vector_make((double)at[0], (double)at[1], (double)at[2]);
-}
-
-static struct vector transform_point(const float m[12], struct vector p)
-{
-    return vector_make(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3], m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
-                       m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
-}
-
 /* *ret_bottom for an AABB's hit, too. */
 static bool find_instance(const struct surfaces *surfaces, const struct tracer_hit *hit, struct structure_instance *ret_instance)
 {
@@ -176,19 +165,17 @@ bool surfaces_find(const struct surfaces *surfaces, const struct tracer_hit *hit
     *ret_surface = (struct surface){.bottom = instance.bottom};
     bool has_top = structures_top(surfaces->structures) != NULL;
     for (int i = 0; i < 3; i++) {
-        struct vector corner = from_floats(corners[i]);
-        ret_surface->corners[i] = has_top ? transform_point(instance.object_to_world, corner) : corner;
+        struct vector corner = vector_from_floats(corners[i]);
+        ret_surface->corners[i] = has_top ? vector_transform(instance.object_to_world, corner) : corner;
     }
     if (has_top)
-        ret_surface->shift = transform_point(instance.object_to_world, vector_make(0, 0, 0));
+        ret_surface->shift = vector_transform(instance.object_to_world, vector_make(0, 0, 0));
     return true;
 }
 
 struct vector surface_normal(const struct surface *surface)
 {
-    const struct vector *p = surface->corners;
-    /* Sides first to unit length: squares of tiny or huge ones would leave the range. */
-    return vector_unit(vector_cross(vector_unit(vector_sub(p[1], p[0])), vector_unit(vector_sub(p[2], p[0]))));
+    return vector_normal(surface->corners);
 }
 
 /* A box has no side that is known: it looks at who looks at it. */
@@ -206,14 +193,14 @@ bool surfaces_meet(const struct surfaces *surfaces, const struct ray *ray, const
     if (!isfinite(hit->t))
         return false;
     struct surface surface;
-    struct vector direction = from_floats(ray->direction), normal = vector_scale(direction, -1);
+    struct vector direction = vector_from_floats(ray->direction), normal = vector_scale(direction, -1);
     if (surfaces_find(surfaces, hit, &surface))
         normal = surface_normal(&surface);
     else if (!(hit->flags & TRACER_AABB) || !find_box(surfaces, hit, &surface.bottom))
         return false;
     if (vector_dot(normal, direction) > 0)
         normal = vector_scale(normal, -1);
-    *ret_hit = (struct stage_hit){.position = vector_mad(from_floats(ray->origin), direction, (double)hit->t),
+    *ret_hit = (struct stage_hit){.position = vector_mad(vector_from_floats(ray->origin), direction, (double)hit->t),
                                   .normal = normal,
                                   .distance = (double)hit->t,
                                   .instance = structures_top(surfaces->structures) ? hit->instance : 0,

@@ -14,6 +14,16 @@ static inline struct vector vector_make(double x, double y, double z)
     return (struct vector){x, y, z};
 }
 
+static inline struct vector vector_from_floats(const float at[3])
+{
+    return vector_make((double)at[0], (double)at[1], (double)at[2]);
+}
+
+static inline double vector_component(struct vector a, int axis)
+{
+    return axis == 0 ? a.x : axis == 1 ? a.y : a.z;
+}
+
 static inline struct vector vector_add(struct vector a, struct vector b)
 {
     return vector_make(a.x + b.x, a.y + b.y, a.z + b.z);
@@ -66,6 +76,20 @@ static inline struct vector vector_unit(struct vector a)
 {
     double length = vector_length(a);
     return length > 0 ? vector_scale(a, 1 / length) : a;
+}
+
+/* A point through a row-major 3x4 matrix. */
+static inline struct vector vector_transform(const float m[12], struct vector p)
+{
+    return vector_make(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3], m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
+                       m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
+}
+
+/* A triangle's normal, of unit length; 0 for a triangle without area. */
+static inline struct vector vector_normal(const struct vector corners[3])
+{
+    /* Sides first to unit length: squares of tiny or huge ones would leave the range. */
+    return vector_unit(vector_cross(vector_unit(vector_sub(corners[1], corners[0])), vector_unit(vector_sub(corners[2], corners[0]))));
 }
 
 /* Two unit vectors that are perpendicular to the unit vector `n` and to each other (Duff 2017). */
