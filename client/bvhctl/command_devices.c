@@ -3,6 +3,7 @@
 
 #include "commands.h"
 #include "gpu.h"
+#include "probe_source.h"
 
 /* A device, and what it loads natively as far as a probe tells. */
 struct found {
@@ -34,27 +35,14 @@ static const char *kind_of(VkPhysicalDeviceType type)
     }
 }
 
-static enum bvhd_status ask(struct gpu *gpu, const char **ret_native, struct bvhd_error *error)
-{
-    void *probe;
-    uint64_t size;
-    struct bvhd_format format = {.struct_size = sizeof format};
-    enum bvhd_status status = bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, error);
-    if (status)
-        return status;
-    status = bvhd_format_from_probe(probe, size, &format, error);
-    bvhd_vulkan_free(probe);
-    if (!status)
-        *ret_native = bvhd_target_name(format.target);
-    return status;
-}
-
 static void probe(struct found *found, struct memory *memory)
 {
     struct gpu *gpu;
+    struct bvhd_format format;
     if (gpu_open(found->facts.name, memory, &gpu, &found->why_not))
         return;
-    ask(gpu, &found->native, &found->why_not);
+    if (!probe_source_ask(gpu, &format, &found->why_not))
+        found->native = bvhd_target_name(format.target);
     gpu_close(gpu);
 }
 

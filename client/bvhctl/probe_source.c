@@ -35,7 +35,7 @@ static enum bvhd_status read_file(const struct probe_source *source, struct memo
     return BVHD_OK;
 }
 
-static enum bvhd_status probe_gpu(struct gpu *gpu, struct bvhd_format *ret_format, struct bvhd_error *error)
+enum bvhd_status probe_source_ask(struct gpu *gpu, struct bvhd_format *ret_format, struct bvhd_error *error)
 {
     void *probe;
     uint64_t size;
@@ -57,7 +57,7 @@ static enum bvhd_status probe_device(const struct gpu_facts *facts, enum bvhd_ta
     enum bvhd_status status = gpu_open(facts->name, memory, &gpu, error);
     if (status)
         return status;
-    status = probe_gpu(gpu, &format, error);
+    status = probe_source_ask(gpu, &format, error);
     gpu_close(gpu);
     if (!status && format.target != target)
         status = bvhd_error_set(error, BVHD_UNSUPPORTED, "", "it loads %s", name_of(format.target));

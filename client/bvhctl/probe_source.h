@@ -7,6 +7,8 @@
 #include "geometry.h"
 #include "memory.h"
 
+struct gpu;
+
 struct probe_source {
     const char *file; /* of `bvhctl probe`, hostile; NULL: the first device of this machine that loads `target` */
     enum target target; /* a native one, or, with a file, 0: whatever the device loads */
@@ -17,5 +19,8 @@ struct probe_source {
  */
 enum bvhd_status probe_source_read(const struct probe_source *source, struct memory *memory, struct bvhd_format *ret_format,
                                    struct bvhd_error *error);
+
+/* What a device loads natively that is open already. BVHD_UNSUPPORTED: nothing that this version knows, or nothing at all. */
+enum bvhd_status probe_source_ask(struct gpu *gpu, struct bvhd_format *ret_format, struct bvhd_error *error);
 
 #endif
