@@ -1,0 +1,75 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# bvhd_bench.sh BVHD-BENCH - small runs of both kinds: the structure of the reports, cells of our own that are clean, pictures that are pictures.
+set -eu
+
+bench=$1
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+
+fail()
+{
+    echo "$*" >&2
+    exit 1
+}
+
+# has FILE PATTERN - a line of FILE matches the extended regular expression.
+has()
+{
+    grep -Eq "$2" "$1" || fail "$1: no $2"
+}
+
+# starts_as FILE BYTES - FILE begins with these bytes, in hexadecimal.
+starts_as()
+{
+    [ "$(head -c 8 "$1" | od -An -tx1 | tr -d ' \n')" = "$2" ] || fail "$1: does not begin as it should"
+}
+
+# Braces and brackets in pairs, one object, and no number that is none.
+check_json()
+{
+    tr -d '\n' <"$1" | grep -Eq '^\{.*\}$' || fail "$1: not one object"
+    [ "$(tr -cd '{[' <"$1" | wc -c)" -eq "$(tr -cd '}]' <"$1" | wc -c)" ] || fail "$1: brackets without a partner"
+    ! grep -Eiq '(: |^ *)-?(nan|inf)' "$1" || fail "$1: a number that is none"
+    has "$1" '"schema": ?1,'
+}
+
+check_pictures()
+{
+    if ! command -v gnuplot >/dev/null; then
+        echo "no gnuplot: charts are not looked at"
+        return 0
+    fi
+    for name; do
+        starts_as "$scratch/$name.png" 89504e470d0a1a0a
+        has "$scratch/$name.svg" '<svg '
+        tail -n 2 "$scratch/$name.svg" | grep -q '</svg>' || fail "$name.svg: has no end"
+    done
+}
+
+status=0
+"$bench" 2>/dev/null || status=$?
+[ "$status" -eq 2 ] || fail "no arguments: $status"
+status=0
+"$bench" --stability nan-inf -o "$scratch/x" --rays many 2>/dev/null || status=$?
+[ "$status" -eq 2 ] || fail "a number that is none: $status"
+status=0
+"$bench" "$scratch/absent.ply" -o "$scratch/x" 2>/dev/null || status=$?
+[ "$status" -eq 1 ] || fail "a scene that is not there: $status"
+
+"$bench" stadium-like slivers -o "$scratch" --runs 3 --patience 0 --size 3000 --picture 32 --rays 100 >/dev/null
+check_json "$scratch/report.json"
+for method in fast balanced high auto balanced/fast-triangles balanced/lavapipe sweep embree/bvh-medium-2 embree/scene-medium-robust; do
+    has "$scratch/report.json" "\"method\": ?\"$method\""
+done
+for key in settings floors summary scenes stages_ms mprim_s median mad sah overlap inner_steps_per_diffuse_ray refs_per_triangle nodes vertices \
+    peak_resident_bytes primary diffuse shadow wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
+    has "$scratch/report.json" "\"$key\": ?"
+done
+check_pictures speed work bytes error scenes
+
+"$bench" --stability nan-inf huge denormal offset expchain -o "$scratch" --size 300 --rays 100 || fail "cells of our own are not clean"
+check_json "$scratch/stability.json"
+has "$scratch/stability.json" '"own_failures": ?0,'
+has "$scratch/stability.md" '^\| expchain \|'
+check_pictures stability

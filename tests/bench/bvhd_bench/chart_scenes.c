@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdio.h>
+
+#include "chart.h"
+#include "plot.h"
+
+enum { TIERS = 4, PANELS = 2, ROW_PIXELS = 34 };
+
+static const struct {
+    const char *method, *colour;
+    int shape;
+} tiers[TIERS] = {{"fast", "#E69F00", 9}, {"balanced", "#0072B2", 7}, {"high", "#CC79A7", 13}, {"auto", "#000000", 2}};
+
+/* What each panel shows, relative to what a user of Embree would take. */
+static const struct {
+    enum figure figure;
+    const char *peer, *title;
+} panels[PANELS] = {
+    {FIGURE_RATE_ALL, "embree/bvh-medium-2", "build, all threads: rate over rtcBuildBVH MEDIUM's"},
+    {FIGURE_DIFFUSE, "embree/scene-medium-robust", "diffuse rays, one thread: rate over rtcIntersect1's, robust"},
+};
+
+/* Of one scene alone. */
+static bool ratio_of(const struct results *results, uint32_t scene, const char *method, int panel, double *ret_ratio)
+{
+    const struct results one = {results->options, results->scenes + scene, 1};
+    struct mean mean = mean_of(&one, method, panels[panel].peer, panels[panel].figure);
+    if (mean.count > 0)
+        *ret_ratio = mean.value;
+    return mean.count > 0;
+}
+
+static void draw_data(const struct results *results, FILE *script)
+{
+    for (int panel = 0; panel < PANELS; panel++)
+        for (int tier = 0; tier < TIERS; tier++) {
+            fprintf(script, "$p%dt%d << EOD\n", panel, tier);
+            for (uint32_t i = 0; i < results->scene_count; i++) {
+                double ratio;
+                if (ratio_of(results, i, tiers[tier].method, panel, &ratio))
+                    fprintf(script, "%.5g %u\n", ratio, results->scene_count - i);
+            }
+            fprintf(script, "EOD\n");
+        }
+}
+
+static void draw_panel(const struct results *results, int panel, FILE *script)
+{
+    fprintf(script, "set title ");
+    plot_text(script, panels[panel].title);
+    fprintf(script, " font \",11\"\nset ytics (");
+    for (uint32_t i = 0; i < results->scene_count; i++) {
+        fprintf(script, "%s", i ? ", " : "");
+        if (panel == 0)
+            plot_text(script, results->scenes[i].name);
+        else
+            fprintf(script, "\"\"");
+        fprintf(script, " %u", results->scene_count - i);
+    }
+    fprintf(script, ")\nset arrow 1 from 1,graph 0 to 1,graph 1 nohead lw 1.5 lc rgb \"#808080\"\nplot ");
+    for (int tier = 0; tier < TIERS; tier++)
+        fprintf(script, "%s$p%dt%d with points pt %d ps 1.5 lw 2 lc rgb \"%s\" title \"%s\"", tier ? ", " : "", panel, tier,
+                tiers[tier].shape, tiers[tier].colour, tiers[tier].method);
+    fprintf(script, "\n");
+}
+
+static void draw(const void *context, FILE *script)
+{
+    const struct results *results = context;
+    draw_data(results, script);
+    fprintf(script,
+            "set multiplot layout 1,2 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins 0.15,0.97,0.14,0.84 "
+            "spacing 0.03\n"
+            "set border 1 lc rgb \"#606060\"\nset grid lc rgb \"#e0e0e0\"\nset tics nomirror\nset logscale x\nset autoscale x\nset "
+            "offsets graph 0.05, graph 0.05, 0, 0\n"
+            "set xtics (0.02,0.05,0.1,0.2,0.5,1,2,5,10,20)\nset yrange [0.4:%u.6]\nset key at screen 0.5,0.03 center horizontal "
+            "samplen 1\n",
+            results->scene_count);
+    for (int panel = 0; panel < PANELS; panel++)
+        draw_panel(results, panel, script);
+    fprintf(script, "unset multiplot\n");
+}
+
+bool chart_scenes(const struct results *results, const char *directory)
+{
+    const struct plot plot = {directory, "scenes", 1000, 190 + ROW_PIXELS * results->scene_count};
+    return plot_run(&plot, draw, results);
+}

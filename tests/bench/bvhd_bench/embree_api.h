@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* embree_api.h - Embree 3 or 4, and how much memory a device of it has taken. */
+#ifndef BVHD_BENCH_EMBREE_API_H
+#define BVHD_BENCH_EMBREE_API_H
+
+#if defined(__has_include) && __has_include(<embree4/rtcore.h>)
+#include <embree4/rtcore.h>
+#else
+#include <embree3/rtcore.h>
+#endif
+#include <stdatomic.h>
+#include <stdio.h>
+
+#include "method.h"
+
+/* Counts what the device holds, in *live. NULL when there is no device. */
+static inline RTCDevice embree_api_device(unsigned threads, RTCMemoryMonitorFunction monitor, atomic_llong *live)
+{
+    char config[32];
+    snprintf(config, sizeof config, "threads=%u", threads);
+    RTCDevice device = rtcNewDevice(config);
+    if (device)
+        rtcSetDeviceMemoryMonitorFunction(device, monitor, live);
+    return device;
+}
+
+static inline bool embree_api_count(void *live, ssize_t bytes, bool post)
+{
+    (void)post;
+    atomic_fetch_add_explicit((atomic_llong *)live, (long long)bytes, memory_order_relaxed);
+    return true;
+}
+
+static inline enum RTCBuildQuality embree_api_quality(enum method_effort effort)
+{
+    return effort == EFFORT_LOW ? RTC_BUILD_QUALITY_LOW : effort == EFFORT_HIGH ? RTC_BUILD_QUALITY_HIGH : RTC_BUILD_QUALITY_MEDIUM;
+}
+
+#endif

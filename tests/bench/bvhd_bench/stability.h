@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* stability.h - which methods survive which scenes, and what they get wrong there: each cell in a process of its own. */
+#ifndef BVHD_BENCH_STABILITY_H
+#define BVHD_BENCH_STABILITY_H
+
+#include "cell.h"
+#include "scene_source.h"
+
+enum { STABILITY_ROWS = 32, STABILITY_COLUMNS = 64 };
+
+struct stability_options {
+    uint32_t size, rays; /* of each scene */
+    uint64_t seed;
+    double seconds; /* that a cell may take */
+    char **scenes; /* names of the generated scenes wanted; none: all */
+    int scene_count;
+};
+
+struct stability {
+    const struct method *rows[STABILITY_ROWS];
+    uint32_t row_count;
+    struct scene_source columns[STABILITY_COLUMNS];
+    uint32_t column_count;
+    struct cell_result cells[STABILITY_ROWS][STABILITY_COLUMNS];
+};
+
+/* Runs all cells. False, and a line on stderr, when one cannot be started. */
+bool stability_run(const struct stability_options *options, struct stability *ret_stability);
+
+/* Neither wrong nor without an answer. */
+bool stability_is_clean(const struct cell_result *cell);
+
+/* Rays a second as a share of those of the fastest clean method of the column; 0 when unknown. */
+double stability_speed(const struct stability *stability, uint32_t row, uint32_t column);
+
+/* Cells of our own that are not clean. */
+uint32_t stability_own_failures(const struct stability *stability);
+
+#endif

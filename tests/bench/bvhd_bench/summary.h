@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* summary.h - geometric means over the scenes, and how far the floors are. */
+#ifndef BVHD_BENCH_SUMMARY_H
+#define BVHD_BENCH_SUMMARY_H
+
+#include "measure.h"
+
+struct results {
+    const struct measure_options *options;
+    struct scene_figures *scenes; /* malloc */
+    uint32_t scene_count;
+};
+
+/* What a mean is taken of. Trees' figures are relative to those of the full sweep. */
+enum figure {
+    FIGURE_RATE_ALL, /* million triangles a second, all threads */
+    FIGURE_RATE_ONE, /* one thread */
+    FIGURE_SAH,
+    FIGURE_WORK,
+    FIGURE_OVERLAP,
+    FIGURE_REFS, /* a triangle */
+    FIGURE_BYTES, /* a triangle */
+    FIGURE_PRIMARY, /* million rays a second */
+    FIGURE_DIFFUSE,
+    FIGURE_SHADOW,
+    FIGURES
+};
+
+const char *figure_name(enum figure figure);
+/* False when it was not measured. */
+bool figure_of(const struct results *results, uint32_t scene, uint32_t method, enum figure figure, double *ret_value);
+
+struct mean {
+    uint32_t count; /* of scenes; 0: no mean */
+    double value;
+    double least, most;
+    const char *least_scene, *most_scene;
+};
+/* Of a figure of one method, or of its ratio to a peer's; `peer` NULL: as it is. Methods that are not measured have no mean. */
+struct mean mean_of(const struct results *results, const char *method, const char *peer, enum figure figure);
+
+/* Something that has to hold. */
+struct floor {
+    const char *method, *peer; /* peer NULL: the figure itself */
+    enum figure figure;
+    bool at_least;
+    double floor, aim;
+};
+const struct floor *floor_all(uint32_t *ret_count);
+bool floor_is_met(const struct floor *floor, const struct mean *mean);
+
+#endif

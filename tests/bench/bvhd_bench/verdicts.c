@@ -1,0 +1,65 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "verdicts.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "rays.h"
+
+struct trial trial_make(struct bench *bench, const struct ply *mesh, uint64_t seed, uint32_t rays)
+{
+    struct bvhd_error error;
+    struct trial trial = {.count = rays, .memory = &bench->memory};
+    const struct oracle_mesh own = {
+        .positions = mesh->positions, .indices = mesh->indices, .triangle_count = mesh->triangle_count, .instance = RAY_NO_INSTANCE};
+    trial.rays = tree_need(rays, sizeof *trial.rays);
+    trial.answers = tree_need(rays, sizeof *trial.answers);
+    rays_make(&own, 1, seed, rays, trial.rays);
+    if (oracle_trace(&own, 1, trial.rays, rays, &bench->memory, bench->parallel, NULL, NULL, trial.answers, &error) != BVHD_OK) {
+        fprintf(stderr, "bvhd-bench: brute force: %s\n", error.text);
+        exit(1);
+    }
+    return trial;
+}
+
+void trial_finish(struct trial *trial)
+{
+    oracle_finish(trial->answers, trial->count, trial->memory);
+    free(trial->answers);
+    free(trial->rays);
+}
+
+/* Nothing is wrong but the distance. */
+static bool is_inexact(const struct oracle_answer *answer, const struct ray_hit *hit)
+{
+    bool is_tied = false;
+    for (uint32_t i = 0; answer->kind == ORACLE_HIT && i < answer->tied_count; i++)
+        is_tied |= hit->primitive - answer->tied[i].primitive < answer->tied[i].count;
+    return is_tied;
+}
+
+struct verdicts verdicts_of(const struct trial *trial, const struct subject *subject)
+{
+    struct verdicts verdicts = {.rays = trial->count};
+    for (uint32_t i = 0; i < trial->count; i++) {
+        struct ray_hit hit;
+        double t_rel_err;
+        bool is_hit = subject_trace(subject, &trial->rays[i], &hit, NULL);
+        enum oracle_verdict verdict = oracle_judge(&trial->answers[i], is_hit ? &hit : NULL, &t_rel_err);
+        bool inexact = verdict == ORACLE_WRONG_HIT && is_inexact(&trial->answers[i], &hit);
+        verdicts.hits += is_hit;
+        verdicts.uncertain += verdict == ORACLE_UNDECIDED;
+        verdicts.wrong_miss += verdict == ORACLE_WRONG_MISS;
+        verdicts.wrong_hit += verdict == ORACLE_WRONG_HIT && !inexact;
+        verdicts.inexact += inexact;
+        verdicts.wrong_primitive += verdict == ORACLE_WRONG_PRIMITIVE;
+        if (t_rel_err > verdicts.t_rel_err_max)
+            verdicts.t_rel_err_max = t_rel_err;
+    }
+    return verdicts;
+}
+
+uint64_t verdicts_wrong(const struct verdicts *verdicts)
+{
+    return verdicts->wrong_miss + verdicts->wrong_hit + verdicts->wrong_primitive;
+}

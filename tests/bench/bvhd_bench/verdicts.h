@@ -1,0 +1,32 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* verdicts.h - how often a subject is wrong, by brute force in double. */
+#ifndef BVHD_BENCH_VERDICTS_H
+#define BVHD_BENCH_VERDICTS_H
+
+#include "oracle.h"
+#include "subject.h"
+
+/* Rays as `bvhctl check` sends them, and what they should meet. */
+struct trial {
+    uint32_t count;
+    struct ray *rays; /* malloc */
+    struct oracle_answer *answers; /* malloc */
+    struct memory *memory;
+};
+
+struct verdicts {
+    uint64_t rays, hits, uncertain;
+    uint64_t wrong_miss, wrong_hit, wrong_primitive;
+    uint64_t inexact; /* the right triangle, at a distance that it cannot have, even when all inputs move by an ulp */
+    double t_rel_err_max;
+};
+
+/* Rays from `seed`. End with trial_finish. */
+struct trial trial_make(struct bench *bench, const struct ply *mesh, uint64_t seed, uint32_t rays);
+void trial_finish(struct trial *trial);
+
+struct verdicts verdicts_of(const struct trial *trial, const struct subject *subject);
+/* Misses, hits of nothing, hits of another primitive. */
+uint64_t verdicts_wrong(const struct verdicts *verdicts);
+
+#endif
