@@ -64,11 +64,14 @@ bool boxtest_has_wide(void);
 /*
  * Prepares a ray for the structure with these bounds (min xyz, max xyz). False when float tests can not be trusted: a coordinate or a
  * direction beyond 2^60 or not a number, a longest direction component below 2^-32, or bounds that lie altogether within 2^-60 of zero.
- * *ret_ray holds nothing of use then. Both fill in the same, to the last bits of the slacks.
+ * *ret_ray holds nothing of use then. All fill in the same, to the last bits.
  */
 bool boxtest_init_wide(const double origin[3], const double direction[3], float tmin, const float bounds[6],
                        struct boxtest_ray *ret_ray);
 bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray);
+
+/* The same, wide too, for rays that are known in float. Of origin and direction 16 bytes are read; the last four are of no use. */
+bool boxtest_init_floats(const float *origin, const float *direction, float tmin, const float bounds[6], struct boxtest_ray *ret_ray);
 
 /* Prepares any ray of finite origin and finite, non-zero direction. */
 void boxtest_init_exact(const double origin[3], const double direction[3], float tmin, const float bounds[6],

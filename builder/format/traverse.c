@@ -34,6 +34,15 @@ static void visit_aabbs(struct traverse_walk *walk, uint32_t first, uint32_t cou
     }
 }
 
+static bool init_wide(const struct traverse_walk *walk, struct boxtest_ray *ret_ray)
+{
+    const struct ray *ray = walk->state.ray;
+    const float *bounds = walk->view->header->bounds;
+    if (walk->in_world)
+        return boxtest_init_floats(ray->origin, ray->direction, ray->tmin, bounds, ret_ray);
+    return boxtest_init_wide(walk->state.origin, walk->state.direction, ray->tmin, bounds, ret_ray);
+}
+
 /* Goes through walk->view with the ray in the state's origin and direction. */
 static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
 {
@@ -44,7 +53,7 @@ static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
     struct boxtest_exact exact;
     if (header->node_count == 0)
         return;
-    if (walk->wide && boxtest_init_wide(origin, direction, tmin, header->bounds, &ray)) {
+    if (walk->wide && init_wide(walk, &ray)) {
         (leaf == visit_triangles ? traverse_loop_wide_triangles : traverse_loop_wide)(walk, &ray, leaf);
     } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, header->bounds, &ray)) {
         traverse_loop_float(walk, &ray, leaf);
@@ -74,6 +83,7 @@ static void visit_instance(struct traverse_walk *walk, const struct portable_ins
         return;
     const struct traverse_instance instance = {record->custom_and_mask, record->sbt_and_flags, record->instance, record->handle};
     traverse_state_to_object(&walk->state, record->object_to_world);
+    walk->in_world = false;
     walk->state.counters.instances++;
     visit_bottom(walk, view, &instance);
 }
@@ -104,6 +114,7 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
         return false;
     walk.state.identify = identify;
     walk.scene = scene;
+    walk.in_world = true;
     walk.wide = !walk.state.options->narrow_only && !walk.state.options->exact_only && boxtest_has_wide();
     visit_scene(&walk);
     return traverse_state_finish(&walk.state, ret_hit, counters);

@@ -112,23 +112,27 @@ static inline void consider(struct traverse_state *state, struct traverse_found 
         accept(state, found);
 }
 
-void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float *const corners[3])
+void traverse_leaf_hit(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const struct triangle_hit *hit)
 {
-    struct triangle_hit hit;
-    if (!triangle_intersect(&state->triangle_ray, corners[0], corners[1], corners[2], &hit))
-        return;
-    if (hit.front ? state->cull_front : state->cull_back)
+    if (hit->front ? state->cull_front : state->cull_back)
         return;
     struct traverse_found found = {
-        .t = hit.t,
-        .u = hit.u,
-        .v = hit.v,
+        .t = hit->t,
+        .u = hit->u,
+        .v = hit->v,
         .id = id,
         .record = record,
         .is_opaque = is_opaque,
-        .front_face = hit.front != state->is_flipped,
+        .front_face = hit->front != state->is_flipped,
     };
     consider(state, found);
+}
+
+void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float *const corners[3])
+{
+    struct triangle_hit hit;
+    if (triangle_intersect(&state->triangle_ray, corners[0], corners[1], corners[2], &hit))
+        traverse_leaf_hit(state, record, id, is_opaque, &hit);
 }
 
 void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],

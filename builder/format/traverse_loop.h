@@ -19,7 +19,8 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
     LOOP_REAL distances[STACK_SIZE]; /* the stack, in two arrays: */
     uint32_t children[STACK_SIZE]; /* what is stored in one piece can be loaded at once */
     struct traverse_state *state = &walk->state;
-    const struct portable_node *nodes = walk->view->nodes;
+    const struct portable_view view = *walk->view; /* a copy that nothing else can change */
+    const struct portable_node *nodes = view.nodes;
     const bool flip = state->options->flip_order;
     unsigned top = 0;
     uint32_t child = 0;
@@ -28,7 +29,7 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
 
     for (;;) {
         if (child >> CHILD_COUNT_SHIFT) {
-            LOOP_LEAF(walk, child & CHILD_INDEX_MASK, child >> CHILD_COUNT_SHIFT);
+            LOOP_LEAF(walk, &view, child & CHILD_INDEX_MASK, child >> CHILD_COUNT_SHIFT);
             if (state->is_done)
                 break;
         } else {
@@ -36,19 +37,28 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
             const struct portable_node *node = &nodes[child];
             unsigned hits = LOOP_BOXES(ray, node, state->LOOP_LIMIT, near);
             visited++;
-            if (hits && !(hits & (hits - 1))) {
-                child = child_in_slot(node, (unsigned)__builtin_ctz(hits));
-                continue;
-            }
-            for (unsigned base = top; hits; hits &= hits - 1) {
-                unsigned slot = (unsigned)__builtin_ctz(hits), at = top++;
-                LOOP_REAL distance = near[slot];
-                for (; at > base && (flip ? distances[at - 1] > distance : distances[at - 1] < distance); at--) {
-                    distances[at] = distances[at - 1];
-                    children[at] = children[at - 1];
+            if (hits) {
+                unsigned slot = (unsigned)__builtin_ctz(hits), base = top;
+                LOOP_REAL nearest = near[slot];
+                child = child_in_slot(node, slot);
+                while (hits &= hits - 1) {
+                    slot = (unsigned)__builtin_ctz(hits);
+                    uint32_t other = child_in_slot(node, slot), later = child;
+                    LOOP_REAL distance = near[slot], farther = nearest;
+                    bool is_next = (distance <= nearest) != flip;
+                    later = is_next ? child : other;
+                    child = is_next ? other : child;
+                    farther = is_next ? nearest : distance;
+                    nearest = is_next ? distance : nearest;
+                    unsigned at = top++;
+                    for (; at > base && (distances[at - 1] < farther) != flip; at--) {
+                        distances[at] = distances[at - 1];
+                        children[at] = children[at - 1];
+                    }
+                    distances[at] = farther;
+                    children[at] = later;
                 }
-                distances[at] = distance;
-                children[at] = child_in_slot(node, slot);
+                continue;
             }
         }
         do {

@@ -14,10 +14,10 @@ _Static_assert(PORTABLE_LEAF_MAX <= 3 && PORTABLE_MAX_ROWS - 1 <= (int)CHILD_IND
 /* The stack entry for what hangs in a slot. */
 BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned slot)
 {
-    if (node->inner_mask >> slot & 1)
-        return node->first_child + (uint32_t)__builtin_popcount(node->inner_mask & ((1u << slot) - 1));
-    uint32_t unary = node->meta[slot] >> 5, count = unary - (unary >> 1) - (unary >> 2);
-    return count << CHILD_COUNT_SHIFT | (node->first_record + (node->meta[slot] & 31));
+    uint32_t inner = node->inner_mask, meta = node->meta[slot], unary = meta >> 5;
+    uint32_t leaf = (unary - (unary >> 1) - (unary >> 2)) << CHILD_COUNT_SHIFT | (node->first_record + (meta & 31));
+    uint32_t below = node->first_child + (uint32_t)__builtin_popcount(inner & ((1u << slot) - 1));
+    return inner >> slot & 1 ? below : leaf;
 }
 
 #define LOOP_NAME traverse_loop_float
@@ -26,7 +26,7 @@ BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned
 #define LOOP_RAY struct boxtest_ray
 #define LOOP_BOXES kernel_float
 #define LOOP_LIMIT tmax_above
-#define LOOP_LEAF leaf
+#define LOOP_LEAF(walk, view, first, count) leaf(walk, first, count)
 #include "traverse_loop.h"
 
 #define LOOP_NAME traverse_loop_double
@@ -35,13 +35,12 @@ BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned
 #define LOOP_RAY struct boxtest_exact
 #define LOOP_BOXES kernel_double
 #define LOOP_LIMIT tmax
-#define LOOP_LEAF leaf
+#define LOOP_LEAF(walk, view, first, count) leaf(walk, first, count)
 #include "traverse_loop.h"
 
 #ifdef BOXTEST_WIDE
 
-BOXTEST_WIDE static inline __attribute__((always_inline)) void triangles_wide(struct traverse_walk *walk, uint32_t first,
-                                                                              uint32_t count)
+BOXTEST_WIDE_INLINE void triangles_wide(struct traverse_walk *walk, const struct portable_view *view, uint32_t first, uint32_t count)
 {
     struct traverse_state *state = &walk->state;
     const bool flip = state->options->flip_order;
@@ -49,9 +48,10 @@ BOXTEST_WIDE static inline __attribute__((always_inline)) void triangles_wide(st
     for (uint32_t i = 0; i < count && !state->is_done; i++) {
         uint32_t record = first + (flip ? count - 1 - i : i);
         const float *corners[3];
-        uint32_t id = traverse_corners(walk->view, record, corners);
-        if (triangle_wide_may_hit(&state->triangle_ray, corners[0], corners[1], corners[2]))
-            traverse_leaf_triangle(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, corners);
+        uint32_t id = traverse_corners(view, record, corners);
+        struct triangle_hit hit;
+        if (triangle_wide_intersect(&state->triangle_ray, corners, &hit) && hit.t > state->ray->tmin && hit.t <= state->tmax)
+            traverse_leaf_hit(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, &hit);
     }
 }
 
@@ -61,7 +61,7 @@ BOXTEST_WIDE static inline __attribute__((always_inline)) void triangles_wide(st
 #define LOOP_RAY struct boxtest_ray
 #define LOOP_BOXES kernel_wide
 #define LOOP_LIMIT tmax_above
-#define LOOP_LEAF leaf
+#define LOOP_LEAF(walk, view, first, count) leaf(walk, first, count)
 #include "traverse_loop.h"
 
 #define LOOP_NAME traverse_loop_wide_triangles

@@ -75,6 +75,8 @@ bool traverse_state_finish(const struct traverse_state *state, struct ray_hit *r
 
 /* traverse_leaf.c: one primitive at a leaf. `record` is its row in the layout's terms. */
 void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float *const corners[3]);
+/* The same of a triangle that the ray's line meets. Nothing happens unless tmin < t <= the state's tmax. */
+void traverse_leaf_hit(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const struct triangle_hit *hit);
 void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
                         const float max[3]);
 

@@ -14,6 +14,7 @@ struct traverse_walk {
     struct traverse_state state; /* first: its identify() gets back to the walk */
     const struct scene *scene;
     const struct portable_view *view; /* of the level that is being traversed */
+    bool in_world; /* the ray is in world space, still as it was given */
     bool wide; /* this machine can, and the caller does not forbid it */
 };
 

@@ -2,34 +2,38 @@
 #include "triangle.h"
 
 #include <math.h>
+#include <string.h>
 
 /* A vertex in the ray's space: the ray runs along z through the origin of x and y; z is in units of t. */
 struct corner {
     double x, y, z;
 };
 
+/* By the axis along which the direction is longest, and whether it goes backwards: without branches, which no ray would follow. */
+static const int axis_orders[2][3][4] = {
+    {{1, 2, 0, 3}, {2, 0, 1, 3}, {0, 1, 2, 3}},
+    {{2, 1, 0, 3}, {0, 2, 1, 3}, {1, 0, 2, 3}},
+};
+
 void triangle_ray_init(const double origin[3], const double direction[3], struct triangle_ray *ret_ray)
 {
-    int z = fabs(direction[1]) > fabs(direction[0]) ? 1 : 0;
-    z = fabs(direction[2]) > fabs(direction[z]) ? 2 : z;
-    int x = (z + 1) % 3, y = (z + 2) % 3;
-    bool backwards = direction[z] < 0;
-    for (int axis = 0; axis < 3; axis++)
-        ret_ray->origin[axis] = origin[axis];
-    ret_ray->axis[0] = backwards ? y : x;
-    ret_ray->axis[1] = backwards ? x : y;
-    ret_ray->axis[2] = z;
-    double inverse = 1 / direction[z];
-    ret_ray->shear[0] = direction[ret_ray->axis[0]] * inverse;
-    ret_ray->shear[1] = direction[ret_ray->axis[1]] * inverse;
+    double x = fabs(direction[0]), y = fabs(direction[1]), z = fabs(direction[2]);
+    int y_over_x = y > x, longest = z > (y_over_x ? y : x) ? 2 : y_over_x;
+    const int *axis = axis_orders[direction[longest] < 0][longest];
+    memcpy(ret_ray->axis, axis, sizeof ret_ray->axis);
+    for (int k = 0; k < 3; k++)
+        ret_ray->origin[k] = origin[axis[k]];
+    double inverse = 1 / direction[longest];
+    ret_ray->shear[0] = direction[axis[0]] * inverse;
+    ret_ray->shear[1] = direction[axis[1]] * inverse;
     ret_ray->shear[2] = inverse;
 }
 
 static struct corner move_and_shear(const struct triangle_ray *ray, const float vertex[3])
 {
-    double x = vertex[ray->axis[0]] - ray->origin[ray->axis[0]];
-    double y = vertex[ray->axis[1]] - ray->origin[ray->axis[1]];
-    double z = vertex[ray->axis[2]] - ray->origin[ray->axis[2]];
+    double x = vertex[ray->axis[0]] - ray->origin[0];
+    double y = vertex[ray->axis[1]] - ray->origin[1];
+    double z = vertex[ray->axis[2]] - ray->origin[2];
     return (struct corner){x - ray->shear[0] * z, y - ray->shear[1] * z, ray->shear[2] * z};
 }
 
@@ -71,12 +75,6 @@ static bool decide_exactly(const struct corner corners[3], double ret_edges[3])
     return signs == 3 || signs == -3;
 }
 
-/*
- * Below this share of the products that it is made of, the sum of the edge functions has lost more than 8 of double's 53 bits. The weights
- * that it divides would put the hit somewhere else on the triangle, up to outside of the boxes that hold it.
- */
-static const double cancellation = 0x1p-8;
-
 static bool is_cancelled(const struct corner corners[3], double sum)
 {
     double products = 0;
@@ -84,7 +82,7 @@ static bool is_cancelled(const struct corner corners[3], double sum)
         const struct corner *from = &corners[(k + 1) % 3], *to = &corners[(k + 2) % 3];
         products += fabs(to->x * from->y) + fabs(to->y * from->x);
     }
-    return fabs(sum) < cancellation * products;
+    return fabs(sum) < triangle_cancellation * products;
 }
 
 /*

@@ -21,9 +21,9 @@
 
 /* A ray in one object's space. */
 struct triangle_ray {
-    double origin[3];
+    double origin[3]; /* along axis[k] */
     double shear[3]; /* direction[axis[k]] / direction[axis[2]] for k = 0, 1; last 1 / direction[axis[2]] */
-    int axis[3]; /* the last is the one along which the direction is longest; in an order that keeps the winding */
+    int axis[4]; /* the third is the one along which the direction is longest; in an order that keeps the winding; the last is 3 */
 };
 
 struct triangle_hit {
@@ -31,6 +31,12 @@ struct triangle_hit {
     double u, v; /* position = (1 - u - v) v0 + u v1 + v v2 */
     bool front; /* (v1 - v0) x (v2 - v0) points against the ray: Vulkan's front face without FLIP_FACING */
 };
+
+/*
+ * Below this share of the products that it is made of, the sum of the edge functions has lost more than 8 of double's 53 bits. The weights
+ * that it divides would put the hit somewhere else on the triangle, up to outside of the boxes that hold it. Such triangles are decided exactly.
+ */
+static const double triangle_cancellation = 0x1p-8;
 
 /* The direction is finite and not zero. */
 void triangle_ray_init(const double origin[3], const double direction[3], struct triangle_ray *ret_ray);

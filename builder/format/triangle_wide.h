@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * triangle_wide.h - the first half of triangle_intersect() with the three corners side by side in a register: whether the edge functions'
- * signs leave a hit possible. The same operations on the same numbers, so that what it rejects triangle_intersect() rejects.
+ * triangle_wide.h - triangle_intersect() with the three corners side by side in a register. The same operations on the same numbers, so that the answers are the
+ * same to the last bit; what has to be decided exactly is left to triangle_intersect().
  */
 #ifndef BVHD_TRIANGLE_WIDE_H
 #define BVHD_TRIANGLE_WIDE_H
@@ -11,36 +11,70 @@
 
 #ifdef BOXTEST_WIDE
 
-/* corners[axis][0 .. 2], less the ray's origin */
-BOXTEST_WIDE static inline __attribute__((always_inline)) __m256d triangle_wide_move(float corners[3][4],
-                                                                                     const struct triangle_ray *ray, int axis)
+/* Three values, one for each corner, or for each edge; the fourth is of no use. */
+struct triangle_lanes {
+    __m256d x, y, z;
+};
+
+BOXTEST_WIDE_INLINE __m256d triangle_wide_move(__m128 along_axis, const double *origin)
 {
-    return _mm256_sub_pd(_mm256_cvtps_pd(_mm_load_ps(corners[axis])), _mm256_broadcast_sd(&ray->origin[axis]));
+    return _mm256_sub_pd(_mm256_cvtps_pd(along_axis), _mm256_broadcast_sd(origin));
 }
 
-BOXTEST_WIDE static inline __attribute__((always_inline)) bool triangle_wide_may_hit(const struct triangle_ray *ray, const float *v0,
-                                                                                     const float *v1, const float *v2)
+/* The corners in the ray's space. 16 bytes are read of each. */
+BOXTEST_WIDE_INLINE struct triangle_lanes triangle_wide_corners(const struct triangle_ray *ray, const float *v0, const float *v1,
+                                                                const float *v2)
 {
-    const __m128i xyz = _mm_setr_epi32(-1, -1, -1, 0);
-    __m128 a = _mm_maskload_ps(v0, xyz), b = _mm_maskload_ps(v1, xyz), c = _mm_maskload_ps(v2, xyz);
-    __m128 ab_xy = _mm_unpacklo_ps(a, b), ab_z = _mm_unpackhi_ps(a, b);
-    _Alignas(16) float corners[3][4];
-    _mm_store_ps(corners[0], _mm_shuffle_ps(ab_xy, c, _MM_SHUFFLE(3, 0, 1, 0)));
-    _mm_store_ps(corners[1], _mm_shuffle_ps(ab_xy, c, _MM_SHUFFLE(3, 1, 3, 2)));
-    _mm_store_ps(corners[2], _mm_shuffle_ps(ab_z, c, _MM_SHUFFLE(3, 2, 1, 0)));
+    __m128i order = _mm_loadu_si128((const __m128i *)(const void *)ray->axis);
+    __m128 a = _mm_permutevar_ps(_mm_loadu_ps(v0), order), b = _mm_permutevar_ps(_mm_loadu_ps(v1), order);
+    __m128 c = _mm_permutevar_ps(_mm_loadu_ps(v2), order), ab_xy = _mm_unpacklo_ps(a, b), ab_z = _mm_unpackhi_ps(a, b);
+    __m256d z = triangle_wide_move(_mm_shuffle_ps(ab_z, c, _MM_SHUFFLE(2, 2, 1, 0)), &ray->origin[2]);
+    __m256d x = triangle_wide_move(_mm_shuffle_ps(ab_xy, c, _MM_SHUFFLE(0, 0, 1, 0)), &ray->origin[0]);
+    __m256d y = triangle_wide_move(_mm_shuffle_ps(ab_xy, c, _MM_SHUFFLE(1, 1, 3, 2)), &ray->origin[1]);
+    return (struct triangle_lanes){_mm256_sub_pd(x, _mm256_mul_pd(_mm256_broadcast_sd(&ray->shear[0]), z)),
+                                   _mm256_sub_pd(y, _mm256_mul_pd(_mm256_broadcast_sd(&ray->shear[1]), z)),
+                                   _mm256_mul_pd(_mm256_broadcast_sd(&ray->shear[2]), z)};
+}
 
-    __m256d z = triangle_wide_move(corners, ray, ray->axis[2]);
-    __m256d x = triangle_wide_move(corners, ray, ray->axis[0]), y = triangle_wide_move(corners, ray, ray->axis[1]);
-    x = _mm256_sub_pd(x, _mm256_mul_pd(_mm256_broadcast_sd(&ray->shear[0]), z));
-    y = _mm256_sub_pd(y, _mm256_mul_pd(_mm256_broadcast_sd(&ray->shear[1]), z));
+/* The sum of three lanes, in their order. */
+BOXTEST_WIDE_INLINE double triangle_wide_sum(__m256d lanes)
+{
+    __m128d low = _mm256_castpd256_pd128(lanes), high = _mm256_extractf128_pd(lanes, 1);
+    return _mm_cvtsd_f64(_mm_add_sd(_mm_add_sd(low, _mm_unpackhi_pd(low, low)), high));
+}
 
+BOXTEST_WIDE_INLINE bool triangle_wide_intersect(const struct triangle_ray *ray, const float *const vertices[3],
+                                                 struct triangle_hit *ret_hit)
+{
+    struct triangle_lanes corners = triangle_wide_corners(ray, vertices[0], vertices[1], vertices[2]);
     /* Lane k: the edge from corner k + 1 to corner k + 2. */
-    __m256d from_x = _mm256_permute4x64_pd(x, _MM_SHUFFLE(3, 0, 2, 1)), to_x = _mm256_permute4x64_pd(x, _MM_SHUFFLE(3, 1, 0, 2));
-    __m256d from_y = _mm256_permute4x64_pd(y, _MM_SHUFFLE(3, 0, 2, 1)), to_y = _mm256_permute4x64_pd(y, _MM_SHUFFLE(3, 1, 0, 2));
-    __m256d edges = _mm256_sub_pd(_mm256_mul_pd(to_x, from_y), _mm256_mul_pd(to_y, from_x));
-    int below = _mm256_movemask_pd(_mm256_cmp_pd(edges, _mm256_setzero_pd(), _CMP_LT_OQ)) & 7;
-    int above = _mm256_movemask_pd(_mm256_cmp_pd(edges, _mm256_setzero_pd(), _CMP_GT_OQ)) & 7;
-    return below == 0 || above == 0;
+    __m256d from_x = _mm256_permute4x64_pd(corners.x, _MM_SHUFFLE(3, 0, 2, 1));
+    __m256d from_y = _mm256_permute4x64_pd(corners.y, _MM_SHUFFLE(3, 0, 2, 1));
+    __m256d to_x = _mm256_permute4x64_pd(corners.x, _MM_SHUFFLE(3, 1, 0, 2));
+    __m256d to_y = _mm256_permute4x64_pd(corners.y, _MM_SHUFFLE(3, 1, 0, 2));
+    __m256d left = _mm256_mul_pd(to_x, from_y), right = _mm256_mul_pd(to_y, from_x);
+    /* The sign of left - right, or that it is 0. */
+    int below = _mm256_movemask_pd(_mm256_cmp_pd(left, right, _CMP_LT_OQ)) & 7;
+    int above = _mm256_movemask_pd(_mm256_cmp_pd(left, right, _CMP_GT_OQ)) & 7;
+    if (below != 0 && above != 0)
+        return false;
+
+    const __m256d sign = _mm256_set1_pd(-0.0);
+    __m256d edges = _mm256_sub_pd(left, right);
+    double sum = triangle_wide_sum(edges);
+    double products = triangle_wide_sum(_mm256_add_pd(_mm256_andnot_pd(sign, left), _mm256_andnot_pd(sign, right)));
+    /* Twice as much as is_cancelled() asks for: this sum may be rounded in another way. */
+    bool is_clear = (below | above) == 7 && fabs(sum) >= 2 * triangle_cancellation * products && fabs(sum) <= DBL_MAX;
+    if (__builtin_expect(!is_clear, 0))
+        return triangle_intersect(ray, vertices[0], vertices[1], vertices[2], ret_hit);
+
+    __m256d weights = _mm256_div_pd(edges, _mm256_set1_pd(sum));
+    __m128d u = _mm256_castpd256_pd128(weights);
+    ret_hit->t = triangle_wide_sum(_mm256_mul_pd(weights, corners.z));
+    ret_hit->u = _mm_cvtsd_f64(_mm_unpackhi_pd(u, u));
+    ret_hit->v = _mm_cvtsd_f64(_mm256_extractf128_pd(weights, 1));
+    ret_hit->front = sum > 0;
+    return true;
 }
 
 #endif

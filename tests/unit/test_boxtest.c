@@ -101,6 +101,14 @@ static void check_bits(const struct portable_node *node, const double origin[3],
     }
 }
 
+static bool init_floats(const double origin[3], const double direction[3], float tmin, const float bounds[6],
+                        struct boxtest_ray *ret_ray)
+{
+    float o[4] = {(float)origin[0], (float)origin[1], (float)origin[2], NAN};
+    float d[4] = {(float)direction[0], (float)direction[1], (float)direction[2], 0};
+    return boxtest_init_floats(o, d, tmin, bounds, ret_ray);
+}
+
 static void test_float_is_conservative(void **state)
 {
     (void)state;
@@ -122,13 +130,16 @@ static void test_float_is_conservative(void **state)
         if (!boxtest_init(origin, direction, tmin, bounds, &ray))
             continue;
         floats++;
-        for (int wide = 0; wide <= boxtest_has_wide(); wide++) {
-            if (wide)
-                assert_true(boxtest_init_wide(origin, direction, tmin, bounds, &ray));
-            unsigned bits = (wide ? boxtest_wide : boxtest_float)(&ray, &node, tmax, near);
-            for (int s = 0; s < 8; s++)
-                near_double[s] = near[s];
-            check_bits(&node, origin, direction, tmin, tmax, bits, near_double, 1e-5, &tally);
+        /* With each way to prepare the ray, with each test. */
+        for (int way = 0; way <= (boxtest_has_wide() ? 1 + i % 2 : 0); way++) {
+            if (way)
+                assert_true((way == 1 ? boxtest_init_wide : init_floats)(origin, direction, tmin, bounds, &ray));
+            for (int wide = 0; wide <= boxtest_has_wide(); wide++) {
+                unsigned bits = (wide ? boxtest_wide : boxtest_float)(&ray, &node, tmax, near);
+                for (int s = 0; s < 8; s++)
+                    near_double[s] = near[s];
+                check_bits(&node, origin, direction, tmin, tmax, bits, near_double, 1e-5, &tally);
+            }
         }
     }
     assert_true(floats > 200000 && tally.met > 200000 && tally.apart > 100000 && tally.kept_apart > 0.99 * tally.apart);
@@ -184,8 +195,10 @@ static void test_range(void **state)
 {
     (void)state;
     check_range(boxtest_init);
-    if (boxtest_has_wide())
+    if (boxtest_has_wide()) {
         check_range(boxtest_init_wide);
+        check_range(init_floats);
+    }
 }
 
 /* A box of any magnitude, flat now and then, and a ray towards it or, if `touches`, towards its lowest corner. */

@@ -6,6 +6,7 @@
 
 #include "random.h"
 #include "triangle.h"
+#include "triangle_wide.h"
 
 __extension__ typedef __int128 wide_integer;
 
@@ -327,12 +328,73 @@ static void test_slivers(void **state)
     assert_true(hits > 10000);
 }
 
+#ifdef BOXTEST_WIDE
+
+static BOXTEST_WIDE bool intersect_wide(const struct triangle_ray *ray, const float corners[3][4], struct triangle_hit *ret_hit)
+{
+    const float *const vertices[3] = {corners[0], corners[1], corners[2]};
+    return triangle_wide_intersect(ray, vertices, ret_hit);
+}
+
+/* A number among few, so that edges are met and areas vanish; or any, from the smallest to the largest, now and then not finite. */
+static double draw(struct random *random, int kind)
+{
+    static const double special[] = {0, -0.0, 1, -1, 0x1p-149, FLT_MAX, -FLT_MAX, INFINITY, NAN};
+    if (kind == 0)
+        return floor(random_between(random, -3, 4));
+    if (kind == 1)
+        return random_between(random, -1, 1);
+    if (kind == 2)
+        return ldexp(random_between(random, -1, 1), (int)random_between(random, -149, 127));
+    return special[random_next(random) % (sizeof special / sizeof *special)];
+}
+
+/* With corners side by side: the same bits. */
+static void test_wide(void **state)
+{
+    (void)state;
+    struct random random = {7};
+    int hits = 0;
+    for (int i = 0; i < 1000000 && boxtest_has_wide(); i++) {
+        int kind = i % 16 == 0 ? 3 : i % 8 == 1 ? 2 : i % 2;
+        double origin[3], direction[3];
+        float corners[3][4];
+        struct triangle_hit wide = {.t = 0}, hit = {.t = 0};
+        for (int axis = 0; axis < 3; axis++) {
+            origin[axis] = (float)draw(&random, kind);
+            direction[axis] = kind == 3 ? random_between(&random, -1, 1) : draw(&random, kind);
+            for (int k = 0; k < 3; k++)
+                corners[k][axis] = (float)draw(&random, kind);
+        }
+        corners[i % 3][3] = corners[(i + 1) % 3][3] = corners[(i + 2) % 3][3] = NAN;
+        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
+            continue;
+        struct triangle_ray ray = make_ray(origin, direction);
+        bool is_hit = triangle_intersect(&ray, corners[0], corners[1], corners[2], &hit);
+        assert_int_equal(intersect_wide(&ray, (const float(*)[4])corners, &wide), is_hit);
+        hits += is_hit;
+        if (is_hit && isfinite(hit.t))
+            assert_true(wide.t == hit.t && wide.u == hit.u && wide.v == hit.v && wide.front == hit.front);
+    }
+    assert_true(hits > 50000 || !boxtest_has_wide());
+}
+
+#else
+
+static void test_wide(void **state)
+{
+    (void)state;
+    skip();
+}
+
+#endif
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_integers),   cmocka_unit_test(test_facing),         cmocka_unit_test(test_closed_fans),
         cmocka_unit_test(test_lattice),    cmocka_unit_test(test_closed_surface), cmocka_unit_test(test_magnitudes),
-        cmocka_unit_test(test_degenerate), cmocka_unit_test(test_slivers),
+        cmocka_unit_test(test_degenerate), cmocka_unit_test(test_slivers),        cmocka_unit_test(test_wide),
     };
     return cmocka_run_group_tests_name("triangle", tests, NULL, NULL);
 }
