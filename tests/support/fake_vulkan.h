@@ -28,6 +28,8 @@ struct fake_vulkan {
     uint64_t calls; /* that can fail */
     uint64_t submissions, allocations, structures;
     uint64_t host_bytes; /* the most memory that was mapped at once */
+    VkPipelineStageFlags barrier_stages; /* of the last barrier: what it waits for, */
+    VkAccessFlags barrier_writes; /* and which writes become visible */
 };
 
 extern struct fake_vulkan fake_vulkan;

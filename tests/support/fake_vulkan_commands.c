@@ -112,6 +112,8 @@ static void VKAPI_CALL barrier(VkCommandBuffer buffer, VkPipelineStageFlags sour
     (void)buffer_barriers;
     (void)image_barriers;
     assert_true(source && dest && count == 1 && barriers && buffer_count == 0 && image_count == 0);
+    fake_vulkan.barrier_stages = source;
+    fake_vulkan.barrier_writes = barriers->srcAccessMask;
 }
 
 static void VKAPI_CALL deserialize(VkCommandBuffer buffer, const VkCopyMemoryToAccelerationStructureInfoKHR *info)
