@@ -10,6 +10,7 @@
 #include "pieces.h"
 #include "primitive.h"
 #include "rescale.h"
+#include "scatter.h"
 #include "spatial.h"
 #include "split.h"
 
@@ -117,28 +118,41 @@ static bool split_refs_fit(const struct construction *construction)
 static enum pieces_method method_for(const struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
-    if (construction->quality == QUALITY_FAST)
-        return PIECES_EMBREE_LOW;
-    bool splits = construction->quality == QUALITY_HIGH && !construction->rescaled && split_refs_fit(construction);
+    if (construction->quality != QUALITY_HIGH)
+        return PIECES_PLOC;
+    bool splits = !construction->rescaled && split_refs_fit(construction);
     splits = splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
     return splits && clip_allowed(canonical) ? PIECES_SPATIAL : PIECES_BINNED;
 }
 
 /*
- * Enough pieces to share out, whatever the number of threads; large ones are cheaper, since they are read into the cache once. Nothing is cut
- * above the pieces, where large triangles gain most by it: with spatial splits pieces are as large as may be.
+ * Enough pieces to share out, whatever the number of threads, each of which fits the second cache. Nothing is cut above the pieces, where large
+ * triangles gain most by it: with spatial splits pieces are as large as may be.
  */
 static uint32_t piece_size(enum pieces_method method, uint32_t count)
 {
-    enum { SMALLEST = 4096, PIECES = 32 };
-    uint32_t size = method == PIECES_SPATIAL ? BUILD_PIECE_SIZE : count / PIECES;
-    return size < SMALLEST ? SMALLEST : size > BUILD_PIECE_SIZE ? BUILD_PIECE_SIZE : size;
+    enum { SMALLEST = 4096, LARGEST = 16384, PIECES = 32 };
+    uint32_t size = count / PIECES;
+    if (method == PIECES_SPATIAL)
+        return BUILD_PIECE_SIZE;
+    return size < SMALLEST ? SMALLEST : size > LARGEST ? LARGEST : size;
+}
+
+/* Cuts the refs by a sample, which leaves them in the other array. */
+static enum bvhd_status scatter(struct construction *construction, const struct split_request *request)
+{
+    const struct build_context *context = construction->context;
+    enum bvhd_status status = scatter_refs(request, context->memory, context->parallel, &construction->tree, construction->error);
+    construction->refs.refs = request->scratch;
+    construction->scratch = request->refs;
+    return status;
 }
 
 static enum bvhd_status split(struct construction *construction)
 {
     const struct build_context *context = construction->context;
     const struct primitive_refs *refs = &construction->refs;
+    enum pieces_method method = method_for(construction);
     construction->scratch = memory_array(context->memory, refs->count, sizeof *construction->scratch);
     if (!construction->scratch)
         return no_memory(construction);
@@ -146,18 +160,22 @@ static enum bvhd_status split(struct construction *construction)
         .refs = refs->refs,
         .scratch = construction->scratch,
         .count = refs->count,
-        .piece_size = piece_size(method_for(construction), refs->count),
+        .piece_size = piece_size(method, refs->count),
         .bounds = refs->bounds,
         .centroids = refs->centroids,
         .cancel = context->cancel,
     };
-    enum bvhd_status status = split_refs(&request, context->memory, context->parallel, &construction->tree, construction->error);
+    enum bvhd_status status;
+    if (method == PIECES_SPATIAL || refs->count <= request.piece_size)
+        status = split_refs(&request, context->memory, context->parallel, &construction->tree, construction->error);
+    else
+        status = scatter(construction, &request);
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.split) : status;
 }
 
 static const char *method_name(enum pieces_method method)
 {
-    static const char *const names[] = {[PIECES_BINNED] = "binned", [PIECES_EMBREE_LOW] = "embree-low", [PIECES_SPATIAL] = "spatial"};
+    static const char *const names[] = {[PIECES_BINNED] = "binned", [PIECES_PLOC] = "ploc", [PIECES_SPATIAL] = "spatial"};
     return names[method];
 }
 
@@ -172,6 +190,14 @@ static uint32_t leaf_max(const struct construction *construction)
     return is_of_triangles(construction->canonical) ? construction->layout->leaf_max : 1;
 }
 
+/* Of PIECES_PLOC. Wider searches and more levels by binned SAH cost what they are worth. */
+static void clustering_for(enum build_quality quality, struct pieces_request *request)
+{
+    bool fast = quality == QUALITY_FAST;
+    request->radius = fast ? 4 : 8;
+    request->rounds = fast ? UINT32_MAX : 2;
+}
+
 static struct pieces_request pieces_wanted(const struct construction *construction)
 {
     const struct build_context *context = construction->context;
@@ -179,7 +205,6 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .tree = &construction->tree,
         .refs = construction->refs.refs,
         .scratch = construction->scratch,
-        .embree = context->embree,
         .method = method_for(construction),
         .leaf_max = leaf_max(construction),
         .canonical = construction->canonical,
@@ -217,10 +242,11 @@ static enum bvhd_status build_pieces(struct construction *construction)
     struct pieces pieces;
     double cost;
     struct pieces_request request = pieces_wanted(construction);
+    clustering_for(construction->quality, &request);
     enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
     if (status != BVHD_OK)
         return status;
-    stats->method = method_name(pieces.all_binned ? PIECES_BINNED : request.method);
+    stats->method = method_name(request.method);
     status = stage_end(construction, &stats->ms.pieces);
     if (status == BVHD_OK)
         status = join_pieces(construction, &pieces, &cost);

@@ -13,7 +13,7 @@
 #include "embree.h"
 #include "layout.h"
 
-enum { BUILD_VERSION = 1 }; /* changes whenever the same request would give other bytes: part of every key */
+enum { BUILD_VERSION = 2 }; /* changes whenever the same request would give other bytes: part of every key */
 
 enum { BUILD_PIECE_SIZE = 50000 }; /* most refs that are built without a look at the cancel flag */
 
@@ -28,7 +28,7 @@ struct build_stats {
     uint64_t refs; /* in leaves; more than the primitives in the tree when split */
     uint32_t depth; /* levels of the 2-wide ir, after the depth pass */
     double sah; /* of the 2-wide ir; 0 when empty */
-    const char *method; /* "binned", "embree-low", "spatial", "none" without refs; static */
+    const char *method; /* "ploc", "binned", "spatial", "none" without refs; static */
     struct box bounds; /* of the whole structure */
     struct build_times ms;
     struct layout_sizes sizes;

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "binned.h"
+#include "ploc.h"
 #include "spatial.h"
 
 struct piece {
@@ -14,7 +15,6 @@ struct piece {
     struct ir ir;
     uint32_t depth;
     double cost; /* ir_cost */
-    bool was_binned; /* built by binned_build */
     enum bvhd_status status;
     uint32_t node_base, ref_base; /* in the joined tree: of the ir's node 1, of its ref 0 */
 };
@@ -38,7 +38,6 @@ static enum bvhd_status build_binned(const struct build *build, struct piece *pi
         .leaf_max = request->leaf_max,
         .cancel = request->cancel,
     };
-    piece->was_binned = true;
     return binned_build(&binned, build->memory, &piece->ir, NULL);
 }
 
@@ -56,16 +55,19 @@ static enum bvhd_status build_spatial(const struct build *build, struct piece *p
     return spatial_build(&spatial, build->memory, &piece->ir, NULL);
 }
 
-static enum bvhd_status build_embree(const struct build *build, struct piece *piece)
+static enum bvhd_status build_ploc(const struct build *build, struct piece *piece)
 {
     const struct pieces_request *request = build->request;
-    struct embree_request embree = {
+    struct ploc_request ploc = {
         .refs = request->refs + piece->first,
+        .scratch = request->scratch + piece->first,
         .count = piece->count,
         .leaf_max = request->leaf_max,
+        .radius = request->radius,
+        .rounds = request->rounds,
+        .cancel = request->cancel,
     };
-    enum bvhd_status status = embree_build(request->embree, &embree, build->memory, &piece->ir, NULL);
-    return status == BVHD_UNSUPPORTED ? build_binned(build, piece) : status;
+    return ploc_build(&ploc, build->memory, &piece->ir, NULL);
 }
 
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
@@ -73,8 +75,8 @@ static enum bvhd_status build_piece(const struct build *build, struct piece *pie
     switch (build->request->method) {
     case PIECES_SPATIAL:
         return build_spatial(build, piece);
-    case PIECES_EMBREE_LOW:
-        return build_embree(build, piece);
+    case PIECES_PLOC:
+        return build_ploc(build, piece);
     default:
         return build_binned(build, piece);
     }
@@ -143,8 +145,7 @@ static enum bvhd_status worst(const struct build *build, uint32_t count)
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error)
 {
-    struct pieces pieces = {
-        .count = request->tree->piece_count, .tree = request->tree, .cancel = request->cancel, .memory = memory, .all_binned = true};
+    struct pieces pieces = {.count = request->tree->piece_count, .tree = request->tree, .cancel = request->cancel, .memory = memory};
     struct build build = {.request = request, .memory = memory, .total = request->tree->nodes[0].count};
     pieces.pieces = build.pieces = memory_array(memory, pieces.count, sizeof *pieces.pieces);
     build.order = memory_array(memory, pieces.count, sizeof *build.order);
@@ -161,8 +162,6 @@ enum bvhd_status pieces_build(const struct pieces_request *request, struct memor
         pieces_finish(&pieces);
         return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory to build a tree");
     }
-    for (uint32_t i = 0; i < pieces.count; i++)
-        pieces.all_binned &= pieces.pieces[i].was_binned;
     *ret_pieces = pieces;
     return BVHD_OK;
 }
@@ -197,17 +196,21 @@ static void copy_piece(void *context, size_t index)
     memcpy(to->refs + piece->ref_base, from->refs, from->ref_count * sizeof *to->refs);
 }
 
-/* The nodes above the pieces keep their places. */
-static void copy_top(const struct split_tree *tree, struct ir *ir)
+/* The nodes above the pieces keep their places; their boxes follow from those of their children, which come behind them. */
+static void make_top(const struct split_tree *tree, struct ir *ir)
 {
-    for (uint32_t i = 0; i < tree->node_count; i++)
-        if (tree->nodes[i].child) {
-            ir->nodes[i] = (struct ir_node){.first = tree->nodes[i].child};
-            ir->boxes[0][i] = tree->nodes[i].bounds;
-        }
+    for (uint32_t i = tree->node_count; i-- > 0;) {
+        uint32_t child = tree->nodes[i].child;
+        if (child == 0)
+            continue;
+        struct box box = ir->boxes[0][child];
+        box_grow(&box, &ir->boxes[0][child + 1]);
+        ir->nodes[i] = (struct ir_node){.first = child};
+        ir->boxes[0][i] = box;
+    }
 }
 
-static void sum_up(const struct pieces *pieces, uint32_t *levels, uint32_t *ret_depth, double *ret_cost)
+static void sum_up(const struct pieces *pieces, const struct ir *ir, uint32_t *levels, uint32_t *ret_depth, double *ret_cost)
 {
     const struct split_tree *tree = pieces->tree;
     uint32_t depth = 0;
@@ -216,7 +219,7 @@ static void sum_up(const struct pieces *pieces, uint32_t *levels, uint32_t *ret_
     for (uint32_t i = 0; i < tree->node_count; i++)
         if (tree->nodes[i].child) {
             levels[tree->nodes[i].child] = levels[tree->nodes[i].child + 1] = levels[i] + 1;
-            cost += box_half_area(&tree->nodes[i].bounds);
+            cost += box_half_area(&ir->boxes[0][i]);
         }
     for (uint32_t i = 0; i < pieces->count; i++) {
         const struct piece *piece = &pieces->pieces[i];
@@ -274,9 +277,9 @@ enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *s
     if (status == BVHD_OK) {
         join.ir.node_count = (uint32_t)nodes;
         join.ir.ref_count = (uint32_t)refs;
-        copy_top(pieces->tree, &join.ir);
         if (parallel_for_until(parallel, pieces->cancel, pieces->count, copy_piece, &join)) {
-            sum_up(pieces, levels, ret_depth, ret_cost);
+            make_top(pieces->tree, &join.ir);
+            sum_up(pieces, &join.ir, levels, ret_depth, ret_cost);
             *ret_ir = join.ir;
         } else {
             ir_finish(&join.ir);

@@ -8,20 +8,19 @@
 #include <stdatomic.h>
 
 #include "canonical.h"
-#include "embree.h"
 #include "ir.h"
 #include "split.h"
 
-enum pieces_method { PIECES_BINNED, PIECES_EMBREE_LOW, PIECES_SPATIAL };
+enum pieces_method { PIECES_BINNED, PIECES_PLOC, PIECES_SPATIAL };
 
 struct pieces_request {
     const struct split_tree *tree;
     struct primitive_ref *refs, *scratch; /* of the split; both are written to */
-    struct embree *embree;
     enum pieces_method method;
+    uint32_t radius, rounds; /* with PIECES_PLOC (ploc.h) */
     uint32_t leaf_max;
     const struct canonical *canonical; /* with PIECES_SPATIAL */
-    const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs, by PIECES_EMBREE_LOW before each piece */
+    const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
     void *progress_context;
 };
@@ -29,13 +28,12 @@ struct pieces_request {
 struct pieces {
     struct piece *pieces; /* in the order of their refs */
     uint32_t count;
-    bool all_binned; /* every piece came from binned_build */
     const struct split_tree *tree;
     const atomic_bool *cancel; /* the request's */
     struct memory *memory;
 };
 
-/* BVHD_CANCELLED, BVHD_NO_MEMORY. A piece that Embree gives up on is built by binned_build. The caller ends *ret_pieces with pieces_finish. */
+/* BVHD_CANCELLED, BVHD_NO_MEMORY. Of the tree's bounds only the root's are read. The caller ends *ret_pieces with pieces_finish. */
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error);
 

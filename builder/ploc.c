@@ -1,0 +1,404 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "ploc.h"
+
+#include <string.h>
+
+#include "bins.h"
+#include "morton.h"
+#include "nearest.h"
+#include "parallel.h"
+
+/* Nodes are refs: their boxes, and of inner ones the numbers of both children. Leaves come first, in the order of the curve. */
+struct node_facts {
+    float cost; /* SAH, undivided, of the subtree as it will be */
+    uint32_t refs : 31;
+    uint32_t leaf : 1; /* all of them in one leaf */
+};
+
+/* Clusters that need not be divided from above: the fewer, the more of the tree is of binned SAH. */
+enum { PART_MAX = 100 };
+
+/* The clusters of a round, in the order of the curve. */
+struct row {
+    struct nearest_boxes boxes;
+    uint32_t *nodes;
+};
+
+/* Where a cluster, or the first of a pair, goes. */
+struct move {
+    uint32_t from, to;
+};
+
+struct clustering {
+    const struct ploc_request *request;
+    struct primitive_ref *leaves, *inner;
+    struct node_facts *facts;
+    uint32_t node_count;
+    struct row row, next;
+    uint32_t count; /* clusters */
+    int32_t *keys;
+    struct move *singles, *pairs;
+    void *room;
+};
+
+static inline struct primitive_ref *node_at(const struct clustering *c, uint32_t node)
+{
+    uint32_t leaves = c->request->count;
+    return node < leaves ? &c->leaves[node] : &c->inner[node - leaves];
+}
+
+static inline struct vec4_box box_of_two(const struct clustering *c, uint32_t a, uint32_t b)
+{
+    struct vec4_box box = vec4_box_load(node_at(c, a)), other = vec4_box_load(node_at(c, b));
+    vec4_box_grow(&box, other.min, other.max);
+    return box;
+}
+
+static inline float cost_of_two(const struct clustering *c, uint32_t a, uint32_t b)
+{
+    return vec4_box_half_area(box_of_two(c, a, b)) + c->facts[a].cost + c->facts[b].cost;
+}
+
+/* Fills an inner node. */
+static inline void set_node(const struct clustering *c, uint32_t node, uint32_t left, uint32_t right, struct vec4_box box)
+{
+    struct primitive_ref *ref = &c->inner[node - c->request->count];
+    vec4_box_store(ref, box);
+    ref->geometry = left;
+    ref->id = right;
+    float area = vec4_box_half_area(box), cost = area + c->facts[left].cost + c->facts[right].cost;
+    uint32_t refs = (uint32_t)c->facts[left].refs + c->facts[right].refs;
+    float as_leaf = area * (float)refs;
+    bool leaf = refs <= c->request->leaf_max && as_leaf <= cost;
+    c->facts[node] = (struct node_facts){leaf ? as_leaf : cost, refs & INT32_MAX, leaf};
+}
+
+/*
+ * A tree rotation (Kensler 2008) below a node that is about to get two children: one of them may change places with a child of the other, if
+ * that makes the other cheaper.
+ */
+static inline void rotate(const struct clustering *c, uint32_t children[2])
+{
+    float best = c->facts[children[0]].cost + c->facts[children[1]].cost;
+    uint32_t low = 0, up = 0, stays = 0, side = 2;
+    for (uint32_t i = 0; i < 2; i++) {
+        uint32_t inner = children[i], other = children[1 - i];
+        if (inner < c->request->count)
+            continue;
+        const struct primitive_ref *ref = node_at(c, inner);
+        float right_stays = cost_of_two(c, other, ref->id) + c->facts[ref->geometry].cost;
+        float left_stays = cost_of_two(c, other, ref->geometry) + c->facts[ref->id].cost;
+        if (right_stays < best) {
+            best = right_stays;
+            side = i, low = other, up = ref->geometry, stays = ref->id;
+        }
+        if (left_stays < best) {
+            best = left_stays;
+            side = i, low = other, up = ref->id, stays = ref->geometry;
+        }
+    }
+    if (side == 2)
+        return;
+    set_node(c, children[side], stays, low, box_of_two(c, stays, low));
+    children[1 - side] = up;
+}
+
+static inline uint32_t join(struct clustering *c, uint32_t left, uint32_t right)
+{
+    uint32_t node = c->node_count++, children[2] = {left, right};
+    struct vec4_box box = box_of_two(c, left, right);
+    rotate(c, children);
+    set_node(c, node, children[0], children[1], box);
+    return node;
+}
+
+static inline void put(const struct row *row, uint32_t at, uint32_t node, const struct primitive_ref *ref)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        row->boxes.min[axis][at] = ref->min[axis];
+        row->boxes.max[axis][at] = ref->max[axis];
+    }
+    row->nodes[at] = node;
+}
+
+/* Who chose each other, and who stays alone. Without branches, since nobody can foresee choices. */
+static uint32_t list_moves(struct clustering *c, uint32_t *ret_singles, uint32_t *ret_pairs)
+{
+    struct move *single_moves = c->singles, *pair_moves = c->pairs;
+    const int32_t *keys = c->keys;
+    uint32_t singles = 0, pairs = 0, to = 0, count = c->count;
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t partner = nearest_partner(i, keys[i]);
+        bool mutual = keys[partner] == keys[i], first = i < partner;
+        single_moves[singles] = (struct move){i, to};
+        pair_moves[pairs] = (struct move){i, to};
+        singles += !mutual;
+        pairs += mutual & first;
+        to += !mutual | first;
+    }
+    *ret_singles = singles;
+    *ret_pairs = pairs;
+    return to;
+}
+
+static void merge(struct clustering *c)
+{
+    const struct row *row = &c->row, *next = &c->next;
+    uint32_t singles, pairs, count = list_moves(c, &singles, &pairs);
+    for (int axis = 0; axis < 3; axis++)
+        for (uint32_t i = 0; i < singles; i++) {
+            next->boxes.min[axis][c->singles[i].to] = row->boxes.min[axis][c->singles[i].from];
+            next->boxes.max[axis][c->singles[i].to] = row->boxes.max[axis][c->singles[i].from];
+        }
+    for (uint32_t i = 0; i < singles; i++)
+        next->nodes[c->singles[i].to] = row->nodes[c->singles[i].from];
+    for (uint32_t i = 0; i < pairs; i++) {
+        uint32_t from = c->pairs[i].from, partner = nearest_partner(from, c->keys[from]);
+        uint32_t node = join(c, row->nodes[from], row->nodes[partner]);
+        put(next, c->pairs[i].to, node, node_at(c, node));
+    }
+    struct row swap = c->row;
+    c->row = c->next;
+    c->next = swap;
+    c->count = count;
+}
+
+static void run_round(struct clustering *c)
+{
+    nearest_pad(&c->row.boxes, c->count);
+    nearest_find(&c->row.boxes, c->count, c->request->radius, c->keys);
+    merge(c);
+}
+
+/* False when cancelled. */
+static bool run_rounds(struct clustering *c)
+{
+    /* With merges of fewer than this share of the clusters rounds would go on for long. */
+    enum { STALLED = 16 };
+    uint32_t before = UINT32_MAX;
+    for (uint32_t round = 0; round < c->request->rounds && c->count > 1 && before - c->count > before / STALLED; round++) {
+        if (parallel_cancelled(c->request->cancel))
+            return false;
+        before = c->count;
+        run_round(c);
+    }
+    return !parallel_cancelled(c->request->cancel);
+}
+
+/* Clusters on their way to being divided, as refs whose ids are nodes. */
+struct part {
+    struct vec4_box centroids;
+    struct primitive_ref *refs, *other; /* where they lie, where they may go */
+    uint32_t count;
+    uint32_t *ret_node; /* where the number of its root goes */
+};
+
+/* A node above the clusters, before it has a number. */
+struct division {
+    uint32_t children[2];
+    uint32_t *ret_node;
+};
+
+static void divide(const struct part *part, struct division *division, struct part ret_children[2])
+{
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    struct vec4_box centroids[2];
+    /* As binned.c divides refs. */
+    bool halved = !bins_find(part->refs, part->count, &part->centroids, &mapping, &plane);
+    if (halved)
+        bins_halve(part->refs, part->count, &plane, centroids);
+    else
+        bins_partition(&mapping, &plane, part->refs, part->count, part->other, part->other + plane.left_count, centroids);
+    uint32_t left = plane.left_count;
+    struct primitive_ref *refs = halved ? part->refs : part->other, *other = halved ? part->other : part->refs;
+    division->ret_node = part->ret_node;
+    ret_children[0] = (struct part){centroids[0], refs, other, left, &division->children[0]};
+    ret_children[1] = (struct part){centroids[1], refs + left, other + left, part->count - left, &division->children[1]};
+}
+
+/* Clusters of a part to one; a round makes at least one pair (nearest.h). The rows are free while parts are divided. */
+static uint32_t cluster_part(struct clustering *c, const struct part *part)
+{
+    for (uint32_t i = 0; i < part->count; i++)
+        put(&c->row, i, part->refs[i].id, &part->refs[i]);
+    for (c->count = part->count; c->count > 1;)
+        run_round(c);
+    return c->row.nodes[0];
+}
+
+/* The larger child waits while the smaller is divided, so that at most 32 wait. False when cancelled. */
+static bool divide_part(struct clustering *c, struct part part, struct division *divisions)
+{
+    struct part waiting[33], children[2];
+    uint32_t waiting_count = 0, division_count = 0;
+    for (;;) {
+        if (part.count > PART_MAX) {
+            if (parallel_cancelled(c->request->cancel))
+                return false;
+            divide(&part, &divisions[division_count++], children);
+            bool right_first = children[1].count < children[0].count;
+            waiting[waiting_count++] = children[!right_first];
+            part = children[right_first];
+            continue;
+        }
+        *part.ret_node = cluster_part(c, &part);
+        if (waiting_count == 0)
+            break;
+        part = waiting[--waiting_count];
+    }
+    /* Parents come before their children. */
+    while (division_count-- > 0) {
+        const struct division *division = &divisions[division_count];
+        *division->ret_node = join(c, division->children[0], division->children[1]);
+    }
+    return true;
+}
+
+/* Makes one tree of the clusters that are left: divided from above as far as they are many, then merged. */
+static enum bvhd_status divide_rest(struct clustering *c, struct memory *memory, uint32_t *ret_root)
+{
+    struct division *divisions = memory_array(memory, c->count, sizeof *divisions);
+    struct primitive_ref *refs = memory_array(memory, 2 * (uint64_t)c->count, sizeof *refs);
+    struct part part = {.refs = refs, .count = c->count, .ret_node = ret_root};
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    if (divisions && refs) {
+        struct vec4_box bounds;
+        part.other = refs + c->count;
+        for (uint32_t i = 0; i < c->count; i++) {
+            vec4_box_store(&refs[i], vec4_box_load(node_at(c, c->row.nodes[i])));
+            refs[i].id = c->row.nodes[i];
+        }
+        bins_bound(refs, c->count, &bounds, &part.centroids);
+        status = divide_part(c, part, divisions) ? BVHD_OK : BVHD_CANCELLED;
+    }
+    memory_free(memory, divisions);
+    memory_free(memory, refs);
+    return status;
+}
+
+/* A subtree that becomes a node of the ir. */
+struct emitted {
+    uint32_t node, ir_node, first_ref;
+};
+
+static void emit_leaf(const struct clustering *c, struct ir *ir, const struct emitted *leaf)
+{
+    uint32_t waiting[32], count = 1, ref = leaf->first_ref;
+    ir->nodes[leaf->ir_node] = (struct ir_node){leaf->first_ref, c->facts[leaf->node].refs};
+    waiting[0] = leaf->node;
+    while (count > 0) {
+        uint32_t node = waiting[--count];
+        const struct primitive_ref *at = node_at(c, node);
+        if (node < c->request->count) {
+            ir->refs[ref++] = at->id;
+        } else {
+            waiting[count++] = at->id;
+            waiting[count++] = at->geometry;
+        }
+    }
+}
+
+/* The larger child waits while the smaller is written, so that at most 32 wait. */
+static void emit(const struct clustering *c, struct ir *ir, uint32_t root)
+{
+    struct emitted waiting[33], at = {root, 0, 0};
+    uint32_t waiting_count = 0;
+    ir->node_count = 1;
+    ir->ref_count = c->request->count;
+    for (;;) {
+        const struct primitive_ref *ref = node_at(c, at.node);
+        ir->boxes[0][at.ir_node] = primitive_ref_box(ref);
+        if (c->facts[at.node].leaf) {
+            emit_leaf(c, ir, &at);
+            if (waiting_count == 0)
+                return;
+            at = waiting[--waiting_count];
+            continue;
+        }
+        uint32_t pair = ir->node_count, left_refs = c->facts[ref->geometry].refs;
+        ir->node_count += 2;
+        ir->nodes[at.ir_node] = (struct ir_node){.first = pair};
+        struct emitted left = {ref->geometry, pair, at.first_ref}, right = {ref->id, pair + 1, at.first_ref + left_refs};
+        bool right_first = c->facts[ref->id].refs < left_refs;
+        waiting[waiting_count++] = right_first ? left : right;
+        at = right_first ? right : left;
+    }
+}
+
+static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t stride)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        row->boxes.min[axis] = floats + (uint64_t)(2 * axis) * stride + NEAREST_PAD;
+        row->boxes.max[axis] = floats + (uint64_t)(2 * axis + 1) * stride + NEAREST_PAD;
+    }
+    row->nodes = nodes;
+}
+
+/* One block of words, so that a piece costs one allocation: two rows, facts, keys, moves. */
+static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
+{
+    uint64_t n = c->request->count, stride = n + 2 * NEAREST_PAD;
+    uint32_t *words = memory_array(memory, 12 * stride + 6 * n + 5 * (n + 8), sizeof *words);
+    if (!words)
+        return BVHD_NO_MEMORY;
+    c->room = words;
+    float *floats = (float *)(void *)words;
+    words += 12 * stride;
+    place_row(&c->row, floats, words, stride);
+    place_row(&c->next, floats + 6 * stride, words + n, stride);
+    c->facts = (struct node_facts *)(void *)(words + 2 * n);
+    words += 6 * n;
+    c->singles = (struct move *)(void *)words;
+    c->pairs = (struct move *)(void *)(words + 2 * (n + 8));
+    c->keys = (int32_t *)(void *)(words + 4 * (n + 8));
+    return BVHD_OK;
+}
+
+static void make_leaves(struct clustering *c)
+{
+    uint32_t count = c->request->count;
+    morton_sort(c->request->refs, count, c->room, c->leaves);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct primitive_ref *ref = &c->leaves[i];
+        put(&c->row, i, i, ref);
+        c->facts[i] = (struct node_facts){vec4_box_half_area(vec4_box_load(ref)), 1, 1};
+    }
+    c->count = c->node_count = count;
+}
+
+static enum bvhd_status make_tree(struct clustering *c, struct memory *memory, struct ir *ir)
+{
+    uint32_t root = 0;
+    enum bvhd_status status = make_room(c, memory);
+    if (status != BVHD_OK)
+        return status;
+    make_leaves(c);
+    if (!run_rounds(c))
+        return BVHD_CANCELLED;
+    if (c->count == 1)
+        root = c->row.nodes[0];
+    else
+        status = divide_rest(c, memory, &root);
+    if (status == BVHD_OK)
+        emit(c, ir, root);
+    return status;
+}
+
+enum bvhd_status ploc_build(const struct ploc_request *request, struct memory *memory, struct ir *ret_ir, struct bvhd_error *error)
+{
+    struct clustering c = {.request = request, .leaves = request->scratch, .inner = request->refs};
+    struct ir ir;
+    enum bvhd_status status = ir_init(&ir, memory, 2 * request->count - 1, request->count, error);
+    if (status != BVHD_OK)
+        return status;
+    status = make_tree(&c, memory, &ir);
+    memory_free(memory, c.room);
+    if (status == BVHD_OK) {
+        *ret_ir = ir;
+        return BVHD_OK;
+    }
+    ir_finish(&ir);
+    return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory to cluster %u primitives",
+                          request->count);
+}

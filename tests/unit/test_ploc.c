@@ -1,0 +1,181 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "unit.h"
+
+#include <math.h>
+
+#include "ploc.h"
+#include "test_ir.h"
+#include "test_refs.h"
+
+struct way {
+    uint32_t leaf_max, radius, rounds;
+};
+
+static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const struct way *way, const atomic_bool *cancel,
+                            struct memory *memory, struct ir *ret_ir, struct bvhd_error *error)
+{
+    struct primitive_ref *scratch = test_refs_make(REFS_SAME, count, 0);
+    struct ploc_request request = {
+        .refs = refs,
+        .scratch = scratch,
+        .count = count,
+        .leaf_max = way->leaf_max,
+        .radius = way->radius,
+        .rounds = way->rounds,
+        .cancel = cancel,
+    };
+    enum bvhd_status status = ploc_build(&request, memory, ret_ir, error);
+    free(scratch);
+    return status;
+}
+
+static void every_kind_gives_a_sound_tree(void **state)
+{
+    (void)state;
+    static const struct way ways[] = {{1, 4, UINT32_MAX}, {3, 8, 2}, {3, 1, UINT32_MAX}, {31, 15, 1}, {2, 8, 0}};
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    for (int kind = 0; kind < REFS_KINDS; kind++)
+        for (uint32_t count = 1; count < 20000; count = count * 2 + (count < 9))
+            for (size_t w = 0; w < sizeof ways / sizeof *ways; w++) {
+                struct ir ir;
+                struct primitive_ref *refs = test_refs_make((enum test_refs_kind)kind, count, count);
+                struct box *boxes = test_refs_boxes(refs, count);
+                assert_int_equal(run(refs, count, &ways[w], NULL, &memory, &ir, NULL), BVHD_OK);
+                assert_int_equal(ir_check(&ir, count, boxes, false, &memory, NULL), BVHD_OK);
+                assert_int_equal(ir.ref_count, count);
+                for (uint32_t i = 0; i < ir.node_count; i++)
+                    assert_true(ir.nodes[i].count <= ways[w].leaf_max);
+                if (kind == REFS_SAME)
+                    assert_true(ir_depth(&ir, &memory) <= 3 + ceil(log2(count)));
+                ir_finish(&ir);
+                free(boxes);
+                free(refs);
+            }
+    assert_int_equal(memory.live, 0);
+}
+
+/* Distances that grow steadily: everybody's nearest is the one before, so that a round makes few pairs. */
+static void a_row_without_pairs_ends_soon(void **state)
+{
+    (void)state;
+    enum { COUNT = 16384 };
+    struct memory memory;
+    struct ir ir;
+    struct way way = {1, 8, UINT32_MAX};
+    struct primitive_ref *refs = test_refs_make(REFS_SAME, COUNT, 1);
+    memory_init(&memory, UINT64_MAX);
+    for (uint32_t i = 0; i < COUNT; i++)
+        for (int axis = 0; axis < 3; axis++)
+            refs[i].min[axis] = refs[i].max[axis] = axis ? 0 : (float)i * (float)i;
+    struct box *boxes = test_refs_boxes(refs, COUNT);
+    assert_int_equal(run(refs, COUNT, &way, NULL, &memory, &ir, NULL), BVHD_OK);
+    assert_int_equal(ir_check(&ir, COUNT, boxes, false, &memory, NULL), BVHD_OK);
+    assert_true(ir_depth(&ir, &memory) < 200);
+    ir_finish(&ir);
+    free(boxes);
+    free(refs);
+    assert_int_equal(memory.live, 0);
+}
+
+static double sah_of(enum test_refs_kind kind, const struct way *way)
+{
+    enum { COUNT = 20000 };
+    struct memory memory;
+    struct ir ir;
+    memory_init(&memory, UINT64_MAX);
+    struct primitive_ref *refs = test_refs_make(kind, COUNT, 3);
+    assert_int_equal(run(refs, COUNT, way, NULL, &memory, &ir, NULL), BVHD_OK);
+    double sah = ir_sah(&ir);
+    ir_finish(&ir);
+    free(refs);
+    assert_int_equal(memory.live, 0);
+    return sah;
+}
+
+static double median_sah_of(enum test_refs_kind kind)
+{
+    enum { COUNT = 20000 };
+    struct memory memory;
+    struct ir ir;
+    memory_init(&memory, UINT64_MAX);
+    struct primitive_ref *refs = test_refs_make(kind, COUNT, 3);
+    struct box *boxes = test_refs_boxes(refs, COUNT);
+    assert_int_equal(test_ir_make(boxes, COUNT, 2, &memory, &ir), BVHD_OK);
+    double sah = ir_sah(&ir);
+    ir_finish(&ir);
+    free(refs);
+    free(boxes);
+    return sah;
+}
+
+/* Better than splits in the middle of the longest axis; where density is even, better with more of binning. */
+static void quality_is_that_of_sah(void **state)
+{
+    (void)state;
+    static const struct way merged = {2, 4, UINT32_MAX}, divided = {2, 4, 2};
+    static const enum test_refs_kind kinds[] = {REFS_CLOUD, REFS_CLUSTERS};
+    for (int k = 0; k < 2; k++) {
+        double median = median_sah_of(kinds[k]);
+        assert_true(sah_of(kinds[k], &merged) < 0.95 * median);
+        assert_true(sah_of(kinds[k], &divided) < 0.95 * median);
+    }
+    assert_true(sah_of(REFS_FLAT, &divided) < sah_of(REFS_FLAT, &merged));
+}
+
+static void failing_allocations_leave_nothing(void **state)
+{
+    (void)state;
+    static const struct way ways[] = {{2, 8, 2}, {2, 8, UINT32_MAX}};
+    for (int w = 0; w < 2; w++) {
+        enum bvhd_status status = BVHD_NO_MEMORY;
+        int64_t n = 0;
+        for (; status == BVHD_NO_MEMORY; n++) {
+            struct memory memory;
+            struct bvhd_error error;
+            struct ir ir;
+            struct primitive_ref *refs = test_refs_make(REFS_CLOUD, 1000, 2);
+            memory_init(&memory, UINT64_MAX);
+            memory.fail_after = n;
+            status = run(refs, 1000, &ways[w], NULL, &memory, &ir, &error);
+            if (status == BVHD_OK)
+                ir_finish(&ir);
+            else
+                assert_int_equal(error.status, BVHD_NO_MEMORY);
+            assert_int_equal(memory.live, 0);
+            free(refs);
+        }
+        assert_int_equal(status, BVHD_OK);
+        assert_true(n > 4);
+    }
+}
+
+static void cancelling_ends_it(void **state)
+{
+    (void)state;
+    static const struct way ways[] = {{2, 8, 2}, {2, 8, 0}, {2, 8, UINT32_MAX}};
+    struct memory memory;
+    struct bvhd_error error;
+    struct ir ir;
+    atomic_bool cancel = true;
+    memory_init(&memory, UINT64_MAX);
+    for (int w = 0; w < 3; w++) {
+        struct primitive_ref *refs = test_refs_make(REFS_CLOUD, 1000, 2);
+        assert_int_equal(run(refs, 1000, &ways[w], &cancel, &memory, &ir, &error), BVHD_CANCELLED);
+        assert_int_equal(error.status, BVHD_CANCELLED);
+        assert_int_equal(memory.live, 0);
+        free(refs);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_kind_gives_a_sound_tree),
+        cmocka_unit_test(a_row_without_pairs_ends_soon),
+        cmocka_unit_test(quality_is_that_of_sah),
+        cmocka_unit_test(failing_allocations_leave_nothing),
+        cmocka_unit_test(cancelling_ends_it),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
