@@ -7,7 +7,6 @@
 
 #include "files.h"
 #include "place.h"
-#include "portable_scene.h"
 #include "serialized.h"
 
 static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
@@ -297,20 +296,6 @@ enum bvhd_status structures_join(struct structures *structures, struct bvhd_erro
         structures->blobs[i] = structures->files[i].structure.blob;
     make_scene(structures);
     return check_instances(structures, error);
-}
-
-enum bvhd_status structures_pack(const struct structures *structures, struct memory *memory, unsigned char **ret_buffer,
-                                 uint64_t *ret_size, struct bvhd_error *error)
-{
-    uint32_t count = structures->file_count;
-    struct bytes *blobs = memory_array(memory, count, sizeof *blobs);
-    if (!blobs)
-        return no_memory(structures->name, error);
-    for (uint32_t i = 0; i < count; i++)
-        blobs[structures->has_top ? (i + 1) % count : i] = structures->blobs[i];
-    enum bvhd_status status = portable_pack(blobs, count, memory, ret_buffer, ret_size, error);
-    memory_free(memory, blobs);
-    return status;
 }
 
 static enum bvhd_status open_scene(struct structures *structures, const char *directory, struct manifest *manifest, const char *name,

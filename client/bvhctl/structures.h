@@ -67,10 +67,6 @@ void structures_corners(const struct structures *structures, const struct ray_hi
 /* The base colour of a geometry of bottom level `bottom`, or NULL. */
 const float *structures_colour(const struct structures *structures, uint32_t bottom, uint32_t geometry);
 
-/* Portable ones as portable_scene.h packs them: one buffer, the top level first, handles replaced by offsets. The caller frees it with memory_free. */
-enum bvhd_status structures_pack(const struct structures *structures, struct memory *memory, unsigned char **ret_buffer,
-                                 uint64_t *ret_size, struct bvhd_error *error);
-
 /* Reads and opens one file, without colours. On success the caller ends it with structures_close_file. */
 enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file, struct bvhd_error *error);
 void structures_close_file(struct structure_file *file, struct memory *memory);

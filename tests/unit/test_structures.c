@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include "files.h"
-#include "portable_scene.h"
 #include "random.h"
 #include "serialized.h"
 #include "test_world.h"
@@ -173,30 +172,6 @@ static void test_unpacked(void **state)
         unpack_finish(&unpacked);
         test_world_finish(&world);
     }
-}
-
-/* Portable ones as one buffer. */
-static void test_packed(void **state)
-{
-    (void)state;
-    struct bvhd_format format;
-    struct test_world world;
-    struct portable_scene packed;
-    open_world(&world, 0, &format);
-    unsigned char *buffer;
-    uint64_t size;
-    struct memory memory;
-    memory_init(&memory, UINT64_MAX);
-    assert_int_equal(structures_pack(&world.structures, &memory, &buffer, &size, NULL), BVHD_OK);
-    assert_int_equal(portable_scene_open((struct bytes){buffer, size}, &memory, &packed, NULL), BVHD_OK);
-    assert_int_equal(packed.scene.bottom_count, 2);
-    struct ray ray = {.origin = {0.25f, 10, 0.5f}, .direction = {0, -1, 0}, .tmax = 100, .cull_mask = 0xff};
-    struct ray_hit hit;
-    assert_true(traverse(&packed.scene, &ray, NULL, &hit, NULL) && hit.t == 8);
-    portable_scene_finish(&packed);
-    memory_free(&memory, buffer);
-    assert_int_equal(memory.live, 0);
-    test_world_finish(&world);
 }
 
 static void expect(enum bvhd_status expected, const char *place)
@@ -423,10 +398,9 @@ static void test_no_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_both_targets),    cmocka_unit_test(test_unpacked),        cmocka_unit_test(test_packed),
-        cmocka_unit_test(test_wrong_manifests), cmocka_unit_test(test_wrong_handles),   cmocka_unit_test(test_rows),
-        cmocka_unit_test(test_wrong_leaves),    cmocka_unit_test(test_wrong_instances), cmocka_unit_test(test_cut),
-        cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_both_targets),    cmocka_unit_test(test_unpacked), cmocka_unit_test(test_wrong_manifests),
+        cmocka_unit_test(test_wrong_handles),   cmocka_unit_test(test_rows),     cmocka_unit_test(test_wrong_leaves),
+        cmocka_unit_test(test_wrong_instances), cmocka_unit_test(test_cut),      cmocka_unit_test(test_no_memory),
     };
     return cmocka_run_group_tests_name("structures", tests, enter_scratch, leave_scratch);
 }
