@@ -54,7 +54,7 @@ enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, un
 enum bvhd_status probe_unpack(struct bytes data, struct probe *ret_probe, struct bvhd_error *error);
 
 /*
- * The native target that reproduces the probe, byte for byte; of the bounds of instances, which are everybody's own rounding, to 2^-20. BVHD_UNSUPPORTED when none does: the text says how far the nearest one came ("PROBE_AABBS differs
+ * The native target that reproduces the probe, byte for byte; of the bounds of instances, which are everybody's own rounding, to 2^-20 of 1 + their size. BVHD_UNSUPPORTED when none does: the text says how far the nearest one came ("PROBE_AABBS differs
  * at byte 96"), be it another layout or hostile bytes; such a device takes the portable target alone. BVHD_NO_MEMORY.
  */
 enum bvhd_status probe_match(const struct probe *probe, struct memory *memory, enum target *ret_target,
