@@ -318,6 +318,30 @@ static void wrong_arguments_are_refused(void **state)
     end();
 }
 
+/* A structure of each target passes the check; together they are no scene. */
+static void targets_are_not_mixed(void **state)
+{
+    (void)state;
+    struct vulkan_bed other;
+    for (int target = TARGET_PORTABLE; target <= TARGET_LAVAPIPE; target++) {
+        const struct vulkan_bed_options options = shape((enum target)target, 3, 12, 30, 0);
+        const struct vulkan_bed_options others = shape(target == TARGET_PORTABLE ? TARGET_LAVAPIPE : TARGET_PORTABLE, 3, 12, 30, 0);
+        begin(&options, true, true);
+        vulkan_bed_init(&other, &others);
+        struct bvhd_vulkan_bytes kept = world.bed.blobs[1];
+        const struct bvhd_vulkan_scene_options wrong = scene_options(0);
+        world.bed.blobs[1] = other.blobs[1];
+        refuse(&wrong, BVHD_INVALID, "blobs[1]: data");
+        world.bed.blobs[1] = kept;
+        kept = world.bed.blobs[3];
+        world.bed.blobs[3] = other.blobs[3];
+        refuse(&wrong, BVHD_INVALID, "blobs[3]: data");
+        world.bed.blobs[3] = kept;
+        vulkan_bed_finish(&other);
+        end();
+    }
+}
+
 static void scenes_that_do_not_fit_together_are_refused(void **state)
 {
     (void)state;
@@ -454,6 +478,7 @@ int main(void)
         cmocka_unit_test(equal_data_is_loaded_once),
         cmocka_unit_test(memory_that_is_short_on_the_device_is_taken_elsewhere),
         cmocka_unit_test(wrong_arguments_are_refused),
+        cmocka_unit_test(targets_are_not_mixed),
         cmocka_unit_test(scenes_that_do_not_fit_together_are_refused),
         cmocka_unit_test(other_drivers_structures_are_refused),
         cmocka_unit_test(an_unknown_device_says_so),
