@@ -5,7 +5,7 @@
 #include "chart.h"
 #include "plot.h"
 
-enum { ROW_PIXELS = 26, COLUMN_PIXELS = 46, MARGIN_LEFT = 240, MARGIN_TOP = 170, MARGIN_BOTTOM = 60 };
+enum { ROW_PIXELS = 26, COLUMN_PIXELS = 46, MARGIN_LEFT = 290, MARGIN_TOP = 150, MARGIN_BOTTOM = 60 };
 
 struct look {
     char text[24], fill[16];
@@ -65,7 +65,9 @@ static void draw(const void *context, FILE *script)
             (double)MARGIN_LEFT / width, 1 - 40.0 / width, 1 - (double)MARGIN_TOP / height, (double)MARGIN_BOTTOM / height);
     fprintf(script, "set xrange [0:%u]\nset x2range [0:%u]\nset yrange [0:%u]\nunset border\nunset key\n", stability->column_count,
             stability->column_count, stability->row_count);
-    fprintf(script, "set label \"Stability: methods against scenes at which methods fail\" at screen 0.01,%.4f left font \",14\"\n",
+    fprintf(script,
+            "set label \"Stability: methods (ours above, Embree below) on scenes at which methods fail\" at screen 0.01,%.4f left font "
+            "\",14\"\n",
             1 - 20.0 / height);
     fprintf(script,
             "set label \"blue: no wrong answer, rays a second as a share of the column's fastest;  orange: so many wrong answers;  "

@@ -1,10 +1,58 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "verdicts.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "rays.h"
+
+/* A random triangle with finite corners; false when none is found. */
+static bool pick(const struct ply *mesh, uint64_t *state, const float *ret_corners[3])
+{
+    enum { TRIES = 100 };
+    for (int try = 0; try < TRIES && mesh->triangle_count > 0; try++) {
+        const uint32_t *corners = mesh->indices + (size_t)3 * (rays_random(state) % mesh->triangle_count);
+        bool is_finite = true;
+        for (int k = 0; k < 3; k++) {
+            ret_corners[k] = mesh->positions + (size_t)3 * corners[k];
+            for (int axis = 0; axis < 3; axis++)
+                is_finite &= isfinite(ret_corners[k][axis]) != 0;
+        }
+        if (is_finite)
+            return true;
+    }
+    return false;
+}
+
+/* From where it starts to a point `share` along an edge of a random triangle. */
+static void aim_at_edge(const struct ply *mesh, double share, uint64_t *state, struct ray *ray)
+{
+    const float *corners[3];
+    double direction[3], length = 0;
+    if (!pick(mesh, state, corners))
+        return;
+    for (int axis = 0; axis < 3; axis++) {
+        direction[axis] = corners[0][axis] + share * ((double)corners[1][axis] - corners[0][axis]) - ray->origin[axis];
+        length = hypot(length, direction[axis]);
+    }
+    for (int axis = 0; axis < 3 && length > 0; axis++)
+        ray->direction[axis] = (float)(direction[axis] / length);
+}
+
+/* Half of the rays: one of four at a corner, one at an edge, both from outside of the scene, where even rays start. */
+static void aim_at_edges(const struct ply *mesh, uint64_t seed, struct trial *trial)
+{
+    uint64_t state = seed;
+    for (uint32_t i = 0; i < trial->count; i++) {
+        struct ray *ray = &trial->rays[i];
+        if (i % 4 == 3)
+            memcpy(ray->origin, ray[-1].origin, sizeof ray->origin);
+        if (i % 4 >= 2)
+            aim_at_edge(mesh, i % 4 == 2 ? 0 : rays_uniform(&state), &state, ray);
+    }
+}
 
 struct trial trial_make(struct bench *bench, const struct ply *mesh, uint64_t seed, uint32_t rays)
 {
@@ -15,6 +63,7 @@ struct trial trial_make(struct bench *bench, const struct ply *mesh, uint64_t se
     trial.rays = tree_need(rays, sizeof *trial.rays);
     trial.answers = tree_need(rays, sizeof *trial.answers);
     rays_make(&own, 1, seed, rays, trial.rays);
+    aim_at_edges(mesh, seed, &trial);
     if (oracle_trace(&own, 1, trial.rays, rays, &bench->memory, bench->parallel, NULL, NULL, trial.answers, &error) != BVHD_OK) {
         fprintf(stderr, "bvhd-bench: brute force: %s\n", error.text);
         exit(1);

@@ -6,7 +6,10 @@
 #include "oracle.h"
 #include "subject.h"
 
-/* Rays as `bvhctl check` sends them, and what they should meet. */
+/*
+ * Rays, and what they should meet: half as `bvhctl check` sends them, half from outside at corners and edges of random triangles, where
+ * traversals that are not watertight lose them.
+ */
 struct trial {
     uint32_t count;
     struct ray *rays; /* malloc */
