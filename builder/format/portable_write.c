@@ -120,6 +120,13 @@ static const struct box *box_of(const struct ir *ir, uint32_t node, struct box *
     return storage;
 }
 
+/* All bits set, or none. */
+static inline uint32_t mask_of(bool condition)
+{
+    return 0u - (uint32_t)condition;
+}
+
+/* What hangs in a slot cannot be foreseen, so nothing branches on it. An empty slot has the box of another one. */
 static void write_node(const struct writing *w, const struct wide_node *wide, struct portable_node *node)
 {
     static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
@@ -128,16 +135,19 @@ static void write_node(const struct writing *w, const struct wide_node *wide, st
     unsigned occupied = 0, inner = 0, records = 0;
     uint32_t filler = 0;
     uint8_t meta[WIDE_ARITY];
-    for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
-        filler = wide_kind(&wide->slots[slot]) == WIDE_EMPTY ? filler : wide->slots[slot].node;
     for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
         const struct wide_child *child = &wide->slots[slot];
-        bool is_leaf = child->ref_count != 0, is_inner = !is_leaf & (child->node != WIDE_NONE), is_empty = !is_leaf & !is_inner;
-        meta[slot] = (uint8_t)(is_leaf ? unary[child->ref_count] | records : is_inner ? 0x20 | (24 + slot) : 0);
-        inner |= (unsigned)is_inner << slot;
-        occupied |= (unsigned)!is_empty << slot;
+        uint32_t is_leaf = mask_of(child->ref_count != 0), is_there = mask_of((child->ref_count | child->node) != 0);
+        uint32_t is_inner = is_there & ~is_leaf;
+        meta[slot] = (uint8_t)(unary[child->ref_count] | (records & is_leaf) | ((0x20 | (24 + slot)) & is_inner));
+        inner |= (is_inner & 1) << slot;
+        occupied |= (is_there & 1) << slot;
         records += child->ref_count;
-        boxes[slot] = box_of(w->input->ir, is_empty ? filler : child->node, &storage[slot]);
+        filler = (child->node & is_there) | (filler & ~is_there);
+    }
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
+        uint32_t own = wide->slots[slot].node; /* 0 in an empty slot */
+        boxes[slot] = box_of(w->input->ir, own | (filler & mask_of(!(occupied >> slot & 1))), &storage[slot]);
     }
     portable_quantise_boxes(boxes, occupied, w->wide, node);
     memcpy(node->meta, meta, sizeof meta);
