@@ -217,7 +217,8 @@ static void build_scene(struct run *run, const char *path)
     struct bvhd_error error = {0};
     enum bvhd_status status = import_scene(path, &run->memory, &import, &error);
     if (status) {
-        fail(run, "build", &error);
+        if (!is_interrupted(run)) /* at the terminal that ends the process that reads, too */
+            fail(run, "build", &error);
         return;
     }
     note_import(&import);

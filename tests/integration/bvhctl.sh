@@ -111,6 +111,13 @@ one_json_object
 expect 'the error is UNAVAILABLE' grep -q '"status":"UNAVAILABLE"' out
 expect 'nothing was written' [ ! -e d ]
 
+# Interrupted as at a terminal, where the process that imports is interrupted with it: nothing is said but that.
+"$make_scene" sphere --size 400000 -o large.ply >/dev/null
+for seconds in 0.02 0.05 0.1 0.2; do
+    timeout --preserve-status -s INT $seconds "$bvhctl" --local build large.ply -o interrupted >out 2>err
+    expect "interrupted after $seconds s: $(cat err)" [ "$(grep -vc ': interrupted$' err)" -eq 0 ]
+done
+
 # Building.
 run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d --json --depfile 'dep s.d'
 one_json_object
