@@ -418,7 +418,9 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
     if (needs_output && !*options->output)
         return usage(error, "-o", "an empty name", "");
     if (options->command == COMMAND_TRACE && !options->device)
-        return usage(error, row->name, "wants --device: %s", "cpu or auto");
+        return usage(error, row->name, "wants --device: %s", "a device's name, cpu or auto");
+    if (options->device && !*options->device)
+        return usage(error, "--device", "an empty name", "");
     return BVHD_OK;
 }
 

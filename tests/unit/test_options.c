@@ -142,6 +142,9 @@ static void test_devices(void **state)
     assert_string_equal(options.output, "f");
     assert_null(parse_good("bvhctl probe -o f").device);
     expect_bad("bvhctl probe --device llvm", "probe");
+    expect_bad("bvhctl probe --device= -o f", "--device"); /* every device's name has nothing in it */
+    expect_bad("bvhctl trace a --device= -o p", "--device");
+    expect_bad("bvhctl trace a -o p", "trace");
     expect_bad("bvhctl devices llvm", "llvm");
     expect_bad("bvhctl devices --device llvm", "--device");
 }
