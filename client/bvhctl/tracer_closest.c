@@ -10,8 +10,11 @@
 #include "trace_closest_address.h"
 #include "trace_closest_refill.h"
 #include "trace_closest_refill_address.h"
+#include "trace_left.h"
+#include "trace_left_address.h"
 
-enum { BINDING_WORK = 3, BINDINGS, WORK_SIZE = 16 };
+/* Four words, then room for the number of each ray of a portion. */
+enum { BINDING_WORK = 3, BINDINGS, WORK_SIZE = 16 + TRACER_PORTION * 4 };
 
 /* More than any device holds at once of such a kernel; those that come late find no rays left. */
 enum { REFILL_GROUPS = 2112 };
@@ -56,6 +59,19 @@ static enum bvhd_status add_kernel(struct tracer_device *device, const uint32_t 
     return status;
 }
 
+/* The query, for rays with more doubts than there is room for. */
+static enum bvhd_status add_after(struct tracer_device *device, bool has_fused_fma, struct bvhd_error *error)
+{
+    const uint32_t constants[] = {TRACER_GROUP, false, has_fused_fma};
+    bool by_address = device->gpu->facts.has_buffer_address;
+    const struct gpu_kernel_options options = {.code = by_address ? trace_left_address_code : trace_left_code,
+                                               .size = by_address ? sizeof trace_left_address_code : sizeof trace_left_code,
+                                               .bindings = BINDINGS,
+                                               .constants = constants,
+                                               .constant_count = 3};
+    return tracer_device_add_after(device, &options, error);
+}
+
 static enum bvhd_status add_kernels(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
                                     struct bvhd_error *error)
 {
@@ -85,7 +101,8 @@ enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct trac
     if (status)
         return status;
     device->buffers[BINDING_WORK - 2] = device->work = &closest->work;
-    return add_kernels(closest, device, constants, error);
+    status = add_after(device, has_fused_fma, error);
+    return status ? status : add_kernels(closest, device, constants, error);
 }
 
 void tracer_closest_finish(struct tracer_closest *closest, struct gpu *gpu)

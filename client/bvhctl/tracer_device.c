@@ -6,6 +6,8 @@
 #include "clock.h"
 #include "status.h"
 
+enum { WORK_HEAD = 16 };
+
 /* As kernels/trace_rays.glsl has it. */
 struct device_ray {
     float origin[3], tmin;
@@ -56,6 +58,8 @@ static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, stru
     gpu_kernel_bind(self->gpu, &self->kernel, bound, self->structures);
     for (uint32_t i = 0; i < self->choice_count; i++)
         gpu_kernel_bind(self->gpu, &self->choices[i].kernel, bound, self->structures);
+    if (self->choice_count)
+        gpu_kernel_bind(self->gpu, &self->after, bound, self->structures);
     self->capacity = count;
     return BVHD_OK;
 }
@@ -84,6 +88,11 @@ static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint3
     if (choice && choice->most_groups && groups > choice->most_groups)
         groups = choice->most_groups;
     gpu_kernel_record(self->gpu, choice ? &choice->kernel : &self->kernel, commands, &self->push, groups);
+    if (!choice)
+        return;
+    barrier(self->gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+            VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
+    gpu_kernel_record(self->gpu, &self->after, commands, &self->push, TRACER_AFTER_GROUPS);
 }
 
 static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_choice *choice)
@@ -93,8 +102,8 @@ static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_
     const VkBufferCopy down = {.size = (VkDeviceSize)count * sizeof(struct tracer_hit)};
     self->push.count = count;
     gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &up);
-    if (choice && choice->most_groups)
-        gpu->vk.CmdFillBuffer(commands, self->work->buffer, 0, VK_WHOLE_SIZE, 0);
+    if (choice)
+        gpu->vk.CmdFillBuffer(commands, self->work->buffer, 0, WORK_HEAD, 0);
     barrier(gpu, commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
             VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
     gpu_timer_start(gpu, &self->timer, commands);
@@ -182,6 +191,13 @@ enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_
     return status;
 }
 
+enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struct gpu_kernel_options *options, struct bvhd_error *error)
+{
+    struct gpu_kernel_options with_push = *options;
+    with_push.push_size = sizeof(struct tracer_push);
+    return gpu_kernel_create(self->gpu, &with_push, &self->after, error);
+}
+
 void tracer_device_rebind(struct tracer_device *self)
 {
     free_buffers(self);
@@ -196,6 +212,8 @@ void tracer_device_destroy(struct tracer_device *self)
     free_buffers(self);
     gpu_timer_destroy(self->gpu, &self->timer);
     gpu_kernel_destroy(self->gpu, &self->kernel);
+    if (self->after.pipeline)
+        gpu_kernel_destroy(self->gpu, &self->after);
     for (uint32_t i = 0; i < self->choice_count; i++)
         gpu_kernel_destroy(self->gpu, &self->choices[i].kernel);
     memory_free(self->memory, self);

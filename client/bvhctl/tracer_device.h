@@ -13,6 +13,7 @@ enum {
     TRACER_GROUP = 64, /* threads of a workgroup, specialisation constant 0 */
     TRACER_BINDINGS = 8, /* most storage buffers */
     TRACER_CHOICES = 2, /* kernels beside the first one */
+    TRACER_AFTER_GROUPS = 64,
 };
 
 /* As kernels declare it. */
@@ -26,7 +27,7 @@ struct tracer_push {
 /* A kernel that may run in place of the first one, over the same bindings. */
 struct tracer_choice {
     struct gpu_kernel kernel;
-    uint32_t most_groups; /* 0: a thread a ray; else rays are handed out from the buffer `work`, which is 0 at first */
+    uint32_t most_groups; /* 0: a thread a ray; else so many workgroups at most, among which it hands the rays out */
 };
 
 struct tracer_device {
@@ -38,7 +39,8 @@ struct tracer_device {
     uint32_t choice_count;
     /* Which of the choices runs over all rays of a call, -1: the first kernel. NULL: always that one. */
     int (*choose)(const struct tracer_device *self, const struct ray *rays, uint64_t count);
-    const struct gpu_buffer *work; /* of choices with most_groups; one of `buffers` */
+    struct gpu_kernel after; /* runs after a choice, in TRACER_AFTER_GROUPS workgroups */
+    const struct gpu_buffer *work; /* of choices, one of `buffers`: its first 16 bytes are 0 before they run */
     struct gpu_timer timer;
     struct tracer_push push;
     const struct gpu_buffer *buffers[TRACER_BINDINGS]; /* from binding 2 on, kept by the kind of tracer */
@@ -55,7 +57,9 @@ struct tracer_device {
 enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
                                     struct memory *memory, struct bvhd_error *error);
 
-/* Adds a choice; constants and bindings are up to `options`. On failure it is as before. */
+/* Adds a choice, or the kernel after them; constants and bindings are up to `options`. On failure it is as before. */
+enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struct gpu_kernel_options *options,
+                                         struct bvhd_error *error);
 enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_kernel_options *options, uint32_t most_groups,
                                    struct bvhd_error *error);
 

@@ -34,7 +34,17 @@ uint index; // of the ray
 // Triangles that only pairs of floats can decide on: record, instance, a lower bound of t.
 const uint MOST_DOUBTS = 8u;
 uvec3 doubts[MOST_DOUBTS];
-uint doubt_count;
+uint doubt_count; // NONE: more than there is room for, the ray has been left to the query
+
+// Leaves the ray to a kernel that comes after this one: to decide here and go on would make the loops keep everything that deciding takes.
+void leave_ray()
+{
+    left[atomicAdd(left_count, 1u)] = index;
+    nodes.y = records.y = waiting.y = 0u;
+    top = level_bottom = 0;
+    instance = NONE;
+    doubt_count = NONE;
+}
 
 // Locations are addresses, or offsets where scene_base is 0; here, all of a scene is found by its rows.
 uvec2 offset_of(uvec2 location)
@@ -248,7 +258,10 @@ void visit_triangle(uint record)
         best_is_front = det > 0.0;
         return;
     }
-    doubts[doubt_count++] = uvec3(record, instance, floatBitsToUint(is_steep ? t - wrong : -3.0e38));
+    if (doubt_count < MOST_DOUBTS)
+        doubts[doubt_count++] = uvec3(record, instance, floatBitsToUint(is_steep ? t - wrong : -3.0e38));
+    else if (doubt_count == MOST_DOUBTS)
+        leave_ray();
 }
 
 uint take(inout uvec2 group)

@@ -83,7 +83,6 @@ void settle()
         }
         i++;
     }
-    doubt_count = 0u;
 }
 
 void store(Hit hit)
@@ -92,9 +91,12 @@ void store(Hit hit)
     hit_rows[2u * index + 1u] = uvec4(hit.custom_index, hit.geometry, hit.primitive, hit.flags);
 }
 
-// t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
+// After the walk. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
 void finish()
 {
+    if (doubt_count == NONE)
+        return;
+    settle();
     Hit hit = miss();
     if (best == NONE) {
         store(hit);

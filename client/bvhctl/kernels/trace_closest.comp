@@ -38,13 +38,17 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #define BVHD_STORAGE_WORDS scene_words
 #endif
 
+layout(set = 0, binding = 3, std430) buffer Work {
+    uint next_ray; // for REFILL
+    uint left_count; // rays that are left to trace_portable.comp
+    uint left[];
+};
+
 #include "bvhd_ray_query.glsl"
 #include "closest.glsl"
 #include "closest_settle.glsl"
 
 #ifdef REFILL
-
-layout(set = 0, binding = 3, std430) buffer Work { uint next_ray; };
 
 const uint BUSY_SHARE = 11u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
 const uint STALLED_SHARE = 2u; // triangles are looked at when one lane in so many can do nothing else
@@ -84,7 +88,7 @@ bool step_together(bool is_working)
     uint stalled = count_lanes(is_stalled);
     if (stalled == 0u || stalled * STALLED_SHARE < count_lanes(is_working))
         return is_working;
-    while (waiting.y != 0u && doubt_count < MOST_DOUBTS) {
+    while (waiting.y != 0u) {
         visit_triangle(take(waiting));
         if (waiting.y == 0u) {
             waiting = records;
@@ -100,8 +104,6 @@ void main()
 {
     bool is_working = false, is_finished = false, is_exhausted = false;
     while (true) {
-        if (is_finished || is_working && doubt_count == MOST_DOUBTS)
-            settle();
         if (is_finished)
             finish();
         is_finished = false;
@@ -122,13 +124,11 @@ void main()
         uint busy = count_lanes(is_working);
         if (busy == 0u)
             break;
-        bool is_full = false;
-        while (busy != 0u && (is_exhausted || busy * BUSY_OF >= gl_SubgroupSize * BUSY_SHARE) && !is_full) {
+        while (busy != 0u && (is_exhausted || busy * BUSY_OF >= gl_SubgroupSize * BUSY_SHARE)) {
             bool was_working = is_working;
             is_working = step_together(is_working);
             is_finished = is_finished || was_working && !is_working;
             busy = count_lanes(is_working);
-            is_full = count_lanes(is_working && doubt_count == MOST_DOUBTS) != 0u;
         }
     }
 }
@@ -141,17 +141,12 @@ void main()
     if (index >= count)
         return;
     start();
-    bool is_working = true;
-    while (is_working) {
-        if (records.y == 0u && nodes.y >= FIRST_INNER)
+    do {
+        if (nodes.y >= FIRST_INNER && records.y == 0u)
             visit_node();
-        while (records.y != 0u && doubt_count < MOST_DOUBTS)
+        while (records.y != 0u)
             visit_record();
-        if (nodes.y < FIRST_INNER && records.y == 0u)
-            is_working = resume();
-        if (!is_working || doubt_count == MOST_DOUBTS)
-            settle();
-    }
+    } while (nodes.y >= FIRST_INNER || resume());
     finish();
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rays through portable structures. Triangles that are not opaque are accepted, AABBs where the ray enters them. Compiled twice: with
-// BVHD_BUFFER_ADDRESS and without, when the scene is binding 2.
+// BVHD_BUFFER_ADDRESS and without, when the scene is binding 2; and with LEFT, for the rays that trace_closest.comp leaves.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #ifdef BVHD_BUFFER_ADDRESS
@@ -20,6 +20,10 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneRows { uvec4 scene_row
 layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_words[]; };
 #define BVHD_STORAGE_ROWS scene_rows
 #define BVHD_STORAGE_WORDS scene_words
+#endif
+
+#ifdef LEFT
+layout(set = 0, binding = 3, std430) readonly buffer Work { uint next_ray, left_count, left[]; };
 #endif
 
 #include "bvhd_ray_query.glsl"
@@ -43,11 +47,8 @@ Hit committed(BvhdRayQuery query)
     return hit;
 }
 
-void main()
+void trace(uint index)
 {
-    uint index = gl_GlobalInvocationID.x;
-    if (index >= count)
-        return;
     Ray ray = rays[index];
     BvhdRayQuery query;
     bvhdRayQueryInitialize(query, extra, ray.flags.x, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
@@ -57,4 +58,15 @@ void main()
         else
             bvhdRayQueryGenerateIntersection(query, bvhdRayQueryGetIntersectionT(query, false));
     hits[index] = committed(query);
+}
+
+void main()
+{
+#ifdef LEFT
+    for (uint i = gl_GlobalInvocationID.x; i < left_count; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x)
+        trace(left[i]);
+#else
+    if (gl_GlobalInvocationID.x < count)
+        trace(gl_GlobalInvocationID.x);
+#endif
 }

@@ -1,0 +1,187 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The kernels for the closest triangle against the traversal on the CPU: each of them, with triangles that leave doubts by the dozen. Skipped without a device. */
+#include "unit.h"
+
+#include <math.h>
+
+#include "build.h"
+#include "prepare.h"
+#include "random.h"
+#include "tracer_closest.h"
+
+enum { SKIPPED = 77, SCATTERED = 1500, COPIES = 60, STRIP = 40, TRIANGLES = SCATTERED + COPIES + STRIP, RAYS = 4000, EDGES = 2 };
+
+static struct memory memory;
+static struct gpu *gpu;
+static float positions[TRIANGLES * 3][3];
+static struct ray rays[RAYS];
+
+/* Scattered triangles; one large one many times over; a strip whose triangles share their edges. */
+static void make_triangles(void)
+{
+    struct random random = {7};
+    for (int i = 0; i < SCATTERED * 3; i++)
+        for (int axis = 0; axis < 3; axis++)
+            positions[i][axis] = (float)random_between(&random, -1, 1) + (i % 3 ? positions[i - i % 3][axis] * 0.9f : 0);
+    static const float copied[3][3] = {{-3, -3, 2.5f}, {3, -3, 2.5f}, {0, 4, 2.5f}};
+    for (int i = 0; i < COPIES; i++)
+        memcpy(positions[(SCATTERED + i) * 3], copied, sizeof copied);
+    for (int i = 0; i < STRIP; i++)
+        for (int k = 0; k < 3; k++) {
+            float *corner = positions[(SCATTERED + COPIES + i) * 3 + k];
+            corner[0] = (float)((i + k) / 2) * 0.2f - 4;
+            corner[1] = (i + k) % 2 ? 1 : -1;
+            corner[2] = -3;
+        }
+}
+
+/* Half of them next to each other and nearly parallel, along edges of the strip too; half of them in all directions. */
+static void make_rays(void)
+{
+    struct random random = {11};
+    for (int i = 0; i < RAYS; i++) {
+        rays[i] = (struct ray){.tmax = i % 9 ? INFINITY : 5, .cull_mask = 0xff};
+        bool is_parallel = i < RAYS / 2;
+        for (int axis = 0; axis < 3; axis++) {
+            rays[i].origin[axis] = is_parallel ? (axis == 2 ? 6 : 0) : (float)random_between(&random, -4, 4);
+            rays[i].direction[axis] = (float)random_between(&random, -1, 1);
+        }
+        if (is_parallel) {
+            rays[i].origin[0] = (float)(i % 50) * 0.1f - 4;
+            rays[i].origin[1] = (float)(i / 50) * 0.1f - 2;
+            rays[i].direction[0] = rays[i].direction[1] = 0;
+            rays[i].direction[2] = -1;
+        }
+    }
+}
+
+static void build_blob(uint32_t layout_flags, struct bytes *ret_blob)
+{
+    struct bvhd_error error;
+    struct canonical canonical;
+    struct build_stats stats;
+    unsigned char *blob;
+    struct limits limits = limits_default();
+    struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+    struct geometry geometries[2];
+    for (int i = 0; i < 2; i++)
+        geometries[i] = (struct geometry){.type = GEOMETRY_TRIANGLES,
+                                          .triangles = {.vertex_format = VK_FORMAT_R32G32B32_SFLOAT,
+                                                        .max_vertex = TRIANGLES * 3 - 1,
+                                                        .vertex_stride = 12,
+                                                        .index_type = INDEX_NONE,
+                                                        .vertices = {(const unsigned char *)positions, sizeof positions}},
+                                          .range = {.primitive_count = i ? TRIANGLES - 1000 : 1000, .first_vertex = i ? 3000 : 0}};
+    struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                .geometry_count = 2,
+                                .geometries = geometries,
+                                .options = {QUALITY_BALANCED, TARGET_PORTABLE, layout_flags}};
+    assert_int_equal(prepare(&input, 0, &limits, &context, &canonical, &error), BVHD_OK);
+    assert_int_equal(build(&canonical, &input.options, &context, &blob, &stats, &error), BVHD_OK);
+    prepare_finish(&canonical, &memory);
+    *ret_blob = (struct bytes){blob, stats.sizes.total};
+}
+
+/*
+ * t to some float ulps, and by whom: where triangles share an edge, or are the same, the CPU and the kernels choose alike. Along an edge that no other triangle
+ * shares, a last bit decides.
+ */
+static unsigned count_differing(const struct scene *scene, const struct tracer_hit *hits, unsigned *ret_hit)
+{
+    unsigned differing = 0, met = 0;
+    for (int i = 0; i < RAYS; i++) {
+        struct ray_hit hit;
+        bool is_hit = traverse(scene, &rays[i], NULL, &hit, NULL);
+        met += is_hit;
+        if (!is_hit || isinf(hits[i].t))
+            differing += is_hit != !isinf(hits[i].t);
+        else
+            differing += fabsf(hits[i].t - hit.t) > 2e-5f * hit.t + 1e-6f || hits[i].geometry != hit.geometry ||
+                         hits[i].primitive != hit.primitive || (hits[i].flags & 1) != hit.front_face ||
+                         fabsf(hits[i].u - hit.u) > 1e-3f || fabsf(hits[i].v - hit.v) > 1e-3f;
+    }
+    *ret_hit = met;
+    return differing;
+}
+
+static void try_layout(uint32_t layout_flags)
+{
+    struct bytes blob;
+    struct bvhd_error error;
+    struct portable_view view;
+    struct tracer *tracer;
+    static struct tracer_hit hits[RAYS];
+    build_blob(layout_flags, &blob);
+    assert_int_equal(portable_open(blob, &memory, &view, &error), BVHD_OK);
+    const struct portable_view *const bottoms[] = {&view};
+    const struct scene scene = {NULL, bottoms, 1};
+    const struct structures structures = {
+        .name = (char *)(uintptr_t) "triangles", .target = TARGET_PORTABLE, .file_count = 1, .blobs = &blob};
+    if (tracer_portable_create(gpu, &structures, &memory, &tracer, &error))
+        fail_msg("%s: %s", error.where, error.text);
+    for (int way = TRACER_WAY_AUTO; way <= TRACER_WAY_REFILL; way++) {
+        unsigned hit;
+        tracer_portable_set_way(tracer, (enum tracer_way)way);
+        memset(hits, 0x55, sizeof hits);
+        assert_int_equal(tracer->trace(tracer, rays, RAYS, hits, NULL, &error), BVHD_OK);
+        unsigned differing = count_differing(&scene, hits, &hit);
+        if (differing > EDGES || hit < RAYS / 4)
+            fail_msg("way %d: %u of %d rays differ, %u hit", way, differing, RAYS, hit);
+    }
+    tracer_destroy(tracer);
+    memory_free(&memory, (void *)(uintptr_t)blob.data);
+}
+
+static void test_indexed(void **state)
+{
+    (void)state;
+    try_layout(0);
+}
+
+static void test_fast_triangles(void **state)
+{
+    (void)state;
+    try_layout(PORTABLE_FAST_TRIANGLES);
+}
+
+static void test_choice(void **state)
+{
+    (void)state;
+    struct tracer_closest closest = {.together = 0, .refill = 1};
+    struct ray some[64];
+    memcpy(some, rays, sizeof some);
+    assert_int_equal(tracer_closest_choose(&closest, some, 64), 0);
+    assert_int_equal(tracer_closest_choose(&closest, rays + RAYS / 2, 1024), 1);
+    assert_int_equal(tracer_closest_choose(&closest, some, 0), 0);
+    closest.is_cpu = true;
+    assert_int_equal(tracer_closest_choose(&closest, rays + RAYS / 2, 1024), 0);
+    closest.way = TRACER_WAY_REFILL;
+    assert_int_equal(tracer_closest_choose(&closest, some, 64), 1);
+    some[63].flags = RAY_CULL_BACK_FACING;
+    assert_int_equal(tracer_closest_choose(&closest, some, 64), -1);
+    some[63].flags = 0;
+    some[0].tmin = -1;
+    assert_int_equal(tracer_closest_choose(&closest, some, 64), -1);
+    closest.together = -1;
+    assert_int_equal(tracer_closest_choose(&closest, rays, 64), -1);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_choice),
+        cmocka_unit_test(test_indexed),
+        cmocka_unit_test(test_fast_triangles),
+    };
+    struct bvhd_error error;
+    memory_init(&memory, UINT64_MAX);
+    if (gpu_open("auto", &memory, &gpu, &error)) {
+        printf("skipped: %s: %s\n", error.where, error.text);
+        return SKIPPED;
+    }
+    make_triangles();
+    make_rays();
+    int failed = cmocka_run_group_tests(tests, NULL, NULL) + (int)gpu_messages();
+    gpu_close(gpu);
+    return failed || atomic_load(&memory.live) != 0;
+}
