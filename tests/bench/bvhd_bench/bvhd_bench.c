@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "chart.h"
+#include "choice.h"
 #include "files.h"
 #include "report.h"
 
@@ -136,6 +137,24 @@ static void print_floors(const struct results *results)
     }
 }
 
+static void print_choices(const struct results *results)
+{
+    for (int hint = 0; hint < CHOICE_HINTS; hint++) {
+        uint32_t good = 0, count = 0;
+        for (uint32_t i = 0; i < results->scene_count; i++) {
+            struct choice choice;
+            if (!choice_of(results, i, hint, &choice))
+                continue;
+            count++;
+            good += choice.is_good;
+            if (!choice.is_good)
+                printf("auto, %g rays a primitive, %s: %.2f ms, %s would take %.2f\n", choice_rays(hint), results->scenes[i].name,
+                       choice.auto_ms, choice.best, choice.best_ms);
+        }
+        printf("auto, %g rays a primitive: as good as the best tier on %u of %u scenes\n", choice_rays(hint), good, count);
+    }
+}
+
 static int measure_all(const struct options *options)
 {
     struct results results = {.options = &options->measure};
@@ -147,8 +166,10 @@ static int measure_all(const struct options *options)
         results.scene_count += good;
     }
     good = good && report_results(&results, options->directory) && chart_results(&results, options->directory);
-    if (good)
+    if (good) {
         print_floors(&results);
+        print_choices(&results);
+    }
     free(results.scenes);
     return good ? 0 : EXIT_FAILED;
 }

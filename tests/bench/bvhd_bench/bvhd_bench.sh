@@ -63,7 +63,7 @@ for method in fast balanced high auto balanced/fast-triangles balanced/lavapipe 
     has "$scratch/report.json" "\"method\": ?\"$method\""
 done
 for key in settings floors summary scenes stages_ms mprim_s median mad sah overlap inner_steps_per_diffuse_ray refs_per_triangle nodes vertices \
-    peak_resident_bytes primary diffuse shadow wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
+    peak_resident_bytes auto rays_per_primitive primary diffuse shadow wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
     has "$scratch/report.json" "\"$key\": ?"
 done
 check_pictures speed work bytes error scenes

@@ -287,11 +287,11 @@ bool chart_results(const struct results *results, const char *directory)
 {
     struct scatter speed = {.name = "speed",
                             .title = "Build speed against traced speed: up and right is better",
-                            .x_label = "build, million triangles a second on all threads (geometric mean over scenes)",
+                            .x_label = "build, million triangles a second on one thread (geometric mean over scenes)",
                             .y_label = "diffuse rays, million a second on one thread"};
     struct scatter work = {.name = "work",
                            .title = "Build speed against what a ray costs: down and right is better",
-                           .x_label = "build, million triangles a second on all threads (geometric mean over scenes)",
+                           .x_label = "build, million triangles a second on one thread (geometric mean over scenes)",
                            .y_label = "inner steps and triangle tests a diffuse ray, full sweep = 1",
                            .low_y = true};
     struct scatter bytes = {.name = "bytes",
@@ -299,8 +299,8 @@ bool chart_results(const struct results *results, const char *directory)
                             .x_label = "bytes a triangle, all that tracing needs (geometric mean over scenes)",
                             .y_label = "diffuse rays, million a second on one thread",
                             .low_x = true};
-    return chart_figures(results, directory, &speed, FIGURE_RATE_ALL, FIGURE_DIFFUSE) &&
-           chart_figures(results, directory, &work, FIGURE_RATE_ALL, FIGURE_WORK) &&
+    return chart_figures(results, directory, &speed, FIGURE_RATE_ONE, FIGURE_DIFFUSE) &&
+           chart_figures(results, directory, &work, FIGURE_RATE_ONE, FIGURE_WORK) &&
            chart_figures(results, directory, &bytes, FIGURE_BYTES, FIGURE_DIFFUSE) && chart_errors(results, directory) &&
            chart_scenes(results, directory);
 }

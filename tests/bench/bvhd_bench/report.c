@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "choice.h"
 #include "json.h"
 
 enum { SCHEMA = 1 };
@@ -203,8 +204,28 @@ static void write_settings(struct json *json, const struct measure_options *opti
     json_object_end(json);
 }
 
-static void write_scene(struct json *json, const struct results *results, const struct scene_figures *scene)
+static void write_choices(struct json *json, const struct results *results, uint32_t scene)
 {
+    json_array(json, "auto");
+    for (int hint = 0; hint < CHOICE_HINTS; hint++) {
+        struct choice choice;
+        if (!choice_of(results, scene, hint, &choice))
+            continue;
+        json_object(json, NULL);
+        json_number(json, "rays_per_primitive", choice_rays(hint));
+        json_text(json, "best", choice.best);
+        json_number(json, "best_ms", choice.best_ms);
+        json_number(json, "auto_ms", choice.auto_ms);
+        json_number(json, "spread_ms", choice.spread_ms);
+        json_bool(json, "good", choice.is_good);
+        json_object_end(json);
+    }
+    json_array_end(json);
+}
+
+static void write_scene(struct json *json, const struct results *results, uint32_t index)
+{
+    const struct scene_figures *scene = &results->scenes[index];
     json_object(json, NULL);
     json_text(json, "scene", scene->name);
     json_integer(json, "triangles", scene->triangles);
@@ -213,6 +234,7 @@ static void write_scene(struct json *json, const struct results *results, const 
     for (enum ray_kind kind = 0; kind < RAY_KINDS; kind++)
         json_integer(json, ray_kind_name(kind), scene->ray_counts[kind]);
     json_object_end(json);
+    write_choices(json, results, index);
     json_array(json, "methods");
     for (uint32_t i = 0; i < results->options->method_count; i++)
         write_method(json, scene, &scene->methods[i]);
@@ -254,7 +276,7 @@ bool report_results(const struct results *results, const char *directory)
     write_summary(&json, results);
     json_array(&json, "scenes");
     for (uint32_t i = 0; i < results->scene_count; i++)
-        write_scene(&json, results, &results->scenes[i]);
+        write_scene(&json, results, i);
     json_array_end(&json);
     return save(&json, directory, "report.json");
 }
