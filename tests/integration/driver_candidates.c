@@ -22,24 +22,6 @@ static struct memory memory;
 static struct gpu *gpu;
 static struct bvhd_format format;
 
-static int set_up(void **state)
-{
-    (void)state;
-    struct bvhd_error error;
-    memory_init(&memory, UINT64_MAX);
-    MUST(gpu_open("auto", &memory, &gpu, &error));
-    if (!driver_scene_format(gpu, &format))
-        exit(GPU_BED_SKIPPED);
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    (void)state;
-    gpu_close(gpu);
-    return memory.live || gpu_messages() ? -1 : 0;
-}
-
 /* Long, thin triangles across the scene, in all directions: what spatial splits are for. */
 static void make_needles(float *corners)
 {
@@ -248,5 +230,10 @@ int main(void)
         cmocka_unit_test(none_is_reported_twice_where_that_is_forbidden),
         cmocka_unit_test(without_splits_there_is_nothing_to_repeat),
     };
-    return gpu_bed_is_missing(true) ? GPU_BED_SKIPPED : cmocka_run_group_tests(tests, set_up, tear_down);
+    memory_init(&memory, UINT64_MAX);
+    if (!driver_scene_device(&memory, &gpu, &format))
+        return GPU_BED_SKIPPED;
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    gpu_close(gpu);
+    return failed || memory.live || gpu_messages();
 }

@@ -13,7 +13,7 @@
 
 #define MUST(call) driver_scene_must((call), &error)
 
-enum { RAYS = 400, MOST_ROWS = DRIVER_WORLD_BOTTOMS };
+enum { RAYS = 200, MOST_ROWS = DRIVER_WORLD_BOTTOMS };
 
 /* One way to copy, and sequences of them. */
 enum way { CLONE, COMPACT, RELOAD, WAYS };
@@ -23,18 +23,13 @@ enum { SEQUENCES = sizeof sequences / sizeof *sequences };
 
 static struct memory memory;
 static struct gpu *gpu;
+static struct bvhd_format format;
 static struct driver_world world;
 static struct driver_scene scene;
 
 static int set_up(void **state)
 {
     (void)state;
-    static struct bvhd_format format;
-    struct bvhd_error error;
-    memory_init(&memory, UINT64_MAX);
-    MUST(gpu_open("auto", &memory, &gpu, &error));
-    if (!driver_scene_format(gpu, &format))
-        exit(GPU_BED_SKIPPED);
     driver_world_init(&world, 3);
     const struct driver_scene_options options = {.gpu = gpu,
                                                  .format = &format,
@@ -54,8 +49,7 @@ static int tear_down(void **state)
     (void)state;
     driver_scene_finish(&scene);
     driver_world_finish(&world);
-    gpu_close(gpu);
-    return memory.live || gpu_messages() ? -1 : 0;
+    return 0;
 }
 
 /* ---- Copies ---- */
@@ -223,5 +217,10 @@ int main(void)
         cmocka_unit_test(bottom_levels_are_copied),
         cmocka_unit_test(levels_are_mixed),
     };
-    return gpu_bed_is_missing(true) ? GPU_BED_SKIPPED : cmocka_run_group_tests(tests, set_up, tear_down);
+    memory_init(&memory, UINT64_MAX);
+    if (!driver_scene_device(&memory, &gpu, &format))
+        return GPU_BED_SKIPPED;
+    int failed = cmocka_run_group_tests(tests, set_up, tear_down);
+    gpu_close(gpu);
+    return failed || memory.live || gpu_messages();
 }

@@ -241,15 +241,13 @@ int main(int argc, char **argv)
     static struct run run = {.rays = 500, .seed = 1, .quality = QUALITY_BALANCED};
     struct bvhd_error error;
     int at = take_options(&run, argc, argv);
-    if (gpu_bed_is_missing(true))
-        return GPU_BED_SKIPPED;
     memory_init(&run.memory, UINT64_MAX);
+    if (!driver_scene_device(&run.memory, &run.gpu, &run.format))
+        return GPU_BED_SKIPPED;
     MUST(workers_create(0, &run.workers, &error));
-    MUST(gpu_open("auto", &run.memory, &run.gpu, &error));
-    bool loads = driver_scene_format(run.gpu, &run.format);
-    if (loads && at == argc)
+    if (at == argc)
         run_generated(&run);
-    for (; loads && at < argc; at++)
+    for (; at < argc; at++)
         run_files(&run, argv[at]);
     gpu_close(run.gpu);
     workers_destroy(run.workers);
@@ -257,5 +255,5 @@ int main(int argc, char **argv)
         fprintf(stderr, "driver_query: %u messages of validation layers\n", gpu_messages());
         run.has_failed = true;
     }
-    return !loads ? GPU_BED_SKIPPED : run.has_failed ? 3 : 0;
+    return run.has_failed || run.memory.live ? 3 : 0;
 }

@@ -18,27 +18,6 @@ static struct gpu *gpu;
 static struct bvhd_format format;
 static struct device_format device;
 
-static int set_up(void **state)
-{
-    (void)state;
-    struct bvhd_error error;
-    memory_init(&memory, UINT64_MAX);
-    driver_scene_must(gpu_open("auto", &memory, &gpu, &error), &error);
-    if (!driver_scene_format(gpu, &format))
-        exit(GPU_BED_SKIPPED);
-    device.variant = format.variant;
-    memcpy(device.driver_uuid, format.driver_uuid, sizeof device.driver_uuid);
-    memcpy(device.compatibility_uuid, format.compatibility_uuid, sizeof device.compatibility_uuid);
-    return 0;
-}
-
-static int tear_down(void **state)
-{
-    (void)state;
-    gpu_close(gpu);
-    return memory.live || gpu_messages() ? -1 : 0;
-}
-
 static void build_for(struct vulkan_bed *bed, enum target target, const struct device_format *whose)
 {
     const struct vulkan_bed_options options = {
@@ -200,5 +179,13 @@ int main(void)
         cmocka_unit_test(portable_ones_do_not_become_native),
         cmocka_unit_test(a_device_without_structures_wants_portable_ones),
     };
-    return gpu_bed_is_missing(true) ? GPU_BED_SKIPPED : cmocka_run_group_tests(tests, set_up, tear_down);
+    memory_init(&memory, UINT64_MAX);
+    if (!driver_scene_device(&memory, &gpu, &format))
+        return GPU_BED_SKIPPED;
+    device.variant = format.variant;
+    memcpy(device.driver_uuid, format.driver_uuid, sizeof device.driver_uuid);
+    memcpy(device.compatibility_uuid, format.compatibility_uuid, sizeof device.compatibility_uuid);
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    gpu_close(gpu);
+    return failed || memory.live || gpu_messages();
 }

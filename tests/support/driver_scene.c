@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "build.h"
+#include "gpu_bed.h"
 #include "serialized.h"
 
 void driver_scene_must(enum bvhd_status status, const struct bvhd_error *error)
@@ -201,16 +202,29 @@ struct driver_structure driver_scene_top_over(struct driver_scene *scene, const 
     return top;
 }
 
-bool driver_scene_format(struct gpu *gpu, struct bvhd_format *ret_format)
+static enum bvhd_status ask_format(struct gpu *gpu, struct bvhd_format *ret_format, struct bvhd_error *error)
 {
-    struct bvhd_error error = {.status = BVHD_OK};
     void *probe = NULL;
     uint64_t size;
-    enum bvhd_status status = bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, &error);
+    enum bvhd_status status = bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, error);
     if (!status)
-        status = bvhd_format_from_probe(probe, size, ret_format, &error);
+        status = bvhd_format_from_probe(probe, size, ret_format, error);
     bvhd_vulkan_free(probe);
-    if (status)
+    return status;
+}
+
+bool driver_scene_device(struct memory *memory, struct gpu **ret_gpu, struct bvhd_format *ret_format)
+{
+    struct bvhd_error error = {.status = BVHD_OK};
+    struct gpu *gpu;
+    if (gpu_bed_is_missing(true))
+        return false;
+    MUST(gpu_open("auto", memory, &gpu, &error));
+    if (ask_format(gpu, ret_format, &error)) {
         printf("skipped: %s loads nothing of ours natively: %s: %s\n", gpu->facts.name, error.where, error.text);
-    return status == BVHD_OK;
+        gpu_close(gpu);
+        return false;
+    }
+    *ret_gpu = gpu;
+    return true;
 }

@@ -49,8 +49,8 @@ uint32_t driver_scene_bottom(const struct driver_scene *scene, uint32_t row);
 /* Our top level loaded once more, over bottom levels at these addresses, by row. The caller destroys it. */
 struct driver_structure driver_scene_top_over(struct driver_scene *scene, const uint64_t *addresses);
 
-/* What this device loads natively; false, with a line on stdout that says why, when nothing of ours. */
-bool driver_scene_format(struct gpu *gpu, struct bvhd_format *ret_format);
+/* Opens the best device, and asks what it loads natively; false, with a line on stdout that says why and nothing held, where there is none or it loads nothing of ours. */
+bool driver_scene_device(struct memory *memory, struct gpu **ret_gpu, struct bvhd_format *ret_format);
 
 /* Ends the program unless the status is BVHD_OK. */
 void driver_scene_must(enum bvhd_status status, const struct bvhd_error *error);
