@@ -82,7 +82,7 @@ static void barrier(struct gpu *gpu, VkCommandBuffer commands, VkPipelineStageFl
     gpu->vk.CmdPipelineBarrier(commands, from, to, 0, 1, &memory, 0, NULL, 0, NULL);
 }
 
-static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_choice *choice)
+static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_device_choice *choice)
 {
     uint32_t groups = (count + TRACER_GROUP - 1) / TRACER_GROUP;
     if (choice && choice->most_groups && groups > choice->most_groups)
@@ -95,7 +95,7 @@ static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint3
     gpu_kernel_record(self->gpu, &self->after, commands, &self->push, TRACER_AFTER_GROUPS);
 }
 
-static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_choice *choice)
+static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_device_choice *choice)
 {
     struct gpu *gpu = self->gpu;
     const VkBufferCopy up = {.size = (VkDeviceSize)count * sizeof(struct device_ray)};
@@ -117,7 +117,7 @@ static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_
 }
 
 /* Without timestamps the wall clock has to do: what copies take is in it then. */
-static enum bvhd_status trace_portion(struct tracer_device *self, const struct tracer_choice *choice, const struct ray *rays,
+static enum bvhd_status trace_portion(struct tracer_device *self, const struct tracer_device_choice *choice, const struct ray *rays,
                                       uint32_t count, struct tracer_hit *ret_hits, double *seconds, struct bvhd_error *error)
 {
     VkCommandBuffer commands;
@@ -141,7 +141,7 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
 {
     struct tracer_device *self = (struct tracer_device *)tracer;
     int place = self->choose ? self->choose(self, rays, count) : -1;
-    const struct tracer_choice *choice = place < 0 ? NULL : &self->choices[place];
+    const struct tracer_device_choice *choice = place < 0 ? NULL : &self->choices[place];
     double seconds = 0;
     uint64_t most = (uint64_t)self->gpu->facts.max_groups * TRACER_GROUP;
     if (most > TRACER_PORTION)
@@ -183,7 +183,7 @@ enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_
                                    struct bvhd_error *error)
 {
     struct gpu_kernel_options with_push = *options;
-    struct tracer_choice choice = {.most_groups = most_groups};
+    struct tracer_device_choice choice = {.most_groups = most_groups};
     with_push.push_size = sizeof(struct tracer_push);
     enum bvhd_status status = gpu_kernel_create(self->gpu, &with_push, &choice.kernel, error);
     if (!status)

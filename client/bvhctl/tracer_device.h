@@ -25,7 +25,7 @@ struct tracer_push {
 };
 
 /* A kernel that may run in place of the first one, over the same bindings. */
-struct tracer_choice {
+struct tracer_device_choice {
     struct gpu_kernel kernel;
     uint32_t most_groups; /* 0: a thread a ray; else so many workgroups at most, among which it hands the rays out */
 };
@@ -35,7 +35,7 @@ struct tracer_device {
     struct gpu *gpu;
     struct memory *memory;
     struct gpu_kernel kernel;
-    struct tracer_choice choices[TRACER_CHOICES];
+    struct tracer_device_choice choices[TRACER_CHOICES];
     uint32_t choice_count;
     /* Which of the choices runs over all rays of a call, -1: the first kernel. NULL: always that one. */
     int (*choose)(const struct tracer_device *self, const struct ray *rays, uint64_t count);
