@@ -107,7 +107,7 @@ static void run_world(struct run *run, const struct driver_world *world, enum bu
     print_tally(world->name, build_quality_name(quality), &judge.tally);
     /* A test that hits nothing would be none, and what is lost is lost by few rays that lie in faces of boxes. */
     run->has_failed = run->has_failed || judge.tally.other || judge.tally.lost * 100 > judge.tally.rays ||
-                      judge.tally.hits * 10 < judge.tally.rays || !judge.tally.candidates;
+                      judge.tally.hits * 20 < judge.tally.rays || !judge.tally.candidates;
     driver_judge_finish(&judge);
     driver_scene_finish(&scene);
     free(rays);
