@@ -11,8 +11,8 @@
  *   LOOP_LIMIT    the member of the state that holds the end of the interval
  *   LOOP_LEAF     what to do at a leaf
  *
- * Children are visited nearest first (with flip_order: farthest first); those that wait on the stack are dropped when they come up and a
- * closer hit has been found meanwhile. A stack entry is a node, or a leaf: its records' number in the two highest bits, the first one below.
+ * Children are visited nearest first (with flip_order: farthest first), without branches that could not be foretold; those that wait on the
+ * stack are dropped when they come up and a closer hit has been found meanwhile. A stack entry is a node, or a leaf: its records' number in the two highest bits, the first one below.
  */
 LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, traverse_leaf leaf)
 {
@@ -21,6 +21,7 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
     struct traverse_state *state = &walk->state;
     const struct portable_view view = *walk->view; /* a copy that nothing else can change */
     const struct portable_node *nodes = view.nodes;
+    const size_t size = record_size(&view);
     const bool flip = state->options->flip_order;
     unsigned top = 0;
     uint32_t child = 0;
@@ -43,18 +44,19 @@ LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, trav
                 child = child_in_slot(node, slot);
                 while (hits &= hits - 1) {
                     slot = (unsigned)__builtin_ctz(hits);
-                    uint32_t other = child_in_slot(node, slot), later = child;
-                    LOOP_REAL distance = near[slot], farther = nearest;
+                    uint32_t other = child_in_slot(node, slot);
+                    LOOP_REAL distance = near[slot];
                     bool is_next = (distance <= nearest) != flip;
-                    later = is_next ? child : other;
+                    uint32_t later = is_next ? child : other;
+                    LOOP_REAL farther = is_next ? nearest : distance;
                     child = is_next ? other : child;
-                    farther = is_next ? nearest : distance;
                     nearest = is_next ? distance : nearest;
                     unsigned at = top++;
                     for (; at > base && (distances[at - 1] < farther) != flip; at--) {
                         distances[at] = distances[at - 1];
                         children[at] = children[at - 1];
                     }
+                    prefetch_child(&view, size, later);
                     distances[at] = farther;
                     children[at] = later;
                 }

@@ -20,6 +20,21 @@ BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned
     return inner >> slot & 1 ? below : leaf;
 }
 
+BOXTEST_INLINE size_t record_size(const struct portable_view *view)
+{
+    static const size_t sizes[] = {sizeof(struct portable_indexed_triangle), sizeof(struct portable_triangle),
+                                   sizeof(struct portable_aabb), sizeof(struct portable_instance)};
+    return sizes[view->header->content];
+}
+
+/* What waits on the stack comes into the caches meanwhile. */
+BOXTEST_INLINE void prefetch_child(const struct portable_view *view, size_t size, uint32_t child)
+{
+    const char *node = (const char *)&view->nodes[child & CHILD_INDEX_MASK];
+    const char *record = (const char *)view->records + size * (child & CHILD_INDEX_MASK);
+    __builtin_prefetch(child >> CHILD_COUNT_SHIFT ? record : node);
+}
+
 #define LOOP_NAME traverse_loop_float
 #define LOOP_TARGET
 #define LOOP_REAL float
