@@ -195,7 +195,7 @@ static void clustering_for(enum build_quality quality, struct pieces_request *re
 {
     bool fast = quality == QUALITY_FAST;
     request->radius = fast ? 4 : 8;
-    request->rounds = fast ? UINT32_MAX : 2;
+    request->rounds = fast ? UINT32_MAX : 3;
 }
 
 static struct pieces_request pieces_wanted(const struct construction *construction)

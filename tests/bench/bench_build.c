@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_build - how fast structures are built, beside rtcBuildBVH MEDIUM in the same run, and what they are worth.
+ * bench_build - how fast structures are built, beside rtcBuildBVH in the same run (MEDIUM, and LOW with eight-wide nodes), and what they are worth.
  *
  *     bench_build [--quality fast|balanced|high] [--runs N] SCENE.ply...
  *
  * For 2 threads and for 1, per scene: medians of N runs (5), ours and Embree's taking turns. "build" is what build() takes: boxes, splitting,
- * pieces, joining, depth, collapse and the writing of the layout; prepare stands apart. SAH of both binary trees by the same formula.
+ * pieces, joining, depth, collapse and the writing of the layout; prepare stands apart. SAH of binary trees by the same formula, beside MEDIUM's
+ * and that of a full sweep. Ratios of rates by the clock, and by processor time, which says more where others use the machine too.
  */
 #include <math.h>
 #include <stdio.h>
@@ -20,10 +21,10 @@
 #include "reference_builder.h"
 #include "workers.h"
 
-enum { MAX_RUNS = 101, VALUES = 10, MAX_SCENES = 64 };
+enum { MAX_RUNS = 101, VALUES = 14, MAX_SCENES = 64 };
 
 /* The columns of times, ms. */
-enum { PREPARE, BOXES, SPLIT, PIECES, JOIN, DEPTH, COLLAPSE, WRITE, BUILD, REFERENCE };
+enum { PREPARE, BOXES, SPLIT, PIECES, JOIN, DEPTH, COLLAPSE, WRITE, BUILD, BUILD_CPU, MEDIUM, MEDIUM_CPU, LOW, LOW_CPU };
 
 struct options {
     enum build_quality quality;
@@ -34,7 +35,7 @@ struct row {
     const char *name;
     double triangles;
     double ms[VALUES]; /* medians */
-    double sah, reference_sah;
+    double sah, medium_sah, sweep_sah;
     struct build_stats stats;
 };
 
@@ -46,10 +47,10 @@ struct bench {
     struct embree *embree;
 };
 
-static double milliseconds(void)
+static double milliseconds(clockid_t clock)
 {
     struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
+    clock_gettime(clock, &now);
     return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
 }
 
@@ -78,14 +79,16 @@ static void run_ours(struct bench *bench, const struct build_input *input, struc
     const struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     unsigned char *blob;
-    double begin = milliseconds();
+    double begin = milliseconds(CLOCK_MONOTONIC);
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
         fail(row->name, &error);
-    times[PREPARE] = milliseconds() - begin;
-    begin = milliseconds();
+    times[PREPARE] = milliseconds(CLOCK_MONOTONIC) - begin;
+    begin = milliseconds(CLOCK_MONOTONIC);
+    double cpu_begin = milliseconds(CLOCK_PROCESS_CPUTIME_ID);
     if (build(&canonical, &input->options, &context, &blob, &row->stats, &error) != BVHD_OK)
         fail(row->name, &error);
-    times[BUILD] = milliseconds() - begin;
+    times[BUILD] = milliseconds(CLOCK_MONOTONIC) - begin;
+    times[BUILD_CPU] = milliseconds(CLOCK_PROCESS_CPUTIME_ID) - cpu_begin;
     memory_free(&bench->memory, blob);
     prepare_finish(&canonical, &bench->memory);
     const struct build_times *ms = &row->stats.ms;
@@ -93,23 +96,29 @@ static void run_ours(struct bench *bench, const struct build_input *input, struc
     memcpy(times + BOXES, stages, sizeof stages);
 }
 
-static void run_reference(struct bench *bench, const struct build_input *input, struct row *row, double *ret_ms)
+static void run_references(struct bench *bench, const struct build_input *input, struct row *row, double times[VALUES])
 {
     struct bvhd_error error;
     struct limits limits = limits_default();
     const struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     struct primitive_refs refs;
-    struct reference_result result;
+    struct reference_result results[REFERENCE_METHODS];
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK ||
         primitive_collect(&canonical, &context, &refs, &error) != BVHD_OK)
         fail(row->name, &error);
-    if (!reference_build(refs.refs, refs.count, bench->threads, &result))
-        exit(1);
+    for (int kind = 0; kind < REFERENCE_METHODS; kind++)
+        if (!reference_build((enum reference_method)kind, refs.refs, refs.count, bench->threads, &results[kind]))
+            exit(1);
+    if (row->sweep_sah == 0)
+        row->sweep_sah = reference_sweep_sah(refs.refs, refs.count);
     memory_free(&bench->memory, refs.refs);
     prepare_finish(&canonical, &bench->memory);
-    row->reference_sah = result.sah;
-    *ret_ms = result.ms;
+    row->medium_sah = results[REFERENCE_MEDIUM].sah;
+    times[MEDIUM] = results[REFERENCE_MEDIUM].ms;
+    times[MEDIUM_CPU] = results[REFERENCE_MEDIUM].cpu_ms;
+    times[LOW] = results[REFERENCE_LOW_WIDE].ms;
+    times[LOW_CPU] = results[REFERENCE_LOW_WIDE].cpu_ms;
 }
 
 static struct row measure(struct bench *bench, const char *path)
@@ -125,7 +134,7 @@ static struct row measure(struct bench *bench, const char *path)
     row.triangles = ply->triangle_count;
     for (int run = 0; run < bench->options->runs; run++) {
         run_ours(bench, &input, &row, times);
-        run_reference(bench, &input, &row, &times[REFERENCE]);
+        run_references(bench, &input, &row, times);
         for (int i = 0; i < VALUES; i++)
             samples[i][run] = times[i];
     }
@@ -147,8 +156,9 @@ static void print_row(const struct row *row)
     for (int i = PREPARE; i <= BUILD; i++)
         printf(" %7.2f", row->ms[i]);
     const struct layout_sizes *sizes = &row->stats.sizes;
-    printf(" | %6.2f %6.2f %5.2f | %7.2f %7.2f %5.3f | %5.1f %5.1f %5.1f %5.1f | %3u %s\n", rate(row, BUILD), rate(row, REFERENCE),
-           rate(row, BUILD) / rate(row, REFERENCE), row->sah, row->reference_sah, row->sah / row->reference_sah,
+    printf(" | %6.2f %6.2f %6.2f %5.2f %5.2f | %5.2f %5.2f | %7.2f %7.2f %7.2f | %5.1f %5.1f %5.1f %5.1f | %3u %s\n", rate(row, BUILD),
+           rate(row, MEDIUM), rate(row, LOW), rate(row, BUILD) / rate(row, MEDIUM), rate(row, BUILD) / rate(row, LOW),
+           row->ms[MEDIUM_CPU] / row->ms[BUILD_CPU], row->ms[LOW_CPU] / row->ms[BUILD_CPU], row->sah, row->medium_sah, row->sweep_sah,
            (double)sizes->nodes / row->triangles, (double)sizes->records / row->triangles, (double)sizes->vertices / row->triangles,
            (double)sizes->total / row->triangles, row->stats.depth, row->stats.method);
 }
@@ -171,19 +181,44 @@ static double own_rate(const struct row *row)
     return rate(row, BUILD);
 }
 
-static double reference_rate(const struct row *row)
+static double medium_rate(const struct row *row)
 {
-    return rate(row, REFERENCE);
+    return rate(row, MEDIUM);
 }
 
-static double rate_ratio(const struct row *row)
+static double low_rate(const struct row *row)
 {
-    return rate(row, BUILD) / rate(row, REFERENCE);
+    return rate(row, LOW);
 }
 
-static double sah_ratio(const struct row *row)
+static double over_medium(const struct row *row)
 {
-    return row->sah / row->reference_sah;
+    return row->ms[MEDIUM] / row->ms[BUILD];
+}
+
+static double over_low(const struct row *row)
+{
+    return row->ms[LOW] / row->ms[BUILD];
+}
+
+static double over_medium_cpu(const struct row *row)
+{
+    return row->ms[MEDIUM_CPU] / row->ms[BUILD_CPU];
+}
+
+static double over_low_cpu(const struct row *row)
+{
+    return row->ms[LOW_CPU] / row->ms[BUILD_CPU];
+}
+
+static double sah_over_medium(const struct row *row)
+{
+    return row->sah / row->medium_sah;
+}
+
+static double sah_over_sweep(const struct row *row)
+{
+    return row->sah / row->sweep_sah;
 }
 
 static double bytes_a_triangle(const struct row *row)
@@ -203,9 +238,9 @@ static void bench_threads(const struct options *options, unsigned threads, char 
     bench.parallel = workers_parallel(workers);
     printf("%u thread%s, %s; times in ms, rates in million triangles a second, bytes a triangle\n", threads, threads == 1 ? "" : "s",
            build_quality_name(options->quality));
-    printf("%-18s %8s | %7s %7s %7s %7s %7s %7s %7s %7s %7s | %6s %6s %5s | %7s %7s %5s | %5s %5s %5s %5s | %s\n", "scene", "tris",
-           "prepare", "boxes", "split", "pieces", "join", "depth", "collaps", "write", "build", "rate", "embree", "ratio", "SAH",
-           "embree", "ratio", "nodes", "recs", "verts", "all", "depth, method");
+    printf("%-18s %8s | %7s %7s %7s %7s %7s %7s %7s %7s %7s | %6s %6s %6s %5s %5s | %5s %5s | %7s %7s %7s | %5s %5s %5s %5s | %s\n",
+           "scene", "tris", "prepare", "boxes", "split", "pieces", "join", "depth", "collaps", "write", "build", "rate", "MEDIUM",
+           "LOW8", "/MED", "/LOW8", "cpu/M", "cpu/L", "SAH", "MEDIUM", "sweep", "nodes", "recs", "verts", "all", "depth, method");
     for (int i = 0; i < count; i++) {
         rows[i] = measure(&bench, paths[i]);
         print_row(&rows[i]);
@@ -213,9 +248,14 @@ static void bench_threads(const struct options *options, unsigned threads, char 
     }
     printf("geometric means:\n");
     print_mean("rate", rows, count, own_rate, true);
-    print_mean("rtcBuildBVH MEDIUM", rows, count, reference_rate, true);
-    print_mean("rate / rtcBuildBVH MEDIUM", rows, count, rate_ratio, true);
-    print_mean("SAH / rtcBuildBVH MEDIUM", rows, count, sah_ratio, false);
+    print_mean("rtcBuildBVH MEDIUM", rows, count, medium_rate, true);
+    print_mean("rtcBuildBVH LOW, 8-wide", rows, count, low_rate, true);
+    print_mean("rate / MEDIUM", rows, count, over_medium, true);
+    print_mean("rate / LOW, 8-wide", rows, count, over_low, true);
+    print_mean("rate / MEDIUM, processor time", rows, count, over_medium_cpu, true);
+    print_mean("rate / LOW, 8-wide, processor time", rows, count, over_low_cpu, true);
+    print_mean("SAH / MEDIUM", rows, count, sah_over_medium, false);
+    print_mean("SAH / full sweep", rows, count, sah_over_sweep, false);
     print_mean("bytes a triangle", rows, count, bytes_a_triangle, false);
     embree_destroy(bench.embree);
     workers_destroy(workers);

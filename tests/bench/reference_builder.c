@@ -12,16 +12,19 @@
 #include <embree3/rtcore.h>
 #endif
 
+enum { WIDEST = 8 };
+
 struct node {
     uint32_t count; /* of a leaf's primitives; 0: inner */
-    struct box boxes[2];
-    struct node *children[2];
+    struct box boxes[WIDEST];
+    struct node *children[WIDEST];
 };
 
 static void *create_node(RTCThreadLocalAllocator allocator, unsigned children, void *context)
 {
-    (void)children, (void)context;
-    struct node *node = rtcThreadLocalAlloc(allocator, sizeof *node, 16);
+    (void)context;
+    size_t unused = (WIDEST - children) * sizeof(struct node *);
+    struct node *node = rtcThreadLocalAlloc(allocator, sizeof *node - unused, 16);
     node->count = 0;
     return node;
 }
@@ -69,11 +72,11 @@ static double tree_sah(const struct node *root, const struct primitive_ref *refs
     return area > 0 ? cost_below(root, &bounds) / area : 0;
 }
 
-static struct RTCBuildArguments arguments_for(RTCBVH bvh, struct primitive_ref *refs, uint32_t count)
+static struct RTCBuildArguments arguments_for(enum reference_method kind, RTCBVH bvh, struct primitive_ref *refs, uint32_t count)
 {
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
-    arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
-    arguments.maxBranchingFactor = 2;
+    arguments.buildQuality = kind == REFERENCE_MEDIUM ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_LOW;
+    arguments.maxBranchingFactor = kind == REFERENCE_MEDIUM ? 2 : WIDEST;
     arguments.maxDepth = 1024;
     arguments.bvh = bvh;
     arguments.primitives = (struct RTCBuildPrimitive *)(void *)refs;
@@ -85,7 +88,15 @@ static struct RTCBuildArguments arguments_for(RTCBVH bvh, struct primitive_ref *
     return arguments;
 }
 
-bool reference_build(const struct primitive_ref *refs, uint32_t count, unsigned threads, struct reference_result *ret_result)
+static double milliseconds(clockid_t clock)
+{
+    struct timespec now;
+    clock_gettime(clock, &now);
+    return (double)now.tv_sec * 1e3 + (double)now.tv_nsec * 1e-6;
+}
+
+bool reference_build(enum reference_method kind, const struct primitive_ref *refs, uint32_t count, unsigned threads,
+                     struct reference_result *ret_result)
 {
     char config[32];
     snprintf(config, sizeof config, "threads=%u", threads);
@@ -95,18 +106,18 @@ bool reference_build(const struct primitive_ref *refs, uint32_t count, unsigned 
     RTCBVH bvh = device ? rtcNewBVH(device) : NULL;
     void *root = NULL;
     if (copy && bvh) {
-        struct timespec begin, end;
         memcpy(copy, refs, size);
-        struct RTCBuildArguments arguments = arguments_for(bvh, copy, count);
-        clock_gettime(CLOCK_MONOTONIC, &begin);
+        struct RTCBuildArguments arguments = arguments_for(kind, bvh, copy, count);
+        double begin = milliseconds(CLOCK_MONOTONIC), cpu_begin = milliseconds(CLOCK_PROCESS_CPUTIME_ID);
         root = rtcBuildBVH(&arguments);
-        clock_gettime(CLOCK_MONOTONIC, &end);
-        ret_result->ms = (double)(end.tv_sec - begin.tv_sec) * 1e3 + (double)(end.tv_nsec - begin.tv_nsec) * 1e-6;
+        ret_result->ms = milliseconds(CLOCK_MONOTONIC) - begin;
+        ret_result->cpu_ms = milliseconds(CLOCK_PROCESS_CPUTIME_ID) - cpu_begin;
+        ret_result->sah = 0;
     }
-    if (root)
-        ret_result->sah = tree_sah(root, refs, count);
-    else
+    if (!root)
         fprintf(stderr, "Embree failed\n");
+    else if (kind == REFERENCE_MEDIUM)
+        ret_result->sah = tree_sah(root, refs, count);
     if (bvh)
         rtcReleaseBVH(bvh);
     if (device)
