@@ -221,8 +221,8 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
 }
 
 /*
- * Volumes as in bvhdTriangleMayHit, but seen from a point of the ray beside the triangle, which keeps them small: `near` is off by u of its size, and by
- * what the ray is off by. With E the sum of the sizes of both edges, S of near - v0, D the longest component of d: a volume is then off by 2 D E off + 12u D E (S + E) and,
+ * Volumes as in bvhdTriangleMayHit, but seen from a point of the ray beside the triangle, which keeps them small: `near` is off by u of its size, or where fma() rounds
+ * twice by u of the product as well, and by what the ray is off by. With E the sum of the sizes of both edges, S of near - v0, D the longest component of d: a volume is then off by 2 D E off + 12u D E (S + E) and,
  * where the direction is off by l, by 4 l E (S + E).
  */
 void visit_triangle(uint record)
@@ -231,11 +231,12 @@ void visit_triangle(uint record)
     uint id = corners_of(record, v0, v1, v2);
     vec3 e1 = v1 - v0, e2 = v2 - v0;
     float ahead = dot(v0 - origin, direction) * inverse_length;
-    vec3 near = origin + ahead * direction, s = near - v0;
+    vec3 near = fma(vec3(ahead), direction, origin), s = near - v0;
     vec3 p1 = cross(direction, e1), p2 = cross(direction, e2), normal = cross(e1, e2);
     float det = dot(e1, p2), u = dot(s, p2), v = -dot(s, p1), rest = det - u - v;
     float edges = bvhdSumOfSizes(e1) + bvhdSumOfSizes(e2), sizes = bvhdSumOfSizes(s) + edges, longest = bvhdLargest(direction);
-    float off = 6.5e-8 * bvhdLargest(near) + origin_low + abs(ahead) * direction_low;
+    float off = BVHD_FUSED_FMA ? bvhdLargest(near) : 2.0 * bvhdLargest(near) + bvhdLargest(origin);
+    off = 6.5e-8 * off + origin_low + abs(ahead) * direction_low;
     float error = longest * edges * (2.0 * off + 7.1525574e-7 * sizes) + 4.0 * direction_low * edges * sizes + 3.0e-35;
     float least = min(min(u, v), rest), most = max(max(u, v), rest);
     if (least < -error && most > error || id == best_id && instance == best_instance)
