@@ -75,7 +75,7 @@ static void build_blob(uint32_t layout_flags, struct bytes *ret_blob)
     struct build_input input = {.type = STRUCTURE_BOTTOM,
                                 .geometry_count = 2,
                                 .geometries = geometries,
-                                .options = {QUALITY_BALANCED, TARGET_PORTABLE, layout_flags}};
+                                .options = {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE, .layout_flags = layout_flags}};
     assert_int_equal(prepare(&input, 0, &limits, &context, &canonical, &error), BVHD_OK);
     assert_int_equal(build(&canonical, &input.options, &context, &blob, &stats, &error), BVHD_OK);
     prepare_finish(&canonical, &memory);
