@@ -4,7 +4,7 @@
 #include "chart.h"
 #include "plot.h"
 
-enum { TIERS = 4, PANELS = 2, ROW_PIXELS = 34 };
+enum { TIERS = 4, PANELS = 2, ROW_PIXELS = 34, ABOVE_PIXELS = 90, BELOW_PIXELS = 80 };
 
 static const struct {
     const char *method, *colour;
@@ -19,6 +19,11 @@ static const struct {
     {FIGURE_RATE_ALL, "embree/bvh-medium-2", "build, all threads: rate over rtcBuildBVH MEDIUM's"},
     {FIGURE_DIFFUSE, "embree/scene-medium-robust", "diffuse rays, one thread: rate over rtcIntersect1's, robust"},
 };
+
+static unsigned height_for(const struct results *results)
+{
+    return ABOVE_PIXELS + BELOW_PIXELS + ROW_PIXELS * results->scene_count;
+}
 
 /* Of one scene alone. */
 static bool ratio_of(const struct results *results, uint32_t scene, const char *method, int panel, double *ret_ratio)
@@ -48,7 +53,7 @@ static void draw_panel(const struct results *results, int panel, FILE *script)
 {
     fprintf(script, "set title ");
     plot_text(script, panels[panel].title);
-    fprintf(script, " font \",11\"\nset ytics (");
+    fprintf(script, " font \",10\"\nset ytics (");
     for (uint32_t i = 0; i < results->scene_count; i++) {
         fprintf(script, "%s", i ? ", " : "");
         if (panel == 0)
@@ -67,15 +72,16 @@ static void draw_panel(const struct results *results, int panel, FILE *script)
 static void draw(const void *context, FILE *script)
 {
     const struct results *results = context;
+    const double height = height_for(results);
     draw_data(results, script);
     fprintf(script,
-            "set multiplot layout 1,2 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins 0.15,0.97,0.14,0.84 "
-            "spacing 0.03\n"
-            "set border 1 lc rgb \"#606060\"\nset grid lc rgb \"#e0e0e0\"\nset tics nomirror\nset logscale x\nset autoscale x\nset "
-            "offsets graph 0.05, graph 0.05, 0, 0\n"
-            "set xtics (0.02,0.05,0.1,0.2,0.5,1,2,5,10,20)\nset yrange [0.4:%u.6]\nset key at screen 0.5,0.03 center horizontal "
-            "samplen 1\n",
-            results->scene_count);
+            "set multiplot layout 1,2 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins 0.15,0.97,%.4f,%.4f "
+            "spacing 0.03\n",
+            BELOW_PIXELS / height, 1 - ABOVE_PIXELS / height);
+    fprintf(script, "set border 1 lc rgb \"#606060\"\nset grid lc rgb \"#e0e0e0\"\nset tics nomirror\nset logscale x\nset autoscale x\n"
+                    "set offsets graph 0.05, graph 0.05, 0, 0\nset xtics (0.02,0.05,0.1,0.2,0.5,1,2,5,10,20)\n");
+    fprintf(script, "set yrange [0.4:%u.6]\nset key at screen 0.5,%.4f center horizontal samplen 1 maxrows 1\n", results->scene_count,
+            20 / height);
     for (int panel = 0; panel < PANELS; panel++)
         draw_panel(results, panel, script);
     fprintf(script, "unset multiplot\n");
@@ -83,6 +89,6 @@ static void draw(const void *context, FILE *script)
 
 bool chart_scenes(const struct results *results, const char *directory)
 {
-    const struct plot plot = {directory, "scenes", 1000, 190 + ROW_PIXELS * results->scene_count};
+    const struct plot plot = {directory, "scenes", 1000, height_for(results)};
     return plot_run(&plot, draw, results);
 }

@@ -5,7 +5,7 @@
 #include "chart.h"
 #include "plot.h"
 
-enum { ROW_PIXELS = 26, COLUMN_PIXELS = 46, MARGIN_LEFT = 290, MARGIN_TOP = 150, MARGIN_BOTTOM = 60 };
+enum { ROW_PIXELS = 26, COLUMN_PIXELS = 46, MARGIN_LEFT = 315, MARGIN_TOP = 150, MARGIN_BOTTOM = 60 };
 
 struct look {
     char text[24], fill[16];

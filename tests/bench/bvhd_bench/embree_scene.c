@@ -28,6 +28,9 @@ static RTCScene describe(const struct embree_scene *self, const struct method *m
     if (vertices && indices) {
         memcpy(vertices, mesh->positions, (size_t)12 * mesh->vertex_count);
         memcpy(indices, mesh->indices, (size_t)12 * triangles);
+        /* Of a scene of low quality each geometry decides for itself. */
+        if (method->effort == EFFORT_LOW)
+            rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_LOW);
         rtcCommitGeometry(geometry);
         rtcAttachGeometry(scene, geometry);
     }

@@ -7,22 +7,26 @@
 #include "embree_api.h"
 #include "stopwatch.h"
 
-enum { ARITY_MAX = 8, WARM_UP = 20000 };
+enum { WARM_UP = 20000 };
 
+struct child {
+    struct node *node;
+    struct box box;
+};
+
+/* As small as may be: its memory is part of what is measured. A leaf is its count and its ids. */
 struct node {
     uint32_t count; /* of a leaf's primitives; 0: inner */
-    uint32_t children;
-    struct box boxes[ARITY_MAX];
-    struct node *below[ARITY_MAX];
+    uint32_t child_count;
+    struct child children[];
 };
 
 static void *create_node(RTCThreadLocalAllocator allocator, unsigned children, void *context)
 {
     (void)context;
-    size_t size = sizeof(struct node);
-    struct node *node = rtcThreadLocalAlloc(allocator, size, 16);
+    struct node *node = rtcThreadLocalAlloc(allocator, sizeof *node + children * sizeof node->children[0], 16);
     node->count = 0;
-    node->children = children;
+    node->child_count = children;
     return node;
 }
 
@@ -31,7 +35,7 @@ static void set_children(void *at, void **children, unsigned count, void *contex
     (void)context;
     struct node *node = at;
     for (unsigned i = 0; i < count; i++)
-        node->below[i] = children[i];
+        node->children[i].node = children[i];
 }
 
 static void set_bounds(void *at, const struct RTCBounds **bounds, unsigned count, void *context)
@@ -39,8 +43,8 @@ static void set_bounds(void *at, const struct RTCBounds **bounds, unsigned count
     (void)context;
     struct node *node = at;
     for (unsigned i = 0; i < count; i++)
-        node->boxes[i] = (struct box){{bounds[i]->lower_x, bounds[i]->lower_y, bounds[i]->lower_z},
-                                      {bounds[i]->upper_x, bounds[i]->upper_y, bounds[i]->upper_z}};
+        node->children[i].box = (struct box){{bounds[i]->lower_x, bounds[i]->lower_y, bounds[i]->lower_z},
+                                             {bounds[i]->upper_x, bounds[i]->upper_y, bounds[i]->upper_z}};
 }
 
 /* The ids follow the count. */
@@ -132,8 +136,8 @@ static void count_below(const struct node *node, struct tree *tree)
 {
     tree->node_count++;
     tree->ref_count += node->count;
-    for (uint32_t k = 0; !node->count && k < node->children; k++)
-        count_below(node->below[k], tree);
+    for (uint32_t k = 0; !node->count && k < node->child_count; k++)
+        count_below(node->children[k].node, tree);
 }
 
 static void copy_below(const struct node *node, uint32_t index, struct tree *tree)
@@ -147,11 +151,11 @@ static void copy_below(const struct node *node, uint32_t index, struct tree *tre
         return;
     }
     uint32_t first = copy->first = tree->node_count;
-    copy->children = node->children;
-    tree->node_count += node->children;
-    for (uint32_t k = 0; k < node->children; k++) {
-        tree->nodes[first + k].box = node->boxes[k];
-        copy_below(node->below[k], first + k, tree);
+    copy->children = node->child_count;
+    tree->node_count += node->child_count;
+    for (uint32_t k = 0; k < node->child_count; k++) {
+        tree->nodes[first + k].box = node->children[k].box;
+        copy_below(node->children[k].node, first + k, tree);
     }
 }
 
