@@ -13,7 +13,7 @@
 
 /*
  * As split_refs, but the pieces lie in request->scratch, and bounds are set of the root alone. request->piece_size is what is aimed at; no piece
- * has more than twice as many refs. The same for any number of threads. BVHD_CANCELLED, BVHD_NO_MEMORY.
+ * has more than twice as many refs and one. The same for any number of threads. BVHD_CANCELLED, BVHD_NO_MEMORY.
  */
 enum bvhd_status scatter_refs(const struct split_request *request, struct memory *memory, const struct parallel *parallel,
                               struct split_tree *ret_tree, struct bvhd_error *error);
