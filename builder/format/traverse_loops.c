@@ -30,9 +30,9 @@ BOXTEST_INLINE size_t record_size(const struct portable_view *view)
 /* What waits on the stack comes into the caches meanwhile. */
 BOXTEST_INLINE void prefetch_child(const struct portable_view *view, size_t size, uint32_t child)
 {
-    const char *node = (const char *)&view->nodes[child & CHILD_INDEX_MASK];
-    const char *record = (const char *)view->records + size * (child & CHILD_INDEX_MASK);
-    __builtin_prefetch(child >> CHILD_COUNT_SHIFT ? record : node);
+    uintptr_t index = child & CHILD_INDEX_MASK;
+    uintptr_t node = (uintptr_t)view->nodes + sizeof *view->nodes * index, record = (uintptr_t)view->records + size * index;
+    __builtin_prefetch((const void *)(child >> CHILD_COUNT_SHIFT ? record : node));
 }
 
 #define LOOP_NAME traverse_loop_float
