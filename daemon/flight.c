@@ -95,14 +95,27 @@ static void leave_table(struct flight *flight)
 
 uint64_t flights_build_bytes(const struct preparation *preparation)
 {
-    /* Measured peaks for a primitive: 136 bytes, one a leaf 200; with spatial splits 236, one a leaf 241. Boxes and instances are one a leaf. */
-    enum { TRIANGLE = 144, SPLIT_TRIANGLE = 248, SINGLE = 208, VERTEX = 8, FIXED = 16 * 1024 };
+    /*
+     * Measured peaks for a primitive, vertices apart: 155 to 185 bytes by the number of threads, one a leaf 218, with spatial splits 255. What is clustered as one piece
+     * takes 100 more while it is.
+     */
+    enum {
+        TRIANGLE = 200,
+        SINGLE = 240,
+        SPLIT_TRIANGLE = 264,
+        ONE_PIECE = 280,
+        ONE_PIECE_MOST = 16384,
+        VERTEX = 12,
+        FIXED = 16 * 1024
+    };
     const struct canonical *canonical = &preparation->canonical;
     bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
     bool high = build_quality_resolve(preparation->options.quality, canonical->flags) == QUALITY_HIGH;
     const struct layout *layout = layout_find(preparation->options.target);
     bool single = !triangles || (layout && layout->leaf_max == 1);
     uint64_t each = triangles && high ? SPLIT_TRIANGLE : single ? SINGLE : TRIANGLE;
+    if (canonical->primitive_count <= ONE_PIECE_MOST)
+        each = ONE_PIECE;
     return canonical->primitive_count * each + (uint64_t)canonical->vertex_count * VERTEX + FIXED;
 }
 

@@ -81,6 +81,8 @@ static enum bvhd_status add_tree(struct reading *reading)
     if (root.children[0] == LAVAPIPE_NONE && root.children[1] == LAVAPIPE_NONE)
         return BVHD_OK;
     ir->node_count = 1;
+    if (root.children[1] == LAVAPIPE_NONE && (root.children[0] & KIND_MASK) == LAVAPIPE_BOX)
+        return differs(reading, "node[0]", "has fewer than two children");
     if (root.children[1] == LAVAPIPE_NONE)
         return add_node(reading, 0, root.children[0]);
     enum bvhd_status status = add_node(reading, 0, LAVAPIPE_HEADER | LAVAPIPE_BOX);

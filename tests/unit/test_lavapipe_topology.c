@@ -150,6 +150,12 @@ static void odd_trees_are_refused(void **state)
     subject_open(&s, LAVAPIPE_PLAIN);
     expect_unsupported(&s, &s.model.canonical, "node[0]");
     bytes_put32(boxes + 48, old);
+    uint32_t beside = bytes_get32(boxes + 52);
+    bytes_put32(boxes + 52, LAVAPIPE_NONE); /* a box is the root's only child */
+    assert_int_equal(old & 3, LAVAPIPE_BOX);
+    subject_open(&s, LAVAPIPE_PLAIN);
+    expect_unsupported(&s, &s.model.canonical, "node[0]");
+    bytes_put32(boxes + 52, beside);
     uint32_t below = (old & ~3u) - LAVAPIPE_HEADER;
     old = bytes_get32(boxes + below + 52);
     bytes_put32(boxes + below + 52, LAVAPIPE_NONE);
