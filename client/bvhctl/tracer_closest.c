@@ -12,12 +12,17 @@
 #include "trace_closest_refill_address.h"
 #include "trace_left.h"
 #include "trace_left_address.h"
+#include "trace_settle.h"
+#include "trace_settle_address.h"
 
-/* Four words, then room for the number of each ray of a portion. */
-enum { BINDING_WORK = 3, BINDINGS, WORK_SIZE = 16 + TRACER_PORTION * 4 };
+/* Four words, then room for the number of each ray of a portion, then for what a quarter of them has in doubt; the others of more are left to the query. */
+enum { BINDING_WORK = 3, BINDINGS, UNSETTLED_SIZE = 128, WORK_SIZE = 16 + TRACER_PORTION * 4 + TRACER_PORTION / 4 * UNSETTLED_SIZE };
 
 /* More than any device holds at once of such a kernel; those that come late find no rays left. */
 enum { REFILL_GROUPS = 2112 };
+
+/* The kernels count the words of a scene in 31 bits. */
+static const uint64_t most_bytes = UINT64_C(1) << 33;
 
 /* How many rays next to each other are looked at, at how many places of a portion, and the cosine that their directions do not fall below when they go together. */
 enum { NEIGHBOURS = 32, PLACES = 64 };
@@ -59,17 +64,26 @@ static enum bvhd_status add_kernel(struct tracer_device *device, const uint32_t 
     return status;
 }
 
-/* The query, for rays with more doubts than there is room for. */
-static enum bvhd_status add_after(struct tracer_device *device, bool has_fused_fma, struct bvhd_error *error)
+static enum bvhd_status add_after(struct tracer_device *device, const uint32_t *code, size_t size, const uint32_t *constants,
+                                  struct bvhd_error *error)
 {
-    const uint32_t constants[] = {TRACER_GROUP, false, has_fused_fma};
-    bool by_address = device->gpu->facts.has_buffer_address;
-    const struct gpu_kernel_options options = {.code = by_address ? trace_left_address_code : trace_left_code,
-                                               .size = by_address ? sizeof trace_left_address_code : sizeof trace_left_code,
-                                               .bindings = BINDINGS,
-                                               .constants = constants,
-                                               .constant_count = 3};
+    const struct gpu_kernel_options options = {
+        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = 3};
     return tracer_device_add_after(device, &options, error);
+}
+
+/* What decides on doubts; and the query, for rays with more of them than there is room for. */
+static enum bvhd_status add_afters(struct tracer_device *device, const uint32_t *constants, struct bvhd_error *error)
+{
+    const uint32_t of_query[] = {TRACER_GROUP, false, constants[2]};
+    bool by_address = device->gpu->facts.has_buffer_address;
+    enum bvhd_status status = by_address
+                                  ? add_after(device, trace_settle_address_code, sizeof trace_settle_address_code, constants, error)
+                                  : add_after(device, trace_settle_code, sizeof trace_settle_code, constants, error);
+    if (status)
+        return status;
+    return by_address ? add_after(device, trace_left_address_code, sizeof trace_left_address_code, of_query, error)
+                      : add_after(device, trace_left_code, sizeof trace_left_code, of_query, error);
 }
 
 static enum bvhd_status add_kernels(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
@@ -93,7 +107,7 @@ enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct trac
 {
     const uint32_t constants[] = {TRACER_GROUP, structures->has_top, has_fused_fma};
     *closest = (struct tracer_closest){.is_cpu = device->gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU, .together = -1, .refill = -1};
-    if (!has_only_triangles(structures))
+    if (!has_only_triangles(structures) || device->buffers[0]->size > most_bytes)
         return BVHD_OK;
     enum bvhd_status status =
         gpu_buffer_create(device->gpu, WORK_SIZE, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_DEVICE,
@@ -101,7 +115,7 @@ enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct trac
     if (status)
         return status;
     device->buffers[BINDING_WORK - 2] = device->work = &closest->work;
-    status = add_after(device, has_fused_fma, error);
+    status = add_afters(device, constants, error);
     return status ? status : add_kernels(closest, device, constants, error);
 }
 

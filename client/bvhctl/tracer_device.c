@@ -58,8 +58,8 @@ static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, stru
     gpu_kernel_bind(self->gpu, &self->kernel, bound, self->structures);
     for (uint32_t i = 0; i < self->choice_count; i++)
         gpu_kernel_bind(self->gpu, &self->choices[i].kernel, bound, self->structures);
-    if (self->choice_count)
-        gpu_kernel_bind(self->gpu, &self->after, bound, self->structures);
+    for (uint32_t i = 0; i < self->after_count; i++)
+        gpu_kernel_bind(self->gpu, &self->afters[i], bound, self->structures);
     self->capacity = count;
     return BVHD_OK;
 }
@@ -92,7 +92,8 @@ static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint3
         return;
     barrier(self->gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
             VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
-    gpu_kernel_record(self->gpu, &self->after, commands, &self->push, TRACER_AFTER_GROUPS);
+    for (uint32_t i = 0; i < self->after_count; i++)
+        gpu_kernel_record(self->gpu, &self->afters[i], commands, &self->push, TRACER_AFTER_GROUPS);
 }
 
 static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_device_choice *choice)
@@ -195,7 +196,10 @@ enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struc
 {
     struct gpu_kernel_options with_push = *options;
     with_push.push_size = sizeof(struct tracer_push);
-    return gpu_kernel_create(self->gpu, &with_push, &self->after, error);
+    enum bvhd_status status = gpu_kernel_create(self->gpu, &with_push, &self->afters[self->after_count], error);
+    if (!status)
+        self->after_count++;
+    return status;
 }
 
 void tracer_device_rebind(struct tracer_device *self)
@@ -212,8 +216,8 @@ void tracer_device_destroy(struct tracer_device *self)
     free_buffers(self);
     gpu_timer_destroy(self->gpu, &self->timer);
     gpu_kernel_destroy(self->gpu, &self->kernel);
-    if (self->after.pipeline)
-        gpu_kernel_destroy(self->gpu, &self->after);
+    for (uint32_t i = 0; i < self->after_count; i++)
+        gpu_kernel_destroy(self->gpu, &self->afters[i]);
     for (uint32_t i = 0; i < self->choice_count; i++)
         gpu_kernel_destroy(self->gpu, &self->choices[i].kernel);
     memory_free(self->memory, self);

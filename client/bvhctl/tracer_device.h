@@ -13,7 +13,8 @@ enum {
     TRACER_GROUP = 64, /* threads of a workgroup, specialisation constant 0 */
     TRACER_BINDINGS = 8, /* most storage buffers */
     TRACER_CHOICES = 2, /* kernels beside the first one */
-    TRACER_AFTER_GROUPS = 64,
+    TRACER_AFTERS = 2, /* kernels after these */
+    TRACER_AFTER_GROUPS = 256,
 };
 
 /* As kernels declare it. */
@@ -39,7 +40,8 @@ struct tracer_device {
     uint32_t choice_count;
     /* Which of the choices runs over all rays of a call, -1: the first kernel. NULL: always that one. */
     int (*choose)(const struct tracer_device *self, const struct ray *rays, uint64_t count);
-    struct gpu_kernel after; /* runs after a choice, in TRACER_AFTER_GROUPS workgroups */
+    struct gpu_kernel afters[TRACER_AFTERS]; /* run after a choice, side by side, in TRACER_AFTER_GROUPS workgroups each */
+    uint32_t after_count;
     const struct gpu_buffer *work; /* of choices, one of `buffers`: its first 16 bytes are 0 before they run */
     struct gpu_timer timer;
     struct tracer_push push;
@@ -57,7 +59,7 @@ struct tracer_device {
 enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
                                     struct memory *memory, struct bvhd_error *error);
 
-/* Adds a choice, or the kernel after them; constants and bindings are up to `options`. On failure it is as before. */
+/* Adds a choice, or a kernel after them; constants and bindings are up to `options`. On failure it is as before. */
 enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struct gpu_kernel_options *options,
                                          struct bvhd_error *error);
 enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_kernel_options *options, uint32_t most_groups,

@@ -66,26 +66,48 @@ void set_order()
     order = order & 0xff000000u | (is_negative.z ? 0xf00000u : 0x0f0000u) | (is_negative.y ? 0xcc00u : 0x3300u) | (is_negative.x ? 0xaau : 0x55u);
 }
 
-// Slack is what bvhdBoxRayInit says, and what a direction that is off by `low_direction` moves the ray by within the structure.
-void enter(uvec2 location, vec3 low_origin, vec3 low_direction)
+// What a ray needs of a structure.
+struct Entry {
+    vec3 inverse, slack;
+    BvhdBody body;
+    bool can_hit;
+};
+
+/*
+ * Slack is what bvhdBoxRayInit says, and what a direction that is off by `low_direction` moves the ray by within the structure. Rays that miss its bounds are sent away
+ * here, as at a node: before anything is put by for them.
+ */
+Entry entry_of(uvec2 location, vec3 from, vec3 towards, vec3 low_origin, vec3 low_direction)
 {
+    Entry entry;
     BvhdExtent extent;
-    BvhdBody body = bvhdBodyOpen(offset_of(location), extent);
-    content = body.content;
-    node_rows = body.nodes;
-    record_rows = body.records;
-    vertex_words = body.vertices;
-    float longest = bvhdLargest(direction);
-    float reach = max(bvhdLargest(extent.lowest - origin), bvhdLargest(extent.highest - origin)) / longest;
-    bvec3 is_parallel = lessThan(abs(direction), vec3(9.3132257e-10 * longest)), is_negative = lessThan(direction, vec3(0.0));
-    vec3 moving = mix(direction, mix(vec3(9.3132257e-10 * longest), vec3(-9.3132257e-10 * longest), is_negative), is_parallel);
-    inverse = 1.0 / moving;
+    entry.body = bvhdBodyOpen(offset_of(location), extent);
+    float longest = bvhdLargest(towards);
+    float reach = max(bvhdLargest(extent.lowest - from), bvhdLargest(extent.highest - from)) / longest;
+    bvec3 is_parallel = lessThan(abs(towards), vec3(9.3132257e-10 * longest)), is_negative = lessThan(towards, vec3(0.0));
+    vec3 moving = mix(towards, mix(vec3(9.3132257e-10 * longest), vec3(-9.3132257e-10 * longest), is_negative), is_parallel);
+    entry.inverse = 1.0 / moving;
+    entry.slack = 1.001 * (abs(entry.inverse) * (low_origin + reach * low_direction) + mix(vec3(9.0949470e-13), vec3(2.0), is_parallel) * reach) + 3.0092656e-36;
+    vec3 a = (extent.lowest - from) * entry.inverse, b = (extent.highest - from) * entry.inverse;
+    vec3 error = max(abs(a), abs(b)) * 9.5367432e-7 + entry.slack, near = min(a, b) - error, far = max(a, b) + error;
+    bool is_met = max(max(near.x, near.y), max(near.z, tmin)) <= min(min(far.x, far.y), min(far.z, high));
+    entry.can_hit = longest > 0.0 && bvhdIsFinite(from) && bvhdIsFinite(towards) && !extent.isEmpty && is_met;
+    return entry;
+}
+
+// Origin and direction are those in the structure's space.
+void enter(Entry entry)
+{
+    content = entry.body.content;
+    node_rows = entry.body.nodes;
+    record_rows = entry.body.records;
+    vertex_words = entry.body.vertices;
+    inverse = entry.inverse;
+    slack = entry.slack;
     inverse_length = 1.0 / dot(direction, direction);
-    slack = 1.001 * (abs(inverse) * (low_origin + reach * low_direction) + mix(vec3(9.0949470e-13), vec3(2.0), is_parallel) * reach) + 3.0092656e-36;
     set_order();
-    bool can_hit = longest > 0.0 && bvhdIsFinite(origin) && bvhdIsFinite(direction) && !extent.isEmpty;
     level_bottom = top;
-    nodes = uvec2(0u, can_hit ? FIRST_INNER | 1u : 0u);
+    nodes = uvec2(0u, entry.can_hit ? FIRST_INNER | 1u : 0u);
     records = uvec2(0u);
 }
 
@@ -102,7 +124,7 @@ void start()
     waiting = uvec2(0u);
     top = 0;
     order = ray.flags.y << 24;
-    enter(extra, vec3(0.0), vec3(0.0));
+    enter(entry_of(extra, origin, direction, vec3(0.0), vec3(0.0)));
     if (has_instances) {
         at_root[0] = vec4(inverse, uintBitsToFloat(node_rows));
         at_root[1] = vec4(slack, uintBitsToFloat(record_rows));
@@ -141,19 +163,24 @@ void visit_instance(uint record)
     uvec2 bottom = BVHD_STORAGE_ROWS[row + 7u].xy;
     if (((words.x & order) >> 24) == 0u || bottom == BVHD_NO_LOCATION)
         return;
-    stack[top++] = nodes;
-    stack[top++] = records;
     vec3 place = uintBitsToFloat(uvec3(BVHD_STORAGE_ROWS[row].w, BVHD_STORAGE_ROWS[row + 1u].w, BVHD_STORAGE_ROWS[row + 2u].w));
     mat3 rows = mat3(uintBitsToFloat(BVHD_STORAGE_ROWS[row + 3u].xyz), uintBitsToFloat(BVHD_STORAGE_ROWS[row + 4u].xyz),
                      uintBitsToFloat(BVHD_STORAGE_ROWS[row + 5u].xyz));
     mat3 sizes = mat3(abs(rows[0]), abs(rows[1]), abs(rows[2]));
     vec3 from = origin - place, low_origin = 7.1525574e-7 * (abs(from) * sizes), low_direction = 7.1525574e-7 * (abs(direction) * sizes);
-    origin = from * rows;
-    direction = direction * rows;
+    from = from * rows;
+    vec3 towards = direction * rows;
+    Entry entry = entry_of(bottom, from, towards, low_origin, low_direction);
+    if (!entry.can_hit)
+        return;
+    stack[top++] = nodes;
+    stack[top++] = records;
+    origin = from;
+    direction = towards;
     origin_low = bvhdLargest(low_origin);
     direction_low = bvhdLargest(low_direction);
     instance = record;
-    enter(bottom, low_origin, low_direction);
+    enter(entry);
 }
 
 // Which of four slots the ray meets, in bits 3 .. 0.
@@ -223,28 +250,36 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
 /*
  * Volumes as in bvhdTriangleMayHit, but seen from a point of the ray beside the triangle, which keeps them small: `near` is off by u of its size, or where fma() rounds
  * twice by u of the product as well, and by what the ray is off by. With E the sum of the sizes of both edges, S of near - v0, D the longest component of d: a volume is then off by 2 D E off + 12u D E (S + E) and,
- * where the direction is off by l, by 4 l E (S + E).
+ * where the direction is off by l, by 4 l E (S + E). Near the origin that is the point of the ray, and off by nothing.
+ *
+ * t is told better than by E * E: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the sums that it goes into, by 8u of
+ * what they are with `spread` in its place. On a long floor along the axes, which rays start from, t is nearly exact then; by E * E it would be in doubt whether it is below tmin.
  */
 void visit_triangle(uint record)
 {
     vec3 v0, v1, v2;
     uint id = corners_of(record, v0, v1, v2);
     vec3 e1 = v1 - v0, e2 = v2 - v0;
+    float edges = bvhdSumOfSizes(e1) + bvhdSumOfSizes(e2), longest = bvhdLargest(direction);
     float ahead = dot(v0 - origin, direction) * inverse_length;
+    if (abs(ahead) * longest < max(edges, 0.02 * bvhdLargest(origin)))
+        ahead = 0.0;
     vec3 near = fma(vec3(ahead), direction, origin), s = near - v0;
     vec3 p1 = cross(direction, e1), p2 = cross(direction, e2), normal = cross(e1, e2);
     float det = dot(e1, p2), u = dot(s, p2), v = -dot(s, p1), rest = det - u - v;
-    float edges = bvhdSumOfSizes(e1) + bvhdSumOfSizes(e2), sizes = bvhdSumOfSizes(s) + edges, longest = bvhdLargest(direction);
+    float sizes = bvhdSumOfSizes(s) + edges;
     float off = BVHD_FUSED_FMA ? bvhdLargest(near) : 2.0 * bvhdLargest(near) + bvhdLargest(origin);
-    off = 6.5e-8 * off + origin_low + abs(ahead) * direction_low;
+    off = (ahead == 0.0 ? 0.0 : 6.5e-8 * off) + origin_low + abs(ahead) * direction_low;
     float error = longest * edges * (2.0 * off + 7.1525574e-7 * sizes) + 4.0 * direction_low * edges * sizes + 3.0e-35;
     float least = min(min(u, v), rest), most = max(max(u, v), rest);
     if (least < -error && most > error || id == best_id && instance == best_instance)
         return;
 
-    float size = abs(det), size_error = edges * edges * (7.1525574e-7 * longest + 4.0 * direction_low) + 3.0e-35;
+    vec3 spread = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
+    float spreads = spread.x + spread.y + spread.z;
+    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(direction), spread) + 4.0 * direction_low * spreads + 3.0e-35;
     float distance = det < 0.0 ? -dot(s, normal) : dot(s, normal);
-    float distance_error = off * (bvhdSumOfSizes(normal) + edges * edges * 4e-7) + edges * edges * bvhdSumOfSizes(s) * 7.1525574e-7 + 3.0e-35;
+    float distance_error = 1.001 * off * spreads + 7.1525574e-7 * dot(abs(s), spread) + 3.0e-35;
     float scale = 1.0 / max(size, 1e-37), beyond = distance * scale, t = ahead + beyond;
     float wrong = 1.25 * scale * (distance_error + abs(beyond) * size_error) + 2.4e-7 * (abs(ahead) + abs(beyond));
     bool is_steep = size > 16.0 * size_error;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// closest_settle.glsl - the end of closest.glsl: what was in doubt is decided in pairs of floats, and the answer is written.
+// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts by the kernel that comes after, SETTLE, where they are decided in pairs of floats.
 #ifndef CLOSEST_SETTLE_GLSL
 #define CLOSEST_SETTLE_GLSL
+
+#ifdef SETTLE
 
 bool exact_hit(uint in_instance, uint record, out BvhdTriangleHit hit, out uint id)
 {
@@ -85,6 +87,48 @@ void settle()
     }
 }
 
+// A ray with its doubts, as leave_doubts has put it there.
+void take_unsettled(uint row)
+{
+    uvec4 ray = unsettled[row], answer = unsettled[row + 1u];
+    index = ray.x;
+    best = ray.y;
+    best_instance = ray.z;
+    best_id = ray.w;
+    low = uintBitsToFloat(answer.x);
+    high = uintBitsToFloat(answer.y);
+    tmin = uintBitsToFloat(answer.z);
+    best_is_front = (answer.w & 1u) != 0u;
+    doubt_count = answer.w >> 1;
+    for (uint i = 0u; i < 3u * doubt_count; i++)
+        doubts[i / 3u][i % 3u] = unsettled[row + 2u + i / 4u][i % 4u];
+}
+
+#else
+
+// Leaves the ray to SETTLE if something is in doubt that may be the answer, or to the query where that has no room. False: nothing is.
+bool leave_doubts()
+{
+    uint kept = 0u;
+    for (uint i = 0u; i < doubt_count; i++)
+        if (uintBitsToFloat(doubts[i].z) <= high)
+            doubts[kept++] = doubts[i];
+    if (kept == 0u)
+        return false;
+    uint row = UNSETTLED_ROWS * atomicAdd(unsettled_count, 1u);
+    if (row + UNSETTLED_ROWS > uint(unsettled.length())) {
+        leave_ray();
+        return true;
+    }
+    unsettled[row] = uvec4(index, best, best_instance, best_id);
+    unsettled[row + 1u] = uvec4(floatBitsToUint(vec3(low, high, tmin)), kept << 1 | (best_is_front ? 1u : 0u));
+    for (uint i = 0u; i < 3u * kept; i++)
+        unsettled[row + 2u + i / 4u][i % 4u] = doubts[i / 3u][i % 3u];
+    return true;
+}
+
+#endif
+
 void store(Hit hit)
 {
     hit_rows[2u * index] = uvec4(floatBitsToUint(vec3(hit.t, hit.u, hit.v)), hit.instance);
@@ -94,9 +138,10 @@ void store(Hit hit)
 // After the walk. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
 void finish()
 {
-    if (doubt_count == NONE)
+#ifndef SETTLE
+    if (doubt_count == NONE || leave_doubts())
         return;
-    settle();
+#endif
     Hit hit = miss();
     if (best == NONE) {
         store(hit);

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled four times: with BVHD_BUFFER_ADDRESS, where the scene is
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled six times: with BVHD_BUFFER_ADDRESS, where the scene is
  * found by the address of its buffer, and without, when it is binding 2; and
  *
  *   for rays that go together   a thread a ray, each by itself;
  *   for others, REFILL defined  as many workgroups as the device holds: lanes that are done take new rays once enough of them are, and triangles
- *                               wait until enough lanes have some. Needs subgroup operations (ballot).
+ *                               wait until enough lanes have some. Needs subgroup operations (ballot);
+ *   after either, SETTLE        for the rays with doubts: what decides on them takes so many registers that the others are quicker without it.
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -41,14 +42,30 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 layout(set = 0, binding = 3, std430) buffer Work {
     uint next_ray; // for REFILL
     uint left_count; // rays that are left to trace_portable.comp
-    uint left[];
+    uint unsettled_count; // rays that are left to SETTLE; more than there is room for count too
+    uint reserved;
+    uint left[1 << 20];
+    uvec4 unsettled[]; // UNSETTLED_ROWS each
 };
+const uint UNSETTLED_ROWS = 8u;
 
 #include "bvhd_ray_query.glsl"
 #include "closest.glsl"
 #include "closest_settle.glsl"
 
-#ifdef REFILL
+#ifdef SETTLE
+
+void main()
+{
+    uint end = min(unsettled_count, uint(unsettled.length()) / UNSETTLED_ROWS);
+    for (uint i = gl_GlobalInvocationID.x; i < end; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+        take_unsettled(UNSETTLED_ROWS * i);
+        settle();
+        finish();
+    }
+}
+
+#elif defined REFILL
 
 const uint BUSY_SHARE = 11u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
 const uint STALLED_SHARE = 2u; // triangles are looked at when one lane in so many can do nothing else
