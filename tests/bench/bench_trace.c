@@ -274,10 +274,11 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
                       .indices = {(const unsigned char *)ply->indices, (uint64_t)12 * ply->triangle_count}},
         .range.primitive_count = ply->triangle_count,
     };
-    struct build_input input = {.type = STRUCTURE_BOTTOM,
-                                .geometry_count = 1,
-                                .geometries = &geometry,
-                                .options = {settings->quality, TARGET_PORTABLE, settings->layout_flags}};
+    struct build_input input = {
+        .type = STRUCTURE_BOTTOM,
+        .geometry_count = 1,
+        .geometries = &geometry,
+        .options = {.quality = settings->quality, .target = TARGET_PORTABLE, .layout_flags = settings->layout_flags}};
     struct limits limits = limits_default();
     struct build_context context = {.embree = embree, .memory = &memory, .parallel = &parallel_serial};
     if (batch_build(&input, 1, &limits, &context, &item, &error) != BVHD_OK || item.status != BVHD_OK ||

@@ -45,7 +45,10 @@ static void try_payload(const struct control_item *item, uint32_t index, struct 
         .mode = item->mode,
         .destination = item->destination,
         .source = item->source,
-        .options = {(enum build_quality)item->quality, (enum target)item->target, item->layout_flags},
+        .options = {.quality = (enum build_quality)item->quality,
+                    .target = (enum target)item->target,
+                    .layout_flags = item->layout_flags,
+                    .device = item->device},
     };
     struct rows_shape shape = {item->geometry_count, item->geometry_size, item->reference_count, item->reference_size, NULL};
     struct limits limits = small_limits();

@@ -88,7 +88,12 @@ static void compare_references(const struct reference *a, const struct reference
 static void round_trip(const struct build_input *input)
 {
     struct payload payload = write_payload(input);
-    struct build_input back = {.type = 7, .flags = 8, .mode = 9, .destination = 10, .source = 11, .options = {QUALITY_HIGH, 12, 13}};
+    struct build_input back = {.type = 7,
+                               .flags = 8,
+                               .mode = 9,
+                               .destination = 10,
+                               .source = 11,
+                               .options = {.quality = QUALITY_HIGH, .target = 12, .layout_flags = 13}};
     assert_int_equal(read_payload(&payload, &back, NULL), BVHD_OK);
     assert_true(back.type == 7 && back.flags == 8 && back.mode == 9 && back.destination == 10 && back.source == 11);
     assert_true(back.options.quality == QUALITY_HIGH && back.options.target == 12 && back.options.layout_flags == 13);
