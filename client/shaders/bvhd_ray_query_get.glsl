@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+/*
+ * bvhd_ray_query_get.glsl - the part of bvhd_ray_query.glsl, which includes it, that tells what was met. As rayQueryGet...EXT: `committed` false asks for the candidate,
+ * between Proceed and the next one.
+ */
+#ifndef BVHD_RAY_QUERY_GET_GLSL
+#define BVHD_RAY_QUERY_GET_GLSL
+
+BvhdIntersection bvhdIntersection(BvhdRayQuery query, bool committed)
+{
+    if (committed)
+        return query.committed;
+    return query.candidate;
+}
+
+// (geometry, primitive)
+uvec2 bvhdPrimitiveOf(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    BvhdBody body = bvhdBodyOf(query, intersection);
+    return bvhdGeometryOf(body, bvhdId(body, intersection.record) & BVHD_ID_MASK);
+}
+
+// BVHD_CANDIDATE_ or BVHD_COMMITTED_.
+uint bvhdRayQueryGetIntersectionType(BvhdRayQuery query, bool committed)
+{
+    if (committed)
+        return query.committed.type;
+    return query.candidate.type == BVHD_COMMITTED_TRIANGLE ? BVHD_CANDIDATE_TRIANGLE : BVHD_CANDIDATE_AABB;
+}
+
+// Without a committed intersection, the end of the interval. Of an AABB candidate: where the ray enters it, within the interval.
+float bvhdRayQueryGetIntersectionT(BvhdRayQuery query, bool committed)
+{
+    return bvhdIntersection(query, committed).t.x;
+}
+
+// position = (1 - x - y) v0 + x v1 + y v2
+vec2 bvhdRayQueryGetIntersectionBarycentrics(BvhdRayQuery query, bool committed)
+{
+    return bvhdIntersection(query, committed).barycentrics;
+}
+
+bool bvhdRayQueryGetIntersectionFrontFace(BvhdRayQuery query, bool committed)
+{
+    return bvhdIntersection(query, committed).isFront;
+}
+
+uint bvhdRayQueryGetIntersectionGeometryIndex(BvhdRayQuery query, bool committed)
+{
+    return bvhdPrimitiveOf(query, committed).x;
+}
+
+uint bvhdRayQueryGetIntersectionPrimitiveIndex(BvhdRayQuery query, bool committed)
+{
+    return bvhdPrimitiveOf(query, committed).y;
+}
+
+// The exact corners, in object space. Of triangles.
+void bvhdRayQueryGetIntersectionTriangleVertexPositions(BvhdRayQuery query, bool committed, out vec3 positions[3])
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    bvhdCorners(bvhdBodyOf(query, intersection), intersection.record, positions[0], positions[1], positions[2]);
+}
+
+// Whether an AABB candidate counts as opaque.
+bool bvhdRayQueryGetIntersectionCandidateAABBOpaque(BvhdRayQuery query)
+{
+    return bvhdIsOpaque(query, bvhdId(query.body, query.candidate.record));
+}
+
+// Position of the instance in the request; BVHD_NO_INSTANCE without a top level.
+uint bvhdRayQueryGetIntersectionInstanceId(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return BVHD_NO_INSTANCE;
+    return bvhdInstanceOf(query, intersection).index;
+}
+
+// 0 without a top level, and so are the next ones.
+uint bvhdRayQueryGetIntersectionInstanceCustomIndex(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return 0u;
+    return bvhdInstanceOf(query, intersection).customIndex;
+}
+
+uint bvhdRayQueryGetIntersectionInstanceShaderBindingTableRecordOffset(BvhdRayQuery query, bool committed)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return 0u;
+    return bvhdInstanceOf(query, intersection).sbtOffset;
+}
+
+// Four columns, as in GLSL's own queries; the identity without a top level.
+mat4x3 bvhdMatrixOf(BvhdRayQuery query, bool committed, uint first)
+{
+    BvhdIntersection intersection = bvhdIntersection(query, committed);
+    if (intersection.instance == BVHD_NO_INSTANCE)
+        return mat4x3(1.0);
+    vec4 x, y, z;
+    bvhdMatrix(bvhdTopOf(query), intersection.instance, first, x, y, z);
+    return transpose(mat3x4(x, y, z));
+}
+
+mat4x3 bvhdRayQueryGetIntersectionObjectToWorld(BvhdRayQuery query, bool committed)
+{
+    return bvhdMatrixOf(query, committed, 0u);
+}
+
+mat4x3 bvhdRayQueryGetIntersectionWorldToObject(BvhdRayQuery query, bool committed)
+{
+    return bvhdMatrixOf(query, committed, 3u);
+}
+
+vec3 bvhdRayQueryGetIntersectionObjectRayOrigin(BvhdRayQuery query, bool committed)
+{
+    return bvhdRayOf(query, bvhdIntersection(query, committed)).origin;
+}
+
+vec3 bvhdRayQueryGetIntersectionObjectRayDirection(BvhdRayQuery query, bool committed)
+{
+    return bvhdRayOf(query, bvhdIntersection(query, committed)).direction;
+}
+
+float bvhdRayQueryGetRayTMin(BvhdRayQuery query)
+{
+    return query.tmin;
+}
+
+uint bvhdRayQueryGetRayFlags(BvhdRayQuery query)
+{
+    return query.flags;
+}
+
+vec3 bvhdRayQueryGetWorldRayOrigin(BvhdRayQuery query)
+{
+    return query.origin;
+}
+
+vec3 bvhdRayQueryGetWorldRayDirection(BvhdRayQuery query)
+{
+    return query.direction;
+}
+
+#endif
