@@ -24,8 +24,7 @@ static void build_mesh(struct memory *memory, const struct terrain *mesh)
     unsigned char *blob;
     if (vulkan_input_create(&mesh->info, 1, &mesh->ranges, NULL, 0, &options, &input, &error) ||
         prepare(vulkan_input_entries(input), 0, &limits, &context, &canonical, &error) ||
-        content_key(&canonical, &options, &context, &key, &error) ||
-        build(&canonical, &options, &context, &blob, &stats, &error))
+        content_key(&canonical, &options, &context, &key, &error) || build(&canonical, &options, &context, &blob, &stats, &error))
         bench_fail("%s: %s", error.where, error.text);
     memory_free(memory, blob);
     prepare_finish(&canonical, memory);
