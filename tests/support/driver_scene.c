@@ -104,7 +104,7 @@ static void collect_boxes(struct driver_scene *scene, const struct driver_scene_
         stride = options->bottoms[b].geometry_count > stride ? options->bottoms[b].geometry_count : stride;
     float *boxes = allocate(&scene->memory, count_boxes(options), 6 * sizeof *boxes);
     uint32_t *rows = allocate(&scene->memory, (uint64_t)options->bottom_count * stride, sizeof *rows);
-    uint32_t *first = allocate(&scene->memory, (uint64_t)instances->primitive_count * stride, sizeof *first);
+    uint32_t *first = allocate(&scene->memory, ((uint64_t)instances->primitive_count + 1) * stride, sizeof *first);
     for (uint32_t b = 0; b < options->bottom_count; b++)
         for (uint32_t g = 0; g < options->bottoms[b].geometry_count; g++) {
             const struct canonical_geometry *geometry = &options->bottoms[b].geometries[g];
