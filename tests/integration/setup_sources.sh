@@ -35,13 +35,13 @@ mkdir -p "$scratch/etc/apt/sources.list.d"
 expect 'no sources' nothing
 
 list sources.list <<'END'
-# deb http://deb.debian.org/debian bookworm main
-deb-src http://deb.debian.org/debian bookworm main
-deb http://deb.debian.org/debian-security bookworm-security main
-deb http://deb.debian.org/debian bookworm-updates main
-deb http://deb.debian.org/debian bookworm main contrib # the archive
+# deb http://archive.example/debian bookworm main
+deb-src http://archive.example/debian bookworm main
+deb http://archive.example/debian-security bookworm-security main
+deb http://archive.example/debian bookworm-updates main
+deb http://archive.example/debian bookworm main contrib # the archive
 END
-expect 'one-line' 'deb http://deb.debian.org/debian bookworm-backports main'
+expect 'one-line' 'deb http://archive.example/debian bookworm-backports main'
 
 list sources.list.d/debian.list <<'END'
 deb [ arch=amd64 signed-by=/usr/share/keyrings/a.gpg ] https://mirror.example/debian/ bookworm contrib main
@@ -56,9 +56,9 @@ expect 'a mirror list, and the name of the release' 'deb [trusted=yes] mirror+fi
 list sources.list <<'END'
 deb cdrom:[Debian GNU/Linux 12]/ bookworm main
 deb https://packages.example/deb bookworm main
-deb http://deb.debian.org/debian bookworm main
+deb http://archive.example/debian bookworm main
 END
-expect 'others before the archive' 'deb http://deb.debian.org/debian bookworm-backports main'
+expect 'others before the archive' 'deb http://archive.example/debian bookworm-backports main'
 
 list sources.list <<'END'
 deb https://proxy.example/apt bookworm main
@@ -66,8 +66,8 @@ END
 expect 'an address that tells nothing' 'deb https://proxy.example/apt bookworm-backports main'
 
 list sources.list <<'END'
-deb http://deb.debian.org/debian trixie main
-deb http://deb.debian.org/debian bookworm contrib
+deb http://archive.example/debian trixie main
+deb http://archive.example/debian bookworm contrib
 END
 expect 'another release, another component' nothing
 
@@ -75,19 +75,19 @@ list sources.list.d/debian.sources <<'END'
 # comment
 Types: deb deb-src
 # another
-URIs: http://deb.debian.org/debian
+URIs: http://archive.example/debian
 Suites: bookworm bookworm-updates
 Components: main contrib
 Signed-By: /usr/share/keyrings/debian-archive-keyring.gpg
 
 Types: deb
-URIs: http://deb.debian.org/debian-security
+URIs: http://archive.example/debian-security
 Suites: bookworm-security
 Components: main
 Signed-By: /usr/share/keyrings/debian-archive-keyring.gpg
 END
 expect 'deb822' 'Types: deb
-URIs: http://deb.debian.org/debian
+URIs: http://archive.example/debian
 Suites: bookworm-backports
 Components: main
 Signed-By: /usr/share/keyrings/debian-archive-keyring.gpg'
@@ -126,7 +126,7 @@ Signed-By:
 
 list sources.list.d/debian.sources <<'END'
 Types: deb
-URIs: http://deb.debian.org/debian
+URIs: http://archive.example/debian
 Suites: bookworm
 Components: main
 Enabled: no
@@ -135,7 +135,7 @@ expect 'switched off' nothing
 
 list sources.list.d/debian.sources <<'END'
 Types: deb-src
-URIs: http://deb.debian.org/debian
+URIs: http://archive.example/debian
 Suites: bookworm
 Components: main
 END
