@@ -3,57 +3,13 @@
 # bvhctl.sh MAKE_SCENE BVHCTL - the command line as its users meet it: exit codes, error lines, JSON, files that stay untouched. Prints each
 # expectation that does not hold; status 1 when one does not.
 set -u
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
 make_scene=$(realpath "$1")
 bvhctl=$(realpath "$2")
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
-failures=0
-checks=0
-
-# expect WHAT COMMAND... - the command succeeds.
-expect()
-{
-    what=$1
-    shift
-    checks=$((checks + 1))
-    "$@" && return
-    echo "does not hold: $what"
-    failures=$((failures + 1))
-}
-
-# run CODE ARGUMENT... - bvhctl ends with that code; its output is in `out` and `err`.
-run()
-{
-    code=$1
-    shift
-    "$bvhctl" "$@" >out 2>err
-    got=$?
-    expect "status $code of: bvhctl $* (got $got)" [ $got -eq "$code" ]
-}
-
-one_error_line()
-{
-    expect "one line on stderr: $(cat err)" [ "$(wc -l <err)" -eq 1 ]
-    expect "it reads bvhctl: WHAT: WHERE: ...: $(cat err)" grep -Eq '^bvhctl: [^:]+: .+: .+' err
-}
-
-one_json_object()
-{
-    expect 'one line of JSON' [ "$(wc -l <out)" -eq 1 ]
-    expect 'schema 1' grep -q '^{"schema":1,.*}$' out
-}
-
-sums()
-{
-    (cd "$1" && sha256sum -- * | sort -k 2)
-}
-
-same_sums()
-{
-    [ "$(sums "$1")" = "$(sums "$2")" ]
-}
-
 newest()
 {
     find "$1" -type f -newer "$2"

@@ -3,6 +3,8 @@
 # bvhctl_targets.sh MAKE_SCENE MAKE_PROBE BVHCTL BVHD - native targets on the command line, for devices that this machine need not have: probes from files, keys and
 # bytes in process and through a daemon, manifests, errors. Prints each expectation that does not hold; status 1 when one does not.
 set -u
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
 make_scene=$(realpath "$1")
 make_probe=$(realpath "$2")
 bvhctl=$(realpath "$3")
@@ -18,51 +20,6 @@ trap cleanup EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 unset BVHD_SOCKET NOTIFY_SOCKET
-failures=0
-checks=0
-
-# expect WHAT COMMAND... - the command succeeds.
-expect()
-{
-    what=$1
-    shift
-    checks=$((checks + 1))
-    "$@" && return
-    echo "does not hold: $what"
-    failures=$((failures + 1))
-}
-
-# run CODE ARGUMENT... - bvhctl ends with that code; its output is in `out` and `err`.
-run()
-{
-    code=$1
-    shift
-    "$bvhctl" "$@" >out 2>err
-    got=$?
-    expect "status $code of: bvhctl $* (got $got: $(head -c 300 err))" [ $got -eq "$code" ]
-}
-
-one_error_line()
-{
-    expect "one line on stderr: $(cat err)" [ "$(wc -l <err)" -eq 1 ]
-    expect "it reads bvhctl: WHAT: WHERE: ...: $(cat err)" grep -Eq '^bvhctl: [^:]+: .+: .+' err
-}
-
-says()
-{
-    expect "it says '$1': $(cat err)" grep -Fq -- "$1" err
-}
-
-sums()
-{
-    (cd "$1" && sha256sum -- * | sort -k 2)
-}
-
-same_sums()
-{
-    [ "$(sums "$1")" = "$(sums "$2")" ]
-}
-
 keys()
 {
     sed -n 's/^ *"key": "\([0-9a-f]*\)".*/\1/p' "$1/manifest.json"

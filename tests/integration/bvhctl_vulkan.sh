@@ -3,6 +3,8 @@
 # bvhctl_vulkan.sh MAKE_SCENE MAKE_PROBE BVHCTL - bvhctl and the Vulkan devices of this machine: what it says where there is none, and, on lavapipe, probes, builds, traces.
 # Prints each expectation that does not hold; status 1 when one does not, 77 when all that was tried holds but there is no lavapipe with ray queries.
 set -u
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
 make_scene=$(realpath "$1")
 make_probe=$(realpath "$2")
 bvhctl=$(realpath "$3")
@@ -11,67 +13,15 @@ trap 'rm -rf "$scratch"' EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 unset BVHD_SOCKET
-failures=0
-checks=0
-
-# expect WHAT COMMAND... - the command succeeds.
-expect()
-{
-    what=$1
-    shift
-    checks=$((checks + 1))
-    "$@" && return
-    echo "does not hold: $what"
-    failures=$((failures + 1))
-}
-
-# run CODE ARGUMENT... - bvhctl ends with that code, and validation layers, where they are loaded, say nothing; its output is in `out` and `err`.
-run()
-{
-    code=$1
-    shift
-    "$bvhctl" "$@" >out 2>err
-    got=$?
-    expect "status $code of: bvhctl $* (got $got: $(head -c 300 err))" [ $got -eq "$code" ]
-    expect "no message of validation layers: $(grep validation: err)" [ "$(grep -c validation: err)" -eq 0 ]
-}
-
-one_error_line()
-{
-    expect "one line on stderr: $(cat err)" [ "$(wc -l <err)" -eq 1 ]
-    expect "it reads bvhctl: WHAT: WHERE: ...: $(cat err)" grep -Eq '^bvhctl: [^:]+: .+: .+' err
-}
-
-one_json_object()
-{
-    expect "one line of JSON: $(cat out)" [ "$(wc -l <out)" -eq 1 ]
-    expect 'schema 1' grep -q '^{"schema":1,.*}$' out
-}
-
-# prints TEXT, says TEXT - on stdout, on stderr.
+# prints TEXT - on stdout.
 prints()
 {
     expect "it prints '$1': $(cat out)" grep -Fq -- "$1" out
 }
 
-says()
-{
-    expect "it says '$1': $(cat err)" grep -Fq -- "$1" err
-}
-
 missing()
 {
     expect "$1 is not there" [ ! -e "$1" ]
-}
-
-sums()
-{
-    (cd "$1" && sha256sum -- * | sort -k 2)
-}
-
-same_sums()
-{
-    [ "$(sums "$1")" = "$(sums "$2")" ]
 }
 
 # All that asks for a device, where there is none.

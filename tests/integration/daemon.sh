@@ -3,6 +3,8 @@
 # daemon.sh BVHD DAEMON_HELPER - the daemon as those meet it who start it: options, the socket's file, signals, idleness, socket activation,
 # notifications. Prints each expectation that does not hold; status 1 when one does not.
 set -u
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
 bvhd=$(realpath "$1")
 helper=$(realpath "$2")
 scratch=$(mktemp -d)
@@ -18,20 +20,6 @@ trap cleanup EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 unset NOTIFY_SOCKET WATCHDOG_USEC WATCHDOG_PID LISTEN_FDS LISTEN_PID LISTEN_FDNAMES XDG_RUNTIME_DIR JOURNAL_STREAM
-failures=0
-checks=0
-
-# expect WHAT COMMAND... - the command succeeds.
-expect()
-{
-    what=$1
-    shift
-    checks=$((checks + 1))
-    "$@" && return
-    echo "does not hold: $what"
-    failures=$((failures + 1))
-}
-
 # eventually WHAT COMMAND... - the command succeeds within 20 seconds.
 eventually()
 {
