@@ -4,7 +4,6 @@
 #include <openssl/evp.h>
 
 #include "build.h"
-#include "embree.h"
 #include "layout.h"
 
 /* The terminating NULs are hashed too: what follows begins at a known place. */
@@ -46,7 +45,7 @@ static void digest_leaf(void *context, size_t index)
 }
 
 struct root {
-    unsigned char bytes[68]; /* what stands between the domain and the digests */
+    unsigned char bytes[64]; /* what stands between the domain and the digests */
 };
 
 /* A layout that leaves nothing open to devices looks at none: whatever stands there gives no other bytes. */
@@ -62,16 +61,14 @@ static void describe_device(const struct device_format *device, uint32_t variant
 
 static struct root describe_root(const struct canonical *canonical, const struct build_options *options, const struct layout *layout)
 {
-    enum build_quality quality = build_quality_resolve(options->quality, canonical->flags);
     struct root root;
     bytes_put64(root.bytes, canonical->size);
     bytes_put32(root.bytes + 8, BUILD_VERSION);
     bytes_put32(root.bytes + 12, layout->target);
     bytes_put32(root.bytes + 16, layout->version);
     bytes_put32(root.bytes + 20, options->layout_flags);
-    bytes_put32(root.bytes + 24, quality);
-    bytes_put32(root.bytes + 28, quality == QUALITY_FAST ? embree_version() : 0);
-    describe_device(&options->device, layout->variants, root.bytes + 32);
+    bytes_put32(root.bytes + 24, build_quality_resolve(options->quality, canonical->flags));
+    describe_device(&options->device, layout->variants, root.bytes + 28);
     return root;
 }
 

@@ -6,8 +6,7 @@
  *
  *     leaf = SHA-256("bvhd key leaf 1\0", u64 bytes in the leaf, the bytes)
  *     key  = SHA-256("bvhd key root 2\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version, u32 layout flags,
- *                    u32 quality, u32 Embree's version when it builds (quality fast), else 0, struct device_format as its 36 bytes,
- *                    zeros for a layout that leaves nothing open to devices, the leaves' digests in order)
+ *                    u32 quality, struct device_format as its 36 bytes, zeros for a layout that leaves nothing open to devices, the leaves' digests in order)
  *
  * Numbers are little-endian. Neither the number of threads nor the machine is in it.
  */
