@@ -7,6 +7,8 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "seal.h"
+
 /* Newer than some C libraries; kernels that do not know it say EINVAL. */
 #ifndef MFD_NOEXEC_SEAL
 #define MFD_NOEXEC_SEAL 8U
@@ -50,7 +52,7 @@ enum bvhd_status memfd_create_mapped(const char *name, uint64_t size, int *ret_d
 
 enum bvhd_status memfd_seal(int descriptor, int seals, struct bvhd_error *error)
 {
-    return fcntl(descriptor, F_ADD_SEALS, seals) == 0 ? BVHD_OK : refused(error, "sealing");
+    return seal_add(descriptor, seals) == 0 ? BVHD_OK : refused(error, "sealing");
 }
 
 enum { GATHER_SIZE = 64 * 1024, GATHER_MAX_PIECE = 16 * 1024 };

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "release.h"
+#include "seal.h"
 
 #ifndef MFD_NOEXEC_SEAL
 #define MFD_NOEXEC_SEAL 8U
@@ -182,7 +183,7 @@ static enum bvhd_status seal(struct blob_writer *writer, struct bvhd_error *erro
     if (status != BVHD_OK)
         return status;
     release_bytes(writer);
-    return fcntl(writer->descriptor, F_ADD_SEALS, SEALS) == 0 ? BVHD_OK : refused(error, "fcntl");
+    return seal_add(writer->descriptor, SEALS) == 0 ? BVHD_OK : refused(error, "sealing");
 }
 
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error)
