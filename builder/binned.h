@@ -2,7 +2,7 @@
 /*
  * binned.h - our own builder of a piece: binned SAH (Wald 2007) down to the leaves, on one thread.
  *
- * No slower than Embree's MEDIUM and of the same quality, the same bytes whatever Embree is installed, and it never gives up.
+ * No slower than Embree's MEDIUM and of the same quality.
  */
 #ifndef BVHD_BINNED_H
 #define BVHD_BINNED_H

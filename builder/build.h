@@ -10,7 +10,6 @@
 
 #include "canonical.h"
 #include "context.h"
-#include "embree.h"
 #include "layout.h"
 
 enum { BUILD_VERSION = 2 }; /* changes whenever the same request would give other bytes: part of every key */

@@ -10,10 +10,7 @@
 #include "output.h"
 #include "parallel.h"
 
-struct embree;
-
 struct build_context {
-    struct embree *embree; /* build() only */
     struct memory *memory;
     const struct parallel *parallel;
     const atomic_bool *cancel; /* may be NULL; every step returns BVHD_CANCELLED within some milliseconds after it is set */

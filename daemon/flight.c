@@ -264,11 +264,8 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     unsigned char *bytes;
     memory_init_within(&memory, tier_of(flight) == ADMISSION_LARGE ? flight->flights->large : flight->flights->memory, UINT64_MAX);
     blob_writer_init(&writer, flight->flights->account);
-    const struct build_context context = {.embree = flight->flights->embree,
-                                          .memory = &memory,
-                                          .parallel = parallel,
-                                          .cancel = &flight->job.cancel,
-                                          .output = &writer.output};
+    const struct build_context context = {
+        .memory = &memory, .parallel = parallel, .cancel = &flight->job.cancel, .output = &writer.output};
     enum bvhd_status status = build(&preparation->canonical, &preparation->options, &context, &bytes, &stats, &flight->error);
     if (status != BVHD_OK) {
         if (status == BVHD_NO_MEMORY && writer.error.status != BVHD_OK) {

@@ -53,7 +53,6 @@ struct flights {
     struct cache *cache;
     struct blob_account *account;
     struct counters *counters;
-    struct embree *embree;
     /* its own */
     struct flight **buckets;
     uint64_t mask;

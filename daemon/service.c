@@ -3,7 +3,6 @@
 #include <stdlib.h>
 
 #include "clock.h"
-#include "embree.h"
 #include "machine.h"
 #include "request.h"
 #include "service_parts.h"
@@ -59,9 +58,7 @@ static void init_plain_parts(struct service *service)
 
 static enum bvhd_status create_parts(struct service *service, void (*wake)(void *context), void *wake_context, struct bvhd_error *error)
 {
-    enum bvhd_status status = embree_create(&service->embree, error);
-    if (status == BVHD_OK)
-        status = pool_create(service->options.workers, wake, wake_context, &service->pool, error);
+    enum bvhd_status status = pool_create(service->options.workers, wake, wake_context, &service->pool, error);
     if (status != BVHD_OK)
         return status;
     service->housekeeping = pool_turn_create(service->pool);
@@ -77,7 +74,6 @@ static enum bvhd_status create_parts(struct service *service, void (*wake)(void 
         .cache = service->cache,
         .account = &service->account,
         .counters = &service->counters,
-        .embree = service->embree,
     };
     return flights_init(&service->flights, service->options.max_queue, error);
 }
@@ -90,7 +86,6 @@ static void destroy_parts(struct service *service)
         pool_turn_end(service->pool, service->housekeeping);
     pool_destroy(service->pool);
     cache_destroy(service->cache);
-    embree_destroy(service->embree);
 }
 
 enum bvhd_status service_create(const struct service_options *options, void (*wake)(void *context), void *wake_context,

@@ -31,7 +31,6 @@ struct service {
     struct pool *pool;
     struct pool_turn *housekeeping;
     struct cache *cache;
-    struct embree *embree;
     struct admission admission;
     struct fair_queue preparing[ADMISSION_TIERS]; /* items that wait for memory */
     struct flights flights;

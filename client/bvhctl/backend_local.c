@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "batch.h"
-#include "embree.h"
 #include "format.h"
 #include "vulkan_input.h"
 
@@ -142,8 +141,6 @@ enum bvhd_status backend_local_open(struct backend_local *local, uint32_t thread
 {
     *local = (struct backend_local){.backend = {build_here, release}};
     enum bvhd_status status = workers_create(threads, &local->workers, error);
-    if (!status)
-        status = embree_create(&local->context.embree, error);
     if (status) {
         backend_local_close(local);
         return status;
@@ -158,7 +155,6 @@ enum bvhd_status backend_local_open(struct backend_local *local, uint32_t thread
 
 void backend_local_close(struct backend_local *local)
 {
-    embree_destroy(local->context.embree);
     workers_destroy(local->workers);
     *local = (struct backend_local){0};
 }

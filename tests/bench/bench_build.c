@@ -44,7 +44,6 @@ struct bench {
     unsigned threads;
     struct memory memory;
     const struct parallel *parallel;
-    struct embree *embree;
 };
 
 static double milliseconds(clockid_t clock)
@@ -76,7 +75,7 @@ static void run_ours(struct bench *bench, const struct build_input *input, struc
 {
     struct bvhd_error error;
     struct limits limits = limits_default();
-    const struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
+    const struct build_context context = {.memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     unsigned char *blob;
     double begin = milliseconds(CLOCK_MONOTONIC);
@@ -100,7 +99,7 @@ static void run_references(struct bench *bench, const struct build_input *input,
 {
     struct bvhd_error error;
     struct limits limits = limits_default();
-    const struct build_context context = {.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
+    const struct build_context context = {.memory = &bench->memory, .parallel = bench->parallel};
     struct canonical canonical;
     struct primitive_refs refs;
     struct reference_result results[REFERENCE_METHODS];
@@ -233,7 +232,7 @@ static void bench_threads(const struct options *options, unsigned threads, char 
     struct workers *workers;
     struct row rows[MAX_SCENES];
     memory_init(&bench.memory, UINT64_MAX);
-    if (workers_create(threads, &workers, &error) != BVHD_OK || embree_create(&bench.embree, &error) != BVHD_OK)
+    if (workers_create(threads, &workers, &error) != BVHD_OK)
         fail("start", &error);
     bench.parallel = workers_parallel(workers);
     printf("%u thread%s, %s; times in ms, rates in million triangles a second, bytes a triangle\n", threads, threads == 1 ? "" : "s",
@@ -257,7 +256,6 @@ static void bench_threads(const struct options *options, unsigned threads, char 
     print_mean("SAH / MEDIUM", rows, count, sah_over_medium, false);
     print_mean("SAH / full sweep", rows, count, sah_over_sweep, false);
     print_mean("bytes a triangle", rows, count, bytes_a_triangle, false);
-    embree_destroy(bench.embree);
     workers_destroy(workers);
 }
 

@@ -183,7 +183,6 @@ static void measure(const struct ply *ply, enum build_quality quality, const str
 {
     struct memory memory;
     struct workers *workers;
-    struct embree *embree = NULL;
     struct bvhd_error error;
     struct geometry geometry;
     struct build_input input = ply_input(ply, quality, &geometry);
@@ -192,9 +191,9 @@ static void measure(const struct ply *ply, enum build_quality quality, const str
     memory_init(&memory, UINT64_MAX);
     if (!samples)
         fail("no memory");
-    if (workers_create((unsigned)options->threads, &workers, &error) != BVHD_OK || embree_create(&embree, &error) != BVHD_OK)
+    if (workers_create((unsigned)options->threads, &workers, &error) != BVHD_OK)
         fail(error.text);
-    struct build_context context = {.embree = embree, .memory = &memory, .parallel = workers_parallel(workers)};
+    struct build_context context = {.memory = &memory, .parallel = workers_parallel(workers)};
     double begin = milliseconds();
     time_whole(&input, &context);
     double whole = time_whole(&input, &context);
@@ -202,7 +201,6 @@ static void measure(const struct ply *ply, enum build_quality quality, const str
         count += cancel_once(&input, &context, whole * share_of(i), &samples[count]);
     print(ply, quality, whole, samples, count);
     free(samples);
-    embree_destroy(embree);
     workers_destroy(workers);
 }
 

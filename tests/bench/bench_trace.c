@@ -252,7 +252,7 @@ static void measure_all(const struct subject *subject, const struct settings *se
     free(primary);
 }
 
-static void run_scene(const char *path, const struct settings *settings, RTCDevice device, struct embree *embree, struct totals *totals)
+static void run_scene(const char *path, const struct settings *settings, RTCDevice device, struct totals *totals)
 {
     struct memory memory;
     struct bvhd_error error;
@@ -280,7 +280,7 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
         .geometries = &geometry,
         .options = {.quality = settings->quality, .target = TARGET_PORTABLE, .layout_flags = settings->layout_flags}};
     struct limits limits = limits_default();
-    struct build_context context = {.embree = embree, .memory = &memory, .parallel = &parallel_serial};
+    struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
     if (batch_build(&input, 1, &limits, &context, &item, &error) != BVHD_OK || item.status != BVHD_OK ||
         portable_open((struct bytes){item.blob, item.size}, &memory, &view, &error) != BVHD_OK) {
         fprintf(stderr, "bench_trace: %s does not build\n", path);
@@ -300,10 +300,8 @@ int main(int argc, char **argv)
 {
     struct settings settings = {.size = 512, .seconds = 1, .quality = QUALITY_BALANCED};
     struct totals totals = {.worst = {DBL_MAX, DBL_MAX, DBL_MAX}};
-    struct bvhd_error error;
-    struct embree *embree;
     RTCDevice device = rtcNewDevice("threads=1");
-    if (!device || embree_create(&embree, &error) != BVHD_OK) {
+    if (!device) {
         fprintf(stderr, "bench_trace: no Embree device\n");
         return 1;
     }
@@ -317,13 +315,12 @@ int main(int argc, char **argv)
         else if (strcmp(argv[i], "--high") == 0)
             settings.quality = QUALITY_HIGH;
         else
-            run_scene(argv[i], &settings, device, embree, &totals);
+            run_scene(argv[i], &settings, device, &totals);
         fflush(stdout);
     }
     for (int kind = 0; kind < KINDS && totals.scenes > 0; kind++)
         printf("%-8s: geometric mean of portable / embree %.3f, worst %.3f\n", kind_names[kind],
                exp(totals.log_ratio[kind] / totals.scenes), totals.worst[kind]);
-    embree_destroy(embree);
     rtcReleaseDevice(device);
     return 0;
 }

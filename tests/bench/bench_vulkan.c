@@ -137,7 +137,6 @@ static void build_again(struct bench *bench, enum target target, struct structur
 {
     struct bvhd_error error;
     struct build_options options = {.quality = bench->settings.quality, .target = target};
-    struct embree *embree;
     if (target == TARGET_PORTABLE && bench->settings.is_fast_triangles)
         options.layout_flags = PORTABLE_FAST_TRIANGLES;
     if (target != TARGET_PORTABLE) {
@@ -151,10 +150,8 @@ static void build_again(struct bench *bench, enum target target, struct structur
         memcpy(options.device.compatibility_uuid, format.compatibility_uuid, sizeof format.compatibility_uuid);
         options.device.variant = format.variant;
     }
-    must(embree_create(&embree, &error), &error);
-    struct build_context context = {.embree = embree, .memory = &bench->memory, .parallel = bench->parallel};
+    struct build_context context = {.memory = &bench->memory, .parallel = bench->parallel};
     must(bench_scene_build(&bench->scene, &options, &context, ret_structures, &error), &error);
-    embree_destroy(embree);
 }
 
 static void add_driver(struct bench *bench)

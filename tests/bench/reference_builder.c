@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "reference_builder.h"
 
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,6 +12,11 @@
 #else
 #include <embree3/rtcore.h>
 #endif
+
+_Static_assert(sizeof(struct RTCBuildPrimitive) == sizeof(struct primitive_ref), "refs go to Embree as they are");
+_Static_assert(offsetof(struct RTCBuildPrimitive, lower_x) == offsetof(struct primitive_ref, min), "refs go to Embree as they are");
+_Static_assert(offsetof(struct RTCBuildPrimitive, upper_x) == offsetof(struct primitive_ref, max), "refs go to Embree as they are");
+_Static_assert(offsetof(struct RTCBuildPrimitive, primID) == offsetof(struct primitive_ref, id), "refs go to Embree as they are");
 
 enum { WIDEST = 8 };
 

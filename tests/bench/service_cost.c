@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "build.h"
-#include "embree.h"
 #include "ply.h"
 #include "prepare.h"
 #include "service_bench.h"
@@ -23,7 +22,7 @@ static void local_init(struct local *local, unsigned threads)
     struct bvhd_error error;
     *local = (struct local){0};
     memory_init(&local->memory, UINT64_MAX);
-    if (workers_create(threads, &local->workers, &error) || embree_create(&local->context.embree, &error))
+    if (workers_create(threads, &local->workers, &error))
         bench_fail("%s", error.text);
     local->context.memory = &local->memory;
     local->context.parallel = workers_parallel(local->workers);
@@ -31,7 +30,6 @@ static void local_init(struct local *local, unsigned threads)
 
 static void local_finish(struct local *local)
 {
-    embree_destroy(local->context.embree);
     workers_destroy(local->workers);
 }
 

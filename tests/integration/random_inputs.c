@@ -22,7 +22,6 @@ enum { RAYS = 64, MOST_PRIMITIVES = 3000, MOST_BELOW_TOP = 400, FAILURES_SHOWN =
 
 struct run {
     struct memory memory;
-    struct embree *embree;
     struct build_context context;
     struct limits limits;
     uint64_t seed; /* of the case at hand */
@@ -469,31 +468,23 @@ static void run_case(struct run *run, uint64_t seed, void (*test)(struct run *ru
     }
 }
 
-static bool run_init(struct run *run)
+static void run_init(struct run *run)
 {
-    struct bvhd_error error;
     *run = (struct run){.limits = limits_default()};
     run->limits.max_primitives = 100000;
     memory_init(&run->memory, UINT64_C(1) << 30);
-    if (embree_create(&run->embree, &error)) {
-        fprintf(stderr, "random_inputs: %s\n", error.text);
-        return false;
-    }
-    run->context = (struct build_context){.embree = run->embree, .memory = &run->memory, .parallel = &parallel_serial};
-    return true;
+    run->context = (struct build_context){.memory = &run->memory, .parallel = &parallel_serial};
 }
 
 int main(int argc, char **argv)
 {
     uint64_t count = argc > 1 ? strtoull(argv[1], NULL, 10) : 400, seed = argc > 2 ? strtoull(argv[2], NULL, 10) : 1;
     struct run run;
-    if (!run_init(&run))
-        return 1;
+    run_init(&run);
     for (uint64_t i = seed; i < seed + count; i++) {
         run_case(&run, i, i % 4 ? run_bottom : run_top);
         run_case(&run, i, run_broken);
     }
-    embree_destroy(run.embree);
     printf("%llu cases, %llu rays: %llu hits, %llu uncertain; %llu boxes; %llu refused; %llu wrong\n", (unsigned long long)run.cases,
            (unsigned long long)run.rays, (unsigned long long)run.hits, (unsigned long long)run.uncertain, (unsigned long long)run.boxes,
            (unsigned long long)run.refused, (unsigned long long)run.failures);

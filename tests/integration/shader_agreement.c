@@ -21,7 +21,6 @@ enum { RAYS = 256, CASES = 4, MOST_PRIMITIVES = 2000, MOST_BELOW_TOP = 300 };
 
 struct run {
     struct memory memory;
-    struct embree *embree;
     struct shader_bed *beds[2];
     struct shader_full_answer *answers;
     uint64_t seed, scenes, defects;
@@ -150,7 +149,7 @@ static void build_one(struct run *run, const struct build_input *input, struct b
 {
     struct bvhd_error error = {0};
     struct limits limits = limits_default();
-    struct build_context context = {.embree = run->embree, .memory = &run->memory, .parallel = &parallel_serial};
+    struct build_context context = {.memory = &run->memory, .parallel = &parallel_serial};
     if (batch_build(input, 1, &limits, &context, ret_item, &error) || ret_item->status ||
         portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error)) {
         fprintf(stderr, "shader_agreement 1 %llu: does not build\n", (unsigned long long)run->seed);
@@ -225,7 +224,6 @@ static void print_tally(const struct run *run)
 
 int main(int argc, char **argv)
 {
-    struct bvhd_error error;
     struct run run = {.seed = 0};
     const char *device = "auto";
     int next = 1;
@@ -242,10 +240,6 @@ int main(int argc, char **argv)
         free(run.answers);
         return 77;
     }
-    if (embree_create(&run.embree, &error)) {
-        fprintf(stderr, "shader_agreement: %s\n", error.text);
-        return 1;
-    }
     for (run.seed = seed; run.seed < seed + count; run.seed++) {
         struct random random = {run.seed * UINT64_C(0x632be59bd9b4e019)};
         (run.seed % 3 ? run_top : run_bottom)(&run, &random);
@@ -254,7 +248,6 @@ int main(int argc, char **argv)
     /* A test that asks too little shows nothing. */
     bool thin = count >= 30 && (run.tally.hits < run.tally.rays / 10 || run.candidates.candidates < run.candidates.rays / 10);
     bool is_wrong = run.tally.certain || run.candidates.defects || run.defects || run.tally.boxes * 200 > run.tally.rays;
-    embree_destroy(run.embree);
     shader_bed_destroy(run.beds[0]);
     shader_bed_destroy(run.beds[1]);
     free(run.answers);

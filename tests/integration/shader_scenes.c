@@ -31,7 +31,6 @@ struct arguments {
 struct run {
     struct arguments options;
     struct local local;
-    struct embree *embree;
     struct shader_bed *bed;
     bool has_failed;
 };
@@ -81,7 +80,7 @@ static void trace_mesh(struct run *run, const char *name, const struct ply *ply)
 {
     struct bvhd_error error;
     struct limits limits = limits_default();
-    struct build_context context = {.embree = run->embree, .memory = &run->local.memory, .parallel = run->local.parallel};
+    struct build_context context = {.memory = &run->local.memory, .parallel = run->local.parallel};
     struct geometry geometry;
     struct build_input input = ply_input(ply, QUALITY_BALANCED, &geometry);
     struct batch_item item;
@@ -175,11 +174,9 @@ int main(int argc, char **argv)
         local_close(&run.local);
         return 77;
     }
-    must(embree_create(&run.embree, &error), &error);
     printf("%s\n", shader_bed_device(run.bed));
     for (int i = run.options.scene; i < argc; i++)
         trace_scene(&run, argv[i]);
-    embree_destroy(run.embree);
     shader_bed_destroy(run.bed);
     local_close(&run.local);
     return run.has_failed || gpu_messages() ? 3 : 0;

@@ -57,12 +57,12 @@ static void build_driver(struct driver_scene *scene, const struct driver_scene_o
 /* ---- Ours ---- */
 
 static void build_blob(struct driver_scene *scene, const struct driver_scene_options *options, const struct canonical *canonical,
-                       struct embree *embree, struct bvhd_vulkan_bytes *ret_blob)
+                       struct bvhd_vulkan_bytes *ret_blob)
 {
     struct bvhd_error error;
     struct build_options how = {
         .quality = options->quality, .target = (enum target)options->format->target, .device.variant = options->format->variant};
-    struct build_context context = {.embree = embree, .memory = &scene->memory, .parallel = options->parallel};
+    struct build_context context = {.memory = &scene->memory, .parallel = options->parallel};
     struct build_stats stats;
     unsigned char *blob;
     memcpy(how.device.driver_uuid, options->format->driver_uuid, sizeof how.device.driver_uuid);
@@ -74,12 +74,9 @@ static void build_blob(struct driver_scene *scene, const struct driver_scene_opt
 static void build_ours(struct driver_scene *scene, const struct driver_scene_options *options)
 {
     struct bvhd_error error;
-    struct embree *embree;
-    MUST(embree_create(&embree, &error));
     for (uint32_t row = 0; row < scene->row_count; row++)
-        build_blob(scene, options, &options->bottoms[bottom_of(options->top, row)], embree, &scene->blobs[row]);
-    build_blob(scene, options, options->top, embree, &scene->blobs[scene->row_count]);
-    embree_destroy(embree);
+        build_blob(scene, options, &options->bottoms[bottom_of(options->top, row)], &scene->blobs[row]);
+    build_blob(scene, options, options->top, &scene->blobs[scene->row_count]);
     const struct bvhd_vulkan_scene_options upload = {
         .struct_size = sizeof upload, .blobs = scene->blobs, .blob_count = scene->row_count + 1, .format = options->format};
     MUST(bvhd_vulkan_scene_create(scene->gpu->library, &scene->gpu->queue, &upload, &scene->ours, &error));

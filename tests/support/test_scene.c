@@ -15,10 +15,8 @@ static void must(bool condition, const char *what, const struct bvhd_error *erro
 
 void test_scene_init(struct test_scene *scene)
 {
-    struct bvhd_error error = {0};
     memset(scene, 0, sizeof *scene);
     memory_init(&scene->memory, UINT64_MAX);
-    must(embree_create(&scene->embree, &error) == BVHD_OK, "embree", &error);
     scene->scene.bottoms = scene->bottoms;
     scene->native.bottoms = scene->native_bottoms;
 }
@@ -35,7 +33,6 @@ void test_scene_finish(struct test_scene *scene)
 {
     batch_finish(scene->items, TEST_SCENE_BOTTOMS + 1, &scene->memory);
     batch_finish(scene->native_items, TEST_SCENE_BOTTOMS + 1, &scene->memory);
-    embree_destroy(scene->embree);
     must(scene->memory.live == 0, "memory is still held", NULL);
 }
 
@@ -43,7 +40,7 @@ static struct bytes build_item(struct test_scene *scene, const struct build_inpu
 {
     struct bvhd_error error = {0};
     struct limits limits = limits_default();
-    struct build_context context = {.embree = scene->embree, .memory = &scene->memory, .parallel = &parallel_serial};
+    struct build_context context = {.memory = &scene->memory, .parallel = &parallel_serial};
     must(batch_build(input, 1, &limits, &context, item, &error) == BVHD_OK, "batch", &error);
     must(item->status == BVHD_OK, "build", &item->error);
     return (struct bytes){item->blob, item->size};

@@ -24,7 +24,6 @@ struct test_instance {
 
 struct test_scene {
     struct memory memory;
-    struct embree *embree;
     struct batch_item items[TEST_SCENE_BOTTOMS + 1]; /* the last one is the top level */
     struct portable_view views[TEST_SCENE_BOTTOMS + 1];
     const struct portable_view *bottoms[TEST_SCENE_BOTTOMS];

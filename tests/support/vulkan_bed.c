@@ -18,7 +18,7 @@ static void build_row(struct vulkan_bed *bed, struct build_input *input, uint32_
 {
     struct bvhd_error error = {0};
     struct limits limits = limits_default();
-    struct build_context context = {.embree = bed->embree, .memory = &bed->memory, .parallel = &parallel_serial};
+    struct build_context context = {.memory = &bed->memory, .parallel = &parallel_serial};
     struct batch_item *item = &bed->items[row];
     input->geometry_count = 1;
     input->options = (struct build_options){.target = bed->options.target, .device = bed->options.device};
@@ -94,10 +94,8 @@ static void build_top(struct vulkan_bed *bed)
 
 void vulkan_bed_init(struct vulkan_bed *bed, const struct vulkan_bed_options *options)
 {
-    struct bvhd_error error = {0};
     *bed = (struct vulkan_bed){.options = *options, .count = options->bottoms + (options->instances > 0)};
     memory_init(&bed->memory, UINT64_MAX);
-    must(embree_create(&bed->embree, &error) == BVHD_OK, "embree", &error);
     bed->items = calloc(bed->count, sizeof *bed->items);
     bed->blobs = calloc(bed->count, sizeof *bed->blobs);
     must(bed->items && bed->blobs, "no memory", NULL);
@@ -112,7 +110,6 @@ void vulkan_bed_init(struct vulkan_bed *bed, const struct vulkan_bed_options *op
 void vulkan_bed_finish(struct vulkan_bed *bed)
 {
     batch_finish(bed->items, bed->count, &bed->memory);
-    embree_destroy(bed->embree);
     free(bed->items);
     free(bed->blobs);
 }

@@ -24,7 +24,6 @@ struct vulkan_bed_options {
 struct vulkan_bed {
     struct vulkan_bed_options options;
     struct memory memory;
-    struct embree *embree;
     struct batch_item *items; /* bottom levels by row, then the top level */
     struct bvhd_vulkan_bytes *blobs; /* as a scene takes them */
     uint32_t count;

@@ -16,27 +16,12 @@ struct fixture {
     struct batch_item items[ITEMS];
 };
 
-static struct embree *embree;
-
-static int start(void **state)
-{
-    (void)state;
-    return embree_create(&embree, NULL) != BVHD_OK;
-}
-
-static int end(void **state)
-{
-    (void)state;
-    embree_destroy(embree);
-    return 0;
-}
-
 /* Triangles, boxes, instances; the triangles again; wrong ones; boxes in other options; the boxes again. */
 static void fill(struct fixture *f)
 {
     memory_init(&f->memory, UINT64_MAX);
     f->limits = limits_default();
-    f->context = (struct build_context){.embree = embree, .memory = &f->memory, .parallel = &parallel_serial};
+    f->context = (struct build_context){.memory = &f->memory, .parallel = &parallel_serial};
     inputs_triangles(&f->tests[0]);
     inputs_aabbs(&f->tests[1]);
     inputs_instances(&f->tests[2]);
@@ -179,5 +164,5 @@ int main(void)
         cmocka_unit_test(failing_allocations_hit_one_item),
         cmocka_unit_test(peaks_are_of_one_item),
     };
-    return cmocka_run_group_tests(tests, start, end);
+    return cmocka_run_group_tests(tests, NULL, NULL);
 }

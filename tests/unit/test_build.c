@@ -10,26 +10,11 @@
 #include "test_ir.h"
 #include "workers.h"
 
-static struct embree *embree;
-
-static int start(void **state)
-{
-    (void)state;
-    return embree_create(&embree, NULL) != BVHD_OK;
-}
-
-static int end(void **state)
-{
-    (void)state;
-    embree_destroy(embree);
-    return 0;
-}
-
 static const struct build_options balanced = {.quality = QUALITY_BALANCED, .target = TARGET_PORTABLE};
 
 static struct build_context context_over(struct memory *memory, const struct parallel *parallel)
 {
-    return (struct build_context){.embree = embree, .memory = memory, .parallel = parallel};
+    return (struct build_context){.memory = memory, .parallel = parallel};
 }
 
 static const struct test_shape soup = {.type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 6000, .size = 10, .detail = 0.02};
@@ -531,5 +516,5 @@ int main(void)
         cmocka_unit_test(a_blob_goes_to_its_output),
         cmocka_unit_test(an_output_gets_back_what_is_not_wanted),
     };
-    return cmocka_run_group_tests(tests, start, end);
+    return cmocka_run_group_tests(tests, NULL, NULL);
 }

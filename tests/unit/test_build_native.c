@@ -10,21 +10,6 @@
 #include "test_ir.h"
 #include "workers.h"
 
-static struct embree *embree;
-
-static int start(void **state)
-{
-    (void)state;
-    return embree_create(&embree, NULL) != BVHD_OK;
-}
-
-static int end(void **state)
-{
-    (void)state;
-    embree_destroy(embree);
-    return 0;
-}
-
 static struct build_options native(enum build_quality quality, enum lavapipe_variant variant)
 {
     return (struct build_options){.quality = quality, .target = TARGET_LAVAPIPE, .device = {.variant = variant}};
@@ -32,7 +17,7 @@ static struct build_options native(enum build_quality quality, enum lavapipe_var
 
 static struct build_context context_over(struct memory *memory, const struct parallel *parallel)
 {
-    return (struct build_context){.embree = embree, .memory = memory, .parallel = parallel};
+    return (struct build_context){.memory = memory, .parallel = parallel};
 }
 
 /* A blob, and which primitives its boxes lead to. */
@@ -331,5 +316,5 @@ int main(void)
         cmocka_unit_test(inactive_primitives_keep_their_leaves), cmocka_unit_test(a_variant_is_needed),
         cmocka_unit_test(bytes_do_not_depend_on_threads),        cmocka_unit_test(failing_allocations_leave_nothing),
     };
-    return cmocka_run_group_tests(tests, start, end);
+    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -31,21 +31,6 @@ static void tick_for_each(const struct parallel *self, size_t count, parallel_ta
     }
 }
 
-static struct embree *embree;
-
-static int start(void **state)
-{
-    (void)state;
-    return embree_create(&embree, NULL) != BVHD_OK;
-}
-
-static int end(void **state)
-{
-    (void)state;
-    embree_destroy(embree);
-    return 0;
-}
-
 enum { TRIANGLES = 40000, VERTICES = 50000, INSTANCES = 30000, BOXES = 20000 };
 
 struct scene {
@@ -173,7 +158,7 @@ static size_t cancel_everywhere(struct scene *scene, enum build_quality quality)
     for (size_t at = 0; status == BVHD_CANCELLED; at += 1 + at / 4) {
         struct memory memory;
         struct clock clock = {{1, tick_for_each}, 0, at, false};
-        struct build_context context = {.embree = embree, .memory = &memory, .parallel = &clock.face, .cancel = &clock.cancel};
+        struct build_context context = {.memory = &memory, .parallel = &clock.face, .cancel = &clock.cancel};
         struct bvhd_error error = {.status = BVHD_OK};
         memory_init(&memory, UINT64_MAX);
         status = run_all(&scene->input, &context, &error);
@@ -236,7 +221,7 @@ static void a_set_flag_stops_each_step(void **state)
     atomic_bool cancel = true;
     memory_init(&memory, UINT64_MAX);
     make_triangles(&scene, 1);
-    struct build_context whole = {.embree = embree, .memory = &memory, .parallel = &parallel_serial}, none = whole;
+    struct build_context whole = {.memory = &memory, .parallel = &parallel_serial}, none = whole;
     none.cancel = &cancel;
     assert_int_equal(prepare(&scene.input, 0, &limits, &none, &canonical, NULL), BVHD_CANCELLED);
     assert_int_equal(memory.live, 0);
@@ -304,8 +289,7 @@ static void from_another_thread(void **state)
     for (int i = 0; i < 30; i++) {
         struct memory memory;
         struct setter setter = {.after_ns = 300000L * i};
-        struct build_context context = {
-            .embree = embree, .memory = &memory, .parallel = workers_parallel(workers), .cancel = &setter.cancel};
+        struct build_context context = {.memory = &memory, .parallel = workers_parallel(workers), .cancel = &setter.cancel};
         pthread_t thread;
         scene.input.options.quality = (enum build_quality)(QUALITY_FAST + i % 3);
         memory_init(&memory, UINT64_MAX);
@@ -363,5 +347,5 @@ int main(void)
         cmocka_unit_test(from_another_thread),
         cmocka_unit_test(among_many_rows),
     };
-    return cmocka_run_group_tests(tests, start, end);
+    return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -50,7 +50,7 @@ static void make_request(struct random *random, struct request *request)
 }
 
 /* Builds it, and looks which handle each instance has. */
-static void check_against_build(const struct request *request, struct embree *embree)
+static void check_against_build(const struct request *request)
 {
     struct reference references[REFERENCES];
     struct memory memory;
@@ -76,7 +76,7 @@ static void check_against_build(const struct request *request, struct embree *em
                                       .references = references,
                                       .options.target = TARGET_PORTABLE};
     const struct limits limits = limits_default();
-    const struct build_context context = {.embree = embree, .memory = &memory, .parallel = &parallel_serial};
+    const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
     assert_int_equal(batch_build(&input, 1, &limits, &context, &item, &error), BVHD_OK);
     assert_int_equal(item.status, BVHD_OK);
     assert_int_equal(portable_open((struct bytes){item.blob, item.size}, &memory, &view, &error), BVHD_OK);
@@ -99,15 +99,12 @@ static void check_against_build(const struct request *request, struct embree *em
 static void rows_are_those_of_what_is_built(void **state)
 {
     (void)state;
-    struct embree *embree;
     struct random random = {11};
     struct request request;
-    assert_int_equal(embree_create(&embree, NULL), BVHD_OK);
     for (int i = 0; i < 300; i++) {
         make_request(&random, &request);
-        check_against_build(&request, embree);
+        check_against_build(&request);
     }
-    embree_destroy(embree);
     assert_int_equal(library_memory.live, 0);
 }
 

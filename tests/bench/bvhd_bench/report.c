@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "choice.h"
+#include "embree_api.h"
 #include "json.h"
 
 enum { SCHEMA = 1 };
@@ -200,7 +201,7 @@ static void write_settings(struct json *json, const struct measure_options *opti
     json_integer(json, "picture", options->picture);
     json_integer(json, "check_rays", options->check_rays);
     json_integer(json, "seed", options->seed);
-    json_integer(json, "embree", embree_version());
+    json_integer(json, "embree", RTC_VERSION);
     json_object_end(json);
 }
 

@@ -16,9 +16,8 @@ bool bench_start(unsigned threads, struct bench *ret_bench)
 {
     struct bvhd_error error;
     struct bench bench = {.threads = threads};
-    if (embree_create(&bench.embree, &error) != BVHD_OK || workers_create(threads, &bench.workers, &error) != BVHD_OK) {
+    if (workers_create(threads, &bench.workers, &error) != BVHD_OK) {
         fprintf(stderr, "bvhd-bench: %s\n", error.text);
-        embree_destroy(bench.embree);
         return false;
     }
     bench.parallel = workers_parallel(bench.workers);
@@ -30,12 +29,11 @@ bool bench_start(unsigned threads, struct bench *ret_bench)
 void bench_stop(struct bench *bench)
 {
     workers_destroy(bench->workers);
-    embree_destroy(bench->embree);
 }
 
 static struct build_context context_of(struct bench *bench)
 {
-    return (struct build_context){.embree = bench->embree, .memory = &bench->memory, .parallel = bench->parallel};
+    return (struct build_context){.memory = &bench->memory, .parallel = bench->parallel};
 }
 
 static bool refused(struct subject *subject, const char *what, const struct bvhd_error *error)

@@ -13,7 +13,6 @@
 /* What builds run with. */
 struct bench {
     struct memory memory;
-    struct embree *embree;
     struct workers *workers;
     const struct parallel *parallel;
     unsigned threads;
