@@ -6,6 +6,7 @@
 #include "clock.h"
 #include "content_key.h"
 #include "prepare.h"
+#include "tier.h"
 #include "validate.h"
 
 /*
@@ -86,7 +87,9 @@ static void run_item(const struct batch *batch, const struct build_input *input,
     item->prepare_ms = clock_ms() - begin;
     if (item->status != BVHD_OK)
         return;
-    item->status = build_item(batch, &canonical, &input->options, &context, item);
+    struct build_options options = input->options;
+    options.quality = tier_resolve(&canonical, &options);
+    item->status = build_item(batch, &canonical, &options, &context, item);
     prepare_finish(&canonical, &memory);
     item->peak_bytes = atomic_load(&memory.peak);
 }

@@ -13,6 +13,7 @@
 #include "scatter.h"
 #include "spatial.h"
 #include "split.h"
+#include "tier.h"
 
 /* A tree of this depth is not touched before it is known how deep its wide form is: eight-wide nodes make a third of the levels. */
 enum { BINARY_DEPTH_LIMIT = 64 };
@@ -33,17 +34,6 @@ struct construction {
     double clock; /* ms, when the running stage began */
     struct bvhd_error *error;
 };
-
-enum build_quality build_quality_resolve(enum build_quality asked, uint32_t build_flags)
-{
-    if (asked == QUALITY_FAST || asked == QUALITY_BALANCED || asked == QUALITY_HIGH)
-        return asked;
-    if (asked == QUALITY_UNSPECIFIED && (build_flags & BUILD_PREFER_FAST_BUILD))
-        return QUALITY_FAST;
-    if (asked == QUALITY_UNSPECIFIED && (build_flags & BUILD_PREFER_FAST_TRACE))
-        return QUALITY_HIGH;
-    return QUALITY_BALANCED;
-}
 
 const char *build_quality_name(enum build_quality quality)
 {
@@ -366,7 +356,8 @@ static enum bvhd_status construction_init(struct construction *construction, con
                                           struct bvhd_error *error)
 {
     *construction = (struct construction){.canonical = canonical, .context = context, .error = error, .clock = clock_ms()};
-    construction->quality = build_quality_resolve(options->quality, canonical->flags);
+    construction->quality = tier_resolve(canonical, options);
+    construction->stats.quality = construction->quality;
     construction->layout = layout_find(options->target);
     if (!construction->layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.target", "unknown target %d", (int)options->target);

@@ -28,16 +28,12 @@ struct build_stats {
     uint32_t depth; /* levels of the 2-wide ir, after the depth pass */
     double sah; /* of the 2-wide ir; 0 when empty */
     const char *method; /* "ploc", "binned", "spatial", "none" without refs; static */
+    enum build_quality quality; /* that was built: never UNSPECIFIED or AUTO (tier.h) */
     struct box bounds; /* of the whole structure */
     struct build_times ms;
     struct layout_sizes sizes;
 };
 
-/*
- * The quality that is built: a named one, which AUTO is too, before Vulkan's PREFER flags (FAST_BUILD: fast, FAST_TRACE: high), else balanced.
- * AUTO is balanced. Never UNSPECIFIED or AUTO.
- */
-enum build_quality build_quality_resolve(enum build_quality asked, uint32_t build_flags);
 const char *build_quality_name(enum build_quality quality);
 
 /*

@@ -5,6 +5,7 @@
 
 #include "build.h"
 #include "layout.h"
+#include "tier.h"
 
 /* The terminating NULs are hashed too: what follows begins at a known place. */
 static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2";
@@ -67,7 +68,7 @@ static struct root describe_root(const struct canonical *canonical, const struct
     bytes_put32(root.bytes + 12, layout->target);
     bytes_put32(root.bytes + 16, layout->version);
     bytes_put32(root.bytes + 20, options->layout_flags);
-    bytes_put32(root.bytes + 24, build_quality_resolve(options->quality, canonical->flags));
+    bytes_put32(root.bytes + 24, tier_resolve(canonical, options));
     describe_device(&options->device, layout->variants, root.bytes + 28);
     return root;
 }

@@ -2,6 +2,7 @@
 #include "validate.h"
 
 #include <inttypes.h>
+#include <math.h>
 
 #include "layout.h"
 #include "parallel.h"
@@ -109,6 +110,9 @@ static enum bvhd_status check_options(const struct build_options *options, uint3
     if ((uint32_t)options->quality > QUALITY_AUTO)
         return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.quality", index).text, "%u is no quality",
                               (unsigned)options->quality);
+    if (!isfinite(options->rays_per_primitive) || options->rays_per_primitive < 0)
+        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.raysPerPrimitive", index).text, "%g rays",
+                              (double)options->rays_per_primitive);
     const struct layout *layout = layout_find(options->target);
     if (!layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u].options.target", index).text, "target %u is not known",

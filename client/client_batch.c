@@ -58,6 +58,7 @@ static void copy_facts(struct batch_item *item, const struct control_facts *fact
     result->method = item->method;
     memcpy(result->bounds, facts->bounds, sizeof result->bounds);
     result->target = (enum bvhd_target)facts->target;
+    result->quality = (enum bvhd_quality)facts->quality;
 }
 
 void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const struct control_result *result, struct bvhd_blob *blob)

@@ -90,7 +90,8 @@ static void start(struct bvhd_batch *batch)
 
 static enum bvhd_status check_build(const struct bvhd_build *build, struct build_options *ret_options, struct bvhd_error *error)
 {
-    if (build->struct_size < sizeof *build && build->struct_size != FORMAT_BUILD_WITHOUT)
+    bool is_older = build->struct_size == FORMAT_BUILD_WITHOUT || build->struct_size == FORMAT_BUILD_RAYLESS;
+    if (build->struct_size < sizeof *build && !is_older)
         return bvhd_error_set(error, BVHD_INVALID, "build.struct_size", "%zu bytes instead of sizeof(struct bvhd_build)",
                               build->struct_size);
     if (build->info_count > 0 && !build->infos)

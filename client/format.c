@@ -52,6 +52,8 @@ enum bvhd_status format_options(const struct bvhd_build *build, struct build_opt
         return status;
     struct build_options options = {
         .quality = (enum build_quality)build->quality, .target = (enum target)target, .layout_flags = build->layout_flags};
+    if (build->struct_size > FORMAT_BUILD_RAYLESS)
+        options.rays_per_primitive = build->rays_per_primitive;
     if (format) {
         options.device.variant = format->variant;
         memcpy(options.device.driver_uuid, format->driver_uuid, sizeof options.device.driver_uuid);

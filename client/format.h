@@ -6,8 +6,11 @@
 #include "bvhd/bvhd.h"
 #include "geometry.h"
 
-/* The size that struct bvhd_build had before it had a format: programs that were compiled then have none. */
-enum { FORMAT_BUILD_WITHOUT = offsetof(struct bvhd_build, format) };
+/* The sizes that struct bvhd_build had before it had a format, and before it said anything of rays: programs that were compiled then have none. */
+enum {
+    FORMAT_BUILD_WITHOUT = offsetof(struct bvhd_build, format),
+    FORMAT_BUILD_RAYLESS = offsetof(struct bvhd_build, rays_per_primitive)
+};
 
 /*
  * `build` has one of the sizes that it may have. BVHD_INVALID, with the place "build.format": a native target without a format, a format of another target or of no

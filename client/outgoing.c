@@ -178,6 +178,7 @@ static struct control_item describe(const struct build_input *input)
         .reference_count = input->reference_count,
         .reference_size = sizeof(struct reference_row),
         .device = input->options.device,
+        .rays_per_primitive = input->options.rays_per_primitive,
     };
 }
 

@@ -110,7 +110,7 @@ uint64_t flights_build_bytes(const struct preparation *preparation)
     };
     const struct canonical *canonical = &preparation->canonical;
     bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
-    bool high = build_quality_resolve(preparation->options.quality, canonical->flags) == QUALITY_HIGH;
+    bool high = preparation->options.quality == QUALITY_HIGH;
     const struct layout *layout = layout_find(preparation->options.target);
     bool single = !triangles || (layout && layout->leaf_max == 1);
     uint64_t each = triangles && high ? SPLIT_TRIANGLE : single ? SINGLE : TRIANGLE;
@@ -264,8 +264,10 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     unsigned char *bytes;
     memory_init_within(&memory, tier_of(flight) == ADMISSION_LARGE ? flight->flights->large : flight->flights->memory, UINT64_MAX);
     blob_writer_init(&writer, flight->flights->account);
-    const struct build_context context = {
-        .memory = &memory, .parallel = parallel, .cancel = &flight->job.cancel, .output = &writer.output};
+    const struct build_context context = {.memory = &memory,
+                                          .parallel = parallel,
+                                          .cancel = &flight->job.cancel,
+                                          .output = &writer.output};
     enum bvhd_status status = build(&preparation->canonical, &preparation->options, &context, &bytes, &stats, &flight->error);
     if (status != BVHD_OK) {
         if (status == BVHD_NO_MEMORY && writer.error.status != BVHD_OK) {

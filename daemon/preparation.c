@@ -7,6 +7,7 @@
 #include "content_key.h"
 #include "place.h"
 #include "prepare.h"
+#include "tier.h"
 #include "validate.h"
 
 /*
@@ -94,8 +95,13 @@ struct preparation *preparation_create(const struct control_item *item, uint32_t
         return NULL;
     }
     *preparation = (struct preparation){.asked = *item, .index = index, .source = *source, .within = memory};
-    preparation->options =
-        (struct build_options){(enum build_quality)item->quality, (enum target)item->target, item->layout_flags, item->device};
+    preparation->options = (struct build_options){
+        .quality = (enum build_quality)item->quality,
+        .target = (enum target)item->target,
+        .layout_flags = item->layout_flags,
+        .device = item->device,
+        .rays_per_primitive = item->rays_per_primitive,
+    };
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
     return preparation;
 }
@@ -170,7 +176,8 @@ static enum bvhd_status prepare_input(struct preparation *preparation, const str
         status = prepare(input, preparation->index, preparation->limits, context, &preparation->canonical, error);
     if (status != BVHD_OK)
         return status;
-    status = content_key(&preparation->canonical, &input->options, context, &preparation->key, error);
+    preparation->options.quality = tier_resolve(&preparation->canonical, &input->options);
+    status = content_key(&preparation->canonical, &preparation->options, context, &preparation->key, error);
     if (status != BVHD_OK)
         prepare_finish(&preparation->canonical, &preparation->memory);
     return status;

@@ -44,7 +44,7 @@ struct preparation {
     struct bvhd_error error;
     uint64_t needed; /* over `promised`: nothing was done but to find that out */
     struct canonical canonical; /* of `memory` */
-    struct build_options options;
+    struct build_options options; /* as asked; of a copy, with the quality that is built */
     struct key key;
     struct memory memory; /* what it holds */
     struct memory *within; /* what the struct itself is from */

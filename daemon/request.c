@@ -160,6 +160,7 @@ static struct control_facts facts_of(const struct blob *blob)
         .peak_bytes = blob->peak_bytes,
         .depth = stats->depth,
         .target = blob->target,
+        .quality = stats->quality,
         .sah = stats->sah,
         .build_ms = blob->build_ms,
     };

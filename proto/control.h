@@ -69,6 +69,7 @@ struct control_item {
     uint32_t memfd; /* which of the request's */
     uint64_t payload_offset, payload_size; /* within the source */
     struct device_format device; /* of a native target */
+    float rays_per_primitive;
 };
 
 /* FRAME_BUILD. Priorities: PRIORITY_LOW .. PRIORITY_HIGH, others count as the nearest. */
@@ -104,6 +105,7 @@ struct control_facts {
     double sah, build_ms;
     char method[CONTROL_NAME_SIZE];
     float bounds[6];
+    uint32_t quality; /* QUALITY_: that was built */
 };
 
 /* FRAME_RESULT. The bytes come inline, or as the frame's descriptor. */

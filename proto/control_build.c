@@ -20,7 +20,7 @@ struct item_row {
     uint64_t payload_offset, payload_size;
     uint8_t driver_uuid[16], compatibility_uuid[16]; /* from here on: since there are native targets */
     uint32_t variant;
-    uint32_t reserved; /* 0 */
+    float rays_per_primitive; /* since there is a choice by it */
 };
 
 enum { ITEM_ROW_SHORTEST = offsetof(struct item_row, driver_uuid) };
@@ -47,6 +47,7 @@ static struct item_row item_to_row(const struct control_item *item)
         .payload_offset = item->payload_offset,
         .payload_size = item->payload_size,
         .variant = item->device.variant,
+        .rays_per_primitive = item->rays_per_primitive,
     };
     memcpy(row.driver_uuid, item->device.driver_uuid, sizeof row.driver_uuid);
     memcpy(row.compatibility_uuid, item->device.compatibility_uuid, sizeof row.compatibility_uuid);
@@ -73,6 +74,7 @@ static struct control_item row_to_item(const struct item_row *row)
         .payload_offset = row->payload_offset,
         .payload_size = row->payload_size,
         .device = {.variant = row->variant},
+        .rays_per_primitive = row->rays_per_primitive,
     };
     memcpy(item.device.driver_uuid, row->driver_uuid, sizeof item.device.driver_uuid);
     memcpy(item.device.compatibility_uuid, row->compatibility_uuid, sizeof item.device.compatibility_uuid);
@@ -110,7 +112,7 @@ enum bvhd_status control_pack_build(const struct control_build *build, struct me
 
 static enum bvhd_status check_rest(const unsigned char *row, uint32_t size, uint32_t item, struct bvhd_error *error)
 {
-    for (uint32_t at = offsetof(struct item_row, reserved); at < size; at++)
+    for (uint32_t at = sizeof(struct item_row); at < size; at++)
         if (row[at] != 0)
             return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u]", item).text, "fields of a newer version");
     return BVHD_OK;

@@ -43,6 +43,7 @@ static void put_facts(const struct control_facts *facts, Bvhd__Result *message)
     message->peak_bytes = facts->peak_bytes;
     message->depth = facts->depth;
     message->target = facts->target;
+    message->quality = facts->quality;
     message->sah = control_double_bits(facts->sah);
     message->first_build_ms = control_double_bits(facts->build_ms);
     message->method = control_constant(facts->method);
@@ -62,6 +63,7 @@ static void take_facts(const Bvhd__Result *message, struct control_facts *facts)
     facts->peak_bytes = message->peak_bytes;
     facts->depth = message->depth;
     facts->target = message->target;
+    facts->quality = message->quality;
     facts->sah = control_bits_double(message->sah);
     facts->build_ms = control_bits_double(message->first_build_ms);
     control_copy_text(message->method, sizeof facts->method, facts->method);

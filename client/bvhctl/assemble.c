@@ -77,6 +77,7 @@ static struct bvhd_build make_request(const struct options *options, uint32_t co
         .target = (enum bvhd_target)options->build.target,
         .layout_flags = options->build.layout_flags,
         .format = options->format,
+        .rays_per_primitive = (float)options->rays,
     };
 }
 

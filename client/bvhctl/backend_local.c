@@ -71,6 +71,7 @@ static void copy_result(const struct batch_item *item, enum target target, struc
         .original_build_ms = item->build_ms,
         .method = stats->method,
         .target = (enum bvhd_target)target,
+        .quality = (enum bvhd_quality)stats->quality,
     };
     result.error.status = item->status;
     memcpy(&result.key, &item->key, sizeof result.key);

@@ -65,12 +65,12 @@ static const struct option_row option_rows[] = {
      "that of --probe"},
     {"probe", OPTION_PROBE, "FILE", ON_BUILD,
      "a file of 'bvhctl probe': build what its device loads natively, and without\n--target whatever that is"},
-    {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else balanced)"},
+    {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else auto)"},
     {"flags", OPTION_FLAGS, "LIST", ON_BUILD,
      "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build,\nlow-memory, allow-data-access; with commas between"},
     {"layout", OPTION_LAYOUT, "LIST", ON_BUILD, "fast-triangles: three float4 a triangle, larger and quicker to trace"},
     {"geometry-flags", OPTION_GEOMETRY_FLAGS, "LIST", ON_BUILD, "opaque (default), no-duplicate-any-hit, none"},
-    {"rays", OPTION_RAYS, "N", ON_BUILD, "rays a primitive that the result will meet, a hint for --quality auto"},
+    {"rays", OPTION_RAYS, "N", ON_BUILD, "rays a primitive that the result will meet: what auto chooses by (without: balanced)"},
     {"rays", OPTION_RAYS, "N", ON_CHECK, "how many rays to send (default 4000)"},
     {"seed", OPTION_SEED, "S", ON_CHECK, "which rays (default 1)"},
     {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK, "visit children in the opposite order; the answers must be the same"},
@@ -211,7 +211,7 @@ static enum bvhd_status parse_rays(const struct options *options, const char *te
     }
     char *end;
     double rays = strtod(text, &end);
-    if (end == text || *end || !isfinite(rays) || rays <= 0)
+    if (end == text || *end || !isfinite((float)rays) || (float)rays <= 0)
         return usage(error, "--rays", "not a positive number: '%s'", text);
     *ret_rays = rays;
     return BVHD_OK;

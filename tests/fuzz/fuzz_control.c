@@ -48,7 +48,8 @@ static void try_payload(const struct control_item *item, uint32_t index, struct 
         .options = {.quality = (enum build_quality)item->quality,
                     .target = (enum target)item->target,
                     .layout_flags = item->layout_flags,
-                    .device = item->device},
+                    .device = item->device,
+                    .rays_per_primitive = item->rays_per_primitive},
     };
     struct rows_shape shape = {item->geometry_count, item->geometry_size, item->reference_count, item->reference_size, NULL};
     struct limits limits = small_limits();

@@ -78,7 +78,7 @@ done
 run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d --json --depfile 'dep s.d'
 one_json_object
 for field in structures file type name geometries material primitives triangles instances inactive degenerate skipped bytes key cached \
-    coalesced prepare_ms build_ms peak_bytes depth sah refs method target wall_ms; do
+    coalesced prepare_ms build_ms peak_bytes depth sah refs method quality target wall_ms; do
     expect "the field $field" grep -q "\"$field\":" out
 done
 expect 'lines are counted aloud' grep -q '^bvhctl: mixed: not geometry.* 1 lines' err

@@ -37,8 +37,9 @@ static inline void messages_fill(struct messages *all)
     for (uint32_t i = 0; i < MESSAGES_ITEMS; i++) {
         uint32_t n = 100 * i;
         all->build_items[i] = (struct control_item){
-            n + 1,  n + 2,          n + 3,  UINT64_MAX - n,     n + 5,        n + 6, n + 7, n + 8, n + 9, n + 10, n + 11, n + 12,
-            n + 13, UINT32_MAX - n, n + 15, UINT64_MAX - 2 * n, {{0}, {0}, 0}};
+            n + 1,         n + 2,           n + 3,  UINT64_MAX - n, n + 5,  n + 6,          n + 7,  n + 8,
+            n + 9,         n + 10,          n + 11, n + 12,         n + 13, UINT32_MAX - n, n + 15, UINT64_MAX - 2 * n,
+            {{0}, {0}, 0}, 0.25f * (float)n};
         memset(all->build_items[i].device.driver_uuid, (int)n + 17, 16);
         memset(all->build_items[i].device.compatibility_uuid, (int)n + 18, 16);
         all->build_items[i].device.variant = UINT32_MAX - n - 19;
@@ -52,8 +53,14 @@ static inline void messages_fill(struct messages *all)
         (struct control_result){.item = 9, .size = 12345678901, .origin = ORIGIN_COALESCED, .queued_ms = 0.5, .prepare_ms = -0.0};
     memset(&all->result.key, 0xc3, sizeof all->result.key);
     all->result.build_ms = NAN;
-    all->result.facts = (struct control_facts){
-        11, 12, 13, 14, 15, 16, 17, UINT64_MAX, 18, TARGET_PORTABLE, -0.0, INFINITY, "spatial", {-0.0f, NAN, -INFINITY, 1, 2, 3}};
+    all->result.facts = (struct control_facts){11,          12,
+                                               13,          14,
+                                               15,          16,
+                                               17,          UINT64_MAX,
+                                               18,          TARGET_PORTABLE,
+                                               -0.0,        INFINITY,
+                                               "spatial",   {-0.0f, NAN, -INFINITY, 1, 2, 3},
+                                               QUALITY_HIGH};
     all->busy.retry_ms = 250;
     all->counters = (struct control_counters){MESSAGES_COUNTERS, all->rows};
     all->rows[0] = (struct control_counter){"builds_started", 1};

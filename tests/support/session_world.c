@@ -519,6 +519,7 @@ struct control_item world_item(const struct build_input *input, uint64_t size, e
         .payload_offset = offset,
         .payload_size = size,
         .device = input->options.device,
+        .rays_per_primitive = input->options.rays_per_primitive,
     };
 }
 

@@ -88,8 +88,11 @@ static void spoil_item(struct wrong_frames *wrong, struct control_item *item)
                                 &item->geometry_count, &item->geometry_size,  &item->reference_count,
                                 &item->reference_size, &item->payload_source, &item->memfd};
     uint64_t *const wide[] = {&item->destination, &item->source, &item->payload_offset, &item->payload_size};
-    uint64_t which = wrong_below(wrong, 16);
-    if (which < 12)
+    uint64_t which = wrong_below(wrong, 17);
+    uint32_t bits = (uint32_t)odd_value(wrong);
+    if (which == 16)
+        memcpy(&item->rays_per_primitive, &bits, sizeof bits);
+    else if (which < 12)
         *narrow[which] = (uint32_t)odd_value(wrong);
     else
         *wide[which - 12] = odd_value(wrong);

@@ -120,16 +120,9 @@ static void qualities_differ(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-static void quality_is_resolved(void **state)
+static void qualities_have_names(void **state)
 {
     (void)state;
-    assert_int_equal(build_quality_resolve(QUALITY_UNSPECIFIED, 0), QUALITY_BALANCED);
-    assert_int_equal(build_quality_resolve(QUALITY_UNSPECIFIED, BUILD_PREFER_FAST_BUILD), QUALITY_FAST);
-    assert_int_equal(build_quality_resolve(QUALITY_UNSPECIFIED, BUILD_PREFER_FAST_TRACE), QUALITY_HIGH);
-    assert_int_equal(build_quality_resolve(QUALITY_AUTO, BUILD_PREFER_FAST_TRACE), QUALITY_BALANCED);
-    assert_int_equal(build_quality_resolve(QUALITY_FAST, BUILD_PREFER_FAST_TRACE), QUALITY_FAST);
-    assert_int_equal(build_quality_resolve(QUALITY_BALANCED, BUILD_PREFER_FAST_BUILD), QUALITY_BALANCED);
-    assert_int_equal(build_quality_resolve(QUALITY_HIGH, BUILD_PREFER_FAST_BUILD), QUALITY_HIGH);
     assert_string_equal(build_quality_name(QUALITY_FAST), "fast");
     assert_string_equal(build_quality_name(QUALITY_HIGH), "high");
     assert_string_equal(build_quality_name((enum build_quality)77), "unknown");
@@ -504,7 +497,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_kind_of_primitive_and_quality),
         cmocka_unit_test(qualities_differ),
-        cmocka_unit_test(quality_is_resolved),
+        cmocka_unit_test(qualities_have_names),
         cmocka_unit_test(bytes_do_not_depend_on_threads),
         cmocka_unit_test(magnitudes_do_not_matter),
         cmocka_unit_test(scale_does_not_change_the_tree),

@@ -89,8 +89,8 @@ static void keys_are_as_defined(void **state)
 {
     struct fixture *fixture = *state;
     const struct build_options options[] = {
-        {QUALITY_HIGH, TARGET_PORTABLE, PORTABLE_FAST_TRIANGLES, device},
-        {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device},
+        {QUALITY_HIGH, TARGET_PORTABLE, PORTABLE_FAST_TRIANGLES, device, 0},
+        {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device, 1},
     };
     for (int i = 0; i < 2 * SIZE_COUNT; i++) {
         struct key key = key_for(fixture, sizes[i / 2], &options[i % 2], &parallel_serial);
@@ -140,7 +140,7 @@ static void the_quality_is_the_one_that_is_built(void **state)
 /* What a device's driver loads names other bytes, in every byte of it; a layout that looks at no device has one key for all. */
 static void devices_matter_to_native_targets_alone(void **state)
 {
-    struct build_options options = {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device};
+    struct build_options options = {QUALITY_HIGH, TARGET_LAVAPIPE, 0, device, 0};
     struct key before = key_for(*state, 1000, &options, &parallel_serial);
     for (size_t i = 0; i < sizeof device; i++) {
         ((unsigned char *)&options.device)[i] ^= 1;

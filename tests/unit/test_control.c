@@ -79,6 +79,7 @@ static void builds_come_back(void **state)
             assert_true(a->payload_source == b->payload_source && a->memfd == b->memfd);
             assert_true(a->payload_offset == b->payload_offset && a->payload_size == b->payload_size);
             assert_memory_equal(&a->device, &b->device, sizeof a->device);
+            assert_true(a->rays_per_primitive == b->rays_per_primitive);
         }
         memory_free(&memory, back);
     }
@@ -117,7 +118,8 @@ static void results_come_back(void **state)
     assert_memory_equal(&back->queued_ms, &all.result.queued_ms, sizeof(double));
     assert_memory_equal(&back->prepare_ms, &all.result.prepare_ms, sizeof(double));
     assert_memory_equal(&back->build_ms, &all.result.build_ms, sizeof(double));
-    assert_memory_equal(&back->facts, &all.result.facts, sizeof back->facts);
+    assert_memory_equal(&back->facts, &all.result.facts, offsetof(struct control_facts, quality));
+    assert_int_equal(back->facts.quality, QUALITY_HIGH);
     memory_free(&memory, back);
     all.result.error = all.error;
     back = there_and_back("result", &all.result);
@@ -321,14 +323,14 @@ static void counts_and_sizes_are_checked(void **state)
     refuse("build", &writing, BVHD_TOO_LARGE, "build.items");
     put_items(&writing, 4096, 8192, 0);
     refuse("build", &writing, BVHD_OK, "");
-    put_items(&writing, 116, 116 * CONTROL_MAX_ITEMS, 7);
+    put_items(&writing, 120, 120 * CONTROL_MAX_ITEMS, 7);
     refuse("build", &writing, BVHD_OK, "");
-    put_items(&writing, 120, 5 * 120, 7);
+    put_items(&writing, 124, 5 * 124, 7);
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[0]");
     put_items(&writing, 121, 5 * 121, 0);
     writing.bytes[writing.size - 1] = 1;
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
-    put_items(&writing, 120, 5 * 120, 0);
+    put_items(&writing, 124, 5 * 124, 0);
     writing.bytes[writing.size - 4] = 1;
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
     put_block(&writing, 4, 80, 0); /* rows of no declared size */
@@ -370,10 +372,10 @@ static void older_rows_lack_their_end(void **state)
     enum { ROWS = 3 };
     unsigned char whole[120];
     for (size_t i = 0; i < sizeof whole; i++)
-        whole[i] = i < 116 ? (unsigned char)(i + 1) : 0;
+        whole[i] = (unsigned char)(i + 1);
     for (uint32_t size = 80; size <= 160; size += 4) {
         struct writing writing = {malloc(1000), 0};
-        uint32_t known = size < 116 ? size : 116;
+        uint32_t known = size < 120 ? size : 120;
         put_items(&writing, size, (uint64_t)ROWS * size, 0);
         for (uint32_t row = 0; row < ROWS; row++)
             memcpy(writing.bytes + writing.size - (uint64_t)(row + 1) * size, whole, known);
@@ -381,8 +383,12 @@ static void older_rows_lack_their_end(void **state)
         assert_int_equal(build->item_count, ROWS);
         for (uint32_t row = 0; row < ROWS; row++) {
             struct device_format want = {{0}, {0}, 0};
-            memcpy(&want, whole + 80, known - 80);
+            memcpy(&want, whole + 80, (known < 116 ? known : 116) - 80);
             assert_memory_equal(&build->items[row].device, &want, sizeof want);
+            float rays = 0;
+            if (known == 120)
+                memcpy(&rays, whole + 116, sizeof rays);
+            assert_true(build->items[row].rays_per_primitive == rays);
             assert_int_equal(build->items[row].type, 0x04030201);
             assert_true(build->items[row].payload_size == UINT64_C(0x504f4e4d4c4b4a49));
         }

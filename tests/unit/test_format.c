@@ -2,6 +2,8 @@
 /* What a program says of the device that it builds for: into options, onto the wire, and what older ones on either side make of it. */
 #include "unit.h"
 
+#include <math.h>
+
 #include "client_bed.h"
 #include "format.h"
 
@@ -26,11 +28,15 @@ static void test_options(void **state)
 {
     (void)state;
     struct bvhd_format format = lavapipe(2);
-    struct bvhd_build build = {.struct_size = sizeof build, .quality = BVHD_QUALITY_HIGH, .layout_flags = BVHD_PORTABLE_FAST_TRIANGLES};
+    struct bvhd_build build = {.struct_size = sizeof build,
+                               .quality = BVHD_QUALITY_HIGH,
+                               .layout_flags = BVHD_PORTABLE_FAST_TRIANGLES,
+                               .rays_per_primitive = 2.5f};
     static const struct device_format none;
     struct build_options options;
     assert_int_equal(format_options(&build, &options, NULL), BVHD_OK);
     assert_int_equal(options.quality, QUALITY_HIGH);
+    assert_true(options.rays_per_primitive == 2.5f);
     assert_int_equal(options.layout_flags, PORTABLE_FAST_TRIANGLES);
     assert_int_equal(options.target, TARGET_PORTABLE);
     assert_memory_equal(&options.device, &none, sizeof none);
@@ -96,15 +102,21 @@ static void test_older_programs(void **state)
     assert_int_equal(options.target, TARGET_PORTABLE);
     build.target = BVHD_TARGET_LAVAPIPE;
     refuse(&build, "lavapipe");
+    build = (struct bvhd_build){.struct_size = FORMAT_BUILD_RAYLESS, .rays_per_primitive = NAN};
+    assert_int_equal(format_options(&build, &options, NULL), BVHD_OK);
+    assert_true(options.rays_per_primitive == 0);
     struct client_bed bed;
     struct bvhd_batch *batch;
     bed_start(&bed);
     bed_describe(bed.asked, 1, 1);
-    bed.asked->build.struct_size = FORMAT_BUILD_WITHOUT;
-    memset(&bed.asked->build.format, 0xff, sizeof build.format);
-    assert_int_equal(bvhd_batch_submit(bed.client, &bed.asked->build, &batch, NULL), BVHD_OK);
-    assert_int_equal(bed_status(batch, 0), BVHD_PENDING);
-    bvhd_batch_destroy(batch);
+    static const size_t right[] = {FORMAT_BUILD_RAYLESS, FORMAT_BUILD_WITHOUT};
+    for (size_t i = 0; i < sizeof right / sizeof right[0]; i++) {
+        bed.asked->build.struct_size = right[i];
+        memset((char *)&bed.asked->build + right[i], 0xff, sizeof build - right[i]);
+        assert_int_equal(bvhd_batch_submit(bed.client, &bed.asked->build, &batch, NULL), BVHD_OK);
+        assert_int_equal(bed_status(batch, 0), BVHD_PENDING);
+        bvhd_batch_destroy(batch);
+    }
     static const size_t wrong[] = {0, 8, FORMAT_BUILD_WITHOUT - 1, FORMAT_BUILD_WITHOUT + 1, sizeof build - 1};
     for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
         struct bvhd_error error;

@@ -38,6 +38,7 @@ static struct control_item item_of(const struct build_input *input, uint64_t siz
         .quality = input->options.quality,
         .target = input->options.target,
         .layout_flags = input->options.layout_flags,
+        .rays_per_primitive = input->options.rays_per_primitive,
         .geometry_count = input->geometry_count,
         .geometry_size = ROWS_GEOMETRY_SIZE,
         .reference_count = input->reference_count,
@@ -105,6 +106,26 @@ static void test_each_kind(void **state)
         assert_null(preparation->source.payload);
         preparation_destroy(preparation);
     }
+}
+
+/* Two hints that lead to one tier are one request. */
+static void test_hints(void **state)
+{
+    (void)state;
+    struct key keys[3];
+    for (int i = 0; i < 3; i++) {
+        struct test_input test;
+        inputs_triangles(&test);
+        test.input.options.quality = i == 2 ? QUALITY_FAST : QUALITY_AUTO;
+        test.input.options.rays_per_primitive = i == 1 ? 0.001f : 0.002f;
+        struct preparation *preparation = create(&test.input);
+        run(preparation);
+        assert_int_equal(preparation->status, BVHD_OK);
+        assert_int_equal(preparation->options.quality, QUALITY_FAST);
+        keys[i] = preparation->key;
+        preparation_destroy(preparation);
+    }
+    assert_true(key_equal(&keys[0], &keys[1]) && key_equal(&keys[0], &keys[2]));
 }
 
 /* It stops with the rows, holds nothing but its payload, and goes on when it is given what it asked for. */
@@ -416,6 +437,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         TEST(test_each_kind),
+        TEST(test_hints),
         TEST(test_it_asks_for_what_it_needs),
         TEST(test_bounds_hold),
         TEST(test_bounds_of_top_levels_hold),

@@ -214,6 +214,7 @@ static void item_rows_are_the_table(void **state)
     memset(item.device.driver_uuid, 17, sizeof item.device.driver_uuid);
     memset(item.device.compatibility_uuid, 18, sizeof item.device.compatibility_uuid);
     item.device.variant = 19;
+    item.rays_per_primitive = 0.25f;
     static const char *const names[] = {"type",           "flags",          "mode",          "quality",         "target",
                                         "layout_flags",   "geometry_count", "geometry_size", "reference_count", "reference_size",
                                         "payload_source", "memfd",          "destination",   "source",          "payload_offset",
@@ -232,7 +233,11 @@ static void item_rows_are_the_table(void **state)
     field(80, 16, "driver_uuid");
     field(96, 16, "compatibility_uuid");
     field(112, 4, "variant");
-    for (int i = 0; i < 40; i++)
+    field(116, 4, "rays_per_primitive");
+    float rays;
+    memcpy(&rays, control.data + 4 + 116, sizeof rays);
+    assert_true(rays == 0.25f);
+    for (int i = 0; i < 36; i++)
         assert_int_equal(control.data[4 + 80 + i], i < 16 ? 17 : i < 32 ? 18 : i == 32 ? 19 : 0);
     memory_free(&memory, (void *)(uintptr_t)control.data);
 }

@@ -62,6 +62,7 @@ static const char *const fields[] = {
     "Result.first_build_ms 27 fixed64",
     "Result.method 28 string",
     "Result.bounds 29 repeated float",
+    "Result.quality 30 uint32",
     "Busy.retry_ms 1 uint32",
     "Counter.name 1 string",
     "Counter.value 2 uint64",

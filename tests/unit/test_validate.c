@@ -2,6 +2,8 @@
 /* Each rule on the fields of an entry: one wrong request a rule, with the VUID and the place that it must get. */
 #include "unit.h"
 
+#include <math.h>
+
 #include "inputs.h"
 #include "lavapipe.h"
 #include "validate.h"
@@ -65,6 +67,9 @@ CHANGE(unknown_mode, test->input.mode = 2)
 CHANGE(update_without_source, test->input.mode = MODE_UPDATE)
 CHANGE(update, test->input.mode = MODE_UPDATE; test->input.source = 5)
 CHANGE(unknown_quality, test->input.options.quality = (enum build_quality)5)
+CHANGE(negative_rays, test->input.options.rays_per_primitive = -1)
+CHANGE(infinite_rays, test->input.options.quality = QUALITY_AUTO; test->input.options.rays_per_primitive = INFINITY)
+CHANGE(nan_rays, test->input.options.quality = QUALITY_AUTO; test->input.options.rays_per_primitive = NAN)
 CHANGE(unknown_target, test->input.options.target = (enum target)77)
 CHANGE(unknown_layout_flag, test->input.options.layout_flags = 2)
 CHANGE(foreign_layout_flag, make_native(test, 1); test->input.options.layout_flags = PORTABLE_FAST_TRIANGLES)
@@ -155,6 +160,9 @@ static const struct wrong entries[] = {
     WRONG(triangles, update_without_source, CALL "pInfos-04630", "infos[3].srcAccelerationStructure"),
     FOREIGN(triangles, update, "infos[3].mode"),
     WRONG(triangles, unknown_quality, "", "infos[3].options.quality"),
+    WRONG(triangles, negative_rays, "", "infos[3].options.raysPerPrimitive"),
+    WRONG(instances, infinite_rays, "", "infos[3].options.raysPerPrimitive"),
+    WRONG(aabbs, nan_rays, "", "infos[3].options.raysPerPrimitive"),
     FOREIGN(triangles, unknown_target, "infos[3].options.target"),
     WRONG(triangles, unknown_layout_flag, "", "infos[3].options.layoutFlags"),
     WRONG(triangles, foreign_layout_flag, "", "infos[3].options.layoutFlags"),

@@ -100,11 +100,11 @@ BVHD_API void bvhd_client_dispatch(struct bvhd_client *client);
 /* ---- Batches: several structures asked for at once; each succeeds or fails alone. ---- */
 
 enum bvhd_quality {
-    BVHD_QUALITY_UNSPECIFIED = 0, /* Vulkan's PREFER flags decide: FAST_BUILD fast, FAST_TRACE high, else balanced */
+    BVHD_QUALITY_UNSPECIFIED = 0, /* Vulkan's PREFER flags decide: FAST_BUILD fast, FAST_TRACE high, else auto */
     BVHD_QUALITY_FAST = 1,
     BVHD_QUALITY_BALANCED = 2,
     BVHD_QUALITY_HIGH = 3,
-    BVHD_QUALITY_AUTO = 4,
+    BVHD_QUALITY_AUTO = 4, /* by the geometry and rays_per_primitive; balanced where nothing is said of rays */
 };
 
 enum bvhd_target {
@@ -158,6 +158,11 @@ struct bvhd_build {
     uint32_t layout_flags;
     enum bvhd_priority priority;
     const struct bvhd_format *format; /* what the device loads, of the same target; needed for a native one, NULL for portable */
+    /*
+     * How many rays each structure will meet in its life, for each of its primitives: AUTO then makes building and tracing together take as little as it can. Counted as
+     * one thread of a processor traces them: for a device that is a hundred times as fast, say a hundredth. 0: not said; finite and not negative.
+     */
+    float rays_per_primitive;
 };
 
 /*
@@ -221,6 +226,7 @@ struct bvhd_result {
     const char *method; /* how it was built: "binned", "spatial", ... */
     float bounds[6]; /* minimum, maximum: for bvhd_reference */
     enum bvhd_target target; /* whose format the bytes have */
+    enum bvhd_quality quality; /* that was built: FAST, BALANCED or HIGH, whatever was asked */
 };
 
 /*

@@ -10,6 +10,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "calibrate.h"
 #include "chart.h"
 #include "choice.h"
 #include "files.h"
@@ -30,12 +31,14 @@ static void print_usage(FILE *file)
 {
     fprintf(file, "usage: bvhd-bench SCENE... -o DIR [OPTION...]\n"
                   "       bvhd-bench --stability [NAME...] -o DIR [OPTION...]\n"
-                  "SCENE: a binary little-endian PLY file, or the name of a generated scene\n"
+                  "       bvhd-bench --calibrate SCENE... [OPTION...]\n"
+                  "SCENE: a binary little-endian PLY file, or the name of a generated scene, also NAME@SEED and NAME@SEED@SIZE\n"
                   "  --runs N         repetitions, interleaved (7)\n"
                   "  --patience S     seconds of builds of one method and scene after which 3 are enough (6)\n"
                   "  --threads N      of the first crew (all processors)\n"
                   "  --picture N      rays of N x N pixels (256)\n"
                   "  --rays N         against brute force: a scene (2000), a cell of the map (1000)\n"
+                  "  --calibrate      times alone, and what the constants of builder/tier.c should be\n"
                   "  --seed N         of those rays, and of generated scenes (1)\n"
                   "  --methods A,B    only these\n"
                   "  --size N         triangles of a generated scene (100000), of one of the map (5000)\n"
@@ -99,6 +102,8 @@ static bool parse(int argc, char **argv, struct options *options)
     for (int i = 1; i < argc; i++)
         if (strcmp(argv[i], "--stability") == 0)
             options->stability = true;
+        else if (strcmp(argv[i], "--calibrate") == 0)
+            options->measure.calibrates = choose_methods(&options->measure, (char[]){"fast,balanced,high"});
         else if (argv[i][0] != '-')
             argv[options->name_count++] = argv[i];
         else if (i + 1 >= argc || !take_option(options, argv[i], argv[i + 1]))
@@ -106,8 +111,9 @@ static bool parse(int argc, char **argv, struct options *options)
         else
             i++;
     const struct measure_options *measure = &options->measure;
-    return options->directory && (options->stability || options->name_count > 0) && measure->runs > 0 && measure->threads > 0 &&
-           measure->picture >= 8 && measure->check_rays > 0 && options->cells.size > 0;
+    bool writes = !measure->calibrates;
+    return (options->directory || !writes) && (options->stability || options->name_count > 0) && measure->runs > 0 &&
+           measure->threads > 0 && measure->picture >= 8 && measure->check_rays > 0 && options->cells.size > 0;
 }
 
 static struct options defaults(void)
@@ -165,8 +171,11 @@ static int measure_all(const struct options *options)
         good = measure_scene(options->names[i], &options->measure, &results.scenes[i]);
         results.scene_count += good;
     }
-    good = good && report_results(&results, options->directory) && chart_results(&results, options->directory);
-    if (good) {
+    if (options->measure.calibrates)
+        good = good && calibrate_print(&results);
+    else
+        good = good && report_results(&results, options->directory) && chart_results(&results, options->directory);
+    if (good && !options->measure.calibrates) {
         print_floors(&results);
         print_choices(&results);
     }
@@ -202,7 +211,7 @@ int main(int argc, char **argv)
         print_usage(stderr);
         return EXIT_USAGE;
     }
-    if (files_make_directory(options.directory, &error) != BVHD_OK) {
+    if (options.directory && files_make_directory(options.directory, &error) != BVHD_OK) {
         fprintf(stderr, "bvhd-bench: %s: %s\n", options.directory, error.text);
         return EXIT_FAILED;
     }

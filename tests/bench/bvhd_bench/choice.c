@@ -10,8 +10,15 @@ double choice_rays(int hint)
     return rays[hint];
 }
 
+const char *choice_method(int hint)
+{
+    static const char *const names[CHOICE_HINTS] = {"auto-0.1", "auto-1", "auto-10", "auto-100"};
+    return names[hint];
+}
+
 struct cost {
     double ms, spread;
+    enum build_quality quality; /* that was built */
 };
 
 static bool cost_of(const struct results *results, uint32_t scene, const char *name, double rays, struct cost *ret_cost)
@@ -24,7 +31,8 @@ static bool cost_of(const struct results *results, uint32_t scene, const char *n
             continue;
         double rays_ms = rays * figures->triangles / rate;
         *ret_cost = (struct cost){statistic_median(build) + rays_ms,
-                                  3 * (statistic_mad(build) + rays_ms * statistic_mad(traced) / statistic_median(traced))};
+                                  3 * (statistic_mad(build) + rays_ms * statistic_mad(traced) / statistic_median(traced)),
+                                  figures->methods[i].stats.quality};
         return true;
     }
     return false;
@@ -35,7 +43,7 @@ bool choice_of(const struct results *results, uint32_t scene, int hint, struct c
     static const char *const tiers[] = {"fast", "balanced", "high"};
     struct choice choice = {.best_ms = INFINITY};
     struct cost cost, automatic;
-    if (!cost_of(results, scene, "auto", choice_rays(hint), &automatic))
+    if (!cost_of(results, scene, choice_method(hint), choice_rays(hint), &automatic))
         return false;
     for (size_t i = 0; i < sizeof tiers / sizeof tiers[0]; i++) {
         if (!cost_of(results, scene, tiers[i], choice_rays(hint), &cost))
@@ -47,6 +55,7 @@ bool choice_of(const struct results *results, uint32_t scene, int hint, struct c
         }
     }
     choice.auto_ms = automatic.ms;
+    choice.chosen = build_quality_name(automatic.quality);
     choice.is_good = choice.auto_ms - choice.best_ms <= fmax(0.1 * choice.best_ms, choice.spread_ms);
     *ret_choice = choice;
     return true;

@@ -7,11 +7,13 @@
 
 enum { CHOICE_HINTS = 4 };
 
-/* Rays a primitive. */
+/* Rays a primitive, and the method that is told so. */
 double choice_rays(int hint);
+const char *choice_method(int hint);
 
 struct choice {
     const char *best; /* the tier that costs least */
+    const char *chosen; /* the tier that auto takes */
     double best_ms, auto_ms; /* building on one thread, and diffuse rays on one */
     double spread_ms; /* three median absolute deviations of both together */
     bool is_good; /* auto costs at most 10 % or the spread more */

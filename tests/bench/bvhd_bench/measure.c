@@ -73,8 +73,10 @@ static void time_build(struct session *session, struct bench *bench, struct figu
     struct subject subject;
     if (subject_build(bench, figures->method, session->mesh, (struct subject_wants){0}, &subject)) {
         statistic_add(&figures->ms[crew], subject.ms);
-        if (figures->method->kind == METHOD_OWN)
+        if (figures->method->kind == METHOD_OWN) {
+            session->scene->facts = subject.facts;
             add_stages(&subject, figures->stages[crew]);
+        }
         figures->bytes = subject.bytes;
         figures->peak_bytes = subject.peak_bytes;
         figures->stats = subject.stats;
@@ -131,7 +133,8 @@ static void build_tracers(struct session *session, struct bench *bench)
     for (uint32_t i = 0; i < session->options->method_count; i++) {
         struct figures *figures = &session->scene->methods[i];
         const struct method *method = figures->method;
-        struct subject_wants wants = {.tree = method_has_tree(method), .tracer = method_traces(method)};
+        struct subject_wants wants = {.tree = method_has_tree(method) && !session->options->calibrates,
+                                      .tracer = method_traces(method)};
         struct subject *subject = &session->subjects[i];
         if (*figures->failure)
             continue;
@@ -205,7 +208,8 @@ static bool trace(struct session *session)
     if (is_ready) {
         build_tracers(session, &bench);
         trace_all(session);
-        judge_all(session, &bench);
+        if (!session->options->calibrates)
+            judge_all(session, &bench);
     }
     for (uint32_t i = 0; i < session->options->method_count; i++)
         subject_finish(&session->subjects[i]);
@@ -226,8 +230,8 @@ bool measure_scene(const char *path, const struct measure_options *options, stru
     ret_figures->vertices = session.mesh->vertex_count;
     for (uint32_t i = 0; i < options->method_count; i++)
         ret_figures->methods[i].method = options->methods[i];
-    bool is_done = try_all(&session);
-    for (int crew = 0; crew < MEASURE_CREWS && is_done; crew++)
+    bool is_done = options->calibrates || try_all(&session);
+    for (int crew = options->calibrates; crew < MEASURE_CREWS && is_done; crew++)
         is_done = time_builds(&session, crew);
     is_done = is_done && trace(&session);
     ply_free(session.mesh);

@@ -3,6 +3,7 @@
 #ifndef BVHD_BENCH_MEASURE_H
 #define BVHD_BENCH_MEASURE_H
 
+#include "facts.h"
 #include "ray_sets.h"
 #include "statistic.h"
 #include "verdicts.h"
@@ -17,6 +18,7 @@ struct measure_options {
     uint32_t check_rays; /* against brute force; 0: none */
     uint64_t seed;
     unsigned threads; /* of the first crew; the second is one thread */
+    bool calibrates; /* builds on one thread and rays, nothing else */
     const struct method *methods[MEASURE_METHODS];
     uint32_t method_count;
 };
@@ -40,6 +42,7 @@ struct figures {
 struct scene_figures {
     const char *name;
     uint32_t triangles, vertices;
+    struct facts facts; /* by which auto chooses */
     uint32_t ray_counts[RAY_KINDS];
     struct figures methods[MEASURE_METHODS];
 };

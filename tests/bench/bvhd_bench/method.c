@@ -14,6 +14,11 @@
     {                                                                                                                                  \
         .name = name_ "/lavapipe", .label = name_ " lavapipe", .kind = METHOD_OWN, .quality = quality_, .target = TARGET_LAVAPIPE      \
     }
+#define AUTO(rays_, text_)                                                                                                             \
+    {                                                                                                                                  \
+        .name = "auto-" text_, .label = "auto " text_, .kind = METHOD_OWN, .quality = QUALITY_AUTO, .target = TARGET_PORTABLE,         \
+        .rays_per_primitive = rays_                                                                                                    \
+    }
 #define BVH(effort_, arity_, name_)                                                                                                    \
     {                                                                                                                                  \
         .name = "embree/bvh-" name_, .label = "BVH " name_, .kind = METHOD_BVH, .effort = effort_, .arity = arity_                     \
@@ -28,7 +33,10 @@ static const struct method methods[] = {
     OWN(QUALITY_FAST, "fast"),
     OWN(QUALITY_BALANCED, "balanced"),
     OWN(QUALITY_HIGH, "high"),
-    OWN(QUALITY_AUTO, "auto"),
+    AUTO(0.1f, "0.1"),
+    AUTO(1, "1"),
+    AUTO(10, "10"),
+    AUTO(100, "100"),
     {.name = "sweep", .label = "full sweep", .kind = METHOD_SWEEP, .arity = 2},
     BVH(EFFORT_LOW, 2, "low-2"),
     BVH(EFFORT_MEDIUM, 2, "medium-2"),

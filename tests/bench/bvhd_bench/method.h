@@ -24,6 +24,7 @@ struct method {
     enum build_quality quality;
     enum target target;
     uint32_t layout_flags;
+    float rays_per_primitive; /* what auto is told */
     /* Embree's */
     enum method_effort effort;
     uint32_t arity; /* METHOD_BVH */

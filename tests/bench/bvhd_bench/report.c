@@ -125,8 +125,10 @@ static void write_method(struct json *json, const struct scene_figures *scene, c
         return;
     }
     json_null(json, "failure");
-    if (figures->method->kind == METHOD_OWN)
+    if (figures->method->kind == METHOD_OWN) {
         json_text(json, "builder", figures->stats.method);
+        json_text(json, "quality", build_quality_name(figures->stats.quality));
+    }
     write_builds(json, scene, figures);
     write_tree(json, figures);
     write_sizes(json, scene, figures);
@@ -214,6 +216,7 @@ static void write_choices(struct json *json, const struct results *results, uint
             continue;
         json_object(json, NULL);
         json_number(json, "rays_per_primitive", choice_rays(hint));
+        json_text(json, "chosen", choice.chosen);
         json_text(json, "best", choice.best);
         json_number(json, "best_ms", choice.best_ms);
         json_number(json, "auto_ms", choice.auto_ms);
@@ -222,6 +225,17 @@ static void write_choices(struct json *json, const struct results *results, uint
         json_object_end(json);
     }
     json_array_end(json);
+}
+
+static void write_facts(struct json *json, const struct facts *facts)
+{
+    json_object(json, "facts");
+    json_integer(json, "primitives", facts->primitives);
+    json_integer(json, "sampled", facts->sampled);
+    json_number(json, "crossings", facts->crossings);
+    json_number(json, "slant", facts->slant);
+    json_number(json, "spread", facts->spread);
+    json_object_end(json);
 }
 
 static void write_scene(struct json *json, const struct results *results, uint32_t index)
@@ -235,6 +249,7 @@ static void write_scene(struct json *json, const struct results *results, uint32
     for (enum ray_kind kind = 0; kind < RAY_KINDS; kind++)
         json_integer(json, ray_kind_name(kind), scene->ray_counts[kind]);
     json_object_end(json);
+    write_facts(json, &scene->facts);
     write_choices(json, results, index);
     json_array(json, "methods");
     for (uint32_t i = 0; i < results->options->method_count; i++)

@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "scene_source.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "adversarial.h"
+#include "scene_model.h"
 #include "tree.h"
 
 enum { SOURCES_MAX = 64 };
@@ -120,23 +122,28 @@ static const struct adversarial more[] = {
     {"nothing", "all NaN: nothing to hit", make_nothing},
 };
 
+enum { MORE = sizeof more / sizeof more[0] };
+
+/* The hard ones first. */
 static struct adversarial numbered(uint32_t index)
 {
-    uint32_t count;
-    const struct adversarial *scenes = adversarial_scenes(&count);
-    return index < count ? scenes[index] : more[index - count];
+    uint32_t hard, ordinary;
+    const struct adversarial *scenes = adversarial_scenes(&hard), *models = scene_model_all(&ordinary);
+    if (index < hard)
+        return scenes[index];
+    return index - hard < MORE ? more[index - hard] : models[index - hard - MORE];
 }
 
 const struct scene_source *scene_source_all(uint32_t *ret_count)
 {
     static struct scene_source sources[SOURCES_MAX];
-    uint32_t count;
-    adversarial_scenes(&count);
-    count += sizeof more / sizeof more[0];
-    if (count > SOURCES_MAX)
-        count = SOURCES_MAX;
+    uint32_t hard, ordinary, count;
+    adversarial_scenes(&hard);
+    scene_model_all(&ordinary);
+    hard += MORE;
+    count = hard + ordinary < SOURCES_MAX ? hard + ordinary : SOURCES_MAX;
     for (uint32_t i = 0; i < count; i++)
-        sources[i] = (struct scene_source){numbered(i).name, numbered(i).shows};
+        sources[i] = (struct scene_source){numbered(i).name, numbered(i).shows, i < hard};
     *ret_count = count;
     return sources;
 }
@@ -155,8 +162,11 @@ struct ply *scene_source_open(const char *name, uint32_t size, uint64_t seed)
 {
     uint32_t count;
     const struct scene_source *sources = scene_source_all(&count);
+    size_t length = strcspn(name, "@");
+    if (name[length])
+        sscanf(name + length, "@%" SCNu64 "@%" SCNu32, &seed, &size);
     for (uint32_t i = 0; i < count; i++)
-        if (strcmp(sources[i].name, name) == 0) {
+        if (strncmp(sources[i].name, name, length) == 0 && !sources[i].name[length]) {
             struct adversarial scene = numbered(i);
             return generate(&scene, size, seed);
         }

@@ -14,11 +14,11 @@ static void choose_rows(struct stability *stability)
             stability->rows[stability->row_count++] = &methods[i];
 }
 
-static bool is_wanted(const struct stability_options *options, const char *name)
+static bool is_wanted(const struct stability_options *options, const struct scene_source *source)
 {
-    bool is_named = options->scene_count == 0;
+    bool is_named = options->scene_count == 0 && source->is_hard;
     for (int i = 0; i < options->scene_count; i++)
-        is_named |= strcmp(options->scenes[i], name) == 0;
+        is_named |= strcmp(options->scenes[i], source->name) == 0;
     return is_named;
 }
 
@@ -27,7 +27,7 @@ static void choose_columns(const struct stability_options *options, struct stabi
     uint32_t count;
     const struct scene_source *sources = scene_source_all(&count);
     for (uint32_t i = 0; i < count && stability->column_count < STABILITY_COLUMNS; i++)
-        if (is_wanted(options, sources[i].name))
+        if (is_wanted(options, &sources[i]))
             stability->columns[stability->column_count++] = sources[i];
 }
 

@@ -94,6 +94,7 @@ static bool build_own(struct bench *bench, const struct ply *mesh, struct subjec
     struct build_input input = ply_input(mesh, subject->method->quality, &geometry);
     input.options.target = subject->method->target;
     input.options.layout_flags = subject->method->layout_flags;
+    input.options.rays_per_primitive = subject->method->rays_per_primitive;
     if (input.options.target == TARGET_LAVAPIPE)
         input.options.device.variant = 1;
     uint64_t live = bench->memory.live;
@@ -102,6 +103,7 @@ static bool build_own(struct bench *bench, const struct ply *mesh, struct subjec
     if (prepare(&input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
         return refused(subject, "prepare", &error);
     subject->prepare_ms = stopwatch_ms(bench->threads) - begin;
+    facts_gather(&canonical, &subject->facts);
     bool is_built = build_own_from(bench, &canonical, &input.options, wants, subject);
     subject->peak_bytes -= is_built ? live : 0;
     prepare_finish(&canonical, &bench->memory);

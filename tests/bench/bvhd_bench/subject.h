@@ -5,6 +5,7 @@
 
 #include "build.h"
 #include "embree_scene.h"
+#include "facts.h"
 #include "lavapipe_traverse.h"
 #include "method.h"
 #include "tree.h"
@@ -29,6 +30,7 @@ struct subject {
     uint64_t bytes; /* all that is needed to trace it */
     uint64_t peak_bytes; /* METHOD_OWN: most memory taken on the way, blob included */
     struct build_stats stats; /* METHOD_OWN */
+    struct facts facts; /* METHOD_OWN */
     struct tree tree; /* when wanted */
     /* What rays go through. */
     unsigned char *blob;

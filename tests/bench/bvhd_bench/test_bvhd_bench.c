@@ -95,7 +95,8 @@ static void test_choice(void **state)
     put(&results, &options, "balanced", 2, 2);
     assert_false(choice_of(&results, 0, 0, &choice));
     put(&results, &options, "high", 20, 4);
-    put(&results, &options, "auto", 2, 2);
+    for (int hint = 0; hint < CHOICE_HINTS; hint++)
+        put(&results, &options, choice_method(hint), 2, 2);
     /* A tenth of a ray a primitive is 0.1 ms with fast, 100 are 25 ms with high. */
     assert_true(choice_of(&results, 0, 0, &choice));
     assert_string_equal(choice.best, "fast");

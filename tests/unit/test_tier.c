@@ -1,0 +1,119 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "unit.h"
+
+#include <math.h>
+
+#include "batch.h"
+#include "content_key.h"
+#include "test_ir.h"
+#include "tier.h"
+
+static enum build_quality resolve(enum build_quality asked, uint32_t flags, float rays)
+{
+    static struct test_model model;
+    if (!model.canonical.primitive_count)
+        test_model_make(&(struct test_shape){.type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 500, .size = 1, .detail = 0.1},
+                        1, &model);
+    struct canonical canonical = model.canonical;
+    canonical.flags = flags;
+    return tier_resolve(&canonical, &(struct build_options){.quality = asked, .rays_per_primitive = rays});
+}
+
+static void what_is_named_stays(void **state)
+{
+    (void)state;
+    static const float rays[] = {0, 0.001f, 1, 1e30f};
+    static const uint32_t flags[] = {0, BUILD_PREFER_FAST_BUILD, BUILD_PREFER_FAST_TRACE};
+    for (int i = 0; i < 12; i++) {
+        for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++)
+            assert_int_equal(resolve(quality, flags[i % 3], rays[i / 3]), quality);
+        if (i % 3)
+            assert_int_equal(resolve(QUALITY_UNSPECIFIED, flags[i % 3], rays[i / 3]), i % 3 == 1 ? QUALITY_FAST : QUALITY_HIGH);
+        assert_int_equal(resolve(QUALITY_AUTO, flags[i % 3], rays[i / 3]), resolve(QUALITY_UNSPECIFIED, 0, rays[i / 3]));
+    }
+}
+
+static void few_rays_are_for_fast_and_many_for_high(void **state)
+{
+    (void)state;
+    assert_int_equal(resolve(QUALITY_AUTO, 0, 0), QUALITY_BALANCED);
+    assert_int_equal(resolve(QUALITY_AUTO, 0, 1e-30f), QUALITY_FAST);
+    assert_int_equal(resolve(QUALITY_AUTO, 0, 0.1f), QUALITY_FAST);
+    assert_int_equal(resolve(QUALITY_AUTO, 0, 3e38f), resolve(QUALITY_AUTO, 0, 1e6f));
+}
+
+/* More rays never choose what takes less to build; and what is chosen costs least. */
+static void more_rays_never_choose_less(void **state)
+{
+    (void)state;
+    static const double crossings[] = {0, 2, 30, 500}, slants[] = {0, 0.3, 0.9};
+    for (int i = 0; i < 12; i++) {
+        struct facts facts = {.primitives = 1u << 2 * i,
+                              .sampled = 1,
+                              .met = 1,
+                              .triangles = true,
+                              .crossings = crossings[i % 4],
+                              .slant = slants[i / 4],
+                              .spread = i % 5};
+        double before = 0;
+        for (float rays = 0.001f; rays < 1e6f; rays *= 1.5f) {
+            enum build_quality chosen = tier_choose(&facts, rays);
+            struct tier_cost cost = tier_cost(chosen, &facts);
+            assert_true(cost.build_ns >= before && isfinite(cost.build_ns) && cost.ray_ns > 0);
+            before = cost.build_ns;
+            for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
+                struct tier_cost other = tier_cost(quality, &facts);
+                assert_true(cost.build_ns + rays * cost.ray_ns <= other.build_ns + rays * other.ray_ns);
+            }
+        }
+    }
+}
+
+/* Hints that lead to one tier share its result, and share it with who asks for the tier by its name. */
+static void hints_of_one_tier_share_a_result(void **state)
+{
+    (void)state;
+    static const float corners[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+    struct geometry geometry = {.type = GEOMETRY_TRIANGLES,
+                                .triangles = {.vertex_format = 106,
+                                              .max_vertex = 2,
+                                              .vertex_stride = 12,
+                                              .index_type = INDEX_NONE,
+                                              .vertices = {(const unsigned char *)corners, sizeof corners}},
+                                .range = {.primitive_count = 1}};
+    enum { ITEMS = 4 };
+    struct build_input inputs[ITEMS];
+    struct batch_item items[ITEMS];
+    struct limits limits = limits_default();
+    for (int i = 0; i < ITEMS; i++)
+        inputs[i] = (struct build_input){.type = STRUCTURE_BOTTOM,
+                                         .geometry_count = 1,
+                                         .geometries = &geometry,
+                                         .options = {.target = TARGET_PORTABLE, .quality = QUALITY_AUTO, .rays_per_primitive = 0.001f}};
+    inputs[1].options.rays_per_primitive = 0.002f;
+    inputs[2].options = (struct build_options){.target = TARGET_PORTABLE, .quality = QUALITY_FAST, .rays_per_primitive = 1000};
+    inputs[3].options = (struct build_options){.target = TARGET_PORTABLE, .quality = QUALITY_HIGH};
+    assert_int_equal(batch_build(inputs, ITEMS, &limits, &context, items, NULL), BVHD_OK);
+    for (int i = 0; i < ITEMS; i++) {
+        assert_int_equal(items[i].status, BVHD_OK);
+        assert_int_equal(items[i].stats.quality, i < 3 ? QUALITY_FAST : QUALITY_HIGH);
+        assert_int_equal(items[i].coalesced, i == 1 || i == 2);
+        assert_int_equal(key_equal(&items[i].key, &items[0].key), i < 3);
+    }
+    batch_finish(items, ITEMS, &memory);
+    assert_int_equal(memory.live, 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(what_is_named_stays),
+        cmocka_unit_test(few_rays_are_for_fast_and_many_for_high),
+        cmocka_unit_test(more_rays_never_choose_less),
+        cmocka_unit_test(hints_of_one_tier_share_a_result),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
