@@ -7,15 +7,19 @@
 enum {
     LOCAL = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT,
     COHERENT = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT,
-    PLAIN = LOCAL | COHERENT | VK_MEMORY_PROPERTY_HOST_CACHED_BIT,
+    CACHED = VK_MEMORY_PROPERTY_HOST_CACHED_BIT,
+    PLAIN = LOCAL | COHERENT | CACHED,
+    CHOICES = 4
 };
 
-/* Memory with other properties than PLAIN has rules of its own. */
-static bool is_fit(VkMemoryPropertyFlags flags, enum vulkan_place place, bool local)
-{
-    return (flags & ~(VkMemoryPropertyFlags)PLAIN) == 0 && ((flags & LOCAL) != 0) == local &&
-           (place == VULKAN_DEVICE || (flags & COHERENT) == COHERENT);
-}
+/* Kinds of memory for a place, best first: what they have of `among`. */
+static const struct {
+    VkMemoryPropertyFlags among, has;
+} choices[][CHOICES] = {
+    [VULKAN_DEVICE] = {{LOCAL, LOCAL}, {LOCAL, 0}},
+    [VULKAN_HOST] = {{LOCAL | COHERENT, COHERENT}, {LOCAL | COHERENT, LOCAL | COHERENT}},
+    [VULKAN_READBACK] = {{PLAIN, COHERENT | CACHED}, {PLAIN, PLAIN}, {PLAIN, COHERENT}, {PLAIN, LOCAL | COHERENT}},
+};
 
 static VkResult allocate_of(const struct bvhd_vulkan_device *device, VkDeviceSize size, uint32_t type, bool has_address,
                             VkDeviceMemory *ret_memory)
@@ -29,21 +33,21 @@ static VkResult allocate_of(const struct bvhd_vulkan_device *device, VkDeviceSiz
     return device->vk.AllocateMemory(device->handle, &info, device->allocator, ret_memory);
 }
 
-/* The kind that the place wants first, then, when the device has no memory left, the other one. */
+/* The best kind that the device has memory left of. Memory with other properties than PLAIN has rules of its own. */
 static enum bvhd_status allocate(const struct bvhd_vulkan_device *device, const VkMemoryRequirements *requirements,
                                  enum vulkan_place place, struct vulkan_buffer *buffer, bool has_address, struct bvhd_error *error)
 {
     VkResult result = VK_ERROR_OUT_OF_DEVICE_MEMORY;
-    for (int turn = 0; turn < 2; turn++) {
-        bool local = (place == VULKAN_DEVICE) == (turn == 0);
+    for (int choice = 0; choice < CHOICES && choices[place][choice].among; choice++)
         for (uint32_t type = 0; type < device->memory.memoryTypeCount; type++) {
-            if (!(requirements->memoryTypeBits >> type & 1) || !is_fit(device->memory.memoryTypes[type].propertyFlags, place, local))
+            VkMemoryPropertyFlags flags = device->memory.memoryTypes[type].propertyFlags;
+            if (!(requirements->memoryTypeBits >> type & 1) || (flags & ~(VkMemoryPropertyFlags)PLAIN) ||
+                (flags & choices[place][choice].among) != choices[place][choice].has)
                 continue;
             result = allocate_of(device, requirements->size, type, has_address, &buffer->memory);
             if (result != VK_ERROR_OUT_OF_DEVICE_MEMORY)
                 return vulkan_device_result("vkAllocateMemory", result, error);
         }
-    }
     return vulkan_device_result("vkAllocateMemory", result, error);
 }
 

@@ -16,6 +16,7 @@ struct vulkan_buffer {
 enum vulkan_place {
     VULKAN_DEVICE, /* local to the device where it has such memory left */
     VULKAN_HOST, /* mapped; for the host to write, or to read little */
+    VULKAN_READBACK, /* mapped; for the host to read much: cached where there is such memory */
 };
 
 /* `size` is not 0. BVHD_NO_MEMORY, BVHD_TOO_LARGE. */

@@ -47,8 +47,12 @@ enum bvhd_status vulkan_work_run(struct vulkan_work *work, struct bvhd_error *er
     if (result != VK_SUCCESS)
         return vulkan_device_result("vkQueueSubmit", result, error);
     result = device->vk.WaitForFences(device->handle, 1, &work->fence, VK_TRUE, UINT64_MAX);
-    if (result != VK_SUCCESS)
+    if (result != VK_SUCCESS) {
+        /* A wait that fails is no end of the work, and the caller is about to destroy what that uses. Of a lost device nothing is in use. */
+        (void)device->vk.QueueWaitIdle(work->queue);
+        (void)device->vk.ResetFences(device->handle, 1, &work->fence);
         return vulkan_device_result("vkWaitForFences", result, error);
+    }
     return vulkan_device_result("vkResetFences", device->vk.ResetFences(device->handle, 1, &work->fence), error);
 }
 

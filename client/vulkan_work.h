@@ -17,7 +17,7 @@ struct vulkan_work {
 enum bvhd_status vulkan_work_init(struct vulkan_work *work, const struct bvhd_vulkan_device *device,
                                   const struct bvhd_vulkan_queue *queue, struct bvhd_error *error);
 enum bvhd_status vulkan_work_begin(struct vulkan_work *work, struct bvhd_error *error);
-/* Submits what was recorded since begin, and waits for it. */
+/* Submits what was recorded since begin, and waits for it; also after a failure nothing of it is under way. */
 enum bvhd_status vulkan_work_run(struct vulkan_work *work, struct bvhd_error *error);
 /* Idempotent. */
 void vulkan_work_finish(struct vulkan_work *work);

@@ -7,16 +7,13 @@
 #include "gpu_instance.h"
 #include "status.h"
 
+/* What opening devices and making kernels may give besides what the library knows. */
 static const struct {
     VkResult result;
     enum bvhd_status status;
     const char *text;
 } result_rows[] = {
-    {VK_ERROR_OUT_OF_HOST_MEMORY, BVHD_NO_MEMORY, "no host memory"},
-    {VK_ERROR_OUT_OF_DEVICE_MEMORY, BVHD_NO_MEMORY, "no device memory"},
-    {VK_ERROR_TOO_MANY_OBJECTS, BVHD_NO_MEMORY, "too many objects"},
     {VK_ERROR_OUT_OF_POOL_MEMORY, BVHD_NO_MEMORY, "no memory in the pool"},
-    {VK_ERROR_DEVICE_LOST, BVHD_UNAVAILABLE, "the device was lost"},
     {VK_ERROR_INITIALIZATION_FAILED, BVHD_UNAVAILABLE, "the driver could not be started"},
     {VK_ERROR_INCOMPATIBLE_DRIVER, BVHD_UNAVAILABLE, "no driver works"},
     {VK_ERROR_LAYER_NOT_PRESENT, BVHD_UNAVAILABLE, "a layer is missing"},
@@ -26,12 +23,10 @@ static const struct {
 
 enum bvhd_status gpu_result(const char *call, VkResult result, struct bvhd_error *error)
 {
-    if (result == VK_SUCCESS)
-        return BVHD_OK;
     for (size_t i = 0; i < sizeof result_rows / sizeof *result_rows; i++)
         if (result_rows[i].result == result)
             return bvhd_error_set(error, result_rows[i].status, call, "%s", result_rows[i].text);
-    return bvhd_error_set(error, BVHD_INTERNAL, call, "VkResult %d", (int)result);
+    return vulkan_device_result(call, result, error);
 }
 
 /* Into the text of "not found": as many names as fit. */
@@ -96,7 +91,6 @@ static VkResult create_device(const struct gpu_instance *instance, const struct 
     VkPhysicalDeviceVulkan12Features core = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES,
         .bufferDeviceAddress = facts->has_buffer_address,
-        .scalarBlockLayout = features->has_scalar_layout,
     };
     VkPhysicalDeviceAccelerationStructureFeaturesKHR structures = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR, .accelerationStructure = VK_TRUE};
@@ -121,8 +115,7 @@ static VkResult create_device(const struct gpu_instance *instance, const struct 
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR, .rayTracingPositionFetch = VK_TRUE};
     gpu_chain(&chain, facts->has_position_fetch, &positions, &positions.pNext);
 #endif
-    const VkPhysicalDeviceFeatures2 enabled = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = chain, .features.shaderInt64 = features->has_int64};
+    const VkPhysicalDeviceFeatures2 enabled = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = chain};
     info->pNext = &enabled;
     return instance->vk.CreateDevice(candidate->device, info, NULL, ret_device);
 }
@@ -162,16 +155,6 @@ static enum bvhd_status open_device(struct gpu *gpu, const struct gpu_candidate 
     return BVHD_OK;
 }
 
-static enum bvhd_status create_pool(struct gpu *gpu, struct bvhd_error *error)
-{
-    const VkCommandPoolCreateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
-        .flags = VK_COMMAND_POOL_CREATE_TRANSIENT_BIT,
-        .queueFamilyIndex = gpu->queue.family,
-    };
-    return gpu_result("vkCreateCommandPool", gpu->vk.CreateCommandPool(gpu->device, &info, NULL, &gpu->commands), error);
-}
-
 static enum bvhd_status open_library(struct gpu *gpu, struct bvhd_error *error)
 {
     const struct bvhd_vulkan_device_options options = {
@@ -202,9 +185,9 @@ static enum bvhd_status open_by_name(struct gpu *gpu, const char *name, struct b
     if (!status)
         status = open_device(gpu, chosen, error);
     if (!status)
-        status = create_pool(gpu, error);
-    if (!status)
         status = open_library(gpu, error);
+    if (!status)
+        status = vulkan_work_init(&gpu->work, gpu->library, &gpu->queue, error);
     memory_free(gpu->memory, list);
     return status;
 }
@@ -233,9 +216,8 @@ void gpu_close(struct gpu *gpu)
     if (!gpu)
         return;
     struct memory *memory = gpu->memory;
+    vulkan_work_finish(&gpu->work);
     bvhd_vulkan_device_destroy(gpu->library);
-    if (gpu->commands)
-        gpu->vk.DestroyCommandPool(gpu->device, gpu->commands, NULL);
     if (gpu->device)
         gpu->vk.DestroyDevice(gpu->device, NULL);
     gpu_instance_finish(gpu->owner);

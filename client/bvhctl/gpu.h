@@ -11,6 +11,7 @@
 
 #include "bvhd/bvhd_vulkan.h"
 #include "memory.h"
+#include "vulkan_work.h"
 
 /* What is known about a device before it is opened. */
 struct gpu_facts {
@@ -47,10 +48,10 @@ struct gpu {
     VkPhysicalDevice physical;
     VkDevice device;
     struct bvhd_vulkan_queue queue; /* compute and transfer */
-    VkCommandPool commands;
     PFN_vkGetInstanceProcAddr get_instance_proc_addr;
     struct gpu_functions vk;
     struct bvhd_vulkan_device *library; /* libbvhd's view of it */
+    struct vulkan_work work;
     double timestamp_ms; /* milliseconds of one tick; 0: the queue has no timestamps */
     uint64_t timestamp_mask; /* the bits of a tick count that are valid */
     struct gpu_instance *owner; /* of the instance, with the loader */
@@ -84,7 +85,7 @@ struct gpu_buffer {
 
 enum gpu_place { GPU_DEVICE, GPU_UPLOAD, GPU_READBACK };
 
-/* Of at least one byte. Usage is completed with the device address where there are addresses. BVHD_NO_MEMORY. */
+/* Of at least one byte. Usage is completed with the device address where there are addresses. BVHD_NO_MEMORY, BVHD_TOO_LARGE. */
 enum bvhd_status gpu_buffer_create(struct gpu *gpu, VkDeviceSize size, VkBufferUsageFlags usage, enum gpu_place place,
                                    struct gpu_buffer *ret_buffer, struct bvhd_error *error);
 /* NULL-safe, idempotent. */
@@ -92,7 +93,7 @@ void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer);
 
 /* ---- Work ---- */
 
-/* Begins a command buffer; gpu_submit ends it, submits, waits, and frees it. */
+/* Begins the device's command buffer, one at a time; gpu_submit ends it, submits and waits: also after a failure nothing of it is under way. */
 enum bvhd_status gpu_begin(struct gpu *gpu, VkCommandBuffer *ret_commands, struct bvhd_error *error);
 enum bvhd_status gpu_submit(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error);
 

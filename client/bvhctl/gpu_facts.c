@@ -138,8 +138,6 @@ static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDev
 #ifdef VK_KHR_ray_tracing_position_fetch
     facts->has_position_fetch = facts->has_acceleration_structure && positions.rayTracingPositionFetch;
 #endif
-    candidate->features.has_int64 = features.features.shaderInt64;
-    candidate->features.has_scalar_layout = core.scalarBlockLayout;
     candidate->features.has_executable_info = executable.pipelineExecutableInfo;
     candidate->features.has_subgroup_size_control = size.subgroupSizeControl;
 }

@@ -31,7 +31,7 @@ struct gpu_features {
     uint32_t family; /* which one */
     uint32_t timestamp_bits;
     float timestamp_ns; /* nanoseconds of a tick */
-    bool has_int64, has_scalar_layout, has_executable_info, has_subgroup_size_control, needs_portability_subset;
+    bool has_executable_info, has_subgroup_size_control, needs_portability_subset;
 };
 
 struct gpu_candidate {

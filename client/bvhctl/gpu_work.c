@@ -4,49 +4,16 @@
 
 enum bvhd_status gpu_begin(struct gpu *gpu, VkCommandBuffer *ret_commands, struct bvhd_error *error)
 {
-    VkCommandBuffer commands;
-    const VkCommandBufferAllocateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
-        .commandPool = gpu->commands,
-        .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-        .commandBufferCount = 1,
-    };
-    const VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
-                                            .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
-    enum bvhd_status status =
-        gpu_result("vkAllocateCommandBuffers", gpu->vk.AllocateCommandBuffers(gpu->device, &info, &commands), error);
-    if (status)
-        return status;
-    status = gpu_result("vkBeginCommandBuffer", gpu->vk.BeginCommandBuffer(commands, &begin), error);
-    if (status)
-        gpu->vk.FreeCommandBuffers(gpu->device, gpu->commands, 1, &commands);
-    else
-        *ret_commands = commands;
-    return status;
-}
-
-static enum bvhd_status submit_and_wait(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error)
-{
-    VkFence fence;
-    const VkFenceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
-    const VkSubmitInfo submit = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &commands};
-    enum bvhd_status status = gpu_result("vkCreateFence", gpu->vk.CreateFence(gpu->device, &info, NULL, &fence), error);
-    if (status)
-        return status;
-    status = gpu_result("vkQueueSubmit", gpu->vk.QueueSubmit(gpu->queue.queue, 1, &submit, fence), error);
+    enum bvhd_status status = vulkan_work_begin(&gpu->work, error);
     if (!status)
-        status = gpu_result("vkWaitForFences", gpu->vk.WaitForFences(gpu->device, 1, &fence, VK_TRUE, UINT64_MAX), error);
-    gpu->vk.DestroyFence(gpu->device, fence, NULL);
+        *ret_commands = gpu->work.commands;
     return status;
 }
 
 enum bvhd_status gpu_submit(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error)
 {
-    enum bvhd_status status = gpu_result("vkEndCommandBuffer", gpu->vk.EndCommandBuffer(commands), error);
-    if (!status)
-        status = submit_and_wait(gpu, commands, error);
-    gpu->vk.FreeCommandBuffers(gpu->device, gpu->commands, 1, &commands);
-    return status;
+    (void)commands; /* the device's only ones */
+    return vulkan_work_run(&gpu->work, error);
 }
 
 enum { TIMER_QUERIES = 2 };

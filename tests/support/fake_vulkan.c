@@ -35,6 +35,7 @@ void fake_destroy(struct object *object, enum kind kind, const VkAllocationCallb
     assert_int_equal(object->kind, kind);
     assert_ptr_equal(object->allocator, allocator);
     assert_true(!fake_commands_are_recording() || (kind != BUFFER && kind != MEMORY));
+    assert_false(fake_commands_are_under_way());
     fake_vulkan.live--;
     free(object->block);
     free(object);

@@ -18,6 +18,7 @@ struct command {
 static struct command commands[MAX_COMMANDS];
 static uint32_t command_count;
 static bool is_recording, has_fill;
+static bool is_under_way; /* nobody has waited for the last submission with success */
 
 /* ---- commands ---- */
 
@@ -215,6 +216,7 @@ static VkResult VKAPI_CALL submit(VkQueue queue, uint32_t count, const VkSubmitI
     assert_true(count == 1 && submits->commandBufferCount == 1 && !is_recording && !OBJECT(fence)->is_signalled);
     run_all();
     OBJECT(fence)->is_signalled = true;
+    is_under_way = true;
     fake_vulkan.submissions++;
     return VK_SUCCESS;
 }
@@ -241,6 +243,15 @@ static VkResult VKAPI_CALL wait_for_fences(VkDevice device, uint32_t count, cons
     (void)all;
     RETURN_FAILURE;
     assert_true(count == 1 && OBJECT(*fences)->is_signalled && timeout == UINT64_MAX);
+    is_under_way = false;
+    return VK_SUCCESS;
+}
+
+static VkResult VKAPI_CALL wait_for_queue(VkQueue queue)
+{
+    RETURN_FAILURE;
+    assert_ptr_equal(queue, &fake_queue);
+    is_under_way = false;
     return VK_SUCCESS;
 }
 
@@ -309,6 +320,7 @@ static const struct {
     ROW("EndCommandBuffer", end_commands),
     ROW("GetQueryPoolResults", query_results),
     ROW("QueueSubmit", submit),
+    ROW("QueueWaitIdle", wait_for_queue),
     ROW("ResetCommandPool", reset_pool),
     ROW("ResetFences", reset_fences),
     ROW("WaitForFences", wait_for_fences),
@@ -325,7 +337,12 @@ PFN_vkVoidFunction fake_commands_find(const char *name)
 void fake_commands_reset(void)
 {
     command_count = 0;
-    is_recording = has_fill = false;
+    is_recording = has_fill = is_under_way = false;
+}
+
+bool fake_commands_are_under_way(void)
+{
+    return is_under_way;
 }
 
 bool fake_commands_are_recording(void)

@@ -47,6 +47,7 @@ unsigned char *fake_structure_bytes(const struct object *structure);
 PFN_vkVoidFunction fake_commands_find(const char *name);
 void fake_commands_reset(void);
 bool fake_commands_are_recording(void);
+bool fake_commands_are_under_way(void); /* what is in use is not destroyed */
 void fake_commands_run(void);
 
 #endif
