@@ -216,7 +216,7 @@ static enum bvhd_status take_import(struct cursor *cursor, const struct outcome 
     take_files(cursor, outcome->import.file_count, &import);
     if (!cursor->ok) {
         import_finish(&import);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the scene");
+        return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the scene, or more than --memory allows");
     }
     *ret_import = import;
     return BVHD_OK;

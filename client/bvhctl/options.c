@@ -174,12 +174,22 @@ static const struct name_value *find_name(const struct name_value *names, const 
     return NULL;
 }
 
+/* Names every choice there is, for who has only guessed. */
+static enum bvhd_status no_such_name(struct bvhd_error *error, const char *where, const struct name_value *names, const char *text,
+                                     size_t length)
+{
+    char choices[128] = "";
+    for (size_t used = 0; names->name && used < sizeof choices; names++)
+        used += (size_t)snprintf(choices + used, sizeof choices - used, "%s%s", used ? ", " : "", names->name);
+    return bvhd_error_set(error, BVHD_INVALID, where, "'%.*s' is none of: %s", length < 32 ? (int)length : 32, text, choices);
+}
+
 static enum bvhd_status parse_name(const char *where, const struct name_value *names, const char *text, uint32_t *ret_value,
                                    struct bvhd_error *error)
 {
     const struct name_value *found = find_name(names, text, strlen(text));
     if (!found)
-        return usage(error, where, "not known: '%s'", text);
+        return no_such_name(error, where, names, text, strlen(text));
     *ret_value = found->value;
     return BVHD_OK;
 }
@@ -192,7 +202,7 @@ static enum bvhd_status parse_list(const char *where, const struct name_value *n
         size_t length = strcspn(at, ",");
         const struct name_value *found = find_name(names, at, length);
         if (!found)
-            return bvhd_error_set(error, BVHD_INVALID, where, "not known: '%.*s'", (int)length, at);
+            return no_such_name(error, where, names, at, length);
         value |= found->value;
         at += length + (at[length] == ',');
     }
@@ -360,7 +370,7 @@ static enum bvhd_status parse_options(int argc, char **argv, unsigned commands, 
         if (value == ':')
             return usage(error, argv[optind - 1], "needs a value", "");
         if (value == '?')
-            return usage(error, optind > before ? argv[optind - 1] : word, "not an option of this command, or not complete", "");
+            return usage(error, optind > before ? argv[optind - 1] : word, "not an option of this command, or short for several", "");
         if (value == 'h' || value == OPTION_VERSION) {
             options->help_about = options->command;
             options->command = value == 'h' ? COMMAND_HELP : COMMAND_VERSION;
@@ -496,7 +506,7 @@ void options_print_help(enum command about)
     printf("Usage: bvhctl [--socket PATH | --local] COMMAND ...\n\n"
            "Builds Vulkan acceleration structures on the CPU, and looks at what was built.\n\nCommands:\n");
     for (int i = 0; i < COMMAND_COUNT; i++)
-        printf("  %-8s %-16s  %s\n", command_rows[i].name, command_rows[i].arguments, command_rows[i].purpose);
+        printf("  %-8s %-23s  %s\n", command_rows[i].name, command_rows[i].arguments, command_rows[i].purpose);
     print_options(ON_MAIN);
     printf("\nbvhctl COMMAND --help says more about one.\n"
            "Exit status: 0 done, 1 failed, 2 wrong usage, 3 something wrong was found, 4 no daemon.\n");

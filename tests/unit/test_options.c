@@ -40,6 +40,27 @@ static void expect_bad(const char *line, const char *where)
     assert_true(*error.text);
 }
 
+static void expect_words(const char *line, const char *words)
+{
+    struct options options;
+    struct bvhd_error error;
+    assert_int_equal(parse(line, &options, &error), BVHD_INVALID);
+    if (!strstr(error.text, words))
+        fail_msg("%s: '%s' does not say '%s'", line, error.text, words);
+}
+
+/* Who guesses a name is told all there are, in full. */
+static void test_choices(void **state)
+{
+    (void)state;
+    expect_words("bvhctl build a -o b --quality best", "'best' is none of: fast, balanced, high, auto");
+    expect_words("bvhctl build a -o b --target radv", "'radv' is none of: portable, lavapipe");
+    expect_words("bvhctl build a -o b --flags low-memory,bogus,", "'bogus' is none of: allow-update, ");
+    expect_words("bvhctl build a -o b --flags allow-", ", allow-data-access");
+    expect_words("bvhctl build a -o b --flags ,", "'' is none of: ");
+    expect_words("bvhctl build a -o b --quality aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa", "'aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa' is");
+}
+
 static void test_build(void **state)
 {
     (void)state;
@@ -225,11 +246,17 @@ static void test_want_json(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_build),          cmocka_unit_test(test_defaults),
-        cmocka_unit_test(test_targets),        cmocka_unit_test(test_options_anywhere),
-        cmocka_unit_test(test_other_commands), cmocka_unit_test(test_devices),
-        cmocka_unit_test(test_help),           cmocka_unit_test(test_bad_lines),
-        cmocka_unit_test(test_bad_values),     cmocka_unit_test(test_want_json),
+        cmocka_unit_test(test_build),
+        cmocka_unit_test(test_choices),
+        cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_targets),
+        cmocka_unit_test(test_options_anywhere),
+        cmocka_unit_test(test_other_commands),
+        cmocka_unit_test(test_devices),
+        cmocka_unit_test(test_help),
+        cmocka_unit_test(test_bad_lines),
+        cmocka_unit_test(test_bad_values),
+        cmocka_unit_test(test_want_json),
         cmocka_unit_test(test_service),
     };
     return cmocka_run_group_tests_name("options", tests, NULL, NULL);
