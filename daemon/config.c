@@ -38,7 +38,8 @@ static const struct option_row option_rows[] = {
      "that a service manager hands over comes first"},
     {"workers", "N", KIND_WORKERS, "threads that build (default: one for each processor)"},
     {"memory", "BYTES", KIND_MEMORY,
-     "memory for requests and builds, at least 16M; K, M, G may\nfollow (default: half of the machine's)"},
+     "memory for requests and builds, at least 16M; K, M, G may\nfollow (default: half of the machine's, or of the limit of\nits "
+     "control group)"},
     {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none (default: 1G)"},
     {"cache", "DIR", KIND_CACHE, "taken with a warning: this version keeps results in\nmemory only"},
     {"max-connections", "N", KIND_CONNECTIONS, "clients at once (default: 1024), of one user at most\nthree quarters of them"},
