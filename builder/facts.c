@@ -75,6 +75,13 @@ static uint32_t sampled_id(uint32_t count, uint32_t sampled, uint32_t i)
     return begin + (i * UINT32_C(2654435761) >> 16) % (end - begin);
 }
 
+static uint32_t sample_size(uint32_t count)
+{
+    uint32_t size = count / FACTS_SHARE;
+    size = size < FACTS_LEAST ? FACTS_LEAST : size > FACTS_MOST ? FACTS_MOST : size;
+    return count < size ? count : size;
+}
+
 static void add_sample(const struct canonical *canonical, struct facts *facts, struct sums *sums)
 {
     const struct canonical_geometry *geometry = canonical->geometries;
@@ -89,9 +96,10 @@ static void add_sample(const struct canonical *canonical, struct facts *facts, s
 void facts_gather(const struct canonical *canonical, struct facts *ret_facts)
 {
     uint32_t count = canonical->primitive_count;
-    struct facts facts = {.primitives = count, .sampled = count < FACTS_SAMPLE ? count : FACTS_SAMPLE};
+    struct facts facts = {.primitives = count, .sampled = sample_size(count)};
     struct sums sums = {.bounds = box_empty()};
-    facts.triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
+    bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
+    facts.can_split = triangles && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
     add_sample(canonical, &facts, &sums);
     if (facts.met > 0) {
         double whole = box_half_area(&sums.bounds), mean = sums.octaves / facts.met;

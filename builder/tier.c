@@ -3,6 +3,9 @@
 
 #include <math.h>
 
+/* More than in any scene that the model was fitted to is as much as in that. */
+enum { CROSSINGS_MOST = 1024 };
+
 /* Exponents of 2, linear in the terms: times in nanoseconds. As `bvhd-bench --calibrate` prints them. */
 struct tier_model {
     double build[TIER_TERMS], ray[TIER_TERMS];
@@ -18,8 +21,9 @@ void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
 {
     ret_terms[0] = 1;
     ret_terms[1] = facts_log2(fmax(facts->primitives, 1));
-    ret_terms[2] = facts_log2(1 + facts->crossings);
-    ret_terms[3] = facts_log2(1 + facts->crossings * facts->slant);
+    double crossings = fmin(facts->crossings, CROSSINGS_MOST);
+    ret_terms[2] = facts_log2(1 + crossings);
+    ret_terms[3] = facts_log2(1 + crossings * facts->slant);
     ret_terms[4] = facts->spread;
 }
 
@@ -40,9 +44,9 @@ struct tier_cost tier_cost(enum build_quality quality, const struct facts *facts
 
 enum build_quality tier_choose(const struct facts *facts, float rays_per_primitive)
 {
-    enum build_quality best = QUALITY_FAST;
+    enum build_quality best = QUALITY_FAST, most = facts->can_split ? QUALITY_HIGH : QUALITY_BALANCED;
     double least = INFINITY;
-    for (enum build_quality quality = QUALITY_FAST; quality <= QUALITY_HIGH; quality++) {
+    for (enum build_quality quality = QUALITY_FAST; quality <= most; quality++) {
         struct tier_cost cost = tier_cost(quality, facts);
         double each = cost.build_ns + rays_per_primitive * cost.ray_ns;
         if (each < least) {

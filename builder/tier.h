@@ -24,7 +24,7 @@ struct tier_cost {
 /* On one thread. `quality`: FAST, BALANCED or HIGH. */
 struct tier_cost tier_cost(enum build_quality quality, const struct facts *facts);
 
-/* The quality of least cost; of equal ones the faster. `rays_per_primitive` is finite and not negative. Never UNSPECIFIED or AUTO. */
+/* The quality of least cost; of equal ones the faster; high only where it can split, which is what it is for. `rays_per_primitive` is finite and not negative. Never UNSPECIFIED or AUTO. */
 enum build_quality tier_choose(const struct facts *facts, float rays_per_primitive);
 
 /*

@@ -8,7 +8,7 @@
 export LC_ALL=C
 
 setup_build_packages="gcc libc6-dev meson ninja-build pkg-config libassimp-dev libcjson-dev libssl-dev libpng-dev libvulkan-dev glslang-tools libprotobuf-c-dev protobuf-c-compiler libuv1-dev libsystemd-dev"
-setup_bench_packages="cmake libembree-dev"
+setup_bench_packages="cmake libembree-dev gnuplot-nox"
 setup_check_packages="$setup_build_packages $setup_bench_packages g++ clang libclang-rt-dev libcmocka-dev systemd"
 
 setup_say()

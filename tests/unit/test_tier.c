@@ -51,7 +51,7 @@ static void more_rays_never_choose_less(void **state)
         struct facts facts = {.primitives = 1u << 2 * i,
                               .sampled = 1,
                               .met = 1,
-                              .triangles = true,
+                              .can_split = true,
                               .crossings = crossings[i % 4],
                               .slant = slants[i / 4],
                               .spread = i % 5};
@@ -66,6 +66,17 @@ static void more_rays_never_choose_less(void **state)
                 assert_true(cost.build_ns + rays * cost.ray_ns <= other.build_ns + rays * other.ray_ns);
             }
         }
+    }
+}
+
+/* Without splits high is no more than a slower balanced. */
+static void high_is_for_what_can_be_split(void **state)
+{
+    (void)state;
+    for (int i = 0; i < 2; i++) {
+        struct facts facts = {
+            .primitives = 100000, .sampled = 1, .met = 1, .can_split = i, .crossings = 200, .slant = 0.98, .spread = 2};
+        assert_int_equal(tier_choose(&facts, 1e6f), i ? QUALITY_HIGH : QUALITY_BALANCED);
     }
 }
 
@@ -113,6 +124,7 @@ int main(void)
         cmocka_unit_test(what_is_named_stays),
         cmocka_unit_test(few_rays_are_for_fast_and_many_for_high),
         cmocka_unit_test(more_rays_never_choose_less),
+        cmocka_unit_test(high_is_for_what_can_be_split),
         cmocka_unit_test(hints_of_one_tier_share_a_result),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,15 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <stdio.h>
+#include <string.h>
 
 #include "chart.h"
+#include "choice.h"
 #include "plot.h"
 
-enum { TIERS = 4, PANELS = 2, ROW_PIXELS = 34, ABOVE_PIXELS = 90, BELOW_PIXELS = 80 };
+enum { TIERS = 3, PANELS = 2, ROW_PIXELS = 34, ABOVE_PIXELS = 90, BELOW_PIXELS = 80 };
 
 static const struct {
     const char *method, *colour;
     int shape;
-} tiers[TIERS] = {{"fast", "#E69F00", 9}, {"balanced", "#0072B2", 7}, {"high", "#CC79A7", 13}, {"auto", "#000000", 2}};
+} tiers[TIERS] = {{"fast", "#E69F00", 9}, {"balanced", "#0072B2", 7}, {"high", "#CC79A7", 13}};
 
 /* What each panel shows, relative to what a user of Embree would take. */
 static const struct {
@@ -69,13 +71,48 @@ static void draw_panel(const struct results *results, int panel, FILE *script)
     fprintf(script, "\n");
 }
 
+/* Where auto takes that tier; where it is not good, what it costs more. */
+static void draw_choice_data(const struct results *results, int tier, FILE *script)
+{
+    fprintf(script, "$c%d << EOD\n", tier);
+    for (uint32_t i = 0; i < results->scene_count; i++)
+        for (int hint = 0; hint < CHOICE_HINTS; hint++) {
+            struct choice choice;
+            if (!choice_of(results, i, hint, &choice))
+                continue;
+            double more = choice.auto_ms / choice.best_ms - 1;
+            if (tier == TIERS && !choice.is_good)
+                fprintf(script, "%d %u \"+%.0f %%\"\n", hint, results->scene_count - i, 100 * more);
+            else if (tier < TIERS && strcmp(choice.chosen, tiers[tier].method) == 0)
+                fprintf(script, "%d %u\n", hint, results->scene_count - i);
+        }
+    fprintf(script, "EOD\n");
+}
+
+static void draw_choices(FILE *script)
+{
+    fprintf(script,
+            "set title \"auto, by rays a triangle (red: what it loses)\" font \",10\"\nunset arrow 1\nunset logscale x\nset xrange "
+            "[-0.6:%d.8]\n"
+            "set offsets 0, 0, 0, 0\nset xtics (",
+            CHOICE_HINTS - 1);
+    for (int hint = 0; hint < CHOICE_HINTS; hint++)
+        fprintf(script, "%s\"%g\" %d", hint ? ", " : "", choice_rays(hint), hint);
+    fprintf(script, ")\nplot ");
+    for (int tier = 0; tier < TIERS; tier++)
+        fprintf(script, "$c%d with points pt %d ps 1.5 lw 2 lc rgb \"%s\" notitle, ", tier, tiers[tier].shape, tiers[tier].colour);
+    fprintf(script, "$c%d using 1:2:3 with labels offset 3.4,0 font \",8\" tc rgb \"#c00000\" notitle\n", TIERS);
+}
+
 static void draw(const void *context, FILE *script)
 {
     const struct results *results = context;
     const double height = height_for(results);
     draw_data(results, script);
+    for (int tier = 0; tier <= TIERS; tier++)
+        draw_choice_data(results, tier, script);
     fprintf(script,
-            "set multiplot layout 1,2 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins 0.15,0.97,%.4f,%.4f "
+            "set multiplot layout 1,3 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins 0.12,0.98,%.4f,%.4f "
             "spacing 0.03\n",
             BELOW_PIXELS / height, 1 - ABOVE_PIXELS / height);
     fprintf(script, "set border 1 lc rgb \"#606060\"\nset grid lc rgb \"#e0e0e0\"\nset tics nomirror\nset logscale x\nset autoscale x\n"
@@ -84,11 +121,12 @@ static void draw(const void *context, FILE *script)
             20 / height);
     for (int panel = 0; panel < PANELS; panel++)
         draw_panel(results, panel, script);
+    draw_choices(script);
     fprintf(script, "unset multiplot\n");
 }
 
 bool chart_scenes(const struct results *results, const char *directory)
 {
-    const struct plot plot = {directory, "scenes", 1000, height_for(results)};
+    const struct plot plot = {directory, "scenes", 1300, height_for(results)};
     return plot_run(&plot, draw, results);
 }
