@@ -71,6 +71,14 @@ static enum bvhd_status incompatible(const struct check *check)
                           is_known ? "lavapipe" : "unknown", found, target_name(check->format->target), needed);
 }
 
+/* Two versions of one driver may have the same UUIDs. */
+static enum bvhd_status other_variant(const struct check *check, const struct lavapipe_view *view)
+{
+    return bvhd_error_set(check->error, BVHD_INCOMPATIBLE, "format.variant",
+                          "for target lavapipe in its variant %d; this device needs target %s in variant %" PRIu32 ", or portable",
+                          (int)view->device.variant, target_name(check->format->target), check->format->variant);
+}
+
 /* The driver's own opinion, of the first bytes: a format may be of another device, or of a time before the driver was updated. */
 static enum bvhd_status ask_driver(const struct check *check)
 {
@@ -111,8 +119,12 @@ static enum bvhd_status check_native(const struct check *check)
         memcmp(header->compatibility_uuid, format->compatibility_uuid, SERIALIZED_UUID_SIZE) != 0)
         return incompatible(check);
     enum bvhd_status status = ask_driver(check);
-    if (status == BVHD_OK)
-        status = lavapipe_open(check->blob.bytes, (enum lavapipe_variant)format->variant, &library_memory, &view, check->error);
+    if (status != BVHD_OK)
+        return status;
+    status = lavapipe_open(check->blob.bytes, (enum lavapipe_variant)format->variant, &library_memory, &view, check->error);
+    if ((status == BVHD_CORRUPT || status == BVHD_INCOMPATIBLE) &&
+        lavapipe_open_any(check->blob.bytes, &library_memory, &view, NULL) == BVHD_OK && view.device.variant != format->variant)
+        return other_variant(check, &view);
     return status == BVHD_OK ? check_native_limits(check, &view) : status;
 }
 

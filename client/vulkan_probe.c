@@ -4,6 +4,7 @@
 
 #include "library.h"
 #include "probe.h"
+#include "serialized.h"
 #include "vulkan_buffer.h"
 #include "vulkan_work.h"
 
@@ -294,6 +295,18 @@ static enum bvhd_status serialize_all(struct probing *probing)
     return vulkan_work_run(&probing->work, probing->error);
 }
 
+/* Addresses differ from run to run. Rows + 1 take their place in what names them, wherever it lies there: equal devices give equal probes. */
+static void number_handles(struct probe *probe, unsigned char *instances)
+{
+    uint64_t size = probe->structures[PROBE_INSTANCES].size;
+    for (uint64_t at = SERIALIZED_HANDLES; at + 8 <= size; at++)
+        for (int i = 0; i < PROBE_COUNT; i++)
+            if (bytes_get64(instances + at) == probe->handles[i])
+                bytes_put64(instances + at, (uint64_t)i + 1);
+    for (int i = 0; i < PROBE_COUNT; i++)
+        probe->handles[i] = (uint64_t)i + 1;
+}
+
 static enum bvhd_status pack(const struct probing *probing, unsigned char **ret_data, uint64_t *ret_size)
 {
     struct probe probe = {.handles = {0}};
@@ -305,6 +318,7 @@ static enum bvhd_status pack(const struct probing *probing, unsigned char **ret_
         probe.structures[i] =
             (struct bytes){probing->serialized.mapped + base + probing->steps[i].serialized_offset, probing->steps[i].serialized_size};
     }
+    number_handles(&probe, probing->serialized.mapped + base + probing->steps[PROBE_INSTANCES].serialized_offset);
     return probe_pack(&probe, &library_memory, ret_data, ret_size, probing->error);
 }
 

@@ -42,7 +42,8 @@ void probe_request_init(struct probe_request *request, enum probe_structure whic
 struct probe {
     char device[PROBE_NAME_SIZE]; /* the device's name, for people */
     char driver[PROBE_NAME_SIZE]; /* its driver and version, for people */
-    uint64_t handles[PROBE_COUNT]; /* what instances named: the addresses of the bottom levels on the device */
+    uint64_t
+        handles[PROBE_COUNT]; /* what instances name: the addresses of the bottom levels on the device, or numbers in their place */
     struct bytes structures[PROBE_COUNT]; /* as the device serialized them */
 };
 

@@ -39,7 +39,7 @@ static void probe(struct found *found, struct memory *memory)
 {
     struct gpu *gpu;
     struct bvhd_format format;
-    if (gpu_open(found->facts.name, memory, &gpu, &found->why_not))
+    if (gpu_open(found->facts.number, memory, &gpu, &found->why_not))
         return;
     if (!probe_source_ask(gpu, &format, &found->why_not))
         found->native = bvhd_target_name(format.target);
@@ -75,6 +75,7 @@ static void write_device(const struct found *found, struct json *json)
     snprintf(version, sizeof version, "%u.%u", VK_API_VERSION_MAJOR(facts->api_version), VK_API_VERSION_MINOR(facts->api_version));
     json_object(json, NULL);
     json_text(json, "name", facts->name);
+    json_text(json, "number", facts->number);
     json_text(json, "kind", kind_of(facts->type));
     json_text(json, "driver", facts->driver);
     json_text(json, "vulkan", version);
@@ -120,6 +121,7 @@ static void print_device(const struct found *found)
 {
     const struct gpu_facts *facts = &found->facts;
     printf("%s\n", facts->name);
+    printf("  number    %s\n", facts->number);
     printf("  kind      %s, %.1f GB, Vulkan %u.%u\n", kind_of(facts->type), (double)facts->memory / 1e9,
            VK_API_VERSION_MAJOR(facts->api_version), VK_API_VERSION_MINOR(facts->api_version));
     printf("  driver    %s\n", facts->driver);

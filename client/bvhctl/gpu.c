@@ -39,7 +39,7 @@ static enum bvhd_status no_such_device(const char *name, const struct gpu_candid
     return bvhd_error_set(error, BVHD_NOT_FOUND, name, "no device of that name; there is: %s", names);
 }
 
-/* A full name means that device, even where it is a part of another's name. */
+/* A number means the one at that place, and a full name that device, even where it is a part of another's name. */
 static enum bvhd_status choose(const char *name, const struct gpu_candidate *list, uint32_t count,
                                const struct gpu_candidate **ret_chosen, struct bvhd_error *error)
 {
@@ -49,6 +49,9 @@ static enum bvhd_status choose(const char *name, const struct gpu_candidate *lis
             chosen = &list[i];
     for (uint32_t i = count; i-- > 0;)
         if (!strcmp(name, list[i].facts.name))
+            chosen = &list[i];
+    for (uint32_t i = 0; i < count; i++)
+        if (!strcmp(name, list[i].facts.number))
             chosen = &list[i];
     if (!chosen)
         return no_such_device(name, list, count, error);

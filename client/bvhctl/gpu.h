@@ -24,6 +24,7 @@ struct gpu_facts {
     uint64_t memory; /* bytes of its largest device-local heap */
     uint64_t max_storage_range; /* bytes of a storage buffer that a shader can bind */
     uint32_t max_groups; /* in x, of a dispatch */
+    char number[12]; /* its place in gpu_list, from 0: for gpu_open, whatever others are called */
     uint32_t subgroup_size;
 };
 
@@ -59,7 +60,7 @@ struct gpu {
 };
 
 /*
- * Opens the device whose name contains `name`, letter case ignored ("auto": the first of gpu_list); all features that struct gpu_facts names are enabled. BVHD_NOT_FOUND lists what there is.
+ * Opens the device whose name contains `name`, letter case ignored ("auto": the first of gpu_list; a number below their count: that one of them); all features that struct gpu_facts names are enabled. BVHD_NOT_FOUND lists what there is.
  * With $BVHD_VALIDATE set to 1 the Khronos validation layer is loaded, its absence an error, and its messages of warnings and errors go to stderr and are counted by
  * gpu_messages. End with gpu_close.
  */

@@ -227,6 +227,8 @@ static enum bvhd_status read_devices(const struct gpu_instance *instance, const 
         return bvhd_error_set(error, BVHD_UNAVAILABLE, "devices", "no Vulkan device here has Vulkan 1.1 and computes");
     }
     sort(list, used);
+    for (uint32_t i = 0; i < used; i++)
+        snprintf(list[i].facts.number, sizeof list[i].facts.number, "%u", i);
     *ret_list = list;
     *ret_count = used;
     return BVHD_OK;

@@ -54,7 +54,7 @@ static enum bvhd_status probe_device(const struct gpu_facts *facts, enum bvhd_ta
     struct bvhd_format format;
     if (!facts->has_acceleration_structure)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "", "no acceleration structures");
-    enum bvhd_status status = gpu_open(facts->name, memory, &gpu, error);
+    enum bvhd_status status = gpu_open(facts->number, memory, &gpu, error);
     if (status)
         return status;
     status = probe_source_ask(gpu, &format, error);

@@ -38,7 +38,7 @@ static bool choose_device(const struct structures *structures, struct memory *me
         struct bvhd_error error = {0};
         if (list[i].type == VK_PHYSICAL_DEVICE_TYPE_CPU)
             continue;
-        enum bvhd_status status = open_device(list[i].name, structures, memory, ret_choice, &error);
+        enum bvhd_status status = open_device(list[i].number, structures, memory, ret_choice, &error);
         is_found = !status;
         if (status && !is_unfit(status))
             report_note(list[i].name, "not used: %s: %s", error.where, error.text);

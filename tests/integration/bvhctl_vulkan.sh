@@ -96,6 +96,8 @@ run 0 probe --device "$device" -o b.probe --json
 one_json_object
 prints '"target":"lavapipe"'
 prints "\"device\":\"$device\""
+run 0 probe --device 0 -o first.probe
+expect 'one device, one probe' cmp -s a.probe first.probe
 run 1 probe --device 'of tomorrow' -o c.probe
 one_error_line
 says "$device"

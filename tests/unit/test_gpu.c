@@ -38,6 +38,7 @@ static void lists_devices_best_first(void **state)
     for (uint32_t i = 0; i < count; i++) {
         assert_true(*list[i].name && *list[i].driver);
         assert_true(list[i].memory > 0);
+        assert_int_equal(atoi(list[i].number), i);
         assert_true(list[i].max_groups >= 65535 && list[i].max_storage_range >= 1 << 27);
         assert_true(list[i].has_acceleration_structure || !list[i].has_ray_query);
         if (i && list[i].type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU)
@@ -62,7 +63,11 @@ static void opens_by_a_part_of_the_name(void **state)
     assert_int_equal(gpu_open(gpu->facts.name, &memory, &other, &error), BVHD_OK);
     assert_string_equal(other->facts.name, gpu->facts.name);
     gpu_close(other);
+    assert_int_equal(gpu_open("0", &memory, &other, &error), BVHD_OK);
+    assert_string_equal(other->facts.name, gpu->facts.name);
+    gpu_close(other);
     other = NULL;
+    assert_int_equal(gpu_open("4294967295", &memory, &other, &error), BVHD_NOT_FOUND);
     assert_int_equal(gpu_open("a device that nobody makes", &memory, &other, &error), BVHD_NOT_FOUND);
     assert_null(other);
     assert_non_null(strstr(error.text, gpu->facts.name));
