@@ -1,0 +1,51 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# manuals.sh SOURCE BVHD BVHCTL - the manual pages name the same options, commands and version as the programs' own help, and have no mistake that
+# groff, where there is one, can see. Prints each expectation that does not hold; status 1 when one does not.
+set -u
+export LC_ALL=C
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
+source=$(realpath "$1")
+bvhd=$(realpath "$2")
+bvhctl=$(realpath "$3")
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+cd "$scratch" || exit 1
+
+# options FILE... - the long ones that are named, one a line.
+options()
+{
+    sed 's/\\-/-/g' "$@" | grep -oE -- '(^|[^-a-z])--[a-z][-a-z]*' | sed 's/^[^-]//' | sort -u
+}
+
+# page FILE PROGRAM HELP - what holds for each.
+page()
+{
+    "$2" --version >version
+    expect "$1: the version of $(cat version)" grep -q "\"bvhd $(sed 's/.* \([0-9]*\.[0-9]*\)\..*/\1/' version)\"" "$source/$1"
+    options "$source/$1" >written
+    options "$3" >offered
+    expect "$1: there are options" [ "$(wc -l <offered)" -gt 5 ]
+    expect "$1: the options of the help (>) and no others (<)" diff written offered
+    if command -v groff >/dev/null; then
+        groff -man -Tascii -ww "$source/$1" >text 2>said
+        expect "$1: groff has nothing to say: $(head -n 5 said)" [ ! -s said ]
+        expect "$1: it has text" grep -q 'EXIT STATUS\|E.EX.XI.IT' text
+    fi
+}
+
+"$bvhd" --help >bvhd.help
+page daemon/bvhd.8 "$bvhd" bvhd.help
+
+"$bvhctl" --help >bvhctl.help
+commands=$(sed -n '/^Commands:/,/^$/s/^  \([a-z]*\) .*/\1/p' bvhctl.help)
+expect 'there are commands' [ "$(echo "$commands" | wc -w)" -gt 5 ]
+for command in $commands; do
+    "$bvhctl" "$command" --help >>bvhctl.help
+    expect "bvhctl.1: $command" grep -qE "^\.BI? $command( |\$)" "$source/client/bvhctl/bvhctl.1"
+done
+page client/bvhctl/bvhctl.1 "$bvhctl" bvhctl.help
+
+echo "$checks expectations, $failures do not hold"
+[ $failures -eq 0 ]
