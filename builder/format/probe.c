@@ -80,9 +80,14 @@ static enum bvhd_status read_name(const unsigned char *at, const char *where, ch
     return BVHD_OK;
 }
 
+bool probe_is(struct bytes data)
+{
+    return data.size >= sizeof magic && memcmp(data.data, magic, sizeof magic) == 0;
+}
+
 static enum bvhd_status read_header(struct bytes data, struct probe *probe, struct bvhd_error *error)
 {
-    if (data.size < sizeof magic || memcmp(data.data, magic, sizeof magic) != 0)
+    if (!probe_is(data))
         return bvhd_error_set(error, BVHD_CORRUPT, "probe", "this is no probe");
     if (data.size < HEADER)
         return bvhd_error_set(error, BVHD_CORRUPT, "probe", "%" PRIu64 " bytes are too few", data.size);

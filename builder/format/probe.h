@@ -51,6 +51,9 @@ struct probe {
 enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, unsigned char **ret_data, uint64_t *ret_size,
                             struct bvhd_error *error);
 
+/* Whether it begins as one. */
+bool probe_is(struct bytes data);
+
 /* Reads a hostile block: names end, sizes fit, nothing is left over. Structures point into it. BVHD_CORRUPT, BVHD_INCOMPATIBLE (another version). */
 enum bvhd_status probe_unpack(struct bytes data, struct probe *ret_probe, struct bvhd_error *error);
 

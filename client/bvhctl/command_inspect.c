@@ -4,6 +4,7 @@
 
 #include "commands.h"
 #include "files.h"
+#include "inspect_probe.h"
 #include "layout.h"
 #include "serialized.h"
 #include "structures.h"
@@ -20,13 +21,6 @@ struct run {
     struct bvhd_error first_error;
     uint32_t shown;
 };
-
-static void uuid_text(const uint8_t uuid[SERIALIZED_UUID_SIZE], char ret_text[40])
-{
-    char *out = ret_text;
-    for (int i = 0; i < SERIALIZED_UUID_SIZE; i++)
-        out += sprintf(out, "%s%02x", i == 4 || i == 6 || i == 8 || i == 10 ? "-" : "", uuid[i]);
-}
 
 /* Drivers put the names of their versions there. */
 static void add_letters(const uint8_t uuid[SERIALIZED_UUID_SIZE], char text[64])
@@ -55,10 +49,10 @@ struct inspected {
 
 static void write_serialized(struct json *json, const struct serialized_header *serialized)
 {
-    char uuid[40];
-    uuid_text(serialized->driver_uuid, uuid);
+    char uuid[INSPECT_UUID];
+    inspect_uuid(serialized->driver_uuid, uuid);
     json_text(json, "driver_uuid", uuid);
-    uuid_text(serialized->compatibility_uuid, uuid);
+    inspect_uuid(serialized->compatibility_uuid, uuid);
     json_text(json, "compatibility_uuid", uuid);
     json_integer(json, "serialized_size", serialized->serialized_size);
     json_integer(json, "deserialized_size", serialized->deserialized_size);
@@ -215,7 +209,7 @@ static void print_title(const struct inspected *inspected)
     const struct serialized_header *serialized = &inspected->serialized;
     bool is_portable = structure->target == TARGET_PORTABLE;
     char uuid[64];
-    uuid_text(serialized->compatibility_uuid, uuid);
+    inspect_uuid(serialized->compatibility_uuid, uuid);
     add_letters(serialized->compatibility_uuid, uuid);
     printf("%s: %s level, %s %s %u, %u %s of %u primitives, %llu bytes\n", inspected->path, level_name(structure),
            layout_find(structure->target)->name, is_portable ? "version" : "variant",
@@ -269,6 +263,35 @@ static enum bvhd_status take(struct run *run, struct inspected *inspected, struc
     return status ? status : survey_take(inspected->structure, &run->memory, &inspected->survey, error);
 }
 
+/* BVHD_NOT_FOUND: it is none, and what is wrong with it as a structure is what matters. */
+static enum bvhd_status inspect_probe(struct run *run, const char *path, struct bvhd_error *error)
+{
+    struct inspect_probe probe;
+    enum bvhd_status status = inspect_probe_open(path, &run->memory, &probe, error);
+    if (status)
+        return status;
+    if (run->options->json)
+        inspect_probe_write(path, &probe, &run->json);
+    else
+        inspect_probe_print(path, &probe);
+    inspect_probe_close(&probe, &run->memory);
+    return BVHD_OK;
+}
+
+/* A file that is no structure may be a probe. */
+static enum bvhd_status inspect_other(struct run *run, const char *path, enum bvhd_status status, struct bvhd_error *error)
+{
+    struct bvhd_error of_probe;
+    if (status != BVHD_CORRUPT && status != BVHD_INCOMPATIBLE)
+        return status;
+    enum bvhd_status as_probe = inspect_probe(run, path, &of_probe);
+    if (as_probe == BVHD_OK)
+        return BVHD_OK;
+    if (as_probe == BVHD_CORRUPT || as_probe == BVHD_INCOMPATIBLE || as_probe == BVHD_NO_MEMORY)
+        *error = of_probe;
+    return error->status;
+}
+
 static void inspect_file(struct run *run, const char *path)
 {
     struct structure_file file;
@@ -282,6 +305,8 @@ static void inspect_file(struct run *run, const char *path)
         else if (!status)
             print_file(&inspected);
         structures_close_file(&file, &run->memory);
+    } else {
+        status = inspect_other(run, path, status, &error);
     }
     run->shown += !status;
     if (status)

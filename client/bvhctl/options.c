@@ -107,7 +107,7 @@ struct command_row {
 static const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_BUILD] = {"build", "SCENE... -o DIR", "build acceleration structures from scene files", 1, 1 << 20},
     [COMMAND_CHECK] = {"check", "DIR SCENE", "trace built files against brute force over the scene they came from", 2, 2},
-    [COMMAND_INSPECT] = {"inspect", "PATH", "say what is in a built file, or in all files of a directory", 1, 1},
+    [COMMAND_INSPECT] = {"inspect", "PATH", "say what is in a built file or a probe, or in all files of a directory", 1, 1},
     [COMMAND_TRACE] = {"trace", "DIR --device NAME -o PNG", "make a picture of what was built", 1, 1},
     [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure that the daemon knows by its key", 1, 1},
     [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},

@@ -114,6 +114,18 @@ sed 's/"target": "lavapipe"/"target": "teapot"/' 'local/park plain 10/manifest.j
 run 3 inspect mixed
 says 'not a target that this version knows'
 
+# A probe says whose it is.
+run 0 inspect 'plain 10'
+expect 'it prints loads portable, lavapipe (variant 1)' grep -Fq 'loads portable, lavapipe (variant 1)' out
+run 0 inspect 'plain 10' --json
+one_json_object
+expect 'it prints "content":"probe"' grep -Fq '"content":"probe"' out
+expect 'it prints "target":"lavapipe"' grep -Fq '"target":"lavapipe"' out
+head -c 700 'plain 10' >'cut probe'
+run 3 inspect 'cut probe'
+one_error_line
+says 'probe.size: says'
+
 # Without a device, and with files that are no probes.
 export VK_DRIVER_FILES=/nonexistent VK_ICD_FILENAMES=/nonexistent
 run 1 --local build one.obj -o none --target lavapipe
