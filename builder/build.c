@@ -77,12 +77,30 @@ static void count_primitives(const struct canonical *canonical, struct build_sta
     }
 }
 
+static bool is_of_triangles(const struct canonical *canonical)
+{
+    return canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
+}
+
+/* Triangles that end up in one leaf need no tree of their own; boxes and instances are dearer, and the collapse may decide on each. */
+static uint32_t leaf_max(const struct construction *construction)
+{
+    return is_of_triangles(construction->canonical) ? construction->layout->leaf_max : 1;
+}
+
+/* How many primitives may be one from the begin. */
+static uint32_t run_max(const struct construction *construction)
+{
+    return construction->quality == QUALITY_FAST ? leaf_max(construction) : 1;
+}
+
 static enum bvhd_status collect(struct construction *construction)
 {
     const struct build_context *context = construction->context;
     struct build_stats *stats = &construction->stats;
     struct primitive_refs *refs = &construction->refs;
-    enum bvhd_status status = primitive_collect(construction->canonical, context, refs, construction->error);
+    enum bvhd_status status =
+        primitive_collect_runs(construction->canonical, run_max(construction), context, refs, construction->error);
     if (status != BVHD_OK)
         return status;
     count_primitives(construction->canonical, stats);
@@ -169,22 +187,12 @@ static const char *method_name(enum pieces_method method)
     return names[method];
 }
 
-static bool is_of_triangles(const struct canonical *canonical)
-{
-    return canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
-}
-
-/* Triangles that end up in one leaf need no tree of their own; boxes and instances are dearer, and the collapse may decide on each. */
-static uint32_t leaf_max(const struct construction *construction)
-{
-    return is_of_triangles(construction->canonical) ? construction->layout->leaf_max : 1;
-}
-
 /* Of PIECES_PLOC. Wider searches and more levels by binned SAH cost what they are worth. */
 static void clustering_for(enum build_quality quality, struct pieces_request *request)
 {
     bool fast = quality == QUALITY_FAST;
-    request->radius = fast ? 4 : 8;
+    request->radius = fast ? 3 : 8;
+    request->leaves_first = fast && request->leaf_max > 1;
     request->rounds = fast ? UINT32_MAX : 3;
 }
 
@@ -271,7 +279,7 @@ static enum bvhd_status widen(struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
     const struct build_context *context = construction->context;
-    bool parts = canonical->type == STRUCTURE_TOP || construction->ir.ref_count > construction->refs.count;
+    bool parts = canonical->type == STRUCTURE_TOP || construction->ir.ref_count > construction->refs.primitives;
     if (!construction->layout->widen || !parts)
         return BVHD_OK;
     if (!construction->layout->widen(canonical, context->parallel, context->cancel, &construction->ir))

@@ -12,7 +12,7 @@
 #include "context.h"
 #include "layout.h"
 
-enum { BUILD_VERSION = 2 }; /* changes whenever the same request would give other bytes: part of every key */
+enum { BUILD_VERSION = 3 }; /* changes whenever the same request would give other bytes: part of every key */
 
 enum { BUILD_PIECE_SIZE = 50000 }; /* most refs that are built without a look at the cancel flag */
 

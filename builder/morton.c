@@ -3,15 +3,14 @@
 
 #include "bins.h"
 
-enum { DIGIT_BITS = 10, DIGITS = 1 << DIGIT_BITS, PASSES = 3 };
+enum { AXIS_BITS = 8, CELLS = 1 << AXIS_BITS, DIGIT_BITS = 12, DIGITS = 1 << DIGIT_BITS, PASSES = 2 };
 
-/* Ten bits, each followed by two zeros. */
-static inline uint32_t spread(uint32_t bits)
+/* Eight bits of each lane, each followed by two zeros. */
+static inline vec4_int spread(vec4_int bits)
 {
-    bits = (bits | bits << 16) & 0x030000ff;
-    bits = (bits | bits << 8) & 0x0300f00f;
-    bits = (bits | bits << 4) & 0x030c30c3;
-    return (bits | bits << 2) & 0x09249249;
+    bits = (bits | bits << 8) & 0x00f00f;
+    bits = (bits | bits << 4) & 0x0c30c3;
+    return (bits | bits << 2) & 0x249249;
 }
 
 static inline uint32_t digit(uint32_t code, int pass)
@@ -24,7 +23,7 @@ static float cells_per_unit(const struct vec4_box *centroids)
     vec4 size = centroids->max - centroids->min;
     float longest = size[0] > size[1] ? size[0] : size[1];
     longest = size[2] > longest ? size[2] : longest;
-    float scale = ((float)DIGITS - 0.5f) / longest;
+    float scale = ((float)CELLS - 0.5f) / longest;
     return longest > 0 && scale <= FLT_MAX ? scale : 0;
 }
 
@@ -37,7 +36,8 @@ static void encode(const struct primitive_ref *refs, uint32_t count, struct mort
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box box = vec4_box_load(&refs[i]);
         vec4_int cell = __builtin_convertvector(vec4_xyz(box.min + box.max - centroids.min) * scale, vec4_int);
-        uint32_t code = spread((uint32_t)cell[0]) | spread((uint32_t)cell[1]) << 1 | spread((uint32_t)cell[2]) << 2;
+        cell = spread(cell);
+        uint32_t code = (uint32_t)cell[0] | (uint32_t)cell[1] << 1 | (uint32_t)cell[2] << 2;
         keys[i] = (struct morton_key){code, i};
         for (int pass = 0; pass < PASSES; pass++)
             histograms[pass][digit(code, pass)]++;

@@ -10,7 +10,7 @@ struct morton_key {
 };
 
 /*
- * Copies `count` refs, in order, to `ret_sorted`. Cells are cubes, 1024 along the longest side of the centroids' box; refs of one cell keep their
+ * Copies `count` refs, in order, to `ret_sorted`. Cells are cubes, 256 along the longest side of the centroids' box; refs of one cell keep their
  * order. `keys` has room for 2 * count. Magnitudes are at most 2^40.
  */
 void morton_sort(const struct primitive_ref *refs, uint32_t count, struct morton_key *keys, struct primitive_ref *ret_sorted);

@@ -65,9 +65,10 @@ static enum bvhd_status build_ploc(const struct build *build, struct piece *piec
         .leaf_max = request->leaf_max,
         .radius = request->radius,
         .rounds = request->rounds,
+        .leaves_first = request->leaves_first,
         .cancel = request->cancel,
     };
-    return ploc_build(&ploc, build->memory, &piece->ir, NULL);
+    return ploc_build(&ploc, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
 }
 
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
@@ -98,7 +99,7 @@ static void run_piece(void *context, size_t index)
     struct piece *piece = &build->pieces[build->order[index]];
     const struct pieces_request *request = build->request;
     piece->status = parallel_cancelled(request->cancel) ? BVHD_CANCELLED : build_piece(build, piece);
-    if (piece->status == BVHD_OK)
+    if (piece->status == BVHD_OK && request->method != PIECES_PLOC)
         piece->status = measure(build, piece);
     uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
     if (request->progress && piece->status == BVHD_OK)

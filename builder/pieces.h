@@ -18,6 +18,7 @@ struct pieces_request {
     struct primitive_ref *refs, *scratch; /* of the split; both are written to */
     enum pieces_method method;
     uint32_t radius, rounds; /* with PIECES_PLOC (ploc.h) */
+    bool leaves_first; /* likewise */
     uint32_t leaf_max;
     const struct canonical *canonical; /* with PIECES_SPATIAL */
     const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "bins.h"
+#include "leaves.h"
 #include "morton.h"
 #include "nearest.h"
 #include "parallel.h"
@@ -29,9 +30,16 @@ struct move {
     uint32_t from, to;
 };
 
+/* A ref of the request: primitives [id, id + count). */
+struct run {
+    uint32_t id, count;
+};
+
 struct clustering {
     const struct ploc_request *request;
     struct primitive_ref *leaves, *inner;
+    uint32_t leaf_count;
+    struct run *runs; /* of all leaves */
     struct node_facts *facts;
     uint32_t node_count;
     struct row row, next;
@@ -43,7 +51,7 @@ struct clustering {
 
 static inline struct primitive_ref *node_at(const struct clustering *c, uint32_t node)
 {
-    uint32_t leaves = c->request->count;
+    uint32_t leaves = c->leaf_count;
     return node < leaves ? &c->leaves[node] : &c->inner[node - leaves];
 }
 
@@ -62,14 +70,14 @@ static inline float cost_of_two(const struct clustering *c, uint32_t a, uint32_t
 /* Fills an inner node. */
 static inline void set_node(const struct clustering *c, uint32_t node, uint32_t left, uint32_t right, struct vec4_box box)
 {
-    struct primitive_ref *ref = &c->inner[node - c->request->count];
+    struct primitive_ref *ref = &c->inner[node - c->leaf_count];
     vec4_box_store(ref, box);
     ref->geometry = left;
     ref->id = right;
     float area = vec4_box_half_area(box), cost = area + c->facts[left].cost + c->facts[right].cost;
     uint32_t refs = (uint32_t)c->facts[left].refs + c->facts[right].refs;
     float as_leaf = area * (float)refs;
-    bool leaf = refs <= c->request->leaf_max && as_leaf <= cost;
+    bool leaf = refs <= c->request->leaf_max && (c->request->leaves_first || as_leaf <= cost);
     c->facts[node] = (struct node_facts){leaf ? as_leaf : cost, refs & INT32_MAX, leaf};
 }
 
@@ -83,7 +91,7 @@ static inline void rotate(const struct clustering *c, uint32_t children[2])
     uint32_t low = 0, up = 0, stays = 0, side = 2;
     for (uint32_t i = 0; i < 2; i++) {
         uint32_t inner = children[i], other = children[1 - i];
-        if (inner < c->request->count)
+        if (inner < c->leaf_count)
             continue;
         const struct primitive_ref *ref = node_at(c, inner);
         float right_stays = cost_of_two(c, other, ref->id) + c->facts[ref->geometry].cost;
@@ -107,7 +115,8 @@ static inline uint32_t join(struct clustering *c, uint32_t left, uint32_t right)
 {
     uint32_t node = c->node_count++, children[2] = {left, right};
     struct vec4_box box = box_of_two(c, left, right);
-    rotate(c, children);
+    if (!c->request->leaves_first)
+        rotate(c, children);
     set_node(c, node, children[0], children[1], box);
     return node;
 }
@@ -279,8 +288,18 @@ static enum bvhd_status divide_rest(struct clustering *c, struct memory *memory,
 
 /* A subtree that becomes a node of the ir. */
 struct emitted {
-    uint32_t node, ir_node, first_ref;
+    uint32_t node, ir_node, first_ref, level;
 };
+
+static uint32_t emit_runs(const struct clustering *c, struct ir *ir, const struct primitive_ref *leaf, uint32_t ref)
+{
+    for (uint32_t i = 0; i < leaf->geometry; i++) {
+        struct run run = c->runs[leaf->id + i];
+        for (uint32_t k = 0; k < run.count; k++)
+            ir->refs[ref++] = run.id + k;
+    }
+    return ref;
+}
 
 static void emit_leaf(const struct clustering *c, struct ir *ir, const struct emitted *leaf)
 {
@@ -290,8 +309,8 @@ static void emit_leaf(const struct clustering *c, struct ir *ir, const struct em
     while (count > 0) {
         uint32_t node = waiting[--count];
         const struct primitive_ref *at = node_at(c, node);
-        if (node < c->request->count) {
-            ir->refs[ref++] = at->id;
+        if (node < c->leaf_count) {
+            ref = emit_runs(c, ir, at, ref);
         } else {
             waiting[count++] = at->id;
             waiting[count++] = at->geometry;
@@ -300,30 +319,38 @@ static void emit_leaf(const struct clustering *c, struct ir *ir, const struct em
 }
 
 /* The larger child waits while the smaller is written, so that at most 32 wait. */
-static void emit(const struct clustering *c, struct ir *ir, uint32_t root)
+static void emit(const struct clustering *c, struct ir *ir, uint32_t root, uint32_t *ret_depth, double *ret_cost)
 {
-    struct emitted waiting[33], at = {root, 0, 0};
-    uint32_t waiting_count = 0;
+    struct emitted waiting[33], at = {root, 0, 0, 1};
+    uint32_t waiting_count = 0, depth = 0;
+    double cost = 0;
     ir->node_count = 1;
-    ir->ref_count = c->request->count;
+    ir->ref_count = c->facts[root].refs;
     for (;;) {
         const struct primitive_ref *ref = node_at(c, at.node);
         ir->boxes[0][at.ir_node] = primitive_ref_box(ref);
+        double area = box_half_area(&ir->boxes[0][at.ir_node]);
         if (c->facts[at.node].leaf) {
             emit_leaf(c, ir, &at);
+            cost += area * c->facts[at.node].refs;
+            depth = at.level > depth ? at.level : depth;
             if (waiting_count == 0)
-                return;
+                break;
             at = waiting[--waiting_count];
             continue;
         }
+        cost += area;
         uint32_t pair = ir->node_count, left_refs = c->facts[ref->geometry].refs;
         ir->node_count += 2;
         ir->nodes[at.ir_node] = (struct ir_node){.first = pair};
-        struct emitted left = {ref->geometry, pair, at.first_ref}, right = {ref->id, pair + 1, at.first_ref + left_refs};
+        struct emitted left = {ref->geometry, pair, at.first_ref, at.level + 1},
+                       right = {ref->id, pair + 1, at.first_ref + left_refs, at.level + 1};
         bool right_first = c->facts[ref->id].refs < left_refs;
         waiting[waiting_count++] = right_first ? left : right;
         at = right_first ? right : left;
     }
+    *ret_depth = depth;
+    *ret_cost = cost;
 }
 
 static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t stride)
@@ -339,7 +366,7 @@ static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t 
 static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
 {
     uint64_t n = c->request->count, stride = n + 2 * NEAREST_PAD;
-    uint32_t *words = memory_array(memory, 12 * stride + 6 * n + 5 * (n + 8), sizeof *words);
+    uint32_t *words = memory_array(memory, 12 * stride + 8 * n + 5 * (n + 8), sizeof *words);
     if (!words)
         return BVHD_NO_MEMORY;
     c->room = words;
@@ -349,56 +376,75 @@ static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
     place_row(&c->next, floats + 6 * stride, words + n, stride);
     c->facts = (struct node_facts *)(void *)(words + 2 * n);
     words += 6 * n;
+    c->runs = (struct run *)(void *)words;
+    words += 2 * n;
     c->singles = (struct move *)(void *)words;
     c->pairs = (struct move *)(void *)(words + 2 * (n + 8));
     c->keys = (int32_t *)(void *)(words + 4 * (n + 8));
     return BVHD_OK;
 }
 
-static void make_leaves(struct clustering *c)
+/* Makes `count` refs of the row, from `first` on, the leaf `index`, which is not behind them. */
+static inline void make_leaf(struct clustering *c, uint32_t index, uint32_t first, uint32_t count)
 {
-    uint32_t count = c->request->count;
-    morton_sort(c->request->refs, count, c->room, c->leaves);
+    struct primitive_ref *leaf = &c->leaves[index];
+    const struct primitive_ref *refs = &c->leaves[first];
+    struct vec4_box box = vec4_box_load(refs);
+    uint32_t primitives = 0;
     for (uint32_t i = 0; i < count; i++) {
-        const struct primitive_ref *ref = &c->leaves[i];
-        put(&c->row, i, i, ref);
-        c->facts[i] = (struct node_facts){vec4_box_half_area(vec4_box_load(ref)), 1, 1};
+        struct vec4_box other = vec4_box_load(&refs[i]);
+        vec4_box_grow(&box, other.min, other.max);
+        c->runs[first + i] = (struct run){refs[i].id, refs[i].geometry + 1};
+        primitives += refs[i].geometry + 1;
     }
-    c->count = c->node_count = count;
+    vec4_box_store(leaf, box);
+    leaf->id = first;
+    leaf->geometry = count;
+    put(&c->row, index, index, leaf);
+    c->facts[index] = (struct node_facts){vec4_box_half_area(box) * (float)primitives, primitives & INT32_MAX, 1};
 }
 
-static enum bvhd_status make_tree(struct clustering *c, struct memory *memory, struct ir *ir)
+static void make_leaves(struct clustering *c)
 {
-    uint32_t root = 0;
+    uint32_t count = c->request->count, leaves = count;
+    uint8_t *lengths = (uint8_t *)(void *)c->keys;
+    morton_sort(c->request->refs, count, c->room, c->leaves);
+    if (c->request->leaves_first)
+        leaves = leaves_cut(c->leaves, count, c->request->leaf_max, lengths);
+    else
+        memset(lengths, 1, count);
+    for (uint32_t i = 0, first = 0; i < leaves; first += lengths[i++])
+        make_leaf(c, i, first, lengths[i]);
+    c->count = c->node_count = c->leaf_count = leaves;
+}
+
+static enum bvhd_status make_tree(struct clustering *c, struct memory *memory, uint32_t *ret_root)
+{
     enum bvhd_status status = make_room(c, memory);
     if (status != BVHD_OK)
         return status;
     make_leaves(c);
     if (!run_rounds(c))
         return BVHD_CANCELLED;
-    if (c->count == 1)
-        root = c->row.nodes[0];
-    else
-        status = divide_rest(c, memory, &root);
-    if (status == BVHD_OK)
-        emit(c, ir, root);
-    return status;
+    if (c->count > 1)
+        return divide_rest(c, memory, ret_root);
+    *ret_root = c->row.nodes[0];
+    return BVHD_OK;
 }
 
-enum bvhd_status ploc_build(const struct ploc_request *request, struct memory *memory, struct ir *ret_ir, struct bvhd_error *error)
+enum bvhd_status ploc_build(const struct ploc_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
+                            double *ret_cost, struct bvhd_error *error)
 {
     struct clustering c = {.request = request, .leaves = request->scratch, .inner = request->refs};
-    struct ir ir;
-    enum bvhd_status status = ir_init(&ir, memory, 2 * request->count - 1, request->count, error);
-    if (status != BVHD_OK)
-        return status;
-    status = make_tree(&c, memory, &ir);
+    uint32_t root;
+    enum bvhd_status status = make_tree(&c, memory, &root);
+    if (status == BVHD_OK)
+        status = ir_init(ret_ir, memory, 2 * c.leaf_count - 1, c.facts[root].refs, NULL);
+    if (status == BVHD_OK)
+        emit(&c, ret_ir, root, ret_depth, ret_cost);
     memory_free(memory, c.room);
-    if (status == BVHD_OK) {
-        *ret_ir = ir;
+    if (status == BVHD_OK)
         return BVHD_OK;
-    }
-    ir_finish(&ir);
     return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory to cluster %u primitives",
                           request->count);
 }

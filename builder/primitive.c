@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#include "leaves.h"
 #include "vec4.h"
 
 /* Primitives whose refs stay in the first cache; chunks of a task, so many that it is worth another thread's while. */
@@ -200,7 +201,7 @@ void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct b
 
 /* What is in a chunk; its refs stand where they would be if nothing were left out. */
 struct chunk {
-    uint32_t count;
+    uint32_t count, primitives;
     struct box bounds, centroids;
     uint64_t inactive, degenerate, skipped;
 };
@@ -210,6 +211,7 @@ struct collection {
     struct primitive_ref *refs;
     struct chunk *chunks;
     size_t chunk_count;
+    uint32_t run_max; /* primitives a ref */
 };
 
 static void collect_one(const struct collection *collection, const struct canonical_geometry *geometry, uint32_t index,
@@ -231,6 +233,27 @@ static void collect_one(const struct collection *collection, const struct canoni
     chunk->count++;
 }
 
+/* Neighbours in the request that would share a leaf become one ref. Numbers of a run follow each other, so nothing may have been left out. */
+static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, uint32_t run_max)
+{
+    uint8_t lengths[CHUNK];
+    uint32_t runs = leaves_cut(refs, count, run_max, lengths);
+    const struct primitive_ref *next = refs;
+    for (uint32_t run = 0; run < runs; run++) {
+        struct vec4_box box = vec4_box_load(next);
+        uint32_t id = next->id, length = lengths[run];
+        for (uint32_t i = 1; i < length; i++) {
+            struct vec4_box other = vec4_box_load(&next[i]);
+            vec4_box_grow(&box, other.min, other.max);
+        }
+        vec4_box_store(&refs[run], box);
+        refs[run].geometry = length - 1;
+        refs[run].id = id;
+        next += length;
+    }
+    return runs;
+}
+
 static void collect_chunk(const struct collection *collection, size_t index)
 {
     const struct canonical *canonical = collection->canonical;
@@ -238,12 +261,16 @@ static void collect_chunk(const struct collection *collection, size_t index)
     size_t id, end;
     parallel_chunk(index, CHUNK, canonical->primitive_count, &id, &end);
     struct primitive_ref *refs = collection->refs + id;
+    uint32_t asked = (uint32_t)(end - id);
     while (id < end) {
         const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, (uint32_t)id)];
         size_t last = (size_t)geometry->first_primitive + geometry->primitive_count;
         for (last = last < end ? last : end; id < last; id++)
             collect_one(collection, geometry, (uint32_t)(id - geometry->first_primitive), &chunk, refs);
     }
+    chunk.primitives = chunk.count;
+    if (collection->run_max > 1 && chunk.count == asked)
+        chunk.count = make_runs(refs, chunk.count, collection->run_max);
     primitive_bounds(refs, chunk.count, &chunk.bounds, &chunk.centroids);
     collection->chunks[index] = chunk;
 }
@@ -264,6 +291,7 @@ static bool combine(const struct collection *collection, const atomic_bool *canc
         if (refs->count != i * CHUNK)
             memmove(refs->refs + refs->count, refs->refs + i * CHUNK, chunk->count * sizeof *refs->refs);
         refs->count += chunk->count;
+        refs->primitives += chunk->primitives;
         refs->inactive += chunk->inactive;
         refs->degenerate += chunk->degenerate;
         refs->skipped += chunk->skipped;
@@ -289,7 +317,13 @@ static enum bvhd_status collect(struct collection *collection, const struct buil
 enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
                                    struct primitive_refs *ret_refs, struct bvhd_error *error)
 {
-    struct collection collection = {.canonical = canonical};
+    return primitive_collect_runs(canonical, 1, context, ret_refs, error);
+}
+
+enum bvhd_status primitive_collect_runs(const struct canonical *canonical, uint32_t run_max, const struct build_context *context,
+                                        struct primitive_refs *ret_refs, struct bvhd_error *error)
+{
+    struct collection collection = {.canonical = canonical, .run_max = run_max};
     struct primitive_refs refs = {.bounds = box_empty(), .centroids = box_empty()};
     enum bvhd_status status = BVHD_OK;
     collection.chunk_count = ((size_t)canonical->primitive_count + CHUNK - 1) / CHUNK;

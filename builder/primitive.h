@@ -19,7 +19,7 @@
 /* A box and its owner in 32 bytes, a vector register each half; Embree's RTCBuildPrimitive looks the same, so benchmarks hand it over without a copy. */
 struct primitive_ref {
     float min[3];
-    uint32_t geometry; /* 0 */
+    uint32_t geometry; /* 0; of a run (primitive_collect_runs) how many primitives follow the first */
     float max[3];
     uint32_t id; /* flat primitive id */
 };
@@ -27,6 +27,7 @@ struct primitive_ref {
 struct primitive_refs {
     struct primitive_ref *refs; /* 64-byte aligned; in order of ids */
     uint32_t count;
+    uint32_t primitives; /* of all refs */
     struct box bounds; /* of all refs */
     struct box centroids; /* of min + max of all refs: twice the centres */
     uint64_t inactive; /* primitives */
@@ -43,6 +44,13 @@ struct box primitive_box(const struct canonical *canonical, const struct canonic
  */
 enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
                                    struct primitive_refs *ret_refs, struct bvhd_error *error);
+
+/*
+ * The same with refs of runs: up to run_max primitives (LEAVES_REFS_MAX at most) that follow each other in the request, where these are so near
+ * each other that they would share a leaf (leaves.h).
+ */
+enum bvhd_status primitive_collect_runs(const struct canonical *canonical, uint32_t run_max, const struct build_context *context,
+                                        struct primitive_refs *ret_refs, struct bvhd_error *error);
 
 /* Box and centroid box (see above) of refs; both empty when there are none. */
 void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct box *ret_bounds, struct box *ret_centroids);

@@ -12,14 +12,14 @@ static uint32_t cell_of(const struct primitive_ref *ref, const struct box *centr
         double size = (double)centroids->max[k] - centroids->min[k];
         longest = size > longest ? size : longest;
     }
-    float scale = longest > 0 ? 1023.5f / (float)longest : 0;
+    float scale = longest > 0 ? 255.5f / (float)longest : 0;
     return (uint32_t)((ref->min[axis] + ref->max[axis] - centroids->min[axis]) * scale);
 }
 
 /* Bit by bit, from the highest. */
 static int compare(const struct primitive_ref *a, const struct primitive_ref *b, const struct box *centroids)
 {
-    for (int bit = 9; bit >= 0; bit--)
+    for (int bit = 7; bit >= 0; bit--)
         for (int axis = 2; axis >= 0; axis--) {
             uint32_t x = cell_of(a, centroids, axis) >> bit & 1, y = cell_of(b, centroids, axis) >> bit & 1;
             if (x != y)

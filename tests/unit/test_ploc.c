@@ -9,6 +9,7 @@
 
 struct way {
     uint32_t leaf_max, radius, rounds;
+    bool leaves_first;
 };
 
 static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const struct way *way, const atomic_bool *cancel,
@@ -22,9 +23,19 @@ static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const st
         .leaf_max = way->leaf_max,
         .radius = way->radius,
         .rounds = way->rounds,
+        .leaves_first = way->leaves_first,
         .cancel = cancel,
     };
-    enum bvhd_status status = ploc_build(&request, memory, ret_ir, error);
+    uint32_t depth;
+    double cost;
+    enum bvhd_status status = ploc_build(&request, memory, ret_ir, &depth, &cost, error);
+    if (status == BVHD_OK) {
+        double expected = ir_cost(ret_ir, 0, ret_ir->node_count);
+        struct memory own;
+        memory_init(&own, UINT64_MAX);
+        assert_int_equal(depth, ir_depth(ret_ir, &own));
+        assert_true(fabs(cost - expected) <= 1e-12 * expected);
+    }
     free(scratch);
     return status;
 }
@@ -32,7 +43,9 @@ static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const st
 static void every_kind_gives_a_sound_tree(void **state)
 {
     (void)state;
-    static const struct way ways[] = {{1, 4, UINT32_MAX}, {3, 8, 2}, {3, 1, UINT32_MAX}, {31, 15, 1}, {2, 8, 0}};
+    static const struct way ways[] = {{1, 4, UINT32_MAX, false}, {3, 8, 2, false}, {3, 1, UINT32_MAX, false},
+                                      {31, 15, 1, false},        {2, 8, 0, false}, {3, 3, UINT32_MAX, true},
+                                      {1, 2, UINT32_MAX, true},  {31, 4, 2, true}};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     for (int kind = 0; kind < REFS_KINDS; kind++)
@@ -62,7 +75,7 @@ static void a_row_without_pairs_ends_soon(void **state)
     enum { COUNT = 16384 };
     struct memory memory;
     struct ir ir;
-    struct way way = {1, 8, UINT32_MAX};
+    struct way way = {1, 8, UINT32_MAX, false};
     struct primitive_ref *refs = test_refs_make(REFS_SAME, COUNT, 1);
     memory_init(&memory, UINT64_MAX);
     for (uint32_t i = 0; i < COUNT; i++)
@@ -75,6 +88,43 @@ static void a_row_without_pairs_ends_soon(void **state)
     ir_finish(&ir);
     free(boxes);
     free(refs);
+    assert_int_equal(memory.live, 0);
+}
+
+/* Refs that are runs: of one, two, three primitives by turns. */
+static void runs_stay_together(void **state)
+{
+    (void)state;
+    enum { COUNT = 3000, PRIMITIVES = 6 * (COUNT / 3) };
+    static const struct way ways[] = {{3, 3, UINT32_MAX, true}, {3, 8, 3, false}, {4, 2, 1, true}};
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    for (size_t w = 0; w < sizeof ways / sizeof *ways; w++) {
+        struct ir ir;
+        struct box boxes[PRIMITIVES];
+        uint32_t runs[PRIMITIVES], id = 0, at[PRIMITIVES];
+        struct primitive_ref *refs = test_refs_make(REFS_CLUSTERS, COUNT, 5);
+        for (uint32_t i = 0; i < COUNT; i++) {
+            refs[i].geometry = i % 3;
+            refs[i].id = id;
+            for (uint32_t k = 0; k <= i % 3; k++, id++) {
+                boxes[id] = primitive_ref_box(&refs[i]);
+                runs[id] = i;
+            }
+        }
+        assert_int_equal(id, PRIMITIVES);
+        assert_int_equal(run(refs, COUNT, &ways[w], NULL, &memory, &ir, NULL), BVHD_OK);
+        assert_int_equal(ir.ref_count, PRIMITIVES);
+        assert_int_equal(ir_check(&ir, PRIMITIVES, boxes, false, &memory, NULL), BVHD_OK);
+        for (uint32_t i = 0; i < ir.ref_count; i++)
+            at[ir.refs[i]] = i;
+        for (uint32_t i = 1; i < PRIMITIVES; i++)
+            assert_true(runs[i] != runs[i - 1] || at[i] == at[i - 1] + 1);
+        for (uint32_t i = 0; i < ir.node_count; i++)
+            assert_true(ir.nodes[i].count <= ways[w].leaf_max);
+        ir_finish(&ir);
+        free(refs);
+    }
     assert_int_equal(memory.live, 0);
 }
 
@@ -113,12 +163,13 @@ static double median_sah_of(enum test_refs_kind kind)
 static void quality_is_that_of_sah(void **state)
 {
     (void)state;
-    static const struct way merged = {2, 4, UINT32_MAX}, divided = {2, 4, 2};
+    static const struct way merged = {2, 4, UINT32_MAX, false}, divided = {2, 4, 2, false}, cut = {3, 3, UINT32_MAX, true};
     static const enum test_refs_kind kinds[] = {REFS_CLOUD, REFS_CLUSTERS};
     for (int k = 0; k < 2; k++) {
         double median = median_sah_of(kinds[k]);
         assert_true(sah_of(kinds[k], &merged) < 0.95 * median);
         assert_true(sah_of(kinds[k], &divided) < 0.95 * median);
+        assert_true(sah_of(kinds[k], &cut) < 1.05 * median);
     }
     assert_true(sah_of(REFS_FLAT, &divided) < sah_of(REFS_FLAT, &merged));
 }
@@ -126,7 +177,7 @@ static void quality_is_that_of_sah(void **state)
 static void failing_allocations_leave_nothing(void **state)
 {
     (void)state;
-    static const struct way ways[] = {{2, 8, 2}, {2, 8, UINT32_MAX}};
+    static const struct way ways[] = {{2, 8, 2, false}, {2, 8, UINT32_MAX, false}};
     for (int w = 0; w < 2; w++) {
         enum bvhd_status status = BVHD_NO_MEMORY;
         int64_t n = 0;
@@ -153,7 +204,7 @@ static void failing_allocations_leave_nothing(void **state)
 static void cancelling_ends_it(void **state)
 {
     (void)state;
-    static const struct way ways[] = {{2, 8, 2}, {2, 8, 0}, {2, 8, UINT32_MAX}};
+    static const struct way ways[] = {{2, 8, 2, false}, {2, 8, 0, false}, {2, 8, UINT32_MAX, false}};
     struct memory memory;
     struct bvhd_error error;
     struct ir ir;
@@ -171,11 +222,9 @@ static void cancelling_ends_it(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_kind_gives_a_sound_tree),
-        cmocka_unit_test(a_row_without_pairs_ends_soon),
-        cmocka_unit_test(quality_is_that_of_sah),
-        cmocka_unit_test(failing_allocations_leave_nothing),
-        cmocka_unit_test(cancelling_ends_it),
+        cmocka_unit_test(every_kind_gives_a_sound_tree),     cmocka_unit_test(runs_stay_together),
+        cmocka_unit_test(a_row_without_pairs_ends_soon),     cmocka_unit_test(quality_is_that_of_sah),
+        cmocka_unit_test(failing_allocations_leave_nothing), cmocka_unit_test(cancelling_ends_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

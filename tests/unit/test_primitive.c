@@ -310,6 +310,50 @@ static void threads_do_not_matter(void **state)
     free(positions);
 }
 
+/* A strip of quads, two triangles each, then triangles anywhere; in the last chunk one is missing. */
+static void runs_hold_what_follows_each_other(void **state)
+{
+    (void)state;
+    enum { COUNT = 5000, STRIP = 3000, MISSING = 4900 };
+    struct random random = {7};
+    float *positions = malloc(COUNT * 9 * sizeof *positions);
+    assert_non_null(positions);
+    for (uint32_t i = 0; i < COUNT; i++) {
+        static const float corners[2][9] = {{0, 0, 0, 1, 0, 0, 0, 1, 0}, {1, 1, 0, 1, 0, 0, 0, 1, 0}};
+        for (int k = 0; k < 9; k++)
+            positions[9 * i + k] =
+                i < STRIP ? corners[i % 2][k] + (k % 3 == 0 ? (float)(i / 2) : 0) : (float)random_between(&random, -1000, 1000);
+    }
+    positions[9 * MISSING] = NAN;
+    struct memory memory;
+    struct canonical_geometry geometry;
+    memory_init(&memory, UINT64_MAX);
+    const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+    struct canonical canonical = triangles_view(&geometry, positions, COUNT, 0);
+    struct primitive_refs plain = collect(&canonical, &memory), runs;
+    assert_int_equal(primitive_collect_runs(&canonical, 2, &context, &runs, NULL), BVHD_OK);
+    assert_true(runs.count < COUNT - STRIP / 2 + 10 && runs.count > STRIP / 2);
+    assert_int_equal(runs.primitives, plain.primitives);
+    assert_int_equal(plain.primitives, COUNT - 1);
+    assert_memory_equal(&runs.bounds, &plain.bounds, sizeof runs.bounds);
+    uint32_t at = 0;
+    for (uint32_t i = 0; i < runs.count; i++) {
+        struct box box = box_empty(), own = primitive_ref_box(&runs.refs[i]);
+        assert_true(runs.refs[i].geometry < 2);
+        for (uint32_t k = 0; k <= runs.refs[i].geometry; k++, at++) {
+            struct box other = primitive_ref_box(&plain.refs[at]);
+            assert_int_equal(plain.refs[at].id, runs.refs[i].id + k);
+            box_grow(&box, &other);
+        }
+        assert_memory_equal(&box, &own, sizeof box);
+    }
+    assert_int_equal(at, plain.count);
+    memory_free(&memory, plain.refs);
+    memory_free(&memory, runs.refs);
+    assert_int_equal(memory.live, 0);
+    free(positions);
+}
+
 static void nothing_to_collect(void **state)
 {
     (void)state;
@@ -331,10 +375,15 @@ static void nothing_to_collect(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(boxes_are_those_of_the_model),    cmocka_unit_test(special_triangles),
-        cmocka_unit_test(flat_triangles_by_double),        cmocka_unit_test(special_boxes),
-        cmocka_unit_test(instance_boxes_hold_all_corners), cmocka_unit_test(special_instances),
-        cmocka_unit_test(threads_do_not_matter),           cmocka_unit_test(nothing_to_collect),
+        cmocka_unit_test(boxes_are_those_of_the_model),
+        cmocka_unit_test(special_triangles),
+        cmocka_unit_test(flat_triangles_by_double),
+        cmocka_unit_test(special_boxes),
+        cmocka_unit_test(instance_boxes_hold_all_corners),
+        cmocka_unit_test(special_instances),
+        cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(runs_hold_what_follows_each_other),
+        cmocka_unit_test(nothing_to_collect),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

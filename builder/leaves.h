@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * leaves.h - cuts a row of refs whose neighbours are near each other into leaves, before there is a tree: what is sorted and clustered afterwards
+ * is a half or a third as much.
+ *
+ * Leaves are runs of the row. Of all ways to cut it the one of least cost, by dynamic programming: a leaf costs its half area times its
+ * primitives. A cut costs what a node above the two refs beside it would, their common half area, but no more than the smaller one twice: what is large
+ * only because the other one is says nothing about this place.
+ */
+#ifndef BVHD_LEAVES_H
+#define BVHD_LEAVES_H
+
+#include "primitive.h"
+
+enum { LEAVES_REFS_MAX = 3 }; /* refs a leaf */
+
+/*
+ * ret_lengths: room for `count` >= 1; how many refs each leaf has, in their order. Returns how many leaves there are. No leaf has more than
+ * LEAVES_REFS_MAX refs, or of more than one ref more than leaf_max primitives. Boxes may be of any size; where areas leave float's range refs stay alone. The same on every machine.
+ */
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths);
+
+#endif
