@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# manuals.sh SOURCE BVHD BVHCTL - the manual pages name the same options, commands and version as the programs' own help, and have no mistake that
-# groff, where there is one, can see. Prints each expectation that does not hold; status 1 when one does not.
+# manuals.sh SOURCE BVHD BVHCTL - the manual pages name the same options, commands and version as the programs' own help, all counters and all events
+# of the log, and have no mistake that groff, where there is one, can see. Prints each expectation that does not hold; status 1 when one does not.
 set -u
 export LC_ALL=C
 # shellcheck source=tests/support/expect.sh
@@ -35,6 +35,21 @@ page()
     fi
 }
 
+# terms FILE - what its first-column terms name, one a line.
+terms()
+{
+    sed -n 's/^\.BR\{0,1\} \([a-z]*_[a-z_", ]*\|[a-z][a-z_", ]*\)$/\1/p' "$1" | tr -d '",' | tr -s ' ' '\n' | sort -u
+}
+
+# all_terms WHAT FILE - each word of standard input is a term there.
+all_terms()
+{
+    terms "$source/$2" >known
+    sort -u >wanted
+    expect "$1: there are some" [ "$(wc -l <wanted)" -gt 10 ]
+    expect "$2: all $1, but not: $(comm -23 wanted known | tr '\n' ' ')" [ -z "$(comm -23 wanted known)" ]
+}
+
 "$bvhd" --help >bvhd.help
 page daemon/bvhd.8 "$bvhd" bvhd.help
 
@@ -46,6 +61,11 @@ for command in $commands; do
     expect "bvhctl.1: $command" grep -qE "^\.BI? $command( |\$)" "$source/client/bvhctl/bvhctl.1"
 done
 page client/bvhctl/bvhctl.1 "$bvhctl" bvhctl.help
+
+cat "$source"/daemon/*.c | grep -o 'log_event([^"]*"[a-z_]*"' | sed 's/.*"\(.*\)"/\1/' >events.list
+all_terms 'events of the log' daemon/bvhd.8 <events.list
+sed -n 's/^    X(\([a-z_]*\)).*/\1/p' "$source/daemon/counters.h" >counters.list
+all_terms counters client/bvhctl/bvhctl.1 <counters.list
 
 echo "$checks expectations, $failures do not hold"
 [ $failures -eq 0 ]
