@@ -34,7 +34,7 @@ static void print_usage(FILE *file)
                   "       bvhd-bench --calibrate SCENE... [OPTION...]\n"
                   "SCENE: a binary little-endian PLY file, or the name of a generated scene, also NAME@SEED and NAME@SEED@SIZE\n"
                   "  --runs N         repetitions, interleaved (7)\n"
-                  "  --patience S     seconds of builds of one method and scene after which 3 are enough (6)\n"
+                  "  --patience S     seconds of builds or rays of one method and scene after which 3 runs are enough (3)\n"
                   "  --threads N      of the first crew (all processors)\n"
                   "  --picture N      rays of N x N pixels (256)\n"
                   "  --rays N         against brute force: a scene (2000), a cell of the map (1000)\n"
@@ -121,7 +121,7 @@ static struct options defaults(void)
     uint32_t count;
     const struct method *methods = method_all(&count);
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
-    struct options options = {.measure = {.runs = 7, .patience = 6, .picture = 256, .size = 100000, .check_rays = 2000, .seed = 1},
+    struct options options = {.measure = {.runs = 7, .patience = 3, .picture = 256, .size = 100000, .check_rays = 2000, .seed = 1},
                               .cells = {.size = 5000, .rays = 1000, .seed = 1, .seconds = 30}};
     options.measure.threads = processors > 0 ? (unsigned)processors : 1;
     for (uint32_t i = 0; i < count && i < MEASURE_METHODS; i++)
@@ -167,7 +167,6 @@ static int measure_all(const struct options *options)
     bool good = true;
     results.scenes = tree_need((size_t)options->name_count, sizeof *results.scenes);
     for (int i = 0; i < options->name_count && good; i++) {
-        fprintf(stderr, "bvhd-bench: %s\n", options->names[i]);
         good = measure_scene(options->names[i], &options->measure, &results.scenes[i]);
         results.scene_count += good;
     }

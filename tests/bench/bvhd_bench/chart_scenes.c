@@ -74,7 +74,7 @@ static void draw_panel(const struct results *results, int panel, FILE *script)
 /* Where auto takes that tier; where it is not good, what it costs more. */
 static void draw_choice_data(const struct results *results, int tier, FILE *script)
 {
-    fprintf(script, "$c%d << EOD\n", tier);
+    fprintf(script, "$c%d << EOD\n-9 0 \"\"\n", tier); /* off the picture: gnuplot complains of nothing at all */
     for (uint32_t i = 0; i < results->scene_count; i++)
         for (int hint = 0; hint < CHOICE_HINTS; hint++) {
             struct choice choice;

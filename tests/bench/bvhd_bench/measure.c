@@ -34,9 +34,16 @@ double measure_rate(const struct scene_figures *scene, const struct figures *fig
     return ms > 0 ? scene->triangles / ms * 1e-3 : 0;
 }
 
+/* What is done now, and what a run is: for those who wait. */
+static void tell(const struct session *session, const char *phase)
+{
+    fprintf(stderr, "bvhd-bench: %s: %s\n", session->scene->name, phase);
+}
+
 /* Which methods survive this scene, in processes of their own; what they take there. */
 static bool try_all(struct session *session)
 {
+    tell(session, "each method in a process of its own");
     for (uint32_t i = 0; i < session->options->method_count; i++) {
         struct figures *figures = &session->scene->methods[i];
         struct cell_request request = {figures->method->name,  session->path, session->options->size, 0,
@@ -91,6 +98,7 @@ static bool time_builds(struct session *session, int crew)
     struct bench bench;
     if (!bench_start(crew == 0 ? options->threads : 1, &bench))
         return false;
+    tell(session, crew == 0 ? "builds on all threads" : "builds on one thread");
     for (int run = 0; run < options->runs; run++)
         for (uint32_t i = 0; i < options->method_count; i++) {
             struct figures *figures = &session->scene->methods[i];
@@ -152,6 +160,13 @@ static double seconds_of_thread(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
+static bool has_enough_rays(const struct session *session, uint32_t index, enum ray_kind kind)
+{
+    const struct statistic *mrays = &session->scene->methods[index].mrays[kind];
+    double rate = statistic_median(mrays), seconds = rate > 0 ? 1e-6 * session->rays.counts[kind] / rate : 0;
+    return mrays->count >= FEWEST_RUNS && mrays->count * seconds > session->options->patience;
+}
+
 static void time_rays(const struct session *session, uint32_t index, enum ray_kind kind)
 {
     const struct subject *subject = &session->subjects[index];
@@ -176,7 +191,7 @@ static void trace_all(struct session *session)
     for (int run = 0; run < session->options->runs; run++)
         for (enum ray_kind kind = 0; kind < RAY_KINDS; kind++)
             for (uint32_t i = 0; i < session->options->method_count; i++)
-                if (is_traced(&session->scene->methods[i]))
+                if (is_traced(&session->scene->methods[i]) && !has_enough_rays(session, i, kind))
                     time_rays(session, i, kind);
 }
 
@@ -206,10 +221,14 @@ static bool trace(struct session *session)
         return false;
     bool is_ready = make_rays(session, &bench);
     if (is_ready) {
+        tell(session, "trees");
         build_tracers(session, &bench);
+        tell(session, "rays");
         trace_all(session);
-        if (!session->options->calibrates)
-            judge_all(session, &bench);
+    }
+    if (is_ready && !session->options->calibrates) {
+        tell(session, "brute force");
+        judge_all(session, &bench);
     }
     for (uint32_t i = 0; i < session->options->method_count; i++)
         subject_finish(&session->subjects[i]);

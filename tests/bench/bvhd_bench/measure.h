@@ -12,7 +12,8 @@ enum { MEASURE_METHODS = 32, MEASURE_STAGES = 8, MEASURE_CREWS = 2 };
 
 struct measure_options {
     int runs; /* of builds and of rays, interleaved */
-    double patience; /* seconds of builds of one method, scene and number of threads, after which 3 have to be enough */
+    double
+        patience; /* seconds of builds of one method, scene and number of threads, or of rays of one kind, after which 3 have to be enough */
     uint32_t picture; /* rays of size x size */
     uint32_t size; /* triangles of a generated scene */
     uint32_t check_rays; /* against brute force; 0: none */

@@ -199,6 +199,7 @@ static void write_settings(struct json *json, const struct measure_options *opti
 {
     json_object(json, "settings");
     json_integer(json, "runs", (uint64_t)options->runs);
+    json_number(json, "patience_s", options->patience);
     json_integer(json, "threads", options->threads);
     json_integer(json, "picture", options->picture);
     json_integer(json, "check_rays", options->check_rays);
