@@ -2,6 +2,7 @@
 #include "unit.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "batch.h"
 #include "content_key.h"
@@ -80,6 +81,55 @@ static void high_is_for_what_can_be_split(void **state)
     }
 }
 
+/* Two triangles, a square of side 1 that looks along an axis. */
+static void add_square(float (*corners)[3], int axis, float x, float y, float z)
+{
+    static const float square[6][2] = {{0, 0}, {1, 0}, {0, 1}, {1, 0}, {1, 1}, {0, 1}};
+    for (int i = 0; i < 6; i++) {
+        float corner[3] = {x, y, z};
+        corner[(axis + 1) % 3] += square[i][0];
+        corner[(axis + 2) % 3] += square[i][1];
+        memcpy(corners[i], corner, sizeof corner);
+    }
+}
+
+enum { SIDE = 48, SQUARES = 3 * SIDE * SIDE };
+
+/* What fills its box, or half of it, as floors and blocks do, has nothing that splits could take away: none are made, and some of it inactive is left out. */
+static void nothing_is_split_in_vain(void **state)
+{
+    (void)state;
+    static float corners[6 * SQUARES][3];
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+    for (int voxels = 0; voxels < 2; voxels++) {
+        uint32_t count = 0, inactive = 0;
+        for (int i = 0; i < SIDE * SIDE; i++) {
+            float x = (float)(i % SIDE), z = (float)(i / SIDE), y = voxels ? (float)(i * 7919 % 13) : 0;
+            for (int axis = voxels ? 0 : 1; axis < (voxels ? 3 : 2); axis++, count++)
+                add_square(corners + 6 * (size_t)count, axis, x, y, z);
+        }
+        for (uint32_t i = 0; i < count; i += 10, inactive += 2)
+            corners[6 * (size_t)i][0] = corners[6 * (size_t)i + 3][0] = NAN;
+        struct canonical_geometry geometry = {
+            .type = GEOMETRY_TRIANGLES, .primitive_count = 2 * count, .vertex_count = 6 * count, .positions = corners[0]};
+        struct canonical canonical = {
+            .type = STRUCTURE_BOTTOM, .geometry_count = 1, .primitive_count = 2 * count, .geometries = &geometry};
+        struct build_options options = {.quality = QUALITY_HIGH, .target = TARGET_PORTABLE};
+        struct build_stats stats;
+        struct ir ir;
+        assert_int_equal(build_ir(&canonical, &options, &context, &ir, &stats, NULL), BVHD_OK);
+        assert_int_equal(stats.inactive, inactive);
+        assert_int_equal(stats.refs, 2 * count - inactive);
+        ir_finish(&ir);
+        struct facts facts;
+        facts_gather(&canonical, &facts);
+        assert_true(facts.slant < 1e-6);
+    }
+    assert_int_equal(memory.live, 0);
+}
+
 /* Hints that lead to one tier share its result, and share it with who asks for the tier by its name. */
 static void hints_of_one_tier_share_a_result(void **state)
 {
@@ -121,11 +171,9 @@ static void hints_of_one_tier_share_a_result(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(what_is_named_stays),
-        cmocka_unit_test(few_rays_are_for_fast_and_many_for_high),
-        cmocka_unit_test(more_rays_never_choose_less),
-        cmocka_unit_test(high_is_for_what_can_be_split),
-        cmocka_unit_test(hints_of_one_tier_share_a_result),
+        cmocka_unit_test(what_is_named_stays),         cmocka_unit_test(few_rays_are_for_fast_and_many_for_high),
+        cmocka_unit_test(more_rays_never_choose_less), cmocka_unit_test(high_is_for_what_can_be_split),
+        cmocka_unit_test(nothing_is_split_in_vain),    cmocka_unit_test(hints_of_one_tier_share_a_result),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
