@@ -15,17 +15,18 @@ static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
 }
 
 /* Puts the file's name before the place inside it. */
-static void prefix_where(struct bvhd_error *error, const char *path)
+static void prefix_where(struct bvhd_error *error, const char *name)
 {
     char where[sizeof error->where];
-    const char *slash = strrchr(path, '/');
-    snprintf(where, sizeof where, "%.60s: %.55s", slash ? slash + 1 : path, error->where);
+    snprintf(where, sizeof where, "%s: %.55s", name, error->where);
     memcpy(error->where, where, sizeof where);
 }
 
 enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file, struct bvhd_error *error)
 {
     struct structure_file file = {0};
+    const char *slash = strrchr(path, '/');
+    snprintf(file.name, sizeof file.name, "%s", slash ? slash + 1 : path);
     enum bvhd_status status = files_read(path, UINT64_C(1) << 40, memory, &file.data, &file.size, error);
     if (status)
         return status;
@@ -34,7 +35,7 @@ enum bvhd_status structures_read(const char *path, struct memory *memory, struct
     struct bvhd_error inner = {0};
     status = structure_open(blob, memory, &file.structure, &inner);
     if (status) {
-        prefix_where(&inner, path);
+        prefix_where(&inner, file.name);
         if (error)
             *error = inner;
         memory_free(memory, file.data);

@@ -8,7 +8,10 @@
 #include "structure.h"
 #include "traverse.h"
 
+enum { STRUCTURE_NAME = 61 };
+
 struct structure_file {
+    char name[STRUCTURE_NAME]; /* of the file, without its directory, for people; "" when it is from none */
     unsigned char *data; /* from memory */
     uint64_t size;
     bool is_shared; /* data, structure and colours are another one's */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "status.h"
 #include "tracer_device.h"
+#include "tracer_scene.h"
 #include "tracer_top.h"
 
 struct tracer_native {
@@ -28,20 +29,6 @@ static void destroy(struct tracer *tracer)
     memory_free(self->memory, self);
 }
 
-static enum bvhd_status load(struct tracer_native *self, const struct structures *structures, struct bvhd_error *error)
-{
-    struct bvhd_vulkan_bytes *blobs = memory_array(self->memory, structures->file_count, sizeof *blobs);
-    if (!blobs)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, structures->name, "no memory for the list of structures");
-    for (uint32_t i = 0; i < structures->file_count; i++)
-        blobs[i] = (struct bvhd_vulkan_bytes){structures->blobs[i].data, structures->blobs[i].size};
-    const struct bvhd_vulkan_scene_options options = {
-        .struct_size = sizeof options, .blobs = blobs, .blob_count = structures->file_count};
-    enum bvhd_status status = bvhd_vulkan_scene_create(self->gpu->library, &self->gpu->queue, &options, &self->scene, error);
-    memory_free(self->memory, blobs);
-    return status;
-}
-
 /* Ray queries start at a top level. */
 static enum bvhd_status find_top(struct tracer_native *self, const struct structures *structures, VkAccelerationStructureKHR *ret_top,
                                  struct bvhd_error *error)
@@ -59,7 +46,7 @@ static enum bvhd_status find_top(struct tracer_native *self, const struct struct
 static enum bvhd_status open(struct tracer_native *self, const struct structures *structures, struct bvhd_error *error)
 {
     VkAccelerationStructureKHR top;
-    enum bvhd_status status = load(self, structures, error);
+    enum bvhd_status status = tracer_scene_create(self->gpu, structures, 0, self->memory, &self->scene, error);
     if (!status)
         status = find_top(self, structures, &top, error);
     if (!status)
