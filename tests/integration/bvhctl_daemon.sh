@@ -157,6 +157,15 @@ for options in '--layout fast-triangles' '--flags allow-update,low-memory' '--ge
     }
     expect "the same files: $options" same_sums "local/$options" "remote/$options"
 done
+# Hints that lead to one quality share its result, also with who asks for it by name.
+run 0 --socket "$s" build ball.ply -o remote/few --rays 0.01 --json
+expect 'few rays are for fast' grep -q '"quality":"fast"' out
+for options in '--rays 0.02' '--quality auto --rays 0.005' '--quality fast --rays 1000'; do
+    # shellcheck disable=SC2086
+    run 0 --socket "$s" build ball.ply -o remote/shared --json $options
+    expect "a shared result: $options" sh -c 'grep -q "\"cached\":true" out && ! grep -q "\"cached\":false" out'
+    expect "the same files: $options" same_sums remote/few remote/shared
+done
 expect 'no temporary files' [ -z "$(find local remote -name '*.??????' ! -name '*.as' ! -name manifest.json)" ]
 run 0 check remote/high-park park.gltf --rays 500
 
