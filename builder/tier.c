@@ -12,9 +12,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{6.3029, 0.0823, 0.0109, 0.0162, 0.0304}, {9.3037, -0.0137, -1.2448, 1.8499, -0.8192}},
-    [QUALITY_BALANCED] = {{6.9318, 0.0555, 0.0683, -0.0296, 0.0301}, {9.1320, -0.0052, -1.3296, 1.9335, -0.8181}},
-    [QUALITY_HIGH] = {{11.8387, -0.1192, 1.1364, -0.8450, -0.2779}, {9.5121, -0.0320, -1.1704, 1.7620, -0.8590}},
+    [QUALITY_FAST] = {{7.1202, 0.0247, -0.0173, 0.0244, 0.0176, 0}, {7.9407, 0.0968, -0.7390, 1.0380, 0.0892, 0}},
+    [QUALITY_BALANCED] = {{7.5544, 0.0313, -0.0826, 0.0990, 0.1226, 0}, {7.7497, 0.0974, -0.7741, 1.0899, 0.1589, 0}},
+    [QUALITY_HIGH] = {{12.9730, -0.1464, 0.2153, 0.0916, -0.3730, 0}, {7.4910, 0.1158, -0.6849, 0.9579, 0.0597, 0}},
 };
 
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
@@ -25,6 +25,7 @@ void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
     ret_terms[2] = facts_log2(1 + crossings);
     ret_terms[3] = facts_log2(1 + crossings * facts->slant);
     ret_terms[4] = facts->spread;
+    ret_terms[5] = facts_log2(fmax(facts->cells, 1));
 }
 
 static double power_of(const double constants[TIER_TERMS], const double terms[TIER_TERMS])
