@@ -9,12 +9,13 @@
 #include "choice.h"
 #include "tier.h"
 
-enum { TIERS = 3, KINDS = 2 };
+enum { TIERS = 3, BASE = 1, KINDS = 2 };
 
-/* What a scene of `HELD` scenes' weight without any effect of a term would do: keeps effects small that few scenes speak for. */
+/* The weight, in scenes, of the belief that a term has no effect: on balanced, and on the quotient of another tier to it, which varies less than what disturbs both. */
 #define HELD 0.3
+#define HELD_QUOTIENT 2.0
 
-static const enum build_quality qualities[TIERS] = {QUALITY_FAST, QUALITY_BALANCED, QUALITY_HIGH};
+static const enum build_quality qualities[TIERS] = {QUALITY_FAST, [BASE] = QUALITY_BALANCED, QUALITY_HIGH};
 
 struct model {
     double constants[TIERS][KINDS][TIER_TERMS]; /* of building, of rays */
@@ -57,28 +58,47 @@ static void solve(double rows[TIER_TERMS][TIER_TERMS + 1], double ret_solution[T
         ret_solution[i] = rows[i][TIER_TERMS] / rows[i][i];
 }
 
-/* Of how many scenes it was. */
-static uint32_t fit(const struct results *results, int tier, int kind, double ret_constants[TIER_TERMS])
+static double exponent_of(const struct tier_cost *cost, int kind)
+{
+    return log2(kind ? cost->ray_ns : cost->build_ns);
+}
+
+/* Of balanced, or of another tier in relation to it. Of how many scenes it was. */
+static uint32_t fit_one(const struct results *results, int tier, int kind, double ret_constants[TIER_TERMS])
 {
     double rows[TIER_TERMS][TIER_TERMS + 1] = {{0}};
     uint32_t count = 0;
     for (uint32_t scene = 0; scene < results->scene_count; scene++) {
         double terms[TIER_TERMS + 1];
-        struct tier_cost cost;
-        if (!measured(results, scene, tier, &cost))
+        struct tier_cost cost, base;
+        if (!measured(results, scene, tier, &cost) || !measured(results, scene, BASE, &base))
             continue;
         tier_terms(&results->scenes[scene].facts, terms);
-        terms[TIER_TERMS] = log2(kind ? cost.ray_ns : cost.build_ns);
+        terms[TIER_TERMS] = exponent_of(&cost, kind) - (tier == BASE ? 0 : exponent_of(&base, kind));
         for (int i = 0; i < TIER_TERMS; i++)
             for (int k = 0; k <= TIER_TERMS; k++)
                 rows[i][k] += terms[i] * terms[k];
         count++;
     }
     for (int i = 1; i < TIER_TERMS; i++)
-        rows[i][i] += HELD;
+        rows[i][i] += tier == BASE ? HELD : HELD_QUOTIENT;
     if (count > 0)
         solve(rows, ret_constants);
     return count;
+}
+
+static bool fit(const struct results *results, struct model *ret_model)
+{
+    for (int tier = 0; tier < TIERS; tier++)
+        for (int kind = 0; kind < KINDS; kind++)
+            if (fit_one(results, tier, kind, ret_model->constants[tier][kind]) == 0) {
+                fprintf(stderr, "bvhd-bench: %s was not measured\n", build_quality_name(qualities[tier]));
+                return false;
+            }
+    for (int tier = 0; tier < TIERS; tier++)
+        for (int k = 0; k < KINDS * TIER_TERMS && tier != BASE; k++)
+            ret_model->constants[tier][k / TIER_TERMS][k % TIER_TERMS] += ret_model->constants[BASE][k / TIER_TERMS][k % TIER_TERMS];
+    return true;
 }
 
 static double cost_by(const struct model *model, int tier, const struct facts *facts, double rays)
@@ -140,12 +160,8 @@ static void print_table(const struct model *model)
 bool calibrate_print(const struct results *results)
 {
     struct model model;
-    for (int tier = 0; tier < TIERS; tier++)
-        for (int kind = 0; kind < KINDS; kind++)
-            if (fit(results, tier, kind, model.constants[tier][kind]) == 0) {
-                fprintf(stderr, "bvhd-bench: %s was not measured\n", build_quality_name(qualities[tier]));
-                return false;
-            }
+    if (!fit(results, &model))
+        return false;
     print_table(&model);
     printf("scene, primitives, crossings, slant, spread, cells | build ns: fast, balanced, high | ray ns |  for 0.1, 1, 10, 100 rays: "
            "best, "
