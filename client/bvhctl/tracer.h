@@ -54,21 +54,9 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
 enum bvhd_status tracer_native_create(struct gpu *gpu, const struct structures *structures, struct memory *memory,
                                       struct tracer **ret_tracer, struct bvhd_error *error);
 
-/* The same over any top-level structure of the device, for instance one that the driver built: without looking at files. `top` must outlive it. AABBs hit nothing
- * until tracer_query_set_boxes. BVHD_UNSUPPORTED on a device without VK_KHR_ray_query. */
+/* The same over any top-level structure of the device, for instance one that the driver built: without looking at files. `top` must outlive it. AABBs hit nothing:
+ * a ray query does not tell where they are. BVHD_UNSUPPORTED on a device without VK_KHR_ray_query. */
 enum bvhd_status tracer_query_create(struct gpu *gpu, VkAccelerationStructureKHR top, struct memory *memory, struct tracer **ret_tracer,
                                      struct bvhd_error *error);
-
-/* The AABBs of a scene, which a ray query does not tell. */
-struct tracer_boxes {
-    const float *boxes; /* six floats each, of all structures */
-    uint32_t box_count;
-    uint32_t instance_count, geometry_stride; /* instances of the top level; at least the most geometries that one of them has */
-    const uint32_t
-        *first; /* [instance * geometry_stride + geometry]: row in `boxes` of that geometry's primitive 0; anything for triangles */
-};
-
-/* For a tracer of tracer_query_create: from the next trace on AABBs are hit too, where rays enter them. The arrays are copied. */
-enum bvhd_status tracer_query_set_boxes(struct tracer *tracer, const struct tracer_boxes *boxes, struct bvhd_error *error);
 
 #endif

@@ -119,11 +119,11 @@ static void collect_boxes(struct driver_scene *scene, const struct driver_scene_
     }
     memory_free(&scene->memory, rows);
     /* At least one of each: buffers want bytes. */
-    scene->boxes = (struct tracer_boxes){.boxes = boxes,
-                                         .box_count = used + 1,
-                                         .instance_count = instances->primitive_count + 1,
-                                         .geometry_stride = stride,
-                                         .first = first};
+    scene->boxes = (struct scene_boxes){.boxes = boxes,
+                                        .box_count = used + 1,
+                                        .instance_count = instances->primitive_count + 1,
+                                        .geometry_stride = stride,
+                                        .first = first};
 }
 
 /* ---- Both ---- */

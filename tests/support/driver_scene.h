@@ -11,6 +11,7 @@
 
 #include "driver_structure.h"
 #include "geometry.h"
+#include "scene_boxes.h"
 #include "tracer.h"
 
 struct driver_scene_options {
@@ -32,7 +33,7 @@ struct driver_scene {
     struct bvhd_vulkan_scene *ours;
     struct bvhd_vulkan_bytes *blobs; /* as built: by row of the top level's references, then the top level */
     uint32_t row_count;
-    struct tracer_boxes boxes; /* where AABBs are */
+    struct scene_boxes boxes; /* where AABBs are */
 };
 
 void driver_scene_init(struct driver_scene *ret_scene, const struct driver_scene_options *options);

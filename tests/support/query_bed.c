@@ -5,18 +5,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "device_ray.h"
 #include "driver_scene.h"
 #include "query_bed_code.h"
 
 enum { PORTION = 8192, GROUP = 64 };
 enum { RAYS, ANSWERS, TARGETS, CANDIDATES, BOXES, FIRST, BUFFERS };
-
-/* As the kernel has it. */
-struct device_ray {
-    float origin[3], tmin;
-    float direction[3], tmax;
-    uint32_t flags, mask, reserved[2];
-};
 
 struct push {
     uint32_t count, policy, listed, geometry_stride;
@@ -50,7 +44,7 @@ struct query_bed *query_bed_create(struct gpu *gpu)
         .code = query_bed_code, .size = sizeof query_bed_code, .bindings = BUFFERS, .structures = 1, .push_size = sizeof(struct push)};
     static const float no_box[6];
     static const uint32_t no_first;
-    const struct tracer_boxes none = {.boxes = no_box, .box_count = 1, .instance_count = 1, .geometry_stride = 1, .first = &no_first};
+    const struct scene_boxes none = {.boxes = no_box, .box_count = 1, .instance_count = 1, .geometry_stride = 1, .first = &no_first};
     struct query_bed *bed = calloc(1, sizeof *bed);
     if (!bed)
         exit(1);
@@ -72,7 +66,7 @@ void query_bed_destroy(struct query_bed *bed)
     free(bed);
 }
 
-void query_bed_set_boxes(struct query_bed *bed, const struct tracer_boxes *boxes)
+void query_bed_set_boxes(struct query_bed *bed, const struct scene_boxes *boxes)
 {
     size_t size = (size_t)boxes->box_count * 6 * sizeof(float);
     size_t first_size = (size_t)boxes->instance_count * boxes->geometry_stride * sizeof(uint32_t);
@@ -85,13 +79,7 @@ void query_bed_set_boxes(struct query_bed *bed, const struct tracer_boxes *boxes
 
 static void put_rays(struct query_bed *bed, const struct query_work *work, uint32_t from, uint32_t count)
 {
-    struct device_ray *to = bed->buffers[RAYS].mapped;
-    for (uint32_t i = 0; i < count; i++) {
-        const struct ray *ray = &work->rays[from + i];
-        to[i] = (struct device_ray){.tmin = ray->tmin, .tmax = ray->tmax, .flags = ray->flags, .mask = ray->cull_mask};
-        memcpy(to[i].origin, ray->origin, sizeof ray->origin);
-        memcpy(to[i].direction, ray->direction, sizeof ray->direction);
-    }
+    device_rays_put(work->rays + from, count, bed->buffers[RAYS].mapped);
     if (work->targets)
         memcpy(bed->buffers[TARGETS].mapped, work->targets + from, count * sizeof *work->targets);
 }

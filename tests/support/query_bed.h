@@ -5,6 +5,7 @@
 #ifndef BVHD_TEST_QUERY_BED_H
 #define BVHD_TEST_QUERY_BED_H
 
+#include "scene_boxes.h"
 #include "tracer.h"
 
 /* What becomes of candidates. AABBs are hit half way between where the ray enters and leaves them. */
@@ -42,7 +43,7 @@ struct query_bed *query_bed_create(struct gpu *gpu);
 void query_bed_destroy(struct query_bed *bed);
 
 /* The AABBs of what is traced from now on. */
-void query_bed_set_boxes(struct query_bed *bed, const struct tracer_boxes *boxes);
+void query_bed_set_boxes(struct query_bed *bed, const struct scene_boxes *boxes);
 
 struct query_work {
     VkAccelerationStructureKHR top;

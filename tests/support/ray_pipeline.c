@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "device_ray.h"
 #include "rays_aabb_rchit.h"
 #include "rays_rahit.h"
 #include "rays_rgen.h"
@@ -20,13 +21,6 @@ enum { GROUP_GENERATION, GROUP_MISS, GROUP_TRIANGLES, GROUP_BOXES, GROUPS };
 enum { BINDING_TOP, BINDING_RAYS, BINDING_HITS, BINDING_BOXES, BINDING_FIRST, BINDINGS };
 
 enum { PASS_ALL, PASS_TRIANGLES, PASS_BOXES };
-
-/* As shaders/rays.rgen has it. */
-struct device_ray {
-    float origin[3], tmin;
-    float direction[3], tmax;
-    uint32_t flags, mask, reserved[2];
-};
 
 struct ray_pipeline {
     struct tracer tracer;
@@ -291,22 +285,13 @@ static void record(struct ray_pipeline *self, VkCommandBuffer commands, uint32_t
     barrier(self, commands);
 }
 
-static void put_rays(struct device_ray *to, const struct ray *rays, uint32_t count)
-{
-    for (uint32_t i = 0; i < count; i++) {
-        to[i] = (struct device_ray){.tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .mask = rays[i].cull_mask};
-        memcpy(to[i].origin, rays[i].origin, sizeof to[i].origin);
-        memcpy(to[i].direction, rays[i].direction, sizeof to[i].direction);
-    }
-}
-
 static enum bvhd_status trace_chunk(struct ray_pipeline *self, const struct ray *rays, uint32_t count, struct tracer_hit *ret_hits,
                                     double *ret_seconds, struct bvhd_error *error)
 {
     struct gpu *gpu = self->gpu;
     uint64_t ticks[2];
     VkCommandBuffer commands;
-    put_rays(self->upload.mapped, rays, count);
+    device_rays_put(rays, count, self->upload.mapped);
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
     if (status)
         return status;
@@ -388,7 +373,7 @@ enum bvhd_status ray_pipeline_create(struct gpu *gpu, VkAccelerationStructureKHR
     return BVHD_OK;
 }
 
-enum bvhd_status ray_pipeline_set_boxes(struct tracer *tracer, const struct tracer_boxes *boxes, struct bvhd_error *error)
+enum bvhd_status ray_pipeline_set_boxes(struct tracer *tracer, const struct scene_boxes *boxes, struct bvhd_error *error)
 {
     struct ray_pipeline *self = (struct ray_pipeline *)tracer;
     struct gpu_buffer bounds = {0}, first = {0};

@@ -6,6 +6,7 @@
 #ifndef BVHD_TEST_RAY_PIPELINE_H
 #define BVHD_TEST_RAY_PIPELINE_H
 
+#include "scene_boxes.h"
 #include "tracer.h"
 
 /* BVHD_UNSUPPORTED on a device without VK_KHR_ray_tracing_pipeline. `top` must outlive the tracer. Without boxes (below) nothing of it may be an
@@ -13,7 +14,7 @@
 enum bvhd_status ray_pipeline_create(struct gpu *gpu, VkAccelerationStructureKHR top, struct memory *memory, struct tracer **ret_tracer,
                                      struct bvhd_error *error);
 
-/* As tracer_query_set_boxes: from the next trace on AABBs are hit too, by a second launch after the triangles. The arrays are copied. */
-enum bvhd_status ray_pipeline_set_boxes(struct tracer *tracer, const struct tracer_boxes *boxes, struct bvhd_error *error);
+/* From the next trace on AABBs are hit too, by a second launch after the triangles. The arrays are copied. */
+enum bvhd_status ray_pipeline_set_boxes(struct tracer *tracer, const struct scene_boxes *boxes, struct bvhd_error *error);
 
 #endif

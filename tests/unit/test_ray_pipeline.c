@@ -234,7 +234,7 @@ static void test_boxes(void **state)
     struct driver_structure bottoms[2], top;
     struct tracer *tracer;
     const uint32_t first[INSTANCES * 2] = {0};
-    struct tracer_boxes all = {&boxes[0][0], 2, INSTANCES, 2, first};
+    struct scene_boxes all = {&boxes[0][0], 2, INSTANCES, 2, first};
     build_squares(&bottoms[0]);
     build_boxes(&bottoms[1]);
     build_top((uint64_t[]){bottoms[0].address, bottoms[1].address}, 2, &top);
