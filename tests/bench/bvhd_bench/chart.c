@@ -9,18 +9,40 @@
 enum { POINTS_MAX = MEASURE_METHODS, LABEL_CHOICES = 26, NEAR_CHOICES = 8 };
 
 /* Families of methods: a colour and a shape each. */
-enum family { FAMILY_INDEXED, FAMILY_FAST_TRIANGLES, FAMILY_LAVAPIPE, FAMILY_EMBREE, FAMILY_EMBREE_ROBUST, FAMILY_OTHER, FAMILIES };
+enum family {
+    FAMILY_INDEXED,
+    FAMILY_FAST_TRIANGLES,
+    FAMILY_LAVAPIPE,
+    FAMILY_EMBREE,
+    FAMILY_EMBREE_ROBUST,
+    FAMILY_AUTO,
+    FAMILY_OTHER,
+    FAMILIES
+};
 
 static const struct {
     const char *name, *colour;
     int shape;
 } families[FAMILIES] = {
-    {"portable, shared vertices", "#0072B2", 7}, {"portable, 48 B triangles", "#56B4E9", 5}, {"lavapipe", "#009E73", 9},
-    {"Embree, default", "#D55E00", 13},          {"Embree, robust", "#CC79A7", 11},          {"reference", "#000000", 2},
+    {"portable, shared vertices", "#0072B2", 7},
+    {"portable, 48 B triangles", "#56B4E9", 5},
+    {"lavapipe", "#009E73", 9},
+    {"Embree, default", "#D55E00", 13},
+    {"Embree, robust", "#CC79A7", 11},
+    {"auto, by rays a triangle", "#000000", 4},
+    {"reference", "#000000", 2},
 };
+
+/* Which is one tier or another, and no method of its own. */
+static bool is_choice(const struct method *method)
+{
+    return method->kind == METHOD_OWN && method->quality == QUALITY_AUTO;
+}
 
 static enum family family_of(const struct method *method)
 {
+    if (is_choice(method))
+        return FAMILY_AUTO;
     if (method->kind == METHOD_OWN)
         return method->target == TARGET_LAVAPIPE ? FAMILY_LAVAPIPE : method->layout_flags ? FAMILY_FAST_TRIANGLES : FAMILY_INDEXED;
     if (method->kind == METHOD_SWEEP)
@@ -38,6 +60,7 @@ struct point {
 struct scatter {
     const char *name, *title, *x_label, *y_label;
     bool low_x, low_y; /* less is better */
+    bool tiers_alone; /* without what auto chooses */
     bool y_has_zero; /* of a logarithmic axis: y_zero stands for it */
     double y_zero;
     struct point points[POINTS_MAX];
@@ -245,6 +268,8 @@ static bool chart_figures(const struct results *results, const char *directory, 
         const struct method *method = results->options->methods[i];
         struct mean along = mean_of(results, method->name, NULL, x), up = mean_of(results, method->name, NULL, y);
         bool is_wide = method->arity == 8;
+        if (is_choice(method) && scatter->tiers_alone)
+            continue;
         if (along.count > 0 && up.count > 0 && !(y == FIGURE_WORK && (is_wide || method->layout_flags)))
             add_point(scatter, method, along.value, up.value);
     }
@@ -275,6 +300,8 @@ static bool chart_errors(const struct results *results, const char *directory)
                               .y_zero = 3};
     for (uint32_t i = 0; i < results->options->method_count; i++) {
         bool any;
+        if (is_choice(results->options->methods[i]))
+            continue;
         struct mean speed = mean_of(results, results->options->methods[i]->name, NULL, FIGURE_DIFFUSE);
         double wrong = wrong_share(results, i, &any);
         if (any && speed.count > 0)
@@ -293,12 +320,14 @@ bool chart_results(const struct results *results, const char *directory)
                            .title = "Build speed against what a ray costs: down and right is better",
                            .x_label = "build, million triangles a second on one thread (geometric mean over scenes)",
                            .y_label = "inner steps and triangle tests a diffuse ray, full sweep = 1",
-                           .low_y = true};
+                           .low_y = true,
+                           .tiers_alone = true};
     struct scatter bytes = {.name = "bytes",
                             .title = "Bytes against traced speed: up and left is better",
                             .x_label = "bytes a triangle, all that tracing needs (geometric mean over scenes)",
                             .y_label = "diffuse rays, million a second on one thread",
-                            .low_x = true};
+                            .low_x = true,
+                            .tiers_alone = true};
     return chart_figures(results, directory, &speed, FIGURE_RATE_ONE, FIGURE_DIFFUSE) &&
            chart_figures(results, directory, &work, FIGURE_RATE_ONE, FIGURE_WORK) &&
            chart_figures(results, directory, &bytes, FIGURE_BYTES, FIGURE_DIFFUSE) && chart_errors(results, directory) &&
