@@ -33,7 +33,7 @@ int main(int argc, char **argv)
     static struct config config;
     struct bvhd_error error;
     fill_standard_descriptors();
-    memory_keep_heap();
+    memory_keep();
     enum bvhd_status status = config_parse(argc, argv, &config, &error);
     if (status)
         return complain(&error, status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED);

@@ -5,12 +5,12 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
 #ifdef __GLIBC__
 #include <malloc.h>
 #endif
 
 #include "bytes.h"
+#include "mapping.h"
 
 /*
  * In front of each block. Large blocks are mappings of their own that start on a huge page, all others come from malloc's heap. The
@@ -21,7 +21,10 @@ struct header {
     uint64_t mapped; /* length of the mapping, 0 for a block of the heap */
 };
 
-enum { ALIGNMENT = 64, PAGE = 4096, HUGE_PAGE = 2 << 20, MAPPED_FROM = 4 << 20 };
+enum { ALIGNMENT = 64, PAGE = 4096, MAPPED_FROM = 4 << 20 };
+
+/* What memory_keep leaves in the process, of malloc's heaps each. */
+enum { KEPT_HEAP = 32 << 20, KEPT_MAPPINGS = 256 << 20 };
 
 _Static_assert(sizeof(struct header) <= ALIGNMENT, "the header fits in front of the block");
 
@@ -38,11 +41,12 @@ enum { USE_MAPPINGS = 1 };
 enum { USE_MAPPINGS = 1 };
 #endif
 
-void memory_keep_heap(void)
+void memory_keep(void)
 {
+    mapping_keep(KEPT_MAPPINGS);
 #ifdef __GLIBC__
     mallopt(M_MMAP_THRESHOLD, 2 * MAPPED_FROM);
-    mallopt(M_TRIM_THRESHOLD, 4 * MAPPED_FROM);
+    mallopt(M_TRIM_THRESHOLD, KEPT_HEAP);
 #endif
 }
 
@@ -120,23 +124,6 @@ static struct header *header_of(void *block)
     return (struct header *)(void *)((unsigned char *)block - ALIGNMENT);
 }
 
-/* Address space alone, on a huge page's boundary; NULL when there is none. */
-static void *map_aligned(uint64_t length)
-{
-    uint64_t padded;
-    if (!bytes_add(length, HUGE_PAGE, &padded) || padded > PTRDIFF_MAX)
-        return NULL;
-    unsigned char *base = mmap(NULL, padded, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (base == MAP_FAILED)
-        return NULL;
-    uint64_t before = bytes_align((uintptr_t)base, HUGE_PAGE) - (uintptr_t)base;
-    if (before)
-        munmap(base, before);
-    if (before < HUGE_PAGE)
-        munmap(base + before + length, HUGE_PAGE - before);
-    return base + before;
-}
-
 /* The mapping's length for a block of `size` bytes; 0 when it comes from the heap or is too large for anything. */
 static uint64_t mapping_length(uint64_t size)
 {
@@ -151,9 +138,7 @@ static struct header *obtain(uint64_t size)
     uint64_t mapped = mapping_length(size), total;
     void *base = NULL;
     if (mapped) {
-        base = map_aligned(mapped);
-        if (base)
-            madvise(base, mapped, MADV_HUGEPAGE); /* advice: a kernel without huge pages says no, and that is fine */
+        base = mapping_obtain(mapped, &mapped);
     } else if (bytes_add(size, ALIGNMENT, &total) && total <= PTRDIFF_MAX) {
         if (posix_memalign(&base, ALIGNMENT, total) != 0)
             base = NULL;
@@ -182,25 +167,13 @@ void *memory_array(struct memory *memory, uint64_t count, uint64_t size)
     return bytes_mul(count, size, &total) ? memory_alloc(memory, total) : NULL;
 }
 
-/* Moves pages instead of bytes. The new place is aligned again, so that huge pages move whole. */
 static struct header *remap(struct header *header, uint64_t size)
 {
-    uint64_t old_length = header->mapped, length = mapping_length(size);
-    if (length > old_length) {
-        void *place = map_aligned(length);
-        if (!place)
-            return NULL;
-        madvise(place, length, MADV_HUGEPAGE);
-        if (mremap(header, old_length, old_length, MREMAP_MAYMOVE | MREMAP_FIXED, place) == MAP_FAILED) {
-            munmap(place, length);
-            return NULL;
-        }
-        header = place;
-    } else if (length < old_length) {
-        munmap((unsigned char *)header + length, old_length - length);
-    }
-    *header = (struct header){.size = size, .mapped = length};
-    return header;
+    uint64_t length = mapping_length(size);
+    struct header *moved = mapping_resize(header, header->mapped, length);
+    if (moved)
+        *moved = (struct header){.size = size, .mapped = length};
+    return moved;
 }
 
 static void *resize_mapped(struct memory *memory, struct header *header, uint64_t size)
@@ -247,7 +220,7 @@ void memory_free(struct memory *memory, void *block)
     struct header *header = header_of(block);
     release(memory, header->size);
     if (header->mapped)
-        munmap(header, header->mapped);
+        mapping_release(header, header->mapped);
     else
         free(header);
 }

@@ -30,10 +30,11 @@ void memory_init(struct memory *memory, uint64_t limit);
 void memory_init_within(struct memory *memory, struct memory *parent, uint64_t limit);
 
 /*
- * For programs that build again and again: what blocks below 4 MiB leave behind stays with the process, up to 16 MiB a heap, instead of going back
- * to the system after each build. Small builds gain some percent, and threads do not wait for each other in the kernel. Once, at the start.
+ * For programs that build again and again: what blocks leave behind stays with the process instead of going back to the system after each build, up
+ * to 32 MiB a heap of malloc and, lazily (mapping.h), 256 MiB of large blocks. Builds gain a tenth, and threads do not wait for each other in
+ * the kernel. Once, at the start.
  */
-void memory_keep_heap(void);
+void memory_keep(void);
 
 /* NULL when the budget, the machine or the test says no, or when size is 0. */
 void *memory_alloc(struct memory *memory, uint64_t size);

@@ -4,6 +4,7 @@
 enum bvhd_status local_open(struct local *local, uint32_t threads, uint64_t memory_limit, struct bvhd_error *error)
 {
     *local = (struct local){0};
+    memory_keep();
     memory_init(&local->memory, memory_limit);
     enum bvhd_status status = workers_create(threads, &local->workers, error);
     if (!status)

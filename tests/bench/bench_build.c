@@ -290,6 +290,7 @@ int main(int argc, char **argv)
             return usage();
     if (first >= argc || argc - first > MAX_SCENES)
         return usage();
+    memory_keep();
     bench_threads(&options, 2, argv + first, argc - first);
     bench_threads(&options, 1, argv + first, argc - first);
     return 0;

@@ -56,7 +56,7 @@ static void await(int descriptor)
 static void be_process(const struct terrain *meshes, unsigned count, unsigned index, unsigned processes, int go, int done)
 {
     struct memory memory;
-    memory_keep_heap();
+    memory_keep();
     memory_init(&memory, UINT64_MAX);
     build_part(&memory, meshes, count, index, processes);
     pass(done);

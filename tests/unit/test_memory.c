@@ -426,7 +426,7 @@ static void a_kept_heap_asks_for_pages_once(void **state)
 #ifdef __GLIBC__
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
-    memory_keep_heap();
+    memory_keep();
     if (!OWN_HEAP)
         return;
     faults_of_a_round(&memory);
