@@ -223,7 +223,7 @@ static void draw_scatter(const void *context, FILE *script)
     fprintf(script, "\nset logscale xy\nset xrange [%.6g:%.6g]\nset yrange [%.6g:%.6g]\n", scatter->x_range[0], scatter->x_range[1],
             scatter->y_range[0], scatter->y_range[1]);
     fprintf(script, "set grid xtics ytics mxtics mytics lc rgb \"#d8d8d8\" lw 1, lc rgb \"#ececec\" lw 1\nset bmargin 6\nset key at "
-                    "screen 0.5,0.03 center horizontal samplen 1\n"
+                    "screen 0.5,0.03 center horizontal samplen 1 maxrows 2 font \",10\"\n"
                     "set border 3 lc rgb \"#606060\"\nset tics nomirror\n");
     fprintf(script, "set xtics (0.02,0.05,0.1,0.2,0.5,1,2,3,5,7,10,15,20,30,40,50,70,100,150,200)\n");
     if (scatter->y_has_zero)
