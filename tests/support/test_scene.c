@@ -245,3 +245,22 @@ struct test_answer test_scene_brute_force(const struct test_scene *scene, const 
             try_bottom(scene->bottoms[scene->instances[i].bottom], &scene->instances[i], i, ray, &answer);
     return answer;
 }
+
+bool test_scene_same_hit(const struct ray_hit *a, const struct ray_hit *b)
+{
+    return a->t == b->t && a->u == b->u && a->v == b->v && a->instance == b->instance && a->geometry == b->geometry &&
+           a->primitive == b->primitive && a->handle == b->handle && a->front_face == b->front_face && a->is_aabb == b->is_aabb &&
+           a->custom_index == b->custom_index && a->sbt_offset == b->sbt_offset;
+}
+
+void test_scene_transform(struct random *random, double scale, double place, float ret_transform[12])
+{
+    double axes[3][3];
+    for (int i = 0; i < 3; i++)
+        random_point(random, axes[i]);
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            ret_transform[4 * i + j] = (float)((axes[i][j] + (i == j ? 0.5 : 0)) * pow(10, (j - 1) * 0.5) * scale);
+        ret_transform[4 * i + 3] = (float)random_between(random, -place, place);
+    }
+}

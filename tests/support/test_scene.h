@@ -10,6 +10,7 @@
 #include "batch.h"
 #include "geometry.h"
 #include "lavapipe_traverse.h"
+#include "random.h"
 #include "traverse.h"
 
 enum { TEST_SCENE_BOTTOMS = 8 };
@@ -69,5 +70,11 @@ struct test_answer {
  * triangle counts.
  */
 struct test_answer test_scene_brute_force(const struct test_scene *scene, const struct ray *ray);
+
+/* Whether they agree in all that they tell, to the last bit. */
+bool test_scene_same_hit(const struct ray_hit *a, const struct ray_hit *b);
+
+/* A rotation times an uneven, shearing and now and then mirroring scale, and a place in the cube [-place, place)^3. */
+void test_scene_transform(struct random *random, double scale, double place, float ret_transform[12]);
 
 #endif

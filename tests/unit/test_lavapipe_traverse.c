@@ -68,14 +68,6 @@ static struct ray make_ray(struct random *random, const float *target)
     return ray;
 }
 
-static void assert_same_hit(const struct ray_hit *a, const struct ray_hit *b)
-{
-    assert_true(a->t == b->t && a->u == b->u && a->v == b->v);
-    assert_true(a->instance == b->instance && a->geometry == b->geometry && a->primitive == b->primitive);
-    assert_true(a->handle == b->handle && a->front_face == b->front_face && a->is_aabb == b->is_aabb);
-    assert_true(a->custom_index == b->custom_index && a->sbt_offset == b->sbt_offset);
-}
-
 static void assert_same_corners(const struct test_scene *scene, const struct ray_hit *portable, const struct ray_hit *native)
 {
     float a[3][3], b[3][3];
@@ -96,7 +88,7 @@ static bool check_ray(const struct test_scene *scene, const struct ray *ray, con
         assert_int_equal(lavapipe_traverse(&scene->native, ray, &given, &native, NULL), is_hit);
         bool any = ray->flags & RAY_TERMINATE_ON_FIRST_HIT;
         if (is_hit && !any)
-            assert_same_hit(&portable, &native);
+            assert_true(test_scene_same_hit(&portable, &native));
         if (is_hit && !any && !native.is_aabb)
             assert_same_corners(scene, &portable, &native);
     }
@@ -205,19 +197,6 @@ static void test_aabbs(void **state)
     free(boxes);
 }
 
-/* A rotation times an uneven, shearing and now and then mirroring scale, and a place. */
-static void make_transform(struct random *random, float ret_transform[12])
-{
-    double axes[3][3];
-    for (int i = 0; i < 3; i++)
-        random_point(random, axes[i]);
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            ret_transform[4 * i + j] = (float)((axes[i][j] + (i == j ? 0.5 : 0)) * pow(10, (j - 1) * 0.5) * 0.3);
-        ret_transform[4 * i + 3] = (float)random_between(random, -1, 1);
-    }
-}
-
 /* Of triangles, of boxes and of nothing, with all flags. Some cannot be met: they are inactive, or have no mask. */
 static void make_instances(struct random *random, struct test_instance *ret_instances, uint32_t count)
 {
@@ -233,7 +212,7 @@ static void make_instances(struct random *random, struct test_instance *ret_inst
         uint32_t both = INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE;
         if ((instance->flags & both) == both)
             instance->flags &= ~(uint32_t)INSTANCE_FORCE_OPAQUE;
-        make_transform(random, instance->transform);
+        test_scene_transform(random, 0.3, 1, instance->transform);
         if (i % 19 == 18)
             instance->bottom = TEST_SCENE_INACTIVE;
         if (i % 23 == 22)

@@ -43,14 +43,6 @@ static struct ray make_ray(struct random *random, double size)
     return ray;
 }
 
-static void assert_same_hit(const struct ray_hit *a, const struct ray_hit *b)
-{
-    assert_true(a->t == b->t && a->u == b->u && a->v == b->v);
-    assert_true(a->instance == b->instance && a->geometry == b->geometry && a->primitive == b->primitive);
-    assert_true(a->handle == b->handle && a->front_face == b->front_face && a->is_aabb == b->is_aabb);
-    assert_true(a->custom_index == b->custom_index && a->sbt_offset == b->sbt_offset);
-}
-
 /* All ways of going through the scene must say the same. */
 static bool traverse_all_ways(const struct scene *scene, const struct ray *ray, struct ray_hit *ret_hit)
 {
@@ -60,7 +52,7 @@ static bool traverse_all_ways(const struct scene *scene, const struct ray *ray, 
         struct ray_hit hit;
         assert_int_equal(traverse(scene, ray, &options, &hit, NULL), is_hit);
         if (is_hit)
-            assert_same_hit(&hit, ret_hit);
+            assert_true(test_scene_same_hit(&hit, ret_hit));
     }
     return is_hit;
 }
@@ -114,19 +106,6 @@ static void test_one_level(void **state)
         }
 }
 
-/* A rotation times an uneven, shearing and now and then mirroring scale, and a place. */
-static void make_transform(struct random *random, double size, float ret_transform[12])
-{
-    double axes[3][3];
-    for (int i = 0; i < 3; i++)
-        random_point(random, axes[i]);
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            ret_transform[4 * i + j] = (float)((axes[i][j] + (i == j ? 0.5 : 0)) * pow(10, (j - 1) * 0.5) * 0.6);
-        ret_transform[4 * i + 3] = (float)random_between(random, -size, size);
-    }
-}
-
 static void test_instances(void **state)
 {
     (void)state;
@@ -149,7 +128,7 @@ static void test_instances(void **state)
             .flags = (uint32_t)random_next(&random) & (INSTANCE_CULL_DISABLE | INSTANCE_FLIP_FACING),
             .bottom = i % 3,
         };
-        make_transform(&random, 20, instances[i].transform);
+        test_scene_transform(&random, 0.6, 20, instances[i].transform);
     }
     test_scene_add_top(&scene, instances, INSTANCES);
     int hits = 0, sure = 0;
@@ -466,7 +445,7 @@ static void test_aabb_instances(void **state)
     test_scene_add(&scene, &geometry, 1, 0);
     for (int i = 0; i < 4; i++) {
         instances[i] = (struct test_instance){.mask = 1};
-        make_transform(&random, 20, instances[i].transform);
+        test_scene_transform(&random, 0.6, 20, instances[i].transform);
     }
     test_scene_add_top(&scene, instances, 4);
     for (int i = 0; i < 4000; i++) {
