@@ -59,14 +59,21 @@ status=0
 
 "$bench" stadium-like slivers -o "$scratch" --runs 3 --patience 0 --size 3000 --picture 32 --rays 100 >/dev/null
 check_json "$scratch/report.json"
-for method in fast balanced high auto balanced/fast-triangles balanced/lavapipe sweep embree/bvh-medium-2 embree/scene-medium-robust; do
+for method in fast balanced high auto-0.1 auto-1 auto-10 auto-100 balanced/fast-triangles balanced/lavapipe sweep embree/bvh-medium-2 embree/scene-medium-robust; do
     has "$scratch/report.json" "\"method\": ?\"$method\""
 done
 for key in settings floors summary scenes stages_ms mprim_s median mad sah overlap inner_steps_per_diffuse_ray refs_per_triangle nodes vertices \
-    peak_resident_bytes auto rays_per_primitive primary diffuse shadow wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
+    peak_resident_bytes facts crossings cells auto rays_per_primitive chosen quality primary diffuse shadow wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
     has "$scratch/report.json" "\"$key\": ?"
 done
 check_pictures speed work bytes error scenes
+
+"$bench" --calibrate rooms clutter@2 hair@3@2000 --runs 1 --size 3000 --picture 32 >"$scratch/constants" 2>/dev/null
+[ "$(grep -Ec '^    \[QUALITY_(FAST|BALANCED|HIGH)\] = \{\{(-?[0-9.]+(, )?){6}\}, \{(-?[0-9.]+(, )?){6}\}\},$' "$scratch/constants")" -eq 3 ] || fail 'calibration: no constants'
+[ "$(grep -c '^hair@3@2000 .* 20[0-9][0-9] ' "$scratch/constants")" -eq 1 ] || fail 'calibration: no row of a scene'
+status=0
+"$bench" rooms --size 3000 2>/dev/null || status=$?
+[ "$status" -eq 2 ] || fail "nowhere to write: $status"
 
 "$bench" --stability nan-inf huge denormal offset expchain -o "$scratch" --size 300 --rays 100 || fail "cells of our own are not clean"
 check_json "$scratch/stability.json"

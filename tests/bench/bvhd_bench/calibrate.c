@@ -143,17 +143,19 @@ static void print_scene(const struct results *results, const struct model *model
     printf("\n");
 }
 
+/* As it stands in tier.c. */
 static void print_table(const struct model *model)
 {
+    static const char *const names[TIERS] = {"FAST", "BALANCED", "HIGH"};
     for (int tier = 0; tier < TIERS; tier++) {
-        printf("    {");
+        printf("    [QUALITY_%s] = {", names[tier]);
         for (int kind = 0; kind < KINDS; kind++) {
             printf("%s{", kind ? ", " : "");
             for (int i = 0; i < TIER_TERMS; i++)
                 printf("%s%.4f", i ? ", " : "", model->constants[tier][kind][i]);
             printf("}");
         }
-        printf("}, /* %s */\n", build_quality_name(qualities[tier]));
+        printf("},\n");
     }
 }
 
