@@ -32,43 +32,56 @@ static inline vec4 half_areas(struct vec4_box a, struct vec4_box b, struct vec4_
     return x * y + y * z + z * x;
 }
 
-/* Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. */
-static void choose(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths)
+/* The least costs of the refs before the last one of the row so far, before the last two and the last three; beyond its begin there are none. */
+struct cuts {
+    double one, two, three;
+};
+
+/* Goes on by a ref: the costs of leaves of the last one, two and three, and what a cut before this one costs. Returns the last leaf's length. */
+static inline uint8_t go_on(struct cuts *cuts, vec4 costs, float cut)
 {
-    const int32_t most = leaf_max < INT8_MAX ? (int32_t)leaf_max : INT8_MAX;
+    double first = cuts->one + (double)(cut + costs[0]), second = cuts->two + (double)costs[1], third = cuts->three + (double)costs[2];
+    double longer = least(third, second);
+    unsigned is_third = third < second, is_longer = longer < first;
+    *cuts = (struct cuts){least(longer, first), cuts->one + (double)cut, cuts->two};
+    return (uint8_t)(1 + is_longer + (is_longer & is_third));
+}
+
+/* Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. Sums that are no numbers are less than nothing. */
+static inline __attribute__((always_inline)) void choose(const struct primitive_ref *refs, uint32_t count, int32_t most, bool single,
+                                                         uint8_t *ret_lengths)
+{
     const vec4_int limits = {INT32_MAX, most, most, most};
     struct vec4_box last = vec4_box_load(&refs[0]), last_two = last;
-    vec4_int primitives = {most, most, most, 0}; /* nothing reaches beyond the row's begin */
-    /* The least cost of all refs before the last one, before the last two, the last three. */
+    vec4_int primitives = {1, 2, 3, 0}; /* of the last one, two, three */
+    struct cuts cuts = {0, INFINITY, INFINITY};
     float last_area = 0;
-    double before = 0, before_two = 0, before_three = 0;
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box one = vec4_box_load(&refs[i]), two = one, three = one;
         vec4_box_grow(&two, last.min, last.max);
         vec4_box_grow(&three, last_two.min, last_two.max);
-        int32_t own = 1 + (int32_t)refs[i].geometry;
-        primitives = (vec4_int){own, own + primitives[0], own + primitives[1], 0};
+        if (!single) {
+            int32_t own = 1 + (int32_t)refs[i].geometry;
+            primitives = (vec4_int){own, own + primitives[0], own + primitives[1], 0};
+        }
         vec4 areas = half_areas(one, two, three);
         vec4 costs = vec4_select(primitives > limits, vec4_all(INFINITY), areas * __builtin_convertvector(primitives, vec4));
         float near = 2 * least_float(areas[0], last_area);
+        ret_lengths[i] = go_on(&cuts, costs, cut_cost * least_float(areas[1], near));
         last_area = areas[0];
-        before += (double)(cut_cost * least_float(areas[1], near));
-        double first = before + (double)costs[0], second = before_two + (double)costs[1], third = before_three + (double)costs[2];
-        double others = least(third, second);
-        unsigned is_third = third < second, is_longer = others < first;
-        ret_lengths[i] = (uint8_t)(1 + is_longer + (is_longer & is_third));
-        before_three = before_two;
-        before_two = before;
-        before = least(others, first);
         last = one;
         last_two = two;
     }
 }
 
-uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths)
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, bool single, uint8_t *ret_lengths)
 {
+    const int32_t most = leaf_max < INT8_MAX ? (int32_t)leaf_max : INT8_MAX;
     uint32_t leaves = 0;
-    choose(refs, count, leaf_max, ret_lengths);
+    if (single)
+        choose(refs, count, most, true, ret_lengths);
+    else
+        choose(refs, count, most, false, ret_lengths);
     /* From the end to the begin, into the end of the array, of which the choices are behind us. */
     for (uint32_t at = count; at > 0; leaves++) {
         uint8_t length = ret_lengths[at - 1];

@@ -15,9 +15,10 @@
 enum { LEAVES_REFS_MAX = 3 }; /* refs a leaf */
 
 /*
- * ret_lengths: room for `count` >= 1; how many refs each leaf has, in their order. Returns how many leaves there are. No leaf has more than
- * LEAVES_REFS_MAX refs, or of more than one ref more than leaf_max primitives. Boxes may be of any size; where areas leave float's range refs stay alone. The same on every machine.
+ * single: no ref is a run. ret_lengths: room for `count` >= 1; how many refs each leaf has, in their order. Returns how many leaves there are. No
+ * leaf has more than LEAVES_REFS_MAX refs, or, if it has more than one, more than leaf_max primitives. Boxes may be of any size; where areas leave
+ * float's range refs stay alone. The same on every machine.
  */
-uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths);
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, bool single, uint8_t *ret_lengths);
 
 #endif

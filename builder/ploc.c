@@ -74,10 +74,14 @@ static inline void set_node(const struct clustering *c, uint32_t node, uint32_t 
     vec4_box_store(ref, box);
     ref->geometry = left;
     ref->id = right;
-    float area = vec4_box_half_area(box), cost = area + c->facts[left].cost + c->facts[right].cost;
     uint32_t refs = (uint32_t)c->facts[left].refs + c->facts[right].refs;
+    if (c->request->leaves_first) {
+        c->facts[node] = (struct node_facts){0, refs & INT32_MAX, refs <= c->request->leaf_max};
+        return;
+    }
+    float area = vec4_box_half_area(box), cost = area + c->facts[left].cost + c->facts[right].cost;
     float as_leaf = area * (float)refs;
-    bool leaf = refs <= c->request->leaf_max && (c->request->leaves_first || as_leaf <= cost);
+    bool leaf = refs <= c->request->leaf_max && as_leaf <= cost;
     c->facts[node] = (struct node_facts){leaf ? as_leaf : cost, refs & INT32_MAX, leaf};
 }
 
@@ -410,7 +414,7 @@ static void make_leaves(struct clustering *c)
     uint8_t *lengths = (uint8_t *)(void *)c->keys;
     morton_sort(c->request->refs, count, c->room, c->leaves);
     if (c->request->leaves_first)
-        leaves = leaves_cut(c->leaves, count, c->request->leaf_max, lengths);
+        leaves = leaves_cut(c->leaves, count, c->request->leaf_max, false, lengths);
     else
         memset(lengths, 1, count);
     for (uint32_t i = 0, first = 0; i < leaves; first += lengths[i++])

@@ -69,18 +69,19 @@ static void no_other_cut_is_cheaper(void **state)
                 refs[i].max[axis] += (float)random_between(&random, 0.5, 2);
             refs[i].geometry = round % 3 ? 0 : random_next(&random) % 3;
         }
-        uint32_t leaves = leaves_cut(refs, count, leaf_max, lengths);
+        bool single = round % 3 == 1;
+        uint32_t leaves = leaves_cut(refs, count, leaf_max, single, lengths);
         double cost = cost_of(refs, lengths, leaves, leaf_max), least = least_cost(refs, count, leaf_max);
         assert_true(cost <= least * 1.00001);
         free(refs);
     }
 }
 
-static void check_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max)
+static void check_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, bool single)
 {
     uint8_t *lengths = malloc(count);
     assert_non_null(lengths);
-    uint32_t leaves = leaves_cut(refs, count, leaf_max, lengths), sum = 0;
+    uint32_t leaves = leaves_cut(refs, count, leaf_max, single, lengths), sum = 0;
     for (uint32_t i = 0; i < leaves; i++) {
         uint32_t primitives = 0;
         assert_in_range(lengths[i], 1, LEAVES_REFS_MAX);
@@ -104,11 +105,11 @@ static void every_row_is_covered(void **state)
         uint32_t count = 1 + round % 50;
         struct primitive_ref *refs = test_refs_make((enum test_refs_kind)(round % REFS_KINDS), count, round);
         for (uint32_t i = 0; i < count; i++) {
-            refs[i].geometry = random_next(&random) % 3;
+            refs[i].geometry = round % 3 ? random_next(&random) % 3 : 0;
             if (round % 2)
                 refs[i].max[random_next(&random) % 3] = values[random_next(&random) % 6];
         }
-        check_cut(refs, count, most[round % 5]);
+        check_cut(refs, count, most[round % 5], round % 3 == 0);
         free(refs);
     }
 }
@@ -124,15 +125,15 @@ static void neighbours_share_a_leaf(void **state)
         refs[i].min[0] += 10 * (float)(i / 2);
         refs[i].max[0] += 10 * (float)(i / 2);
     }
-    assert_int_equal(leaves_cut(refs, COUNT, 3, lengths), COUNT / 2);
+    assert_int_equal(leaves_cut(refs, COUNT, 3, true, lengths), COUNT / 2);
     for (uint32_t i = 0; i < COUNT / 2; i++)
         assert_int_equal(lengths[i], 2);
-    assert_int_equal(leaves_cut(refs, COUNT, 1, lengths), COUNT);
+    assert_int_equal(leaves_cut(refs, COUNT, 1, true, lengths), COUNT);
     for (uint32_t i = 0; i < COUNT; i++) {
         refs[i].min[0] += 10 * (float)i;
         refs[i].max[0] += 10 * (float)i;
     }
-    assert_int_equal(leaves_cut(refs, COUNT, 3, lengths), COUNT);
+    assert_int_equal(leaves_cut(refs, COUNT, 3, true, lengths), COUNT);
     free(refs);
 }
 
