@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # manuals.sh SOURCE BVHD BVHCTL - the manual pages name the same options, commands and version as the programs' own help, all counters and all events
-# of the log, and have no mistake that groff, where there is one, can see. Prints each expectation that does not hold; status 1 when one does not.
+# of the log, and have no mistake that groff, where there is one, can see; bash completes what the help lists. Prints each expectation that does not
+# hold; status 1 when one does not.
 set -u
 export LC_ALL=C
 # shellcheck source=tests/support/expect.sh
@@ -66,6 +67,28 @@ cat "$source"/daemon/*.c | grep -o 'log_event([^"]*"[a-z_]*"' | sed 's/.*"\(.*\)
 all_terms 'events of the log' daemon/bvhd.8 <events.list
 sed -n 's/^    X(\([a-z_]*\)).*/\1/p' "$source/daemon/counters.h" >counters.list
 all_terms counters client/bvhctl/bvhctl.1 <counters.list
+
+# completes WORDS WHAT - bash is offered that for the last of the words.
+completes()
+{
+    # shellcheck disable=SC2016 # the other shell's
+    offered=$(bash -c '. "$1"; program=$2; read -ra COMP_WORDS <<<"$3"; [ "${3% }" = "$3" ] || COMP_WORDS+=(""); COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+        _bvhctl "$program"; echo "${COMPREPLY[*]}"' bash "$source/client/bvhctl/bvhctl.bash" "$bvhctl" "$1")
+    expect "'$1' is completed by '$2': $offered" [ "$offered" = "$2" ]
+}
+
+if command -v bash >/dev/null; then
+    completes 'bvhctl bu' build
+    completes 'bvhctl --socket s p' 'ping probe'
+    completes 'bvhctl --socket = s p' 'ping probe'
+    completes 'bvhctl ' "$(echo "$commands" | tr '\n' ' ' | sed 's/ $//')"
+    completes 'bvhctl --v' --version
+    completes 'bvhctl check --s' '--seed --scene --socket'
+    completes 'bvhctl --json check d s --fl' --flip-order
+    completes 'bvhctl build --ou' --output
+    completes 'bvhctl build sc' ''
+    completes 'bvhctl --socket p' ''
+fi
 
 echo "$checks expectations, $failures do not hold"
 [ $failures -eq 0 ]
