@@ -339,6 +339,7 @@ static enum bvhd_status write_blob(struct construction *construction, const stru
         .canonical = construction->canonical,
         .ir = &construction->ir,
         .wide = construction->layout->arity == 2 ? NULL : &construction->wide,
+        .complete = construction->refs.primitives == construction->canonical->primitive_count,
         .layout_flags = options->layout_flags,
         .device = &options->device,
         .memory = context->memory,

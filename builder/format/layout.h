@@ -22,6 +22,7 @@ struct layout_input {
     const struct canonical *canonical;
     const struct ir *ir;
     const struct wide *wide; /* NULL when the layout's arity is 2 */
+    bool complete; /* every primitive is in the tree */
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
     const struct device_format *device; /* what the blob is to be loaded by; portable: not looked at */
     struct memory *memory;

@@ -151,6 +151,27 @@ void portable_records_mark(const struct canonical *canonical, const uint32_t *re
     }
 }
 
+/* Marks the vertices of some of a geometry's triangles. */
+static void mark_triangles(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, uint8_t *used)
+{
+    const struct corners corners = corners_of(geometry);
+    const uint64_t begin = (uint64_t)3 * (first - corners.first_primitive);
+    uint8_t *own = used + corners.first_vertex;
+    for (uint64_t i = begin; i < begin + (uint64_t)3 * count; i++)
+        __atomic_store_n(&own[corners.indices ? corners.indices[i] : i], 1, __ATOMIC_RELAXED);
+}
+
+void portable_records_mark_range(const struct canonical *canonical, uint32_t first, uint32_t count, uint8_t *used)
+{
+    while (count > 0) {
+        const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, first)];
+        uint32_t left = geometry->primitive_count - (first - geometry->first_primitive), here = count < left ? count : left;
+        mark_triangles(geometry, first, here, used);
+        first += here;
+        count -= here;
+    }
+}
+
 void portable_records_prefetch(const struct portable_records *writer, const uint32_t *refs, uint32_t count)
 {
     const struct canonical_geometry *geometry = writer->canonical->geometries;

@@ -22,6 +22,9 @@ void portable_records_write(const struct portable_records *writer, uint32_t firs
 /* Sets used[vertex] to 1 for each vertex of these triangles, by relaxed atomic stores: from any thread. */
 void portable_records_mark(const struct canonical *canonical, const uint32_t *refs, uint32_t count, uint8_t *used);
 
+/* The same for the triangles `first` to first + count - 1, all of which are in the tree: in the order of the request, which is that of memory. */
+void portable_records_mark_range(const struct canonical *canonical, uint32_t first, uint32_t count, uint8_t *used);
+
 /* Says that these will be written soon. */
 void portable_records_prefetch(const struct portable_records *writer, const uint32_t *refs, uint32_t count);
 

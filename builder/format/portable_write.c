@@ -185,12 +185,21 @@ static void write_nodes(void *context, size_t index)
     }
 }
 
+/* How many triangles are looked at to mark vertices. */
+static uint32_t names_to_mark(const struct writing *w)
+{
+    return w->input->complete ? w->input->canonical->primitive_count : w->input->ir->ref_count;
+}
+
 static void mark_used(void *context, size_t index)
 {
     struct writing *w = context;
     size_t begin, end;
-    parallel_chunk(index, RECORD_CHUNK, w->input->ir->ref_count, &begin, &end);
-    portable_records_mark(w->input->canonical, w->input->ir->refs + begin, (uint32_t)(end - begin), w->used);
+    parallel_chunk(index, RECORD_CHUNK, names_to_mark(w), &begin, &end);
+    if (w->input->complete)
+        portable_records_mark_range(w->input->canonical, (uint32_t)begin, (uint32_t)(end - begin), w->used);
+    else
+        portable_records_mark(w->input->canonical, w->input->ir->refs + begin, (uint32_t)(end - begin), w->used);
 }
 
 static void count_kept(void *context, size_t index)
@@ -256,7 +265,7 @@ static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct b
 
 static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *error)
 {
-    uint32_t all = w->header.vertex_count, chunks = vertex_chunks(w), refs = w->input->ir->ref_count;
+    uint32_t all = w->header.vertex_count, chunks = vertex_chunks(w);
     if (all == 0)
         return BVHD_OK;
     w->used = memory_alloc(w->input->memory, all);
@@ -264,7 +273,7 @@ static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *erro
     if (!w->used || !w->first_kept)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "a table of %" PRIu32, all);
     memset(w->used, 0, all);
-    run_all(w, ((size_t)refs + RECORD_CHUNK - 1) / RECORD_CHUNK, mark_used);
+    run_all(w, ((size_t)names_to_mark(w) + RECORD_CHUNK - 1) / RECORD_CHUNK, mark_used);
     if (!run_all(w, chunks, count_kept))
         return report_cancelled(error);
     sum_kept(w);

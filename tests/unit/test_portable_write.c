@@ -322,6 +322,31 @@ static void every_allocation_may_fail(void **state)
     }
 }
 
+static void ranges_mark_what_names_do(void **state)
+{
+    (void)state;
+    for (int i = 0; i < SHAPE_COUNT; i++) {
+        struct test_model model;
+        if (shapes[i].type != GEOMETRY_TRIANGLES)
+            continue;
+        test_model_make(&shapes[i], 3, &model);
+        const struct canonical *canonical = &model.canonical;
+        uint32_t count = canonical->primitive_count, vertices = canonical->vertex_count;
+        uint8_t *named = calloc(vertices + 1, 1), *ranged = calloc(vertices + 1, 1);
+        assert_true(named && ranged);
+        for (uint32_t id = count; id-- > 0;)
+            portable_records_mark(canonical, &id, 1, named);
+        for (uint32_t first = 0, length = 1; first < count; first += length, length = length * 3 + 1) {
+            length = length < count - first ? length : count - first;
+            portable_records_mark_range(canonical, first, length, ranged);
+        }
+        assert_memory_equal(named, ranged, vertices);
+        free(named);
+        free(ranged);
+        test_model_finish(&model);
+    }
+}
+
 static void what_ids_cannot_hold_is_too_large(void **state)
 {
     (void)state;
@@ -391,6 +416,7 @@ int main(void)
         cmocka_unit_test(nothing_in_nothing_out),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(every_allocation_may_fail),
+        cmocka_unit_test(ranges_mark_what_names_do),
         cmocka_unit_test(what_ids_cannot_hold_is_too_large),
         cmocka_unit_test(inverses_invert),
     };
