@@ -111,8 +111,7 @@ static const char *target_name(const struct bvhd_result *item)
     return name ? name : "";
 }
 
-/* Of what was built; a newer service may know others. */
-static const char *quality_name(enum bvhd_quality quality)
+const char *manifest_quality_name(enum bvhd_quality quality)
 {
     static const char *const names[] = {
         [BVHD_QUALITY_FAST] = "fast", [BVHD_QUALITY_BALANCED] = "balanced", [BVHD_QUALITY_HIGH] = "high"};
@@ -150,7 +149,7 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_number(json, "sah", item->sah);
     json_integer(json, "refs", item->refs);
     json_text(json, "method", item->method ? item->method : "");
-    json_text(json, "quality", quality_name(item->quality));
+    json_text(json, "quality", manifest_quality_name(item->quality));
     json_text(json, "target", target_name(item));
     if (is_top)
         write_handles(json, assembly, all_files);

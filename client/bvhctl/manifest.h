@@ -57,4 +57,7 @@ enum bvhd_status manifest_read(const char *directory, struct memory *memory, str
 /* NULL-safe, idempotent. */
 void manifest_finish(struct manifest *manifest);
 
+/* "fast", "balanced", "high": what was built. "" for one that only a newer service knows, and from an older one, which does not say. */
+const char *manifest_quality_name(enum bvhd_quality quality);
+
 #endif
