@@ -21,13 +21,13 @@ struct model {
     double constants[TIERS][KINDS][TIER_TERMS]; /* of building, of rays */
 };
 
-/* Nanoseconds a primitive to build, a ray to trace. False when they were not measured. */
+/* Of the run that was disturbed least: nanoseconds a primitive to build, a ray to trace. False when they were not measured. */
 static bool measured(const struct results *results, uint32_t scene, int tier, struct tier_cost *ret_cost)
 {
     const struct scene_figures *figures = &results->scenes[scene];
     for (uint32_t i = 0; i < results->options->method_count; i++) {
         const struct figures *own = &figures->methods[i];
-        double ms = statistic_median(&own->ms[1]), rate = statistic_median(&own->mrays[RAYS_DIFFUSE]);
+        double ms = statistic_least(&own->ms[1]), rate = statistic_most(&own->mrays[RAYS_DIFFUSE]);
         if (strcmp(results->options->methods[i]->name, build_quality_name(qualities[tier])) != 0 || !(ms > 0) || !(rate > 0))
             continue;
         *ret_cost = (struct tier_cost){ms * 1e6 / figures->triangles, 1e3 / rate};

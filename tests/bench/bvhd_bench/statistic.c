@@ -34,3 +34,22 @@ double statistic_mad(const struct statistic *statistic)
         distances.values[i] = fabs(distances.values[i] - median);
     return statistic_median(&distances);
 }
+
+static double extreme_of(const struct statistic *statistic, double sign)
+{
+    double extreme = statistic->count > 0 ? statistic->values[0] : 0;
+    for (int i = 1; i < statistic->count; i++)
+        if (sign * statistic->values[i] > sign * extreme)
+            extreme = statistic->values[i];
+    return extreme;
+}
+
+double statistic_least(const struct statistic *statistic)
+{
+    return extreme_of(statistic, -1);
+}
+
+double statistic_most(const struct statistic *statistic)
+{
+    return extreme_of(statistic, 1);
+}

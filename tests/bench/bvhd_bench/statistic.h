@@ -14,6 +14,9 @@ struct statistic {
 void statistic_add(struct statistic *statistic, double value);
 /* 0 without a value. */
 double statistic_median(const struct statistic *statistic);
+/* 0 without a value. */
+double statistic_least(const struct statistic *statistic);
+double statistic_most(const struct statistic *statistic);
 /* The median distance from the median, as large as it is: not scaled to a standard deviation. */
 double statistic_mad(const struct statistic *statistic);
 

@@ -21,12 +21,13 @@ static void test_statistic(void **state)
 {
     struct statistic values = {.count = 0};
     (void)state;
-    assert_true(statistic_median(&values) == 0);
+    assert_true(statistic_median(&values) == 0 && statistic_least(&values) == 0 && statistic_most(&values) == 0);
     statistic_add(&values, 5);
     statistic_add(&values, 1);
     assert_true(statistic_median(&values) == 3 && statistic_mad(&values) == 2);
     statistic_add(&values, 100);
     assert_true(statistic_median(&values) == 5 && statistic_mad(&values) == 4);
+    assert_true(statistic_least(&values) == 1 && statistic_most(&values) == 100);
     for (int i = 0; i < 2 * STATISTIC_MAX; i++)
         statistic_add(&values, 7);
     assert_int_equal(values.count, STATISTIC_MAX);
