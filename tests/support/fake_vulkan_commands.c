@@ -139,7 +139,12 @@ static void VKAPI_CALL build_structures(VkCommandBuffer buffer, uint32_t count,
 {
     (void)buffer;
     assert_true(count == 1 && infos->scratchData.deviceAddress % 128 == 0 && ranges[0]);
-    record((struct command){.kind = BUILD, .dest = OBJECT(infos->dstAccelerationStructure)});
+    bool is_top = infos->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
+    record(
+        (struct command){.kind = BUILD,
+                         .dest = OBJECT(infos->dstAccelerationStructure),
+                         .from = is_top ? (unsigned char *)(uintptr_t)infos->pGeometries->geometry.instances.data.deviceAddress : NULL,
+                         .row = ranges[0]->primitiveCount});
 }
 
 static void VKAPI_CALL write_properties(VkCommandBuffer buffer, uint32_t count, const VkAccelerationStructureKHR *structures,
@@ -195,6 +200,8 @@ static void run(const struct command *command)
         break;
     case BUILD:
         memset(fake_structure_bytes(command->dest), (int)command->dest->size, 64);
+        for (uint32_t i = 0; command->from && i < command->row; i++) /* addresses, at odd places */
+            memcpy(fake_structure_bytes(command->dest) + 64 + 9 * i, command->from + 64 * i + 56, 8);
         break;
     case QUERY:
         command->dest->results[command->row] = SERIALIZED_HANDLES + command->source->size;

@@ -136,6 +136,12 @@ static enum bvhd_status probe(struct bvhd_vulkan_device *device, void **ret_prob
     return bvhd_vulkan_probe(device, &queue, ret_probe, ret_size, error);
 }
 
+/* Two instances name the first two structures: by numbers, since addresses differ from run to run. */
+static unsigned left_out(int structure, uint64_t at)
+{
+    return structure == PROBE_INSTANCES && at == 64 ? 1 : structure == PROBE_INSTANCES && at == 64 + 9 ? 2 : 0;
+}
+
 static void a_probe_holds_what_the_device_gave(void **state)
 {
     (void)state;
@@ -156,8 +162,8 @@ static void a_probe_holds_what_the_device_gave(void **state)
         uint64_t created = 128 + UINT64_C(64) * request.canonical.primitive_count;
         assert_int_equal(unpacked.structures[i].size, 56 + created);
         for (uint64_t at = 0; at < created; at++) /* the driver wrote the first 64 bytes, and what it left out is zero */
-            assert_int_equal(unpacked.structures[i].data[56 + at], at < 64 ? created & 0xff : 0);
-        assert_true(unpacked.handles[i] != 0 && unpacked.handles[i] % 64 == 0);
+            assert_int_equal(unpacked.structures[i].data[56 + at], at < 64 ? created & 0xff : left_out(i, at));
+        assert_int_equal(unpacked.handles[i], i + 1);
     }
     bvhd_vulkan_free(data);
     bvhd_vulkan_free(NULL);
