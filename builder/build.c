@@ -191,7 +191,7 @@ static const char *method_name(enum pieces_method method)
 static void clustering_for(enum build_quality quality, struct pieces_request *request)
 {
     bool fast = quality == QUALITY_FAST;
-    request->radius = fast ? 3 : 8;
+    request->radius = fast ? 2 : 8;
     request->leaves_first = fast && request->leaf_max > 1;
     request->rounds = fast ? UINT32_MAX : 3;
 }
@@ -313,7 +313,8 @@ static float leaf_cost(const struct canonical *canonical)
 static enum bvhd_status collapse_once(struct construction *construction)
 {
     const struct build_context *context = construction->context;
-    struct collapse_options options = {construction->layout->leaf_max, leaf_cost(construction->canonical), context->cancel};
+    struct collapse_options options = {construction->layout->leaf_max, leaf_cost(construction->canonical), context->cancel,
+                                       construction->quality == QUALITY_FAST};
     enum bvhd_status status =
         collapse(&construction->ir, &options, context->memory, context->parallel, &construction->wide, construction->error);
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.collapse) : status;

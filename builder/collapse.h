@@ -18,6 +18,7 @@ struct collapse_options {
     uint32_t leaf_max; /* 1 .. 3; ir leaves may not be larger */
     float leaf_cost; /* of one ref against one wide node */
     const atomic_bool *cancel; /* may be NULL */
+    bool quick_order; /* children are given slots in half the time, where a few rays more meet them in the wrong order */
 };
 
 /* The caller ends *ret_wide with wide_finish. The same for any number of threads. */

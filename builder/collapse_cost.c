@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "octants.h"
+
 #if defined(__SSE2__) && !defined(BVHD_SCALAR)
 #define USE_SSE2 1
 #include <emmintrin.h>
@@ -53,6 +55,7 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
     *table = (struct collapse_table){
         .ir = ir,
         .leaf_max = options->leaf_max,
+        .order_rounds = options->quick_order ? 1 : OCTANTS_ROUNDS,
         .leaf_cost = options->leaf_cost,
         .node_cost = (float)(COLLAPSE_NODE_SHARE / (ir->ref_count + 1.0)),
         .scale = scale_for(&ir->boxes[0][0]),

@@ -36,6 +36,7 @@ _Static_assert(sizeof(struct collapse_cost) == 32, "two stores of 4 lanes");
 struct collapse_table {
     const struct ir *ir;
     uint32_t leaf_max;
+    unsigned order_rounds; /* octants.h */
     float leaf_cost;
     float node_cost; /* added for each wide node: what one more of them is worth, as a share of the root's area */
     float scale; /* a power of two that brings the root to about unit size */

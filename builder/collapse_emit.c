@@ -86,7 +86,7 @@ static uint32_t fill_slots(const struct emission *emission, struct wide_node *wi
     unsigned count = collapse_children(emission->table, wide->node, children);
     for (unsigned i = 0; i < WIDE_ARITY; i++)
         boxes[i] = &ir->boxes[0][children[i].node];
-    octants_assign_boxes(&ir->boxes[0][wide->node], boxes, count, emission->wide_registers, order);
+    octants_assign_boxes(&ir->boxes[0][wide->node], boxes, count, emission->table->order_rounds, emission->wide_registers, order);
     for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
         wide->slots[slot] = children[order[slot]];
         leaf_refs += children[slot].ref_count;

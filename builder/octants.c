@@ -16,7 +16,7 @@
  * Of a pair only the axes count on which its slots differ, and there one slot's sign is the other's turned around: exchanging turns the sign of
  * the pair's sum. The child's number travels in the lowest bits of its x.
  */
-enum { ROUNDS = 2, NUMBER = 7 };
+enum { NUMBER = 7 };
 
 #ifdef USE_SSE2
 
@@ -70,7 +70,7 @@ static inline __attribute__((always_inline)) void exchange(struct half halves[2]
     halves[1] = b;
 }
 
-void octants_assign(const float offsets[8][4], uint8_t ret_children[8])
+void octants_assign(const float offsets[8][4], unsigned rounds, uint8_t ret_children[8])
 {
     const __m128i number = _mm_set1_epi32(NUMBER), low = _mm_setr_epi32(0, 1, 2, 3), high = _mm_setr_epi32(4, 5, 6, 7);
     struct half halves[2];
@@ -82,7 +82,7 @@ void octants_assign(const float offsets[8][4], uint8_t ret_children[8])
         halves[i].y = b;
         halves[i].z = c;
     }
-    for (int round = 0; round < ROUNDS; round++) {
+    for (unsigned round = 0; round < rounds; round++) {
         exchange(halves, 7);
         exchange(halves, 6);
         exchange(halves, 5);
@@ -121,7 +121,7 @@ static void exchange(float children[8][3], int difference)
     }
 }
 
-void octants_assign(const float offsets[8][4], uint8_t ret_children[8])
+void octants_assign(const float offsets[8][4], unsigned rounds, uint8_t ret_children[8])
 {
     static const int differences[] = {7, 6, 5, 3, 1, 2, 4};
     float children[8][3];
@@ -133,7 +133,7 @@ void octants_assign(const float offsets[8][4], uint8_t ret_children[8])
         children[i][1] = offsets[i][1];
         children[i][2] = offsets[i][2];
     }
-    for (int round = 0; round < ROUNDS; round++)
+    for (unsigned round = 0; round < rounds; round++)
         for (int i = 0; i < 7; i++)
             exchange(children, differences[i]);
     for (int slot = 0; slot < 8; slot++) {

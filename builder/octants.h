@@ -11,18 +11,21 @@
 
 #include "box.h"
 
+enum { OCTANTS_ROUNDS = 2 };
+
 /*
- * offsets[child][axis]: the child's centre from the parent's (the fourth number is not looked at), in any scale in which no sum of six overflows; 0 for those that are not there. Gives
- * each of the eight a slot of its own so that the sum over children of +-x +-y +-z, signs by the slot's bits (1: x, 2: y, 4: z; set means
- * +), comes near its maximum: 97 % of it on random ones. ret_children[slot] is the child that goes there. Deterministic, also of equal ones.
+ * offsets[child][axis]: the child's centre from the parent's (the fourth number is not looked at), in any scale in which no sum of six overflows; 0
+ * for those that are not there. Gives each of the eight a slot of its own so that the sum over children of +-x +-y +-z, signs by the slot's bits (1:
+ * x, 2: y, 4: z; set means +), comes near its maximum: 97 % of it on random ones after OCTANTS_ROUNDS rounds of exchanges, a little less after one.
+ * ret_children[slot] is the child that goes there. Deterministic, also of equal ones.
  */
-void octants_assign(const float offsets[8][4], uint8_t ret_children[8]);
+void octants_assign(const float offsets[8][4], unsigned rounds, uint8_t ret_children[8]);
 
 /*
  * The same for children [0, count) at the centres of their boxes around the parent's; what children[count] and those behind point to is not looked
  * at, but is a box. With `wide` (octants_has_wide) as fast as the machine can.
  */
-void octants_assign_boxes(const struct box *parent, const struct box *const children[8], unsigned count, bool wide,
+void octants_assign_boxes(const struct box *parent, const struct box *const children[8], unsigned count, unsigned rounds, bool wide,
                           uint8_t ret_children[8]);
 
 /* Whether this machine has AVX2. */

@@ -8,7 +8,8 @@
 /* Sixteenths of twice the distances between centres: no sum of six of them overflows. */
 static const float SHARE = 0.0625f;
 
-static void assign_plain(const struct box *parent, const struct box *const children[8], unsigned count, uint8_t ret_children[8])
+static void assign_plain(const struct box *parent, const struct box *const children[8], unsigned count, unsigned rounds,
+                         uint8_t ret_children[8])
 {
     float offsets[8][4] = {{0}}, centre[3];
     for (int axis = 0; axis < 3; axis++)
@@ -16,7 +17,7 @@ static void assign_plain(const struct box *parent, const struct box *const child
     for (unsigned i = 0; i < count; i++)
         for (int axis = 0; axis < 3; axis++)
             offsets[i][axis] = SHARE * children[i]->min[axis] + SHARE * children[i]->max[axis] - centre[axis];
-    octants_assign((const float(*)[4])offsets, ret_children);
+    octants_assign((const float(*)[4])offsets, rounds, ret_children);
 }
 
 #ifdef __x86_64__
@@ -77,7 +78,7 @@ BOX_LANES_INLINE __m256 offsets(__m256 min, __m256 max, float parent_min, float 
     return _mm256_and_ps(there, _mm256_sub_ps(_mm256_add_ps(_mm256_mul_ps(share, min), _mm256_mul_ps(share, max)), centre));
 }
 
-BOX_LANES static void assign_wide(const struct box *parent, const struct box *const children[8], unsigned count,
+BOX_LANES static void assign_wide(const struct box *parent, const struct box *const children[8], unsigned count, unsigned rounds,
                                   uint8_t ret_children[8])
 {
     const __m256i numbers = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7), low_bits = _mm256_set1_epi32(7);
@@ -87,7 +88,7 @@ BOX_LANES static void assign_wide(const struct box *parent, const struct box *co
                       offsets(boxes.min[1], boxes.max[1], parent->min[1], parent->max[1], there),
                       offsets(boxes.min[2], boxes.max[2], parent->min[2], parent->max[2], there)};
     s.x = _mm256_castsi256_ps(_mm256_or_si256(_mm256_andnot_si256(low_bits, _mm256_castps_si256(s.x)), numbers));
-    for (int round = 0; round < 2; round++) {
+    for (unsigned round = 0; round < rounds; round++) {
         s = exchange(s, 7);
         s = exchange(s, 6);
         s = exchange(s, 5);
@@ -101,10 +102,10 @@ BOX_LANES static void assign_wide(const struct box *parent, const struct box *co
     _mm_storel_epi64((__m128i *)(void *)ret_children, _mm_packus_epi16(words, words));
 }
 
-void octants_assign_boxes(const struct box *parent, const struct box *const children[8], unsigned count, bool wide,
+void octants_assign_boxes(const struct box *parent, const struct box *const children[8], unsigned count, unsigned rounds, bool wide,
                           uint8_t ret_children[8])
 {
-    (wide ? assign_wide : assign_plain)(parent, children, count, ret_children);
+    (wide ? assign_wide : assign_plain)(parent, children, count, rounds, ret_children);
 }
 
 #else
@@ -114,11 +115,11 @@ bool octants_has_wide(void)
     return false;
 }
 
-void octants_assign_boxes(const struct box *parent, const struct box *const children[8], unsigned count, bool wide,
+void octants_assign_boxes(const struct box *parent, const struct box *const children[8], unsigned count, unsigned rounds, bool wide,
                           uint8_t ret_children[8])
 {
     (void)wide;
-    assign_plain(parent, children, count, ret_children);
+    assign_plain(parent, children, count, rounds, ret_children);
 }
 
 #endif

@@ -8,7 +8,7 @@
 #include "random.h"
 
 /* The plain version, which the library leaves out where it has SSE2. */
-void octants_assign_scalar(const float offsets[8][4], uint8_t ret_children[8]);
+void octants_assign_scalar(const float offsets[8][4], unsigned rounds, uint8_t ret_children[8]);
 #define BVHD_SCALAR
 #define octants_assign octants_assign_scalar
 #include "octants.c"
@@ -42,8 +42,8 @@ static void assign(const float offsets[8][4], uint8_t ret_children[8])
 {
     uint8_t scalar[8];
     unsigned seen = 0;
-    octants_assign(offsets, ret_children);
-    octants_assign_scalar(offsets, scalar);
+    octants_assign(offsets, OCTANTS_ROUNDS, ret_children);
+    octants_assign_scalar(offsets, OCTANTS_ROUNDS, scalar);
     assert_memory_equal(ret_children, scalar, 8);
     for (int slot = 0; slot < 8; slot++)
         seen |= 1u << ret_children[slot];
@@ -140,10 +140,12 @@ static void boxes_go_where_their_centres_go(void **state)
                     offsets[i][axis] = 0.0625f * children[i].min[axis] + 0.0625f * children[i].max[axis] - centre;
             }
         }
-        octants_assign_scalar((const float(*)[4])offsets, expected);
-        for (int wide = 0; wide <= octants_has_wide(); wide++) {
-            octants_assign_boxes(&parent, pointers, count, wide, found);
-            assert_memory_equal(found, expected, 8);
+        for (unsigned rounds = 0; rounds <= OCTANTS_ROUNDS; rounds++) {
+            octants_assign_scalar((const float(*)[4])offsets, rounds, expected);
+            for (int wide = 0; wide <= octants_has_wide(); wide++) {
+                octants_assign_boxes(&parent, pointers, count, rounds, wide, found);
+                assert_memory_equal(found, expected, 8);
+            }
         }
     }
 }
