@@ -57,6 +57,9 @@ const struct boxtest_planes boxtest_planes[8] = {
     PLANES_OF(0, 0, 1), PLANES_OF(1, 0, 1), PLANES_OF(0, 1, 1), PLANES_OF(1, 1, 1),
 };
 
+#define SPREAD 128, 128, 0, 128, 128, 128, 1, 128, 128, 128, 2, 128, 128, 128, 3, 128
+_Alignas(32) const uint8_t boxtest_spread[32] = {SPREAD, SPREAD};
+
 bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray)
 {
     if (!in_float_range(origin, direction, bounds))
@@ -67,14 +70,13 @@ bool boxtest_init(const double origin[3], const double direction[3], float tmin,
     /* No point of the structure is met at a greater |t|. */
     double t_reach = farthest / speed;
 
-    struct boxtest_ray ray = {.tmin = tmin};
-    unsigned backward = 0;
+    struct boxtest_ray ray = {.origin[3] = 1, .tmin = tmin};
     for (int axis = 0; axis < 3; axis++) {
         double distance = reach(origin, bounds, axis);
         ray.origin[axis] = (float)origin[axis];
         double moved = fabs(origin[axis] - ray.origin[axis]) + corner_error * distance;
         ray.wide_scale[axis] = (float)(wide_share * distance);
-        backward |= (unsigned)(direction[axis] < 0) << axis;
+        ray.backward |= (unsigned)(direction[axis] < 0) << axis;
         if (fabs(direction[axis]) < parallel_ratio * speed) {
             ray.parallel_axes |= 1u << axis;
             ray.parallel_slack[axis] = round_up(moved + t_reach * fabs(direction[axis]));
@@ -86,7 +88,7 @@ bool boxtest_init(const double origin[3], const double direction[3], float tmin,
             ray.wide_slack[axis] = round_up(slack + boxtest_gamma * distance * fabs(inverse));
         }
     }
-    ray.planes = &boxtest_planes[backward];
+    ray.planes = &boxtest_planes[ray.backward];
     *ret_ray = ray;
     return true;
 }

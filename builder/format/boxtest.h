@@ -37,7 +37,7 @@ struct boxtest_planes {
     uint32_t near[3], far[3];
 };
 
-/* A ray in one structure's space, for float tests. Of the arrays of four, the last is of no use. */
+/* A ray in one structure's space, for float tests. Of the arrays of four, the last is of no use; origin's is 1, so that nothing subnormal is computed from it. */
 struct boxtest_ray {
     _Alignas(16) float origin[4];
     float inverse[4]; /* 1 / direction; 0 for parallel axes */
@@ -46,6 +46,7 @@ struct boxtest_ray {
     float wide_scale[4]; /* nodes with a smaller scale, but for 0, are too small for that bound; the last is 0 */
     const struct boxtest_planes *planes;
     float tmin;
+    uint32_t backward; /* bit a: along axis a the direction is negative */
     uint32_t parallel_axes; /* bit a: axis a is compared by position */
     float parallel_slack[3]; /* in length */
 };

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* boxtest_wide.c - the functions of boxtest.h for machines with AVX2 and FMA. The set-up is what a ray through a small structure costs most. */
-#include "boxtest_kernels.h"
+/* boxtest_wide.c - the functions of boxtest.h for machines with AVX2, FMA and BMI. The set-up is what a ray through a small structure costs most. */
+#include "boxtest_setup.h"
 
 #ifdef BOXTEST_WIDE
 
 bool boxtest_has_wide(void)
 {
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
+           __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("popcnt");
 }
 
 BOXTEST_WIDE unsigned boxtest_wide(const struct boxtest_ray *ray, const struct portable_node *node, float tmax, float ret_near[8])
@@ -78,12 +79,13 @@ BOXTEST_WIDE bool boxtest_init_wide(const double origin[3], const double directi
     __m256d slack = _mm256_fmadd_pd(moved, size, _mm256_mul_pd(t_reach, _mm256_set1_pd(t_error)));
     __m256d wide = _mm256_fmadd_pd(_mm256_mul_pd(distance, _mm256_set1_pd(boxtest_gamma)), size, slack);
 
-    _mm_store_ps(ret_ray->origin, rounded);
+    _mm_store_ps(ret_ray->origin, _mm_blend_ps(rounded, _mm_set1_ps(1), 8));
     _mm_store_ps(ret_ray->inverse, _mm256_cvtpd_ps(inverse));
     store_slack(slack, parallel, ret_ray->slack);
     store_slack(wide, parallel, ret_ray->wide_slack);
     _mm_store_ps(ret_ray->wide_scale, _mm256_cvtpd_ps(_mm256_mul_pd(distance, _mm256_set1_pd(wide_share))));
-    ret_ray->planes = &boxtest_planes[_mm256_movemask_pd(d)];
+    ret_ray->backward = (unsigned)_mm256_movemask_pd(d);
+    ret_ray->planes = &boxtest_planes[ret_ray->backward];
     ret_ray->tmin = tmin;
     ret_ray->parallel_axes = (unsigned)_mm256_movemask_pd(parallel) & 7;
     if (ret_ray->parallel_axes)
@@ -91,63 +93,10 @@ BOXTEST_WIDE bool boxtest_init_wide(const double origin[3], const double directi
     return true;
 }
 
-/* The largest of the first three lanes, in these three. */
-BOXTEST_WIDE_INLINE __m128 largest_float(__m128 vector)
-{
-    __m128 next = _mm_permute_ps(vector, _MM_SHUFFLE(3, 0, 2, 1)), last = _mm_permute_ps(vector, _MM_SHUFFLE(3, 1, 0, 2));
-    return _mm_max_ps(_mm_max_ps(vector, next), last);
-}
-
-BOXTEST_WIDE_INLINE __m128 is_up_to(__m128 vector, double limit)
-{
-    return _mm_cmple_ps(vector, _mm_set1_ps((float)limit));
-}
-
-/* The sizes of the first three lanes, and 0. */
-BOXTEST_WIDE_INLINE __m128 absolute_xyz(__m128 vector)
-{
-    return _mm_and_ps(vector, _mm_castsi128_ps(_mm_setr_epi32(INT32_MAX, INT32_MAX, INT32_MAX, 0)));
-}
-
-/* Rounding of the terms, of their sums and of constants is less than the thousandth; what underflows less than a part of the last term. */
 BOXTEST_WIDE bool boxtest_init_floats(const float *origin, const float *direction, float tmin, const float bounds[6],
                                       struct boxtest_ray *ret_ray)
 {
-    const __m128 one = _mm_set1_ps(1);
-    __m128 o = _mm_loadu_ps(origin), d = _mm_blend_ps(_mm_loadu_ps(direction), one, 8), speeds = absolute_xyz(d);
-    __m128 min = _mm_loadu_ps(bounds), max = _mm_loadu_ps(bounds + 2);
-    max = _mm_permute_ps(max, _MM_SHUFFLE(3, 3, 2, 1));
-    __m128 corner = _mm_max_ps(absolute_xyz(min), absolute_xyz(max)), speed = largest_float(speeds);
-    __m128 in_range = _mm_and_ps(is_up_to(absolute_xyz(o), range_max), is_up_to(_mm_max_ps(corner, speeds), range_max));
-    in_range = _mm_and_ps(in_range, _mm_cmpord_ps(corner, speeds));
-    __m128 is_large = _mm_cmpge_ps(corner, _mm_set1_ps((float)structure_min));
-    if (_mm_movemask_ps(in_range) != 15 || _mm_movemask_ps(is_large) == 0 || _mm_cvtss_f32(speed) < (float)direction_min)
-        return false;
-
-    __m128 quotients = _mm_div_ps(one, d), parallel = _mm_cmplt_ps(speeds, _mm_mul_ps(speed, _mm_set1_ps((float)parallel_ratio)));
-    __m128 inverse = _mm_andnot_ps(parallel, quotients);
-    __m128 distance = _mm_max_ps(absolute_xyz(_mm_sub_ps(min, o)), absolute_xyz(_mm_sub_ps(max, o)));
-    __m128 t_reach = _mm_mul_ps(largest_float(distance), _mm_div_ps(one, speed)), at_axis = _mm_mul_ps(distance, absolute_xyz(inverse));
-    __m128 underflow = _mm_set1_ps((float)underflow_error), most = _mm_set1_ps(FLT_MAX);
-    __m128 slack = _mm_fmadd_ps(t_reach, _mm_set1_ps((float)(1.001 * t_error)), underflow);
-    slack = _mm_fmadd_ps(at_axis, _mm_set1_ps((float)(1.001 * corner_error)), slack);
-    __m128 wide = _mm_fmadd_ps(at_axis, _mm_set1_ps(1.001f * boxtest_gamma), slack);
-
-    _mm_store_ps(ret_ray->origin, o);
-    _mm_store_ps(ret_ray->inverse, inverse);
-    _mm_store_ps(ret_ray->slack, _mm_blendv_ps(slack, most, parallel));
-    _mm_store_ps(ret_ray->wide_slack, _mm_blendv_ps(wide, most, parallel));
-    _mm_store_ps(ret_ray->wide_scale, _mm_mul_ps(distance, _mm_set1_ps((float)wide_share)));
-    ret_ray->planes = &boxtest_planes[_mm_movemask_ps(d)];
-    ret_ray->tmin = tmin;
-    ret_ray->parallel_axes = (unsigned)_mm_movemask_ps(parallel) & 7;
-    if (__builtin_expect(ret_ray->parallel_axes != 0, 0)) {
-        float bound[4];
-        __m128 moved = _mm_fmadd_ps(distance, _mm_set1_ps((float)corner_error), _mm_mul_ps(t_reach, speeds));
-        _mm_storeu_ps(bound, _mm_fmadd_ps(moved, _mm_set1_ps(1.001f), underflow));
-        memcpy(ret_ray->parallel_slack, bound, sizeof ret_ray->parallel_slack);
-    }
-    return true;
+    return setup_floats(_mm_loadu_ps(origin), _mm_loadu_ps(direction), tmin, bounds, ret_ray);
 }
 
 #else

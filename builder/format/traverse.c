@@ -53,8 +53,10 @@ static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
     struct boxtest_exact exact;
     if (header->node_count == 0)
         return;
+    if (walk->wide && leaf == visit_triangles && !walk->state.options->flip_order && traverse_wide_triangles(&walk->state, walk->view))
+        return;
     if (walk->wide && init_wide(walk, &ray)) {
-        (leaf == visit_triangles ? traverse_loop_wide_triangles : traverse_loop_wide)(walk, &ray, leaf);
+        traverse_loop_wide(walk, &ray, leaf);
     } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, header->bounds, &ray)) {
         traverse_loop_float(walk, &ray, leaf);
     } else if (traverse_state_is_usable(&walk->state)) {
@@ -98,6 +100,8 @@ static void visit_instances(struct traverse_walk *walk, uint32_t first, uint32_t
 static void visit_scene(struct traverse_walk *walk)
 {
     const struct scene *scene = walk->scene;
+    traverse_state_to_world(&walk->state);
+    walk->in_world = true;
     if (!scene->top && scene->bottom_count && scene->bottoms[0]) {
         visit_bottom(walk, scene->bottoms[0], NULL);
     } else if (scene->top && scene->top->header->content == PORTABLE_INSTANCES) {
@@ -106,17 +110,29 @@ static void visit_scene(struct traverse_walk *walk)
     }
 }
 
+/* One bottom level of triangles in world space, the shortest way. False: it has to be the long one. */
+static inline bool visit_triangles_only(struct traverse_walk *walk)
+{
+    const struct scene *scene = walk->scene;
+    if (!walk->wide || walk->state.options->flip_order || scene->top || scene->bottom_count == 0 || !scene->bottoms[0])
+        return false;
+    const struct portable_header *header = scene->bottoms[0]->header;
+    if (header->content > PORTABLE_TRIANGLES || header->node_count == 0)
+        return false;
+    return !traverse_state_settle(&walk->state, NULL, false) || traverse_wide_world(&walk->state, scene->bottoms[0]);
+}
+
 bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options, struct ray_hit *ret_hit,
               struct traverse_counters *counters)
 {
     struct traverse_walk walk;
-    if (!traverse_state_start(&walk.state, ray, options))
+    if (!traverse_state_begin(&walk.state, ray, options))
         return false;
     walk.state.identify = identify;
     walk.scene = scene;
-    walk.in_world = true;
     walk.wide = !walk.state.options->narrow_only && !walk.state.options->exact_only && boxtest_has_wide();
-    visit_scene(&walk);
+    if (!visit_triangles_only(&walk))
+        visit_scene(&walk);
     return traverse_state_finish(&walk.state, ret_hit, counters);
 }
 

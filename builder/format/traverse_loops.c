@@ -2,7 +2,6 @@
 /* traverse_loops.c - the loops over nodes: with float boxes in plain C and eight wide, and with boxes in double. */
 #include "boxtest_kernels.h"
 #include "traverse_walk.h"
-#include "triangle_wide.h"
 
 /* Each level leaves at most 7 siblings waiting; the last one may add all 8. */
 enum { STACK_SIZE = 7 * PORTABLE_MAX_DEPTH + 1 };
@@ -55,21 +54,6 @@ BOXTEST_INLINE void prefetch_child(const struct portable_view *view, size_t size
 
 #ifdef BOXTEST_WIDE
 
-BOXTEST_WIDE_INLINE void triangles_wide(struct traverse_walk *walk, const struct portable_view *view, uint32_t first, uint32_t count)
-{
-    struct traverse_state *state = &walk->state;
-    const bool flip = state->options->flip_order;
-    state->counters.triangles += count;
-    for (uint32_t i = 0; i < count && !state->is_done; i++) {
-        uint32_t record = first + (flip ? count - 1 - i : i);
-        const float *corners[3];
-        uint32_t id = traverse_corners(view, record, corners);
-        struct triangle_hit hit;
-        if (triangle_wide_intersect(&state->triangle_ray, corners, &hit) && hit.t > state->ray->tmin && hit.t <= state->tmax)
-            traverse_leaf_hit(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, &hit);
-    }
-}
-
 #define LOOP_NAME traverse_loop_wide
 #define LOOP_TARGET BOXTEST_WIDE
 #define LOOP_REAL float
@@ -79,23 +63,9 @@ BOXTEST_WIDE_INLINE void triangles_wide(struct traverse_walk *walk, const struct
 #define LOOP_LEAF(walk, view, first, count) leaf(walk, first, count)
 #include "traverse_loop.h"
 
-#define LOOP_NAME traverse_loop_wide_triangles
-#define LOOP_TARGET BOXTEST_WIDE
-#define LOOP_REAL float
-#define LOOP_RAY struct boxtest_ray
-#define LOOP_BOXES kernel_wide
-#define LOOP_LIMIT tmax_above
-#define LOOP_LEAF triangles_wide
-#include "traverse_loop.h"
-
 #else
 
 void traverse_loop_wide(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf)
-{
-    traverse_loop_float(walk, ray, leaf);
-}
-
-void traverse_loop_wide_triangles(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf)
 {
     traverse_loop_float(walk, ray, leaf);
 }

@@ -4,23 +4,6 @@
 
 #include <math.h>
 
-/* Field by field: clearing all of it costs more than a short traversal. */
-bool traverse_state_start(struct traverse_state *state, const struct ray *ray, const struct traverse_options *options)
-{
-    static const struct traverse_options defaults = {0};
-    state->ray = ray;
-    state->options = options ? options : &defaults;
-    state->counters = (struct traverse_counters){0, 0, 0};
-    state->tmax = ray->tmax;
-    state->tmax_above = ray->tmax;
-    state->is_hit = state->is_done = false;
-    for (int axis = 0; axis < 3; axis++) {
-        state->origin[axis] = ray->origin[axis];
-        state->direction[axis] = ray->direction[axis];
-    }
-    return ray->tmin <= ray->tmax;
-}
-
 static void cross(const double a[3], const double b[3], double ret_product[3])
 {
     ret_product[0] = a[1] * b[2] - a[2] * b[1];
@@ -57,28 +40,10 @@ void traverse_state_to_object(struct traverse_state *state, const float object_t
     }
 }
 
-/* Opacity: the ray's flags come before the instance's, those before the geometry's. */
-static enum traverse_opacity resolve_opacity(uint32_t ray_flags, uint32_t instance_flags)
-{
-    if (ray_flags & (RAY_OPAQUE | RAY_NO_OPAQUE))
-        return ray_flags & RAY_OPAQUE ? OPACITY_OPAQUE : OPACITY_NO_OPAQUE;
-    if (instance_flags & (INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE))
-        return instance_flags & INSTANCE_FORCE_OPAQUE ? OPACITY_OPAQUE : OPACITY_NO_OPAQUE;
-    return OPACITY_AS_BUILT;
-}
-
 bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs)
 {
-    static const struct traverse_instance no_instance = {.instance = RAY_NO_INSTANCE};
-    uint32_t ray_flags = state->ray->flags, instance_flags = instance ? instance->sbt_and_flags >> 24 : 0;
-    if (ray_flags & (is_aabbs ? RAY_SKIP_AABBS : RAY_SKIP_TRIANGLES))
+    if (!traverse_state_settle(state, instance, is_aabbs))
         return false;
-    state->instance = instance ? *instance : no_instance;
-    state->opacity = resolve_opacity(ray_flags, instance_flags);
-    bool is_flipped = instance_flags & INSTANCE_FLIP_FACING, is_culled = !(instance_flags & INSTANCE_CULL_DISABLE);
-    state->is_flipped = is_flipped;
-    state->cull_front = is_culled && (ray_flags & (is_flipped ? RAY_CULL_BACK_FACING : RAY_CULL_FRONT_FACING));
-    state->cull_back = is_culled && (ray_flags & (is_flipped ? RAY_CULL_FRONT_FACING : RAY_CULL_BACK_FACING));
     if (!is_aabbs)
         triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
     return true;

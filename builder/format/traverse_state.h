@@ -55,11 +55,65 @@ struct traverse_state {
     struct triangle_ray triangle_ray;
 };
 
-/* Begins in world space. False: the ray's interval is empty, and nothing is hit. */
-bool traverse_state_start(struct traverse_state *state, const struct ray *ray, const struct traverse_options *options);
+/* Begins. The ray is nowhere yet. False: its interval is empty, and nothing is hit. */
+static inline bool traverse_state_begin(struct traverse_state *state, const struct ray *ray, const struct traverse_options *options)
+{
+    /* Field by field: clearing all of it costs more than a short traversal. */
+    static const struct traverse_options defaults = {0};
+    state->ray = ray;
+    state->options = options ? options : &defaults;
+    state->counters = (struct traverse_counters){0, 0, 0};
+    state->tmax = ray->tmax;
+    state->tmax_above = ray->tmax;
+    state->is_hit = state->is_done = false;
+    return ray->tmin <= ray->tmax;
+}
+
+/* Puts the ray into world space. */
+static inline void traverse_state_to_world(struct traverse_state *state)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        state->origin[axis] = state->ray->origin[axis];
+        state->direction[axis] = state->ray->direction[axis];
+    }
+}
+
+/* Begins in world space. */
+static inline bool traverse_state_start(struct traverse_state *state, const struct ray *ray, const struct traverse_options *options)
+{
+    bool is_possible = traverse_state_begin(state, ray, options);
+    traverse_state_to_world(state);
+    return is_possible;
+}
 
 /* Puts the ray into the space of an instance. */
 void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12]);
+
+/* Opacity: the ray's flags come before the instance's, those before the geometry's. */
+static inline enum traverse_opacity traverse_state_opacity(uint32_t ray_flags, uint32_t instance_flags)
+{
+    if (ray_flags & (RAY_OPAQUE | RAY_NO_OPAQUE))
+        return ray_flags & RAY_OPAQUE ? OPACITY_OPAQUE : OPACITY_NO_OPAQUE;
+    if (instance_flags & (INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE))
+        return instance_flags & INSTANCE_FORCE_OPAQUE ? OPACITY_OPAQUE : OPACITY_NO_OPAQUE;
+    return OPACITY_AS_BUILT;
+}
+
+/* traverse_state_enter() but for the triangle_ray. */
+static inline bool traverse_state_settle(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs)
+{
+    static const struct traverse_instance no_instance = {.instance = RAY_NO_INSTANCE};
+    uint32_t ray_flags = state->ray->flags, instance_flags = instance ? instance->sbt_and_flags >> 24 : 0;
+    if (ray_flags & (is_aabbs ? RAY_SKIP_AABBS : RAY_SKIP_TRIANGLES))
+        return false;
+    state->instance = instance ? *instance : no_instance;
+    state->opacity = traverse_state_opacity(ray_flags, instance_flags);
+    bool is_flipped = instance_flags & INSTANCE_FLIP_FACING, is_culled = !(instance_flags & INSTANCE_CULL_DISABLE);
+    state->is_flipped = is_flipped;
+    state->cull_front = is_culled && (ray_flags & (is_flipped ? RAY_CULL_BACK_FACING : RAY_CULL_FRONT_FACING));
+    state->cull_back = is_culled && (ray_flags & (is_flipped ? RAY_CULL_FRONT_FACING : RAY_CULL_BACK_FACING));
+    return true;
+}
 
 /*
  * Makes the state ready for the primitives of a bottom level; the ray is in its space already. `instance` NULL: there is no top level. False: the ray's flags

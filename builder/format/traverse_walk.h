@@ -21,26 +21,40 @@ struct traverse_walk {
 /* What to do with the records of a leaf that the ray reached. */
 typedef void (*traverse_leaf)(struct traverse_walk *walk, uint32_t first, uint32_t count);
 
-/* traverse_loops.c: the loops over nodes, by kind of box test. loop_wide_triangles brings its own leaves. */
+/* traverse_loops.c: the loops over nodes, by kind of box test. */
 void traverse_loop_float(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
 void traverse_loop_wide(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
-void traverse_loop_wide_triangles(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf);
 void traverse_loop_double(struct traverse_walk *walk, const struct boxtest_exact *ray, traverse_leaf leaf);
 
-/* The corners of a triangle record, and its id. */
-static inline uint32_t traverse_corners(const struct portable_view *view, uint32_t record, const float *ret_corners[3])
+/*
+ * traverse_wide.c: a bottom level of triangles, which is not empty, on machines for which boxtest_has_wide(). The state is ready for its primitives; for _world
+ * but for the triangle_ray, and the ray is in world space. False: boxes have to be tested otherwise, and nothing has been done.
+ */
+bool traverse_wide_triangles(struct traverse_state *state, const struct portable_view *view);
+bool traverse_wide_world(struct traverse_state *state, const struct portable_view *view);
+
+/* The corners of a triangle record, and its id: of indexed triangles, of stored ones, of either. */
+static inline uint32_t traverse_corners_indexed(const struct portable_view *view, uint32_t record, const float *ret_corners[3])
 {
-    if (view->header->content == PORTABLE_TRIANGLES) {
-        const struct portable_triangle *triangle = (const struct portable_triangle *)view->records + record;
-        ret_corners[0] = triangle->v0;
-        ret_corners[1] = triangle->v1;
-        ret_corners[2] = triangle->v2;
-        return triangle->id;
-    }
     const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)view->records + record;
     for (int k = 0; k < 3; k++)
         ret_corners[k] = view->vertices + (uint64_t)3 * triangle->vertices[k];
     return triangle->id;
+}
+
+static inline uint32_t traverse_corners_stored(const struct portable_view *view, uint32_t record, const float *ret_corners[3])
+{
+    const struct portable_triangle *triangle = (const struct portable_triangle *)view->records + record;
+    ret_corners[0] = triangle->v0;
+    ret_corners[1] = triangle->v1;
+    ret_corners[2] = triangle->v2;
+    return triangle->id;
+}
+
+static inline uint32_t traverse_corners(const struct portable_view *view, uint32_t record, const float *ret_corners[3])
+{
+    bool is_stored = view->header->content == PORTABLE_TRIANGLES;
+    return (is_stored ? traverse_corners_stored : traverse_corners_indexed)(view, record, ret_corners);
 }
 
 #endif

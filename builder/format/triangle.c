@@ -10,7 +10,7 @@ struct corner {
 };
 
 /* By the axis along which the direction is longest, and whether it goes backwards: without branches, which no ray would follow. */
-static const int axis_orders[2][3][4] = {
+const int triangle_axis_orders[2][3][4] = {
     {{1, 2, 0, 3}, {2, 0, 1, 3}, {0, 1, 2, 3}},
     {{2, 1, 0, 3}, {0, 2, 1, 3}, {1, 0, 2, 3}},
 };
@@ -19,7 +19,7 @@ void triangle_ray_init(const double origin[3], const double direction[3], struct
 {
     double x = fabs(direction[0]), y = fabs(direction[1]), z = fabs(direction[2]);
     int y_over_x = y > x, longest = z > (y_over_x ? y : x) ? 2 : y_over_x;
-    const int *axis = axis_orders[direction[longest] < 0][longest];
+    const int *axis = triangle_axis_orders[direction[longest] < 0][longest];
     memcpy(ret_ray->axis, axis, sizeof ret_ray->axis);
     for (int k = 0; k < 3; k++)
         ret_ray->origin[k] = origin[axis[k]];

@@ -21,8 +21,8 @@
 
 /* A ray in one object's space. */
 struct triangle_ray {
-    double origin[3]; /* along axis[k] */
-    double shear[3]; /* direction[axis[k]] / direction[axis[2]] for k = 0, 1; last 1 / direction[axis[2]] */
+    double origin[4]; /* along axis[k]; the last is of no use */
+    double shear[4]; /* direction[axis[k]] / direction[axis[2]] for k = 0, 1; then 1 / direction[axis[2]]; the last is of no use */
     int axis[4]; /* the third is the one along which the direction is longest; in an order that keeps the winding; the last is 3 */
 };
 
@@ -37,6 +37,9 @@ struct triangle_hit {
  * that it divides would put the hit somewhere else on the triangle, up to outside of the boxes that hold it. Such triangles are decided exactly.
  */
 static const double triangle_cancellation = 0x1p-8;
+
+/* Axes in the order of triangle_ray: by whether the direction goes backwards along the longest, and which that is. */
+extern const int triangle_axis_orders[2][3][4];
 
 /* The direction is finite and not zero. */
 void triangle_ray_init(const double origin[3], const double direction[3], struct triangle_ray *ret_ray);

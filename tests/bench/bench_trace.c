@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_trace.c - rays a second through a portable structure, against Embree's rtcIntersect1 on its own robust scene of the same triangles.
+ * bench_trace.c - rays a second through a portable structure, against Embree's rtcIntersect1 and rtcOccluded1 on its own robust scene of the same triangles.
  *
  *   bench_trace [--size N] [--seconds S] [--fast-triangles] SCENE.ply...
  *
- * One thread, its processor time. Primary rays of an N x N picture (in tiles), diffuse rays from what those hit (in the same order), and random ones through the
- * box. Rates are those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
+ * One thread, its processor time. Primary rays of an N x N picture (in tiles), from what those hit (in the same order) diffuse rays and shadow rays to a light
+ * above, and random ones through the box. Shadow rays end at any hit. Rates are those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
  */
 #if defined(__has_include) && __has_include(<embree4/rtcore.h>)
 #include <embree4/rtcore.h>
@@ -28,9 +28,11 @@
 #include "random.h"
 #include "traverse.h"
 
-enum { KINDS = 3, TILE = 8 };
+enum { TILE = 8 };
 
-static const char *const kind_names[KINDS] = {"primary", "diffuse", "random"};
+enum kind { PRIMARY, DIFFUSE, SHADOW, RANDOM, KINDS };
+
+static const char *const kind_names[KINDS] = {"primary", "diffuse", "shadow", "random"};
 
 struct settings {
     int size;
@@ -49,6 +51,7 @@ struct subject {
     RTCScene embree;
     struct scene scene;
     float bounds[6];
+    double light[3];
 };
 
 static double now(void)
@@ -79,8 +82,8 @@ static struct ray make_ray(const double origin[3], const double direction[3], fl
     return ray;
 }
 
-/* A camera that looks at the middle of the scene from outside, 40 degrees wide. */
-static uint32_t make_primary(const struct subject *subject, int size, struct ray *ret_rays)
+/* A camera that looks at the middle of the scene from outside, 40 degrees wide; the light is above and aside of it. */
+static uint32_t make_primary(struct subject *subject, int size, struct ray *ret_rays)
 {
     static const double forward[3] = {-0.6, -0.5, -0.6244998}, right[3] = {0.7211103, 0, -0.6928203},
                         up[3] = {-0.3464102, 0.8660254, -0.3605551};
@@ -90,8 +93,10 @@ static uint32_t make_primary(const struct subject *subject, int size, struct ray
         radius += pow(subject->bounds[3 + axis] - centre[axis], 2);
     }
     radius = sqrt(radius);
-    for (int axis = 0; axis < 3; axis++)
+    for (int axis = 0; axis < 3; axis++) {
         eye[axis] = centre[axis] - 1.6 * radius * forward[axis];
+        subject->light[axis] = centre[axis] + radius * (2.5 * up[axis] + 1.5 * right[axis]);
+    }
     uint32_t count = 0;
     for (int tile = 0; tile < size / TILE * (size / TILE); tile++)
         for (int pixel = 0; pixel < TILE * TILE; pixel++) {
@@ -104,8 +109,44 @@ static uint32_t make_primary(const struct subject *subject, int size, struct ray
     return count;
 }
 
-/* One ray from each primary hit, cosine-distributed around the normal that faces the viewer. */
-static uint32_t make_diffuse(const struct subject *subject, const struct ray *primary, uint32_t primary_count, struct ray *ret_rays)
+static void face_normal(float corners[3][3], double ret_normal[3])
+{
+    double a[3], b[3];
+    for (int axis = 0; axis < 3; axis++) {
+        a[axis] = (double)corners[1][axis] - corners[0][axis];
+        b[axis] = (double)corners[2][axis] - corners[0][axis];
+    }
+    double normal[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    for (int axis = 0; axis < 3; axis++)
+        ret_normal[axis] = normal[axis] / length;
+}
+
+/* From a point, cosine-distributed around a direction. */
+static struct ray make_diffuse(struct random *random, const double point[3], const double normal[3], float tmin)
+{
+    double on_sphere[3], direction[3];
+    do {
+        random_point(random, on_sphere);
+    } while (on_sphere[0] * on_sphere[0] + on_sphere[1] * on_sphere[1] + on_sphere[2] * on_sphere[2] > 1);
+    double radius = sqrt(on_sphere[0] * on_sphere[0] + on_sphere[1] * on_sphere[1] + on_sphere[2] * on_sphere[2]);
+    for (int axis = 0; axis < 3; axis++)
+        direction[axis] = normal[axis] + on_sphere[axis] / radius;
+    return make_ray(point, direction, tmin);
+}
+
+static struct ray make_shadow(const double point[3], const double light[3], float tmin)
+{
+    double direction[3] = {light[0] - point[0], light[1] - point[1], light[2] - point[2]};
+    struct ray ray = make_ray(point, direction, tmin);
+    ray.tmax = (float)sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+    ray.flags = RAY_TERMINATE_ON_FIRST_HIT;
+    return ray;
+}
+
+/* One ray of both kinds from each primary hit, on the side of the viewer. */
+static uint32_t make_secondary(const struct subject *subject, const struct ray *primary, uint32_t primary_count,
+                               struct ray *ret_diffuse, struct ray *ret_shadow)
 {
     struct random random = {1};
     uint32_t count = 0;
@@ -115,26 +156,19 @@ static uint32_t make_diffuse(const struct subject *subject, const struct ray *pr
     for (uint32_t i = 0; i < primary_count; i++) {
         struct ray_hit hit;
         float corners[3][3];
-        double a[3], b[3], point[3], on_sphere[3], direction[3], length, facing = 0;
+        double point[3], normal[3], facing = 0;
         if (!traverse(&subject->scene, &primary[i], NULL, &hit, NULL))
             continue;
         traverse_positions(&subject->scene, &hit, corners);
+        face_normal(corners, normal);
         for (int axis = 0; axis < 3; axis++) {
-            a[axis] = (double)corners[1][axis] - corners[0][axis];
-            b[axis] = (double)corners[2][axis] - corners[0][axis];
             point[axis] = primary[i].origin[axis] + (double)hit.t * primary[i].direction[axis];
-        }
-        double normal[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-        length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-        for (int axis = 0; axis < 3; axis++)
             facing += normal[axis] * primary[i].direction[axis];
-        do {
-            random_point(&random, on_sphere);
-        } while (on_sphere[0] * on_sphere[0] + on_sphere[1] * on_sphere[1] + on_sphere[2] * on_sphere[2] > 1);
-        double radius = sqrt(on_sphere[0] * on_sphere[0] + on_sphere[1] * on_sphere[1] + on_sphere[2] * on_sphere[2]);
+        }
         for (int axis = 0; axis < 3; axis++)
-            direction[axis] = (facing < 0 ? 1 : -1) * normal[axis] / length + on_sphere[axis] / radius;
-        ret_rays[count++] = make_ray(point, direction, (float)(1e-5 * size));
+            normal[axis] *= facing < 0 ? 1 : -1;
+        ret_diffuse[count] = make_diffuse(&random, point, normal, (float)(1e-5 * size));
+        ret_shadow[count++] = make_shadow(point, subject->light, (float)(1e-5 * size));
     }
     return count;
 }
@@ -169,33 +203,56 @@ static RTCScene build_embree(RTCDevice device, const struct ply *ply)
     return scene;
 }
 
-static uint32_t run_embree(RTCScene scene, const struct ray *rays, uint32_t count)
+#if RTC_VERSION_MAJOR >= 4
+typedef struct RTCIntersectArguments intersect_arguments;
+typedef struct RTCOccludedArguments occluded_arguments;
+#define init_intersect rtcInitIntersectArguments
+#define init_occluded rtcInitOccludedArguments
+#define intersect(scene, arguments, hit) rtcIntersect1(scene, hit, arguments)
+#define occluded(scene, arguments, ray) rtcOccluded1(scene, ray, arguments)
+#else
+typedef struct RTCIntersectContext intersect_arguments, occluded_arguments;
+#define init_intersect rtcInitIntersectContext
+#define init_occluded rtcInitIntersectContext
+#define intersect rtcIntersect1
+#define occluded rtcOccluded1
+#endif
+
+static struct RTCRay embree_ray(const struct ray *ray)
+{
+    return (struct RTCRay){.org_x = ray->origin[0],
+                           .org_y = ray->origin[1],
+                           .org_z = ray->origin[2],
+                           .dir_x = ray->direction[0],
+                           .dir_y = ray->direction[1],
+                           .dir_z = ray->direction[2],
+                           .tnear = ray->tmin,
+                           .tfar = ray->tmax,
+                           .mask = ~0u};
+}
+
+static uint32_t run_intersect(RTCScene scene, const struct ray *rays, uint32_t count)
 {
     uint32_t hits = 0;
-#if RTC_VERSION_MAJOR >= 4
-    struct RTCIntersectArguments arguments;
-    rtcInitIntersectArguments(&arguments);
-#else
-    struct RTCIntersectContext arguments;
-    rtcInitIntersectContext(&arguments);
-#endif
+    intersect_arguments arguments;
+    init_intersect(&arguments);
     for (uint32_t i = 0; i < count; i++) {
-        struct RTCRayHit hit = {.ray = {.org_x = rays[i].origin[0],
-                                        .org_y = rays[i].origin[1],
-                                        .org_z = rays[i].origin[2],
-                                        .dir_x = rays[i].direction[0],
-                                        .dir_y = rays[i].direction[1],
-                                        .dir_z = rays[i].direction[2],
-                                        .tnear = rays[i].tmin,
-                                        .tfar = rays[i].tmax,
-                                        .mask = ~0u},
-                                .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
-#if RTC_VERSION_MAJOR >= 4
-        rtcIntersect1(scene, &hit, &arguments);
-#else
-        rtcIntersect1(scene, &arguments, &hit);
-#endif
+        struct RTCRayHit hit = {.ray = embree_ray(&rays[i]), .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
+        intersect(scene, &arguments, &hit);
         hits += hit.hit.geomID != RTC_INVALID_GEOMETRY_ID;
+    }
+    return hits;
+}
+
+static uint32_t run_occluded(RTCScene scene, const struct ray *rays, uint32_t count)
+{
+    uint32_t hits = 0;
+    occluded_arguments arguments;
+    init_occluded(&arguments);
+    for (uint32_t i = 0; i < count; i++) {
+        struct RTCRay ray = embree_ray(&rays[i]);
+        occluded(scene, &arguments, &ray);
+        hits += ray.tfar < 0;
     }
     return hits;
 }
@@ -209,8 +266,8 @@ static uint32_t run_portable(const struct scene *scene, const struct ray *rays, 
     return hits;
 }
 
-static void measure(const struct subject *subject, const struct settings *settings, int kind, const struct ray *rays, uint32_t count,
-                    struct totals *totals)
+static void measure(const struct subject *subject, const struct settings *settings, enum kind kind, const struct ray *rays,
+                    uint32_t count, struct totals *totals)
 {
     double best[2] = {DBL_MAX, DBL_MAX}, start = now();
     uint32_t hits[2] = {0, 0};
@@ -221,7 +278,7 @@ static void measure(const struct subject *subject, const struct settings *settin
         return;
     while (repeats < 3 || now() - start < settings->seconds) {
         double from = now();
-        hits[0] = run_embree(subject->embree, rays, count);
+        hits[0] = (kind == SHADOW ? run_occluded : run_intersect)(subject->embree, rays, count);
         double middle = now();
         hits[1] = run_portable(&subject->scene, rays, count);
         best[0] = fmin(best[0], middle - from);
@@ -239,17 +296,20 @@ static void measure(const struct subject *subject, const struct settings *settin
     totals->worst[kind] = fmin(totals->worst[kind], ratio);
 }
 
-static void measure_all(const struct subject *subject, const struct settings *settings, struct totals *totals)
+static void measure_all(struct subject *subject, const struct settings *settings, struct totals *totals)
 {
-    uint32_t pixels = (uint32_t)settings->size * (uint32_t)settings->size, count;
-    struct ray *primary = need(pixels * sizeof *primary), *others = need(pixels * sizeof *others);
-    count = make_primary(subject, settings->size, primary);
-    measure(subject, settings, 0, primary, count, totals);
-    measure(subject, settings, 1, others, make_diffuse(subject, primary, count, others), totals);
-    measure(subject, settings, 2, others, make_random(subject, pixels, others), totals);
+    uint32_t pixels = (uint32_t)settings->size * (uint32_t)settings->size, counts[KINDS];
+    struct ray *rays[KINDS];
+    for (int kind = 0; kind < KINDS; kind++)
+        rays[kind] = need(pixels * sizeof *rays[kind]);
+    counts[PRIMARY] = make_primary(subject, settings->size, rays[PRIMARY]);
+    counts[DIFFUSE] = counts[SHADOW] = make_secondary(subject, rays[PRIMARY], counts[PRIMARY], rays[DIFFUSE], rays[SHADOW]);
+    counts[RANDOM] = make_random(subject, pixels, rays[RANDOM]);
+    for (int kind = 0; kind < KINDS; kind++) {
+        measure(subject, settings, (enum kind)kind, rays[kind], counts[kind], totals);
+        free(rays[kind]);
+    }
     totals->scenes++;
-    free(others);
-    free(primary);
 }
 
 static void run_scene(const char *path, const struct settings *settings, RTCDevice device, struct totals *totals)
@@ -299,7 +359,7 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
 int main(int argc, char **argv)
 {
     struct settings settings = {.size = 512, .seconds = 1, .quality = QUALITY_BALANCED};
-    struct totals totals = {.worst = {DBL_MAX, DBL_MAX, DBL_MAX}};
+    struct totals totals = {.worst = {DBL_MAX, DBL_MAX, DBL_MAX, DBL_MAX}};
     RTCDevice device = rtcNewDevice("threads=1");
     if (!device) {
         fprintf(stderr, "bench_trace: no Embree device\n");

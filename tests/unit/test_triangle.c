@@ -333,7 +333,22 @@ static void test_slivers(void **state)
 static BOXTEST_WIDE bool intersect_wide(const struct triangle_ray *ray, const float corners[3][4], struct triangle_hit *ret_hit)
 {
     const float *const vertices[3] = {corners[0], corners[1], corners[2]};
-    return triangle_wide_intersect(ray, vertices, ret_hit);
+    struct triangle_wide_ray wide;
+    triangle_wide_spread(ray, &wide);
+    return triangle_wide_intersect(&wide, ray, vertices, ret_hit);
+}
+
+/* What triangle_wide_init() makes of a ray in float. */
+static BOXTEST_WIDE void init_wide(const float origin[4], const float direction[4], struct triangle_ray *ret_ray,
+                                   double ret_spread[2][3][4])
+{
+    struct triangle_wide_ray wide;
+    triangle_wide_init(_mm_loadu_ps(origin), _mm_loadu_ps(direction), ret_ray, &wide);
+    for (int k = 0; k < 3; k++) {
+        _mm256_storeu_pd(ret_spread[0][k], wide.origin[k]);
+        _mm256_storeu_pd(ret_spread[1][k], wide.shear[k]);
+    }
+    assert_memory_equal(&wide.order, ret_ray->axis, sizeof wide.order);
 }
 
 /* A number among few, so that edges are met and areas vanish; or any, from the smallest to the largest, now and then not finite. */
@@ -379,7 +394,38 @@ static void test_wide(void **state)
     assert_true(hits > 50000 || !boxtest_has_wide());
 }
 
+/* Rays that are known in float: the same numbers, whichever way. */
+static void test_wide_init(void **state)
+{
+    (void)state;
+    struct random random = {8};
+    for (int i = 0; i < 200000 && boxtest_has_wide(); i++) {
+        float origin[4] = {0, 0, 0, NAN}, direction[4] = {0, 0, 0, INFINITY};
+        double wide_origin[3], wide_direction[3], spread[2][3][4];
+        struct triangle_ray wide;
+        for (int axis = 0; axis < 3; axis++) {
+            wide_origin[axis] = origin[axis] = (float)draw(&random, i % 3);
+            wide_direction[axis] = direction[axis] = (float)draw(&random, i % 3);
+        }
+        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
+            continue;
+        struct triangle_ray ray = make_ray(wide_origin, wide_direction);
+        init_wide(origin, direction, &wide, spread);
+        assert_memory_equal(wide.axis, ray.axis, sizeof ray.axis);
+        for (int k = 0; k < 3; k++) {
+            assert_true(wide.origin[k] == ray.origin[k] && wide.shear[k] == ray.shear[k]);
+            for (int lane = 0; lane < 4; lane++)
+                assert_true(spread[0][k][lane] == ray.origin[k] && spread[1][k][lane] == ray.shear[k]);
+        }
+    }
+}
+
 #else
+
+static void test_wide_init(void **state)
+{
+    (void)state;
+}
 
 static void test_wide(void **state)
 {
@@ -395,6 +441,7 @@ int main(void)
         cmocka_unit_test(test_integers),   cmocka_unit_test(test_facing),         cmocka_unit_test(test_closed_fans),
         cmocka_unit_test(test_lattice),    cmocka_unit_test(test_closed_surface), cmocka_unit_test(test_magnitudes),
         cmocka_unit_test(test_degenerate), cmocka_unit_test(test_slivers),        cmocka_unit_test(test_wide),
+        cmocka_unit_test(test_wide_init),
     };
     return cmocka_run_group_tests_name("triangle", tests, NULL, NULL);
 }
