@@ -202,7 +202,8 @@ static enum bvhd_status apply_lines(FILE *file, const char *path, struct config 
     return status;
 }
 
-enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error)
+/* Its lines, over what is in `config`, which stays as it was on failure. */
+static enum bvhd_status read_config(const char *path, struct config *config, struct bvhd_error *error)
 {
     FILE *file = fopen(path, "re");
     if (!file)
@@ -224,7 +225,7 @@ enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, 
         char file[CONFIG_PATH_SIZE];
         strcpy(file, config.file);
         set_defaults(&config);
-        status = config_read_file(file, &config, error);
+        status = read_config(file, &config, error);
         if (!status)
             status = apply_command_line(argc, argv, &config, error);
     }

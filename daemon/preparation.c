@@ -112,7 +112,7 @@ void preparation_account(struct preparation *preparation, struct memory *memory)
     memory_init_within(&preparation->memory, memory, UINT64_MAX);
 }
 
-void preparation_drop_source(struct preparation *preparation)
+static void drop_source(struct preparation *preparation)
 {
     payload_unref(preparation->source.payload);
     attachment_unref(preparation->source.attachment);
@@ -123,7 +123,7 @@ void preparation_destroy(struct preparation *preparation)
 {
     if (!preparation)
         return;
-    preparation_drop_source(preparation);
+    drop_source(preparation);
     prepare_finish(&preparation->canonical, &preparation->memory);
     memory_free(preparation->within, preparation);
 }
@@ -224,5 +224,5 @@ void preparation_run(struct preparation *preparation, const struct parallel *par
     preparation->needed = 0;
     preparation->status = run(preparation, &context);
     if (preparation->needed == 0)
-        preparation_drop_source(preparation);
+        drop_source(preparation);
 }

@@ -63,9 +63,6 @@ void preparation_account(struct preparation *preparation, struct memory *memory)
 /* On a worker. The source is dropped unless more is needed. */
 void preparation_run(struct preparation *preparation, const struct parallel *parallel, const atomic_bool *cancel);
 
-/* Drops the source, if it is still held. */
-void preparation_drop_source(struct preparation *preparation);
-
 /* Frees everything; from any thread. Large copies take some milliseconds. NULL-safe. */
 void preparation_destroy(struct preparation *preparation);
 

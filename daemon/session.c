@@ -31,7 +31,8 @@ static void fail(struct session *session)
     session_end(session, BVHD_NO_MEMORY, "no memory for a reply");
 }
 
-void session_send(struct session *session, struct reply *reply)
+/* `reply` NULL: there was no memory for it. */
+static void send_reply(struct session *session, struct reply *reply)
 {
     if (reply)
         session->link.send(session->link.context, reply);
@@ -41,10 +42,10 @@ void session_send(struct session *session, struct reply *reply)
 
 static void send_plain(struct session *session, enum frame_type type, uint64_t request)
 {
-    session_send(session, reply_create(type, request, (struct bytes){0}, &session->service->replies));
+    send_reply(session, reply_create(type, request, (struct bytes){0}, &session->service->replies));
 }
 
-void session_send_error(struct session *session, uint64_t request, const struct bvhd_error *error)
+static void send_error(struct session *session, uint64_t request, const struct bvhd_error *error)
 {
     if (error->status == BVHD_UNAVAILABLE)
         session->service->counters.refused++;
@@ -52,7 +53,7 @@ void session_send_error(struct session *session, uint64_t request, const struct 
         session->service->counters.request_errors++;
     log_event(LOG_DEBUG, "request_refused", "request=%" PRIu64 " status=%s why=%s", request, bvhd_status_name(error->status),
               log_quote(error->text).text);
-    session_send(session, reply_error(request, error, &session->service->replies));
+    send_reply(session, reply_error(request, error, &session->service->replies));
 }
 
 void session_send_busy(struct session *session, uint64_t request)
@@ -63,7 +64,7 @@ void session_send_busy(struct session *session, uint64_t request)
     struct bytes control;
     service->counters.refused++;
     if (control_pack_busy(&busy, &service->replies, &control, NULL) == BVHD_OK)
-        session_send(session, reply_create(FRAME_BUSY, request, control, &service->replies));
+        send_reply(session, reply_create(FRAME_BUSY, request, control, &service->replies));
     else
         fail(session);
 }
@@ -78,7 +79,7 @@ static void report_result(struct request_client *client, const struct request *r
     session->service->counters.result_bytes += blob ? blob->size : 0;
     if (reply && blob)
         session_backlog_add(session, blob->size);
-    session_send(session, reply);
+    send_reply(session, reply);
 }
 
 static void report_prepared(struct request_client *client, const struct request *request, const struct control_items *items)
@@ -87,7 +88,7 @@ static void report_prepared(struct request_client *client, const struct request 
     struct memory *memory = &session->service->replies;
     struct bytes control;
     if (items && control_pack_items(items, memory, &control, NULL) == BVHD_OK)
-        session_send(session, reply_create(FRAME_PREPARED, request->number, control, memory));
+        send_reply(session, reply_create(FRAME_PREPARED, request->number, control, memory));
     else
         fail(session);
 }
@@ -181,7 +182,7 @@ bool session_admits(struct session *session, uint64_t request, uint32_t items)
         bvhd_error_set(&error, BVHD_TOO_LARGE, "items", "%u items beside %u under way: the connection has credits for %u", items,
                        session->under_way, options->credits);
     if (error.status != BVHD_OK) {
-        session_send_error(session, request, &error);
+        send_error(session, request, &error);
         return false;
     }
     if (!is_crowded(session, items) && !session_backlog_is_long(session))
@@ -224,7 +225,7 @@ static void welcome(struct session *session, uint64_t request)
         return;
     }
     session->open = true;
-    session_send(session, reply_create(FRAME_WELCOME, request, control, &service->replies));
+    send_reply(session, reply_create(FRAME_WELCOME, request, control, &service->replies));
 }
 
 static enum bvhd_status take_hello(struct session *session, const struct frame *frame, struct bvhd_error *error)
@@ -285,7 +286,7 @@ bool session_refuses(struct session *session, uint64_t request, enum bvhd_status
 {
     if (status != BVHD_TOO_LARGE && status != BVHD_UNSUPPORTED)
         return false;
-    session_send_error(session, request, error);
+    send_error(session, request, error);
     return true;
 }
 
@@ -315,7 +316,7 @@ static enum bvhd_status take_pool(struct session *session, const struct frame *f
     else if (status == BVHD_BUSY || status == BVHD_NO_MEMORY)
         session_send_busy(session, request);
     else
-        session_send_error(session, request, &refusal);
+        send_error(session, request, &refusal);
     return BVHD_OK;
 }
 
@@ -377,7 +378,7 @@ static void take_stats(struct session *session, uint64_t request)
     struct memory *memory = &session->service->replies;
     struct bytes control;
     if (counters_pack(&counters, memory, &control, NULL) == BVHD_OK)
-        session_send(session, reply_create(FRAME_COUNTERS, request, control, memory));
+        send_reply(session, reply_create(FRAME_COUNTERS, request, control, memory));
     else
         fail(session);
 }
@@ -387,7 +388,7 @@ static void refuse_type(struct session *session, const struct frame *frame)
     struct bvhd_error error;
     session_drop_descriptors(session, frame, 0);
     bvhd_error_set(&error, BVHD_UNSUPPORTED, "frame.type", "frames of type %u are not known", frame->header.type);
-    session_send_error(session, frame->header.request, &error);
+    send_error(session, frame->header.request, &error);
 }
 
 /* Which frames may come with descriptors; others are refused whole. */

@@ -34,9 +34,6 @@ struct session {
     struct session_backlog backlog;
 };
 
-/* `reply` NULL: there was no memory for it. */
-void session_send(struct session *session, struct reply *reply);
-void session_send_error(struct session *session, uint64_t request, const struct bvhd_error *error);
 void session_send_busy(struct session *session, uint64_t request);
 
 /* The connection has to go, and the client is told why. */
