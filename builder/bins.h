@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * bins.h - the kernels of binned SAH (Wald 2007): sort refs into bins by their centroids along all three axes, choose the cheapest plane
- * between bins, partition by it. For split.c, which works on many chunks at once, and binned.c, which goes down to the leaves.
+ * between bins, partition by it. For split.c, which works on many chunks at once, and spatial.c, which goes down to the leaves.
  *
  * Centroids are min + max, twice the centre. Magnitudes are at most 2^40 (rescale.h), so that areas times counts stay in float's range. Results
  * depend on the refs, their order and nothing else. Fourth lanes of boxes are of no meaning.

@@ -12,6 +12,7 @@
 #include "rescale.h"
 #include "scatter.h"
 #include "spatial.h"
+#include "spatial_split.h"
 #include "split.h"
 #include "tier.h"
 
@@ -26,6 +27,8 @@ struct construction {
     enum build_quality quality;
     struct primitive_refs refs;
     struct primitive_ref *scratch;
+    uint32_t capacity; /* of both arrays of refs */
+    float whole; /* spatial_split */
     struct split_tree tree;
     bool rescaled;
     struct ir ir;
@@ -123,26 +126,23 @@ static bool split_refs_fit(const struct construction *construction)
 }
 
 /* Rescaling and updates replace boxes by those of whole primitives: splits would be lost. */
-static enum pieces_method method_for(const struct construction *construction)
+static bool may_split(const struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
-    if (construction->quality != QUALITY_HIGH)
-        return PIECES_PLOC;
     bool splits = !construction->rescaled && split_refs_fit(construction);
-    splits = splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
-    return splits && clip_allowed(canonical) ? PIECES_SPATIAL : PIECES_BINNED;
+    return splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE)) && clip_allowed(canonical);
 }
 
-/*
- * Enough pieces to share out, whatever the number of threads, each of which fits the second cache. Nothing is cut above the pieces, where large
- * triangles gain most by it: with spatial splits pieces are as large as may be.
- */
-static uint32_t piece_size(enum pieces_method method, uint32_t count)
+static enum pieces_method method_for(const struct construction *construction)
+{
+    return construction->quality == QUALITY_HIGH ? PIECES_SPATIAL : PIECES_PLOC;
+}
+
+/* Enough pieces to share out, whatever the number of threads, each of which fits the second cache. */
+static uint32_t piece_size(uint32_t count)
 {
     enum { SMALLEST = 4096, LARGEST = 16384, PIECES = 32 };
     uint32_t size = count / PIECES;
-    if (method == PIECES_SPATIAL)
-        return BUILD_PIECE_SIZE;
     return size < SMALLEST ? SMALLEST : size > LARGEST ? LARGEST : size;
 }
 
@@ -156,35 +156,69 @@ static enum bvhd_status scatter(struct construction *construction, const struct 
     return status;
 }
 
+/* Room for the refs again, and for those that splits make. */
+static bool make_room(struct construction *construction)
+{
+    struct memory *memory = construction->context->memory;
+    struct primitive_refs *refs = &construction->refs;
+    bool more = method_for(construction) == PIECES_SPATIAL && may_split(construction);
+    construction->capacity = more ? spatial_capacity(refs->count) : refs->count;
+    if (construction->capacity > refs->count) {
+        struct primitive_ref *room = memory_resize(memory, refs->refs, (uint64_t)construction->capacity * sizeof *room);
+        if (!room)
+            return false;
+        refs->refs = room;
+    }
+    construction->scratch = memory_array(memory, construction->capacity, sizeof *construction->scratch);
+    return construction->scratch != NULL;
+}
+
+static enum bvhd_status split_spatially(struct construction *construction)
+{
+    const struct build_context *context = construction->context;
+    const struct primitive_refs *refs = &construction->refs;
+    struct spatial_split_request request = {
+        .canonical = construction->canonical,
+        .refs = refs->refs,
+        .scratch = construction->scratch,
+        .count = refs->count,
+        .capacity = construction->capacity,
+        .piece_size = piece_size(refs->count),
+        .bounds = refs->bounds,
+        .centroids = refs->centroids,
+        .cancel = context->cancel,
+    };
+    return spatial_split(&request, context->memory, context->parallel, &construction->tree, &construction->whole, construction->error);
+}
+
 static enum bvhd_status split(struct construction *construction)
 {
     const struct build_context *context = construction->context;
     const struct primitive_refs *refs = &construction->refs;
-    enum pieces_method method = method_for(construction);
-    construction->scratch = memory_array(context->memory, refs->count, sizeof *construction->scratch);
-    if (!construction->scratch)
+    if (!make_room(construction))
         return no_memory(construction);
     struct split_request request = {
         .refs = refs->refs,
         .scratch = construction->scratch,
         .count = refs->count,
-        .piece_size = piece_size(method, refs->count),
+        .piece_size = piece_size(refs->count),
         .bounds = refs->bounds,
         .centroids = refs->centroids,
         .cancel = context->cancel,
     };
     enum bvhd_status status;
-    if (method == PIECES_SPATIAL || refs->count <= request.piece_size)
+    if (method_for(construction) == PIECES_SPATIAL)
+        status = split_spatially(construction);
+    else if (refs->count <= request.piece_size)
         status = split_refs(&request, context->memory, context->parallel, &construction->tree, construction->error);
     else
         status = scatter(construction, &request);
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.split) : status;
 }
 
-static const char *method_name(enum pieces_method method)
+static const char *method_name(const struct construction *construction)
 {
-    static const char *const names[] = {[PIECES_BINNED] = "binned", [PIECES_PLOC] = "ploc", [PIECES_SPATIAL] = "spatial"};
-    return names[method];
+    return method_for(construction) == PIECES_PLOC ? "ploc" : may_split(construction) ? "spatial" : "binned";
 }
 
 /* Of PIECES_PLOC. Wider searches and more levels by binned SAH cost what they are worth. */
@@ -203,9 +237,11 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .tree = &construction->tree,
         .refs = construction->refs.refs,
         .scratch = construction->scratch,
+        .capacity = construction->capacity,
         .method = method_for(construction),
         .leaf_max = leaf_max(construction),
         .canonical = construction->canonical,
+        .whole = construction->whole,
         .cancel = context->cancel,
         .progress = context->progress,
         .progress_context = context->progress_context,
@@ -225,7 +261,7 @@ static void free_refs(struct construction *construction)
 /* Joins the pieces where the refs were, and gives back what is left of those. */
 static enum bvhd_status join_pieces(struct construction *construction, const struct pieces *pieces, double *ret_cost)
 {
-    struct pieces_spare spare = {construction->refs.refs, construction->scratch, construction->refs.count};
+    struct pieces_spare spare = {construction->refs.refs, construction->scratch, construction->capacity};
     enum bvhd_status status = pieces_join(pieces, &spare, construction->context->parallel, &construction->ir,
                                           &construction->stats.depth, ret_cost, construction->error);
     construction->refs.refs = spare.refs;
@@ -244,7 +280,7 @@ static enum bvhd_status build_pieces(struct construction *construction)
     enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
     if (status != BVHD_OK)
         return status;
-    stats->method = method_name(request.method);
+    stats->method = method_name(construction);
     status = stage_end(construction, &stats->ms.pieces);
     if (status == BVHD_OK)
         status = join_pieces(construction, &pieces, &cost);

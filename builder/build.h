@@ -14,8 +14,6 @@
 
 enum { BUILD_VERSION = 3 }; /* changes whenever the same request would give other bytes: part of every key */
 
-enum { BUILD_PIECE_SIZE = 50000 }; /* most refs that are built without a look at the cancel flag */
-
 /* Wall time of the stages, in milliseconds. */
 struct build_times {
     double boxes, split, pieces, join, depth, collapse, write;

@@ -5,13 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "binned.h"
 #include "ploc.h"
+#include "reinsertion.h"
 #include "spatial.h"
 
 struct piece {
     uint32_t node; /* of the split tree */
-    uint32_t first, count; /* refs of the split */
+    uint32_t first, count, capacity; /* refs of the split, and for how many there is room */
     struct ir ir;
     uint32_t depth;
     double cost; /* ir_cost */
@@ -28,17 +28,19 @@ struct build {
     _Atomic uint64_t done;
 };
 
-static enum bvhd_status build_binned(const struct build *build, struct piece *piece)
+/* A second pass pays, a third hardly does; of smaller nodes there are too many. */
+static enum bvhd_status reinsert(const struct build *build, struct ir *ir, struct piece *piece)
 {
-    const struct pieces_request *request = build->request;
-    struct binned_request binned = {
-        .refs = request->refs + piece->first,
-        .scratch = request->scratch + piece->first,
-        .count = piece->count,
-        .leaf_max = request->leaf_max,
-        .cancel = request->cancel,
-    };
-    return binned_build(&binned, build->memory, &piece->ir, NULL);
+    const struct reinsertion_request reinsertion = {
+        .ir = ir, .leaf_max = build->request->leaf_max, .passes = 2, .share = 0.25f, .cancel = build->request->cancel};
+    return reinsertion_run(&reinsertion, build->memory, &piece->ir, NULL);
+}
+
+/* Of the refs of all: what is cut in smaller nodes costs more than it gains, but where there is little to do. */
+static uint32_t cut_above(uint32_t count)
+{
+    enum { MOST = 256 };
+    return count / 256 < MOST ? count / 256 : MOST;
 }
 
 static enum bvhd_status build_spatial(const struct build *build, struct piece *piece)
@@ -47,12 +49,20 @@ static enum bvhd_status build_spatial(const struct build *build, struct piece *p
     struct spatial_request spatial = {
         .canonical = request->canonical,
         .refs = request->refs + piece->first,
+        .scratch = request->scratch + piece->first,
         .count = piece->count,
-        .leaf_max = request->leaf_max,
+        .capacity = piece->capacity,
         .cancel = request->cancel,
-        .whole = (float)box_half_area(&request->tree->nodes[0].bounds),
+        .cut_above = cut_above(request->tree->nodes[0].count),
+        .whole = request->whole,
     };
-    return spatial_build(&spatial, build->memory, &piece->ir, NULL);
+    struct ir ir;
+    enum bvhd_status status = spatial_build(&spatial, build->memory, &ir, NULL);
+    if (status != BVHD_OK)
+        return status;
+    status = reinsert(build, &ir, piece);
+    ir_finish(&ir);
+    return status;
 }
 
 static enum bvhd_status build_ploc(const struct build *build, struct piece *piece)
@@ -73,14 +83,7 @@ static enum bvhd_status build_ploc(const struct build *build, struct piece *piec
 
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
 {
-    switch (build->request->method) {
-    case PIECES_SPATIAL:
-        return build_spatial(build, piece);
-    case PIECES_PLOC:
-        return build_ploc(build, piece);
-    default:
-        return build_binned(build, piece);
-    }
+    return build->request->method == PIECES_SPATIAL ? build_spatial(build, piece) : build_ploc(build, piece);
 }
 
 /* The piece's part of the scratch array is 32 bytes a ref, two levels a node fit. With splits they may not. */
@@ -128,8 +131,11 @@ static void list_pieces(struct build *build, uint32_t count)
         if (tree->nodes[node].child == 0)
             build->pieces[i++] = (struct piece){.node = node, .first = tree->nodes[node].first, .count = tree->nodes[node].count};
     qsort(build->pieces, count, sizeof *build->pieces, by_first);
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t end = i + 1 < count ? build->pieces[i + 1].first : build->request->capacity;
+        build->pieces[i].capacity = end - build->pieces[i].first;
         build->order[i] = i;
+    }
     qsort_r(build->order, count, sizeof *build->order, by_size, build->pieces);
 }
 

@@ -11,16 +11,18 @@
 #include "ir.h"
 #include "split.h"
 
-enum pieces_method { PIECES_BINNED, PIECES_PLOC, PIECES_SPATIAL };
+enum pieces_method { PIECES_PLOC, PIECES_SPATIAL };
 
 struct pieces_request {
     const struct split_tree *tree;
     struct primitive_ref *refs, *scratch; /* of the split; both are written to */
+    uint32_t capacity; /* refs that each has room for; what lies between two pieces is room for the first one's */
     enum pieces_method method;
     uint32_t radius, rounds; /* with PIECES_PLOC (ploc.h) */
     bool leaves_first; /* likewise */
     uint32_t leaf_max;
-    const struct canonical *canonical; /* with PIECES_SPATIAL */
+    const struct canonical *canonical; /* with PIECES_SPATIAL (spatial.h), as is `whole` */
+    float whole;
     const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
     void *progress_context;
@@ -34,7 +36,7 @@ struct pieces {
     struct memory *memory;
 };
 
-/* BVHD_CANCELLED, BVHD_NO_MEMORY. Of the tree's bounds only the root's are read. The caller ends *ret_pieces with pieces_finish. */
+/* BVHD_CANCELLED, BVHD_NO_MEMORY. No bounds of the tree are read. The caller ends *ret_pieces with pieces_finish. */
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error);
 

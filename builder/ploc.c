@@ -217,7 +217,7 @@ static void divide(const struct part *part, struct division *division, struct pa
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2];
-    /* As binned.c divides refs. */
+    /* As spatial.c divides refs. */
     bool halved = !bins_find(part->refs, part->count, &part->centroids, &mapping, &plane);
     if (halved)
         bins_halve(part->refs, part->count, &plane, centroids);

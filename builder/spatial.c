@@ -15,7 +15,7 @@ struct part {
 
 uint32_t spatial_capacity(uint32_t count)
 {
-    uint64_t capacity = count + (uint64_t)count * 3 / 10;
+    uint64_t capacity = (uint64_t)count + count / 5;
     return capacity <= UINT32_MAX / 2 ? (uint32_t)capacity : count;
 }
 
@@ -27,32 +27,9 @@ struct division {
     bool halved;
 };
 
-/* Half the area of what two sides have in common. */
-static float overlap_of(const struct bins_plane *plane)
-{
-    struct vec4_box common = {vec4_max(plane->left.min, plane->right.min), vec4_min(plane->left.max, plane->right.max)};
-    unsigned apart = vec4_bits(common.min > common.max) & 7;
-    return apart ? 0 : vec4_box_half_area(common);
-}
-
-static float cost_of(const struct bins_plane *plane, uint32_t count)
-{
-    float left = vec4_box_half_area(plane->left) * (float)plane->left_count;
-    return left + vec4_box_half_area(plane->right) * (float)(count - plane->left_count);
-}
-
-/* An overlap, as a part of the whole structure's area, above which a cut is tried; the cost, as a part of a division's, below which it is made. */
-static const float OVERLAP_LEAST = 1e-5f, COST_MOST = 0.99f;
-
-/* What is left of a part's room is shared out by the children's areas times counts, by which they count in the cost. */
 static void share_room(const struct part *part, const struct spatial_side sides[2], struct part ret_children[2])
 {
-    uint32_t slack = part->capacity - sides[0].count - sides[1].count;
-    double weights[2];
-    for (int i = 0; i < 2; i++)
-        weights[i] = (double)vec4_box_half_area(sides[i].bounds) * sides[i].count;
-    double sum = weights[0] + weights[1];
-    uint32_t left = sides[0].count + (sum > 0 ? (uint32_t)(slack * (weights[0] / sum)) : slack / 2);
+    uint32_t left = spatial_share_room(part->capacity, sides);
     for (int i = 0; i < 2; i++)
         ret_children[i] = (struct part){
             .bounds = sides[i].bounds,
@@ -66,13 +43,18 @@ static void share_room(const struct part *part, const struct spatial_side sides[
 }
 
 /* Cuts where that is cheaper than the best division of whole refs; false leaves the part's refs as they are. */
-static bool cut(const struct spatial_request *request, const struct part *part, float limit, struct spatial_side ret_sides[2])
+static bool cut(const struct spatial_request *request, const struct part *part, const struct bins_plane *division,
+                struct spatial_side ret_sides[2])
 {
     struct spatial_grid grid;
+    struct spatial_bins bins;
     struct spatial_plane plane;
-    uint32_t slack = part->capacity - part->count;
-    spatial_grid_lay(&part->bounds, part->count, &grid);
-    if (!spatial_choose(request->canonical, &grid, part->refs, part->count, slack, request->cancel, &plane) || !(plane.cost < limit))
+    if (part->count <= request->cut_above || !spatial_worth_a_try(division, part->count, part->capacity - part->count, request->whole))
+        return false;
+    spatial_grid_lay(&part->bounds, &grid);
+    spatial_bins_clear(&bins);
+    if (!spatial_bins_add(&bins, request->canonical, &grid, part->refs, part->count, request->cancel) ||
+        !spatial_bins_choose(&bins, &grid, part->capacity, &plane) || !spatial_is_better(&plane, division, part->count))
         return false;
     spatial_partition(request->canonical, &grid, &plane, part->refs, part->count, part->other, part->other + part->capacity, ret_sides);
     return true;
@@ -101,18 +83,15 @@ static void divide(const struct spatial_request *request, const struct part *par
     division.halved = !bins_find(part->refs, part->count, &part->centroids, &division.mapping, plane);
     if (division.halved)
         bins_halve(part->refs, part->count, plane, division.centroids);
-    bool worth_a_try = part->capacity > part->count && overlap_of(plane) > OVERLAP_LEAST * request->whole;
-    if (!worth_a_try || !cut(request, part, COST_MOST * cost_of(plane, part->count), sides))
+    if (division.halved || !cut(request, part, plane, sides))
         carry_out(part, &division, sides);
     share_room(part, sides, ret_children);
 }
 
-/* A node's refs have different ids: a triangle's parts go to different sides. */
 static void make_leaf(struct ir *ir, const struct part *part)
 {
-    ir->nodes[part->node] = (struct ir_node){ir->ref_count, part->count};
-    for (uint32_t i = 0; i < part->count; i++)
-        ir->refs[ir->ref_count++] = part->refs[i].id;
+    ir->nodes[part->node] = (struct ir_node){ir->ref_count, 1};
+    ir->refs[ir->ref_count++] = part->refs->id;
 }
 
 /* A part whose sibling is being split. */
@@ -134,6 +113,9 @@ static struct part resume(const struct waiting *waiting, uint32_t ref_count)
     return part;
 }
 
+/* Nodes of more refs look at the cancel flag: below one there is a quarter of a millisecond's work. */
+enum { LOOK_ABOVE = 512 };
+
 /* The child with more room waits while the other is split to the end, so that at most 32 wait. */
 static enum bvhd_status split_to_end(const struct spatial_request *request, struct ir *ir, struct part part)
 {
@@ -142,14 +124,14 @@ static enum bvhd_status split_to_end(const struct spatial_request *request, stru
     uint32_t waiting_count = 0;
     for (;;) {
         ir->boxes[0][part.node] = vec4_box_get(part.bounds);
-        if (part.count <= request->leaf_max) {
+        if (part.count == 1) {
             make_leaf(ir, &part);
             if (waiting_count == 0)
                 return BVHD_OK;
             part = resume(&waiting[--waiting_count], ir->ref_count);
             continue;
         }
-        if (parallel_cancelled(request->cancel))
+        if (part.count > LOOK_ABOVE && parallel_cancelled(request->cancel))
             return BVHD_CANCELLED;
         divide(request, &part, children);
         ir->nodes[part.node] = (struct ir_node){.first = ir->node_count};
@@ -166,24 +148,21 @@ enum bvhd_status spatial_build(const struct spatial_request *request, struct mem
                                struct bvhd_error *error)
 {
     struct ir ir;
-    uint32_t capacity = spatial_capacity(request->count);
-    struct primitive_ref *room = memory_array(memory, (uint64_t)2 * capacity, sizeof *room);
-    if (!room)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to split %u triangles", request->count);
-    enum bvhd_status status = ir_init(&ir, memory, 2 * capacity - 1, capacity, error);
+    enum bvhd_status status = ir_init(&ir, memory, 2 * request->capacity - 1, request->capacity, error);
+    if (status != BVHD_OK)
+        return status;
+    struct part root = {.refs = request->refs,
+                        .room = request->refs,
+                        .other = request->scratch,
+                        .count = request->count,
+                        .capacity = request->capacity};
+    bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
+    ir.node_count = 1;
+    status = split_to_end(request, &ir, root);
     if (status == BVHD_OK) {
-        struct part root = {
-            .refs = request->refs, .room = room, .other = room + capacity, .count = request->count, .capacity = capacity};
-        bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
-        ir.node_count = 1;
-        status = split_to_end(request, &ir, root);
-        if (status == BVHD_OK) {
-            *ret_ir = ir;
-        } else {
-            ir_finish(&ir);
-            bvhd_error_set(error, status, "", "cancelled");
-        }
+        *ret_ir = ir;
+        return BVHD_OK;
     }
-    memory_free(memory, room);
-    return status;
+    ir_finish(&ir);
+    return bvhd_error_set(error, status, "", "cancelled");
 }

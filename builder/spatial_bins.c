@@ -3,39 +3,31 @@
 
 #include "parallel.h"
 
+/*
+ * A cut is tried for an overlap that is more than this part of the whole structure's area, where it may save that part of the cost; and made where
+ * it costs less than that part of a division.
+ */
+static const float OVERLAP_LEAST = 1e-3f, SAVING_LEAST = 0.02f, COST_MOST = 0.99f;
+
 /* A ref that crosses all planes takes some microseconds. */
 enum { LOOK_EVERY = 512 };
 
-/* Parts in a bin, grown by boxes; how many refs begin and end in it. */
-struct bins {
-    struct vec4_box boxes[3][SPATIAL_BINS_MAX]; /* by axis */
-    uint32_t begins[3][SPATIAL_BINS_MAX], ends[3][SPATIAL_BINS_MAX];
-};
-
-/* Cutting costs as much as all else together, and a ref is cut at every plane that it crosses: where there are few refs, few planes do. */
-static uint32_t bins_for(uint32_t count)
-{
-    uint32_t bins = 4 + count / 8;
-    return bins < SPATIAL_BINS_MAX ? bins : SPATIAL_BINS_MAX;
-}
-
 static bool lay_axis(struct spatial_grid *grid, unsigned axis, float low, float high)
 {
-    float *planes = grid->planes[axis], width = (high - low) / (float)grid->bins;
+    float *planes = grid->planes[axis], width = (high - low) / (float)SPATIAL_BINS;
     planes[0] = low;
-    for (uint32_t k = 1; k < grid->bins; k++) {
+    for (uint32_t k = 1; k < SPATIAL_BINS; k++) {
         planes[k] = low + width * (float)k;
         if (!(planes[k] > planes[k - 1]))
             return false;
     }
-    return planes[grid->bins - 1] < high;
+    return planes[SPATIAL_BINS - 1] < high;
 }
 
-void spatial_grid_lay(const struct vec4_box *bounds, uint32_t count, struct spatial_grid *ret_grid)
+void spatial_grid_lay(const struct vec4_box *bounds, struct spatial_grid *ret_grid)
 {
-    ret_grid->bins = bins_for(count);
     for (unsigned axis = 0; axis < 3; axis++) {
-        float low = bounds->min[axis], high = bounds->max[axis], scale = (float)ret_grid->bins / (high - low);
+        float low = bounds->min[axis], high = bounds->max[axis], scale = (float)SPATIAL_BINS / (high - low);
         bool usable = scale <= FLT_MAX && lay_axis(ret_grid, axis, low, high);
         ret_grid->base[axis] = low;
         ret_grid->scale[axis] = usable ? scale : 0;
@@ -47,7 +39,7 @@ static inline uint32_t bin_at(const struct spatial_grid *grid, unsigned axis, fl
 {
     const float *planes = grid->planes[axis];
     float guess = (value - grid->base[axis]) * grid->scale[axis];
-    uint32_t last = grid->bins - 1, bin = !(guess > 0) ? 0 : guess < (float)last ? (uint32_t)guess : last;
+    uint32_t last = SPATIAL_BINS - 1, bin = !(guess > 0) ? 0 : guess < (float)last ? (uint32_t)guess : last;
     while (bin > 0 && value < planes[bin])
         bin--;
     while (bin < last && value >= planes[bin + 1])
@@ -68,10 +60,10 @@ static inline struct span span_of(const struct spatial_grid *grid, unsigned axis
     return span;
 }
 
-static void bins_clear(struct bins *bins, uint32_t count)
+void spatial_bins_clear(struct spatial_bins *bins)
 {
     for (unsigned axis = 0; axis < 3; axis++)
-        for (uint32_t k = 0; k < count; k++) {
+        for (uint32_t k = 0; k < SPATIAL_BINS; k++) {
             bins->boxes[axis][k] = vec4_box_empty();
             bins->begins[axis][k] = bins->ends[axis][k] = 0;
         }
@@ -95,8 +87,8 @@ static void add_parts(struct vec4_box boxes[], const float planes[], const struc
     grow(&boxes[span.last], &rest);
 }
 
-static void bins_add(struct bins *bins, const struct canonical *canonical, const struct spatial_grid *grid,
-                     const struct primitive_ref *ref)
+static void add_ref(struct spatial_bins *bins, const struct canonical *canonical, const struct spatial_grid *grid,
+                    const struct primitive_ref *ref)
 {
     struct vec4_box box = vec4_box_load(ref);
     struct clip_triangle triangle;
@@ -124,15 +116,15 @@ struct suffix {
     uint32_t count;
 };
 
-static void choose_on_axis(const struct bins *bins, uint32_t bin_count, unsigned axis, uint32_t most, struct spatial_plane *best)
+static void choose_on_axis(const struct spatial_bins *bins, unsigned axis, uint32_t most, struct spatial_plane *best)
 {
-    struct suffix rights[SPATIAL_BINS_MAX], right = {vec4_box_empty(), 0}, left = right;
-    for (uint32_t k = bin_count - 1; k > 0; k--) {
+    struct suffix rights[SPATIAL_BINS], right = {vec4_box_empty(), 0}, left = right;
+    for (uint32_t k = SPATIAL_BINS - 1; k > 0; k--) {
         grow(&right.box, &bins->boxes[axis][k]);
         right.count += bins->ends[axis][k];
         rights[k] = right;
     }
-    for (uint32_t k = 1; k < bin_count; k++) {
+    for (uint32_t k = 1; k < SPATIAL_BINS; k++) {
         grow(&left.box, &bins->boxes[axis][k - 1]);
         left.count += bins->begins[axis][k - 1];
         right = rights[k];
@@ -140,28 +132,87 @@ static void choose_on_axis(const struct bins *bins, uint32_t bin_count, unsigned
             continue;
         float cost = vec4_box_half_area(left.box) * (float)left.count + vec4_box_half_area(right.box) * (float)right.count;
         if (cost < best->cost)
-            *best = (struct spatial_plane){axis, k, cost, left.count, right.count, left.box, right.box};
+            *best = (struct spatial_plane){axis, k, cost, left.count, right.count, left.box, right.box, false};
     }
 }
 
-bool spatial_choose(const struct canonical *canonical, const struct spatial_grid *grid, const struct primitive_ref *refs,
-                    uint32_t count, uint32_t slack, const atomic_bool *cancel, struct spatial_plane *ret_plane)
+bool spatial_bins_add(struct spatial_bins *bins, const struct canonical *canonical, const struct spatial_grid *grid,
+                      const struct primitive_ref *refs, uint32_t count, const atomic_bool *cancel)
 {
-    struct bins bins;
-    struct spatial_plane best = {.cost = FLT_MAX};
-    bins_clear(&bins, grid->bins);
     for (uint32_t i = 0; i < count; i++) {
         if (i % LOOK_EVERY == LOOK_EVERY - 1 && parallel_cancelled(cancel))
             return false;
-        bins_add(&bins, canonical, grid, &refs[i]);
+        add_ref(bins, canonical, grid, &refs[i]);
     }
+    return true;
+}
+
+void spatial_bins_merge(struct spatial_bins *bins, const struct spatial_bins *other)
+{
+    for (unsigned axis = 0; axis < 3; axis++)
+        for (uint32_t k = 0; k < SPATIAL_BINS; k++) {
+            grow(&bins->boxes[axis][k], &other->boxes[axis][k]);
+            bins->begins[axis][k] += other->begins[axis][k];
+            bins->ends[axis][k] += other->ends[axis][k];
+        }
+}
+
+bool spatial_bins_choose(const struct spatial_bins *bins, const struct spatial_grid *grid, uint32_t most,
+                         struct spatial_plane *ret_plane)
+{
+    struct spatial_plane best = {.cost = FLT_MAX};
     for (unsigned axis = 0; axis < 3; axis++)
         if (grid->scale[axis] != 0)
-            choose_on_axis(&bins, grid->bins, axis, count + slack, &best);
+            choose_on_axis(bins, axis, most, &best);
     if (best.left_count == 0)
         return false;
     *ret_plane = best;
     return true;
+}
+
+/* Half the area of what two sides have in common. */
+static float overlap_of(const struct bins_plane *plane)
+{
+    struct vec4_box common = {vec4_max(plane->left.min, plane->right.min), vec4_min(plane->left.max, plane->right.max)};
+    unsigned apart = vec4_bits(common.min > common.max) & 7;
+    return apart ? 0 : vec4_box_half_area(common);
+}
+
+static float cost_of(const struct vec4_box *left, uint32_t left_count, const struct vec4_box *right, uint32_t right_count)
+{
+    return vec4_box_half_area(*left) * (float)left_count + vec4_box_half_area(*right) * (float)right_count;
+}
+
+/* What is saved of a cost when both sides end in the middle of their overlap, as if nothing had to be on both. */
+static float saving_of(const struct bins_plane *plane, uint32_t count)
+{
+    struct vec4_box left = plane->left, right = plane->right;
+    uint32_t right_count = count - plane->left_count;
+    float cost = cost_of(&left, plane->left_count, &right, right_count);
+    float middle = 0.5f * (right.min[plane->axis] + left.max[plane->axis]);
+    left.max[plane->axis] = right.min[plane->axis] = middle;
+    return cost - cost_of(&left, plane->left_count, &right, right_count);
+}
+
+bool spatial_worth_a_try(const struct bins_plane *plane, uint32_t count, uint32_t slack, float whole)
+{
+    float cost = cost_of(&plane->left, plane->left_count, &plane->right, count - plane->left_count);
+    return slack > 0 && overlap_of(plane) > OVERLAP_LEAST * whole && saving_of(plane, count) > SAVING_LEAST * cost;
+}
+
+bool spatial_is_better(const struct spatial_plane *cut, const struct bins_plane *plane, uint32_t count)
+{
+    return cut->cost < COST_MOST * cost_of(&plane->left, plane->left_count, &plane->right, count - plane->left_count);
+}
+
+uint32_t spatial_share_room(uint32_t capacity, const struct spatial_side sides[2])
+{
+    uint32_t slack = capacity - sides[0].count - sides[1].count;
+    double weights[2];
+    for (int i = 0; i < 2; i++)
+        weights[i] = (double)vec4_box_half_area(sides[i].bounds) * sides[i].count;
+    double sum = weights[0] + weights[1];
+    return sides[0].count + (sum > 0 ? (uint32_t)(slack * (weights[0] / sum)) : slack / 2);
 }
 
 /* Both sides as they fill up. */
@@ -185,18 +236,18 @@ static inline void put(struct filling *filling, int side, struct vec4_box box, c
     filled->count++;
 }
 
-/* The side on which a ref costs less as a whole than cut on both, or -1. Neither side is left without refs. */
-static int whole_side(const struct filling *filling, const struct vec4_box *box)
+/* The side on which a ref costs less as a whole than cut on both, or -1. */
+static int cheaper_side(const struct vec4_box boxes[2], const uint32_t counts[2], const struct vec4_box *box)
 {
-    float best = 0, counts[2] = {(float)filling->counts[0], (float)filling->counts[1]}, areas[2];
+    float best = 0, areas[2];
     int side = -1;
     for (int i = 0; i < 2; i++)
-        areas[i] = vec4_box_half_area(filling->boxes[i]);
+        areas[i] = vec4_box_half_area(boxes[i]);
     for (int i = 0; i < 2; i++) {
-        struct vec4_box grown = filling->boxes[i];
+        struct vec4_box grown = boxes[i];
         grow(&grown, box);
-        float more = (vec4_box_half_area(grown) - areas[i]) * counts[i] - areas[!i];
-        if (filling->counts[!i] > 1 && more < best) {
+        float more = (vec4_box_half_area(grown) - areas[i]) * (float)counts[i] - areas[!i];
+        if (counts[!i] > 1 && more < best) {
             best = more;
             side = i;
         }
@@ -208,7 +259,7 @@ static void put_crossing(struct filling *filling, const struct canonical *canoni
                          const struct primitive_ref *ref)
 {
     struct vec4_box box = vec4_box_load(ref), parts[2];
-    int side = whole_side(filling, &box);
+    int side = cheaper_side(filling->boxes, filling->counts, &box);
     if (side >= 0) {
         grow(&filling->boxes[side], &box);
         filling->counts[!side]--;
@@ -243,4 +294,62 @@ void spatial_partition(const struct canonical *canonical, const struct spatial_g
     }
     ret_sides[0] = filling.sides[0];
     ret_sides[1] = filling.sides[1];
+}
+
+enum { BOTH = 2 };
+
+static inline uint8_t side_of(const struct spatial_grid *grid, const struct spatial_plane *plane, const struct primitive_ref *ref)
+{
+    struct vec4_box box = vec4_box_load(ref), boxes[2] = {plane->left, plane->right};
+    struct span span = span_of(grid, plane->axis, &box);
+    if (span.last < plane->bin)
+        return 0;
+    if (span.first >= plane->bin)
+        return 1;
+    int side = plane->cut_all ? -1 : cheaper_side(boxes, (const uint32_t[2]){plane->left_count, plane->right_count}, &box);
+    return side < 0 ? BOTH : (uint8_t)side;
+}
+
+void spatial_assign(const struct spatial_grid *grid, const struct spatial_plane *plane, const struct primitive_ref *refs,
+                    uint32_t count, uint8_t *ret_sides, uint32_t ret_counts[2])
+{
+    uint32_t counts[3] = {0, 0, 0};
+    for (uint32_t i = 0; i < count; i++) {
+        ret_sides[i] = side_of(grid, plane, &refs[i]);
+        counts[ret_sides[i]]++;
+    }
+    ret_counts[0] = counts[0] + counts[BOTH];
+    ret_counts[1] = counts[1] + counts[BOTH];
+}
+
+static inline void append(struct spatial_side *side, struct primitive_ref *to, struct vec4_box box, const struct primitive_ref *ref)
+{
+    vec4 centroid = box.min + box.max;
+    to += side->count++;
+    vec4_box_store(to, box);
+    to->geometry = ref->geometry;
+    to->id = ref->id;
+    grow(&side->bounds, &box);
+    vec4_box_grow(&side->centroids, centroid, centroid);
+}
+
+void spatial_send(const struct canonical *canonical, const struct spatial_grid *grid, const struct spatial_plane *plane,
+                  const struct primitive_ref *refs, const uint8_t *sides, uint32_t count, struct primitive_ref *left,
+                  struct primitive_ref *right, struct spatial_side ret_sides[2])
+{
+    const struct spatial_side none = {vec4_box_empty(), vec4_box_empty(), 0};
+    struct spatial_side filled[2] = {none, none};
+    struct primitive_ref *to[2] = {left, right};
+    for (uint32_t i = 0; i < count; i++) {
+        struct vec4_box box = vec4_box_load(&refs[i]), parts[2] = {box, box};
+        if (sides[i] == BOTH) {
+            struct clip_triangle triangle = clip_load(canonical, refs[i].id);
+            clip_cut(&triangle, &box, plane->axis, grid->planes[plane->axis][plane->bin], &parts[0], &parts[1]);
+        }
+        for (int side = 0; side < 2; side++)
+            if (sides[i] == side || sides[i] == BOTH)
+                append(&filled[side], to[side], parts[side], &refs[i]);
+    }
+    ret_sides[0] = filled[0];
+    ret_sides[1] = filled[1];
 }

@@ -96,25 +96,17 @@ static void leave_table(struct flight *flight)
 uint64_t flights_build_bytes(const struct preparation *preparation)
 {
     /*
-     * Measured peaks for a primitive, vertices apart: 155 to 185 bytes by the number of threads, one a leaf 218, with spatial splits 255. What is clustered as one piece
-     * takes 100 more while it is.
+     * Measured peaks for a primitive, vertices apart: 155 to 185 bytes by the number of threads, one a leaf 218, of quality high up to 280.
+     * What is clustered as one piece takes 100 more while it is.
      */
-    enum {
-        TRIANGLE = 200,
-        SINGLE = 240,
-        SPLIT_TRIANGLE = 264,
-        ONE_PIECE = 280,
-        ONE_PIECE_MOST = 16384,
-        VERTEX = 12,
-        FIXED = 16 * 1024
-    };
+    enum { TRIANGLE = 200, SINGLE = 240, HIGH = 296, ONE_PIECE = 280, ONE_PIECE_MOST = 16384, VERTEX = 12, FIXED = 16 * 1024 };
     const struct canonical *canonical = &preparation->canonical;
     bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
     bool high = preparation->options.quality == QUALITY_HIGH;
     const struct layout *layout = layout_find(preparation->options.target);
     bool single = !triangles || (layout && layout->leaf_max == 1);
-    uint64_t each = triangles && high ? SPLIT_TRIANGLE : single ? SINGLE : TRIANGLE;
-    if (canonical->primitive_count <= ONE_PIECE_MOST)
+    uint64_t each = high ? HIGH : single ? SINGLE : TRIANGLE;
+    if (canonical->primitive_count <= ONE_PIECE_MOST && !high)
         each = ONE_PIECE;
     return canonical->primitive_count * each + (uint64_t)canonical->vertex_count * VERTEX + FIXED;
 }
@@ -264,10 +256,8 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     unsigned char *bytes;
     memory_init_within(&memory, tier_of(flight) == ADMISSION_LARGE ? flight->flights->large : flight->flights->memory, UINT64_MAX);
     blob_writer_init(&writer, flight->flights->account);
-    const struct build_context context = {.memory = &memory,
-                                          .parallel = parallel,
-                                          .cancel = &flight->job.cancel,
-                                          .output = &writer.output};
+    const struct build_context context = {
+        .memory = &memory, .parallel = parallel, .cancel = &flight->job.cancel, .output = &writer.output};
     enum bvhd_status status = build(&preparation->canonical, &preparation->options, &context, &bytes, &stats, &flight->error);
     if (status != BVHD_OK) {
         if (status == BVHD_NO_MEMORY && writer.error.status != BVHD_OK) {

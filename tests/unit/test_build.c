@@ -90,7 +90,8 @@ static void qualities_differ(void **state)
     struct test_shape shape = soup;
     struct test_model model;
     struct build_stats stats[QUALITY_HIGH + 1];
-    shape.detail = 0.1;
+    shape.detail = 0.2;
+    shape.primitives = 2000;
     memory_init(&memory, UINT64_MAX);
     struct build_context context = context_over(&memory, &parallel_serial);
     test_model_make(&shape, 2, &model);

@@ -39,7 +39,7 @@ static void duplicate(const struct ir *ir, struct memory *memory, struct ir *ret
 /* Long triangles, so that there are splits. */
 static void make_split_model(struct test_model *model)
 {
-    static const struct test_shape shape = {.type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 3000, .size = 10, .detail = 0.2};
+    static const struct test_shape shape = {.type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 1500, .size = 10, .detail = 0.2};
     test_model_make(&shape, 3, model);
 }
 

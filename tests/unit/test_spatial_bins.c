@@ -40,7 +40,7 @@ static void start(struct fixture *f, uint32_t count, double size, bool flat, uin
         .type = GEOMETRY_TRIANGLES, .primitive_count = count, .vertex_count = 3 * count, .positions = f->corners[0]};
     f->canonical = (struct canonical){.geometry_count = 1, .primitive_count = count, .geometries = &f->geometry};
     bins_bound(f->refs, count, &f->bounds, &f->centroids);
-    spatial_grid_lay(&f->bounds, count, &f->grid);
+    spatial_grid_lay(&f->bounds, &f->grid);
 }
 
 static double half_area(const struct vec4_box *box)
@@ -73,13 +73,26 @@ static double least_cost(const struct fixture *f, uint32_t slack)
 {
     double least = INFINITY;
     for (unsigned axis = 0; axis < 3; axis++)
-        for (uint32_t k = 1; k < f->grid.bins && f->grid.scale[axis] != 0; k++) {
+        for (uint32_t k = 1; k < SPATIAL_BINS && f->grid.scale[axis] != 0; k++) {
             uint32_t counts[2];
             double cost = cost_at(f, axis, f->grid.planes[axis][k], counts);
             if (cost < least && counts[0] + counts[1] <= f->count + slack)
                 least = cost;
         }
     return least;
+}
+
+/* Some of the refs in bins of their own, which are added. */
+static bool choose(const struct fixture *f, uint32_t slack, struct spatial_plane *ret_plane)
+{
+    struct spatial_bins bins, others;
+    uint32_t some = f->count / 3;
+    spatial_bins_clear(&bins);
+    spatial_bins_clear(&others);
+    assert_true(spatial_bins_add(&bins, &f->canonical, &f->grid, f->refs, some, NULL));
+    assert_true(spatial_bins_add(&others, &f->canonical, &f->grid, f->refs + some, f->count - some, NULL));
+    spatial_bins_merge(&bins, &others);
+    return spatial_bins_choose(&bins, &f->grid, f->count + slack, ret_plane);
 }
 
 static void the_cheapest_plane_is_chosen(void **state)
@@ -92,7 +105,7 @@ static void the_cheapest_plane_is_chosen(void **state)
         struct spatial_plane plane;
         start(&f, 2 + round, round % 3 == 0 ? 1 : 0.1, round % 5 == 0, round);
         double least = least_cost(&f, slack);
-        bool any = spatial_choose(&f.canonical, &f.grid, f.refs, f.count, slack, NULL, &plane);
+        bool any = choose(&f, slack, &plane);
         assert_int_equal(any, isfinite(least));
         if (!any)
             continue;
@@ -145,7 +158,7 @@ static void every_ref_goes_somewhere(void **state)
         struct spatial_side sides[2];
         unsigned char seen[MOST] = {0};
         start(&f, 2 + round, round % 3 == 0 ? 1 : 0.1, round % 5 == 0, round);
-        if (!spatial_choose(&f.canonical, &f.grid, f.refs, f.count, MOST, NULL, &plane))
+        if (!choose(&f, MOST, &plane))
             continue;
         spatial_partition(&f.canonical, &f.grid, &plane, f.refs, f.count, to, to + 2 * MOST, sides);
         assert_true(sides[0].count >= 1 && sides[0].count <= plane.left_count);
@@ -166,30 +179,100 @@ static void every_ref_goes_somewhere(void **state)
     assert_true(cut > 1000 && left_whole > 100);
 }
 
+/* In chunks, with the sides known beforehand. */
+static void chunks_go_where_they_are_sent(void **state)
+{
+    (void)state;
+    static struct fixture f;
+    static struct primitive_ref left[2 * MOST], right[2 * MOST];
+    uint32_t cut = 0, left_whole = 0;
+    for (uint32_t round = 0; round < 300; round++) {
+        struct spatial_plane plane;
+        struct spatial_side sides[2];
+        uint8_t ways[MOST];
+        uint32_t counts[2], all[2];
+        unsigned char seen[MOST] = {0};
+        start(&f, 2 + round, round % 3 == 0 ? 1 : 0.1, round % 5 == 0, round);
+        if (!choose(&f, MOST, &plane))
+            continue;
+        spatial_assign(&f.grid, &plane, f.refs, f.count, ways, counts);
+        spatial_send(&f.canonical, &f.grid, &plane, f.refs, ways, f.count, left, right, sides);
+        note(&f, &plane, left, sides[0].count, 0, seen);
+        note(&f, &plane, right, sides[1].count, 1, seen);
+        check_side(&sides[0], left);
+        check_side(&sides[1], right);
+        for (int side = 0; side < 2; side++)
+            assert_int_equal(sides[side].count, counts[side]);
+        for (uint32_t i = 0; i < f.count; i++) {
+            assert_true(seen[i] != 0);
+            cut += seen[i] == 3;
+        }
+        plane.cut_all = true;
+        spatial_assign(&f.grid, &plane, f.refs, f.count, ways, all);
+        assert_true(all[0] == plane.left_count && all[1] == plane.right_count);
+        left_whole += all[0] + all[1] - counts[0] - counts[1];
+    }
+    assert_true(cut > 1000 && left_whole > 100);
+}
+
+static struct bins_plane division(float overlap, uint32_t left_count)
+{
+    return (struct bins_plane){.axis = 0,
+                               .left_count = left_count,
+                               .left = {{0, 0, 0, 0}, {1 + overlap, 1, 1, 0}},
+                               .right = {{1 - overlap, 0, 0, 0}, {2, 1, 1, 0}}};
+}
+
+static void cuts_are_tried_where_they_may_pay(void **state)
+{
+    (void)state;
+    struct bins_plane none = division(-0.25f, 50), little = division(0.001f, 50), much = division(0.5f, 50);
+    assert_false(spatial_worth_a_try(&none, 100, 10, 5));
+    assert_false(spatial_worth_a_try(&little, 100, 10, 5));
+    assert_true(spatial_worth_a_try(&much, 100, 10, 5));
+    assert_false(spatial_worth_a_try(&much, 100, 0, 5));
+    assert_false(spatial_worth_a_try(&much, 100, 10, 1e6f));
+    struct spatial_plane cut = {.cost = 50 * 4 + 50 * 4}; /* the division's: half areas of 4 */
+    assert_false(spatial_is_better(&cut, &much, 100));
+    cut.cost = 50 * 4 + 50 * 3;
+    assert_true(spatial_is_better(&cut, &much, 100));
+}
+
+static void room_is_shared_by_what_it_is_worth(void **state)
+{
+    (void)state;
+    struct spatial_side sides[2] = {{.bounds = {{0, 0, 0, 0}, {1, 1, 1, 0}}, .count = 10},
+                                    {.bounds = {{0, 0, 0, 0}, {1, 1, 1, 0}}, .count = 30}};
+    assert_int_equal(spatial_share_room(80, sides), 20);
+    assert_int_equal(spatial_share_room(40, sides), 10);
+    sides[0].bounds.max = sides[1].bounds.max = (vec4){0, 0, 0, 0};
+    assert_int_equal(spatial_share_room(80, sides), 30);
+}
+
 /* What is too thin for planes has none; bounds that overflow nothing either way. */
 static void thin_boxes_have_no_planes(void **state)
 {
     (void)state;
     struct spatial_grid grid;
     struct vec4_box box = {{1, -0x1p40f, 0, 0}, {nextafterf(1, 2), 0x1p40f, 0, 0}};
-    spatial_grid_lay(&box, 1000, &grid);
+    spatial_grid_lay(&box, &grid);
     assert_true(grid.scale[0] == 0 && grid.scale[2] == 0);
     assert_true(grid.scale[1] > 0);
-    for (uint32_t k = 1; k < grid.bins; k++)
+    for (uint32_t k = 1; k < SPATIAL_BINS; k++)
         assert_true(grid.planes[1][k] > grid.planes[1][k - 1] && grid.planes[1][k] < box.max[1]);
     box.max[0] = 1 + 0x1p-43f;
     box.min[0] = 1;
     box.min[2] = -FLT_MIN;
-    spatial_grid_lay(&box, 2, &grid);
+    spatial_grid_lay(&box, &grid);
     assert_true(grid.scale[0] == 0 && grid.scale[2] == 0);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_cheapest_plane_is_chosen),
-        cmocka_unit_test(every_ref_goes_somewhere),
-        cmocka_unit_test(thin_boxes_have_no_planes),
+        cmocka_unit_test(the_cheapest_plane_is_chosen),       cmocka_unit_test(every_ref_goes_somewhere),
+        cmocka_unit_test(chunks_go_where_they_are_sent),      cmocka_unit_test(cuts_are_tried_where_they_may_pay),
+        cmocka_unit_test(room_is_shared_by_what_it_is_worth), cmocka_unit_test(thin_boxes_have_no_planes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
