@@ -202,8 +202,7 @@ static enum bvhd_status apply_lines(FILE *file, const char *path, struct config 
     return status;
 }
 
-/* Its lines, over what is in `config`, which stays as it was on failure. */
-static enum bvhd_status read_config(const char *path, struct config *config, struct bvhd_error *error)
+enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error)
 {
     FILE *file = fopen(path, "re");
     if (!file)
@@ -225,7 +224,7 @@ enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, 
         char file[CONFIG_PATH_SIZE];
         strcpy(file, config.file);
         set_defaults(&config);
-        status = read_config(file, &config, error);
+        status = config_read_file(file, &config, error);
         if (!status)
             status = apply_command_line(argc, argv, &config, error);
     }

@@ -28,6 +28,9 @@ struct config {
  */
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error);
 
+/* One file's lines, over what is in `config`, which stays as it was on failure. */
+enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error);
+
 /* Prints the options on stdout. */
 void config_print_help(void);
 
