@@ -9,79 +9,105 @@
 /* What a cut costs, in half areas: more than a node does, since larger leaves save time and cost rays little. */
 static const float cut_cost = 1.7f;
 
-/* a < b ? a : b, without a branch: nobody can foresee which. */
-static inline double least(double a, double b)
+/* A ref of each part: what follows from the ref before is a long chain of operations, but four parts go along it together. */
+struct lanes {
+    vec4 min[3], max[3];
+    vec4_int primitives;
+};
+
+static inline void transpose(vec4 a, vec4 b, vec4 c, vec4 d, vec4 ret_columns[4])
 {
-#if defined(__SSE2__)
-    return _mm_cvtsd_f64(_mm_min_sd(_mm_set_sd(a), _mm_set_sd(b)));
-#else
-    return a < b ? a : b;
-#endif
+    vec4 xy = __builtin_shufflevector(a, b, 0, 4, 1, 5), xy2 = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+    vec4 zw = __builtin_shufflevector(a, b, 2, 6, 3, 7), zw2 = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+    ret_columns[0] = __builtin_shufflevector(xy, xy2, 0, 1, 4, 5);
+    ret_columns[1] = __builtin_shufflevector(xy, xy2, 2, 3, 6, 7);
+    ret_columns[2] = __builtin_shufflevector(zw, zw2, 0, 1, 4, 5);
+    ret_columns[3] = __builtin_shufflevector(zw, zw2, 2, 3, 6, 7);
 }
 
-static inline float least_float(float a, float b)
+static inline struct lanes load_lanes(const struct primitive_ref *const refs[LEAVES_PARTS])
 {
-    return vec4_min(vec4_all(a), vec4_all(b))[0];
+    struct lanes lanes;
+    struct vec4_box a = vec4_box_load(refs[0]), b = vec4_box_load(refs[1]), c = vec4_box_load(refs[2]), d = vec4_box_load(refs[3]);
+    vec4 min[4], max[4];
+    transpose(a.min, b.min, c.min, d.min, min);
+    transpose(a.max, b.max, c.max, d.max, max);
+    memcpy(lanes.min, min, sizeof lanes.min);
+    memcpy(lanes.max, max, sizeof lanes.max);
+    lanes.primitives = (vec4_int)min[3] + 1; /* behind a ref's minimum stands how many primitives follow its first */
+    return lanes;
 }
 
-/* The half areas of three boxes. */
-static inline vec4 half_areas(struct vec4_box a, struct vec4_box b, struct vec4_box c)
+static inline void grow(struct lanes *lanes, const struct lanes *other)
 {
-    vec4 x, y, z;
-    vec4_transpose3(a.max - a.min, b.max - b.min, c.max - c.min, &x, &y, &z);
+    for (int axis = 0; axis < 3; axis++) {
+        lanes->min[axis] = vec4_min(lanes->min[axis], other->min[axis]);
+        lanes->max[axis] = vec4_max(lanes->max[axis], other->max[axis]);
+    }
+    lanes->primitives += other->primitives;
+}
+
+static inline vec4 half_areas(const struct lanes *lanes)
+{
+    vec4 x = lanes->max[0] - lanes->min[0], y = lanes->max[1] - lanes->min[1], z = lanes->max[2] - lanes->min[2];
     return x * y + y * z + z * x;
 }
 
-/* The least costs of the refs before the last one of the row so far, before the last two and the last three; beyond its begin there are none. */
-struct cuts {
-    double one, two, three;
+/* Of the row so far: its last ref, the last two, and by how much the least cost of all before these two, and three, is above that of all. */
+struct rows {
+    struct lanes last, last_two;
+    vec4 last_area, before_two, before_three;
 };
 
-/* Goes on by a ref: the costs of leaves of the last one, two and three, and what a cut before this one costs. Returns the last leaf's length. */
-static inline uint8_t go_on(struct cuts *cuts, vec4 costs, float cut)
+static inline vec4 leaf_cost(vec4 area, vec4_int primitives, vec4_int most)
 {
-    double first = cuts->one + (double)(cut + costs[0]), second = cuts->two + (double)costs[1], third = cuts->three + (double)costs[2];
-    double longer = least(third, second);
-    unsigned is_third = third < second, is_longer = longer < first;
-    *cuts = (struct cuts){least(longer, first), cuts->one + (double)cut, cuts->two};
-    return (uint8_t)(1 + is_longer + (is_longer & is_third));
+    return vec4_select(primitives > most, vec4_all(INFINITY), area * __builtin_convertvector(primitives, vec4));
 }
 
-/* Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. Sums that are no numbers are less than nothing. */
-static inline __attribute__((always_inline)) void choose(const struct primitive_ref *refs, uint32_t count, int32_t most, bool single,
-                                                         uint8_t *ret_lengths)
+/* Goes on by a ref in each part; returns the lengths of the last leaves. Sums that are no numbers are less than nothing. */
+static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_int most)
 {
-    const vec4_int limits = {INT32_MAX, most, most, most};
-    struct vec4_box last = vec4_box_load(&refs[0]), last_two = last;
-    vec4_int primitives = {1, 2, 3, 0}; /* of the last one, two, three */
-    struct cuts cuts = {0, INFINITY, INFINITY};
-    float last_area = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        struct vec4_box one = vec4_box_load(&refs[i]), two = one, three = one;
-        vec4_box_grow(&two, last.min, last.max);
-        vec4_box_grow(&three, last_two.min, last_two.max);
-        if (!single) {
-            int32_t own = 1 + (int32_t)refs[i].geometry;
-            primitives = (vec4_int){own, own + primitives[0], own + primitives[1], 0};
+    struct lanes two = *one, three = *one;
+    grow(&two, &rows->last);
+    grow(&three, &rows->last_two);
+    vec4 area = half_areas(one), area_two = half_areas(&two);
+    vec4 cut = cut_cost * vec4_min(area_two, 2 * vec4_min(area, rows->last_area));
+    vec4 first = cut + area * __builtin_convertvector(one->primitives, vec4);
+    vec4 second = rows->before_two + leaf_cost(area_two, two.primitives, most);
+    vec4 third = rows->before_three + leaf_cost(half_areas(&three), three.primitives, most);
+    vec4 longer = vec4_min(third, second), least = vec4_min(longer, first);
+    vec4_int is_third = third < second, is_longer = longer < first;
+    *rows = (struct rows){*one, two, area, cut - least, rows->before_two - least};
+    return 1 - is_longer - (is_longer & is_third);
+}
+
+/* Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. Parts that are shorter than the first go on with their last ref. */
+static void choose(const struct primitive_ref *refs, uint32_t count, int32_t limit, uint8_t *ret_lengths)
+{
+    const uint32_t length = count / LEAVES_PARTS + (count % LEAVES_PARTS != 0);
+    const vec4_int most = {limit, limit, limit, limit};
+    struct rows rows = {.before_two = vec4_all(INFINITY), .before_three = vec4_all(INFINITY)};
+    for (uint32_t i = 0; i < length; i++) {
+        const struct primitive_ref *own[LEAVES_PARTS];
+        uint8_t *to[LEAVES_PARTS], nobody;
+        for (uint32_t part = 0; part < LEAVES_PARTS; part++) {
+            uint64_t at = (uint64_t)part * length + i;
+            own[part] = &refs[at < count ? at : count - 1];
+            to[part] = at < count ? &ret_lengths[at] : &nobody;
         }
-        vec4 areas = half_areas(one, two, three);
-        vec4 costs = vec4_select(primitives > limits, vec4_all(INFINITY), areas * __builtin_convertvector(primitives, vec4));
-        float near = 2 * least_float(areas[0], last_area);
-        ret_lengths[i] = go_on(&cuts, costs, cut_cost * least_float(areas[1], near));
-        last_area = areas[0];
-        last = one;
-        last_two = two;
+        struct lanes one = load_lanes(own);
+        if (i == 0)
+            rows.last = rows.last_two = one;
+        vec4_int lengths = go_on(&rows, &one, most);
+        for (uint32_t part = 0; part < LEAVES_PARTS; part++)
+            *to[part] = (uint8_t)lengths[part];
     }
 }
 
-uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, bool single, uint8_t *ret_lengths)
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths)
 {
-    const int32_t most = leaf_max < INT8_MAX ? (int32_t)leaf_max : INT8_MAX;
     uint32_t leaves = 0;
-    if (single)
-        choose(refs, count, most, true, ret_lengths);
-    else
-        choose(refs, count, most, false, ret_lengths);
+    choose(refs, count, leaf_max < INT8_MAX ? (int32_t)leaf_max : INT8_MAX, ret_lengths);
     /* From the end to the begin, into the end of the array, of which the choices are behind us. */
     for (uint32_t at = count; at > 0; leaves++) {
         uint8_t length = ret_lengths[at - 1];

@@ -6,19 +6,24 @@
  * Leaves are runs of the row. Of all ways to cut it the one of least cost, by dynamic programming: a leaf costs its half area times its
  * primitives. A cut costs what a node above the two refs beside it would, their common half area, but no more than the smaller one twice: what is large
  * only because the other one is says nothing about this place.
+ *
+ * A row is cut into LEAVES_PARTS of one length first (the last ones may be shorter): they are worked on side by side.
  */
 #ifndef BVHD_LEAVES_H
 #define BVHD_LEAVES_H
 
 #include "primitive.h"
 
-enum { LEAVES_REFS_MAX = 3 }; /* refs a leaf */
+enum {
+    LEAVES_REFS_MAX = 3, /* refs a leaf */
+    LEAVES_PARTS = 4
+};
 
 /*
- * single: no ref is a run. ret_lengths: room for `count` >= 1; how many refs each leaf has, in their order. Returns how many leaves there are. No
+ * ret_lengths: room for `count` >= 1; how many refs each leaf has, in their order. Returns how many leaves there are. No
  * leaf has more than LEAVES_REFS_MAX refs, or, if it has more than one, more than leaf_max primitives. Boxes may be of any size; where areas leave
  * float's range refs stay alone. The same on every machine.
  */
-uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, bool single, uint8_t *ret_lengths);
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths);
 
 #endif

@@ -414,7 +414,7 @@ static void make_leaves(struct clustering *c)
     uint8_t *lengths = (uint8_t *)(void *)c->keys;
     morton_sort(c->request->refs, count, c->room, c->leaves);
     if (c->request->leaves_first)
-        leaves = leaves_cut(c->leaves, count, c->request->leaf_max, false, lengths);
+        leaves = leaves_cut(c->leaves, count, c->request->leaf_max, lengths);
     else
         memset(lengths, 1, count);
     for (uint32_t i = 0, first = 0; i < leaves; first += lengths[i++])

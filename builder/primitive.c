@@ -237,7 +237,7 @@ static void collect_one(const struct collection *collection, const struct canoni
 static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, uint32_t run_max)
 {
     uint8_t lengths[CHUNK];
-    uint32_t runs = leaves_cut(refs, count, run_max, true, lengths);
+    uint32_t runs = leaves_cut(refs, count, run_max, lengths);
     const struct primitive_ref *next = refs;
     for (uint32_t run = 0; run < runs; run++) {
         struct vec4_box box = vec4_box_load(next);

@@ -56,32 +56,39 @@ static double least_cost(const struct primitive_ref *refs, uint32_t count, uint3
     return least;
 }
 
+/* Part by part. */
 static void no_other_cut_is_cheaper(void **state)
 {
     (void)state;
     struct random random = {3};
     for (uint32_t round = 0; round < 300; round++) {
-        uint32_t count = 1 + round % 8, leaf_max = 1 + round % 5;
-        uint8_t lengths[8];
+        uint32_t count = 1 + round % 28, leaf_max = 1 + round % 5, length = (count + LEAVES_PARTS - 1) / LEAVES_PARTS;
+        uint8_t lengths[28], *next = lengths;
         struct primitive_ref *refs = test_refs_make(round % 2 ? REFS_CLUSTERS : REFS_CHAIN, count, round);
         for (uint32_t i = 0; i < count; i++) {
             for (int axis = 0; axis < 3; axis++)
                 refs[i].max[axis] += (float)random_between(&random, 0.5, 2);
             refs[i].geometry = round % 3 ? 0 : random_next(&random) % 3;
         }
-        bool single = round % 3 == 1;
-        uint32_t leaves = leaves_cut(refs, count, leaf_max, single, lengths);
-        double cost = cost_of(refs, lengths, leaves, leaf_max), least = least_cost(refs, count, leaf_max);
-        assert_true(cost <= least * 1.00001);
+        uint32_t leaves = leaves_cut(refs, count, leaf_max, lengths);
+        for (uint32_t first = 0; first < count; first += length) {
+            uint32_t here = count - first < length ? count - first : length, own = 0;
+            for (uint32_t refs_seen = 0; refs_seen < here; own++)
+                refs_seen += next[own];
+            double cost = cost_of(refs + first, next, own, leaf_max), least = least_cost(refs + first, here, leaf_max);
+            assert_true(cost <= least * 1.00001);
+            next += own;
+        }
+        assert_int_equal(next - lengths, leaves);
         free(refs);
     }
 }
 
-static void check_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, bool single)
+static void check_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max)
 {
     uint8_t *lengths = malloc(count);
     assert_non_null(lengths);
-    uint32_t leaves = leaves_cut(refs, count, leaf_max, single, lengths), sum = 0;
+    uint32_t leaves = leaves_cut(refs, count, leaf_max, lengths), sum = 0;
     for (uint32_t i = 0; i < leaves; i++) {
         uint32_t primitives = 0;
         assert_in_range(lengths[i], 1, LEAVES_REFS_MAX);
@@ -109,7 +116,7 @@ static void every_row_is_covered(void **state)
             if (round % 2)
                 refs[i].max[random_next(&random) % 3] = values[random_next(&random) % 6];
         }
-        check_cut(refs, count, most[round % 5], round % 3 == 0);
+        check_cut(refs, count, most[round % 5]);
         free(refs);
     }
 }
@@ -118,22 +125,22 @@ static void every_row_is_covered(void **state)
 static void neighbours_share_a_leaf(void **state)
 {
     (void)state;
-    enum { COUNT = 100 };
+    enum { COUNT = 96 };
     uint8_t lengths[COUNT];
     struct primitive_ref *refs = test_refs_make(REFS_SAME, COUNT, 0);
     for (uint32_t i = 0; i < COUNT; i++) {
         refs[i].min[0] += 10 * (float)(i / 2);
         refs[i].max[0] += 10 * (float)(i / 2);
     }
-    assert_int_equal(leaves_cut(refs, COUNT, 3, true, lengths), COUNT / 2);
+    assert_int_equal(leaves_cut(refs, COUNT, 3, lengths), COUNT / 2);
     for (uint32_t i = 0; i < COUNT / 2; i++)
         assert_int_equal(lengths[i], 2);
-    assert_int_equal(leaves_cut(refs, COUNT, 1, true, lengths), COUNT);
+    assert_int_equal(leaves_cut(refs, COUNT, 1, lengths), COUNT);
     for (uint32_t i = 0; i < COUNT; i++) {
         refs[i].min[0] += 10 * (float)i;
         refs[i].max[0] += 10 * (float)i;
     }
-    assert_int_equal(leaves_cut(refs, COUNT, 3, true, lengths), COUNT);
+    assert_int_equal(leaves_cut(refs, COUNT, 3, lengths), COUNT);
     free(refs);
 }
 
