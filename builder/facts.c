@@ -18,9 +18,8 @@ double facts_exp2(double value)
     return ldexp(1 + rest * (0.6562 + 0.3438 * rest), (int)fmin(fmax(whole, -1000), 1000));
 }
 
-/* Sums over the sample, and where it lies. */
+/* Sums over the sample. */
 struct sums {
-    float middles[FACTS_MOST][3]; /* of those that can be met */
     struct box bounds;
     double half_areas, slanted; /* of boxes; of these what two triangles do not fill */
     double octaves, squares; /* of sizes */
@@ -52,7 +51,7 @@ static double size_of(const struct box *box)
 }
 
 /* False when no ray meets it. */
-static bool add_primitive(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index, float middle[3],
+static bool add_primitive(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
                           struct sums *sums)
 {
     struct box box = primitive_box(canonical, geometry, index);
@@ -60,8 +59,6 @@ static bool add_primitive(const struct canonical *canonical, const struct canoni
         return false;
     double half_area = box_half_area(&box), size = size_of(&box);
     double octave = size > 0 ? facts_log2(size) : 0;
-    for (int axis = 0; axis < 3; axis++)
-        middle[axis] = 0.5f * box.min[axis] + 0.5f * box.max[axis];
     box_grow(&sums->bounds, &box);
     sums->half_areas += half_area;
     if (geometry->type == GEOMETRY_TRIANGLES)
@@ -92,40 +89,15 @@ static void add_sample(const struct canonical *canonical, struct facts *facts, s
         uint32_t id = sampled_id(canonical->primitive_count, facts->sampled, i);
         while (id - geometry->first_primitive >= geometry->primitive_count)
             geometry++;
-        facts->met += add_primitive(canonical, geometry, id - geometry->first_primitive, sums->middles[facts->met], sums);
+        facts->met += add_primitive(canonical, geometry, id - geometry->first_primitive, sums);
     }
-}
-
-static uint32_t cell_of(const struct box *bounds, const float middle[3])
-{
-    uint32_t cell = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        double side = (double)bounds->max[axis] - bounds->min[axis], at = (double)middle[axis] - bounds->min[axis];
-        uint32_t slot = side > 0 ? (uint32_t)(at / side * FACTS_CELLS) : 0;
-        cell = cell * FACTS_CELLS + (slot < FACTS_CELLS ? slot : FACTS_CELLS - 1);
-    }
-    return cell;
-}
-
-static uint32_t count_cells(const struct sums *sums, uint32_t met)
-{
-    bool held[FACTS_CELLS * FACTS_CELLS * FACTS_CELLS] = {false};
-    uint32_t count = 0;
-    for (uint32_t i = 0; i < met; i++) {
-        bool *cell = &held[cell_of(&sums->bounds, sums->middles[i])];
-        count += !*cell;
-        *cell = true;
-    }
-    return count;
 }
 
 void facts_gather(const struct canonical *canonical, struct facts *ret_facts)
 {
     uint32_t count = canonical->primitive_count;
     struct facts facts = {.primitives = count, .sampled = sample_size(count)};
-    struct sums sums;
-    sums.bounds = box_empty();
-    sums.half_areas = sums.slanted = sums.octaves = sums.squares = 0;
+    struct sums sums = {.bounds = box_empty()};
     bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
     facts.can_split = triangles && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
     add_sample(canonical, &facts, &sums);
@@ -134,7 +106,6 @@ void facts_gather(const struct canonical *canonical, struct facts *ret_facts)
         double each = (double)count / facts.sampled;
         facts.crossings = whole > 0 ? sums.half_areas / whole * each : 0;
         facts.slant = sums.half_areas > 0 ? sums.slanted / sums.half_areas : 0;
-        facts.cells = count_cells(&sums, facts.met);
         facts.spread = sqrt(fmax(sums.squares / facts.met - mean * mean, 0));
     }
     *ret_facts = facts;

@@ -10,7 +10,7 @@
 #include "canonical.h"
 
 /* One primitive of so many is looked at, and no more than is worth it: 1 or 2 % of the quickest build. */
-enum { FACTS_SHARE = 32, FACTS_LEAST = 64, FACTS_MOST = 1024, FACTS_CELLS = 8 };
+enum { FACTS_SHARE = 32, FACTS_LEAST = 64, FACTS_MOST = 1024 };
 
 struct facts {
     uint32_t primitives; /* of the structure */
@@ -24,11 +24,6 @@ struct facts {
      * is what splits can take away. 0 for whatever is no triangle.
      */
     double slant;
-    /*
-     * Cells of a grid of FACTS_CELLS on each axis over the box of all that hold the middle of a sampled one: a surface leaves most empty, a cloud few. What a ray
-     * passes on its way is by that more than by the sizes of primitives.
-     */
-    uint32_t cells;
     double spread; /* of sizes (sums of a box's sides): the standard deviation in octaves */
 };
 

@@ -3,8 +3,9 @@
 
 #include <math.h>
 
-/* More than in any scene that the model was fitted to is as much as in that. */
-enum { CROSSINGS_MOST = 1024 };
+/* More than in any scene that the model was fitted to is as much as in that, and so is less. */
+#define CROSSINGS_LEAST 0.03
+#define CROSSINGS_MOST 1024.0
 
 /* Exponents of 2, linear in the terms: times in nanoseconds. As `bvhd-bench --calibrate` prints them. */
 struct tier_model {
@@ -12,9 +13,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{7.1202, 0.0247, -0.0173, 0.0244, 0.0176, 0}, {7.9407, 0.0968, -0.7390, 1.0380, 0.0892, 0}},
-    [QUALITY_BALANCED] = {{7.5544, 0.0313, -0.0826, 0.0990, 0.1226, 0}, {7.7497, 0.0974, -0.7741, 1.0899, 0.1589, 0}},
-    [QUALITY_HIGH] = {{12.9730, -0.1464, 0.2153, 0.0916, -0.3730, 0}, {7.4910, 0.1158, -0.6849, 0.9579, 0.0597, 0}},
+    [QUALITY_FAST] = {{5.9217, 0.0474, 0.1063, -0.0476, 0.2692, -0.0512}, {6.3569, 0.0790, -0.4266, 1.0162, 1.0917, 0.0389}},
+    [QUALITY_BALANCED] = {{7.0701, 0.0291, 0.0403, 0.0196, 0.2220, 0.0241}, {6.1056, 0.0892, -0.4391, 1.0371, 1.0298, 0.0500}},
+    [QUALITY_HIGH] = {{10.5144, -0.1051, 0.2918, -0.0057, 0.1770, -0.1359}, {6.1856, 0.0856, -0.3265, 0.8939, 0.9673, -0.0758}},
 };
 
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
@@ -24,8 +25,8 @@ void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
     double crossings = fmin(facts->crossings, CROSSINGS_MOST);
     ret_terms[2] = facts_log2(1 + crossings);
     ret_terms[3] = facts_log2(1 + crossings * facts->slant);
-    ret_terms[4] = facts->spread;
-    ret_terms[5] = facts_log2(fmax(facts->cells, 1));
+    ret_terms[4] = facts_log2(1 + 1 / fmax(crossings, CROSSINGS_LEAST)); /* how far a ray gets without meeting anything */
+    ret_terms[5] = facts->spread;
 }
 
 static double power_of(const double constants[TIER_TERMS], const double terms[TIER_TERMS])

@@ -13,7 +13,8 @@
 #include "facts.h"
 #include "geometry.h"
 
-/* What a constant is multiplied with: 1; the logarithms (to base 2) of primitives, 1 + crossings, 1 + crossings * slant; spread; the logarithm of cells. */
+/* What a constant is multiplied with: 1; the logarithms (to base 2) of primitives, 1 + crossings, 1 + crossings * slant and
+ * 1 + 1 / crossings; spread. */
 enum { TIER_TERMS = 6 };
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS]);
 

@@ -76,7 +76,7 @@ static void high_is_for_what_can_be_split(void **state)
     (void)state;
     for (int i = 0; i < 2; i++) {
         struct facts facts = {
-            .primitives = 100000, .sampled = 1, .met = 1, .can_split = i, .crossings = 200, .slant = 0.98, .spread = 2.5, .cells = 300};
+            .primitives = 100000, .sampled = 1, .met = 1, .can_split = i, .crossings = 200, .slant = 0.98, .spread = 2.5};
         assert_int_equal(tier_choose(&facts, 1e6f) == QUALITY_HIGH, i);
     }
 }

@@ -13,7 +13,7 @@ enum { TIERS = 3, BASE = 1, KINDS = 2 };
 
 /* The weight, in scenes, of the belief that a term has no effect: on balanced, and on the quotient of another tier to it, which varies less than what disturbs both. */
 #define HELD 0.3
-#define HELD_QUOTIENT 2.0
+#define HELD_QUOTIENT 0.5
 
 static const enum build_quality qualities[TIERS] = {QUALITY_FAST, [BASE] = QUALITY_BALANCED, QUALITY_HIGH};
 
@@ -126,9 +126,9 @@ static void print_scene(const struct results *results, const struct model *model
     for (int tier = 0; tier < TIERS; tier++)
         if (!measured(results, scene, tier, &costs[tier]))
             return;
-    printf("%-22s %8u %8.1f %5.2f %5.2f %3u | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name, facts->primitives,
-           facts->crossings, facts->slant, facts->spread, facts->cells, costs[0].build_ns, costs[1].build_ns, costs[2].build_ns,
-           costs[0].ray_ns, costs[1].ray_ns, costs[2].ray_ns);
+    printf("%-22s %8u %8.1f %5.2f %5.2f | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name, facts->primitives,
+           facts->crossings, facts->slant, facts->spread, costs[0].build_ns, costs[1].build_ns, costs[2].build_ns, costs[0].ray_ns,
+           costs[1].ray_ns, costs[2].ray_ns);
     for (int hint = 0; hint < CHOICE_HINTS; hint++) {
         double rays = choice_rays(hint), least = INFINITY, each[TIERS];
         int best = 0, fitted = choose_by(model, facts, rays), built_in = (int)tier_choose(facts, (float)rays) - QUALITY_FAST;
@@ -165,7 +165,7 @@ bool calibrate_print(const struct results *results)
     if (!fit(results, &model))
         return false;
     print_table(&model);
-    printf("scene, primitives, crossings, slant, spread, cells | build ns: fast, balanced, high | ray ns |  for 0.1, 1, 10, 100 rays: "
+    printf("scene, primitives, crossings, slant, spread | build ns: fast, balanced, high | ray ns |  for 0.1, 1, 10, 100 rays: "
            "best, "
            "chosen by this "
            "table and what it loses, by the one in use\n");

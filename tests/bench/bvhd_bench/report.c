@@ -236,7 +236,6 @@ static void write_facts(struct json *json, const struct facts *facts)
     json_number(json, "crossings", facts->crossings);
     json_number(json, "slant", facts->slant);
     json_number(json, "spread", facts->spread);
-    json_integer(json, "cells", facts->cells);
     json_object_end(json);
 }
 
