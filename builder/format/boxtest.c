@@ -57,9 +57,6 @@ const struct boxtest_planes boxtest_planes[8] = {
     PLANES_OF(0, 0, 1), PLANES_OF(1, 0, 1), PLANES_OF(0, 1, 1), PLANES_OF(1, 1, 1),
 };
 
-#define SPREAD 128, 128, 0, 128, 128, 128, 1, 128, 128, 128, 2, 128, 128, 128, 3, 128
-_Alignas(32) const uint8_t boxtest_spread[32] = {SPREAD, SPREAD};
-
 bool boxtest_init(const double origin[3], const double direction[3], float tmin, const float bounds[6], struct boxtest_ray *ret_ray)
 {
     if (!in_float_range(origin, direction, bounds))
@@ -70,7 +67,7 @@ bool boxtest_init(const double origin[3], const double direction[3], float tmin,
     /* No point of the structure is met at a greater |t|. */
     double t_reach = farthest / speed;
 
-    struct boxtest_ray ray = {.origin[3] = 1, .tmin = tmin};
+    struct boxtest_ray ray = {.tmin = tmin};
     for (int axis = 0; axis < 3; axis++) {
         double distance = reach(origin, bounds, axis);
         ray.origin[axis] = (float)origin[axis];

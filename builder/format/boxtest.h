@@ -37,7 +37,7 @@ struct boxtest_planes {
     uint32_t near[3], far[3];
 };
 
-/* A ray in one structure's space, for float tests. Of the arrays of four, the last is of no use; origin's is 1, so that nothing subnormal is computed from it. */
+/* A ray in one structure's space, for float tests. Of the arrays of four, the last is of no use. */
 struct boxtest_ray {
     _Alignas(16) float origin[4];
     float inverse[4]; /* 1 / direction; 0 for parallel axes */

@@ -30,9 +30,6 @@ static const double wide_share = 0x1p-23;
 /* By the signs of the direction: bit a for axis a. */
 extern const struct boxtest_planes boxtest_planes[8];
 
-/* A shuffle that puts byte k into the bits 23 .. 16 of lane k. From elsewhere it is loaded; compilers put together what they know the value of. */
-extern const uint8_t boxtest_spread[32];
-
 static const float boxtest_gamma = 0x1p-21f;
 static const double boxtest_gamma_double = 0x1p-49;
 
@@ -157,45 +154,35 @@ BOXTEST_WIDE_INLINE __m256 load_planes(const struct portable_node *node, uint32_
     return _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)((const char *)node + at))));
 }
 
-/* Four floats, twice. */
-BOXTEST_WIDE_INLINE __m256 load_twice(const float *from)
+/* One axis' interval of each child. `step` holds all three axes' step / d. */
+BOXTEST_WIDE_INLINE void span_wide(const struct boxtest_ray *ray, const struct portable_node *node, int axis, __m128 step,
+                                   __m256 *ret_near, __m256 *ret_far)
 {
-    return _mm256_broadcast_ps((const __m128 *)(const void *)from);
-}
-
-/* Both ends of the eight children's intervals along an axis, whose numbers stand in that lane of `step`, `lo` and `hi`. */
-#define SPAN(axis)                                                                                                                     \
-    __m256 near_##axis = _mm256_fmadd_ps(load_planes(node, ray->planes->near[axis]), _mm256_permute_ps(step, (axis)*0x55),             \
-                                         _mm256_permute_ps(lo, (axis)*0x55));                                                          \
-    __m256 far_##axis = _mm256_fmadd_ps(load_planes(node, ray->planes->far[axis]), _mm256_permute_ps(step, (axis)*0x55),               \
-                                        _mm256_permute_ps(hi, (axis)*0x55))
-
-/* The scales of the axes, twice; in the fourth lanes whatever. */
-BOXTEST_WIDE_INLINE __m256 load_scales(const struct portable_node *node)
-{
-    __m256i exponents = _mm256_set1_epi32((int)bytes_get32(node->exponent)); /* and the mask */
-    __m256i spread = _mm256_load_si256((const __m256i *)(const void *)boxtest_spread);
-    return _mm256_castsi256_ps(_mm256_slli_epi32(_mm256_shuffle_epi8(exponents, spread), 7));
+    __m256 offset = _mm256_sub_ps(_mm256_broadcast_ss(&node->origin[axis]), _mm256_broadcast_ss(&ray->origin[axis]));
+    __m256 inverse = _mm256_broadcast_ss(&ray->inverse[axis]), slack = _mm256_broadcast_ss(&ray->wide_slack[axis]);
+    __m256 lo = _mm256_fmsub_ps(offset, inverse, slack), hi = _mm256_fmadd_ps(offset, inverse, slack);
+    __m256 steps = _mm256_permutevar8x32_ps(_mm256_castps128_ps256(step), _mm256_set1_epi32(axis));
+    *ret_near = _mm256_fmadd_ps(load_planes(node, ray->planes->near[axis]), steps, lo);
+    *ret_far = _mm256_fmadd_ps(load_planes(node, ray->planes->far[axis]), steps, hi);
 }
 
 /* As boxtest_wide(), but empty slots may be among the result, and axes that are parallel are not looked at. */
 BOXTEST_WIDE_INLINE unsigned kernel_wide_slots(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                                float ret_near[8])
 {
-    __m256 scale = load_scales(node);
-    __m128 is_small = _mm_and_ps(_mm_cmplt_ps(_mm256_castps256_ps128(scale), _mm_load_ps(ray->wide_scale)),
-                                 _mm_cmpgt_ps(_mm256_castps256_ps128(scale), _mm_setzero_ps()));
+    int exponents = (int)bytes_get32(node->exponent); /* and, in the fourth lane and unused, the mask */
+    __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
+    __m128 is_small = _mm_and_ps(_mm_cmplt_ps(scale, _mm_load_ps(ray->wide_scale)), _mm_cmpgt_ps(scale, _mm_setzero_ps()));
     if (__builtin_expect(_mm_movemask_ps(is_small), 0))
         return boxtest_float(ray, node, tmax, ret_near);
 
-    __m256 inverse = load_twice(ray->inverse), slack = load_twice(ray->wide_slack), step = _mm256_mul_ps(scale, inverse);
-    __m256 offset = _mm256_sub_ps(load_twice(node->origin), load_twice(ray->origin)); /* the fourth lanes are of no use */
-    __m256 lo = _mm256_fmsub_ps(offset, inverse, slack), hi = _mm256_fmadd_ps(offset, inverse, slack);
-    SPAN(0);
-    SPAN(1);
-    SPAN(2);
-    __m256 near = _mm256_max_ps(_mm256_max_ps(near_0, near_1), _mm256_max_ps(near_2, _mm256_set1_ps(ray->tmin)));
-    __m256 far = _mm256_min_ps(_mm256_min_ps(far_0, far_1), _mm256_min_ps(far_2, _mm256_set1_ps(tmax)));
+    __m256 near_x, near_y, near_z, far_x, far_y, far_z;
+    __m128 step = _mm_mul_ps(scale, _mm_load_ps(ray->inverse));
+    span_wide(ray, node, 0, step, &near_x, &far_x);
+    span_wide(ray, node, 1, step, &near_y, &far_y);
+    span_wide(ray, node, 2, step, &near_z, &far_z);
+    __m256 near = _mm256_max_ps(_mm256_max_ps(near_x, near_y), _mm256_max_ps(near_z, _mm256_set1_ps(ray->tmin)));
+    __m256 far = _mm256_min_ps(_mm256_min_ps(far_x, far_y), _mm256_min_ps(far_z, _mm256_set1_ps(tmax)));
     _mm256_storeu_ps(ret_near, near);
     return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(near, far, _CMP_LE_OQ));
 }

@@ -65,7 +65,7 @@ BOXTEST_WIDE_INLINE bool setup_floats(__m128 origin, __m128 direction, float tmi
     __m128 slack = _mm_fmadd_ps(t_reach, _mm_set1_ps((float)(1.001 * t_error)), underflow);
     __m128 wide = _mm_fmadd_ps(at_axis, _mm_set1_ps((float)(1.001 * (boxtest_gamma + corner_error))), slack);
 
-    _mm_store_ps(ret_ray->origin, _mm_blend_ps(origin, one, 8));
+    _mm_store_ps(ret_ray->origin, origin);
     _mm_store_ps(ret_ray->inverse, inverse);
     _mm_store_ps(ret_ray->slack, _mm_fmadd_ps(at_axis, _mm_set1_ps((float)(1.001 * corner_error)), slack));
     _mm_store_ps(ret_ray->wide_slack, wide);

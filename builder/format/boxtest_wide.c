@@ -79,7 +79,7 @@ BOXTEST_WIDE bool boxtest_init_wide(const double origin[3], const double directi
     __m256d slack = _mm256_fmadd_pd(moved, size, _mm256_mul_pd(t_reach, _mm256_set1_pd(t_error)));
     __m256d wide = _mm256_fmadd_pd(_mm256_mul_pd(distance, _mm256_set1_pd(boxtest_gamma)), size, slack);
 
-    _mm_store_ps(ret_ray->origin, _mm_blend_ps(rounded, _mm_set1_ps(1), 8));
+    _mm_store_ps(ret_ray->origin, rounded);
     _mm_store_ps(ret_ray->inverse, _mm256_cvtpd_ps(inverse));
     store_slack(slack, parallel, ret_ray->slack);
     store_slack(wide, parallel, ret_ray->wide_slack);

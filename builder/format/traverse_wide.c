@@ -60,7 +60,7 @@ BOXTEST_WIDE_INLINE void prefetch_child(const struct portable_view *view, size_t
     __builtin_prefetch((const void *)address);
 }
 
-/* The records whose bits are set, from `first` on. False: the ray's way ends here. */
+/* The records whose bits are set, from `first` on. False: the ray's way ends here. To be compiled once for each value of is_indexed. */
 BOXTEST_WIDE_INLINE bool meet_records(const struct wide_walk *walk, uint32_t first, uint32_t bits, bool is_indexed)
 {
     const struct portable_view *view = walk->view;
@@ -81,20 +81,9 @@ BOXTEST_WIDE_INLINE bool meet_records(const struct wide_walk *walk, uint32_t fir
     return true;
 }
 
-/* Functions of their own leave the loops over nodes the registers. */
-BOXTEST_WIDE static __attribute__((noinline)) bool meet_indexed(const struct wide_walk *walk, uint32_t first, uint32_t bits)
-{
-    return meet_records(walk, first, bits, true);
-}
-
-BOXTEST_WIDE static __attribute__((noinline)) bool meet_stored(const struct wide_walk *walk, uint32_t first, uint32_t bits)
-{
-    return meet_records(walk, first, bits, false);
-}
-
 BOXTEST_WIDE_INLINE bool meet(const struct wide_walk *walk, uint32_t first, uint32_t bits, bool is_indexed)
 {
-    return (is_indexed ? meet_indexed : meet_stored)(walk, first, bits);
+    return is_indexed ? meet_records(walk, first, bits, true) : meet_records(walk, first, bits, false);
 }
 
 /* The children that the ray meets; empty slots may be among them. */
@@ -124,11 +113,10 @@ BOXTEST_WIDE static void find_any(struct wide_walk *walk)
         if (leaves && !meet(walk, node->first_record, records_in(node, leaves), is_indexed))
             break;
         const unsigned inner = hits & node->inner_mask;
-        for (unsigned i = 0; i < 8; i++) {
-            unsigned slot = i ^ backward;
-            if (inner >> slot & 1)
-                *top++ = inner_child(node, slot);
-        }
+        if (inner != 0)
+            for (unsigned i = 0; i < 8; i++)
+                if (inner >> (i ^ backward) & 1)
+                    *top++ = inner_child(node, i ^ backward);
     }
     walk->state->counters.nodes += visited;
 }
