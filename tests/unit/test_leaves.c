@@ -19,7 +19,7 @@ static double area_of(const struct primitive_ref *refs, uint32_t count)
 static double cut_between(const struct primitive_ref *refs)
 {
     double smaller = 2 * fmin(area_of(refs, 1), area_of(refs + 1, 1));
-    return 1.7 * fmin(smaller, area_of(refs, 2));
+    return 2.9 * fmin(smaller, area_of(refs, 2));
 }
 
 /* What leaves.h says a row costs that is cut into leaves of these lengths; infinite if one is too large. */
