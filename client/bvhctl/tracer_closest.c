@@ -2,6 +2,7 @@
 #include "tracer_closest.h"
 
 #include <stddef.h>
+#include <string.h>
 
 #include "portable.h"
 #include "serialized.h"
@@ -10,46 +11,72 @@
 #include "trace_closest_address.h"
 #include "trace_closest_refill.h"
 #include "trace_closest_refill_address.h"
+#include "trace_closest_wait.h"
+#include "trace_closest_wait_address.h"
 #include "trace_left.h"
 #include "trace_left_address.h"
 #include "trace_settle.h"
 #include "trace_settle_address.h"
 
-/* Four words, then room for the number of each ray of a portion, then for what a quarter of them has in doubt; the others of more are left to the query. */
-enum { BINDING_WORK = 3, BINDINGS, UNSETTLED_SIZE = 128, WORK_SIZE = 16 + TRACER_PORTION * 4 + TRACER_PORTION / 4 * UNSETTLED_SIZE };
+/* Four words, then room for the number of each ray of a portion twice, then for doubts; rays that have more are left to the query. */
+enum {
+    BINDING_WORK = 3,
+    BINDINGS,
+    DOUBT_SIZE = 16,
+    DOUBTS = TRACER_PORTION * 3 / 2,
+    WORK_SIZE = 16 + TRACER_PORTION * 8 + DOUBTS * DOUBT_SIZE
+};
 
-/* More than any device holds at once of such a kernel; those that come late find no rays left. */
-enum { REFILL_GROUPS = 2112 };
+/* Workgroups of one subgroup, if it is no smaller; more of them than any device holds at once: those that come late find no rays left. */
+enum { REFILL_GROUP = 32, REFILL_GROUPS = 4224 };
 
 /* The kernels count the words of a scene in 31 bits. */
 static const uint64_t most_bytes = UINT64_C(1) << 33;
+
+/* One structure of more: even rays that go together soon lose each other among triangles that small. */
+static const uint64_t fine_bytes = UINT64_C(1) << 24;
+
+/* Of trace_closest.comp. */
+enum { CONSTANTS = 5 };
+static const uint32_t any_content = UINT32_MAX;
 
 /* How many rays next to each other are looked at, at how many places of a portion, and the cosine that their directions do not fall below when they go together. */
 enum { NEIGHBOURS = 32, PLACES = 64 };
 static const float together_cosine = 0.9f;
 
 /* The blobs are sound: they have been loaded. */
-static bool has_only_triangles(const struct structures *structures)
+static uint32_t content_of(struct bytes blob)
 {
+    uint64_t handles = bytes_get64(blob.data + offsetof(struct serialized_header, handle_count));
+    uint64_t body = bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
+    return bytes_get32(blob.data + body + offsetof(struct portable_header, content));
+}
+
+/* What all bottom levels have, any_content where they differ. False: some have AABBs. */
+static bool has_only_triangles(const struct structures *structures, uint32_t *ret_content)
+{
+    bool is_first = true;
+    *ret_content = any_content;
     for (uint32_t i = 0; i < structures->file_count; i++) {
-        struct bytes blob = structures->blobs[i];
-        if (!blob.data)
-            continue;
-        uint64_t handles = bytes_get64(blob.data + offsetof(struct serialized_header, handle_count));
-        uint64_t body = bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
-        if (bytes_get32(blob.data + body + offsetof(struct portable_header, content)) == PORTABLE_AABBS)
+        uint32_t content = structures->blobs[i].data ? content_of(structures->blobs[i]) : PORTABLE_INSTANCES;
+        if (content == PORTABLE_AABBS)
             return false;
+        if (content == PORTABLE_INSTANCES)
+            continue;
+        *ret_content = is_first || content == *ret_content ? content : any_content;
+        is_first = false;
     }
     return true;
 }
 
-/* Lanes of a subgroup can count each other. */
-static bool has_ballots(struct gpu *gpu)
+/* Lanes of a subgroup can count each other. `ret_size`: how many these are. */
+static bool has_ballots(struct gpu *gpu, uint32_t *ret_size)
 {
     const VkSubgroupFeatureFlags needed = VK_SUBGROUP_FEATURE_BASIC_BIT | VK_SUBGROUP_FEATURE_BALLOT_BIT;
     VkPhysicalDeviceSubgroupProperties subgroups = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES};
     VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &subgroups};
     gpu_properties(gpu, &properties);
+    *ret_size = subgroups.subgroupSize;
     return (subgroups.supportedOperations & needed) == needed && (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT);
 }
 
@@ -57,7 +84,7 @@ static enum bvhd_status add_kernel(struct tracer_device *device, const uint32_t 
                                    uint32_t most_groups, int *ret_choice, struct bvhd_error *error)
 {
     const struct gpu_kernel_options options = {
-        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = 3};
+        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
     enum bvhd_status status = tracer_device_add(device, &options, most_groups, error);
     if (!status)
         *ret_choice = (int)device->choice_count - 1;
@@ -68,14 +95,14 @@ static enum bvhd_status add_after(struct tracer_device *device, const uint32_t *
                                   struct bvhd_error *error)
 {
     const struct gpu_kernel_options options = {
-        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = 3};
+        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
     return tracer_device_add_after(device, &options, error);
 }
 
 /* What decides on doubts; and the query, for rays with more of them than there is room for. */
 static enum bvhd_status add_afters(struct tracer_device *device, const uint32_t *constants, struct bvhd_error *error)
 {
-    const uint32_t of_query[] = {TRACER_GROUP, false, constants[2]};
+    const uint32_t of_query[CONSTANTS] = {TRACER_GROUP, false, constants[2]};
     bool by_address = device->gpu->facts.has_buffer_address;
     enum bvhd_status status = by_address
                                   ? add_after(device, trace_settle_address_code, sizeof trace_settle_address_code, constants, error)
@@ -86,28 +113,46 @@ static enum bvhd_status add_afters(struct tracer_device *device, const uint32_t 
                       : add_after(device, trace_left_code, sizeof trace_left_code, of_query, error);
 }
 
-static enum bvhd_status add_kernels(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
-                                    struct bvhd_error *error)
+/* Waiting for other lanes pays where there are instances. */
+static enum bvhd_status add_together(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
+                                     bool waits, struct bvhd_error *error)
 {
     bool by_address = device->gpu->facts.has_buffer_address;
-    enum bvhd_status status =
-        by_address
-            ? add_kernel(device, trace_closest_address_code, sizeof trace_closest_address_code, constants, 0, &closest->together, error)
-            : add_kernel(device, trace_closest_code, sizeof trace_closest_code, constants, 0, &closest->together, error);
-    if (status || !has_ballots(device->gpu))
+    int *place = &closest->together;
+    if (waits)
+        return by_address ? add_kernel(device, trace_closest_wait_address_code, sizeof trace_closest_wait_address_code, constants, 0,
+                                       place, error)
+                          : add_kernel(device, trace_closest_wait_code, sizeof trace_closest_wait_code, constants, 0, place, error);
+    return by_address ? add_kernel(device, trace_closest_address_code, sizeof trace_closest_address_code, constants, 0, place, error)
+                      : add_kernel(device, trace_closest_code, sizeof trace_closest_code, constants, 0, place, error);
+}
+
+static enum bvhd_status add_kernels(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
+                                    bool has_top, struct bvhd_error *error)
+{
+    uint32_t of_refill[CONSTANTS], lanes;
+    bool has = has_ballots(device->gpu, &lanes);
+    enum bvhd_status status = add_together(closest, device, constants, has && has_top, error);
+    if (status || !has)
         return status;
-    return by_address ? add_kernel(device, trace_closest_refill_address_code, sizeof trace_closest_refill_address_code, constants,
-                                   REFILL_GROUPS, &closest->refill, error)
-                      : add_kernel(device, trace_closest_refill_code, sizeof trace_closest_refill_code, constants, REFILL_GROUPS,
-                                   &closest->refill, error);
+    memcpy(of_refill, constants, sizeof of_refill);
+    of_refill[0] = lanes > REFILL_GROUP ? lanes : REFILL_GROUP;
+    return device->gpu->facts.has_buffer_address
+               ? add_kernel(device, trace_closest_refill_address_code, sizeof trace_closest_refill_address_code, of_refill,
+                            REFILL_GROUPS, &closest->refill, error)
+               : add_kernel(device, trace_closest_refill_code, sizeof trace_closest_refill_code, of_refill, REFILL_GROUPS,
+                            &closest->refill, error);
 }
 
 enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct tracer_device *device, const struct structures *structures,
                                      bool has_fused_fma, struct bvhd_error *error)
 {
-    const uint32_t constants[] = {TRACER_GROUP, structures->has_top, has_fused_fma};
-    *closest = (struct tracer_closest){.is_cpu = device->gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU, .together = -1, .refill = -1};
-    if (!has_only_triangles(structures) || device->buffers[0]->size > most_bytes)
+    bool is_cpu = device->gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU;
+    uint64_t size = device->buffers[0]->size;
+    uint32_t constants[CONSTANTS] = {TRACER_GROUP, structures->has_top, has_fused_fma, is_cpu};
+    *closest =
+        (struct tracer_closest){.is_cpu = is_cpu, .is_fine = !structures->has_top && size > fine_bytes, .together = -1, .refill = -1};
+    if (!has_only_triangles(structures, &constants[CONSTANTS - 1]) || size > most_bytes)
         return BVHD_OK;
     enum bvhd_status status =
         gpu_buffer_create(device->gpu, WORK_SIZE, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_DEVICE,
@@ -116,7 +161,7 @@ enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct trac
         return status;
     device->buffers[BINDING_WORK - 2] = device->work = &closest->work;
     status = add_afters(device, constants, error);
-    return status ? status : add_kernels(closest, device, constants, error);
+    return status ? status : add_kernels(closest, device, constants, structures->has_top, error);
 }
 
 void tracer_closest_finish(struct tracer_closest *closest, struct gpu *gpu)
@@ -163,5 +208,6 @@ int tracer_closest_choose(const struct tracer_closest *closest, const struct ray
         return closest->together;
     if (closest->way == TRACER_WAY_REFILL)
         return closest->refill;
-    return closest->is_cpu || go_together(rays, count) ? closest->together : closest->refill;
+    bool together = closest->is_cpu || (!closest->is_fine && go_together(rays, count));
+    return together ? closest->together : closest->refill;
 }

@@ -18,7 +18,8 @@ enum tracer_way {
 
 struct tracer_closest {
     enum tracer_way way;
-    bool is_cpu; /* there waiting for other lanes gains nothing */
+    bool is_cpu; /* there waiting for other lanes gains nothing, and bytes become floats more quickly as they are */
+    bool is_fine; /* so many triangles that rays do not go together for long */
     int together, refill; /* places among the choices; -1: not there */
     struct gpu_buffer work;
 };

@@ -7,7 +7,10 @@
 
 #include "files.h"
 
-enum { MAX_RAYS = 1 << 20, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056, WORK_WORDS = 64 };
+enum { MAX_RAYS = 1 << 20, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056 };
+
+/* Binding 3: zeros, then as much as bvhctl's own kernels ask for. */
+enum { WORK_WORDS = 64, WORK_SIZE = WORK_WORDS * 4 + MAX_RAYS * 4 + MAX_RAYS / 4 * 128 };
 
 struct device_ray {
     float origin[3], tmin;
@@ -134,8 +137,7 @@ static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_er
     if (!status)
         status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
     if (!status)
-        status =
-            gpu_buffer_create(self->gpu, (MAX_RAYS + WORK_WORDS) * sizeof(uint32_t), bound | to, GPU_DEVICE, &self->counter, error);
+        status = gpu_buffer_create(self->gpu, WORK_SIZE, bound | to, GPU_DEVICE, &self->counter, error);
     if (!status)
         status = gpu_timer_create(self->gpu, &self->timer, error);
     return status;

@@ -104,19 +104,20 @@ static unsigned count_differing(const struct scene *scene, const struct tracer_h
     return differing;
 }
 
-static void try_layout(uint32_t layout_flags)
+/* Through the first blob. */
+static void try_blobs(const struct bytes *blobs, uint32_t count)
 {
-    struct bytes blob;
     struct bvhd_error error;
     struct portable_view view;
     struct tracer *tracer;
     static struct tracer_hit hits[RAYS];
-    build_blob(layout_flags, &blob);
-    assert_int_equal(portable_open(blob, &memory, &view, &error), BVHD_OK);
+    assert_int_equal(portable_open(blobs[0], &memory, &view, &error), BVHD_OK);
     const struct portable_view *const bottoms[] = {&view};
     const struct scene scene = {NULL, bottoms, 1};
-    const struct structures structures = {
-        .name = (char *)(uintptr_t) "triangles", .target = TARGET_PORTABLE, .file_count = 1, .blobs = &blob};
+    const struct structures structures = {.name = (char *)(uintptr_t) "triangles",
+                                          .target = TARGET_PORTABLE,
+                                          .file_count = count,
+                                          .blobs = (struct bytes *)(uintptr_t)blobs};
     if (tracer_portable_create(gpu, &structures, &memory, &tracer, &error))
         fail_msg("%s: %s", error.where, error.text);
     for (int way = TRACER_WAY_AUTO; way <= TRACER_WAY_REFILL; way++) {
@@ -129,7 +130,26 @@ static void try_layout(uint32_t layout_flags)
             fail_msg("way %d: %u of %d rays differ, %u hit", way, differing, RAYS, hit);
     }
     tracer_destroy(tracer);
+}
+
+static void try_layout(uint32_t layout_flags)
+{
+    struct bytes blob;
+    build_blob(layout_flags, &blob);
+    try_blobs(&blob, 1);
     memory_free(&memory, (void *)(uintptr_t)blob.data);
+}
+
+/* Kernels that know the layout of all bottom levels leave out the others. Here there are two. */
+static void test_both(void **state)
+{
+    struct bytes blobs[2];
+    (void)state;
+    build_blob(0, &blobs[0]);
+    build_blob(PORTABLE_FAST_TRIANGLES, &blobs[1]);
+    try_blobs(blobs, 2);
+    for (int i = 0; i < 2; i++)
+        memory_free(&memory, (void *)(uintptr_t)blobs[i].data);
 }
 
 static void test_indexed(void **state)
@@ -172,6 +192,7 @@ int main(void)
         cmocka_unit_test(test_choice),
         cmocka_unit_test(test_indexed),
         cmocka_unit_test(test_fast_triangles),
+        cmocka_unit_test(test_both),
     };
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
  * closest.glsl - the closest triangle for rays without flags. It answers as a query does (bvhd_ray_query.glsl), but asks nobody on its way: triangles
- * that are hit beyond doubt are remembered with bounds on their t, those in doubt are put by until the end, and only then are pairs of floats computed.
+ * that are hit beyond doubt are remembered with bounds on their t, those in doubt are put by until the end, and only then are pairs of floats computed. What is put
+ * by goes to memory, for the kernel after this one: to decide here would make the loops keep everything that deciding takes.
  *
  * State lies in private variables: one ray an invocation. closest_settle.glsl has the end.
  */
@@ -12,18 +13,23 @@ const uint NONE = 0xffffffffu;
 const uint FIRST_INNER = 0x01000000u; // groups of nodes have a bit of this or above, groups of records have none
 
 uvec2 stack[66];
-vec4 at_root[2]; // what leave_instance takes up again
 
 // The ray in the space of the structure that it is in.
-vec3 origin, direction, inverse, slack;
-float origin_low, direction_low; // what their components may be off by
-float inverse_length, tmin;
+vec3 origin, direction, inverse;
+float away; // what boxes are too small by, for what box_error says
+float volume_error, volume_shift; // visit_triangle
+float origin_low; // what components of the origin may be off by
+float tmin;
 uint order; // bvhdFirstSlot's masks; the ray's mask in bits 31 .. 24
-uint content, node_rows, record_rows, vertex_words;
+uint content, node_rows, record_rows, vertex_words; // content: of a bottom level
 uint instance; // record in the top level; NONE: in the root
 uvec2 nodes; // first child; hits in bits 31 .. 24, inner mask in bits 7 .. 0
 uvec2 records, waiting; // first record; hits. Those that wait have not been looked at either.
 int top, level_bottom; // of the stack
+
+// What leave_instance takes up again.
+uint root_nodes, root_records;
+float root_away;
 
 // The answer so far: its t lies between low and high.
 float low, high;
@@ -31,19 +37,16 @@ uint best, best_instance, best_id;
 bool best_is_front;
 uint index; // of the ray
 
-// Triangles that only pairs of floats can decide on: record, instance, a lower bound of t.
-const uint MOST_DOUBTS = 8u;
-uvec3 doubts[MOST_DOUBTS];
-uint doubt_count; // NONE: more than there is room for, the ray has been left to the query
+uint last_doubt; // NONE, or a row of `doubts`: a triangle that only pairs of floats can decide on; no less than there are rows: some are lost
 
-// Leaves the ray to a kernel that comes after this one: to decide here and go on would make the loops keep everything that deciding takes.
-void leave_ray()
+bool is_top()
 {
-    left[atomicAdd(left_count, 1u)] = index;
-    nodes.y = records.y = waiting.y = 0u;
-    top = level_bottom = 0;
-    instance = NONE;
-    doubt_count = NONE;
+    return has_instances && instance == NONE;
+}
+
+bool is_indexed()
+{
+    return (content_of_bottoms == NONE ? content : content_of_bottoms) == BVHD_CONTENT_INDEXED_TRIANGLES;
 }
 
 // Locations are addresses, or offsets where scene_base is 0; here, all of a scene is found by its rows.
@@ -68,28 +71,42 @@ void set_order()
 
 // What a ray needs of a structure.
 struct Entry {
-    vec3 inverse, slack;
+    vec3 inverse;
+    float away, direction_low;
     BvhdBody body;
     bool can_hit;
 };
 
+// What bvhdBoxRayInit divides by: axes along which the ray hardly moves get a small movement.
+vec3 inverse_of(vec3 towards, float longest)
+{
+    vec3 moving = max(abs(towards), vec3(9.3132257e-10 * longest));
+    return 1.0 / mix(moving, -moving, lessThan(towards, vec3(0.0)));
+}
+
+// On both sides of a plane that is met at `offset`. The last term is for what underflows.
+vec3 box_error(vec3 offset)
+{
+    return abs(offset) * 9.5367432e-7 + (abs(inverse) * away + 3.0092656e-36);
+}
+
 /*
- * Slack is what bvhdBoxRayInit says, and what a direction that is off by `low_direction` moves the ray by within the structure. Rays that miss its bounds are sent away
- * here, as at a node: before anything is put by for them.
+ * bvhdBoxRayInit's slack is no less along any axis, for |inverse| * 2^-29 * longest is 2 where the ray hardly moves and 2^-29 at least where it does; with what a
+ * direction that is off by `low_direction` moves the ray by within the structure. Rays that miss its bounds are sent away here, as at a node: before anything is put by
+ * for them.
  */
-Entry entry_of(uvec2 location, vec3 from, vec3 towards, vec3 low_origin, vec3 low_direction)
+Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float low_direction)
 {
     Entry entry;
     BvhdExtent extent;
     entry.body = bvhdBodyOpen(offset_of(location), extent);
-    float longest = bvhdLargest(towards);
-    float reach = max(bvhdLargest(extent.lowest - from), bvhdLargest(extent.highest - from)) / longest;
-    bvec3 is_parallel = lessThan(abs(towards), vec3(9.3132257e-10 * longest)), is_negative = lessThan(towards, vec3(0.0));
-    vec3 moving = mix(towards, mix(vec3(9.3132257e-10 * longest), vec3(-9.3132257e-10 * longest), is_negative), is_parallel);
-    entry.inverse = 1.0 / moving;
-    entry.slack = 1.001 * (abs(entry.inverse) * (low_origin + reach * low_direction) + mix(vec3(9.0949470e-13), vec3(2.0), is_parallel) * reach) + 3.0092656e-36;
+    float longest = bvhdLargest(towards), farthest = max(bvhdLargest(extent.lowest - from), bvhdLargest(extent.highest - from));
+    entry.direction_low = low_direction;
+    entry.inverse = inverse_of(towards, longest);
+    entry.away = 1.001 * (low_origin + farthest / longest * low_direction + 1.8626452e-9 * farthest) + 2.4e-38;
     vec3 a = (extent.lowest - from) * entry.inverse, b = (extent.highest - from) * entry.inverse;
-    vec3 error = max(abs(a), abs(b)) * 9.5367432e-7 + entry.slack, near = min(a, b) - error, far = max(a, b) + error;
+    vec3 error = max(abs(a), abs(b)) * 9.5367432e-7 + (abs(entry.inverse) * entry.away + 3.0092656e-36);
+    vec3 near = min(a, b) - error, far = max(a, b) + error;
     bool is_met = max(max(near.x, near.y), max(near.z, tmin)) <= min(min(far.x, far.y), min(far.z, high));
     entry.can_hit = longest > 0.0 && bvhdIsFinite(from) && bvhdIsFinite(towards) && !extent.isEmpty && is_met;
     return entry;
@@ -103,8 +120,10 @@ void enter(Entry entry)
     record_rows = entry.body.records;
     vertex_words = entry.body.vertices;
     inverse = entry.inverse;
-    slack = entry.slack;
-    inverse_length = 1.0 / dot(direction, direction);
+    away = entry.away;
+    float size = 1.001 * length(direction);
+    volume_error = 1.2283e-6 * size + 3.5 * entry.direction_low;
+    volume_shift = 3.5 * size * origin_low + 1e-36;
     set_order();
     level_bottom = top;
     nodes = uvec2(0u, entry.can_hit ? FIRST_INNER | 1u : 0u);
@@ -118,17 +137,16 @@ void start()
     direction = ray.direction.xyz;
     tmin = ray.origin.w;
     high = low = ray.direction.w;
-    origin_low = direction_low = 0.0;
+    origin_low = 0.0;
     best = best_id = best_instance = instance = NONE;
-    doubt_count = 0u;
+    last_doubt = NONE;
     waiting = uvec2(0u);
     top = 0;
     order = ray.flags.y << 24;
-    enter(entry_of(extra, origin, direction, vec3(0.0), vec3(0.0)));
-    if (has_instances) {
-        at_root[0] = vec4(inverse, uintBitsToFloat(node_rows));
-        at_root[1] = vec4(slack, uintBitsToFloat(record_rows));
-    }
+    enter(entry_of(extra, origin, direction, 0.0, 0.0));
+    root_nodes = node_rows;
+    root_records = record_rows;
+    root_away = away;
     if (!(tmin >= 0.0 && tmin <= high))
         nodes.y = 0u;
 }
@@ -141,12 +159,11 @@ void leave_instance()
     Ray ray = rays[index];
     origin = ray.origin.xyz;
     direction = ray.direction.xyz;
-    origin_low = direction_low = 0.0;
-    inverse = at_root[0].xyz;
-    slack = at_root[1].xyz;
-    node_rows = floatBitsToUint(at_root[0].w);
-    record_rows = floatBitsToUint(at_root[1].w);
-    content = BVHD_CONTENT_INSTANCES;
+    origin_low = 0.0;
+    inverse = inverse_of(direction, bvhdLargest(direction));
+    away = root_away;
+    node_rows = root_nodes;
+    record_rows = root_records;
     instance = NONE;
     level_bottom = 0;
     set_order();
@@ -166,8 +183,9 @@ void visit_instance(uint record)
     vec3 place = uintBitsToFloat(uvec3(BVHD_STORAGE_ROWS[row].w, BVHD_STORAGE_ROWS[row + 1u].w, BVHD_STORAGE_ROWS[row + 2u].w));
     mat3 rows = mat3(uintBitsToFloat(BVHD_STORAGE_ROWS[row + 3u].xyz), uintBitsToFloat(BVHD_STORAGE_ROWS[row + 4u].xyz),
                      uintBitsToFloat(BVHD_STORAGE_ROWS[row + 5u].xyz));
-    mat3 sizes = mat3(abs(rows[0]), abs(rows[1]), abs(rows[2]));
-    vec3 from = origin - place, low_origin = 7.1525574e-7 * (abs(from) * sizes), low_direction = 7.1525574e-7 * (abs(direction) * sizes);
+    vec3 from = origin - place;
+    mat3 size = mat3(abs(rows[0]), abs(rows[1]), abs(rows[2]));
+    float low_origin = 7.1525574e-7 * bvhdLargest(abs(from) * size), low_direction = 7.1525574e-7 * bvhdLargest(abs(direction) * size);
     from = from * rows;
     vec3 towards = direction * rows;
     Entry entry = entry_of(bottom, from, towards, low_origin, low_direction);
@@ -177,8 +195,7 @@ void visit_instance(uint record)
     stack[top++] = records;
     origin = from;
     direction = towards;
-    origin_low = bvhdLargest(low_origin);
-    direction_low = bvhdLargest(low_direction);
+    origin_low = low_origin;
     instance = record;
     enter(entry);
 }
@@ -217,8 +234,9 @@ void visit_node()
     uint row = node_rows + 5u * child;
     uvec4 head = BVHD_STORAGE_ROWS[row], meta = BVHD_STORAGE_ROWS[row + 1u];
     uvec4 planes0 = BVHD_STORAGE_ROWS[row + 2u], planes1 = BVHD_STORAGE_ROWS[row + 3u], planes2 = BVHD_STORAGE_ROWS[row + 4u];
-    vec3 offset = (uintBitsToFloat(head.xyz) - origin) * inverse, error = abs(offset) * 9.5367432e-7 + slack;
+    vec3 offset = (uintBitsToFloat(head.xyz) - origin) * inverse, error = box_error(offset);
     vec3 scale = uintBitsToFloat((uvec3(head.w, head.w >> 8, head.w >> 16) & 255u) << 23) * inverse;
+    offset = BVHD_PLAIN_BYTES ? offset : offset - 1024.0 * scale;
     bvec3 is_negative = lessThan(inverse, vec3(0.0));
     uvec3 low0 = uvec3(planes0.xz, planes1.x), low1 = uvec3(planes0.yw, planes1.y);
     uvec3 high0 = uvec3(planes1.z, planes2.xz), high1 = uvec3(planes1.w, planes2.yw);
@@ -231,7 +249,7 @@ void visit_node()
 
 uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
 {
-    if (content == BVHD_CONTENT_INDEXED_TRIANGLES) {
+    if (is_indexed()) {
         uvec4 row = BVHD_STORAGE_ROWS[record_rows + record];
         uvec3 word = row.xyz * 3u + vertex_words;
         v0 = uintBitsToFloat(uvec3(BVHD_STORAGE_WORDS[word.x], BVHD_STORAGE_WORDS[word.x + 1u], BVHD_STORAGE_WORDS[word.x + 2u]));
@@ -247,41 +265,49 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
     return first.w;
 }
 
+void put_doubt(uint record, float nearest)
+{
+    uint row = atomicAdd(doubt_count, 1u);
+    if (row < uint(doubts.length()))
+        doubts[row] = uvec4(record, instance, floatBitsToUint(nearest), last_doubt);
+    last_doubt = row;
+}
+
+float square(vec3 a)
+{
+    return a.x * a.x + (a.y * a.y + (a.z * a.z + 1e-37));
+}
+
 /*
- * Volumes as in bvhdTriangleMayHit, but seen from a point of the ray beside the triangle, which keeps them small: `near` is off by u of its size, or where fma() rounds
- * twice by u of the product as well, and by what the ray is off by. With E the sum of the sizes of both edges, S of near - v0, D the longest component of d: a volume is then off by 2 D E off + 12u D E (S + E) and,
- * where the direction is off by l, by 4 l E (S + E). Near the origin that is the point of the ray, and off by nothing.
+ * Volumes of the ray with the edges from v0. Differences are off by u, a component of a product of two vectors by 3u of the sum of the sizes of its two products,
+ * and the volume by 7u of the sum of its six, which is at most 1.155 of the product of the three lengths. What is left of the determinant is off by no more than
+ * those of all three and 2u of each: with s the distance of the origin, d the direction's length and e the longer edge, 20.2u d e (s + e) are as much. An origin
+ * off by o moves it by 3.5 d e o at most, a direction off by l by 3.5 l e (s + e). 1e-37 covers squares that underflow.
  *
- * t is told better than by E * E: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the sums that it goes into, by 8u of
- * what they are with `spread` in its place. On a long floor along the axes, which rays start from, t is nearly exact then; by E * E it would be in doubt whether it is below tmin.
+ * t: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the sums that it goes into, by 8u of what
+ * they are with `spread` in its place. On a long floor along the axes, which rays start from, t is nearly exact then.
  */
 void visit_triangle(uint record)
 {
     vec3 v0, v1, v2;
     uint id = corners_of(record, v0, v1, v2);
-    vec3 e1 = v1 - v0, e2 = v2 - v0;
-    float edges = bvhdSumOfSizes(e1) + bvhdSumOfSizes(e2), longest = bvhdLargest(direction);
-    float ahead = dot(v0 - origin, direction) * inverse_length;
-    if (abs(ahead) * longest < max(edges, 0.02 * bvhdLargest(origin)))
-        ahead = 0.0;
-    vec3 near = fma(vec3(ahead), direction, origin), s = near - v0;
-    vec3 p1 = cross(direction, e1), p2 = cross(direction, e2), normal = cross(e1, e2);
-    float det = dot(e1, p2), u = dot(s, p2), v = -dot(s, p1), rest = det - u - v;
-    float sizes = bvhdSumOfSizes(s) + edges;
-    float off = BVHD_FUSED_FMA ? bvhdLargest(near) : 2.0 * bvhdLargest(near) + bvhdLargest(origin);
-    off = (ahead == 0.0 ? 0.0 : 6.5e-8 * off) + origin_low + abs(ahead) * direction_low;
-    float error = longest * edges * (2.0 * off + 7.1525574e-7 * sizes) + 4.0 * direction_low * edges * sizes + 3.0e-35;
+    vec3 e1 = v1 - v0, e2 = v2 - v0, s = origin - v0;
+    vec3 across = cross(s, direction), normal = cross(e1, e2);
+    float det = -dot(direction, normal), u = dot(e2, across), v = -dot(e1, across), rest = det - u - v;
+    float edge = sqrt(max(square(e1), square(e2)));
+    float error = edge * (volume_error * (sqrt(square(s)) + edge) + volume_shift) + 3.0e-35;
     float least = min(min(u, v), rest), most = max(max(u, v), rest);
-    if (least < -error && most > error || id == best_id && instance == best_instance)
+    if (least < -error && most > error)
         return;
 
     vec3 spread = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
     float spreads = spread.x + spread.y + spread.z;
-    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(direction), spread) + 4.0 * direction_low * spreads + 3.0e-35;
+    float direction_low = has_instances ? 0.29 * volume_error : 0.0;
+    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(direction), spread) + 1.001 * direction_low * spreads + 3.0e-35;
     float distance = det < 0.0 ? -dot(s, normal) : dot(s, normal);
-    float distance_error = 1.001 * off * spreads + 7.1525574e-7 * dot(abs(s), spread) + 3.0e-35;
-    float scale = 1.0 / max(size, 1e-37), beyond = distance * scale, t = ahead + beyond;
-    float wrong = 1.25 * scale * (distance_error + abs(beyond) * size_error) + 2.4e-7 * (abs(ahead) + abs(beyond));
+    float distance_error = 1.001 * origin_low * spreads + 7.1525574e-7 * dot(abs(s), spread) + 3.0e-35;
+    float scale = 1.0 / max(size, 1e-37), t = distance * scale;
+    float wrong = 1.25 * scale * (distance_error + abs(t) * size_error) + 2.4e-7 * abs(t);
     bool is_steep = size > 16.0 * size_error;
     if (is_steep && (t - wrong > high || t + wrong < tmin))
         return;
@@ -294,10 +320,8 @@ void visit_triangle(uint record)
         best_is_front = det > 0.0;
         return;
     }
-    if (doubt_count < MOST_DOUBTS)
-        doubts[doubt_count++] = uvec3(record, instance, floatBitsToUint(is_steep ? t - wrong : -3.0e38));
-    else if (doubt_count == MOST_DOUBTS)
-        leave_ray();
+    if (id != best_id || instance != best_instance)
+        put_doubt(record, is_steep ? t - wrong : -3.0e38);
 }
 
 uint take(inout uvec2 group)
@@ -305,15 +329,6 @@ uint take(inout uvec2 group)
     uint record = group.x + uint(findLSB(group.y));
     group.y &= group.y - 1u;
     return record;
-}
-
-void visit_record()
-{
-    uint record = take(records);
-    if (has_instances && content == BVHD_CONTENT_INSTANCES)
-        visit_instance(record);
-    else
-        visit_triangle(record);
 }
 
 // Takes up what waits. False: there is nothing left.

@@ -43,10 +43,10 @@ void settle()
     vec2 t = vec2(0.0), best_t = vec2(0.0);
     uint id = 0u;
     float tmax = rays[index].direction.w;
-    for (uint i = 0u; i < doubt_count;) {
-        uvec3 one = doubts[i];
+    while (last_doubt != NONE) {
+        uvec4 one = doubts[last_doubt];
         if (!asks_best && uintBitsToFloat(one.z) > high) {
-            i++;
+            last_doubt = one.w;
             continue;
         }
         BvhdTriangleHit hit;
@@ -58,7 +58,7 @@ void settle()
             asks_best = false;
         } else {
             if (!is_met || !is_below(vec2(tmin, 0.0), hit.t) || !is_below(hit.t, vec2(tmax, 0.0)) || hit.t.x > high) {
-                i++;
+                last_doubt = one.w;
                 continue;
             }
             t = bvhdRoundDistance(hit.t);
@@ -83,48 +83,37 @@ void settle()
             best_t = t;
             is_known = true;
         }
-        i++;
+        last_doubt = one.w;
     }
 }
 
-// A ray with its doubts, as leave_doubts has put it there.
-void take_unsettled(uint row)
+// A ray with its doubts, as leave_doubts has put it into the place of its hit.
+void take_unsettled(uint ray)
 {
-    uvec4 ray = unsettled[row], answer = unsettled[row + 1u];
-    index = ray.x;
-    best = ray.y;
-    best_instance = ray.z;
-    best_id = ray.w;
-    low = uintBitsToFloat(answer.x);
-    high = uintBitsToFloat(answer.y);
-    tmin = uintBitsToFloat(answer.z);
-    best_is_front = (answer.w & 1u) != 0u;
-    doubt_count = answer.w >> 1;
-    for (uint i = 0u; i < 3u * doubt_count; i++)
-        doubts[i / 3u][i % 3u] = unsettled[row + 2u + i / 4u][i % 4u];
+    index = ray;
+    uvec4 answer = hit_rows[2u * index], bounds = hit_rows[2u * index + 1u];
+    best = answer.x;
+    best_instance = answer.y;
+    best_id = answer.z;
+    last_doubt = answer.w;
+    low = uintBitsToFloat(bounds.x);
+    high = uintBitsToFloat(bounds.y);
+    best_is_front = bounds.z != 0u;
+    tmin = rays[index].origin.w;
 }
 
 #else
 
-// Leaves the ray to SETTLE if something is in doubt that may be the answer, or to the query where that has no room. False: nothing is.
-bool leave_doubts()
+// Leaves the ray to SETTLE, or to the query where doubts are lost.
+void leave_doubts()
 {
-    uint kept = 0u;
-    for (uint i = 0u; i < doubt_count; i++)
-        if (uintBitsToFloat(doubts[i].z) <= high)
-            doubts[kept++] = doubts[i];
-    if (kept == 0u)
-        return false;
-    uint row = UNSETTLED_ROWS * atomicAdd(unsettled_count, 1u);
-    if (row + UNSETTLED_ROWS > uint(unsettled.length())) {
-        leave_ray();
-        return true;
-    }
-    unsettled[row] = uvec4(index, best, best_instance, best_id);
-    unsettled[row + 1u] = uvec4(floatBitsToUint(vec3(low, high, tmin)), kept << 1 | (best_is_front ? 1u : 0u));
-    for (uint i = 0u; i < 3u * kept; i++)
-        unsettled[row + 2u + i / 4u][i % 4u] = doubts[i / 3u][i % 3u];
-    return true;
+    bool is_known = last_doubt < uint(doubts.length());
+    hit_rows[2u * index] = uvec4(best, best_instance, best_id, last_doubt);
+    hit_rows[2u * index + 1u] = uvec4(floatBitsToUint(vec2(low, high)), best_is_front ? 1u : 0u, 0u);
+    if (is_known)
+        unsettled[atomicAdd(unsettled_count, 1u)] = index;
+    else
+        left[atomicAdd(left_count, 1u)] = index;
 }
 
 #endif
@@ -135,12 +124,21 @@ void store(Hit hit)
     hit_rows[2u * index + 1u] = uvec4(hit.custom_index, hit.geometry, hit.primitive, hit.flags);
 }
 
+// Each component as one subtraction rounds it, where fma() rounds once: slim triangles have no other normal.
+vec3 cross_closely(vec3 a, vec3 b)
+{
+    precise vec3 second = a.zxy * b.yzx, rounding = fma(-a.zxy, b.yzx, second), difference = fma(a.yzx, b.zxy, -second);
+    return difference + rounding;
+}
+
 // After the walk. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
 void finish()
 {
 #ifndef SETTLE
-    if (doubt_count == NONE || leave_doubts())
+    if (last_doubt != NONE) {
+        leave_doubts();
         return;
+    }
 #endif
     Hit hit = miss();
     if (best == NONE) {
@@ -167,14 +165,13 @@ void finish()
     }
     BvhdBody body = open_body(location);
     vec3 v0, v1, v2;
-    bvhdCorners(body, best, v0, v1, v2);
-    vec3 e1 = v1 - v0, e2 = v2 - v0, s = from - v0, normal = cross(e1, e2), p = cross(towards, e2);
+    hit.primitive = bvhdCorners(body, best, v0, v1, v2) & BVHD_ID_MASK;
+    vec3 e1 = v1 - v0, e2 = v2 - v0, s = from - v0, normal = cross_closely(e1, e2), p = cross(towards, e2);
     float along = -1.0 / dot(normal, towards), scale = 1.0 / dot(e1, p), t = dot(normal, s) * along;
     t += dot(normal, from + t * towards - v0) * along;
     hit.t = t >= low && t <= high ? t : 0.5 * (low + high);
     hit.u = clamp(dot(s, p) * scale, 0.0, 1.0);
     hit.v = clamp(dot(towards, cross(s, e1)) * scale, 0.0, 1.0 - hit.u);
-    hit.primitive = best_id & BVHD_ID_MASK;
     if (bvhdRow(body.base, bvhdFirstRow(body.base) + 3u).z > 1u) {
         uvec2 primitive = bvhdGeometryOf(body, hit.primitive);
         hit.geometry = primitive.x;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled six times: with BVHD_BUFFER_ADDRESS, where the scene is
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled eight times: with BVHD_BUFFER_ADDRESS, where the scene is
  * found by the address of its buffer, and without, when it is binding 2; and
  *
- *   for rays that go together   a thread a ray, each by itself;
+ *   for rays that go together   a thread a ray, each by itself; with WAIT records are looked at when enough lanes have some: that pays where many of them are instances;
  *   for others, REFILL defined  as many workgroups as the device holds: lanes that are done take new rays once enough of them are, and triangles
- *                               wait until enough lanes have some. Needs subgroup operations (ballot);
+ *                               wait until enough lanes have some. Both need subgroup operations (ballot);
  *   after either, SETTLE        for the rays with doubts: what decides on them takes so many registers that the others are quicker without it.
  */
 #version 450
@@ -14,7 +14,7 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require
 #endif
-#ifdef REFILL
+#if defined REFILL || defined WAIT
 #extension GL_KHR_shader_subgroup_ballot : require
 #endif
 
@@ -23,7 +23,9 @@
 
 layout(constant_id = 1) const bool has_instances = true;
 layout(constant_id = 2) const bool fused_fma = false;
-#define BVHD_PLAIN_BYTES true
+layout(constant_id = 3) const bool plain_bytes = false;
+layout(constant_id = 4) const uint content_of_bottoms = 0xffffffffu; // of all of them, if it is the same
+#define BVHD_PLAIN_BYTES plain_bytes
 #define BVHD_FUSED_FMA fused_fma
 
 #ifdef BVHD_BUFFER_ADDRESS
@@ -39,15 +41,16 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #define BVHD_STORAGE_WORDS scene_words
 #endif
 
+const uint MOST_RAYS = 1u << 20;
+
 layout(set = 0, binding = 3, std430) buffer Work {
     uint next_ray; // for REFILL
     uint left_count; // rays that are left to trace_portable.comp
-    uint unsettled_count; // rays that are left to SETTLE; more than there is room for count too
-    uint reserved;
-    uint left[1 << 20];
-    uvec4 unsettled[]; // UNSETTLED_ROWS each
+    uint unsettled_count; // rays that are left to SETTLE
+    uint doubt_count; // more than there is room for count too
+    uint left[MOST_RAYS], unsettled[MOST_RAYS];
+    uvec4 doubts[]; // record, instance, a lower bound of t, the same ray's doubt before it
 };
-const uint UNSETTLED_ROWS = 8u;
 
 #include "bvhd_ray_query.glsl"
 #include "closest.glsl"
@@ -57,63 +60,69 @@ const uint UNSETTLED_ROWS = 8u;
 
 void main()
 {
-    uint end = min(unsettled_count, uint(unsettled.length()) / UNSETTLED_ROWS);
-    for (uint i = gl_GlobalInvocationID.x; i < end; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
-        take_unsettled(UNSETTLED_ROWS * i);
+    for (uint i = gl_GlobalInvocationID.x; i < unsettled_count; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+        take_unsettled(unsettled[i]);
         settle();
         finish();
     }
 }
 
-#elif defined REFILL
+#else
 
-const uint BUSY_SHARE = 11u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
-const uint STALLED_SHARE = 2u; // triangles are looked at when one lane in so many can do nothing else
+#if defined REFILL || defined WAIT
 
 uint count_lanes(bool which)
 {
     return subgroupBallotBitCount(subgroupBallot(which));
 }
 
-// A node, if there is room for its records. False: the ray is done.
-bool advance(inout bool is_stalled)
+#endif
+
+#ifdef REFILL
+
+const uint BUSY_SHARE = 11u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
+const uint STALLED_SHARE = 3u; // records are looked at when one lane in so many can do nothing else
+
+// Records of triangles wait until they are looked at by many lanes; those of instances stay.
+void put_by()
 {
-    if (nodes.y < FIRST_INNER) {
-        if (top == level_bottom && waiting.y != 0u) {
-            is_stalled = true;
-            return true;
-        }
-        if (!resume())
+    if (waiting.y == 0u && !is_top()) {
+        waiting = records;
+        records.y = 0u;
+    }
+}
+
+// A node, if there is room for its records. False: the ray is done.
+bool advance()
+{
+    if (nodes.y < FIRST_INNER && records.y == 0u) {
+        if (top != level_bottom)
+            nodes = stack[--top];
+        else if (waiting.y == 0u && !resume())
             return false;
     }
-    if (nodes.y >= FIRST_INNER && records.y == 0u)
+    put_by();
+    if (nodes.y >= FIRST_INNER && records.y == 0u) {
         visit_node();
+        put_by();
+    }
     return true;
 }
 
 // One step of all lanes. False: this one's ray is done.
 bool step_together(bool is_working)
 {
-    bool is_top = has_instances && content == BVHD_CONTENT_INSTANCES;
-    if (is_working && records.y != 0u && waiting.y == 0u && !is_top) {
-        waiting = records;
-        records.y = 0u;
-    }
-    bool is_stalled = is_working && records.y != 0u;
-    if (is_working && !is_stalled)
-        is_working = advance(is_stalled);
+    if (is_working)
+        is_working = advance();
+    bool is_stalled = is_working && (records.y != 0u || waiting.y != 0u && nodes.y < FIRST_INNER && top == level_bottom);
     uint stalled = count_lanes(is_stalled);
     if (stalled == 0u || stalled * STALLED_SHARE < count_lanes(is_working))
         return is_working;
-    while (waiting.y != 0u) {
+    while (waiting.y != 0u)
         visit_triangle(take(waiting));
-        if (waiting.y == 0u) {
-            waiting = records;
-            records.y = 0u;
-        }
-    }
-    if (has_instances && is_working && content == BVHD_CONTENT_INSTANCES && records.y != 0u)
-        visit_record();
+    if (is_top() && is_working && records.y != 0u)
+        visit_instance(take(records));
+    put_by();
     return is_working;
 }
 
@@ -152,6 +161,19 @@ void main()
 
 #else
 
+const uint WAITING_SHARE = 2u; // records are looked at when one lane in so many has some
+
+// Instances one at a time, since what is behind them is nodes again.
+void visit_records()
+{
+    if (is_top()) {
+        if (records.y != 0u)
+            visit_instance(take(records));
+    } else
+        while (records.y != 0u)
+            visit_triangle(take(records));
+}
+
 void main()
 {
     index = gl_GlobalInvocationID.x;
@@ -161,10 +183,13 @@ void main()
     do {
         if (nodes.y >= FIRST_INNER && records.y == 0u)
             visit_node();
-        while (records.y != 0u)
-            visit_record();
-    } while (nodes.y >= FIRST_INNER || resume());
+#ifdef WAIT
+        if (count_lanes(records.y != 0u) * WAITING_SHARE >= count_lanes(true))
+#endif
+            visit_records();
+    } while (records.y != 0u || nodes.y >= FIRST_INNER || resume());
     finish();
 }
 
+#endif
 #endif

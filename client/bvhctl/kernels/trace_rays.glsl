@@ -18,7 +18,7 @@ struct Hit {
 
 layout(set = 0, binding = 0, std430) readonly buffer Rays { Ray rays[]; };
 #ifdef HITS_AS_ROWS
-layout(set = 0, binding = 1, std430) writeonly buffer Hits { uvec4 hit_rows[]; }; // two each
+layout(set = 0, binding = 1, std430) buffer Hits { uvec4 hit_rows[]; }; // two each
 #else
 layout(set = 0, binding = 1, std430) writeonly buffer Hits { Hit hits[]; };
 #endif
