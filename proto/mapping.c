@@ -68,11 +68,37 @@ static void *map_aligned(uint64_t length)
     return base + before;
 }
 
+static void unmap_all(const struct mapping *mappings, unsigned count)
+{
+    for (unsigned i = 0; i < count; i++)
+        munmap(mappings[i].base, mappings[i].length);
+}
+
+/* False when there was nothing. */
+static bool give_up_kept(void)
+{
+    struct mapping gone[KEPT_MOST];
+    unsigned count = 0;
+    pthread_mutex_lock(&kept.lock);
+    while (kept.count > 0)
+        gone[count++] = take_out(0);
+    pthread_mutex_unlock(&kept.lock);
+    unmap_all(gone, count);
+    return count > 0;
+}
+
+/* What is kept counts where address space is limited: it must not be why there is none. */
+static void *map_new(uint64_t length)
+{
+    void *base = map_aligned(length);
+    return base || !give_up_kept() ? base : map_aligned(length);
+}
+
 void *mapping_obtain(uint64_t length, uint64_t *ret_length)
 {
     struct mapping mapping = take_kept(length);
     if (!mapping.base)
-        mapping = (struct mapping){map_aligned(length), length};
+        mapping = (struct mapping){map_new(length), length};
     if (mapping.base)
         *ret_length = mapping.length;
     return mapping.base;
@@ -85,12 +111,6 @@ static unsigned make_room(uint64_t length, struct mapping ret_gone[KEPT_MOST])
     while (kept.count > 0 && (kept.count == KEPT_MOST || kept.bytes > kept.limit || length > kept.limit - kept.bytes))
         ret_gone[gone++] = take_out(0);
     return gone;
-}
-
-static void unmap_all(const struct mapping *mappings, unsigned count)
-{
-    for (unsigned i = 0; i < count; i++)
-        munmap(mappings[i].base, mappings[i].length);
 }
 
 /* Pages are given up before the mapping is somebody else's. */
@@ -125,7 +145,7 @@ void *mapping_resize(void *mapping, uint64_t old_length, uint64_t length)
         munmap((unsigned char *)mapping + length, old_length - length);
     if (length <= old_length)
         return mapping;
-    void *place = map_aligned(length);
+    void *place = map_new(length);
     if (!place)
         return NULL;
     if (mremap(mapping, old_length, length, MREMAP_MAYMOVE | MREMAP_FIXED, place) == MAP_FAILED) {

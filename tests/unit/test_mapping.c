@@ -1,6 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "unit.h"
 
+#include <stdio.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
 #include "mapping.h"
 #include "workers.h"
 
@@ -92,6 +96,38 @@ static void many_are_kept_or_go(void **state)
     mapping_keep(0);
 }
 
+static uint64_t address_space(void)
+{
+    unsigned long long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    assert_non_null(file);
+    assert_int_equal(fscanf(file, "%llu", &pages), 1);
+    fclose(file);
+    return pages * (uint64_t)sysconf(_SC_PAGESIZE);
+}
+
+/* Where address space is limited, what is kept goes before nothing is left. */
+static void kept_ones_give_way(void **state)
+{
+    (void)state;
+    struct rlimit old, tight;
+    uint64_t length, other_length;
+    mapping_keep(256 * MIB);
+    mapping_release(obtain(128 * MIB, &length), 128 * MIB);
+    assert_int_equal(getrlimit(RLIMIT_AS, &old), 0);
+    tight = (struct rlimit){address_space() + 16 * MIB, old.rlim_max};
+    assert_int_equal(setrlimit(RLIMIT_AS, &tight), 0);
+    unsigned char *mapping = mapping_obtain(48 * MIB, &length), *other = mapping_obtain(40 * MIB, &other_length);
+    if (other)
+        mapping_release(other, other_length);
+    unsigned char *moved = mapping && other ? mapping_resize(mapping, length, 60 * MIB) : NULL;
+    assert_int_equal(setrlimit(RLIMIT_AS, &old), 0);
+    assert_non_null(mapping);
+    assert_non_null(moved);
+    mapping_release(moved, 60 * MIB);
+    mapping_keep(0);
+}
+
 static void resizing_keeps_contents(void **state)
 {
     (void)state;
@@ -146,6 +182,7 @@ int main(void)
         cmocka_unit_test(what_fits_is_used_again),
         cmocka_unit_test(the_limit_holds),
         cmocka_unit_test(many_are_kept_or_go),
+        cmocka_unit_test(kept_ones_give_way),
         cmocka_unit_test(resizing_keeps_contents),
         cmocka_unit_test(threads_share_what_is_kept),
     };
