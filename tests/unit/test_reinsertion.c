@@ -117,7 +117,7 @@ static void every_tree_stays_sound(void **state)
 {
     (void)state;
     for (int kind = 0; kind < KINDS; kind++)
-        for (uint32_t count = 1; count < 5000; count = count * 3 + (count < 9))
+        for (uint32_t count = 1; count < 2000; count = count * 3 + (count < 9))
             for (uint32_t leaf_max = 1; leaf_max <= REINSERTION_LEAF_MOST; leaf_max++) {
                 struct triangles f;
                 triangles_start(&f, (enum kind)kind, count, count / 4);
@@ -173,7 +173,7 @@ static void deep_trees_take_no_longer(void **state)
 {
     (void)state;
     struct triangles f;
-    triangles_start(&f, SIZES, 20000, 0);
+    triangles_start(&f, SIZES, 6000, 0);
     struct ir chain = bad_tree(&f, true), to = run(&f, &chain, 3, 2, 1);
     check(&f, &to, 3);
     assert_true(ir_sah(&to) < ir_sah(&chain));

@@ -127,14 +127,14 @@ static void threads_do_not_matter(void **state)
         struct triangles first, other;
         struct split_tree tree, other_tree;
         float whole, other_whole;
-        triangles_start(&first, (enum kind)kind, 20000, 4000);
-        struct spatial_split_request request = request_of(&first, 1000);
+        triangles_start(&first, (enum kind)kind, 9000, 1800);
+        struct spatial_split_request request = request_of(&first, 500);
         assert_int_equal(spatial_split(&request, &first.memory, &parallel_serial, &tree, &whole, NULL), BVHD_OK);
         for (unsigned threads = 2; threads <= 8; threads *= 4) {
             struct workers *workers;
             assert_int_equal(workers_create(threads, &workers, NULL), BVHD_OK);
-            triangles_start(&other, (enum kind)kind, 20000, 4000);
-            request = request_of(&other, 1000);
+            triangles_start(&other, (enum kind)kind, 9000, 1800);
+            request = request_of(&other, 500);
             assert_int_equal(spatial_split(&request, &other.memory, workers_parallel(workers), &other_tree, &other_whole, NULL),
                              BVHD_OK);
             assert_int_equal(other_tree.node_count, tree.node_count);
