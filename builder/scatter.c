@@ -238,6 +238,22 @@ static void make_tree(const struct scatter *s, const uint32_t *firsts, struct sp
     tree->nodes[0].count = request->count;
 }
 
+/* Sets the bounds of all refs. False when cancelled. */
+static bool bound(struct split_request *request)
+{
+    request->bounds = request->centroids = box_empty();
+    for (uint32_t first = 0, count; first < request->count; first += count) {
+        struct box bounds, centroids;
+        if (parallel_cancelled(request->cancel))
+            return false;
+        count = request->count - first < CHUNK ? request->count - first : CHUNK;
+        primitive_bounds(request->refs + first, count, &bounds, &centroids);
+        box_grow(&request->bounds, &bounds);
+        box_grow(&request->centroids, &centroids);
+    }
+    return true;
+}
+
 /* Cuts the piece at a node by split_refs, and hangs the tree in its place. */
 static enum bvhd_status cut_piece(const struct scatter *s, struct split_tree *tree, uint32_t node)
 {
@@ -247,7 +263,8 @@ static enum bvhd_status cut_piece(const struct scatter *s, struct split_tree *tr
     request.refs = s->request->scratch + piece.first;
     request.scratch = s->request->refs + piece.first;
     request.count = piece.count;
-    primitive_bounds(request.refs, request.count, &request.bounds, &request.centroids);
+    if (!bound(&request))
+        return BVHD_CANCELLED;
     enum bvhd_status status = split_refs(&request, s->memory, s->parallel, &cut, NULL);
     if (status != BVHD_OK)
         return status;

@@ -151,19 +151,34 @@ static void sum_sides(const struct splitter *s, struct spatial_side ret_sides[2]
     }
 }
 
-/* Where nothing separates the refs. */
+static void assign_halves(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    const uint32_t left = s->part.count / 2;
+    size_t i, end;
+    parallel_chunk(index, CHUNK, s->part.count, &i, &end);
+    chunk->counts[0] = chunk->counts[1] = 0;
+    for (; i < end; i++) {
+        s->sides[i] = i >= left;
+        chunk->counts[s->sides[i]]++;
+    }
+}
+
+/* As they were assigned: to the left, to the right or cut. False when cancelled. */
+static bool move_refs(struct splitter *s, struct spatial_side ret_sides[2])
+{
+    place_chunks(s);
+    if (!each_chunk(s, cut_chunk))
+        return false;
+    sum_sides(s, ret_sides);
+    return true;
+}
+
+/* Where nothing separates the refs. False when cancelled. */
 static bool halve(struct splitter *s, struct spatial_side ret_sides[2])
 {
-    const struct primitive_ref *refs = part_refs(s);
-    uint32_t left = s->part.count / 2, right = s->part.count - left;
-    struct primitive_ref *to = target(s);
-    struct vec4_box centroids[2];
-    bins_halve(refs, s->part.count, &s->plane, centroids);
-    memcpy(to, refs, left * sizeof *refs);
-    memcpy(to + s->part.capacity - right, refs + left, right * sizeof *refs);
-    ret_sides[0] = (struct spatial_side){s->plane.left, centroids[0], left};
-    ret_sides[1] = (struct spatial_side){s->plane.right, centroids[1], right};
-    return !parallel_cancelled(s->request->cancel);
+    return each_chunk(s, assign_halves) && move_refs(s, ret_sides);
 }
 
 static bool carry_out(struct splitter *s, struct spatial_side ret_sides[2])
@@ -213,11 +228,7 @@ static bool carry_out_cut(struct splitter *s, struct spatial_side ret_sides[2])
         if (!each_chunk(s, assign_chunk))
             return false;
     }
-    place_chunks(s);
-    if (!each_chunk(s, cut_chunk))
-        return false;
-    sum_sides(s, ret_sides);
-    return true;
+    return move_refs(s, ret_sides);
 }
 
 /* False when cancelled. */
@@ -304,10 +315,8 @@ static bool set_apart(struct splitter *s, struct spatial_side ret_sides[2], bool
         outsize += s->chunks[i].counts[1];
     if (outsize == 0 || outsize > s->part.count / OUTSIZE_RARE)
         return true;
-    place_chunks(s);
-    if (!each_chunk(s, cut_chunk))
+    if (!move_refs(s, ret_sides))
         return false;
-    sum_sides(s, ret_sides);
     s->whole = vec4_box_half_area(ret_sides[0].bounds);
     *ret_apart = true;
     return true;
