@@ -14,7 +14,7 @@ struct build_context {
     struct memory *memory;
     const struct parallel *parallel;
     const atomic_bool *cancel; /* may be NULL; every step returns BVHD_CANCELLED within some milliseconds after it is set */
-    /* Called from any thread, with done <= total in refs, after each piece and at the end; calls may overtake each other. May be NULL. */
+    /* Called from any thread, with done <= total in primitives (or what they were split into), after each piece and at the end; calls may overtake each other. May be NULL. */
     void (*progress)(void *context, uint64_t done, uint64_t total);
     void *progress_context;
     struct build_output *output; /* NULL: blobs come from `memory` */

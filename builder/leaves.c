@@ -6,9 +6,6 @@
 
 #include "vec4.h"
 
-/* What a cut costs, in half areas: more than a node does, since larger leaves save time and cost rays little. */
-static const float cut_cost = 2.9f;
-
 /* A ref of each part: what follows from the ref before is a long chain of operations, but four parts go along it together. */
 struct lanes {
     vec4 min[3], max[3];
@@ -65,7 +62,7 @@ static inline vec4 leaf_cost(vec4 area, vec4_int primitives, vec4_int most)
 }
 
 /* Goes on by a ref in each part; returns the lengths of the last leaves. Sums that are no numbers are less than nothing. */
-static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_int most)
+static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_int most, float cut_cost)
 {
     struct lanes two = *one, three = *one;
     grow(&two, &rows->last);
@@ -82,9 +79,10 @@ static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_in
 }
 
 /* Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. Parts that are shorter than the first go on with their last ref. */
-static void choose(const struct primitive_ref *refs, uint32_t count, int32_t limit, uint8_t *ret_lengths)
+static void choose(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options, uint8_t *ret_lengths)
 {
     const uint32_t length = count / LEAVES_PARTS + (count % LEAVES_PARTS != 0);
+    const int32_t limit = options->leaf_max < INT8_MAX ? (int32_t)options->leaf_max : INT8_MAX;
     const vec4_int most = {limit, limit, limit, limit};
     struct rows rows = {.before_two = vec4_all(INFINITY), .before_three = vec4_all(INFINITY)};
     for (uint32_t i = 0; i < length; i++) {
@@ -98,16 +96,16 @@ static void choose(const struct primitive_ref *refs, uint32_t count, int32_t lim
         struct lanes one = load_lanes(own);
         if (i == 0)
             rows.last = rows.last_two = one;
-        vec4_int lengths = go_on(&rows, &one, most);
+        vec4_int lengths = go_on(&rows, &one, most, options->cut_cost);
         for (uint32_t part = 0; part < LEAVES_PARTS; part++)
             *to[part] = (uint8_t)lengths[part];
     }
 }
 
-uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths)
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options, uint8_t *ret_lengths)
 {
     uint32_t leaves = 0;
-    choose(refs, count, leaf_max < INT8_MAX ? (int32_t)leaf_max : INT8_MAX, ret_lengths);
+    choose(refs, count, options, ret_lengths);
     /* From the end to the begin, into the end of the array, of which the choices are behind us. */
     for (uint32_t at = count; at > 0; leaves++) {
         uint8_t length = ret_lengths[at - 1];

@@ -4,8 +4,8 @@
  * is a half or a third as much.
  *
  * Leaves are runs of the row. Of all ways to cut it the one of least cost, by dynamic programming: a leaf costs its half area times its
- * primitives. A cut costs what a node above the two refs beside it would, their common half area, but no more than the smaller one twice: what is large
- * only because the other one is says nothing about this place.
+ * primitives. A cut costs a multiple of what a node above the two refs beside it would, their common half area, but of no more than the smaller one
+ * twice: what is large only because the other one is says nothing about this place.
  *
  * A row is cut into LEAVES_PARTS of one length first (the last ones may be shorter): they are worked on side by side.
  */
@@ -19,11 +19,17 @@ enum {
     LEAVES_PARTS = 4
 };
 
+struct leaves_options {
+    uint32_t leaf_max; /* >= 1; primitives a leaf */
+    float
+        cut_cost; /* below 1: only what is no worse in one leaf; above: larger leaves, less of everything that follows, a little more for rays */
+};
+
 /*
  * ret_lengths: room for `count` >= 1; how many refs each leaf has, in their order. Returns how many leaves there are. No
  * leaf has more than LEAVES_REFS_MAX refs, or, if it has more than one, more than leaf_max primitives. Boxes may be of any size; where areas leave
  * float's range refs stay alone. The same on every machine.
  */
-uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max, uint8_t *ret_lengths);
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options, uint8_t *ret_lengths);
 
 #endif

@@ -75,7 +75,7 @@ static enum bvhd_status build_ploc(const struct build *build, struct piece *piec
         .leaf_max = request->leaf_max,
         .radius = request->radius,
         .rounds = request->rounds,
-        .leaves_first = request->leaves_first,
+        .cut_cost = request->cut_cost,
         .cancel = request->cancel,
     };
     return ploc_build(&ploc, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
@@ -106,7 +106,7 @@ static void run_piece(void *context, size_t index)
         piece->status = measure(build, piece);
     uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
     if (request->progress && piece->status == BVHD_OK)
-        request->progress(request->progress_context, done, build->total);
+        request->progress(request->progress_context, done * request->progress_total / build->total, request->progress_total);
 }
 
 static int by_first(const void *a, const void *b)

@@ -19,13 +19,14 @@ struct pieces_request {
     uint32_t capacity; /* refs that each has room for; what lies between two pieces is room for the first one's */
     enum pieces_method method;
     uint32_t radius, rounds; /* with PIECES_PLOC (ploc.h) */
-    bool leaves_first; /* likewise */
+    float cut_cost; /* likewise */
     uint32_t leaf_max;
     const struct canonical *canonical; /* with PIECES_SPATIAL (spatial.h), as is `whole` */
     float whole;
     const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
-    void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, in refs, from any thread */
+    void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, from any thread */
     void *progress_context;
+    uint64_t progress_total; /* what all refs count as together */
 };
 
 struct pieces {

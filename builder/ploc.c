@@ -75,7 +75,7 @@ static inline void set_node(const struct clustering *c, uint32_t node, uint32_t 
     ref->geometry = left;
     ref->id = right;
     uint32_t refs = (uint32_t)c->facts[left].refs + c->facts[right].refs;
-    if (c->request->leaves_first) {
+    if (c->request->cut_cost > 0) {
         c->facts[node] = (struct node_facts){0, refs & INT32_MAX, refs <= c->request->leaf_max};
         return;
     }
@@ -119,7 +119,7 @@ static inline uint32_t join(struct clustering *c, uint32_t left, uint32_t right)
 {
     uint32_t node = c->node_count++, children[2] = {left, right};
     struct vec4_box box = box_of_two(c, left, right);
-    if (!c->request->leaves_first)
+    if (c->request->cut_cost <= 0)
         rotate(c, children);
     set_node(c, node, children[0], children[1], box);
     return node;
@@ -412,9 +412,10 @@ static void make_leaves(struct clustering *c)
 {
     uint32_t count = c->request->count, leaves = count;
     uint8_t *lengths = (uint8_t *)(void *)c->keys;
+    const struct leaves_options options = {c->request->leaf_max, c->request->cut_cost};
     morton_sort(c->request->refs, count, c->room, c->leaves);
-    if (c->request->leaves_first)
-        leaves = leaves_cut(c->leaves, count, c->request->leaf_max, lengths);
+    if (c->request->cut_cost > 0)
+        leaves = leaves_cut(c->leaves, count, &options, lengths);
     else
         memset(lengths, 1, count);
     for (uint32_t i = 0, first = 0; i < leaves; first += lengths[i++])

@@ -211,7 +211,7 @@ struct collection {
     struct primitive_ref *refs;
     struct chunk *chunks;
     size_t chunk_count;
-    uint32_t run_max; /* primitives a ref */
+    const struct leaves_options *runs; /* NULL: one primitive a ref */
 };
 
 static void collect_one(const struct collection *collection, const struct canonical_geometry *geometry, uint32_t index,
@@ -234,10 +234,10 @@ static void collect_one(const struct collection *collection, const struct canoni
 }
 
 /* Neighbours in the request that would share a leaf become one ref. Numbers of a run follow each other, so nothing may have been left out. */
-static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, uint32_t run_max)
+static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const struct leaves_options *options)
 {
     uint8_t lengths[CHUNK];
-    uint32_t runs = leaves_cut(refs, count, run_max, lengths);
+    uint32_t runs = leaves_cut(refs, count, options, lengths);
     const struct primitive_ref *next = refs;
     for (uint32_t run = 0; run < runs; run++) {
         struct vec4_box box = vec4_box_load(next);
@@ -269,8 +269,8 @@ static void collect_chunk(const struct collection *collection, size_t index)
             collect_one(collection, geometry, (uint32_t)(id - geometry->first_primitive), &chunk, refs);
     }
     chunk.primitives = chunk.count;
-    if (collection->run_max > 1 && chunk.count == asked)
-        chunk.count = make_runs(refs, chunk.count, collection->run_max);
+    if (collection->runs && collection->runs->leaf_max > 1 && chunk.count == asked)
+        chunk.count = make_runs(refs, chunk.count, collection->runs);
     primitive_bounds(refs, chunk.count, &chunk.bounds, &chunk.centroids);
     collection->chunks[index] = chunk;
 }
@@ -317,13 +317,13 @@ static enum bvhd_status collect(struct collection *collection, const struct buil
 enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
                                    struct primitive_refs *ret_refs, struct bvhd_error *error)
 {
-    return primitive_collect_runs(canonical, 1, context, ret_refs, error);
+    return primitive_collect_runs(canonical, NULL, context, ret_refs, error);
 }
 
-enum bvhd_status primitive_collect_runs(const struct canonical *canonical, uint32_t run_max, const struct build_context *context,
-                                        struct primitive_refs *ret_refs, struct bvhd_error *error)
+enum bvhd_status primitive_collect_runs(const struct canonical *canonical, const struct leaves_options *runs,
+                                        const struct build_context *context, struct primitive_refs *ret_refs, struct bvhd_error *error)
 {
-    struct collection collection = {.canonical = canonical, .run_max = run_max};
+    struct collection collection = {.canonical = canonical, .runs = runs};
     struct primitive_refs refs = {.bounds = box_empty(), .centroids = box_empty()};
     enum bvhd_status status = BVHD_OK;
     collection.chunk_count = ((size_t)canonical->primitive_count + CHUNK - 1) / CHUNK;

@@ -24,6 +24,8 @@ struct primitive_ref {
     uint32_t id; /* flat primitive id */
 };
 
+struct leaves_options;
+
 struct primitive_refs {
     struct primitive_ref *refs; /* 64-byte aligned; in order of ids */
     uint32_t count;
@@ -46,11 +48,11 @@ enum bvhd_status primitive_collect(const struct canonical *canonical, const stru
                                    struct primitive_refs *ret_refs, struct bvhd_error *error);
 
 /*
- * The same with refs of runs: up to run_max primitives (LEAVES_REFS_MAX at most) that follow each other in the request, where these are so near
+ * The same with refs of runs, unless `runs` is NULL: up to runs->leaf_max primitives (LEAVES_REFS_MAX at most) that follow each other in the request, where these are so near
  * each other that they would share a leaf (leaves.h).
  */
-enum bvhd_status primitive_collect_runs(const struct canonical *canonical, uint32_t run_max, const struct build_context *context,
-                                        struct primitive_refs *ret_refs, struct bvhd_error *error);
+enum bvhd_status primitive_collect_runs(const struct canonical *canonical, const struct leaves_options *runs,
+                                        const struct build_context *context, struct primitive_refs *ret_refs, struct bvhd_error *error);
 
 /* Box and centroid box (see above) of refs; both empty when there are none. */
 void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct box *ret_bounds, struct box *ret_centroids);

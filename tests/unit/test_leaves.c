@@ -6,6 +6,8 @@
 #include "leaves.h"
 #include "test_refs.h"
 
+#define CUT_COST 1.7f
+
 static double area_of(const struct primitive_ref *refs, uint32_t count)
 {
     struct box box = primitive_ref_box(&refs[0]);
@@ -19,7 +21,7 @@ static double area_of(const struct primitive_ref *refs, uint32_t count)
 static double cut_between(const struct primitive_ref *refs)
 {
     double smaller = 2 * fmin(area_of(refs, 1), area_of(refs + 1, 1));
-    return 2.9 * fmin(smaller, area_of(refs, 2));
+    return CUT_COST * fmin(smaller, area_of(refs, 2));
 }
 
 /* What leaves.h says a row costs that is cut into leaves of these lengths; infinite if one is too large. */
@@ -70,7 +72,7 @@ static void no_other_cut_is_cheaper(void **state)
                 refs[i].max[axis] += (float)random_between(&random, 0.5, 2);
             refs[i].geometry = round % 3 ? 0 : random_next(&random) % 3;
         }
-        uint32_t leaves = leaves_cut(refs, count, leaf_max, lengths);
+        uint32_t leaves = leaves_cut(refs, count, &(struct leaves_options){leaf_max, CUT_COST}, lengths);
         for (uint32_t first = 0; first < count; first += length) {
             uint32_t here = count - first < length ? count - first : length, own = 0;
             for (uint32_t refs_seen = 0; refs_seen < here; own++)
@@ -88,7 +90,7 @@ static void check_cut(const struct primitive_ref *refs, uint32_t count, uint32_t
 {
     uint8_t *lengths = malloc(count);
     assert_non_null(lengths);
-    uint32_t leaves = leaves_cut(refs, count, leaf_max, lengths), sum = 0;
+    uint32_t leaves = leaves_cut(refs, count, &(struct leaves_options){leaf_max, CUT_COST}, lengths), sum = 0;
     for (uint32_t i = 0; i < leaves; i++) {
         uint32_t primitives = 0;
         assert_in_range(lengths[i], 1, LEAVES_REFS_MAX);
@@ -132,15 +134,15 @@ static void neighbours_share_a_leaf(void **state)
         refs[i].min[0] += 10 * (float)(i / 2);
         refs[i].max[0] += 10 * (float)(i / 2);
     }
-    assert_int_equal(leaves_cut(refs, COUNT, 3, lengths), COUNT / 2);
+    assert_int_equal(leaves_cut(refs, COUNT, &(struct leaves_options){3, CUT_COST}, lengths), COUNT / 2);
     for (uint32_t i = 0; i < COUNT / 2; i++)
         assert_int_equal(lengths[i], 2);
-    assert_int_equal(leaves_cut(refs, COUNT, 1, lengths), COUNT);
+    assert_int_equal(leaves_cut(refs, COUNT, &(struct leaves_options){1, CUT_COST}, lengths), COUNT);
     for (uint32_t i = 0; i < COUNT; i++) {
         refs[i].min[0] += 10 * (float)i;
         refs[i].max[0] += 10 * (float)i;
     }
-    assert_int_equal(leaves_cut(refs, COUNT, 3, lengths), COUNT);
+    assert_int_equal(leaves_cut(refs, COUNT, &(struct leaves_options){3, CUT_COST}, lengths), COUNT);
     free(refs);
 }
 

@@ -9,7 +9,7 @@
 
 struct way {
     uint32_t leaf_max, radius, rounds;
-    bool leaves_first;
+    float cut_cost;
 };
 
 static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const struct way *way, const atomic_bool *cancel,
@@ -23,7 +23,7 @@ static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const st
         .leaf_max = way->leaf_max,
         .radius = way->radius,
         .rounds = way->rounds,
-        .leaves_first = way->leaves_first,
+        .cut_cost = way->cut_cost,
         .cancel = cancel,
     };
     uint32_t depth;
@@ -43,9 +43,8 @@ static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const st
 static void every_kind_gives_a_sound_tree(void **state)
 {
     (void)state;
-    static const struct way ways[] = {{1, 4, UINT32_MAX, false}, {3, 8, 2, false}, {3, 1, UINT32_MAX, false},
-                                      {31, 15, 1, false},        {2, 8, 0, false}, {3, 3, UINT32_MAX, true},
-                                      {1, 2, UINT32_MAX, true},  {31, 4, 2, true}};
+    static const struct way ways[] = {{1, 4, UINT32_MAX, 0}, {3, 8, 2, 0},          {3, 1, UINT32_MAX, 0}, {31, 15, 1, 0},
+                                      {2, 8, 0, 0},          {3, 3, UINT32_MAX, 2}, {1, 2, UINT32_MAX, 2}, {31, 4, 2, 2}};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     for (int kind = 0; kind < REFS_KINDS; kind++)
@@ -75,7 +74,7 @@ static void a_row_without_pairs_ends_soon(void **state)
     enum { COUNT = 16384 };
     struct memory memory;
     struct ir ir;
-    struct way way = {1, 8, UINT32_MAX, false};
+    struct way way = {1, 8, UINT32_MAX, 0};
     struct primitive_ref *refs = test_refs_make(REFS_SAME, COUNT, 1);
     memory_init(&memory, UINT64_MAX);
     for (uint32_t i = 0; i < COUNT; i++)
@@ -96,7 +95,7 @@ static void runs_stay_together(void **state)
 {
     (void)state;
     enum { COUNT = 3000, PRIMITIVES = 6 * (COUNT / 3) };
-    static const struct way ways[] = {{3, 3, UINT32_MAX, true}, {3, 8, 3, false}, {4, 2, 1, true}};
+    static const struct way ways[] = {{3, 3, UINT32_MAX, 2}, {3, 8, 3, 0}, {4, 2, 1, 2}};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     for (size_t w = 0; w < sizeof ways / sizeof *ways; w++) {
@@ -163,7 +162,7 @@ static double median_sah_of(enum test_refs_kind kind)
 static void quality_is_that_of_sah(void **state)
 {
     (void)state;
-    static const struct way merged = {2, 4, UINT32_MAX, false}, divided = {2, 4, 2, false}, cut = {3, 3, UINT32_MAX, true};
+    static const struct way merged = {2, 4, UINT32_MAX, 0}, divided = {2, 4, 2, 0}, cut = {3, 3, UINT32_MAX, 2};
     static const enum test_refs_kind kinds[] = {REFS_CLOUD, REFS_CLUSTERS};
     for (int k = 0; k < 2; k++) {
         double median = median_sah_of(kinds[k]);
@@ -177,7 +176,7 @@ static void quality_is_that_of_sah(void **state)
 static void failing_allocations_leave_nothing(void **state)
 {
     (void)state;
-    static const struct way ways[] = {{2, 8, 2, false}, {2, 8, UINT32_MAX, false}};
+    static const struct way ways[] = {{2, 8, 2, 0}, {2, 8, UINT32_MAX, 0}};
     for (int w = 0; w < 2; w++) {
         enum bvhd_status status = BVHD_NO_MEMORY;
         int64_t n = 0;
@@ -204,7 +203,7 @@ static void failing_allocations_leave_nothing(void **state)
 static void cancelling_ends_it(void **state)
 {
     (void)state;
-    static const struct way ways[] = {{2, 8, 2, false}, {2, 8, 0, false}, {2, 8, UINT32_MAX, false}};
+    static const struct way ways[] = {{2, 8, 2, 0}, {2, 8, 0, 0}, {2, 8, UINT32_MAX, 0}};
     struct memory memory;
     struct bvhd_error error;
     struct ir ir;

@@ -3,6 +3,7 @@
 
 #include <math.h>
 
+#include "leaves.h"
 #include "primitive.h"
 #include "test_ir.h"
 #include "workers.h"
@@ -331,7 +332,7 @@ static void runs_hold_what_follows_each_other(void **state)
     const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
     struct canonical canonical = triangles_view(&geometry, positions, COUNT, 0);
     struct primitive_refs plain = collect(&canonical, &memory), runs;
-    assert_int_equal(primitive_collect_runs(&canonical, 2, &context, &runs, NULL), BVHD_OK);
+    assert_int_equal(primitive_collect_runs(&canonical, &(struct leaves_options){2, 1}, &context, &runs, NULL), BVHD_OK);
     assert_true(runs.count < COUNT - STRIP / 2 + 10 && runs.count > STRIP / 2);
     assert_int_equal(runs.primitives, plain.primitives);
     assert_int_equal(plain.primitives, COUNT - 1);
