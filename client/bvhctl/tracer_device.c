@@ -4,18 +4,12 @@
 #include <string.h>
 
 #include "clock.h"
+#include "device_ray.h"
 #include "status.h"
 
 enum { WORK_HEAD = 16 };
 
-/* As kernels/trace_rays.glsl has it. */
-struct device_ray {
-    float origin[3], tmin;
-    float direction[3], tmax;
-    uint32_t flags, mask, reserved[2];
-};
-
-_Static_assert(sizeof(struct device_ray) == 48 && sizeof(struct tracer_hit) == 32, "as kernels have them");
+_Static_assert(sizeof(struct tracer_hit) == 32, "as kernels have them");
 
 static void free_buffers(struct tracer_device *self)
 {
@@ -62,17 +56,6 @@ static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, stru
         gpu_kernel_bind(self->gpu, &self->afters[i], bound, self->structures);
     self->capacity = count;
     return BVHD_OK;
-}
-
-static void put_rays(struct tracer_device *self, const struct ray *rays, uint32_t count)
-{
-    struct device_ray *to = self->upload.mapped;
-    for (uint32_t i = 0; i < count; i++) {
-        const struct ray *ray = &rays[i];
-        to[i] = (struct device_ray){.tmin = ray->tmin, .tmax = ray->tmax, .flags = ray->flags, .mask = ray->cull_mask};
-        memcpy(to[i].origin, ray->origin, sizeof ray->origin);
-        memcpy(to[i].direction, ray->direction, sizeof ray->direction);
-    }
 }
 
 static void barrier(struct gpu *gpu, VkCommandBuffer commands, VkPipelineStageFlags from, VkAccessFlags written,
@@ -122,7 +105,7 @@ static enum bvhd_status trace_portion(struct tracer_device *self, const struct t
                                       uint32_t count, struct tracer_hit *ret_hits, double *seconds, struct bvhd_error *error)
 {
     VkCommandBuffer commands;
-    put_rays(self, rays, count);
+    device_rays_put(rays, count, self->upload.mapped);
     enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
     if (status)
         return status;
@@ -200,11 +183,6 @@ enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struc
     if (!status)
         self->after_count++;
     return status;
-}
-
-void tracer_device_rebind(struct tracer_device *self)
-{
-    free_buffers(self);
 }
 
 void tracer_device_destroy(struct tracer_device *self)

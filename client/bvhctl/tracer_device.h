@@ -65,9 +65,6 @@ enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struc
 enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_kernel_options *options, uint32_t most_groups,
                                    struct bvhd_error *error);
 
-/* The buffers that it points to, or its structures, are others from now on. */
-void tracer_device_rebind(struct tracer_device *self);
-
 /* The end of all of them: calls release, and frees `self`. */
 void tracer_device_destroy(struct tracer_device *self);
 

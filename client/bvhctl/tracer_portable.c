@@ -3,6 +3,7 @@
 
 #include "status.h"
 #include "tracer_closest.h"
+#include "tracer_scene.h"
 
 #include "trace_portable.h"
 #include "trace_portable_address.h"
@@ -63,26 +64,6 @@ static enum bvhd_status create_kernel(struct tracer_portable *self, struct gpu *
     return BVHD_OK;
 }
 
-static enum bvhd_status load(struct tracer_portable *self, const struct structures *structures, struct bvhd_error *error)
-{
-    struct memory *memory = self->device.memory;
-    struct gpu *gpu = self->device.gpu;
-    struct bvhd_vulkan_bytes *blobs = memory_array(memory, structures->file_count, sizeof *blobs);
-    if (!blobs)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, structures->name, "no memory for the list of structures");
-    for (uint32_t i = 0; i < structures->file_count; i++)
-        blobs[i] = (struct bvhd_vulkan_bytes){structures->blobs[i].data, structures->blobs[i].size};
-    const struct bvhd_vulkan_scene_options options = {
-        .struct_size = sizeof options,
-        .blobs = blobs,
-        .blob_count = structures->file_count,
-        .flags = gpu->facts.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0,
-    };
-    enum bvhd_status status = bvhd_vulkan_scene_create(gpu->library, &gpu->queue, &options, &self->scene, error);
-    memory_free(memory, blobs);
-    return status;
-}
-
 /* Where the kernel starts, and, without addresses, the buffer that it looks into. */
 static enum bvhd_status find_root(struct tracer_portable *self, const struct structures *structures, struct bvhd_error *error)
 {
@@ -126,7 +107,8 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
         memory_free(memory, self);
         return status;
     }
-    status = load(self, structures, error);
+    status = tracer_scene_create(gpu, structures, gpu->facts.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0, memory, &self->scene,
+                                 error);
     if (!status)
         status = find_root(self, structures, error);
     if (!status)
