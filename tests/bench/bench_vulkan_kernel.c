@@ -5,18 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "device_ray.h"
 #include "files.h"
 
 enum { MAX_RAYS = 1 << 20, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056 };
 
 /* Binding 3: zeros, then as much as bvhctl's own kernels ask for. */
 enum { WORK_WORDS = 64, WORK_SIZE = WORK_WORDS * 4 + MAX_RAYS * 4 + MAX_RAYS / 4 * 128 };
-
-struct device_ray {
-    float origin[3], tmin;
-    float direction[3], tmax;
-    uint32_t flags, mask, reserved[2];
-};
 
 struct push {
     uint32_t count, has_top;
@@ -177,13 +172,8 @@ static void record(struct bench_kernel *self, VkCommandBuffer commands, uint32_t
 static enum bvhd_status trace_portion(struct bench_kernel *self, const struct ray *rays, uint32_t count, struct tracer_hit *ret_hits,
                                       double *seconds, struct bvhd_error *error)
 {
-    struct device_ray *to = self->upload.mapped;
     VkCommandBuffer commands;
-    for (uint32_t i = 0; i < count; i++) {
-        to[i] = (struct device_ray){.tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .mask = rays[i].cull_mask};
-        memcpy(to[i].origin, rays[i].origin, sizeof to[i].origin);
-        memcpy(to[i].direction, rays[i].direction, sizeof to[i].direction);
-    }
+    device_rays_put(rays, count, self->upload.mapped);
     enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
     if (status)
         return status;
