@@ -6,7 +6,8 @@
  * interval. Boxes are tested conservatively (boxtest.h), in float, or in double for rays or structures with magnitudes outside 2^-60 ..
  * 2^60. Triangles are decided in double with exact signs (triangle.h): no ray slips between triangles that share an edge or a vertex, none
  * hits twice there. Answers do not depend on the order of visits: of equal t, to 32 significant bits, the lowest (instance,
- * geometry, primitive) wins. An instance's ray is transformed in double; t is the same in both spaces, facing is that of object space.
+ * geometry, primitive) wins. With TERMINATE_ON_FIRST_HIT, whether there is a hit does not depend on it, which one it is does. An
+ * instance's ray is transformed in double; t is the same in both spaces, facing is that of object space.
  */
 #ifndef BVHD_TRAVERSE_H
 #define BVHD_TRAVERSE_H
