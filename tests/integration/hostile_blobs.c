@@ -13,7 +13,7 @@
 #include "test_blob.h"
 #include "traverse.h"
 
-enum { RAYS = 3, SUBJECTS = 7 };
+enum { RAYS = 3, SUBJECTS = 7, WAYS = 4 };
 
 static const struct {
     struct test_shape shape;
@@ -51,7 +51,7 @@ static struct ray random_ray(struct random *random, double size)
         ray.origin[axis] = (float)(origin[axis] * size);
         ray.direction[axis] = (float)((target[axis] * 0.5 - origin[axis]) * size);
     }
-    if (random_next(random) % 8 == 0)
+    if (random_next(random) % 3 == 0)
         ray.flags = RAY_TERMINATE_ON_FIRST_HIT;
     return ray;
 }
@@ -71,13 +71,16 @@ static void trace(const struct portable_view *view, struct random *random, doubl
     }
     for (int i = 0; i < RAYS; i++) {
         struct ray ray = random_ray(random, size);
-        struct ray_hit hit;
-        float corners[3][3];
-        if (!traverse(&scene, &ray, NULL, &hit, NULL))
-            continue;
-        tally->hits++;
-        if (!hit.is_aabb)
-            traverse_positions(&scene, &hit, corners);
+        for (int way = 0; way < WAYS; way++) {
+            const struct traverse_options options = {.narrow_only = way == 1, .exact_only = way == 2, .flip_order = way == 3};
+            struct ray_hit hit;
+            float corners[3][3];
+            if (!traverse(&scene, &ray, &options, &hit, NULL))
+                continue;
+            tally->hits++;
+            if (!hit.is_aabb)
+                traverse_positions(&scene, &hit, corners);
+        }
     }
 }
 
