@@ -103,9 +103,9 @@ static bool build_own(struct bench *bench, const struct ply *mesh, struct subjec
     if (prepare(&input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
         return refused(subject, "prepare", &error);
     subject->prepare_ms = stopwatch_ms(bench->threads) - begin;
-    facts_gather(&canonical, &subject->facts);
     bool is_built = build_own_from(bench, &canonical, &input.options, wants, subject);
     subject->peak_bytes -= is_built ? live : 0;
+    facts_gather(&canonical, &subject->facts); /* after it: auto is to pay for its look at cold primitives itself */
     prepare_finish(&canonical, &bench->memory);
     return is_built;
 }
