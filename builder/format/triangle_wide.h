@@ -36,7 +36,7 @@ BOXTEST_WIDE_INLINE __m256d triangle_wide_move(__m128 along_axis, __m256d origin
     return _mm256_sub_pd(_mm256_cvtps_pd(along_axis), origin);
 }
 
-/* The corners in the ray's space. 16 bytes are read of each. */
+/* The corners in the ray's space. 16 bytes are read of each: behind the last vertex of a structure with triangles stands at least one geometry. */
 BOXTEST_WIDE_INLINE struct triangle_lanes triangle_wide_corners(const struct triangle_wide_ray *ray, const float *v0, const float *v1,
                                                                 const float *v2)
 {
