@@ -223,7 +223,7 @@ struct bvhd_result {
     uint32_t depth;
     double sah;
     double original_build_ms; /* of the build that made the bytes, whoever asked for it */
-    const char *method; /* how it was built: "binned", "spatial", ... */
+    const char *method; /* how it was built: "ploc", "spatial", "binned", or "none" without primitives */
     float bounds[6]; /* minimum, maximum: for bvhd_reference */
     enum bvhd_target target; /* whose format the bytes have */
     enum bvhd_quality quality; /* that was built: FAST, BALANCED or HIGH, whatever was asked */
