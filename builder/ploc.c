@@ -72,7 +72,7 @@ static inline void set_node(const struct clustering *c, uint32_t node, uint32_t 
 {
     struct primitive_ref *ref = &c->inner[node - c->leaf_count];
     vec4_box_store(ref, box);
-    ref->geometry = left;
+    ref->link = left;
     ref->id = right;
     uint32_t refs = (uint32_t)c->facts[left].refs + c->facts[right].refs;
     if (c->request->cut_cost > 0) {
@@ -98,15 +98,15 @@ static inline void rotate(const struct clustering *c, uint32_t children[2])
         if (inner < c->leaf_count)
             continue;
         const struct primitive_ref *ref = node_at(c, inner);
-        float right_stays = cost_of_two(c, other, ref->id) + c->facts[ref->geometry].cost;
-        float left_stays = cost_of_two(c, other, ref->geometry) + c->facts[ref->id].cost;
+        float right_stays = cost_of_two(c, other, ref->id) + c->facts[ref->link].cost;
+        float left_stays = cost_of_two(c, other, ref->link) + c->facts[ref->id].cost;
         if (right_stays < best) {
             best = right_stays;
-            side = i, low = other, up = ref->geometry, stays = ref->id;
+            side = i, low = other, up = ref->link, stays = ref->id;
         }
         if (left_stays < best) {
             best = left_stays;
-            side = i, low = other, up = ref->id, stays = ref->geometry;
+            side = i, low = other, up = ref->id, stays = ref->link;
         }
     }
     if (side == 2)
@@ -297,7 +297,7 @@ struct emitted {
 
 static uint32_t emit_runs(const struct clustering *c, struct ir *ir, const struct primitive_ref *leaf, uint32_t ref)
 {
-    for (uint32_t i = 0; i < leaf->geometry; i++) {
+    for (uint32_t i = 0; i < leaf->link; i++) {
         struct run run = c->runs[leaf->id + i];
         for (uint32_t k = 0; k < run.count; k++)
             ir->refs[ref++] = run.id + k;
@@ -317,7 +317,7 @@ static void emit_leaf(const struct clustering *c, struct ir *ir, const struct em
             ref = emit_runs(c, ir, at, ref);
         } else {
             waiting[count++] = at->id;
-            waiting[count++] = at->geometry;
+            waiting[count++] = at->link;
         }
     }
 }
@@ -344,10 +344,10 @@ static void emit(const struct clustering *c, struct ir *ir, uint32_t root, uint3
             continue;
         }
         cost += area;
-        uint32_t pair = ir->node_count, left_refs = c->facts[ref->geometry].refs;
+        uint32_t pair = ir->node_count, left_refs = c->facts[ref->link].refs;
         ir->node_count += 2;
         ir->nodes[at.ir_node] = (struct ir_node){.first = pair};
-        struct emitted left = {ref->geometry, pair, at.first_ref, at.level + 1},
+        struct emitted left = {ref->link, pair, at.first_ref, at.level + 1},
                        right = {ref->id, pair + 1, at.first_ref + left_refs, at.level + 1};
         bool right_first = c->facts[ref->id].refs < left_refs;
         waiting[waiting_count++] = right_first ? left : right;
@@ -398,12 +398,12 @@ static inline void make_leaf(struct clustering *c, uint32_t index, uint32_t firs
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box other = vec4_box_load(&refs[i]);
         vec4_box_grow(&box, other.min, other.max);
-        c->runs[first + i] = (struct run){refs[i].id, refs[i].geometry + 1};
-        primitives += refs[i].geometry + 1;
+        c->runs[first + i] = (struct run){refs[i].id, refs[i].link + 1};
+        primitives += refs[i].link + 1;
     }
     vec4_box_store(leaf, box);
     leaf->id = first;
-    leaf->geometry = count;
+    leaf->link = count;
     put(&c->row, index, index, leaf);
     c->facts[index] = (struct node_facts){vec4_box_half_area(box) * (float)primitives, primitives & INT32_MAX, 1};
 }

@@ -228,7 +228,7 @@ static void collect_one(const struct collection *collection, const struct canoni
         memcpy(ref->min, finding.box.min, sizeof ref->min);
         memcpy(ref->max, finding.box.max, sizeof ref->max);
     }
-    ref->geometry = 0;
+    ref->link = 0;
     ref->id = geometry->first_primitive + index;
     chunk->count++;
 }
@@ -247,7 +247,7 @@ static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const stru
             vec4_box_grow(&box, other.min, other.max);
         }
         vec4_box_store(&refs[run], box);
-        refs[run].geometry = length - 1;
+        refs[run].link = length - 1;
         refs[run].id = id;
         next += length;
     }

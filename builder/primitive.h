@@ -19,7 +19,7 @@
 /* A box and its owner in 32 bytes, a vector register each half; Embree's RTCBuildPrimitive looks the same, so benchmarks hand it over without a copy. */
 struct primitive_ref {
     float min[3];
-    uint32_t geometry; /* 0; of a run (primitive_collect_runs) how many primitives follow the first */
+    uint32_t link; /* 0; of a run (primitive_collect_runs) how many primitives follow the first; from then on the builder's own */
     float max[3];
     uint32_t id; /* flat primitive id */
 };

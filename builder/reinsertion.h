@@ -16,8 +16,11 @@
 enum { REINSERTION_LEAF_MOST = 3 };
 
 struct reinsertion_request {
-    struct ir *
-        ir; /* of one key; not empty, each leaf holds one ref; the first of each pair of children has an odd number. Ended as soon as it is read */
+    /*
+     * Of one key; not empty; each leaf holds one ref; the first of each pair of children has an odd number; a node's box is that of its children, no larger.
+     * Ended as soon as it is read.
+     */
+    struct ir *ir;
     uint32_t leaf_max; /* 1 .. REINSERTION_LEAF_MOST */
     uint32_t passes;
     float share; /* of all nodes that each pass tries, about */

@@ -229,7 +229,7 @@ static inline void put(struct filling *filling, int side, struct vec4_box box, c
     struct spatial_side *filled = &filling->sides[side];
     vec4 centroid = box.min + box.max;
     vec4_box_store(to, box);
-    to->geometry = ref->geometry;
+    to->link = ref->link;
     to->id = ref->id;
     grow(&filled->bounds, &box);
     vec4_box_grow(&filled->centroids, centroid, centroid);
@@ -327,7 +327,7 @@ static inline void append(struct spatial_side *side, struct primitive_ref *to, s
     vec4 centroid = box.min + box.max;
     to += side->count++;
     vec4_box_store(to, box);
-    to->geometry = ref->geometry;
+    to->link = ref->link;
     to->id = ref->id;
     grow(&side->bounds, &box);
     vec4_box_grow(&side->centroids, centroid, centroid);

@@ -6,6 +6,7 @@
 /* More than in any scene that the model was fitted to is as much as in that, and so is less. */
 #define CROSSINGS_LEAST 0.03
 #define CROSSINGS_MOST 1024.0
+#define SPREAD_MOST 8.0
 
 /* Exponents of 2, linear in the terms: times in nanoseconds. As `bvhd-bench --calibrate` prints them. */
 struct tier_model {
@@ -13,9 +14,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{5.8901, 0.0420, 0.0744, -0.0230, 0.3035, -0.0153}, {6.5357, 0.0602, -0.3955, 1.0000, 1.1058, 0.0178}},
-    [QUALITY_BALANCED] = {{7.1362, 0.0037, 0.0958, -0.0019, 0.3338, -0.0064}, {6.2177, 0.0743, -0.4183, 1.0153, 1.0566, 0.0514}},
-    [QUALITY_HIGH] = {{10.5486, -0.1091, 0.2841, 0.0006, 0.1830, -0.1301}, {6.3050, 0.0712, -0.3294, 0.8929, 0.9790, -0.0544}},
+    [QUALITY_FAST] = {{6.1427, 0.0310, 0.0707, -0.0312, 0.2619, -0.0453}, {6.0231, 0.1144, -0.4251, 0.9465, 0.9249, -0.0139}},
+    [QUALITY_BALANCED] = {{7.5573, -0.0339, 0.2051, -0.0691, 0.3947, -0.1099}, {5.7848, 0.1190, -0.4376, 0.9538, 0.8999, 0.0258}},
+    [QUALITY_HIGH] = {{10.8138, -0.1173, 0.3103, -0.0376, 0.1106, -0.1415}, {5.8938, 0.1207, -0.4347, 0.8861, 0.8198, 0.0040}},
 };
 
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
@@ -26,7 +27,7 @@ void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
     ret_terms[2] = facts_log2(1 + crossings);
     ret_terms[3] = facts_log2(1 + crossings * facts->slant);
     ret_terms[4] = facts_log2(1 + 1 / fmax(crossings, CROSSINGS_LEAST)); /* how far a ray gets without meeting anything */
-    ret_terms[5] = facts->spread;
+    ret_terms[5] = fmin(facts->spread, SPREAD_MOST);
 }
 
 static double power_of(const double constants[TIER_TERMS], const double terms[TIER_TERMS])

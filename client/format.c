@@ -50,6 +50,8 @@ enum bvhd_status format_options(const struct bvhd_build *build, struct build_opt
     enum bvhd_status status = check_format(format, target, error);
     if (status != BVHD_OK)
         return status;
+    if (build->struct_size > FORMAT_BUILD_RAYLESS && build->reserved != 0)
+        return bvhd_error_set(error, BVHD_INVALID, "build.reserved", "%u instead of 0", build->reserved);
     struct build_options options = {
         .quality = (enum build_quality)build->quality, .target = (enum target)target, .layout_flags = build->layout_flags};
     if (build->struct_size > FORMAT_BUILD_RAYLESS)

@@ -13,7 +13,7 @@ enum {
 };
 
 /*
- * `build` has one of the sizes that it may have. BVHD_INVALID, with the place "build.format": a native target without a format, a format of another target or of no
+ * `build` has one of the sizes that it may have. BVHD_INVALID, with the place, "build.reserved" or "build.format": a native target without a format, a format of another target or of no
  * known size. What the format says is for the builder to judge, and so is a target that this library does not know.
  */
 enum bvhd_status format_options(const struct bvhd_build *build, struct build_options *ret_options, struct bvhd_error *error);

@@ -162,6 +162,13 @@ static enum added place_item(struct draft *draft, uint32_t index, uint64_t size)
     return added;
 }
 
+/* Said only where it decides something: an older daemon refuses what it does not know. */
+static float rays_hint(const struct build_options *options)
+{
+    bool decides = options->quality == QUALITY_AUTO || options->quality == QUALITY_UNSPECIFIED;
+    return decides ? options->rays_per_primitive : 0;
+}
+
 static struct control_item describe(const struct build_input *input)
 {
     return (struct control_item){
@@ -178,7 +185,7 @@ static struct control_item describe(const struct build_input *input)
         .reference_count = input->reference_count,
         .reference_size = sizeof(struct reference_row),
         .device = input->options.device,
-        .rays_per_primitive = input->options.rays_per_primitive,
+        .rays_per_primitive = rays_hint(&input->options),
     };
 }
 

@@ -46,7 +46,7 @@ static inline struct primitive_ref *test_refs_make(enum test_refs_kind kind, uin
             refs[i].min[axis] = (float)(centre[axis] - half[axis]);
             refs[i].max[axis] = (float)(centre[axis] + half[axis]);
         }
-        refs[i].geometry = 0;
+        refs[i].link = 0;
         refs[i].id = i;
     }
     return refs;

@@ -56,18 +56,23 @@ static void test_options(void **state)
     assert_int_equal(options.target, 77);
 }
 
-static void refuse(const struct bvhd_build *build, const char *text)
+static void refuse_at(const struct bvhd_build *build, const char *where, const char *text)
 {
     struct build_options options, before;
     struct bvhd_error error = {0};
     memset(&options, 0xab, sizeof options);
     before = options;
     assert_int_equal(format_options(build, &options, &error), BVHD_INVALID);
-    assert_string_equal(error.where, "build.format");
+    assert_string_equal(error.where, where);
     if (!strstr(error.text, text))
         fail_msg("'%s' is not in '%s'", text, error.text);
     assert_memory_equal(&options, &before, sizeof options);
     assert_int_equal(format_options(build, &options, NULL), BVHD_INVALID);
+}
+
+static void refuse(const struct bvhd_build *build, const char *text)
+{
+    refuse_at(build, "build.format", text);
 }
 
 static void test_wrong_formats(void **state)
@@ -105,6 +110,10 @@ static void test_older_programs(void **state)
     build = (struct bvhd_build){.struct_size = FORMAT_BUILD_RAYLESS, .rays_per_primitive = NAN};
     assert_int_equal(format_options(&build, &options, NULL), BVHD_OK);
     assert_true(options.rays_per_primitive == 0);
+    build.reserved = 1;
+    assert_int_equal(format_options(&build, &options, NULL), BVHD_OK);
+    build.struct_size = sizeof build;
+    refuse_at(&build, "build.reserved", "1 instead of 0");
     struct client_bed bed;
     struct bvhd_batch *batch;
     bed_start(&bed);

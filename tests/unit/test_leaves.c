@@ -31,7 +31,7 @@ static double cost_of(const struct primitive_ref *refs, const uint8_t *lengths, 
     for (uint32_t leaf = 0; leaf < leaves; refs += lengths[leaf++]) {
         uint32_t primitives = 0;
         for (uint32_t i = 0; i < lengths[leaf]; i++)
-            primitives += 1 + refs[i].geometry;
+            primitives += 1 + refs[i].link;
         if (lengths[leaf] > 1 && primitives > leaf_max)
             return INFINITY;
         cost += area_of(refs, lengths[leaf]) * primitives;
@@ -70,7 +70,7 @@ static void no_other_cut_is_cheaper(void **state)
         for (uint32_t i = 0; i < count; i++) {
             for (int axis = 0; axis < 3; axis++)
                 refs[i].max[axis] += (float)random_between(&random, 0.5, 2);
-            refs[i].geometry = round % 3 ? 0 : random_next(&random) % 3;
+            refs[i].link = round % 3 ? 0 : random_next(&random) % 3;
         }
         uint32_t leaves = leaves_cut(refs, count, &(struct leaves_options){leaf_max, CUT_COST}, lengths);
         for (uint32_t first = 0; first < count; first += length) {
@@ -95,7 +95,7 @@ static void check_cut(const struct primitive_ref *refs, uint32_t count, uint32_t
         uint32_t primitives = 0;
         assert_in_range(lengths[i], 1, LEAVES_REFS_MAX);
         for (uint32_t k = 0; k < lengths[i]; k++)
-            primitives += 1 + refs[sum + k].geometry;
+            primitives += 1 + refs[sum + k].link;
         assert_true(lengths[i] == 1 || primitives <= leaf_max);
         sum += lengths[i];
     }
@@ -114,7 +114,7 @@ static void every_row_is_covered(void **state)
         uint32_t count = 1 + round % 50;
         struct primitive_ref *refs = test_refs_make((enum test_refs_kind)(round % REFS_KINDS), count, round);
         for (uint32_t i = 0; i < count; i++) {
-            refs[i].geometry = round % 3 ? random_next(&random) % 3 : 0;
+            refs[i].link = round % 3 ? random_next(&random) % 3 : 0;
             if (round % 2)
                 refs[i].max[random_next(&random) % 3] = values[random_next(&random) % 6];
         }

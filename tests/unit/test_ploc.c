@@ -104,7 +104,7 @@ static void runs_stay_together(void **state)
         uint32_t runs[PRIMITIVES], id = 0, at[PRIMITIVES];
         struct primitive_ref *refs = test_refs_make(REFS_CLUSTERS, COUNT, 5);
         for (uint32_t i = 0; i < COUNT; i++) {
-            refs[i].geometry = i % 3;
+            refs[i].link = i % 3;
             refs[i].id = id;
             for (uint32_t k = 0; k <= i % 3; k++, id++) {
                 boxes[id] = primitive_ref_box(&refs[i]);

@@ -58,7 +58,7 @@ static void boxes_are_those_of_the_model(void **state)
             const struct primitive_ref *ref = &refs.refs[at++];
             struct box own = primitive_ref_box(ref);
             assert_int_equal(ref->id, id);
-            assert_int_equal(ref->geometry, 0);
+            assert_int_equal(ref->link, 0);
             assert_memory_equal(&own, &model.boxes[id], sizeof own);
             assert_memory_equal(&own, &box, sizeof own);
             float centroid[3] = {own.min[0] + own.max[0], own.min[1] + own.max[1], own.min[2] + own.max[2]};
@@ -340,8 +340,8 @@ static void runs_hold_what_follows_each_other(void **state)
     uint32_t at = 0;
     for (uint32_t i = 0; i < runs.count; i++) {
         struct box box = box_empty(), own = primitive_ref_box(&runs.refs[i]);
-        assert_true(runs.refs[i].geometry < 2);
-        for (uint32_t k = 0; k <= runs.refs[i].geometry; k++, at++) {
+        assert_true(runs.refs[i].link < 2);
+        for (uint32_t k = 0; k <= runs.refs[i].link; k++, at++) {
             struct box other = primitive_ref_box(&plain.refs[at]);
             assert_int_equal(plain.refs[at].id, runs.refs[i].id + k);
             box_grow(&box, &other);

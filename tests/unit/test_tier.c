@@ -47,15 +47,15 @@ static void few_rays_are_for_fast_and_many_for_high(void **state)
 static void more_rays_never_choose_less(void **state)
 {
     (void)state;
-    static const double crossings[] = {0, 2, 30, 500}, slants[] = {0, 0.3, 0.9};
-    for (int i = 0; i < 12; i++) {
-        struct facts facts = {.primitives = 1u << 2 * i,
+    static const double crossings[] = {0, 2, 30, 500}, slants[] = {0, 0.3, 0.9}, spreads[] = {0, 1, 4, 12, 34};
+    for (int i = 0; i < 60; i++) {
+        struct facts facts = {.primitives = 1u << 2 * (i % 12),
                               .sampled = 1,
                               .met = 1,
                               .can_split = true,
                               .crossings = crossings[i % 4],
-                              .slant = slants[i / 4],
-                              .spread = i % 5};
+                              .slant = slants[i / 4 % 3],
+                              .spread = spreads[i / 12]};
         double before = 0;
         for (float rays = 0.001f; rays < 1e6f; rays *= 1.5f) {
             enum build_quality chosen = tier_choose(&facts, rays);

@@ -163,13 +163,14 @@ struct bvhd_build {
      * one thread of a processor traces them: for a device that is a hundred times as fast, say a hundredth. 0: not said; finite and not negative.
      */
     float rays_per_primitive;
+    uint32_t reserved; /* 0 */
 };
 
 /*
  * Asks for infos[0 .. info_count). Everything the structs point to but geometry memory is copied before this returns. Geometry memory (vertices, indices,
  * boxes, transforms, instances) must stay readable and unchanged until bvhd_batch_is_copied, which for batches that fit into the shared memory is
  * true on return, also without a daemon. Rules that an info breaks are its result's error. A daemon of a version that does not know the
- * target, or that takes no rays_per_primitive but 0, says BVHD_UNSUPPORTED in each result. Fails as a whole only for lack of memory (BVHD_NO_MEMORY), or where
+ * target, or that takes no rays_per_primitive but 0 where it would count, says BVHD_UNSUPPORTED in each result. Fails as a whole only for lack of memory (BVHD_NO_MEMORY), or where
  * the struct bvhd_build itself is wrong (BVHD_INVALID).
  */
 BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build, struct bvhd_batch **ret_batch,

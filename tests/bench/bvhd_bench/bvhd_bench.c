@@ -14,6 +14,7 @@
 #include "chart.h"
 #include "choice.h"
 #include "files.h"
+#include "memory.h"
 #include "report.h"
 
 enum { EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_WRONG = 3 };
@@ -214,5 +215,8 @@ int main(int argc, char **argv)
         fprintf(stderr, "bvhd-bench: %s: %s\n", options.directory, error.text);
         return EXIT_FAILED;
     }
-    return options.stability ? map_stability(&options) : measure_all(&options);
+    if (options.stability)
+        return map_stability(&options);
+    memory_keep(); /* as the daemon does */
+    return measure_all(&options);
 }
