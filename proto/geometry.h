@@ -124,8 +124,7 @@ struct build_options {
     enum target target;
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
     struct device_format device; /* of a native target; portable: all zero */
-    float
-        rays_per_primitive; /* that will be traced through the result, as far as the caller knows; 0: not said. Only AUTO looks at it */
+    float rays_per_primitive; /* to be traced through the result, as far as the caller knows; 0: not said. AUTO looks at it */
 };
 
 /* One entry of a batch. */
