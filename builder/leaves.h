@@ -21,8 +21,8 @@ enum {
 
 struct leaves_options {
     uint32_t leaf_max; /* >= 1; primitives a leaf */
-    float
-        cut_cost; /* below 1: only what is no worse in one leaf; above: larger leaves, less of everything that follows, a little more for rays */
+    /* Below 1: only what is no worse in one leaf; above: larger leaves, less of everything that follows, a little more for rays. */
+    float cut_cost;
 };
 
 /*

@@ -23,8 +23,8 @@ struct ploc_request {
     uint32_t leaf_max; /* 1 .. 31; leaves are as large as pays by SAH, up to this */
     uint32_t radius; /* 1 .. NEAREST_MAX: neighbours looked at to either side */
     uint32_t rounds; /* before the rest is divided; UINT32_MAX: as long as they get on */
-    float
-        cut_cost; /* not 0: refs are cut into leaves along the curve (leaves.h), and no subtree that fits into a leaf is divided, nothing rotated */
+    /* Not 0: refs are cut into leaves along the curve (leaves.h), and no subtree that fits into a leaf is divided, nothing rotated. */
+    float cut_cost;
     const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
 };
 
