@@ -118,7 +118,10 @@ static int poke(const char *path)
     snprintf(address.sun_path, sizeof address.sun_path, "%s", path);
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         int poker = socket(AF_UNIX, kinds[i] | SOCK_CLOEXEC, 0);
-        bool reached = connect(poker, (struct sockaddr *)&address, sizeof address) == 0 && send(poker, "", 1, MSG_NOSIGNAL) == 1;
+        bool reached = connect(poker, (struct sockaddr *)&address, sizeof address) == 0;
+        /* Whoever was woken by a connection may have left by now; a datagram wakes only when it is sent. */
+        bool sent = reached && send(poker, "", 1, MSG_NOSIGNAL) == 1;
+        reached = kinds[i] == SOCK_DGRAM ? sent : reached;
         close(poker);
         if (reached)
             return 0;
