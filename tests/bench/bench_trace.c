@@ -7,15 +7,6 @@
  * One thread, its processor time. Primary rays of an N x N picture (in tiles), from what those hit (in the same order) diffuse rays and shadow rays to a light
  * above, and random ones through the box. Shadow rays end at any hit. Rates are those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
  */
-#if defined(__has_include) && __has_include(<embree4/rtcore.h>)
-#include <embree4/rtcore.h>
-#else
-#if __has_include(<embree4/rtcore.h>)
-#include <embree4/rtcore.h>
-#else
-#include <embree3/rtcore.h>
-#endif
-#endif
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -24,6 +15,7 @@
 #include <time.h>
 
 #include "batch.h"
+#include "embree_ray.h"
 #include "ply.h"
 #include "random.h"
 #include "traverse.h"
@@ -217,19 +209,6 @@ typedef struct RTCIntersectContext intersect_arguments, occluded_arguments;
 #define intersect rtcIntersect1
 #define occluded rtcOccluded1
 #endif
-
-static struct RTCRay embree_ray(const struct ray *ray)
-{
-    return (struct RTCRay){.org_x = ray->origin[0],
-                           .org_y = ray->origin[1],
-                           .org_z = ray->origin[2],
-                           .dir_x = ray->direction[0],
-                           .dir_y = ray->direction[1],
-                           .dir_z = ray->direction[2],
-                           .tnear = ray->tmin,
-                           .tfar = ray->tmax,
-                           .mask = ~0u};
-}
 
 static uint32_t run_intersect(RTCScene scene, const struct ray *rays, uint32_t count)
 {

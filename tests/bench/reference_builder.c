@@ -7,11 +7,7 @@
 #include <string.h>
 #include <time.h>
 
-#if defined(__has_include) && __has_include(<embree4/rtcore.h>)
-#include <embree4/rtcore.h>
-#else
-#include <embree3/rtcore.h>
-#endif
+#include "embree_version.h"
 
 _Static_assert(sizeof(struct RTCBuildPrimitive) == sizeof(struct primitive_ref), "refs go to Embree as they are");
 _Static_assert(offsetof(struct RTCBuildPrimitive, lower_x) == offsetof(struct primitive_ref, min), "refs go to Embree as they are");

@@ -1,16 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* embree_api.h - Embree 3 or 4, and how much memory a device of it has taken. */
+/* embree_api.h - a device of Embree, the memory that it has taken, its qualities. */
 #ifndef BVHD_BENCH_EMBREE_API_H
 #define BVHD_BENCH_EMBREE_API_H
 
-#if defined(__has_include) && __has_include(<embree4/rtcore.h>)
-#include <embree4/rtcore.h>
-#else
-#include <embree3/rtcore.h>
-#endif
 #include <stdatomic.h>
 #include <stdio.h>
 
+#include "../embree_version.h"
 #include "method.h"
 
 /* Counts what the device holds, in *live. NULL when there is no device. */

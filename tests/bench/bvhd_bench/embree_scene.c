@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "embree_api.h"
+#include "../embree_ray.h"
 #include "stopwatch.h"
 #include "tree.h"
 
@@ -90,24 +91,9 @@ uint64_t embree_scene_bytes(const struct embree_scene *scene)
     return scene->bytes;
 }
 
-static struct RTCRay ray_for(const struct ray *ray)
-{
-    return (struct RTCRay){
-        .org_x = ray->origin[0],
-        .org_y = ray->origin[1],
-        .org_z = ray->origin[2],
-        .dir_x = ray->direction[0],
-        .dir_y = ray->direction[1],
-        .dir_z = ray->direction[2],
-        .tnear = ray->tmin,
-        .tfar = ray->tmax,
-        .mask = ~0u,
-    };
-}
-
 static bool occluded(RTCScene scene, const struct ray *ray)
 {
-    struct RTCRay own = ray_for(ray);
+    struct RTCRay own = embree_ray(ray);
 #if RTC_VERSION_MAJOR >= 4
     struct RTCOccludedArguments arguments;
     rtcInitOccludedArguments(&arguments);
@@ -124,7 +110,7 @@ bool embree_scene_trace(const struct embree_scene *scene, const struct ray *ray,
 {
     if (ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
         return occluded(scene->scene, ray);
-    struct RTCRayHit own = {.ray = ray_for(ray), .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    struct RTCRayHit own = {.ray = embree_ray(ray), .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
 #if RTC_VERSION_MAJOR >= 4
     struct RTCIntersectArguments arguments;
     rtcInitIntersectArguments(&arguments);
