@@ -123,15 +123,26 @@ static bool make_rays(struct session *session, struct bench *bench)
     return is_built;
 }
 
-static void look_at_tree(struct session *session, struct subject *subject, struct figures *figures)
+/* By evenly spaced ones of the diffuse rays. */
+static struct tree_work trace_sample(const struct session *session, const struct tree *tree)
 {
     const struct ray_sets *rays = &session->rays;
-    uint32_t count = rays->counts[RAYS_DIFFUSE] < WORK_RAYS ? rays->counts[RAYS_DIFFUSE] : WORK_RAYS;
+    uint32_t all = rays->counts[RAYS_DIFFUSE], count = all < WORK_RAYS ? all : WORK_RAYS;
+    struct ray *sample = tree_need(count, sizeof *sample);
+    for (uint32_t i = 0; i < count; i++)
+        sample[i] = rays->rays[RAYS_DIFFUSE][(uint64_t)i * all / count];
+    struct tree_work work = tree_trace(tree, session->mesh, sample, count);
+    free(sample);
+    return work;
+}
+
+static void look_at_tree(struct session *session, struct subject *subject, struct figures *figures)
+{
     figures->sah = tree_sah(&subject->tree);
     figures->depth = tree_depth(&subject->tree);
     figures->overlap = tree_overlap(&subject->tree, session->mesh, OVERLAP_SAMPLES);
     figures->refs = (double)subject->tree.ref_count / session->mesh->triangle_count;
-    figures->work = tree_trace(&subject->tree, session->mesh, rays->rays[RAYS_DIFFUSE], count);
+    figures->work = trace_sample(session, &subject->tree);
     tree_finish(&subject->tree);
 }
 

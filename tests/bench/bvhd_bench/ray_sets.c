@@ -5,9 +5,12 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "random.h"
+#include "surface.h"
 
 enum { TILE = 8 };
+
+/* Where rays from a surface begin, of the scene's size. */
+static const double TMIN = 1e-5;
 
 struct view {
     double centre[3], eye[3], light[3];
@@ -66,20 +69,6 @@ static uint32_t make_primary(const struct view *view, uint32_t size, struct ray 
     return count;
 }
 
-static void normal_of(const struct ply *mesh, uint32_t triangle, double ret_normal[3])
-{
-    double a[3], b[3];
-    const uint32_t *corners = mesh->indices + (size_t)3 * triangle;
-    for (size_t axis = 0; axis < 3; axis++) {
-        a[axis] = (double)mesh->positions[(size_t)3 * corners[1] + axis] - mesh->positions[(size_t)3 * corners[0] + axis];
-        b[axis] = (double)mesh->positions[(size_t)3 * corners[2] + axis] - mesh->positions[(size_t)3 * corners[0] + axis];
-    }
-    double normal[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-    double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-    for (int axis = 0; axis < 3; axis++)
-        ret_normal[axis] = normal[axis] / length;
-}
-
 static void random_on_sphere(struct random *random, double ret_point[3])
 {
     double square;
@@ -91,45 +80,62 @@ static void random_on_sphere(struct random *random, double ret_point[3])
         ret_point[axis] /= sqrt(square);
 }
 
-/* Two rays from where one hit: cosine-distributed around the normal that faces the viewer, and to the light. */
-static void add_secondary(const struct view *view, const struct ray *ray, const struct ray_hit *hit, const double normal[3],
-                          struct random *random, struct ray_sets *sets)
+/* From where a primary ray hit. */
+static void add_shadow(const struct view *view, const struct ray *ray, const struct ray_hit *hit, struct ray_sets *sets)
 {
-    double point[3], diffuse[3], shadow[3], facing = 0, length = 0;
-    random_on_sphere(random, diffuse);
+    double point[3], shadow[3], length = 0;
     for (int axis = 0; axis < 3; axis++) {
         point[axis] = ray->origin[axis] + (double)hit->t * ray->direction[axis];
-        facing += normal[axis] * ray->direction[axis];
         shadow[axis] = view->light[axis] - point[axis];
         length += shadow[axis] * shadow[axis];
     }
-    for (int axis = 0; axis < 3; axis++)
-        diffuse[axis] += (facing < 0 ? 1 : -1) * normal[axis];
-    float tmin = (float)(1e-5 * view->size);
-    sets->rays[RAYS_DIFFUSE][sets->counts[RAYS_DIFFUSE]++] = make_ray(point, diffuse, tmin, FLT_MAX);
-    struct ray to_light = make_ray(point, shadow, tmin, (float)sqrt(length));
+    struct ray to_light = make_ray(point, shadow, (float)(TMIN * view->size), (float)sqrt(length));
     to_light.flags = RAY_TERMINATE_ON_FIRST_HIT;
     sets->rays[RAYS_SHADOW][sets->counts[RAYS_SHADOW]++] = to_light;
+}
+
+static void make_shadow(const struct subject *subject, const struct view *view, struct ray_sets *sets)
+{
+    for (uint32_t i = 0; i < sets->counts[RAYS_PRIMARY]; i++) {
+        const struct ray *ray = &sets->rays[RAYS_PRIMARY][i];
+        struct ray_hit hit;
+        if (subject_trace(subject, ray, &hit, NULL))
+            add_shadow(view, ray, &hit, sets);
+    }
+}
+
+static bool toss(struct random *random)
+{
+    return random_between(random, 0, 1) < 0.5;
+}
+
+static uint32_t make_diffuse(const struct ply *mesh, double size, uint32_t count, struct ray *ret_rays)
+{
+    struct surface surface = surface_of(mesh);
+    struct random random = {7};
+    uint32_t made = 0;
+    while (made < count && surface.count > 0) {
+        struct surface_point from = toss(&random) ? surface_draw(&surface, &random) : surface_draw_triangle(&surface, &random);
+        double side = toss(&random) ? 1 : -1, normal[3], direction[3];
+        surface_normal(mesh, from.triangle, normal);
+        random_on_sphere(&random, direction);
+        for (int axis = 0; axis < 3; axis++)
+            direction[axis] += side * normal[axis];
+        ret_rays[made++] = make_ray(from.position, direction, (float)(TMIN * size), FLT_MAX);
+    }
+    surface_finish(&surface);
+    return made;
 }
 
 struct ray_sets ray_sets_make(const struct subject *subject, const struct ply *mesh, uint32_t size)
 {
     struct ray_sets sets = {{0}, {NULL}};
-    struct random random = {1};
     struct view view = view_of(subject->portable.header->bounds);
     for (enum ray_kind kind = 0; kind < RAY_KINDS; kind++)
         sets.rays[kind] = tree_need((size_t)size * size, sizeof *sets.rays[kind]);
     sets.counts[RAYS_PRIMARY] = make_primary(&view, size, sets.rays[RAYS_PRIMARY]);
-    for (uint32_t i = 0; i < sets.counts[RAYS_PRIMARY]; i++) {
-        const struct ray *ray = &sets.rays[RAYS_PRIMARY][i];
-        struct ray_hit hit;
-        double normal[3];
-        if (!subject_trace(subject, ray, &hit, NULL))
-            continue;
-        normal_of(mesh, hit.primitive, normal);
-        if (isfinite(normal[0] + normal[1] + normal[2]))
-            add_secondary(&view, ray, &hit, normal, &random, &sets);
-    }
+    sets.counts[RAYS_DIFFUSE] = make_diffuse(mesh, view.size, size * size, sets.rays[RAYS_DIFFUSE]);
+    make_shadow(subject, &view, &sets);
     return sets;
 }
 

@@ -1,6 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * ray_sets.h - the rays that are timed: of a picture, from what they hit in random directions, from there to a light.
+ * ray_sets.h - the rays that are timed: of a picture, from its points to a light, and diffuse ones from anywhere.
+ *
+ * A diffuse ray starts at a random point of the surface, half of them drawn by area, the other half one triangle like another, and goes in a cosine-distributed
+ * direction to a random side. What a camera outside sees is no place to start from: most rays from there leave the scene at once, after one step of a
+ * stadium's tree, and tell next to nothing about it. By area alone one large ground would be all there is; small triangles are looked at more than their area
+ * tells. To a random side, since meshes have no reliable front.
  *
  * Through any subject, so that all are sent the same ones. Shadow rays end at the first hit.
  */

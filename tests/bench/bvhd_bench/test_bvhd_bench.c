@@ -7,6 +7,7 @@
 
 #include "choice.h"
 #include "scene_source.h"
+#include "surface.h"
 #include "sweep.h"
 
 /* Two right triangles of side 1 in the plane z = 0, ten apart. */
@@ -58,6 +59,38 @@ static void test_sweep_ties(void **state)
     assert_int_equal(tree.node_count, 1);
     assert_true(tree_sah(&tree) == 3);
     tree_finish(&tree);
+}
+
+/* The second is a hundred times as large as the first; a line, and one with a corner that is no number, have no points. */
+static void test_surface(void **state)
+{
+    float corners[] = {0,  0, 0, 1,  0, 0, 0,  1, 0, 20, 0, 0, 30,  0, 0, 20, 10, 0,
+                       40, 0, 0, 50, 0, 0, 60, 0, 0, 70, 0, 0, NAN, 0, 0, 70, 1,  0};
+    uint32_t each[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
+    const struct ply mesh = {12, 4, corners, each};
+    struct surface surface = surface_of(&mesh);
+    struct random random = {1};
+    uint32_t by_area[4] = {0}, alike[4] = {0};
+    double normal[3];
+    (void)state;
+    for (int i = 0; i < 10000; i++) {
+        struct surface_point point = surface_draw(&surface, &random);
+        by_area[point.triangle]++;
+        point = surface_draw_triangle(&surface, &random);
+        alike[point.triangle]++;
+        const double *p = point.position, size = point.triangle ? 10 : 1, x = p[0] - (point.triangle ? 20 : 0);
+        assert_true(x >= 0 && p[1] >= 0 && x + p[1] <= size * (1 + 1e-12) && p[2] == 0);
+    }
+    assert_true(by_area[0] > 50 && by_area[0] < 150 && by_area[0] + by_area[1] == 10000);
+    assert_true(alike[0] > 4800 && alike[0] < 5200 && alike[0] + alike[1] == 10000);
+    surface_normal(&mesh, 1, normal);
+    assert_true(normal[0] == 0 && normal[1] == 0 && normal[2] == 1);
+    surface_finish(&surface);
+    surface_finish(&surface);
+    const struct ply line = {12, 2, corners, each + 6};
+    surface = surface_of(&line);
+    assert_int_equal(surface.count, 0);
+    surface_finish(&surface);
 }
 
 /* Both leaves as large as the root. */
@@ -154,9 +187,9 @@ static void test_scenes(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_statistic), cmocka_unit_test(test_sweep),  cmocka_unit_test(test_sweep_ties),
-        cmocka_unit_test(test_overlap),   cmocka_unit_test(test_choice), cmocka_unit_test(test_means),
-        cmocka_unit_test(test_scenes),
+        cmocka_unit_test(test_statistic), cmocka_unit_test(test_sweep),   cmocka_unit_test(test_sweep_ties),
+        cmocka_unit_test(test_overlap),   cmocka_unit_test(test_surface), cmocka_unit_test(test_choice),
+        cmocka_unit_test(test_means),     cmocka_unit_test(test_scenes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
