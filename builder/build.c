@@ -32,7 +32,9 @@ struct construction {
     float whole; /* spatial_split */
     struct split_tree tree;
     bool rescaled;
-    struct ir ir;
+    bool needs_binary; /* the tree is wanted, or has to be changed, before it is made wide */
+    bool is_second; /* try; the first one has reported progress */
+    struct ir ir; /* if `wide` was made of pieces, only what layouts read of it */
     struct wide wide;
     struct build_stats stats;
     double clock; /* ms, when the running stage began */
@@ -106,13 +108,33 @@ static struct leaves_options runs_for(const struct construction *construction)
                                    quality == QUALITY_FAST ? fast_cut : balanced_cut};
 }
 
+static enum pieces_method method_for(const struct construction *construction)
+{
+    return construction->quality == QUALITY_HIGH ? PIECES_SPATIAL : PIECES_PLOC;
+}
+
+/* Enough pieces to share out, whatever the number of threads, each of which fits the second cache. */
+static uint32_t piece_size(uint32_t count)
+{
+    enum { SMALLEST = 4096, LARGEST = 16384, PIECES = 32 };
+    uint32_t size = count / PIECES;
+    return size < SMALLEST ? SMALLEST : size > LARGEST ? LARGEST : size;
+}
+
+/* Cut by a sample, which takes refs as they lie; all others want them without gaps. */
+static bool is_scattered(const struct construction *construction)
+{
+    uint32_t count = construction->refs.count;
+    return method_for(construction) == PIECES_PLOC && count > piece_size(count) && !construction->rescaled;
+}
+
 static enum bvhd_status collect(struct construction *construction)
 {
     const struct build_context *context = construction->context;
     struct build_stats *stats = &construction->stats;
     struct primitive_refs *refs = &construction->refs;
     const struct leaves_options runs = runs_for(construction);
-    enum bvhd_status status = primitive_collect_runs(construction->canonical, &runs, context, refs, construction->error);
+    enum bvhd_status status = primitive_collect_blocks(construction->canonical, &runs, context, refs, construction->error);
     if (status != BVHD_OK)
         return status;
     count_primitives(construction->canonical, stats);
@@ -121,6 +143,8 @@ static enum bvhd_status collect(struct construction *construction)
     stats->skipped = refs->skipped;
     stats->bounds = refs->bounds;
     construction->rescaled = rescale_is_needed(&refs->bounds);
+    if (!(is_scattered(construction) || primitive_close_gaps(refs, context)))
+        return cancelled(construction);
     if (construction->rescaled && !rescale_refs(refs, context))
         return cancelled(construction);
     return stage_end(construction, &stats->ms.boxes);
@@ -140,19 +164,6 @@ static bool may_split(const struct construction *construction)
     const struct canonical *canonical = construction->canonical;
     bool splits = !construction->rescaled && split_refs_fit(construction);
     return splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE)) && clip_allowed(canonical);
-}
-
-static enum pieces_method method_for(const struct construction *construction)
-{
-    return construction->quality == QUALITY_HIGH ? PIECES_SPATIAL : PIECES_PLOC;
-}
-
-/* Enough pieces to share out, whatever the number of threads, each of which fits the second cache. */
-static uint32_t piece_size(uint32_t count)
-{
-    enum { SMALLEST = 4096, LARGEST = 16384, PIECES = 32 };
-    uint32_t size = count / PIECES;
-    return size < SMALLEST ? SMALLEST : size > LARGEST ? LARGEST : size;
 }
 
 /* Cuts the refs by a sample, which leaves them in the other array. */
@@ -209,6 +220,8 @@ static enum bvhd_status split(struct construction *construction)
     struct split_request request = {
         .refs = refs->refs,
         .scratch = construction->scratch,
+        .blocks = refs->blocks,
+        .block_count = refs->block_count,
         .count = refs->count,
         .piece_size = piece_size(refs->count),
         .bounds = refs->bounds,
@@ -258,7 +271,7 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .canonical = construction->canonical,
         .whole = construction->whole,
         .cancel = context->cancel,
-        .progress = context->progress,
+        .progress = construction->is_second ? NULL : context->progress,
         .progress_context = context->progress_context,
         .progress_total = progress_total(&construction->refs),
     };
@@ -268,9 +281,11 @@ static void free_refs(struct construction *construction)
 {
     struct memory *memory = construction->context->memory;
     memory_free(memory, construction->refs.refs);
+    memory_free(memory, construction->refs.blocks);
     memory_free(memory, construction->scratch);
     memory_free(memory, construction->tree.nodes);
     construction->refs.refs = construction->scratch = NULL;
+    construction->refs.blocks = NULL;
     construction->tree.nodes = NULL;
 }
 
@@ -285,6 +300,36 @@ static enum bvhd_status join_pieces(struct construction *construction, const str
     return status;
 }
 
+/* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */
+static float leaf_cost(const struct canonical *canonical)
+{
+    return is_of_triangles(canonical) ? 0.3f : 1.0f;
+}
+
+static struct collapse_options collapse_wanted(const struct construction *construction)
+{
+    return (struct collapse_options){construction->layout->leaf_max, leaf_cost(construction->canonical), construction->context->cancel,
+                                     construction->quality == QUALITY_FAST};
+}
+
+/* Collapsed piece by piece, while each is in the cache, unless something is done to the binary tree before. */
+static bool widens_pieces(const struct construction *construction)
+{
+    return !construction->needs_binary && !construction->rescaled && !construction->layout->widen && construction->layout->arity != 2 &&
+           construction->tree.piece_count > 1 && method_for(construction) == PIECES_PLOC;
+}
+
+/* Boxes of a tree that was rescaled become those of the primitives; its cost and its own scale follow. */
+static bool restore_scale(struct construction *construction, double *cost)
+{
+    if (!construction->rescaled)
+        return true;
+    if (!rescale_restore(construction->canonical, construction->context, &construction->ir))
+        return false;
+    *cost = ir_cost(&construction->ir, 0, construction->ir.node_count);
+    return true;
+}
+
 static enum bvhd_status build_pieces(struct construction *construction)
 {
     const struct build_context *context = construction->context;
@@ -292,23 +337,25 @@ static enum bvhd_status build_pieces(struct construction *construction)
     struct pieces pieces;
     double cost;
     struct pieces_request request = pieces_wanted(construction);
+    const struct collapse_options options = collapse_wanted(construction);
+    request.widen = widens_pieces(construction) ? &options : NULL;
     clustering_for(construction->quality, &request);
     enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
     if (status != BVHD_OK)
         return status;
     stats->method = method_name(construction);
     status = stage_end(construction, &stats->ms.pieces);
-    if (status == BVHD_OK)
+    if (status == BVHD_OK && request.widen)
+        status = pieces_join_wide(&pieces, context->parallel, &construction->ir, &construction->wide, &stats->depth, &cost,
+                                  construction->error);
+    else if (status == BVHD_OK)
         status = join_pieces(construction, &pieces, &cost);
     pieces_finish(&pieces);
     if (status != BVHD_OK)
         return status;
     free_refs(construction);
-    if (construction->rescaled) {
-        if (!rescale_restore(construction->canonical, context, &construction->ir))
-            return cancelled(construction);
-        cost = ir_cost(&construction->ir, 0, construction->ir.node_count);
-    }
+    if (!restore_scale(construction, &cost))
+        return cancelled(construction);
     double root = box_half_area(&construction->ir.boxes[0][0]);
     stats->sah = root > 0 ? cost / root : 0;
     return stage_end(construction, &stats->ms.join);
@@ -340,6 +387,13 @@ static enum bvhd_status widen(struct construction *construction)
     return stage_end(construction, &construction->stats.ms.depth);
 }
 
+/* Whether there are so many levels that the binary tree would have been made shallower before it became wide. */
+static bool is_too_deep(const struct construction *construction)
+{
+    return construction->wide.nodes &&
+           (construction->stats.depth > BINARY_DEPTH_LIMIT || construction->wide.depth > construction->layout->depth_limit);
+}
+
 static enum bvhd_status make_tree(struct construction *construction)
 {
     enum bvhd_status status = collect(construction);
@@ -350,23 +404,16 @@ static enum bvhd_status make_tree(struct construction *construction)
     if (status == BVHD_OK)
         status = build_pieces(construction);
     uint32_t limit = construction->layout->arity == 2 ? construction->layout->depth_limit : BINARY_DEPTH_LIMIT;
-    if (status == BVHD_OK)
+    if (status == BVHD_OK && !construction->wide.nodes)
         status = limit_depth(construction, limit);
     construction->stats.refs = construction->ir.ref_count;
     return status == BVHD_OK ? widen(construction) : status;
 }
 
-/* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */
-static float leaf_cost(const struct canonical *canonical)
-{
-    return is_of_triangles(canonical) ? 0.3f : 1.0f;
-}
-
 static enum bvhd_status collapse_once(struct construction *construction)
 {
     const struct build_context *context = construction->context;
-    struct collapse_options options = {construction->layout->leaf_max, leaf_cost(construction->canonical), context->cancel,
-                                       construction->quality == QUALITY_FAST};
+    const struct collapse_options options = collapse_wanted(construction);
     enum bvhd_status status =
         collapse(&construction->ir, &options, context->memory, context->parallel, &construction->wide, construction->error);
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.collapse) : status;
@@ -375,7 +422,7 @@ static enum bvhd_status collapse_once(struct construction *construction)
 /* A wide tree is never deeper than the binary one. */
 static enum bvhd_status make_wide(struct construction *construction)
 {
-    if (construction->layout->arity == 2)
+    if (construction->layout->arity == 2 || construction->wide.nodes)
         return BVHD_OK;
     enum bvhd_status status = collapse_once(construction);
     if (status != BVHD_OK || construction->wide.depth <= construction->layout->depth_limit)
@@ -440,6 +487,20 @@ static void construction_finish(struct construction *construction)
     ir_finish(&construction->ir);
 }
 
+/* Few need it; what was built is of no use. */
+static enum bvhd_status make_shallow_tree(struct construction *construction, const struct build_options *options)
+{
+    const struct canonical *canonical = construction->canonical;
+    const struct build_context *context = construction->context;
+    struct bvhd_error *error = construction->error;
+    const struct build_times before = construction->stats.ms;
+    construction_finish(construction);
+    enum bvhd_status status = construction_init(construction, canonical, options, context, error);
+    construction->needs_binary = construction->is_second = true;
+    construction->stats.ms = before;
+    return status == BVHD_OK ? make_tree(construction) : status;
+}
+
 enum bvhd_status build(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
                        unsigned char **ret_blob, struct build_stats *ret_stats, struct bvhd_error *error)
 {
@@ -447,6 +508,8 @@ enum bvhd_status build(const struct canonical *canonical, const struct build_opt
     enum bvhd_status status = construction_init(&construction, canonical, options, context, error);
     if (status == BVHD_OK)
         status = make_tree(&construction);
+    if (status == BVHD_OK && is_too_deep(&construction))
+        status = make_shallow_tree(&construction, options);
     if (status == BVHD_OK)
         status = make_wide(&construction);
     if (status == BVHD_OK)
@@ -465,6 +528,7 @@ enum bvhd_status build_ir(const struct canonical *canonical, const struct build_
 {
     struct construction construction;
     enum bvhd_status status = construction_init(&construction, canonical, options, context, error);
+    construction.needs_binary = true;
     if (status == BVHD_OK)
         status = make_tree(&construction);
     if (status == BVHD_OK) {

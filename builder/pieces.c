@@ -13,6 +13,7 @@ struct piece {
     uint32_t node; /* of the split tree */
     uint32_t first, count, capacity; /* refs of the split, and for how many there is room */
     struct ir ir;
+    struct wide_piece wide; /* instead of the ir, when that is wanted */
     uint32_t depth;
     double cost; /* ir_cost */
     enum bvhd_status status;
@@ -78,7 +79,10 @@ static enum bvhd_status build_ploc(const struct build *build, struct piece *piec
         .cut_cost = request->cut_cost,
         .cancel = request->cancel,
     };
-    return ploc_build(&ploc, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
+    enum bvhd_status status = ploc_build(&ploc, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
+    if (status == BVHD_OK && request->widen)
+        status = wide_piece_make(&piece->ir, request->widen, build->memory, &piece->wide);
+    return status;
 }
 
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
@@ -152,7 +156,11 @@ static enum bvhd_status worst(const struct build *build, uint32_t count)
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory, const struct parallel *parallel,
                               struct pieces *ret_pieces, struct bvhd_error *error)
 {
-    struct pieces pieces = {.count = request->tree->piece_count, .tree = request->tree, .cancel = request->cancel, .memory = memory};
+    struct pieces pieces = {.count = request->tree->piece_count,
+                            .tree = request->tree,
+                            .widen = request->widen,
+                            .cancel = request->cancel,
+                            .memory = memory};
     struct build build = {.request = request, .memory = memory, .total = request->tree->nodes[0].count};
     pieces.pieces = build.pieces = memory_array(memory, pieces.count, sizeof *pieces.pieces);
     build.order = memory_array(memory, pieces.count, sizeof *build.order);
@@ -177,8 +185,10 @@ void pieces_finish(struct pieces *pieces)
 {
     if (!pieces || !pieces->memory)
         return;
-    for (uint32_t i = 0; i < pieces->count; i++)
+    for (uint32_t i = 0; i < pieces->count; i++) {
         ir_finish(&pieces->pieces[i].ir);
+        wide_piece_finish(&pieces->pieces[i].wide);
+    }
     memory_free(pieces->memory, pieces->pieces);
     memset(pieces, 0, sizeof *pieces);
 }
@@ -294,5 +304,44 @@ enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *s
         }
     }
     memory_free(pieces->memory, levels);
+    return status;
+}
+
+/* The tree above the pieces: each of them is a leaf, of which the one ref is its number. */
+static void fill_top(const struct pieces *pieces, const struct wide_piece **list, struct ir *top)
+{
+    top->node_count = pieces->tree->node_count;
+    top->ref_count = pieces->count;
+    for (uint32_t i = 0; i < pieces->count; i++) {
+        const struct piece *piece = &pieces->pieces[i];
+        list[i] = &piece->wide;
+        top->refs[i] = i;
+        top->nodes[piece->node] = (struct ir_node){i, 1};
+        top->boxes[0][piece->node] = piece->wide.bounds;
+    }
+    make_top(pieces->tree, top);
+}
+
+enum bvhd_status pieces_join_wide(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir,
+                                  struct wide *ret_wide, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error)
+{
+    struct ir top;
+    enum bvhd_status status = ir_init(&top, pieces->memory, pieces->tree->node_count, pieces->count, error);
+    if (status != BVHD_OK)
+        return status;
+    const struct wide_piece **list = memory_array(pieces->memory, pieces->count, sizeof *list);
+    uint32_t *levels = memory_array(pieces->memory, pieces->tree->node_count, sizeof *levels);
+    if (list && levels) {
+        const struct wide_join request = {&top, list, pieces->count, pieces->widen, pieces->memory, parallel};
+        fill_top(pieces, list, &top);
+        status = wide_pieces_join(&request, ret_ir, ret_wide, error);
+        if (status == BVHD_OK)
+            sum_up(pieces, &top, levels, ret_depth, ret_cost);
+    } else {
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to join trees");
+    }
+    memory_free(pieces->memory, levels);
+    memory_free(pieces->memory, list);
+    ir_finish(&top);
     return status;
 }

@@ -10,6 +10,7 @@
 #include "canonical.h"
 #include "ir.h"
 #include "split.h"
+#include "wide_pieces.h"
 
 enum pieces_method { PIECES_PLOC, PIECES_SPATIAL };
 
@@ -23,6 +24,7 @@ struct pieces_request {
     uint32_t leaf_max;
     const struct canonical *canonical; /* with PIECES_SPATIAL (spatial.h), as is `whole` */
     float whole;
+    const struct collapse_options *widen; /* NULL, or pieces become wide trees at once, for pieces_join_wide; with PIECES_PLOC */
     const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, from any thread */
     void *progress_context;
@@ -33,7 +35,8 @@ struct pieces {
     struct piece *pieces; /* in the order of their refs */
     uint32_t count;
     const struct split_tree *tree;
-    const atomic_bool *cancel; /* the request's */
+    const struct collapse_options *widen; /* the request's, as is `cancel` */
+    const atomic_bool *cancel;
     struct memory *memory;
 };
 
@@ -53,6 +56,13 @@ struct pieces_spare {
  */
 enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *spare, const struct parallel *parallel,
                              struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);
+
+/*
+ * The wide tree of at least two pieces made with `widen`, and what layouts read beside it (wide_pieces.h); depth and cost are those of the binary
+ * tree. As pieces_join.
+ */
+enum bvhd_status pieces_join_wide(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir,
+                                  struct wide *ret_wide, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
 void pieces_finish(struct pieces *pieces);

@@ -9,12 +9,18 @@
 #include "nearest.h"
 #include "parallel.h"
 
-/* Nodes are refs: their boxes, and of inner ones the numbers of both children. Leaves come first, in the order of the curve. */
+/*
+ * Nodes are refs: their boxes, and of inner ones the numbers of both children, of which the first (link) has no fewer refs below it. Leaves come
+ * first, in the order of the curve.
+ */
 struct node_facts {
     float cost; /* SAH, undivided, of the subtree as it will be */
     uint32_t refs : 31;
     uint32_t leaf : 1; /* all of them in one leaf */
 };
+
+/* In the number of a child: it becomes a leaf, whatever is below it. */
+#define BECOMES_LEAF UINT32_C(0x80000000)
 
 /* Clusters that need not be divided from above: the fewer, the more of the tree is of binned SAH. */
 enum { PART_MAX = 100 };
@@ -30,16 +36,11 @@ struct move {
     uint32_t from, to;
 };
 
-/* A ref of the request: primitives [id, id + count). */
-struct run {
-    uint32_t id, count;
-};
-
 struct clustering {
     const struct ploc_request *request;
     struct primitive_ref *leaves, *inner;
     uint32_t leaf_count;
-    struct run *runs; /* of all leaves */
+    uint32_t *ids; /* primitives of all leaves; a leaf's `id` says where its own begin, its `link` how many they are */
     struct node_facts *facts;
     uint32_t node_count;
     struct row row, next;
@@ -67,13 +68,20 @@ static inline float cost_of_two(const struct clustering *c, uint32_t a, uint32_t
     return vec4_box_half_area(box_of_two(c, a, b)) + c->facts[a].cost + c->facts[b].cost;
 }
 
+static inline uint32_t as_child(const struct clustering *c, uint32_t node)
+{
+    return node | (uint32_t)c->facts[node].leaf << 31;
+}
+
 /* Fills an inner node. */
 static inline void set_node(const struct clustering *c, uint32_t node, uint32_t left, uint32_t right, struct vec4_box box)
 {
     struct primitive_ref *ref = &c->inner[node - c->leaf_count];
+    const bool in_order = c->facts[left].refs >= c->facts[right].refs;
+    const uint32_t children[2] = {as_child(c, left), as_child(c, right)};
     vec4_box_store(ref, box);
-    ref->link = left;
-    ref->id = right;
+    ref->link = children[!in_order];
+    ref->id = children[in_order];
     uint32_t refs = (uint32_t)c->facts[left].refs + c->facts[right].refs;
     if (c->request->cut_cost > 0) {
         c->facts[node] = (struct node_facts){0, refs & INT32_MAX, refs <= c->request->leaf_max};
@@ -98,15 +106,16 @@ static inline void rotate(const struct clustering *c, uint32_t children[2])
         if (inner < c->leaf_count)
             continue;
         const struct primitive_ref *ref = node_at(c, inner);
-        float right_stays = cost_of_two(c, other, ref->id) + c->facts[ref->link].cost;
-        float left_stays = cost_of_two(c, other, ref->link) + c->facts[ref->id].cost;
+        uint32_t left = ref->link & ~BECOMES_LEAF, right = ref->id & ~BECOMES_LEAF;
+        float right_stays = cost_of_two(c, other, right) + c->facts[left].cost;
+        float left_stays = cost_of_two(c, other, left) + c->facts[right].cost;
         if (right_stays < best) {
             best = right_stays;
-            side = i, low = other, up = ref->link, stays = ref->id;
+            side = i, low = other, up = left, stays = right;
         }
         if (left_stays < best) {
             best = left_stays;
-            side = i, low = other, up = ref->id, stays = ref->link;
+            side = i, low = other, up = right, stays = left;
         }
     }
     if (side == 2)
@@ -290,71 +299,91 @@ static enum bvhd_status divide_rest(struct clustering *c, struct memory *memory,
     return status;
 }
 
-/* A subtree that becomes a node of the ir. */
+/* A node of the clusters whose children become a pair of the ir. */
 struct emitted {
-    uint32_t node, ir_node, first_ref, level;
+    uint32_t child; /* as its parent has it */
+    uint32_t ir_node, level;
 };
 
-static uint32_t emit_runs(const struct clustering *c, struct ir *ir, const struct primitive_ref *leaf, uint32_t ref)
+/* Copies up to three without a branch on how many, which nobody can foresee: one of them again and again where there are fewer. */
+static inline void copy_ids(const uint32_t *ids, uint32_t count, uint32_t *ret_ids)
 {
-    for (uint32_t i = 0; i < leaf->link; i++) {
-        struct run run = c->runs[leaf->id + i];
-        for (uint32_t k = 0; k < run.count; k++)
-            ir->refs[ref++] = run.id + k;
-    }
-    return ref;
+    uint32_t second = count > 1, third = count > 2 ? 2 : 0;
+    ret_ids[0] = ids[0];
+    ret_ids[second] = ids[second];
+    ret_ids[third] = ids[third];
+    for (uint32_t i = 3; i < count; i++)
+        ret_ids[i] = ids[i];
 }
 
-static void emit_leaf(const struct clustering *c, struct ir *ir, const struct emitted *leaf)
+/* Below a node that becomes a leaf of several; returns how many primitives there are. */
+static uint32_t copy_subtree(const struct clustering *c, uint32_t node, uint32_t *ret_ids)
 {
-    uint32_t waiting[32], count = 1, ref = leaf->first_ref;
-    ir->nodes[leaf->ir_node] = (struct ir_node){leaf->first_ref, c->facts[leaf->node].refs};
-    waiting[0] = leaf->node;
+    uint32_t waiting[32], count = 1, sum = 0;
+    waiting[0] = node;
     while (count > 0) {
-        uint32_t node = waiting[--count];
-        const struct primitive_ref *at = node_at(c, node);
-        if (node < c->leaf_count) {
-            ref = emit_runs(c, ir, at, ref);
+        uint32_t next = waiting[--count] & ~BECOMES_LEAF;
+        const struct primitive_ref *at = node_at(c, next);
+        if (next < c->leaf_count) {
+            copy_ids(c->ids + at->id, at->link, ret_ids + sum);
+            sum += at->link;
         } else {
             waiting[count++] = at->id;
             waiting[count++] = at->link;
         }
     }
+    return sum;
+}
+
+struct emission {
+    const struct clustering *c;
+    struct ir *ir;
+    struct emitted waiting[36];
+    uint32_t waiting_count, depth;
+    double cost;
+};
+
+/* Whether a node becomes a leaf cannot be foreseen: it is put where it would wait if it were none. */
+static inline void emit_node(struct emission *e, uint32_t child, uint32_t ir_node, uint32_t level)
+{
+    const struct clustering *c = e->c;
+    struct ir *ir = e->ir;
+    const bool leaf = child >= BECOMES_LEAF;
+    const uint32_t node = child & ~BECOMES_LEAF, first = ir->ref_count;
+    const struct primitive_ref *ref = node_at(c, node);
+    const struct vec4_box box = vec4_box_load(ref);
+    uint32_t refs = 0;
+    if (node >= c->leaf_count)
+        refs = leaf ? copy_subtree(c, node, ir->refs + first) : 0;
+    else
+        copy_ids(c->ids + ref->id, refs = ref->link, ir->refs + first);
+    vec4_box_put(box, &ir->boxes[0][ir_node]);
+    ir->nodes[ir_node] = (struct ir_node){first, refs};
+    ir->ref_count = first + refs;
+    e->cost += vec4_box_half_area_double(box) * (leaf ? refs : 1);
+    e->depth = level > e->depth ? level : e->depth;
+    e->waiting[e->waiting_count] = (struct emitted){child, ir_node, level};
+    e->waiting_count += !leaf;
 }
 
 /* The larger child waits while the smaller is written, so that at most 32 wait. */
 static void emit(const struct clustering *c, struct ir *ir, uint32_t root, uint32_t *ret_depth, double *ret_cost)
 {
-    struct emitted waiting[33], at = {root, 0, 0, 1};
-    uint32_t waiting_count = 0, depth = 0;
-    double cost = 0;
+    struct emission e = {.c = c, .ir = ir};
     ir->node_count = 1;
-    ir->ref_count = c->facts[root].refs;
-    for (;;) {
-        const struct primitive_ref *ref = node_at(c, at.node);
-        ir->boxes[0][at.ir_node] = primitive_ref_box(ref);
-        double area = box_half_area(&ir->boxes[0][at.ir_node]);
-        if (c->facts[at.node].leaf) {
-            emit_leaf(c, ir, &at);
-            cost += area * c->facts[at.node].refs;
-            depth = at.level > depth ? at.level : depth;
-            if (waiting_count == 0)
-                break;
-            at = waiting[--waiting_count];
-            continue;
-        }
-        cost += area;
-        uint32_t pair = ir->node_count, left_refs = c->facts[ref->link].refs;
+    ir->ref_count = 0;
+    emit_node(&e, as_child(c, root), 0, 1);
+    while (e.waiting_count > 0) {
+        const struct emitted at = e.waiting[--e.waiting_count];
+        const struct primitive_ref *ref = node_at(c, at.child);
+        uint32_t pair = ir->node_count;
         ir->node_count += 2;
-        ir->nodes[at.ir_node] = (struct ir_node){.first = pair};
-        struct emitted left = {ref->link, pair, at.first_ref, at.level + 1},
-                       right = {ref->id, pair + 1, at.first_ref + left_refs, at.level + 1};
-        bool right_first = c->facts[ref->id].refs < left_refs;
-        waiting[waiting_count++] = right_first ? left : right;
-        at = right_first ? right : left;
+        ir->nodes[at.ir_node].first = pair;
+        emit_node(&e, ref->link, pair, at.level + 1);
+        emit_node(&e, ref->id, pair + 1, at.level + 1);
     }
-    *ret_depth = depth;
-    *ret_cost = cost;
+    *ret_depth = e.depth;
+    *ret_cost = e.cost;
 }
 
 static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t stride)
@@ -370,7 +399,7 @@ static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t 
 static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
 {
     uint64_t n = c->request->count, stride = n + 2 * NEAREST_PAD;
-    uint32_t *words = memory_array(memory, 12 * stride + 8 * n + 5 * (n + 8), sizeof *words);
+    uint32_t *words = memory_array(memory, 12 * stride + 6 * n + LEAVES_REFS_MAX * (n + 1) + 5 * (n + 8), sizeof *words);
     if (!words)
         return BVHD_NO_MEMORY;
     c->room = words;
@@ -380,16 +409,16 @@ static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
     place_row(&c->next, floats + 6 * stride, words + n, stride);
     c->facts = (struct node_facts *)(void *)(words + 2 * n);
     words += 6 * n;
-    c->runs = (struct run *)(void *)words;
-    words += 2 * n;
+    c->ids = words;
+    words += LEAVES_REFS_MAX * (n + 1);
     c->singles = (struct move *)(void *)words;
     c->pairs = (struct move *)(void *)(words + 2 * (n + 8));
     c->keys = (int32_t *)(void *)(words + 4 * (n + 8));
     return BVHD_OK;
 }
 
-/* Makes `count` refs of the row, from `first` on, the leaf `index`, which is not behind them. */
-static inline void make_leaf(struct clustering *c, uint32_t index, uint32_t first, uint32_t count)
+/* Makes `count` refs of the row, from `first` on, the leaf `index`, which is not behind them. `ids` are listed before; returns how many it adds. */
+static inline uint32_t make_leaf(struct clustering *c, uint32_t index, uint32_t first, uint32_t count, uint32_t ids)
 {
     struct primitive_ref *leaf = &c->leaves[index];
     const struct primitive_ref *refs = &c->leaves[first];
@@ -398,14 +427,16 @@ static inline void make_leaf(struct clustering *c, uint32_t index, uint32_t firs
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box other = vec4_box_load(&refs[i]);
         vec4_box_grow(&box, other.min, other.max);
-        c->runs[first + i] = (struct run){refs[i].id, refs[i].link + 1};
+        for (uint32_t k = 0; k < LEAVES_REFS_MAX; k++) /* there is room for more than are kept */
+            c->ids[ids + primitives + k] = refs[i].id + k;
         primitives += refs[i].link + 1;
     }
     vec4_box_store(leaf, box);
-    leaf->id = first;
-    leaf->link = count;
+    leaf->id = ids;
+    leaf->link = primitives;
     put(&c->row, index, index, leaf);
     c->facts[index] = (struct node_facts){vec4_box_half_area(box) * (float)primitives, primitives & INT32_MAX, 1};
+    return primitives;
 }
 
 static void make_leaves(struct clustering *c)
@@ -418,8 +449,8 @@ static void make_leaves(struct clustering *c)
         leaves = leaves_cut(c->leaves, count, &options, lengths);
     else
         memset(lengths, 1, count);
-    for (uint32_t i = 0, first = 0; i < leaves; first += lengths[i++])
-        make_leaf(c, i, first, lengths[i]);
+    for (uint32_t i = 0, first = 0, ids = 0; i < leaves; first += lengths[i++])
+        ids += make_leaf(c, i, first, lengths[i], ids);
     c->count = c->node_count = c->leaf_count = leaves;
 }
 

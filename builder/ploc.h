@@ -29,7 +29,7 @@ struct ploc_request {
 };
 
 /*
- * Magnitudes are at most 2^40. Refs may be runs (primitive.h) of up to leaf_max primitives. *ret_ir is made by ir_init from `memory`; ret_depth, ret_cost: its ir_depth, ir_cost. The same bytes on every machine. BVHD_NO_MEMORY, BVHD_CANCELLED.
+ * Magnitudes are at most 2^40. Refs may be runs (primitive.h). *ret_ir is made by ir_init from `memory`; ret_depth, ret_cost: its ir_depth, ir_cost. The same bytes on every machine. BVHD_NO_MEMORY, BVHD_CANCELLED.
  */
 enum bvhd_status ploc_build(const struct ploc_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
                             double *ret_cost, struct bvhd_error *error);

@@ -7,8 +7,8 @@
 #include "leaves.h"
 #include "vec4.h"
 
-/* Primitives whose refs stay in the first cache; chunks of a task, so many that it is worth another thread's while. */
-enum { CHUNK = 1024, TASK_CHUNKS = 8 };
+/* Primitives whose refs stay in the first cache; a block of chunks is a task. */
+enum { CHUNK = 1024 };
 
 /* What becomes of one primitive. */
 struct finding {
@@ -199,8 +199,8 @@ void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct b
     *ret_centroids = vec4_box_get(centroids);
 }
 
-/* What is in a chunk; its refs stand where they would be if nothing were left out. */
-struct chunk {
+/* What is in a block. */
+struct block {
     uint32_t count, primitives;
     struct box bounds, centroids;
     uint64_t inactive, degenerate, skipped;
@@ -209,28 +209,28 @@ struct chunk {
 struct collection {
     const struct canonical *canonical;
     struct primitive_ref *refs;
-    struct chunk *chunks;
-    size_t chunk_count;
+    struct block *blocks;
+    size_t block_count;
     const struct leaves_options *runs; /* NULL: one primitive a ref */
 };
 
-static void collect_one(const struct collection *collection, const struct canonical_geometry *geometry, uint32_t index,
-                        struct chunk *chunk, struct primitive_ref *refs)
+/* Returns whether it is kept. */
+static bool collect_one(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
+                        struct block *block, struct primitive_ref *ref)
 {
-    struct primitive_ref *ref = &refs[chunk->count];
     if (!fast_ref(geometry, index, ref)) {
-        struct finding finding = look(collection->canonical, geometry, index);
-        chunk->inactive += !finding.active;
-        chunk->degenerate += finding.degenerate;
-        chunk->skipped += finding.active && !finding.kept;
+        struct finding finding = look(canonical, geometry, index);
+        block->inactive += !finding.active;
+        block->degenerate += finding.degenerate;
+        block->skipped += finding.active && !finding.kept;
         if (!finding.kept)
-            return;
+            return false;
         memcpy(ref->min, finding.box.min, sizeof ref->min);
         memcpy(ref->max, finding.box.max, sizeof ref->max);
     }
     ref->link = 0;
     ref->id = geometry->first_primitive + index;
-    chunk->count++;
+    return true;
 }
 
 /* Neighbours in the request that would share a leaf become one ref. Numbers of a run follow each other, so nothing may have been left out. */
@@ -254,64 +254,90 @@ static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const stru
     return runs;
 }
 
-static void collect_chunk(const struct collection *collection, size_t index)
+/* Adds primitives [id, end) to what a block has. */
+static void collect_chunk(const struct collection *collection, size_t id, size_t end, struct primitive_ref *refs, struct block *block)
 {
     const struct canonical *canonical = collection->canonical;
-    struct chunk chunk = {0};
-    size_t id, end;
-    parallel_chunk(index, CHUNK, canonical->primitive_count, &id, &end);
-    struct primitive_ref *refs = collection->refs + id;
-    uint32_t asked = (uint32_t)(end - id);
+    const uint32_t asked = (uint32_t)(end - id);
+    uint32_t count = 0;
+    struct box bounds, centroids;
     while (id < end) {
         const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, (uint32_t)id)];
         size_t last = (size_t)geometry->first_primitive + geometry->primitive_count;
         for (last = last < end ? last : end; id < last; id++)
-            collect_one(collection, geometry, (uint32_t)(id - geometry->first_primitive), &chunk, refs);
+            count += collect_one(canonical, geometry, (uint32_t)(id - geometry->first_primitive), block, &refs[count]);
     }
-    chunk.primitives = chunk.count;
-    if (collection->runs && collection->runs->leaf_max > 1 && chunk.count == asked)
-        chunk.count = make_runs(refs, chunk.count, collection->runs);
-    primitive_bounds(refs, chunk.count, &chunk.bounds, &chunk.centroids);
-    collection->chunks[index] = chunk;
+    block->primitives += count;
+    if (collection->runs && collection->runs->leaf_max > 1 && count == asked)
+        count = make_runs(refs, count, collection->runs);
+    primitive_bounds(refs, count, &bounds, &centroids);
+    box_grow(&block->bounds, &bounds);
+    box_grow(&block->centroids, &centroids);
+    block->count += count;
 }
 
-static void collect_chunks(void *context, size_t index)
+static void collect_block(void *context, size_t index)
 {
     const struct collection *collection = context;
-    size_t chunk, end;
-    for (parallel_chunk(index, TASK_CHUNKS, collection->chunk_count, &chunk, &end); chunk < end; chunk++)
-        collect_chunk(collection, chunk);
+    struct block block = {.bounds = box_empty(), .centroids = box_empty()};
+    size_t begin, end;
+    parallel_chunk(index, PRIMITIVE_BLOCK, collection->canonical->primitive_count, &begin, &end);
+    struct primitive_ref *refs = collection->refs + begin;
+    for (size_t id = begin; id < end; id += CHUNK)
+        collect_chunk(collection, id, end - id < CHUNK ? end : id + CHUNK, refs + block.count, &block);
+    collection->blocks[index] = block;
 }
 
-/* Adds the chunks up, in their order, and closes the gaps between their refs. False when cancelled. */
-static bool combine(const struct collection *collection, const atomic_bool *cancel, struct primitive_refs *refs)
+/* Adds the blocks up, in their order. */
+static void combine(const struct collection *collection, struct primitive_refs *refs)
 {
-    for (size_t i = 0; i < collection->chunk_count; i++) {
-        const struct chunk *chunk = &collection->chunks[i];
-        if (refs->count != i * CHUNK)
-            memmove(refs->refs + refs->count, refs->refs + i * CHUNK, chunk->count * sizeof *refs->refs);
-        refs->count += chunk->count;
-        refs->primitives += chunk->primitives;
-        refs->inactive += chunk->inactive;
-        refs->degenerate += chunk->degenerate;
-        refs->skipped += chunk->skipped;
-        box_grow(&refs->bounds, &chunk->bounds);
-        box_grow(&refs->centroids, &chunk->centroids);
-        if (i % 64 == 0 && parallel_cancelled(cancel))
-            return false;
+    refs->block_count = (uint32_t)collection->block_count;
+    for (size_t i = 0; i < collection->block_count; i++) {
+        const struct block *block = &collection->blocks[i];
+        refs->blocks[i] = block->count;
+        refs->count += block->count;
+        refs->primitives += block->primitives;
+        refs->inactive += block->inactive;
+        refs->degenerate += block->degenerate;
+        refs->skipped += block->skipped;
+        box_grow(&refs->bounds, &block->bounds);
+        box_grow(&refs->centroids, &block->centroids);
     }
-    return true;
 }
 
 static enum bvhd_status collect(struct collection *collection, const struct build_context *context, struct primitive_refs *refs)
 {
     collection->refs = refs->refs = memory_array(context->memory, collection->canonical->primitive_count, sizeof *refs->refs);
-    collection->chunks = memory_array(context->memory, collection->chunk_count, sizeof *collection->chunks);
-    if (!collection->refs || !collection->chunks)
+    collection->blocks = memory_array(context->memory, collection->block_count, sizeof *collection->blocks);
+    refs->blocks = memory_array(context->memory, collection->block_count, sizeof *refs->blocks);
+    if (!collection->refs || !collection->blocks || !refs->blocks)
         return BVHD_NO_MEMORY;
-    size_t tasks = (collection->chunk_count + TASK_CHUNKS - 1) / TASK_CHUNKS;
-    bool done = parallel_for_until(context->parallel, context->cancel, tasks, collect_chunks, collection);
-    return done && combine(collection, context->cancel, refs) ? BVHD_OK : BVHD_CANCELLED;
+    if (!parallel_for_until(context->parallel, context->cancel, collection->block_count, collect_block, collection))
+        return BVHD_CANCELLED;
+    combine(collection, refs);
+    return BVHD_OK;
+}
+
+bool primitive_close_gaps(struct primitive_refs *refs, const struct build_context *context)
+{
+    for (uint32_t done = 0, i = 0; refs->blocks && done < refs->count; done += refs->blocks[i++]) {
+        const struct primitive_ref *block = refs->refs + (uint64_t)i * PRIMITIVE_BLOCK;
+        if (block != refs->refs + done)
+            memmove(refs->refs + done, block, refs->blocks[i] * sizeof *block);
+        if (parallel_cancelled(context->cancel))
+            return false;
+    }
+    memory_free(context->memory, refs->blocks);
+    refs->blocks = NULL;
+    return true;
+}
+
+static void free_refs(struct primitive_refs *refs, struct memory *memory)
+{
+    memory_free(memory, refs->refs);
+    memory_free(memory, refs->blocks);
+    refs->refs = NULL;
+    refs->blocks = NULL;
 }
 
 enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
@@ -323,17 +349,31 @@ enum bvhd_status primitive_collect(const struct canonical *canonical, const stru
 enum bvhd_status primitive_collect_runs(const struct canonical *canonical, const struct leaves_options *runs,
                                         const struct build_context *context, struct primitive_refs *ret_refs, struct bvhd_error *error)
 {
+    struct primitive_refs refs;
+    enum bvhd_status status = primitive_collect_blocks(canonical, runs, context, &refs, error);
+    if (status != BVHD_OK)
+        return status;
+    if (!primitive_close_gaps(&refs, context)) {
+        free_refs(&refs, context->memory);
+        return bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
+    }
+    *ret_refs = refs;
+    return BVHD_OK;
+}
+
+enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, const struct leaves_options *runs,
+                                          const struct build_context *context, struct primitive_refs *ret_refs,
+                                          struct bvhd_error *error)
+{
     struct collection collection = {.canonical = canonical, .runs = runs};
     struct primitive_refs refs = {.bounds = box_empty(), .centroids = box_empty()};
     enum bvhd_status status = BVHD_OK;
-    collection.chunk_count = ((size_t)canonical->primitive_count + CHUNK - 1) / CHUNK;
-    if (collection.chunk_count > 0)
+    collection.block_count = ((size_t)canonical->primitive_count + PRIMITIVE_BLOCK - 1) / PRIMITIVE_BLOCK;
+    if (collection.block_count > 0)
         status = collect(&collection, context, &refs);
-    memory_free(context->memory, collection.chunks);
-    if (status != BVHD_OK || refs.count == 0) {
-        memory_free(context->memory, refs.refs);
-        refs.refs = NULL;
-    }
+    memory_free(context->memory, collection.blocks);
+    if (status != BVHD_OK || refs.count == 0)
+        free_refs(&refs, context->memory);
     if (status == BVHD_CANCELLED)
         return bvhd_error_set(error, status, "", "cancelled");
     if (status != BVHD_OK)

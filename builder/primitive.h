@@ -26,8 +26,13 @@ struct primitive_ref {
 
 struct leaves_options;
 
+/* Places of a block of refs. */
+enum { PRIMITIVE_BLOCK = 8192 };
+
 struct primitive_refs {
     struct primitive_ref *refs; /* 64-byte aligned; in order of ids */
+    uint32_t *blocks; /* NULL, or how many refs each block of places has, which stand at its begin: there may be gaps between blocks */
+    uint32_t block_count;
     uint32_t count;
     uint32_t primitives; /* of all refs */
     struct box bounds; /* of all refs */
@@ -53,6 +58,14 @@ enum bvhd_status primitive_collect(const struct canonical *canonical, const stru
  */
 enum bvhd_status primitive_collect_runs(const struct canonical *canonical, const struct leaves_options *runs,
                                         const struct build_context *context, struct primitive_refs *ret_refs, struct bvhd_error *error);
+
+/* The same with gaps, for those who read refs block by block: closing them would take another pass. The caller frees ret_refs->blocks as well. */
+enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, const struct leaves_options *runs,
+                                          const struct build_context *context, struct primitive_refs *ret_refs,
+                                          struct bvhd_error *error);
+
+/* Closes the gaps between blocks. False when cancelled. */
+bool primitive_close_gaps(struct primitive_refs *refs, const struct build_context *context);
 
 /* Box and centroid box (see above) of refs; both empty when there are none. */
 void primitive_bounds(const struct primitive_ref *refs, uint32_t count, struct box *ret_bounds, struct box *ret_centroids);

@@ -10,7 +10,7 @@
 enum { SAMPLE_STEP = 8, SAMPLE_MAX = 16384 };
 
 /* Refs of a task, and most pieces of a sample. */
-enum { CHUNK = 8192, PIECES_MAX = 256 };
+enum { CHUNK = PRIMITIVE_BLOCK, PIECES_MAX = 256 };
 
 /* Of the root's half area: who has as much is met by most rays that meet the root. */
 static const float outsize_share = 0.5f;
@@ -30,10 +30,19 @@ struct scatter {
     uint32_t node_count, piece_count;
     uint32_t levels;
     float outsize; /* half area from which on refs go to the last piece; infinite when none do */
-    uint16_t *pieces; /* of each ref */
+    uint16_t *pieces; /* of each place of a ref */
     uint32_t *places; /* of each chunk: how many refs of each piece, then where the next one goes */
     uint32_t chunk_count;
 };
+
+/* The places of a chunk that hold refs. */
+static void chunk_range(const struct scatter *s, size_t chunk, size_t *ret_begin, size_t *ret_end)
+{
+    const struct split_request *request = s->request;
+    *ret_begin = chunk * CHUNK;
+    size_t rest = request->count - *ret_begin;
+    *ret_end = *ret_begin + (request->blocks ? request->blocks[chunk] : rest < CHUNK ? rest : CHUNK);
+}
 
 static inline vec4 centroid_of(const struct primitive_ref *ref)
 {
@@ -107,6 +116,24 @@ static void plan(struct scatter *s, struct primitive_ref *sample, uint32_t count
     }
 }
 
+/* Every step-th ref of all, of those the ones that are not outsize. Returns how many were looked at. */
+static uint32_t take_sample(const struct scatter *s, uint32_t step, float outsize, struct primitive_ref *ret_sample,
+                            uint32_t *ret_count)
+{
+    uint32_t looked = 0, count = 0;
+    size_t skip = 0, i, end;
+    for (uint32_t chunk = 0; chunk < s->chunk_count; chunk++) {
+        chunk_range(s, chunk, &i, &end);
+        for (i += skip; i < end; i += step, looked++) {
+            ret_sample[count] = s->request->refs[i];
+            count += half_area_of(&ret_sample[count]) < outsize;
+        }
+        skip = i - end;
+    }
+    *ret_count = count;
+    return looked;
+}
+
 /* Takes the sample without the outsize ones, if those are few, and finds the planes on it. */
 static enum bvhd_status find_planes(struct scatter *s)
 {
@@ -120,17 +147,13 @@ static enum bvhd_status find_planes(struct scatter *s)
         plan(s, NULL, 0, 0);
         return BVHD_OK;
     }
-    struct primitive_ref *sample = memory_array(s->memory, size, sizeof *sample);
+    struct primitive_ref *sample = memory_array(s->memory, (uint64_t)size + 1, sizeof *sample);
     if (!sample)
         return BVHD_NO_MEMORY;
-    for (uint32_t i = 0; i < size; i++) {
-        sample[count] = request->refs[i * step];
-        count += half_area_of(&sample[count]) < s->outsize;
-    }
+    size = take_sample(s, step, s->outsize, sample, &count);
     if (size - count > size / 8) {
         s->outsize = INFINITY;
-        for (count = 0; count < size; count++)
-            sample[count] = request->refs[count * step];
+        take_sample(s, step, INFINITY, sample, &count);
     }
     uint32_t enough = request->piece_size / step;
     plan(s, sample, count, enough > 16 ? enough : 16);
@@ -162,7 +185,7 @@ static void assign_chunk(void *context, size_t index)
     uint32_t *counts = places_of(s, index);
     size_t i, end;
     memset(counts, 0, (s->piece_count + 1) * sizeof *counts);
-    for (parallel_chunk(index, CHUNK, s->request->count, &i, &end); i < end; i++) {
+    for (chunk_range(s, index, &i, &end); i < end; i++) {
         uint32_t piece = piece_of(s, &s->request->refs[i]);
         s->pieces[i] = (uint16_t)piece;
         counts[piece]++;
@@ -174,7 +197,7 @@ static void move_chunk(void *context, size_t index)
     const struct scatter *s = context;
     uint32_t *places = places_of(s, index);
     size_t i, end;
-    for (parallel_chunk(index, CHUNK, s->request->count, &i, &end); i < end; i++)
+    for (chunk_range(s, index, &i, &end); i < end; i++)
         vec4_box_store(&s->request->scratch[places[s->pieces[i]]++], vec4_box_load(&s->request->refs[i]));
 }
 
@@ -302,11 +325,11 @@ static enum bvhd_status scatter(struct scatter *s, struct split_tree *tree)
     uint32_t count = s->request->count;
     s->outsize = outsize_share * (float)box_half_area(&s->request->bounds);
     s->outsize = s->outsize > 0 ? s->outsize : INFINITY;
+    s->chunk_count = s->request->blocks ? s->request->block_count : (uint32_t)(((uint64_t)count + CHUNK - 1) / CHUNK);
     enum bvhd_status status = find_planes(s);
     if (status != BVHD_OK)
         return status;
-    s->chunk_count = (uint32_t)(((uint64_t)count + CHUNK - 1) / CHUNK);
-    s->pieces = memory_array(s->memory, count, sizeof *s->pieces);
+    s->pieces = memory_array(s->memory, (uint64_t)s->chunk_count * CHUNK, sizeof *s->pieces);
     s->places = memory_array(s->memory, (uint64_t)s->chunk_count * (s->piece_count + 1), sizeof *s->places);
     tree->nodes = memory_array(s->memory, (uint64_t)s->node_count + 2, sizeof *tree->nodes);
     if (!s->pieces || !s->places || !tree->nodes)

@@ -30,6 +30,8 @@ struct split_tree {
 struct split_request {
     struct primitive_ref *refs; /* permuted so that each piece is contiguous; magnitudes of at most 2^40 */
     struct primitive_ref *scratch; /* room for as many */
+    const uint32_t *blocks; /* with scatter_refs: NULL, or refs lie in block_count blocks (primitive.h) */
+    uint32_t block_count;
     uint32_t count; /* >= 1 */
     uint32_t piece_size; /* no piece is larger; >= 1 */
     struct box bounds, centroids; /* of all refs (primitive_bounds) */

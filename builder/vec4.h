@@ -160,11 +160,39 @@ static inline void vec4_box_store(void *at, struct vec4_box box)
     to[1] = box.max;
 }
 
+/* Into memory as it lies in arrays of boxes. */
+static inline void vec4_box_put(struct vec4_box box, struct box *to)
+{
+#if defined(__SSE2__)
+    vec4 middle = _mm_shuffle_ps(box.min, box.max, _MM_SHUFFLE(0, 0, 2, 2));
+    double end = _mm_cvtsd_f64(_mm_castps_pd(_mm_shuffle_ps(box.max, box.max, _MM_SHUFFLE(2, 1, 2, 1))));
+    *(vec4_loose *)(void *)to = _mm_shuffle_ps(box.min, middle, _MM_SHUFFLE(2, 0, 1, 0));
+    memcpy(&to->max[1], &end, sizeof end);
+#else
+    *to = vec4_box_get(box);
+#endif
+}
+
 /* Half of the surface. */
 static inline float vec4_box_half_area(struct vec4_box box)
 {
     vec4 size = box.max - box.min, sides = size * vec4_rotate(size);
     return sides[0] + sides[1] + sides[2];
+}
+
+/* As box_half_area. */
+static inline double vec4_box_half_area_double(struct vec4_box box)
+{
+#if defined(__SSE2__)
+    vec4 min = vec4_xyz(box.min), max = vec4_xyz(box.max); /* what else stands there may be slow to convert */
+    __m128d xy = _mm_sub_pd(_mm_cvtps_pd(max), _mm_cvtps_pd(min));
+    __m128d z = _mm_sub_pd(_mm_cvtps_pd(_mm_movehl_ps(max, max)), _mm_cvtps_pd(_mm_movehl_ps(min, min)));
+    double x = _mm_cvtsd_f64(xy), y = _mm_cvtsd_f64(_mm_unpackhi_pd(xy, xy)), depth = _mm_cvtsd_f64(z);
+    return x * y + y * depth + depth * x;
+#else
+    struct box plain = vec4_box_get(box);
+    return box_half_area(&plain);
+#endif
 }
 
 static inline void vec4_box_grow(struct vec4_box *box, vec4 min, vec4 max)

@@ -31,7 +31,7 @@ static void tick_for_each(const struct parallel *self, size_t count, parallel_ta
     }
 }
 
-enum { TRIANGLES = 40000, VERTICES = 50000, INSTANCES = 30000, BOXES = 20000 };
+enum { TRIANGLES = 60000, VERTICES = 75000, INSTANCES = 30000, BOXES = 20000 };
 
 struct scene {
     struct build_input input;
