@@ -167,7 +167,7 @@ for options in '--rays 0.02' '--quality auto --rays 0.005' '--quality fast --ray
     expect "the same files: $options" same_sums remote/few remote/shared
 done
 expect 'no temporary files' [ -z "$(find local remote -name '*.??????' ! -name '*.as' ! -name manifest.json)" ]
-run 0 check remote/high-park park.gltf --rays 500
+run 0 check remote/high-park park.gltf --rays "${RAYS:-500}"
 
 # What breaks a rule, and what fails beside what does not.
 run 1 --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build
