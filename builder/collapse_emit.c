@@ -36,6 +36,7 @@ struct emission {
     const atomic_bool *cancel;
     struct memory *memory;
     bool wide_registers;
+    bool shared_out; /* among threads, by tasks; one alone needs none, and the copies that they cost */
     struct task *tasks;
     uint32_t task_count, task_capacity;
     struct wide_node *placed;
@@ -140,14 +141,14 @@ static bool add_task(struct emission *emission, uint32_t skeleton, uint32_t node
 /* Lays out the top of the tree; subtrees of middle size become tasks, whose roots stay as they wait: no slots, their level in first_leaf. */
 static bool emit_skeleton(struct emission *emission, struct run *run)
 {
-    if (!start(emission, run, 0, 0))
+    if (!start(emission, run, 0, emission->shared_out ? 0 : collapse_count(emission->table, 0)))
         return false;
     for (uint32_t step = 1; run->waiting != NO_NODE; step++) {
         uint32_t node = run->nodes[run->waiting].node;
         if (step % STRIDE == 0 && parallel_cancelled(emission->cancel))
             return fail(emission, BVHD_CANCELLED);
         uint32_t refs = collapse_count(emission->table, node);
-        if (refs > TASK_MAX || refs < TASK_MIN) {
+        if (refs > TASK_MAX || refs < TASK_MIN || !emission->shared_out) {
             if (!visit(emission, run))
                 return false;
         } else {
@@ -233,6 +234,14 @@ static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
     return next;
 }
 
+/* Without tasks the skeleton is the tree, in its order. */
+static uint32_t take_skeleton(struct emission *emission, struct run *skeleton)
+{
+    emission->placed = skeleton->nodes;
+    skeleton->nodes = NULL;
+    return skeleton->count;
+}
+
 /* Turns the numbers of leaf refs in first_leaf into their running sum. */
 static uint32_t place_leaves(const struct emission *emission, uint32_t count)
 {
@@ -264,10 +273,11 @@ static enum bvhd_status join(struct emission *emission, struct run *skeleton, co
     uint64_t count = skeleton->count;
     for (uint32_t i = 0; i < emission->task_count; i++)
         count += emission->tasks[i].run.count - 1;
-    emission->placed = count < NO_NODE ? memory_array(emission->memory, count, sizeof *emission->placed) : NULL;
-    if (!emission->placed)
+    if (emission->task_count > 0)
+        emission->placed = count < NO_NODE ? memory_array(emission->memory, count, sizeof *emission->placed) : NULL;
+    if (emission->task_count > 0 && !emission->placed)
         return BVHD_NO_MEMORY;
-    uint32_t placed = place_skeleton(emission, skeleton);
+    uint32_t placed = emission->task_count > 0 ? place_skeleton(emission, skeleton) : take_skeleton(emission, skeleton);
     assert(placed == count || parallel_cancelled(emission->cancel));
     bool done = parallel_for_until(parallel, emission->cancel, emission->task_count, copy_task, emission);
     uint32_t leaf_refs = done ? place_leaves(emission, placed) : 0;
@@ -288,8 +298,12 @@ static enum bvhd_status join(struct emission *emission, struct run *skeleton, co
 enum bvhd_status collapse_emit(const struct collapse_table *table, const atomic_bool *cancel, struct memory *memory,
                                const struct parallel *parallel, struct wide *ret_wide)
 {
-    struct emission emission = {
-        .table = table, .cancel = cancel, .memory = memory, .wide_registers = octants_has_wide(), .status = BVHD_OK};
+    struct emission emission = {.table = table,
+                                .cancel = cancel,
+                                .memory = memory,
+                                .wide_registers = octants_has_wide(),
+                                .shared_out = parallel->threads > 1,
+                                .status = BVHD_OK};
     struct run skeleton;
     if (emit_skeleton(&emission, &skeleton))
         parallel_for(parallel, emission.task_count, emit_task, &emission);

@@ -207,7 +207,7 @@ static void every_allocation_may_fail(void **state)
         assert_int_equal(memory.live, 0);
     }
     assert_int_equal(status, BVHD_OK);
-    assert_true(n > 10 * PIECES);
+    assert_true(n > 6 * PIECES);
     test_model_finish(&w->model);
     free(w);
 }
