@@ -29,7 +29,7 @@ struct construction {
     struct primitive_refs refs;
     struct primitive_ref *scratch;
     uint32_t capacity; /* of both arrays of refs */
-    float whole; /* spatial_split */
+    float price; /* spatial_split */
     struct split_tree tree;
     bool rescaled;
     bool needs_binary; /* the tree is wanted, or has to be changed, before it is made wide */
@@ -208,7 +208,7 @@ static enum bvhd_status split_spatially(struct construction *construction)
         .centroids = refs->centroids,
         .cancel = context->cancel,
     };
-    return spatial_split(&request, context->memory, context->parallel, &construction->tree, &construction->whole, construction->error);
+    return spatial_split(&request, context->memory, context->parallel, &construction->tree, &construction->price, construction->error);
 }
 
 static enum bvhd_status split(struct construction *construction)
@@ -269,7 +269,7 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .method = method_for(construction),
         .leaf_max = leaf_max(construction),
         .canonical = construction->canonical,
-        .whole = construction->whole,
+        .price = construction->price,
         .cancel = context->cancel,
         .progress = construction->is_second ? NULL : context->progress,
         .progress_context = context->progress_context,

@@ -29,19 +29,12 @@ struct build {
     _Atomic uint64_t done;
 };
 
-/* A second pass pays, a third hardly does; of smaller nodes there are too many. */
+/* Large nodes first, so that small ones find their places once those are right; a third pass hardly pays. */
 static enum bvhd_status reinsert(const struct build *build, struct ir *ir, struct piece *piece)
 {
     const struct reinsertion_request reinsertion = {
-        .ir = ir, .leaf_max = build->request->leaf_max, .passes = 2, .share = 0.25f, .cancel = build->request->cancel};
+        .ir = ir, .leaf_max = build->request->leaf_max, .passes = 2, .share = 0.25f, .last_share = 1, .cancel = build->request->cancel};
     return reinsertion_run(&reinsertion, build->memory, &piece->ir, NULL);
-}
-
-/* Of the refs of all: what is cut in smaller nodes costs more than it gains, but where there is little to do. */
-static uint32_t cut_above(uint32_t count)
-{
-    enum { MOST = 256 };
-    return count / 256 < MOST ? count / 256 : MOST;
 }
 
 static enum bvhd_status build_spatial(const struct build *build, struct piece *piece)
@@ -54,8 +47,7 @@ static enum bvhd_status build_spatial(const struct build *build, struct piece *p
         .count = piece->count,
         .capacity = piece->capacity,
         .cancel = request->cancel,
-        .cut_above = cut_above(request->tree->nodes[0].count),
-        .whole = request->whole,
+        .price = request->price,
     };
     struct ir ir;
     enum bvhd_status status = spatial_build(&spatial, build->memory, &ir, NULL);

@@ -22,8 +22,8 @@ struct pieces_request {
     uint32_t radius, rounds; /* with PIECES_PLOC (ploc.h) */
     float cut_cost; /* likewise */
     uint32_t leaf_max;
-    const struct canonical *canonical; /* with PIECES_SPATIAL (spatial.h), as is `whole` */
-    float whole;
+    const struct canonical *canonical; /* with PIECES_SPATIAL (spatial.h), as is `price` */
+    float price;
     const struct collapse_options *widen; /* NULL, or pieces become wide trees at once, for pieces_join_wide; with PIECES_PLOC */
     const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, from any thread */

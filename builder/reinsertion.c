@@ -190,9 +190,9 @@ static inline uint32_t rank_of(float area)
 enum { RANKS = 1 << 12 };
 
 /* The lowest rank above which there are no more nodes than a pass tries. */
-static uint32_t lowest_rank(const struct tree *tree)
+static uint32_t lowest_rank(const struct tree *tree, float share)
 {
-    uint64_t most = (uint64_t)((double)tree->request->share * tree->count), sum = 0;
+    uint64_t most = (uint64_t)((double)share * tree->count), sum = 0;
     uint32_t histogram[RANKS] = {0}, rank = RANKS;
     for (uint32_t i = 1; i < tree->count; i++)
         histogram[rank_of(vec4_box_half_area(box_at(tree, i))) % RANKS]++;
@@ -204,11 +204,12 @@ static uint32_t lowest_rank(const struct tree *tree)
 static bool improve(struct tree *tree)
 {
     enum { LOOK_EVERY = 256 };
+    const struct reinsertion_request *request = tree->request;
     const uint64_t most = (uint64_t)tree->count * STEPS_A_NODE;
-    for (uint32_t pass = 0; pass < tree->request->passes; pass++) {
-        uint32_t lowest = lowest_rank(tree);
+    for (uint32_t pass = 0; pass < request->passes; pass++) {
+        uint32_t lowest = lowest_rank(tree, pass + 1 < request->passes ? request->share : request->last_share);
         for (uint32_t i = 1; i < tree->count && tree->steps < most; i++) {
-            if (i % LOOK_EVERY == 0 && parallel_cancelled(tree->request->cancel))
+            if (i % LOOK_EVERY == 0 && parallel_cancelled(request->cancel))
                 return false;
             /* Below the root there is one other place, the same. */
             if (tree->nodes[i].parent == 0 || rank_of(vec4_box_half_area(box_at(tree, i))) < lowest)
@@ -218,7 +219,7 @@ static bool improve(struct tree *tree)
                 reinsert(tree, i, place.node);
         }
     }
-    return !parallel_cancelled(tree->request->cancel);
+    return !parallel_cancelled(request->cancel);
 }
 
 static void load(struct tree *tree)

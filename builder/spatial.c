@@ -15,9 +15,19 @@ struct part {
 
 uint32_t spatial_capacity(uint32_t count)
 {
-    uint64_t capacity = (uint64_t)count + count / 5;
+    uint64_t capacity = (uint64_t)count + (uint64_t)count * 2 / 5;
     return capacity <= UINT32_MAX / 2 ? (uint32_t)capacity : count;
 }
+
+/* How cuts did in nodes of one size, by powers of two. */
+struct experience {
+    uint32_t tried, cut, passed_over;
+};
+
+struct builder {
+    const struct spatial_request *request;
+    struct experience experience[32];
+};
 
 /* How a part's refs would be divided as they are. */
 struct division {
@@ -42,20 +52,32 @@ static void share_room(const struct part *part, const struct spatial_side sides[
         };
 }
 
-/* Cuts where that is cheaper than the best division of whole refs; false leaves the part's refs as they are. */
-static bool cut(const struct spatial_request *request, const struct part *part, const struct bins_plane *division,
-                struct spatial_side ret_sides[2])
+/* False where of many tries fewer than one in RARELY has led to a cut, but for one time in AGAIN: meshes without overlaps are not to pay for them. */
+static bool is_promising(struct experience *experience)
 {
+    enum { ENOUGH = 16, RARELY = 16, AGAIN = 16 };
+    bool rare = experience->tried >= ENOUGH && experience->cut < experience->tried / RARELY;
+    return !rare || ++experience->passed_over % AGAIN == 0;
+}
+
+/* Cuts where that is cheaper than the best division of whole refs; false leaves the part's refs as they are. */
+static bool cut(struct builder *builder, const struct part *part, const struct bins_plane *division, struct spatial_side ret_sides[2])
+{
+    const struct spatial_request *request = builder->request;
+    struct experience *experience = &builder->experience[31 - __builtin_clz(part->count)];
     struct spatial_grid grid;
     struct spatial_bins bins;
     struct spatial_plane plane;
-    if (part->count <= request->cut_above || !spatial_worth_a_try(division, part->count, part->capacity - part->count, request->whole))
+    if (!spatial_worth_a_try(division, part->count, part->capacity - part->count, request->price) || !is_promising(experience))
         return false;
+    experience->tried++;
     spatial_grid_lay(&part->bounds, &grid);
+    spatial_grid_narrow(&part->bounds, division->axis, &grid);
     spatial_bins_clear(&bins);
     if (!spatial_bins_add(&bins, request->canonical, &grid, part->refs, part->count, request->cancel) ||
-        !spatial_bins_choose(&bins, &grid, part->capacity, &plane) || !spatial_is_better(&plane, division, part->count))
+        !spatial_bins_choose(&bins, &grid, part->capacity, &plane) || !spatial_is_better(&plane, division, part->count, request->price))
         return false;
+    experience->cut++;
     spatial_partition(request->canonical, &grid, &plane, part->refs, part->count, part->other, part->other + part->capacity, ret_sides);
     return true;
 }
@@ -75,7 +97,7 @@ static void carry_out(const struct part *part, const struct division *division, 
     ret_sides[1] = (struct spatial_side){division->plane.right, centroids[1], right_count};
 }
 
-static void divide(const struct spatial_request *request, const struct part *part, struct part ret_children[2])
+static void divide(struct builder *builder, const struct part *part, struct part ret_children[2])
 {
     struct division division = {.halved = false};
     struct bins_plane *plane = &division.plane;
@@ -83,7 +105,7 @@ static void divide(const struct spatial_request *request, const struct part *par
     division.halved = !bins_find(part->refs, part->count, &part->centroids, &division.mapping, plane);
     if (division.halved)
         bins_halve(part->refs, part->count, plane, division.centroids);
-    if (division.halved || !cut(request, part, plane, sides))
+    if (division.halved || !cut(builder, part, plane, sides))
         carry_out(part, &division, sides);
     share_room(part, sides, ret_children);
 }
@@ -113,11 +135,11 @@ static struct part resume(const struct waiting *waiting, uint32_t ref_count)
     return part;
 }
 
-/* Nodes of more refs look at the cancel flag: below one there is a quarter of a millisecond's work. */
+/* Nodes of more refs look at the cancel flag: below one there is about a millisecond's work. */
 enum { LOOK_ABOVE = 512 };
 
 /* The child with more room waits while the other is split to the end, so that at most 32 wait. */
-static enum bvhd_status split_to_end(const struct spatial_request *request, struct ir *ir, struct part part)
+static enum bvhd_status split_to_end(struct builder *builder, struct ir *ir, struct part part)
 {
     struct waiting waiting[33];
     struct part children[2];
@@ -131,9 +153,9 @@ static enum bvhd_status split_to_end(const struct spatial_request *request, stru
             part = resume(&waiting[--waiting_count], ir->ref_count);
             continue;
         }
-        if (part.count > LOOK_ABOVE && parallel_cancelled(request->cancel))
+        if (part.count > LOOK_ABOVE && parallel_cancelled(builder->request->cancel))
             return BVHD_CANCELLED;
-        divide(request, &part, children);
+        divide(builder, &part, children);
         ir->nodes[part.node] = (struct ir_node){.first = ir->node_count};
         children[0].node = ir->node_count;
         children[1].node = ir->node_count + 1;
@@ -158,7 +180,8 @@ enum bvhd_status spatial_build(const struct spatial_request *request, struct mem
                         .capacity = request->capacity};
     bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
     ir.node_count = 1;
-    status = split_to_end(request, &ir, root);
+    struct builder builder = {.request = request};
+    status = split_to_end(&builder, &ir, root);
     if (status == BVHD_OK) {
         *ret_ir = ir;
         return BVHD_OK;

@@ -2,8 +2,9 @@
 /*
  * spatial.h - the builder of quality high: a piece's tree by binned SAH with spatial splits (SBVH, Stich 2009), on one thread.
  *
- * Refs are divided by their centroids. Where that leaves large nodes with two boxes that overlap, a plane that cuts triangles in two is tried as
- * well. Cut triangles are referenced from both sides; their number is bounded by the room there is.
+ * Refs are divided by their centroids. Where that leaves two boxes that overlap, a plane that cuts triangles in two is tried as well, unless
+ * hardly any such plane was good in nodes of about the size before. Cut triangles are referenced from both sides; their number is bounded by the room
+ * there is, and each has to pay for itself.
  */
 #ifndef BVHD_SPATIAL_H
 #define BVHD_SPATIAL_H
@@ -18,12 +19,11 @@ struct spatial_request {
     const struct canonical *canonical; /* when there is room: clip_allowed, and refs are its triangles or parts of them */
     struct primitive_ref *refs, *scratch; /* `capacity` each; the refs are the first `count`; what they hold afterwards is of no use */
     uint32_t count, capacity; /* 1 <= count <= capacity: no tree has more refs than that */
-    uint32_t cut_above; /* refs of a node: in smaller ones nothing is cut */
     const atomic_bool *cancel; /* may be NULL; looked at every few hundred refs */
-    float whole; /* half the area of the structure that the piece is a part of: overlaps small beside it do not matter */
+    float price; /* what a ref more has to save (spatial_bins.h) */
 };
 
-/* Room for the refs of a tree over `count`: a fifth more. */
+/* Room for the refs of a tree over `count`: two fifths more. */
 uint32_t spatial_capacity(uint32_t count);
 
 /*

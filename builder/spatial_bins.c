@@ -1,13 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "spatial_bins.h"
 
+#include <math.h>
+
 #include "parallel.h"
 
+/* A cut is tried where it may save this part of the cost, and made where it costs less than that part of a division. */
+static const float SAVING_LEAST = 0.02f, COST_MOST = 0.99f;
+
 /*
- * A cut is tried for an overlap that is more than this part of the whole structure's area, where it may save that part of the cost; and made where
- * it costs less than that part of a division.
+ * What a ref costs is the tree's cost by their number. A tree's cost, in areas of the root, lies between that of its leaves and a few tens, whatever they are:
+ * it grows about as the root of the leaves' does. The factor is where fewer refs begin to lose on most scenes.
  */
-static const float OVERLAP_LEAST = 1e-3f, SAVING_LEAST = 0.02f, COST_MOST = 0.99f;
+static const double PRICE = 4;
 
 /* A ref that crosses all planes takes some microseconds. */
 enum { LOOK_EVERY = 512 };
@@ -32,6 +37,17 @@ void spatial_grid_lay(const struct vec4_box *bounds, struct spatial_grid *ret_gr
         ret_grid->base[axis] = low;
         ret_grid->scale[axis] = usable ? scale : 0;
     }
+}
+
+void spatial_grid_narrow(const struct vec4_box *bounds, unsigned axis, struct spatial_grid *grid)
+{
+    vec4 extents = bounds->max - bounds->min;
+    unsigned longest = extents[1] > extents[0];
+    if (extents[2] > extents[longest])
+        longest = 2;
+    for (unsigned i = 0; i < 3; i++)
+        if (i != axis && i != longest)
+            grid->scale[i] = 0;
 }
 
 /* The last bin that begins at `value` or below; planes decide, the quotient is where to look first. */
@@ -194,15 +210,25 @@ static float saving_of(const struct bins_plane *plane, uint32_t count)
     return cost - cost_of(&left, plane->left_count, &right, right_count);
 }
 
-bool spatial_worth_a_try(const struct bins_plane *plane, uint32_t count, uint32_t slack, float whole)
+float spatial_price(double areas, float whole, uint32_t count)
 {
-    float cost = cost_of(&plane->left, plane->left_count, &plane->right, count - plane->left_count);
-    return slack > 0 && overlap_of(plane) > OVERLAP_LEAST * whole && saving_of(plane, count) > SAVING_LEAST * cost;
+    return (float)(PRICE * sqrt(areas * whole) / count);
 }
 
-bool spatial_is_better(const struct spatial_plane *cut, const struct bins_plane *plane, uint32_t count)
+bool spatial_worth_a_try(const struct bins_plane *plane, uint32_t count, uint32_t slack, float price)
 {
-    return cut->cost < COST_MOST * cost_of(&plane->left, plane->left_count, &plane->right, count - plane->left_count);
+    if (slack == 0 || !(overlap_of(plane) > 0))
+        return false;
+    float cost = cost_of(&plane->left, plane->left_count, &plane->right, count - plane->left_count);
+    float saving = saving_of(plane, count);
+    return saving > SAVING_LEAST * cost && saving > price;
+}
+
+bool spatial_is_better(const struct spatial_plane *cut, const struct bins_plane *plane, uint32_t count, float price)
+{
+    float cost = cost_of(&plane->left, plane->left_count, &plane->right, count - plane->left_count);
+    uint32_t more = cut->left_count + cut->right_count - count;
+    return cut->cost < COST_MOST * cost && cost - cut->cost > price * (float)more;
 }
 
 uint32_t spatial_share_room(uint32_t capacity, const struct spatial_side sides[2])

@@ -25,6 +25,7 @@ struct chunk {
     struct bins bins;
     struct spatial_bins parts;
     uint32_t counts[2], places[2]; /* by side: how many refs go there, and where */
+    double areas[2]; /* of the root, by side: half areas of its refs */
     struct spatial_side sides[2];
 };
 
@@ -35,6 +36,7 @@ struct splitter {
     struct split_tree tree;
     uint32_t node_capacity;
     float whole; /* half area of the root, without the outsize refs */
+    float price; /* spatial_price */
     struct part part; /* the one that is being split */
     struct chunk *chunks;
     uint8_t *sides; /* enum spatial_where of each ref of the part */
@@ -202,7 +204,7 @@ static bool look_for_cut(struct splitter *s, bool *ret_better)
 {
     const struct part *part = &s->part;
     *ret_better = false;
-    if (!spatial_worth_a_try(&s->plane, part->count, part->capacity - part->count, s->whole))
+    if (!spatial_worth_a_try(&s->plane, part->count, part->capacity - part->count, s->price))
         return true;
     spatial_grid_lay(&part->bounds, &s->grid);
     if (!each_chunk(s, bin_chunk_parts))
@@ -210,7 +212,7 @@ static bool look_for_cut(struct splitter *s, bool *ret_better)
     for (uint32_t i = 1; i < chunk_count(s); i++)
         spatial_bins_merge(&s->chunks[0].parts, &s->chunks[i].parts);
     *ret_better = spatial_bins_choose(&s->chunks[0].parts, &s->grid, part->capacity, &s->cut) &&
-                  spatial_is_better(&s->cut, &s->plane, part->count);
+                  spatial_is_better(&s->cut, &s->plane, part->count, s->price);
     return true;
 }
 
@@ -295,29 +297,39 @@ static void assign_outsize(void *context, size_t index)
     size_t i, end;
     parallel_chunk(index, CHUNK, s->part.count, &i, &end);
     chunk->counts[0] = chunk->counts[1] = 0;
+    chunk->areas[0] = chunk->areas[1] = 0;
     for (; i < end; i++) {
-        s->sides[i] = vec4_box_half_area(vec4_box_load(&part_refs(s)[i])) >= outsize_share * s->whole;
+        float area = vec4_box_half_area(vec4_box_load(&part_refs(s)[i]));
+        s->sides[i] = area >= outsize_share * s->whole;
         chunk->counts[s->sides[i]]++;
+        chunk->areas[s->sides[i]] += area;
     }
 }
 
 /*
  * Refs about as large as the whole would blow up every box on their way down: if they are few, they make a piece of their own below the root,
- * without room for more. Sets *ret_apart. False when cancelled.
+ * without room for more. Sets *ret_apart, and the price. False when cancelled.
  */
 static bool set_apart(struct splitter *s, struct spatial_side ret_sides[2], bool *ret_apart)
 {
     *ret_apart = false;
     if (!each_chunk(s, assign_outsize))
         return false;
-    uint64_t outsize = 0;
-    for (uint32_t i = 0; i < chunk_count(s); i++)
+    double areas[2] = {0, 0};
+    uint32_t outsize = 0;
+    for (uint32_t i = 0; i < chunk_count(s); i++) {
         outsize += s->chunks[i].counts[1];
-    if (outsize == 0 || outsize > s->part.count / OUTSIZE_RARE)
+        for (int side = 0; side < 2; side++)
+            areas[side] += s->chunks[i].areas[side];
+    }
+    if (outsize == 0 || outsize > s->part.count / OUTSIZE_RARE) {
+        s->price = spatial_price(areas[0] + areas[1], s->whole, s->part.count);
         return true;
+    }
     if (!move_refs(s, ret_sides))
         return false;
     s->whole = vec4_box_half_area(ret_sides[0].bounds);
+    s->price = spatial_price(areas[0], s->whole, s->part.count - outsize);
     *ret_apart = true;
     return true;
 }
@@ -385,7 +397,7 @@ static enum bvhd_status split(struct splitter *s)
 }
 
 enum bvhd_status spatial_split(const struct spatial_split_request *request, struct memory *memory, const struct parallel *parallel,
-                               struct split_tree *ret_tree, float *ret_whole, struct bvhd_error *error)
+                               struct split_tree *ret_tree, float *ret_price, struct bvhd_error *error)
 {
     struct splitter s = {.request = request, .memory = memory, .parallel = parallel};
     enum bvhd_status status = split(&s);
@@ -393,7 +405,7 @@ enum bvhd_status spatial_split(const struct spatial_split_request *request, stru
     memory_free(memory, s.sides);
     if (status == BVHD_OK) {
         *ret_tree = s.tree;
-        *ret_whole = s.whole;
+        *ret_price = s.price;
         return BVHD_OK;
     }
     memory_free(memory, s.tree.nodes);

@@ -23,10 +23,10 @@ struct spatial_split_request {
 /*
  * As split_refs, but cut triangles are referenced from both sides, and each piece has room: its refs are refs[first .. first + count), and both
  * arrays are its own up to the `first` of the piece behind it. No bounds are set; the root's count is that of the pieces' refs.
- * Refs about as large as the whole, which would blow up every box on their way down, make a piece of their own below the root; *ret_whole is
- * half the area of the others' box.
+ * Refs about as large as the whole, which would blow up every box on their way down, make a piece of their own below the root; *ret_price is
+ * spatial_price of the others.
  */
 enum bvhd_status spatial_split(const struct spatial_split_request *request, struct memory *memory, const struct parallel *parallel,
-                               struct split_tree *ret_tree, float *ret_whole, struct bvhd_error *error);
+                               struct split_tree *ret_tree, float *ret_price, struct bvhd_error *error);
 
 #endif

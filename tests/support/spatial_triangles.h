@@ -9,6 +9,7 @@
 #include "canonical.h"
 #include "primitive.h"
 #include "random.h"
+#include "spatial_bins.h"
 
 enum kind {
     CLOUD, /* middle-sized, any direction */
@@ -88,6 +89,14 @@ static inline void triangles_start(struct triangles *f, enum kind kind, uint32_t
         .type = GEOMETRY_TRIANGLES, .primitive_count = count, .vertex_count = 3 * count, .positions = f->corners[0]};
     f->canonical = (struct canonical){
         .type = STRUCTURE_BOTTOM, .geometry_count = 1, .primitive_count = count, .vertex_count = 3 * count, .geometries = &f->geometry};
+}
+
+static inline float triangles_price(const struct triangles *f)
+{
+    double areas = 0;
+    for (uint32_t id = 0; id < f->count; id++)
+        areas += box_half_area(&f->boxes[id]);
+    return spatial_price(areas, (float)box_half_area(&f->whole), f->count);
 }
 
 static inline void triangles_finish(struct triangles *f)

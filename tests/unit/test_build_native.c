@@ -110,7 +110,7 @@ static void every_kind_quality_and_variant(void **state)
 static void high_splits(void **state)
 {
     (void)state;
-    static const struct test_shape shape = {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 3000, .size = 10, .detail = 0.2};
+    static const struct test_shape shape = {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 3000, .size = 10, .detail = 0.8};
     struct memory memory;
     struct test_model model;
     struct built built;

@@ -12,8 +12,7 @@ static struct ir spatial_tree(struct triangles *f)
                                       .scratch = f->scratch,
                                       .count = f->count,
                                       .capacity = f->capacity,
-                                      .cut_above = 16,
-                                      .whole = (float)box_half_area(&f->whole)};
+                                      .price = triangles_price(f)};
     struct ir ir;
     assert_int_equal(spatial_build(&request, &f->memory, &ir, NULL), BVHD_OK);
     return ir;
@@ -63,7 +62,7 @@ static struct ir copy_of(const struct ir *ir, struct memory *memory)
 static struct ir run(struct triangles *f, const struct ir *from, uint32_t leaf_max, uint32_t passes, float share)
 {
     struct ir copy = copy_of(from, &f->memory);
-    struct reinsertion_request request = {.ir = &copy, .leaf_max = leaf_max, .passes = passes, .share = share};
+    struct reinsertion_request request = {.ir = &copy, .leaf_max = leaf_max, .passes = passes, .share = share, .last_share = share};
     struct ir ir;
     assert_int_equal(reinsertion_run(&request, &f->memory, &ir, NULL), BVHD_OK);
     return ir;
@@ -212,7 +211,7 @@ static void failing_allocations_leave_nothing(void **state)
     for (int64_t n = 0; status != BVHD_OK; n++) {
         struct bvhd_error error = {.status = BVHD_OK};
         struct ir copy = copy_of(&from, &f.memory);
-        struct reinsertion_request request = {.ir = &copy, .leaf_max = 3, .passes = 1, .share = 0.5f};
+        struct reinsertion_request request = {.ir = &copy, .leaf_max = 3, .passes = 1, .last_share = 0.5f};
         f.memory.fail_after = n;
         status = reinsertion_run(&request, &f.memory, &to, &error);
         assert_true(n < 6 ? status == BVHD_NO_MEMORY : status == BVHD_OK);
@@ -235,7 +234,7 @@ static void cancelling_ends_it(void **state)
     atomic_bool cancel = true;
     triangles_start(&f, CLOUD, 1000, 0);
     struct ir from = spatial_tree(&f);
-    struct reinsertion_request request = {.ir = &from, .leaf_max = 3, .passes = 1, .share = 0.5f, .cancel = &cancel};
+    struct reinsertion_request request = {.ir = &from, .leaf_max = 3, .passes = 1, .last_share = 0.5f, .cancel = &cancel};
     assert_int_equal(reinsertion_run(&request, &f.memory, &to, &error), BVHD_CANCELLED);
     assert_int_equal(error.status, BVHD_CANCELLED);
     ir_finish(&from);

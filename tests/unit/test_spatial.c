@@ -11,8 +11,7 @@ static struct ir build(struct triangles *f)
                                       .scratch = f->scratch,
                                       .count = f->count,
                                       .capacity = f->capacity,
-                                      .cut_above = 4,
-                                      .whole = (float)box_half_area(&f->whole)};
+                                      .price = triangles_price(f)};
     struct ir ir;
     assert_int_equal(spatial_build(&request, &f->memory, &ir, NULL), BVHD_OK);
     return ir;
@@ -119,7 +118,7 @@ static void failing_allocations_leave_nothing(void **state)
         struct ir ir;
         struct bvhd_error error = {.status = BVHD_OK};
         triangles_start(&f, SLIVERS, 1000, 200);
-        struct spatial_request request = {&f.canonical, f.refs, f.scratch, f.count, f.capacity, 16, NULL, 1};
+        struct spatial_request request = {&f.canonical, f.refs, f.scratch, f.count, f.capacity, NULL, triangles_price(&f)};
         f.memory.fail_after = n;
         status = spatial_build(&request, &f.memory, &ir, &error);
         assert_true(n < 3 ? status == BVHD_NO_MEMORY : status == BVHD_OK);
@@ -138,7 +137,7 @@ static void cancelling_ends_it(void **state)
     struct bvhd_error error;
     atomic_bool cancel = true;
     triangles_start(&f, CLOUD, 1000, 0);
-    struct spatial_request request = {&f.canonical, f.refs, f.scratch, f.count, f.capacity, 16, &cancel, 1};
+    struct spatial_request request = {&f.canonical, f.refs, f.scratch, f.count, f.capacity, &cancel, 1};
     assert_int_equal(spatial_build(&request, &f.memory, &ir, &error), BVHD_CANCELLED);
     assert_int_equal(error.status, BVHD_CANCELLED);
     triangles_finish(&f);

@@ -232,10 +232,36 @@ static void cuts_are_tried_where_they_may_pay(void **state)
     assert_true(spatial_worth_a_try(&much, 100, 10, 5));
     assert_false(spatial_worth_a_try(&much, 100, 0, 5));
     assert_false(spatial_worth_a_try(&much, 100, 10, 1e6f));
-    struct spatial_plane cut = {.cost = 50 * 4 + 50 * 4}; /* the division's: half areas of 4 */
-    assert_false(spatial_is_better(&cut, &much, 100));
+    struct spatial_plane cut = {.cost = 50 * 4 + 50 * 4, .left_count = 50, .right_count = 60}; /* the division's: half areas of 4 */
+    assert_false(spatial_is_better(&cut, &much, 100, 0));
     cut.cost = 50 * 4 + 50 * 3;
-    assert_true(spatial_is_better(&cut, &much, 100));
+    assert_true(spatial_is_better(&cut, &much, 100, 4.9f));
+    assert_false(spatial_is_better(&cut, &much, 100, 5.1f)); /* ten more for 50 */
+}
+
+/* The price of a ref is of the same kind as a cost, whatever the units. */
+static void prices_follow_areas(void **state)
+{
+    (void)state;
+    float price = spatial_price(90, 10, 100);
+    assert_true(price > 0);
+    assert_true(spatial_price(180, 20, 100) == 2 * price && spatial_price(90, 10, 50) == 2 * price);
+    assert_true(spatial_price(360, 10, 100) == 2 * price);
+    assert_true(spatial_price(0, 0, 1) == 0);
+    assert_true(isfinite(spatial_price(0x1p116, 0x1p84f, 1)));
+}
+
+static void planes_are_left_across_two_axes(void **state)
+{
+    (void)state;
+    struct spatial_grid grid;
+    struct vec4_box box = {{0, 0, 0, 0}, {2, 1, 3, 0}};
+    for (unsigned axis = 0; axis < 3; axis++) {
+        spatial_grid_lay(&box, &grid);
+        spatial_grid_narrow(&box, axis, &grid);
+        for (unsigned i = 0; i < 3; i++)
+            assert_int_equal(grid.scale[i] > 0, i == axis || i == 2);
+    }
 }
 
 static void room_is_shared_by_what_it_is_worth(void **state)
@@ -270,9 +296,14 @@ static void thin_boxes_have_no_planes(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_cheapest_plane_is_chosen),       cmocka_unit_test(every_ref_goes_somewhere),
-        cmocka_unit_test(chunks_go_where_they_are_sent),      cmocka_unit_test(cuts_are_tried_where_they_may_pay),
-        cmocka_unit_test(room_is_shared_by_what_it_is_worth), cmocka_unit_test(thin_boxes_have_no_planes),
+        cmocka_unit_test(the_cheapest_plane_is_chosen),
+        cmocka_unit_test(every_ref_goes_somewhere),
+        cmocka_unit_test(chunks_go_where_they_are_sent),
+        cmocka_unit_test(cuts_are_tried_where_they_may_pay),
+        cmocka_unit_test(prices_follow_areas),
+        cmocka_unit_test(planes_are_left_across_two_axes),
+        cmocka_unit_test(room_is_shared_by_what_it_is_worth),
+        cmocka_unit_test(thin_boxes_have_no_planes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
