@@ -47,11 +47,24 @@ static enum bvhd_status open_native(struct structure *structure, struct bvhd_err
     return status;
 }
 
+/* Without the name of ours at its begin, what disagrees with itself is most likely no structure at all. */
+static enum bvhd_status read_header(struct bytes blob, struct serialized_header *ret_header, struct bvhd_error *error)
+{
+    struct bvhd_error inner;
+    enum bvhd_status status = serialized_read(blob, ret_header, &inner);
+    bool is_ours = blob.size >= sizeof portable_driver_uuid && !memcmp(blob.data, portable_driver_uuid, sizeof portable_driver_uuid);
+    if (status == BVHD_CORRUPT && !is_ours)
+        return bvhd_error_set(error, status, "header", "this is no structure, or a part of a driver's: %s %s", inner.where, inner.text);
+    if (status && error)
+        *error = inner;
+    return status;
+}
+
 enum bvhd_status structure_open(struct bytes blob, struct memory *memory, struct structure *ret_structure, struct bvhd_error *error)
 {
     struct structure structure = {.blob = blob, .memory = memory};
     struct serialized_header header;
-    enum bvhd_status status = serialized_read(blob, &header, error);
+    enum bvhd_status status = read_header(blob, &header, error);
     if (status)
         return status;
     bool is_portable = !memcmp(header.driver_uuid, portable_driver_uuid, sizeof header.driver_uuid);

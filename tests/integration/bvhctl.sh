@@ -202,10 +202,11 @@ run 1 inspect missing.as
 one_error_line
 run 3 inspect ball.ply
 one_error_line
+says 'bvhctl: inspect: ball.ply: header: this is no structure'
 head -c 1000 good/ball.blas-0.as >cut.as
 run 3 inspect cut.as --json
 one_json_object
-expect 'the damage has a place' grep -q '"where":"cut.as: ' out
+expect 'the damage has a place' grep -q '"where":"cut.as: header.serializedSize"' out
 cp -r good bad
 head -c 1000 good/ball.blas-0.as >bad/ball.blas-0.as
 run 3 check bad ball.ply
