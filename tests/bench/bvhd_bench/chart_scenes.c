@@ -37,11 +37,23 @@ static bool ratio_of(const struct results *results, uint32_t scene, const char *
     return mean.count > 0;
 }
 
+/* Of a run of few methods there may be none. */
+static bool has_points(const struct results *results, int panel)
+{
+    bool some = false;
+    double ratio;
+    for (int tier = 0; tier < TIERS; tier++)
+        for (uint32_t i = 0; i < results->scene_count; i++)
+            some |= ratio_of(results, i, tiers[tier].method, panel, &ratio);
+    return some;
+}
+
 static void draw_data(const struct results *results, FILE *script)
 {
     for (int panel = 0; panel < PANELS; panel++)
         for (int tier = 0; tier < TIERS; tier++) {
-            fprintf(script, "$p%dt%d << EOD\n", panel, tier);
+            /* Off the picture: gnuplot complains of nothing at all. */
+            fprintf(script, "$p%dt%d << EOD\n%s", panel, tier, has_points(results, panel) ? "" : "1 -9\n");
             for (uint32_t i = 0; i < results->scene_count; i++) {
                 double ratio;
                 if (ratio_of(results, i, tiers[tier].method, panel, &ratio))
@@ -64,7 +76,8 @@ static void draw_panel(const struct results *results, int panel, FILE *script)
             fprintf(script, "\"\"");
         fprintf(script, " %u", results->scene_count - i);
     }
-    fprintf(script, ")\nset arrow 1 from 1,graph 0 to 1,graph 1 nohead lw 1.5 lc rgb \"#808080\"\nplot ");
+    fprintf(script, ")\nset %s\n", has_points(results, panel) ? "autoscale x" : "xrange [0.5:2]");
+    fprintf(script, "set arrow 1 from 1,graph 0 to 1,graph 1 nohead lw 1.5 lc rgb \"#808080\"\nplot ");
     for (int tier = 0; tier < TIERS; tier++)
         fprintf(script, "%s$p%dt%d with points pt %d ps 1.5 lw 2 lc rgb \"%s\" title \"%s\"", tier ? ", " : "", panel, tier,
                 tiers[tier].shape, tiers[tier].colour, tiers[tier].method);
