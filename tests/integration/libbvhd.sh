@@ -5,6 +5,8 @@
 # each expectation that does not hold; status 1 when one does not.
 # shellcheck disable=SC2016,SC2046,SC2086 # compilers and flags are lists of words
 set -u
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
 export LC_ALL=C
 source=$(realpath "$1")
 build=$(realpath "$2")
@@ -21,24 +23,10 @@ trap cleanup EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 unset BVHD_SOCKET XDG_RUNTIME_DIR PKG_CONFIG_SYSROOT_DIR
-failures=0
-checks=0
 
-# expect WHAT COMMAND... - the command succeeds; else what it printed is shown.
-expect()
-{
-    what=$1
-    shift
-    checks=$((checks + 1))
-    "$@" >log 2>&1 && return
-    echo "does not hold: $what"
-    head -n 20 log
-    failures=$((failures + 1))
-}
-
-expect 'meson install' meson install -C "$build" --no-rebuild --destdir "$scratch/stage"
+expect_quietly 'meson install' meson install -C "$build" --no-rebuild --destdir "$scratch/stage"
 config=$(find stage -name bvhd.pc)
-expect 'a file for pkg-config' [ -f "$config" ]
+expect_quietly 'a file for pkg-config' [ -f "$config" ]
 [ $failures -eq 0 ] || exit 1
 prefix=$scratch/stage$(sed -n 's/^prefix=//p' "$config")
 pkg()
@@ -51,26 +39,26 @@ shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
 for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" "$include/bvhd/vuid.h" "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" \
     "$prefix/bin/bvhctl" "$prefix/bin/bvhd"; do
-    expect "installed: $path" [ -e "$path" ]
+    expect_quietly "installed: $path" [ -e "$path" ]
 done
-expect 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 5 ]
-expect 'pkg-config asks for the headers' sh -c "echo '$(pkg --cflags)' | grep -q -- '-I$include'"
-expect 'pkg-config asks for the library alone' sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"
-expect 'the version is the one that the library has' sh -c "'$prefix/bin/bvhctl' --version | grep -q ' $(pkg --modversion)\$'"
+expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 5 ]
+expect_quietly 'pkg-config asks for the headers' sh -c "echo '$(pkg --cflags)' | grep -q -- '-I$include'"
+expect_quietly 'pkg-config asks for the library alone' sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"
+expect_quietly 'the version is the one that the library has' sh -c "'$prefix/bin/bvhctl' --version | grep -q ' $(pkg --modversion)\$'"
 
 # What the library shows: the functions of its headers, and nothing else; what it needs: nothing of the builder's or the daemon's.
 cat "$include"/bvhd/*.h | grep '^BVHD_API' | grep -o 'bvhd_[a-z_0-9]*(' | tr -d '(' | sort >declared
 nm -D --defined-only "$shared" | awk '$2 != "A" { sub(/@.*/, "", $3); print $3 }' | grep -v '^_*asan\|^__odr' | sort >exported
 nm -g --defined-only "$static" | awk 'NF == 3 { print $3 }' | grep -v '^_*asan\|^__odr' | sort >exported_static
-expect 'functions are declared' [ "$(wc -l <declared)" -gt 25 ]
-expect 'the shared library exports what is declared' diff declared exported
-expect 'so does the static one' diff declared exported_static
-expect 'its name' sh -c "readelf -d '$shared' | grep -q 'SONAME.*\\[libbvhd.so.0\\]'"
+expect_quietly 'functions are declared' [ "$(wc -l <declared)" -gt 25 ]
+expect_quietly 'the shared library exports what is declared' diff declared exported
+expect_quietly 'so does the static one' diff declared exported_static
+expect_quietly 'its name' sh -c "readelf -d '$shared' | grep -q 'SONAME.*\\[libbvhd.so.0\\]'"
 ldd "$shared" >needed
 for foreign in libuv embree crypto ssl tbb stdc++ assimp vulkan systemd; do
-    expect "no $foreign among what it needs" sh -c "! grep -i '$foreign' needed"
+    expect_quietly "no $foreign among what it needs" sh -c "! grep -i '$foreign' needed"
 done
-expect 'no writable and executable pages' sh -c "! readelf -lW '$shared' | grep -E 'GNU_STACK.*E|TEXTREL'"
+expect_quietly 'no writable and executable pages' sh -c "! readelf -lW '$shared' | grep -E 'GNU_STACK.*E|TEXTREL'"
 
 # The header, in several languages and beside another vulkan.h.
 echo '#include <vulkan/vulkan_core.h>' >where.c
@@ -79,7 +67,7 @@ mkdir -p newer/vulkan
 awk '/^#define VK_HEADER_VERSION [0-9]/ { print "#define VK_HEADER_VERSION", $3 + 61; next }
     /^#ifdef __cplusplus/ && !done { print "#define VK_NEW_acceleration 1\ntypedef struct VkNewAcceleration { int sType; } VkNewAcceleration;"; done = 1 }
     { print }' "$vulkan" >newer/vulkan/vulkan_core.h
-expect 'another vulkan_core.h' sh -c "grep -q VkNewAcceleration newer/vulkan/vulkan_core.h && ! cmp -s '$vulkan' newer/vulkan/vulkan_core.h"
+expect_quietly 'another vulkan_core.h' sh -c "grep -q VkNewAcceleration newer/vulkan/vulkan_core.h && ! cmp -s '$vulkan' newer/vulkan/vulkan_core.h"
 cat >plain.c <<'END'
 #include <bvhd/bvhd.h>
 #include <bvhd/bvhd_vulkan.h>
@@ -93,51 +81,51 @@ END
 sed 's/{0}/{}/; s/int use(struct bvhd_client \*client);//' plain.c >plain.cpp
 { printf '#include <vulkan/vulkan_core.h>\nVkNewAcceleration before;\n' && cat plain.c; } >beside.c
 for standard in c99 c11 c17; do
-    expect "the header in $standard" $compiler -std=$standard -pedantic -Wall -Wextra -Wconversion -Wstrict-prototypes -Werror $(pkg --cflags) -c plain.c
+    expect_quietly "the header in $standard" $compiler -std=$standard -pedantic -Wall -Wextra -Wconversion -Wstrict-prototypes -Werror $(pkg --cflags) -c plain.c
 done
-expect 'the header beside a newer vulkan_core.h' $compiler -std=c99 -pedantic -Wall -Werror -Inewer -I"$(dirname "$vulkan")" $(pkg --cflags) -c beside.c
+expect_quietly 'the header beside a newer vulkan_core.h' $compiler -std=c99 -pedantic -Wall -Werror -Inewer -I"$(dirname "$vulkan")" $(pkg --cflags) -c beside.c
 for compiler_cpp in g++ clang++; do
     command -v $compiler_cpp >/dev/null || continue
     for standard in c++11 c++20; do
-        expect "the header in $standard, $compiler_cpp" $compiler_cpp -std=$standard -pedantic -Wall -Wextra -Werror $(pkg --cflags) -c plain.cpp
+        expect_quietly "the header in $standard, $compiler_cpp" $compiler_cpp -std=$standard -pedantic -Wall -Wextra -Werror $(pkg --cflags) -c plain.cpp
     done
 done
 
 # The README's example: compiled as a stranger would, linked both ways; a daemon answers, and then none does.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$source/README.md" >example.c
-expect "the README has an example of 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -eq 30 ]
+expect_quietly "the README has an example of 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -eq 30 ]
 export LD_LIBRARY_PATH="$libraries"
-expect 'the example, shared' $compiler -std=c99 -pedantic -Wall -Wextra -Werror example.c -o example $(pkg --cflags --libs)
-expect 'it uses the shared library' sh -c "ldd ./example | grep -q '$libraries/libbvhd.so.0'"
+expect_quietly 'the example, shared' $compiler -std=c99 -pedantic -Wall -Wextra -Werror example.c -o example $(pkg --cflags --libs)
+expect_quietly 'it uses the shared library' sh -c "ldd ./example | grep -q '$libraries/libbvhd.so.0'"
 static_flags=$(pkg --static --libs | sed 's/-lbvhd/-l:libbvhd.a/')
-expect 'the example, static' $compiler -std=c99 example.c -o example_static $(pkg --cflags) $static_flags
-expect 'it needs no shared library' sh -c "! ldd ./example_static | grep libbvhd"
+expect_quietly 'the example, static' $compiler -std=c99 example.c -o example_static $(pkg --cflags) $static_flags
+expect_quietly 'it needs no shared library' sh -c "! ldd ./example_static | grep libbvhd"
 
 # A program that uses every inner name of the library for itself.
 nm -g --defined-only "$build/client/libbvhd.o" | awk 'NF == 3 { print $3 }' | sort -u | comm -23 - declared | grep -v '^__\|\.' >inner
-expect 'the library has inner names' grep -qx memory_alloc inner
+expect_quietly 'the library has inner names' grep -qx memory_alloc inner
 { echo '#include <stdlib.h>' && sed 's/.*/void &(void);\nvoid &(void) { abort(); }/' inner; } >names.c
-expect 'a program with the same names, static' $compiler -fno-builtin -c names.c
-expect 'it links' $compiler -std=c99 example.c names.o -o example_names $(pkg --cflags) $static_flags
-expect 'shared, too' $compiler -std=c99 -rdynamic example.c names.o -o example_names_shared $(pkg --cflags --libs)
+expect_quietly 'a program with the same names, static' $compiler -fno-builtin -c names.c
+expect_quietly 'it links' $compiler -std=c99 example.c names.o -o example_names $(pkg --cflags) $static_flags
+expect_quietly 'shared, too' $compiler -std=c99 -rdynamic example.c names.o -o example_names_shared $(pkg --cflags --libs)
 
 "$prefix/bin/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
 daemon=$!
 export BVHD_SOCKET="$scratch/s.sock"
-expect "a daemon: $(cat daemon.log)" "$prefix/bin/bvhctl" --connect-timeout 30 ping
+expect_quietly "a daemon: $(cat daemon.log)" "$prefix/bin/bvhctl" --connect-timeout 30 ping
 for program in example example_static example_names example_names_shared; do
     ./$program >out 2>&1
     got=$?
-    expect "$program builds: $(cat out)" grep -Eq '^[0-9]+ bytes' out
-    expect "status 0 of $program ($got)" [ $got -eq 0 ]
+    expect_quietly "$program builds: $(cat out)" grep -Eq '^[0-9]+ bytes' out
+    expect_quietly "status 0 of $program ($got)" [ $got -eq 0 ]
 done
 kill "$daemon"
 wait "$daemon"
 daemon=
 ./example >out 2>&1
 got=$?
-expect "without a daemon it says so: $(cat out)" grep -q '^UNAVAILABLE: ' out
-expect "status 1 without a daemon ($got)" [ $got -eq 1 ]
+expect_quietly "without a daemon it says so: $(cat out)" grep -q '^UNAVAILABLE: ' out
+expect_quietly "status 1 without a daemon ($got)" [ $got -eq 1 ]
 
 echo "$checks expectations, $failures of them do not hold"
 [ $failures -eq 0 ]

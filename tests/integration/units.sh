@@ -3,6 +3,8 @@
 # units.sh BUILD - the installed units, as systemd reads them: nothing to complain about, and little exposure. Installs below a scratch folder and
 # starts nothing. Prints each expectation that does not hold; status 1 when one does not, 77 (skipped) without systemd's tools.
 set -u
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
 export LC_ALL=C
 build=$(realpath "$1")
 for tool in systemd-analyze systemd-sysusers systemd-tmpfiles; do
@@ -12,20 +14,6 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
-failures=0
-checks=0
-
-# expect WHAT COMMAND... - the command succeeds; else what it printed is shown.
-expect()
-{
-    what=$1
-    shift
-    checks=$((checks + 1))
-    "$@" >log 2>&1 && return
-    echo "does not hold: $what"
-    head -n 20 log
-    failures=$((failures + 1))
-}
 
 # silent COMMAND... - succeeds and prints nothing.
 silent()
@@ -59,12 +47,12 @@ exposure()
 
 # Of the machine's own units the scratch system needs those that ours name (basic.target and what it wants).
 root=$scratch/root
-expect 'meson install' meson install -C "$build" --no-rebuild --destdir "$root"
+expect_quietly 'meson install' meson install -C "$build" --no-rebuild --destdir "$root"
 units=$(dirname "$(find "$root" -path '*/systemd/system/bvhd.socket')")
 prefix=${units%/lib/systemd/system}
 for path in bin/bvhd lib/systemd/system/bvhd.service lib/systemd/system/bvhd.socket lib/systemd/user/bvhd.service \
     lib/systemd/user/bvhd.socket lib/sysusers.d/bvhd.conf lib/tmpfiles.d/bvhd.conf; do
-    expect "installed: $path" [ -f "$prefix/$path" ]
+    expect_quietly "installed: $path" [ -f "$prefix/$path" ]
 done
 mkdir -p "$root/usr/lib/systemd" "$root/etc" "$root/run"
 [ -e "$root/lib" ] || ln -s usr/lib "$root/lib"
@@ -75,32 +63,32 @@ case $prefix in
 *) cp "$units"/bvhd.* "$root/usr/lib/systemd/system/" ;;
 esac
 
-expect 'systemd finds nothing to say about the units' verify
-expect 'the exposure is at most 0.5' exposure 5
-expect 'there is some' fails exposure 0
+expect_quietly 'systemd finds nothing to say about the units' verify
+expect_quietly 'the exposure is at most 0.5' exposure 5
+expect_quietly 'there is some' fails exposure 0
 mv "$prefix/bin/bvhd" aside
-expect 'a missing program would be found' fails verify
+expect_quietly 'a missing program would be found' fails verify
 mv aside "$prefix/bin/bvhd"
 service=$(find "$root" -path '*/systemd/system/bvhd.service' | tail -n 1)
 cp "$service" aside
 sed -i 's/^RestartSec=/RestartSecond=/' "$service"
-expect 'a wrong word would be found' fails verify
+expect_quietly 'a wrong word would be found' fails verify
 grep -v -e '^SystemCall' -e '^Private' aside >"$service"
-expect 'a lack of protection would be found' fails exposure 5
+expect_quietly 'a lack of protection would be found' fails exposure 5
 cp aside "$service"
-expect 'peers are not hidden' fails grep -q '^PrivateUsers' "$service"
+expect_quietly 'peers are not hidden' fails grep -q '^PrivateUsers' "$service"
 
 # A user's manager knows no other root: its units are read with the program's place in the scratch folder.
 mkdir -m 700 units run
 cp "$prefix"/lib/systemd/user/bvhd.* units/
 sed -i "s|^ExecStart=/|ExecStart=$root/|" units/bvhd.service
-expect 'nor about those of a user' verify_user
+expect_quietly 'nor about those of a user' verify_user
 sed -i 's/^RestartSec=/RestartSecond=/' units/bvhd.service
-expect 'a wrong word would be found there, too' fails verify_user
-expect 'the user and the group' systemd-sysusers --root="$root" "$prefix/lib/sysusers.d/bvhd.conf"
-expect 'they are there' grep -q '^bvhd:' "$root/etc/group"
-expect 'the directory' systemd-tmpfiles --root="$root" --create "$prefix/lib/tmpfiles.d/bvhd.conf"
-expect 'it is there' [ -d "$root/run/bvhd" ]
+expect_quietly 'a wrong word would be found there, too' fails verify_user
+expect_quietly 'the user and the group' systemd-sysusers --root="$root" "$prefix/lib/sysusers.d/bvhd.conf"
+expect_quietly 'they are there' grep -q '^bvhd:' "$root/etc/group"
+expect_quietly 'the directory' systemd-tmpfiles --root="$root" --create "$prefix/lib/tmpfiles.d/bvhd.conf"
+expect_quietly 'it is there' [ -d "$root/run/bvhd" ]
 
 echo "$checks expectations, $failures do not hold"
 [ $failures -eq 0 ]

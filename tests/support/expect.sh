@@ -15,6 +15,18 @@ expect()
     failures=$((failures + 1))
 }
 
+# expect_quietly WHAT COMMAND... - the command succeeds; else what it printed is shown.
+expect_quietly()
+{
+    what=$1
+    shift
+    checks=$((checks + 1))
+    "$@" >log 2>&1 && return
+    echo "does not hold: $what"
+    head -n 20 log
+    failures=$((failures + 1))
+}
+
 # run CODE ARGUMENT... - bvhctl ends with that code, and validation layers, where they are loaded, say nothing; its output is in `out` and `err`.
 run()
 {
