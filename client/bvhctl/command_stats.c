@@ -84,18 +84,28 @@ enum exit_code command_stats(const struct options *options)
     return code;
 }
 
-static bool print_ping(const struct options *options, const char *path, double ms, struct memory *memory)
+/* Whose daemon has answered; one that had to be started shows that there was none. */
+static const char *whose(const struct connect *connect)
+{
+    return connect->is_started   ? ": a private daemon, started now, for there was none"
+           : connect->is_private ? ": a private daemon"
+                                 : "";
+}
+
+static bool print_ping(const struct options *options, const struct connect *connect, double ms, struct memory *memory)
 {
     struct json json;
     if (!options->json) {
-        printf("%s answers in %.3f ms\n", path, ms);
+        printf("%s answers in %.3f ms%s\n", connect->path, ms, whose(connect));
         return report_flush();
     }
     json_init(&json, memory, false);
     json_object(&json, NULL);
     json_integer(&json, "schema", 1);
-    json_text(&json, "socket", path);
+    json_text(&json, "socket", connect->path);
     json_number(&json, "ms", ms);
+    json_bool(&json, "private", connect->is_private);
+    json_bool(&json, "started", connect->is_started);
     json_object_end(&json);
     bool ok = report_print(&json);
     json_finish(&json);
@@ -116,7 +126,7 @@ enum exit_code command_ping(const struct options *options)
     if (status)
         code = report_failure(options->json, "ping", &error);
     else
-        code = print_ping(options, connect.path, ms, &memory) ? EXIT_DONE : EXIT_FAILED;
+        code = print_ping(options, &connect, ms, &memory) ? EXIT_DONE : EXIT_FAILED;
     connect_close(&connect);
     return code;
 }

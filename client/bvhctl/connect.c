@@ -11,25 +11,33 @@
 #include "clock.h"
 #include "files.h"
 #include "private_daemon.h"
+#include "report.h"
 
 static const char system_socket[] = "/run/bvhd/bvhd.sock";
 
 /* A daemon may leave between our look and our call: then look again. */
 enum { SHORTEST_CALL_MS = 250, LONGEST_CALL_MS = 1000 };
 
-bool connect_answers(const char *path)
+enum answer { ANSWER_NONE, ANSWER_FORBIDDEN, ANSWER_GIVEN };
+
+static enum answer ask(const char *path)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     if (strlen(path) >= sizeof address.sun_path)
-        return false;
+        return ANSWER_NONE;
     memcpy(address.sun_path, path, strlen(path) + 1);
     int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (descriptor < 0)
-        return false;
+        return ANSWER_NONE;
     /* EAGAIN: so many wait for it already that it has to be there. */
-    bool answers = connect(descriptor, (struct sockaddr *)&address, sizeof address) == 0 || errno == EAGAIN;
+    int number = connect(descriptor, (struct sockaddr *)&address, sizeof address) == 0 ? 0 : errno;
     close(descriptor);
-    return answers;
+    return !number || number == EAGAIN ? ANSWER_GIVEN : number == EACCES ? ANSWER_FORBIDDEN : ANSWER_NONE;
+}
+
+bool connect_answers(const char *path)
+{
+    return ask(path) == ANSWER_GIVEN;
 }
 
 static const char *explicit_socket(const struct options *options)
@@ -45,17 +53,15 @@ static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
     return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for its name");
 }
 
-/* One client on one socket. Takes `path`, on failure too. */
-static enum bvhd_status attach(char *path, uint32_t timeout_ms, struct memory *memory, struct connect *ret_connect,
-                               struct bvhd_error *error)
+/* A client on the socket of `connect`, which it takes, on failure too. */
+static enum bvhd_status attach(struct connect connect, uint32_t timeout_ms, struct connect *ret_connect, struct bvhd_error *error)
 {
-    struct connect connect = {.path = path, .memory = memory};
-    struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = path, .connect_timeout_ms = timeout_ms};
+    struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = connect.path, .connect_timeout_ms = timeout_ms};
     enum bvhd_status status = bvhd_client_create(&options, &connect.client, error);
     if (!status)
         status = bvhd_client_connect(connect.client, error);
     if (status == BVHD_UNAVAILABLE)
-        bvhd_error_set(error, status, path, "no daemon answers: %s", error->text);
+        bvhd_error_set(error, status, connect.path, "no daemon answers: %s", error->text);
     if (status)
         connect_close(&connect);
     else
@@ -67,26 +73,31 @@ static enum bvhd_status open_explicit(const char *socket, uint32_t timeout_ms, s
                                       struct bvhd_error *error)
 {
     char *path = files_copy_text(memory, socket);
-    return path ? attach(path, timeout_ms, memory, ret_connect, error) : no_memory(socket, error);
+    return path ? attach((struct connect){.path = path, .memory = memory}, timeout_ms, ret_connect, error) : no_memory(socket, error);
 }
 
-/* The socket of a daemon that answers, started if need be. */
-static enum bvhd_status find_daemon(double deadline, struct memory *memory, char **ret_path, struct bvhd_error *error)
+/* The socket of a daemon that answers, started if need be, and whose it is. */
+static enum bvhd_status find_daemon(double deadline, struct memory *memory, struct connect *ret_found, struct bvhd_error *error)
 {
-    char *path = NULL;
+    struct connect found = {.memory = memory};
     struct private_place place;
     enum bvhd_status status = private_daemon_place(memory, &place, error);
     if (status)
         return status;
-    if (!(place.is_safe && connect_answers(place.socket)) && connect_answers(system_socket))
-        path = files_copy_text(memory, system_socket);
-    else if (!(status = private_daemon_start(&place, deadline, memory, error)))
-        path = files_copy_text(memory, place.socket);
-    if (!status && !path)
+    found.is_private = place.is_safe && connect_answers(place.socket);
+    enum answer of_system = found.is_private ? ANSWER_NONE : ask(system_socket);
+    if (!found.is_private && of_system != ANSWER_GIVEN) {
+        status = private_daemon_start(&place, deadline, memory, error);
+        found.is_private = found.is_started = true;
+    }
+    if (!status && of_system == ANSWER_FORBIDDEN)
+        report_note(system_socket, "not for you: members of its group may use it; a daemon of your own was started, on %s",
+                    place.socket);
+    if (!status && !(found.path = files_copy_text(memory, found.is_private ? place.socket : system_socket)))
         status = no_memory(place.socket, error);
     private_place_finish(&place, memory);
     if (!status)
-        *ret_path = path;
+        *ret_found = found;
     return status;
 }
 
@@ -104,11 +115,11 @@ enum bvhd_status connect_open(const struct options *options, struct memory *memo
         return open_explicit(socket, options->connect_timeout_ms, memory, ret_connect, error);
     double deadline = clock_ms() + options->connect_timeout_ms;
     for (;;) {
-        char *path;
-        enum bvhd_status status = find_daemon(deadline, memory, &path, error);
+        struct connect found;
+        enum bvhd_status status = find_daemon(deadline, memory, &found, error);
         if (status)
             return status;
-        status = attach(path, call_time(deadline), memory, ret_connect, error);
+        status = attach(found, call_time(deadline), ret_connect, error);
         if (status != BVHD_UNAVAILABLE || clock_ms() >= deadline)
             return status;
     }

@@ -4,7 +4,7 @@
  *
  * --socket, else $BVHD_SOCKET: that socket, waited for, never started. Otherwise the user's socket ($XDG_RUNTIME_DIR/bvhd.sock, or without such a
  * directory bvhd.sock in a directory of the user's own in $TMPDIR or /tmp), then /run/bvhd/bvhd.sock, whichever answers; and where none does, a private
- * daemon is started on the user's socket.
+ * daemon is started on the user's socket; with a remark on stderr where there is a daemon of the machine that this user may not ask.
  */
 #ifndef BVHCTL_CONNECT_H
 #define BVHCTL_CONNECT_H
@@ -15,6 +15,8 @@
 struct connect {
     struct bvhd_client *client;
     char *path; /* of the socket */
+    bool is_private; /* the user's own daemon */
+    bool is_started; /* by this call */
     struct memory *memory;
 };
 

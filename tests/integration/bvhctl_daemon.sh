@@ -309,6 +309,9 @@ run 0 build ball.ply -o again --json
 expect 'it is asked again' [ "$(grep -o '"cached":true' out | wc -l)" -eq 2 ]
 run 0 ping --json
 expect 'its socket' grep -q "\"socket\":\"$scratch/run/bvhd.sock\"" out
+expect 'it was there' grep -q '"private":true,"started":false' out
+run 0 ping
+expect "whose it is: $(cat out)" grep -q 'bvhd.sock answers in [0-9.]* ms: a private daemon$' out
 kill -TERM "$private"
 expect 'it ends' within 30 gone "$private"
 run 0 stats
@@ -317,6 +320,7 @@ kill -9 "$(private_daemons)"
 expect 'a socket without a daemon' within 30 private_count_is 0
 run 0 ping
 expect 'is taken over' private_count_is 1
+expect "that there was none is said: $(cat out)" grep -q 'answers in [0-9.]* ms: a private daemon, started now, for there was none$' out
 kill -TERM "$(private_daemons)"
 
 within 30 private_count_is 0
