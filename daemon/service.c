@@ -167,11 +167,6 @@ uint32_t service_pending(const struct service *service)
     return service->under_way;
 }
 
-struct memory *service_memory(struct service *service)
-{
-    return &service->memory;
-}
-
 struct memory *service_frame_memory(struct service *service)
 {
     return &service->replies;
@@ -206,8 +201,8 @@ static void count_memory(const struct service *service, struct counters *counter
     counters->memory_limit = service->memory.limit;
     counters->memory_promised = admission_promised(&service->admission);
     counters->pool_bytes = service->pool_bytes;
-    counters->descriptors_used = atomic_load_explicit(&service->descriptors.used, memory_order_relaxed);
     counters->descriptors_limit = service->descriptors.limit;
+    counters->descriptors_used = service->descriptors.limit - descriptors_left(&service->descriptors);
 }
 
 struct counters service_counters(const struct service *service)

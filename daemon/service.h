@@ -45,9 +45,6 @@ void service_drain(struct service *service);
 /* Items under way, of all sessions, replies that have not left included: a drained service is done at 0. */
 uint32_t service_pending(const struct service *service);
 
-/* What the whole process shares. */
-struct memory *service_memory(struct service *service);
-
 /*
  * For frames, in and out. No budget is in their way: connections, their credits and the limits of frames bound them, and a budget would let clients who
  * never finish a frame take it from the others.

@@ -503,11 +503,6 @@ bool session_is_open(const struct session *session)
     return session->open;
 }
 
-uint32_t session_pending(const struct session *session)
-{
-    return session->under_way;
-}
-
 static void give_back(struct session *session)
 {
     struct service *service = session->service;

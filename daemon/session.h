@@ -50,9 +50,6 @@ void session_goodbye(struct session *session);
 /* HELLO was answered with WELCOME. */
 bool session_is_open(const struct session *session);
 
-/* Items under way: not yet answered, or their answer has not left. */
-uint32_t session_pending(const struct session *session);
-
 /* The client is gone: its items lose their interest at once; the session frees itself when the last worker lets go of it. NULL-safe. */
 void session_close(struct session *session);
 

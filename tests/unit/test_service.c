@@ -28,7 +28,7 @@ static void test_defaults_suit_the_machine(void **state)
     struct service *service = create(&options);
     uint64_t all = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
     assert_true(machine_memory() > 0 && machine_memory() <= all);
-    assert_int_equal(service_memory(service)->limit, machine_memory() / 2);
+    assert_int_equal(service->memory.limit, machine_memory() / 2);
     assert_int_equal(pool_threads(service->pool) > 0, 1);
     assert_int_equal(service_pending(service), 0);
     service_destroy(service);
@@ -42,7 +42,7 @@ static void test_little_memory_is_raised(void **state)
     options.memory = 1;
     options.max_pool = UINT64_MAX;
     struct service *service = create(&options);
-    assert_int_equal(service_memory(service)->limit, 16 << 20);
+    assert_int_equal(service->memory.limit, 16 << 20);
     assert_int_equal(service->options.max_pool, 4 << 20);
     service_destroy(service);
 }

@@ -355,14 +355,14 @@ static void test_credits_are_kept(void **state)
     build_many(client, 2, &mesh, 60);
     for (uint32_t i = 0; i < 60; i++)
         world_await_result(client, 2, i);
-    assert_int_equal(session_pending(client->session), 60);
+    assert_int_equal(client->session->under_way, 60);
     build_many(client, 3, &mesh, 5);
     assert_int_equal(world_find(client, FRAME_ERROR, 3, 0)->error->status, BVHD_TOO_LARGE);
     build_many(client, 4, &mesh, 4);
     assert_null(world_find(client, FRAME_ERROR, 4, 0));
     client->hold = false;
     world_settle(&world);
-    assert_int_equal(session_pending(client->session), 0);
+    assert_int_equal(client->session->under_way, 0);
     build_many(client, 5, &mesh, 64);
     world_settle(&world);
     assert_int_equal(world_status(client, 5, 63), BVHD_OK);

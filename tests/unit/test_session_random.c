@@ -277,7 +277,7 @@ static void test_random_operations_in_little_memory(void **state)
     options.cache = 0;
     for (uint64_t seed = 11; seed <= 13; seed++) {
         world_init(&world, &options);
-        struct memory *memory = service_memory(world.service);
+        struct memory *memory = &world.service->memory;
         void *block = memory_alloc(memory, memory->limit - 600 * 1024);
         run_operations(seed, 400, 100);
         memory_free(memory, block);
