@@ -7,6 +7,7 @@
 #include "leaves.h"
 #include "morton.h"
 #include "nearest.h"
+#include "pack.h"
 #include "parallel.h"
 
 /*
@@ -47,6 +48,7 @@ struct clustering {
     uint32_t count; /* clusters */
     int32_t *keys;
     struct move *singles, *pairs;
+    uint8_t *kept; /* of each cluster: whether it is in the next row, alone or as the first of a pair */
     void *room;
 };
 
@@ -148,6 +150,7 @@ static uint32_t list_moves(struct clustering *c, uint32_t *ret_singles, uint32_t
 {
     struct move *single_moves = c->singles, *pair_moves = c->pairs;
     const int32_t *keys = c->keys;
+    uint8_t *kept = c->kept;
     uint32_t singles = 0, pairs = 0, to = 0, count = c->count;
     for (uint32_t i = 0; i < count; i++) {
         uint32_t partner = nearest_partner(i, keys[i]);
@@ -157,16 +160,18 @@ static uint32_t list_moves(struct clustering *c, uint32_t *ret_singles, uint32_t
         singles += !mutual;
         pairs += mutual & first;
         to += !mutual | first;
+        kept[i] = !mutual | first;
     }
+    memset(kept + count, 0, PACK_PAD);
     *ret_singles = singles;
     *ret_pairs = pairs;
     return to;
 }
 
-static void merge(struct clustering *c)
+/* Without vectors; what stands in the places of pairs is of no meaning. */
+static void move_singles(const struct clustering *c, uint32_t singles)
 {
     const struct row *row = &c->row, *next = &c->next;
-    uint32_t singles, pairs, count = list_moves(c, &singles, &pairs);
     for (int axis = 0; axis < 3; axis++)
         for (uint32_t i = 0; i < singles; i++) {
             next->boxes.min[axis][c->singles[i].to] = row->boxes.min[axis][c->singles[i].from];
@@ -174,6 +179,14 @@ static void merge(struct clustering *c)
         }
     for (uint32_t i = 0; i < singles; i++)
         next->nodes[c->singles[i].to] = row->nodes[c->singles[i].from];
+}
+
+static void merge(struct clustering *c)
+{
+    const struct row *row = &c->row, *next = &c->next;
+    uint32_t singles, pairs, count = list_moves(c, &singles, &pairs);
+    if (!pack_row(&row->boxes, row->nodes, c->kept, c->count, &next->boxes, next->nodes))
+        move_singles(c, singles);
     for (uint32_t i = 0; i < pairs; i++) {
         uint32_t from = c->pairs[i].from, partner = nearest_partner(from, c->keys[from]);
         uint32_t node = join(c, row->nodes[from], row->nodes[partner]);
@@ -399,21 +412,25 @@ static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t 
 static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
 {
     uint64_t n = c->request->count, stride = n + 2 * NEAREST_PAD;
-    uint32_t *words = memory_array(memory, 12 * stride + 6 * n + LEAVES_REFS_MAX * (n + 1) + 5 * (n + 8), sizeof *words);
+    uint32_t *words = memory_array(
+        memory, 12 * stride + 2 * (n + PACK_PAD) + 4 * n + LEAVES_REFS_MAX * (n + 1) + 5 * (n + 8) + n / 4 + 1 + PACK_PAD / 4,
+        sizeof *words);
     if (!words)
         return BVHD_NO_MEMORY;
     c->room = words;
     float *floats = (float *)(void *)words;
     words += 12 * stride;
     place_row(&c->row, floats, words, stride);
-    place_row(&c->next, floats + 6 * stride, words + n, stride);
-    c->facts = (struct node_facts *)(void *)(words + 2 * n);
-    words += 6 * n;
+    place_row(&c->next, floats + 6 * stride, words + n + PACK_PAD, stride);
+    words += 2 * (n + PACK_PAD);
+    c->facts = (struct node_facts *)(void *)words;
+    words += 4 * n;
     c->ids = words;
     words += LEAVES_REFS_MAX * (n + 1);
     c->singles = (struct move *)(void *)words;
     c->pairs = (struct move *)(void *)(words + 2 * (n + 8));
     c->keys = (int32_t *)(void *)(words + 4 * (n + 8));
+    c->kept = (uint8_t *)(void *)(words + 5 * (n + 8));
     return BVHD_OK;
 }
 
