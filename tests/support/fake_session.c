@@ -161,12 +161,6 @@ bool session_is_open(const struct session *session)
     return session->open;
 }
 
-uint32_t session_pending(const struct session *session)
-{
-    (void)session;
-    return 0;
-}
-
 void session_close(struct session *session)
 {
     if (!session)

@@ -342,7 +342,7 @@ static void test_a_shortage_beside_others_is_tried_again(void **state)
     struct world_client *client = world_join(&world);
     world_mesh_init(&meshes[0], 20000, 1);
     world_mesh_init(&meshes[1], 20000, 2);
-    struct memory *memory = service_memory(world.service);
+    struct memory *memory = &world.service->memory;
     builds_stop();
     ask(client, 1, &meshes[0]);
     ask(client, 2, &meshes[1]);
