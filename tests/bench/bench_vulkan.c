@@ -29,7 +29,7 @@ static const char help[] =
     "of t, u, v, primitive, geometry, instance, and custom index; tied: equal t of another primitive; other: neither.\n"
     "  --device NAME      which device; default: the best\n"
     "  --rays N           of each kind; default 65536\n"
-    "  --kinds LIST       of primary,diffuse,random; default: all\n"
+    "  --kinds LIST       of primary,diffuse,surface,random; default: all\n"
     "  --runs N           default 5\n"
     "  --native           also builds for the driver's own format, in this process, and traces with ray queries\n"
     "  --shuffle SEED     triangles of each geometry in random order before all builds\n"
@@ -344,7 +344,7 @@ static void run_scene(struct bench *bench, const char *directory)
                                                 bench->settings.seed};
     bench->contestant_count = 0;
     must(bench_scene_open(&options, &bench->memory, bench->parallel, &bench->scene, &error), &error);
-    must(bench_rays_make(&bench->scene.given, bench->settings.rays, bench->parallel, &bench->memory, &bench->rays, &error), &error);
+    must(bench_rays_make(&bench->scene, bench->settings.rays, bench->parallel, &bench->memory, &bench->rays, &error), &error);
     add_driver(bench);
     add_ours(bench);
     printf("%s: %llu triangles%s; the driver's build took %.1f ms\n", bench->scene.given.name,
@@ -481,7 +481,7 @@ static int take_options(struct settings *settings, int argc, char **argv)
 int main(int argc, char **argv)
 {
     static struct bench bench = {
-        .settings = {.device = "auto", .rays = 65536, .runs = 5, .kinds = {true, true, true}, .quality = QUALITY_BALANCED}};
+        .settings = {.device = "auto", .rays = 65536, .runs = 5, .kinds = {true, true, true, true}, .quality = QUALITY_BALANCED}};
     struct bvhd_error error;
     int at = take_options(&bench.settings, argc, argv);
     setvbuf(stdout, NULL, _IOLBF, 0);

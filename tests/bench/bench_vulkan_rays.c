@@ -4,12 +4,13 @@
 #include <float.h>
 #include <math.h>
 
+#include "bench_vulkan_surface.h"
 #include "camera.h"
 #include "random.h"
 
 enum { TILE_WIDTH = 8, TILE_HEIGHT = 4, CHUNK = 4096 };
 
-const char *const bench_rays_names[RAYS_KINDS] = {"primary", "diffuse", "random"};
+const char *const bench_rays_names[RAYS_KINDS] = {"primary", "diffuse", "surface", "random"};
 
 struct making {
     struct bench_rays *rays;
@@ -96,7 +97,8 @@ static void make_random(struct making *making)
     }
 }
 
-static enum bvhd_status make(struct making *making, const struct parallel *parallel, struct memory *memory, struct bvhd_error *error)
+static enum bvhd_status make(struct making *making, const struct bench_scene *scene, const struct parallel *parallel,
+                             struct memory *memory, struct bvhd_error *error)
 {
     struct bench_rays *rays = making->rays;
     uint32_t count = making->side * making->side;
@@ -109,7 +111,8 @@ static enum bvhd_status make(struct making *making, const struct parallel *paral
         rays->rays[kind] = memory_array(memory, count, sizeof *rays->rays[kind]);
     }
     making->hits = memory_array(memory, count, sizeof *making->hits);
-    if (!making->hits || !rays->rays[RAYS_PRIMARY] || !rays->rays[RAYS_DIFFUSE] || !rays->rays[RAYS_RANDOM])
+    if (!making->hits || !rays->rays[RAYS_PRIMARY] || !rays->rays[RAYS_DIFFUSE] || !rays->rays[RAYS_SURFACE] ||
+        !rays->rays[RAYS_RANDOM])
         return bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory for %u rays", count);
     parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_primary, making);
     parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_look, making);
@@ -117,21 +120,22 @@ static enum bvhd_status make(struct making *making, const struct parallel *paral
     rays->count[RAYS_DIFFUSE] = making->hit_count ? count : 0;
     parallel_for(parallel, (rays->count[RAYS_DIFFUSE] + CHUNK - 1) / CHUNK, task_diffuse, making);
     make_random(making);
-    return BVHD_OK;
+    return bench_surface_rays(scene, (float)(1e-5 * making->stage->size), count, rays->rays[RAYS_SURFACE], &rays->count[RAYS_SURFACE],
+                              error);
 }
 
-enum bvhd_status bench_rays_make(const struct structures *structures, uint32_t count, const struct parallel *parallel,
+enum bvhd_status bench_rays_make(const struct bench_scene *scene, uint32_t count, const struct parallel *parallel,
                                  struct memory *memory, struct bench_rays *ret_rays, struct bvhd_error *error)
 {
     struct stage stage;
     struct bench_rays rays = {.memory = memory};
     struct making making = {.rays = &rays, .stage = &stage};
-    enum bvhd_status status = stage_init(&stage, structures, 'a', memory, error);
+    enum bvhd_status status = stage_init(&stage, &scene->given, 'a', memory, error);
     if (status)
         return status;
     making.side = (uint32_t)sqrt((double)count + 0.5) / TILE_WIDTH * TILE_WIDTH;
     making.side = making.side < TILE_WIDTH ? TILE_WIDTH : making.side;
-    status = make(&making, parallel, memory, error);
+    status = make(&making, scene, parallel, memory, error);
     memory_free(memory, making.hits);
     stage_finish(&stage);
     if (status)

@@ -3,24 +3,24 @@
 #ifndef BVHD_BENCH_VULKAN_RAYS_H
 #define BVHD_BENCH_VULKAN_RAYS_H
 
+#include "bench_vulkan_scene.h"
 #include "parallel.h"
-#include "structures.h"
 
-enum bench_rays_kind { RAYS_PRIMARY, RAYS_DIFFUSE, RAYS_RANDOM, RAYS_KINDS };
+enum bench_rays_kind { RAYS_PRIMARY, RAYS_DIFFUSE, RAYS_SURFACE, RAYS_RANDOM, RAYS_KINDS };
 
 extern const char *const bench_rays_names[RAYS_KINDS];
 
 struct bench_rays {
     struct ray *rays[RAYS_KINDS];
-    uint32_t count[RAYS_KINDS]; /* diffuse: 0 when no primary ray hits anything */
+    uint32_t count[RAYS_KINDS]; /* diffuse: 0 when no primary ray hits anything; surface: when there is no surface */
     struct memory *memory;
 };
 
 /*
  * About `count` rays of each kind. Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit (found on the CPU), in the same order,
- * and from the first again after the last; cosine-distributed, tmin a little above 0. Random: origins in the bounds of the scene's bulk, directions evenly. End with bench_rays_finish.
+ * and from the first again after the last; cosine-distributed, tmin a little above 0. Surface: from random points of all surfaces (bench_vulkan_surface.h), in random order. Random: origins in the bounds of the scene's bulk, directions evenly. End with bench_rays_finish.
  */
-enum bvhd_status bench_rays_make(const struct structures *structures, uint32_t count, const struct parallel *parallel,
+enum bvhd_status bench_rays_make(const struct bench_scene *scene, uint32_t count, const struct parallel *parallel,
                                  struct memory *memory, struct bench_rays *ret_rays, struct bvhd_error *error);
 void bench_rays_finish(struct bench_rays *rays);
 

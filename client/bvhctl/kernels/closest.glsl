@@ -29,7 +29,12 @@ int top, level_bottom; // of the stack
 
 // What leave_instance takes up again.
 uint root_nodes, root_records;
+#ifdef REFILL
+// In shared memory, which is nearer than the ray's buffer: lanes leave instances at different times, and all wait for each.
+shared vec4 world_origins[gl_WorkGroupSize.x], world_directions[gl_WorkGroupSize.x], world_inverses[gl_WorkGroupSize.x]; // w of the last: away
+#else
 float root_away;
+#endif
 
 // The answer so far: its t lies between low and high.
 float low, high;
@@ -130,6 +135,38 @@ void enter(Entry entry)
     records = uvec2(0u);
 }
 
+void keep_world()
+{
+#ifdef REFILL
+    uint own = gl_LocalInvocationIndex;
+    if (!has_instances)
+        return;
+    world_origins[own] = vec4(origin, 0.0);
+    world_directions[own] = vec4(direction, 0.0);
+    world_inverses[own] = vec4(inverse, away);
+#else
+    root_away = away;
+#endif
+}
+
+void enter_world()
+{
+#ifdef REFILL
+    uint own = gl_LocalInvocationIndex;
+    origin = world_origins[own].xyz;
+    direction = world_directions[own].xyz;
+    inverse = world_inverses[own].xyz;
+    away = world_inverses[own].w;
+#else
+    Ray ray = rays[index];
+    origin = ray.origin.xyz;
+    direction = ray.direction.xyz;
+    inverse = inverse_of(direction, bvhdLargest(direction));
+    away = root_away;
+#endif
+    origin_low = 0.0;
+}
+
 void start()
 {
     Ray ray = rays[index];
@@ -146,7 +183,7 @@ void start()
     enter(entry_of(extra, origin, direction, 0.0, 0.0));
     root_nodes = node_rows;
     root_records = record_rows;
-    root_away = away;
+    keep_world();
     if (!(tmin >= 0.0 && tmin <= high))
         nodes.y = 0u;
 }
@@ -156,12 +193,7 @@ void leave_instance()
     top = level_bottom;
     records = stack[--top];
     nodes = stack[--top];
-    Ray ray = rays[index];
-    origin = ray.origin.xyz;
-    direction = ray.direction.xyz;
-    origin_low = 0.0;
-    inverse = inverse_of(direction, bvhdLargest(direction));
-    away = root_away;
+    enter_world();
     node_rows = root_nodes;
     record_rows = root_records;
     instance = NONE;
@@ -172,17 +204,19 @@ void leave_instance()
 /*
  * The ray goes to object space in float. With u = 2^-24, the difference is wrong by u, the inverse matrix by u for each of its entries and each product and sum by
  * u again, and the matrix itself is told to no better than that: 12u of the sum of the sizes cover it.
+ * All rows are asked for before any is looked at.
  */
 void visit_instance(uint record)
 {
     uint row = record_rows + 8u * record;
+    uvec4 m0 = BVHD_STORAGE_ROWS[row], m1 = BVHD_STORAGE_ROWS[row + 1u], m2 = BVHD_STORAGE_ROWS[row + 2u];
+    uvec4 i0 = BVHD_STORAGE_ROWS[row + 3u], i1 = BVHD_STORAGE_ROWS[row + 4u], i2 = BVHD_STORAGE_ROWS[row + 5u];
     uvec4 words = BVHD_STORAGE_ROWS[row + 6u];
     uvec2 bottom = BVHD_STORAGE_ROWS[row + 7u].xy;
+    vec3 place = uintBitsToFloat(uvec3(m0.w, m1.w, m2.w));
+    mat3 rows = mat3(uintBitsToFloat(i0.xyz), uintBitsToFloat(i1.xyz), uintBitsToFloat(i2.xyz));
     if (((words.x & order) >> 24) == 0u || bottom == BVHD_NO_LOCATION)
         return;
-    vec3 place = uintBitsToFloat(uvec3(BVHD_STORAGE_ROWS[row].w, BVHD_STORAGE_ROWS[row + 1u].w, BVHD_STORAGE_ROWS[row + 2u].w));
-    mat3 rows = mat3(uintBitsToFloat(BVHD_STORAGE_ROWS[row + 3u].xyz), uintBitsToFloat(BVHD_STORAGE_ROWS[row + 4u].xyz),
-                     uintBitsToFloat(BVHD_STORAGE_ROWS[row + 5u].xyz));
     vec3 from = origin - place;
     mat3 size = mat3(abs(rows[0]), abs(rows[1]), abs(rows[2]));
     float low_origin = 7.1525574e-7 * bvhdLargest(abs(from) * size), low_direction = 7.1525574e-7 * bvhdLargest(abs(direction) * size);
@@ -273,16 +307,29 @@ void put_doubt(uint record, float nearest)
     last_doubt = row;
 }
 
+// 1e-37 covers what underflows.
 float square(vec3 a)
 {
     return a.x * a.x + (a.y * a.y + (a.z * a.z + 1e-37));
 }
 
 /*
+ * The longer one's length, or more. Sums of the components' sizes take fewer operations and leave more in doubt: that pays for rays that meet many triangles.
+ */
+float longer_of(vec3 a, vec3 b)
+{
+#ifdef REFILL
+    return max(bvhdSumOfSizes(a), bvhdSumOfSizes(b));
+#else
+    return sqrt(max(square(a), square(b)));
+#endif
+}
+
+/*
  * Volumes of the ray with the edges from v0. Differences are off by u, a component of a product of two vectors by 3u of the sum of the sizes of its two products,
  * and the volume by 7u of the sum of its six, which is at most 1.155 of the product of the three lengths. What is left of the determinant is off by no more than
  * those of all three and 2u of each: with s the distance of the origin, d the direction's length and e the longer edge, 20.2u d e (s + e) are as much. An origin
- * off by o moves it by 3.5 d e o at most, a direction off by l by 3.5 l e (s + e). 1e-37 covers squares that underflow.
+ * off by o moves it by 3.5 d e o at most, a direction off by l by 3.5 l e (s + e).
  *
  * t: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the sums that it goes into, by 8u of what
  * they are with `spread` in its place. On a long floor along the axes, which rays start from, t is nearly exact then.
@@ -294,8 +341,8 @@ void visit_triangle(uint record)
     vec3 e1 = v1 - v0, e2 = v2 - v0, s = origin - v0;
     vec3 across = cross(s, direction), normal = cross(e1, e2);
     float det = -dot(direction, normal), u = dot(e2, across), v = -dot(e1, across), rest = det - u - v;
-    float edge = sqrt(max(square(e1), square(e2)));
-    float error = edge * (volume_error * (sqrt(square(s)) + edge) + volume_shift) + 3.0e-35;
+    float edge = longer_of(e1, e2);
+    float error = edge * (volume_error * (longer_of(s, s) + edge) + volume_shift) + 3.0e-35;
     float least = min(min(u, v), rest), most = max(max(u, v), rest);
     if (least < -error && most > error)
         return;
