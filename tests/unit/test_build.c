@@ -218,16 +218,15 @@ static void scale_does_not_change_the_tree(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Distances grow by a factor: natural depth is over 64, and wide nodes stay within the layout's limit. */
-static void deep_trees_are_limited(void **state)
+/* Distances grow by a factor, from `least` on: natural depth is over 64, and wide nodes stay within the layout's limit. */
+static void limit_deep_trees(double least)
 {
-    (void)state;
     enum { COUNT = 5000 };
     float *boxes = calloc(COUNT * 6, sizeof *boxes);
     assert_non_null(boxes);
     for (int i = 0; i < COUNT; i++)
         for (int axis = 0; axis < 3; axis++) {
-            boxes[6 * i + axis] = axis ? 0 : (float)pow(1.012, i % 4500);
+            boxes[6 * i + axis] = axis ? 0 : (float)(least * pow(1.012, i % 4500));
             boxes[6 * i + 3 + axis] = boxes[6 * i + axis] * 1.001f;
         }
     struct canonical_geometry geometry = {.type = GEOMETRY_AABBS, .primitive_count = COUNT, .boxes = boxes};
@@ -247,10 +246,18 @@ static void deep_trees_are_limited(void **state)
         assert_int_equal(build(&canonical, &options, &context, &blob, &stats, NULL), BVHD_OK);
         assert_int_equal(portable_open((struct bytes){blob, stats.sizes.total}, &memory, &view, NULL), BVHD_OK);
         assert_true(view.header->depth <= PORTABLE_MAX_DEPTH);
+        assert_true(stats.depth <= 64);
         memory_free(&memory, blob);
     }
     free(boxes);
     assert_int_equal(memory.live, 0);
+}
+
+static void deep_trees_are_limited(void **state)
+{
+    (void)state;
+    limit_deep_trees(1); /* so large that it is rescaled */
+    limit_deep_trees(0x1p-40);
 }
 
 static void empty_structures(void **state)
