@@ -312,11 +312,14 @@ static struct collapse_options collapse_wanted(const struct construction *constr
                                      construction->quality == QUALITY_FAST};
 }
 
-/* Collapsed piece by piece, while each is in the cache, unless something is done to the binary tree before. */
+/*
+ * Collapsed piece by piece, while each is in the cache, unless something is done to the binary tree before. Roots of pieces are wide nodes then, whether that
+ * suits the levels above or not: a tenth of the time of a build for 3 % more nodes a ray, which is a bargain for fast alone.
+ */
 static bool widens_pieces(const struct construction *construction)
 {
-    return !construction->needs_binary && !construction->rescaled && !construction->layout->widen && construction->layout->arity != 2 &&
-           construction->tree.piece_count > 1 && method_for(construction) == PIECES_PLOC;
+    return construction->quality == QUALITY_FAST && !construction->needs_binary && !construction->rescaled &&
+           !construction->layout->widen && construction->layout->arity != 2 && construction->tree.piece_count > 1;
 }
 
 /* Boxes of a tree that was rescaled become those of the primitives; its cost and its own scale follow. */
