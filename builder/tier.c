@@ -4,7 +4,7 @@
 #include <math.h>
 
 /* More than in any scene that the model was fitted to is as much as in that, and so is less. */
-#define CROSSINGS_LEAST 0.03
+#define CROSSINGS_LEAST 1.0
 #define CROSSINGS_MOST 1024.0
 #define SPREAD_MOST 8.0
 
@@ -14,9 +14,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{6.1427, 0.0310, 0.0707, -0.0312, 0.2619, -0.0453}, {6.0231, 0.1144, -0.4251, 0.9465, 0.9249, -0.0139}},
-    [QUALITY_BALANCED] = {{7.5573, -0.0339, 0.2051, -0.0691, 0.3947, -0.1099}, {5.7848, 0.1190, -0.4376, 0.9538, 0.8999, 0.0258}},
-    [QUALITY_HIGH] = {{10.8138, -0.1173, 0.3103, -0.0376, 0.1106, -0.1415}, {5.8938, 0.1207, -0.4347, 0.8861, 0.8198, 0.0040}},
+    [QUALITY_FAST] = {{5.4440, 0.0594, -0.0309, 0.0647, 0.7072, 0.0800}, {4.9869, 0.1207, 0.3064, 0.4581, 2.3197, -0.0182}},
+    [QUALITY_BALANCED] = {{6.9724, -0.0040, 0.1093, 0.0158, 0.8008, -0.0109}, {4.5084, 0.1461, 0.2415, 0.4865, 2.2651, 0.0650}},
+    [QUALITY_HIGH] = {{10.0037, -0.0309, 0.1519, 0.1228, 0.0993, 0.1499}, {4.9914, 0.1541, 0.1272, 0.4138, 1.6699, 0.0471}},
 };
 
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
