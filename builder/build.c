@@ -283,9 +283,14 @@ static void free_refs(struct construction *construction)
     memory_free(memory, construction->refs.refs);
     memory_free(memory, construction->refs.blocks);
     memory_free(memory, construction->scratch);
-    memory_free(memory, construction->tree.nodes);
     construction->refs.refs = construction->scratch = NULL;
     construction->refs.blocks = NULL;
+}
+
+static void free_split(struct construction *construction)
+{
+    free_refs(construction);
+    memory_free(construction->context->memory, construction->tree.nodes);
     construction->tree.nodes = NULL;
 }
 
@@ -298,6 +303,14 @@ static enum bvhd_status join_pieces(struct construction *construction, const str
     construction->refs.refs = spare.refs;
     construction->scratch = spare.scratch;
     return status;
+}
+
+/* Nothing of the refs is read any more, and wide trees do not lie where they were. */
+static enum bvhd_status join_wide_pieces(struct construction *construction, const struct pieces *pieces, double *ret_cost)
+{
+    free_refs(construction);
+    return pieces_join_wide(pieces, construction->context->parallel, &construction->ir, &construction->wide, &construction->stats.depth,
+                            ret_cost, construction->error);
 }
 
 /* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */
@@ -349,14 +362,13 @@ static enum bvhd_status build_pieces(struct construction *construction)
     stats->method = method_name(construction);
     status = stage_end(construction, &stats->ms.pieces);
     if (status == BVHD_OK && request.widen)
-        status = pieces_join_wide(&pieces, context->parallel, &construction->ir, &construction->wide, &stats->depth, &cost,
-                                  construction->error);
+        status = join_wide_pieces(construction, &pieces, &cost);
     else if (status == BVHD_OK)
         status = join_pieces(construction, &pieces, &cost);
     pieces_finish(&pieces);
     if (status != BVHD_OK)
         return status;
-    free_refs(construction);
+    free_split(construction);
     if (!restore_scale(construction, &cost))
         return cancelled(construction);
     double root = box_half_area(&construction->ir.boxes[0][0]);
@@ -485,7 +497,7 @@ static enum bvhd_status construction_init(struct construction *construction, con
 
 static void construction_finish(struct construction *construction)
 {
-    free_refs(construction);
+    free_split(construction);
     wide_finish(&construction->wide);
     ir_finish(&construction->ir);
 }

@@ -1,9 +1,32 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "pack.h"
 
+#include <stdbool.h>
+#include <string.h>
+
+/* Without branches, since nobody can foresee what is kept. */
+static void pack_words(const void *from, const uint8_t *kept, uint32_t count, void *to)
+{
+    const unsigned char *word = from;
+    unsigned char *next = to;
+    for (uint32_t i = 0; i < count; i++, word += sizeof(uint32_t)) {
+        memcpy(next, word, sizeof(uint32_t));
+        next += sizeof(uint32_t) * kept[i];
+    }
+}
+
+void pack_row_plain(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,
+                    const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        pack_words(boxes->min[axis], kept, count, ret_boxes->min[axis]);
+        pack_words(boxes->max[axis], kept, count, ret_boxes->max[axis]);
+    }
+    pack_words(nodes, kept, count, ret_nodes);
+}
+
 #if defined(__x86_64__)
 #include <immintrin.h>
-#include <string.h>
 
 #define AVX2 __attribute__((target("avx2,bmi2,popcnt")))
 
@@ -44,22 +67,23 @@ static bool is_able(void)
     return !slow && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("popcnt");
 }
 
-bool pack_row(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,
-              const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes)
+pack_packer pack_row_avx2(void)
 {
-    bool able = is_able();
-    if (able)
-        pack_avx2(boxes, nodes, kept, count, ret_boxes, ret_nodes);
-    return able;
+    return is_able() ? pack_avx2 : NULL;
 }
 
 #else
 
-bool pack_row(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,
-              const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes)
+pack_packer pack_row_avx2(void)
 {
-    (void)boxes, (void)nodes, (void)kept, (void)count, (void)ret_boxes, (void)ret_nodes;
-    return false;
+    return NULL;
 }
 
 #endif
+
+void pack_row(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,
+              const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes)
+{
+    pack_packer packer = pack_row_avx2();
+    (packer ? packer : pack_row_plain)(boxes, nodes, kept, count, ret_boxes, ret_nodes);
+}

@@ -32,7 +32,7 @@ struct row {
     uint32_t *nodes;
 };
 
-/* Where a cluster, or the first of a pair, goes. */
+/* Where the first of a pair goes. */
 struct move {
     uint32_t from, to;
 };
@@ -47,7 +47,7 @@ struct clustering {
     struct row row, next;
     uint32_t count; /* clusters */
     int32_t *keys;
-    struct move *singles, *pairs;
+    struct move *pairs;
     uint8_t *kept; /* of each cluster: whether it is in the next row, alone or as the first of a pair */
     void *room;
 };
@@ -146,47 +146,30 @@ static inline void put(const struct row *row, uint32_t at, uint32_t node, const 
 }
 
 /* Who chose each other, and who stays alone. Without branches, since nobody can foresee choices. */
-static uint32_t list_moves(struct clustering *c, uint32_t *ret_singles, uint32_t *ret_pairs)
+static uint32_t list_moves(struct clustering *c, uint32_t *ret_pairs)
 {
-    struct move *single_moves = c->singles, *pair_moves = c->pairs;
+    struct move *moves = c->pairs;
     const int32_t *keys = c->keys;
     uint8_t *kept = c->kept;
-    uint32_t singles = 0, pairs = 0, to = 0, count = c->count;
+    uint32_t pairs = 0, to = 0, count = c->count;
     for (uint32_t i = 0; i < count; i++) {
         uint32_t partner = nearest_partner(i, keys[i]);
         bool mutual = keys[partner] == keys[i], first = i < partner;
-        single_moves[singles] = (struct move){i, to};
-        pair_moves[pairs] = (struct move){i, to};
-        singles += !mutual;
+        moves[pairs] = (struct move){i, to};
         pairs += mutual & first;
         to += !mutual | first;
         kept[i] = !mutual | first;
     }
     memset(kept + count, 0, PACK_PAD);
-    *ret_singles = singles;
     *ret_pairs = pairs;
     return to;
-}
-
-/* Without vectors; what stands in the places of pairs is of no meaning. */
-static void move_singles(const struct clustering *c, uint32_t singles)
-{
-    const struct row *row = &c->row, *next = &c->next;
-    for (int axis = 0; axis < 3; axis++)
-        for (uint32_t i = 0; i < singles; i++) {
-            next->boxes.min[axis][c->singles[i].to] = row->boxes.min[axis][c->singles[i].from];
-            next->boxes.max[axis][c->singles[i].to] = row->boxes.max[axis][c->singles[i].from];
-        }
-    for (uint32_t i = 0; i < singles; i++)
-        next->nodes[c->singles[i].to] = row->nodes[c->singles[i].from];
 }
 
 static void merge(struct clustering *c)
 {
     const struct row *row = &c->row, *next = &c->next;
-    uint32_t singles, pairs, count = list_moves(c, &singles, &pairs);
-    if (!pack_row(&row->boxes, row->nodes, c->kept, c->count, &next->boxes, next->nodes))
-        move_singles(c, singles);
+    uint32_t pairs, count = list_moves(c, &pairs);
+    pack_row(&row->boxes, row->nodes, c->kept, c->count, &next->boxes, next->nodes);
     for (uint32_t i = 0; i < pairs; i++) {
         uint32_t from = c->pairs[i].from, partner = nearest_partner(from, c->keys[from]);
         uint32_t node = join(c, row->nodes[from], row->nodes[partner]);
@@ -413,7 +396,7 @@ static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
 {
     uint64_t n = c->request->count, stride = n + 2 * NEAREST_PAD;
     uint32_t *words = memory_array(
-        memory, 12 * stride + 2 * (n + PACK_PAD) + 4 * n + LEAVES_REFS_MAX * (n + 1) + 5 * (n + 8) + n / 4 + 1 + PACK_PAD / 4,
+        memory, 12 * stride + 2 * (n + PACK_PAD) + 4 * n + LEAVES_REFS_MAX * (n + 1) + 3 * (n + 8) + n / 4 + 1 + PACK_PAD / 4,
         sizeof *words);
     if (!words)
         return BVHD_NO_MEMORY;
@@ -427,10 +410,9 @@ static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
     words += 4 * n;
     c->ids = words;
     words += LEAVES_REFS_MAX * (n + 1);
-    c->singles = (struct move *)(void *)words;
-    c->pairs = (struct move *)(void *)(words + 2 * (n + 8));
-    c->keys = (int32_t *)(void *)(words + 4 * (n + 8));
-    c->kept = (uint8_t *)(void *)(words + 5 * (n + 8));
+    c->pairs = (struct move *)(void *)words;
+    c->keys = (int32_t *)(void *)(words + 2 * (n + 8));
+    c->kept = (uint8_t *)(void *)(words + 3 * (n + 8));
     return BVHD_OK;
 }
 

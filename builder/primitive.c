@@ -430,27 +430,6 @@ static void free_refs(struct primitive_refs *refs, struct memory *memory)
     refs->blocks = NULL;
 }
 
-enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
-                                   struct primitive_refs *ret_refs, struct bvhd_error *error)
-{
-    return primitive_collect_runs(canonical, NULL, context, ret_refs, error);
-}
-
-enum bvhd_status primitive_collect_runs(const struct canonical *canonical, const struct leaves_options *runs,
-                                        const struct build_context *context, struct primitive_refs *ret_refs, struct bvhd_error *error)
-{
-    struct primitive_refs refs;
-    enum bvhd_status status = primitive_collect_blocks(canonical, runs, context, &refs, error);
-    if (status != BVHD_OK)
-        return status;
-    if (!primitive_close_gaps(&refs, context)) {
-        free_refs(&refs, context->memory);
-        return bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
-    }
-    *ret_refs = refs;
-    return BVHD_OK;
-}
-
 enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, const struct leaves_options *runs,
                                           const struct build_context *context, struct primitive_refs *ret_refs,
                                           struct bvhd_error *error)

@@ -19,7 +19,7 @@
 /* A box and its owner in 32 bytes, a vector register each half; Embree's RTCBuildPrimitive looks the same, so benchmarks hand it over without a copy. */
 struct primitive_ref {
     float min[3];
-    uint32_t link; /* 0; of a run (primitive_collect_runs) how many primitives follow the first; from then on the builder's own */
+    uint32_t link; /* 0; of a run (primitive_collect_blocks) how many primitives follow the first; from then on the builder's own */
     float max[3];
     uint32_t id; /* flat primitive id */
 };
@@ -46,25 +46,17 @@ struct primitive_refs {
 struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index);
 
 /*
- * On success the caller frees ret_refs->refs, of context->memory (NULL when count is 0). The same for any number of threads. BVHD_NO_MEMORY,
- * BVHD_CANCELLED.
+ * On success the caller frees ret_refs->refs and ret_refs->blocks, of context->memory (NULL when count is 0). There may be gaps between blocks, for
+ * those who read refs block by block: closing them takes another pass. The same for any number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED.
+ *
+ * With refs of runs, unless `runs` is NULL: up to runs->leaf_max primitives (LEAVES_REFS_MAX at most) that follow each other in the request,
+ * where these are so near each other that they would share a leaf (leaves.h).
  */
-enum bvhd_status primitive_collect(const struct canonical *canonical, const struct build_context *context,
-                                   struct primitive_refs *ret_refs, struct bvhd_error *error);
-
-/*
- * The same with refs of runs, unless `runs` is NULL: up to runs->leaf_max primitives (LEAVES_REFS_MAX at most) that follow each other in the request, where these are so near
- * each other that they would share a leaf (leaves.h).
- */
-enum bvhd_status primitive_collect_runs(const struct canonical *canonical, const struct leaves_options *runs,
-                                        const struct build_context *context, struct primitive_refs *ret_refs, struct bvhd_error *error);
-
-/* The same with gaps, for those who read refs block by block: closing them would take another pass. The caller frees ret_refs->blocks as well. */
 enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, const struct leaves_options *runs,
                                           const struct build_context *context, struct primitive_refs *ret_refs,
                                           struct bvhd_error *error);
 
-/* Closes the gaps between blocks. False when cancelled. */
+/* Closes the gaps between blocks, and frees `blocks`. False when cancelled: both are the caller's still. */
 bool primitive_close_gaps(struct primitive_refs *refs, const struct build_context *context);
 
 /* Box and centroid box (see above) of refs; both empty when there are none. */

@@ -3,7 +3,7 @@
  * reinsertion.h - a tree made better after it was built: subtrees are taken out and put back where they cost least (Bittner 2013; the search is
  * that of Meister and Bittner 2018), on one thread, one after the other.
  *
- * The largest nodes are tried, in which most of the cost lies, and in the order of the nodes: by size first is no better. At the end leaves
+ * A pass tries all nodes or the largest, in which most of the cost lies, in the order of the nodes: by size first is no better. At the end leaves
  * are made as large as pays by SAH, in which a primitive that was split is named once.
  */
 #ifndef BVHD_REINSERTION_H
@@ -23,7 +23,8 @@ struct reinsertion_request {
     struct ir *ir;
     uint32_t leaf_max; /* 1 .. REINSERTION_LEAF_MOST */
     uint32_t passes;
-    float share, last_share; /* of all nodes that each pass tries, about; and the last one */
+    float share; /* of all nodes, the largest, that a pass tries, about */
+    float last_share; /* likewise, the last pass */
     const atomic_bool *cancel; /* may be NULL; looked at every few hundred searches */
 };
 

@@ -9,8 +9,8 @@
 static const float SAVING_LEAST = 0.02f, COST_MOST = 0.99f;
 
 /*
- * What a ref costs is the tree's cost by their number. A tree's cost, in areas of the root, lies between that of its leaves and a few tens, whatever they are:
- * it grows about as the root of the leaves' does. The factor is where fewer refs begin to lose on most scenes.
+ * A ref costs the tree's cost / count. The cost is not known yet; it grows about as the root of the leaves' areas, so that stands in for it. The
+ * factor is where fewer refs begin to lose on most scenes.
  */
 static const double PRICE = 4;
 
@@ -322,8 +322,6 @@ void spatial_partition(const struct canonical *canonical, const struct spatial_g
     ret_sides[1] = filling.sides[1];
 }
 
-enum { BOTH = 2 };
-
 static inline uint8_t side_of(const struct spatial_grid *grid, const struct spatial_plane *plane, const struct primitive_ref *ref)
 {
     struct vec4_box box = vec4_box_load(ref), boxes[2] = {plane->left, plane->right};
@@ -333,7 +331,7 @@ static inline uint8_t side_of(const struct spatial_grid *grid, const struct spat
     if (span.first >= plane->bin)
         return 1;
     int side = plane->cut_all ? -1 : cheaper_side(boxes, (const uint32_t[2]){plane->left_count, plane->right_count}, &box);
-    return side < 0 ? BOTH : (uint8_t)side;
+    return side < 0 ? SPATIAL_BOTH : (uint8_t)side;
 }
 
 void spatial_assign(const struct spatial_grid *grid, const struct spatial_plane *plane, const struct primitive_ref *refs,
@@ -344,8 +342,8 @@ void spatial_assign(const struct spatial_grid *grid, const struct spatial_plane 
         ret_sides[i] = side_of(grid, plane, &refs[i]);
         counts[ret_sides[i]]++;
     }
-    ret_counts[0] = counts[0] + counts[BOTH];
-    ret_counts[1] = counts[1] + counts[BOTH];
+    ret_counts[0] = counts[0] + counts[SPATIAL_BOTH];
+    ret_counts[1] = counts[1] + counts[SPATIAL_BOTH];
 }
 
 static inline void append(struct spatial_side *side, struct primitive_ref *to, struct vec4_box box, const struct primitive_ref *ref)
@@ -368,12 +366,12 @@ void spatial_send(const struct canonical *canonical, const struct spatial_grid *
     struct primitive_ref *to[2] = {left, right};
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box box = vec4_box_load(&refs[i]), parts[2] = {box, box};
-        if (sides[i] == BOTH) {
+        if (sides[i] == SPATIAL_BOTH) {
             struct clip_triangle triangle = clip_load(canonical, refs[i].id);
             clip_cut(&triangle, &box, plane->axis, grid->planes[plane->axis][plane->bin], &parts[0], &parts[1]);
         }
         for (int side = 0; side < 2; side++)
-            if (sides[i] == side || sides[i] == BOTH)
+            if (sides[i] == side || sides[i] == SPATIAL_BOTH)
                 append(&filled[side], to[side], parts[side], &refs[i]);
     }
     ret_sides[0] = filled[0];

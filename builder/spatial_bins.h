@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * spatial_bins.h - the kernels of spatial splits (Stich 2009): sort the parts of triangles between equidistant planes into bins along all three
- * axes, choose the cheapest plane, cut by it. Beside bins.h, which sorts whole refs by their centroids.
+ * spatial_bins.h - the kernels of spatial splits (Stich 2009): sort the parts of triangles between equidistant planes into bins along those
+ * axes that the grid leaves, choose the cheapest plane, cut by it. Beside bins.h, which sorts whole refs by their centroids.
  *
  * Magnitudes are at most 2^40 (rescale.h). Results depend on the refs, their order and nothing else.
  */
@@ -36,7 +36,7 @@ struct spatial_plane {
     float cost; /* half areas times counts */
     uint32_t left_count, right_count;
     struct vec4_box left, right; /* of the refs' parts */
-    bool cut_all; /* none that crosses the plane is left whole */
+    bool cut_all; /* none that crosses the plane is left whole; heeded by spatial_assign alone */
 };
 
 /* A set of refs on one side of a plane. */
@@ -82,6 +82,9 @@ uint32_t spatial_share_room(uint32_t capacity, const struct spatial_side sides[2
 void spatial_partition(const struct canonical *canonical, const struct spatial_grid *grid, const struct spatial_plane *plane,
                        const struct primitive_ref *refs, uint32_t count, struct primitive_ref *left, struct primitive_ref *right,
                        struct spatial_side ret_sides[2]);
+
+/* The side of a ref that is cut, where others have 0 (left) or 1 (right). */
+enum { SPATIAL_BOTH = 2 };
 
 /*
  * The same for a part of a node's refs, in two steps: where each goes, and how many to each side; then to `left` and `right` upwards. A ref is left

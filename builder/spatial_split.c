@@ -39,7 +39,7 @@ struct splitter {
     float price; /* spatial_price */
     struct part part; /* the one that is being split */
     struct chunk *chunks;
-    uint8_t *sides; /* enum spatial_where of each ref of the part */
+    uint8_t *sides; /* of each ref of the part, as spatial_assign says, or 0 and 1 */
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct spatial_grid grid;

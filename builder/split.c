@@ -56,7 +56,7 @@ struct splitter {
     struct node_list list;
     struct part *parts; /* of this round */
     struct division *divisions;
-    uint32_t part_count, part_capacity;
+    uint32_t part_count;
     struct part *next_parts;
     uint32_t next_count;
     struct chunk *chunks;

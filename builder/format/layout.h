@@ -20,7 +20,7 @@ struct layout_sizes {
 
 struct layout_input {
     const struct canonical *canonical;
-    const struct ir *ir;
+    const struct ir *ir; /* with arity 8 only boxes, refs and their counts: there may be no nodes */
     const struct wide *wide; /* NULL when the layout's arity is 2 */
     bool complete; /* every primitive is in the tree */
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */

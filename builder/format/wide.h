@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * wide.h - a wide tree over an ir: which ir nodes become the up to 8 children of each wide node, in the order in which a layout
- * writes them. Made by collapse.h; layouts map node i to their node i.
+ * wide.h - a wide tree over an ir: which of its boxes are the up to 8 children of each wide node, in the order in which a layout writes them.
+ * Layouts map node i to their node i.
  *
  * Node 0 is the root (count 0 for an empty structure). Slots are octants: the child in slot s lies towards +x when bit 0 of s is set,
  * +y for bit 1, +z for bit 2, as far as the assignment that minimises the sum over children could have it; slots may be empty.
@@ -24,7 +24,7 @@ enum { WIDE_ARITY = 8, WIDE_NONE = 0 };
  * wide node with one child: node 0, and a ref_count. An empty slot is all zeros.
  */
 struct wide_child {
-    uint32_t node; /* ir node whose box bounds the child; WIDE_NONE in an empty slot */
+    uint32_t node; /* number of the ir's box that bounds the child; WIDE_NONE in an empty slot */
     uint32_t first_ref; /* leaves only */
     uint32_t ref_count; /* leaves: 1 .. leaf_max; inner: 0 */
 };
@@ -37,7 +37,7 @@ static inline enum wide_kind wide_kind(const struct wide_child *child)
 }
 
 struct wide_node {
-    uint32_t node; /* the ir node that it stands for */
+    uint32_t node; /* the ir node that it stands for; 0 where the ir is one of boxes and refs alone, joined of pieces */
     uint32_t first_child; /* wide index of the first inner child; 0 without one */
     uint32_t first_leaf; /* see above */
     struct wide_child slots[WIDE_ARITY];

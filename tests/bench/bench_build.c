@@ -104,7 +104,7 @@ static void run_references(struct bench *bench, const struct build_input *input,
     struct primitive_refs refs;
     struct reference_result results[REFERENCE_METHODS];
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK ||
-        primitive_collect(&canonical, &context, &refs, &error) != BVHD_OK)
+        primitive_collect_blocks(&canonical, NULL, &context, &refs, &error) != BVHD_OK || !primitive_close_gaps(&refs, &context))
         fail(row->name, &error);
     for (int kind = 0; kind < REFERENCE_METHODS; kind++)
         if (!reference_build((enum reference_method)kind, refs.refs, refs.count, bench->threads, &results[kind]))

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "unit.h"
 
+#include <stdbool.h>
 #include <string.h>
 
 #include "pack.h"
@@ -45,9 +46,8 @@ static void check(const struct row *from, const uint8_t *kept, uint32_t count, c
         }
 }
 
-static void what_is_kept_comes_in_its_order(void **state)
+static void check_packer(pack_packer packer)
 {
-    (void)state;
     static struct row from, to;
     uint8_t kept[MOST + PACK_PAD];
     uint32_t seed = 1;
@@ -60,16 +60,35 @@ static void what_is_kept_comes_in_its_order(void **state)
                 seed = seed * 1664525 + 1013904223;
                 kept[i] = seed >> 29 < share;
             }
-            if (!pack_row(&from.boxes, from.nodes, kept, count, &to.boxes, to.nodes)) {
-                assert_true(to.boxes.min[0][0] == -1);
-                continue;
-            }
+            packer(&from.boxes, from.nodes, kept, count, &to.boxes, to.nodes);
             check(&from, kept, count, &to);
         }
 }
 
+static void what_is_kept_comes_in_its_order(void **state)
+{
+    (void)state;
+    check_packer(pack_row_plain);
+    check_packer(pack_row);
+}
+
+/* Where the processor has the instructions, and quick ones, they are used. */
+static void vectors_do_the_same(void **state)
+{
+    (void)state;
+    bool able = false;
+#if defined(__x86_64__)
+    able = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("popcnt") &&
+           !__builtin_cpu_is("znver1") && !__builtin_cpu_is("znver2");
+#endif
+    assert_int_equal(pack_row_avx2() != NULL, able);
+    if (!able)
+        skip();
+    check_packer(pack_row_avx2());
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(what_is_kept_comes_in_its_order)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(what_is_kept_comes_in_its_order), cmocka_unit_test(vectors_do_the_same)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

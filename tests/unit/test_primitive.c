@@ -17,12 +17,21 @@ static struct canonical triangles_view(struct canonical_geometry *geometry, cons
         .type = STRUCTURE_BOTTOM, .flags = flags, .geometry_count = 1, .primitive_count = count, .geometries = geometry};
 }
 
+/* Without gaps. */
+static struct primitive_refs collect_with(const struct canonical *canonical, const struct leaves_options *runs,
+                                          const struct build_context *context)
+{
+    struct primitive_refs refs;
+    assert_int_equal(primitive_collect_blocks(canonical, runs, context, &refs, NULL), BVHD_OK);
+    assert_true(primitive_close_gaps(&refs, context));
+    assert_null(refs.blocks);
+    return refs;
+}
+
 static struct primitive_refs collect(const struct canonical *canonical, struct memory *memory)
 {
     const struct build_context context = {.memory = memory, .parallel = &parallel_serial};
-    struct primitive_refs refs;
-    assert_int_equal(primitive_collect(canonical, &context, &refs, NULL), BVHD_OK);
-    return refs;
+    return collect_with(canonical, NULL, &context);
 }
 
 static void assert_counts(const struct primitive_refs *refs, uint32_t count, uint64_t inactive, uint64_t degenerate, uint64_t skipped)
@@ -294,7 +303,7 @@ static void threads_do_not_matter(void **state)
         struct workers *workers;
         assert_int_equal(workers_create(threads, &workers, NULL), BVHD_OK);
         context.parallel = workers_parallel(workers);
-        assert_int_equal(primitive_collect(&canonical, &context, &other, NULL), BVHD_OK);
+        other = collect_with(&canonical, NULL, &context);
         assert_int_equal(other.count, refs.count);
         assert_memory_equal(other.refs, refs.refs, refs.count * sizeof *refs.refs);
         assert_memory_equal(&other.bounds, &refs.bounds, sizeof refs.bounds);
@@ -303,9 +312,9 @@ static void threads_do_not_matter(void **state)
     }
     memory_free(&memory, refs.refs);
     context.parallel = &parallel_serial;
-    for (int64_t n = 0; n < 2; n++) {
+    for (int64_t n = 0; n < 3; n++) {
         memory.fail_after = n;
-        assert_int_equal(primitive_collect(&canonical, &context, &other, NULL), BVHD_NO_MEMORY);
+        assert_int_equal(primitive_collect_blocks(&canonical, NULL, &context, &other, NULL), BVHD_NO_MEMORY);
         assert_int_equal(memory.live, 0);
     }
     free(positions);
@@ -331,8 +340,8 @@ static void runs_hold_what_follows_each_other(void **state)
     memory_init(&memory, UINT64_MAX);
     const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
     struct canonical canonical = triangles_view(&geometry, positions, COUNT, 0);
-    struct primitive_refs plain = collect(&canonical, &memory), runs;
-    assert_int_equal(primitive_collect_runs(&canonical, &(struct leaves_options){2, 1}, &context, &runs, NULL), BVHD_OK);
+    struct primitive_refs plain = collect(&canonical, &memory);
+    struct primitive_refs runs = collect_with(&canonical, &(struct leaves_options){2, 1}, &context);
     assert_true(runs.count < COUNT - STRIP / 2 + 10 && runs.count > STRIP / 2);
     assert_int_equal(runs.primitives, plain.primitives);
     assert_int_equal(plain.primitives, COUNT - 1);

@@ -166,7 +166,7 @@ static bool build_tree(struct bench *bench, const struct ply *mesh, struct subje
     struct build_input input = ply_input(mesh, QUALITY_BALANCED, &geometry);
     if (prepare(&input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
         return refused(subject, "prepare", &error);
-    if (primitive_collect(&canonical, &context, &refs, &error) != BVHD_OK) {
+    if (primitive_collect_blocks(&canonical, NULL, &context, &refs, &error) != BVHD_OK || !primitive_close_gaps(&refs, &context)) {
         prepare_finish(&canonical, &bench->memory);
         return refused(subject, "boxes", &error);
     }
