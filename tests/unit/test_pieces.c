@@ -274,6 +274,99 @@ static void allocations_fail(void **state)
     }
 }
 
+/* A wide tree of pieces, from the begin; `pieces` are ended. */
+static enum bvhd_status build_wide(struct fixture *f, const struct parallel *parallel, struct joined *ret_joined, struct wide *ret_wide)
+{
+    struct pieces pieces;
+    enum bvhd_status status = pieces_build(&f->request, &f->memory, parallel, &pieces, NULL);
+    if (status != BVHD_OK)
+        return status;
+    status = pieces_join_wide(&pieces, parallel, &ret_joined->ir, ret_wide, &ret_joined->depth, &ret_joined->cost, NULL);
+    pieces_finish(&pieces);
+    return status;
+}
+
+static const struct collapse_options wide_options = {.leaf_max = 8, .leaf_cost = 0.3f, .quick_order = true};
+
+/* Depth and cost are those of the binary tree, and all refs are there. */
+static void wide_trees_are_of_the_same_pieces(void **state)
+{
+    (void)state;
+    static const uint32_t sizes[] = {7, PIECE_SIZE, COUNT / 2};
+    for (int kind = 0; kind < REFS_KINDS; kind++)
+        for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+            struct fixture binary, widened;
+            struct joined one, other;
+            struct wide wide;
+            uint8_t seen[COUNT] = {0};
+            start(&binary, (enum test_refs_kind)kind, COUNT, sizes[s]);
+            start(&widened, (enum test_refs_kind)kind, COUNT, sizes[s]);
+            widened.request.widen = &wide_options;
+            assert_true(binary.tree.piece_count > 1);
+            assert_int_equal(build(&binary, COUNT, &parallel_serial, &one), BVHD_OK);
+            assert_int_equal(build_wide(&widened, &parallel_serial, &other, &wide), BVHD_OK);
+            assert_int_equal(other.depth, one.depth);
+            assert_true(other.cost == one.cost);
+            assert_memory_equal(&other.ir.boxes[0][0], &one.ir.boxes[0][0], sizeof *one.ir.boxes[0]);
+            assert_int_equal(wide.leaf_refs, COUNT);
+            assert_int_equal(other.ir.ref_count, COUNT);
+            for (uint32_t i = 0; i < COUNT; i++)
+                assert_int_equal(seen[other.ir.refs[i]]++, 0);
+            ir_finish(&one.ir);
+            ir_finish(&other.ir);
+            wide_finish(&wide);
+            finish(&binary);
+            finish(&widened);
+        }
+}
+
+static void a_wide_join_is_cancelled(void **state)
+{
+    (void)state;
+    struct fixture f;
+    struct joined joined;
+    struct wide wide;
+    struct pieces pieces;
+    struct bvhd_error error;
+    atomic_bool cancel = false;
+    struct collapse_options options = wide_options;
+    options.cancel = &cancel;
+    start(&f, REFS_CLOUD, COUNT, PIECE_SIZE);
+    f.request.cancel = &cancel;
+    f.request.widen = &options;
+    assert_int_equal(pieces_build(&f.request, &f.memory, &parallel_serial, &pieces, NULL), BVHD_OK);
+    atomic_store(&cancel, true);
+    assert_int_equal(pieces_join_wide(&pieces, &parallel_serial, &joined.ir, &wide, &joined.depth, &joined.cost, &error),
+                     BVHD_CANCELLED);
+    assert_int_equal(error.status, BVHD_CANCELLED);
+    pieces_finish(&pieces);
+    finish(&f);
+}
+
+static void allocations_of_wide_trees_fail(void **state)
+{
+    (void)state;
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    int64_t fail_after = 0;
+    for (; status != BVHD_OK; fail_after++) {
+        struct fixture f;
+        struct joined joined;
+        struct wide wide;
+        start(&f, REFS_CLUSTERS, COUNT, 4 * PIECE_SIZE);
+        f.request.widen = &wide_options;
+        f.memory.fail_after = fail_after;
+        status = build_wide(&f, &parallel_serial, &joined, &wide);
+        f.memory.fail_after = -1;
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        if (status == BVHD_OK) {
+            ir_finish(&joined.ir);
+            wide_finish(&wide);
+        }
+        finish(&f);
+    }
+    assert_true(fail_after > 10);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -284,6 +377,9 @@ int main(void)
         cmocka_unit_test(a_build_is_cancelled_between_pieces),
         cmocka_unit_test(a_join_is_cancelled),
         cmocka_unit_test(allocations_fail),
+        cmocka_unit_test(wide_trees_are_of_the_same_pieces),
+        cmocka_unit_test(a_wide_join_is_cancelled),
+        cmocka_unit_test(allocations_of_wide_trees_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -59,13 +59,19 @@ static struct ir copy_of(const struct ir *ir, struct memory *memory)
     return copy;
 }
 
-static struct ir run(struct triangles *f, const struct ir *from, uint32_t leaf_max, uint32_t passes, float share)
+static struct ir run_with(struct triangles *f, const struct ir *from, uint32_t leaf_max, uint32_t passes, float share, float last_share)
 {
     struct ir copy = copy_of(from, &f->memory);
-    struct reinsertion_request request = {.ir = &copy, .leaf_max = leaf_max, .passes = passes, .share = share, .last_share = share};
+    struct reinsertion_request request = {
+        .ir = &copy, .leaf_max = leaf_max, .passes = passes, .share = share, .last_share = last_share};
     struct ir ir;
     assert_int_equal(reinsertion_run(&request, &f->memory, &ir, NULL), BVHD_OK);
     return ir;
+}
+
+static struct ir run(struct triangles *f, const struct ir *from, uint32_t leaf_max, uint32_t passes, float share)
+{
+    return run_with(f, from, leaf_max, passes, share, share);
 }
 
 /* No subtree of at most leaf_max refs names an id twice: collapsing may make it a leaf. Returns the refs below a node. */
@@ -148,6 +154,27 @@ static void cost_goes_down(void **state)
         ir_finish(&large);
         triangles_finish(&f);
     }
+}
+
+/* Passes of no nodes do nothing, and the last one has a share of its own. */
+static void the_last_pass_has_its_share(void **state)
+{
+    (void)state;
+    struct triangles f;
+    triangles_start(&f, FAR, 1000, 0);
+    struct ir bad = bad_tree(&f, false), once = run(&f, &bad, 1, 1, 1), twice = run(&f, &bad, 1, 2, 1);
+    assert_true(ir_sah(&twice) < ir_sah(&once) && ir_sah(&once) < ir_sah(&bad));
+    for (uint32_t passes = 1; passes <= 3; passes++) {
+        struct ir last = run_with(&f, &bad, 1, passes, 0, 1), first = run_with(&f, &bad, 1, passes, 1, 0);
+        assert_true(ir_sah(&last) == ir_sah(&once));
+        assert_true(ir_sah(&first) == ir_sah(passes == 1 ? &bad : passes == 2 ? &once : &twice));
+        ir_finish(&last);
+        ir_finish(&first);
+    }
+    ir_finish(&bad);
+    ir_finish(&once);
+    ir_finish(&twice);
+    triangles_finish(&f);
 }
 
 static void bad_trees_become_good(void **state)
@@ -246,6 +273,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_tree_stays_sound),
         cmocka_unit_test(cost_goes_down),
+        cmocka_unit_test(the_last_pass_has_its_share),
         cmocka_unit_test(bad_trees_become_good),
         cmocka_unit_test(deep_trees_take_no_longer),
         cmocka_unit_test(parts_that_meet_are_named_once),

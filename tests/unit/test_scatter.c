@@ -122,6 +122,43 @@ static void outsize_refs_are_set_apart(void **state)
     finish(&f);
 }
 
+/* Empty and short blocks, and one that is full; what stands in the gaps is nobody's. */
+static void gaps_do_not_matter(void **state)
+{
+    (void)state;
+    static const uint32_t blocks[] = {0, 1, PRIMITIVE_BLOCK, 5000, 0, 0, 4095, PRIMITIVE_BLOCK - 1, 7, 0};
+    enum { BLOCKS = sizeof blocks / sizeof *blocks };
+    uint32_t count = 0;
+    for (int i = 0; i < BLOCKS; i++)
+        count += blocks[i];
+    for (int kind = 0; kind < REFS_KINDS; kind++) {
+        struct fixture whole, gaps;
+        struct split_tree tree, other;
+        start(&whole, (enum test_refs_kind)kind, count, 1000);
+        start(&gaps, (enum test_refs_kind)kind, count, 1000);
+        struct primitive_ref *places = malloc(BLOCKS * PRIMITIVE_BLOCK * sizeof *places);
+        assert_non_null(places);
+        memset(places, 0xff, BLOCKS * PRIMITIVE_BLOCK * sizeof *places);
+        for (uint32_t i = 0, at = 0; i < BLOCKS; at += blocks[i++])
+            memcpy(places + (size_t)i * PRIMITIVE_BLOCK, gaps.given + at, blocks[i] * sizeof *places);
+        gaps.request.refs = places;
+        gaps.request.blocks = blocks;
+        gaps.request.block_count = BLOCKS;
+        assert_int_equal(scatter_refs(&whole.request, &whole.memory, &parallel_serial, &tree, NULL), BVHD_OK);
+        assert_int_equal(scatter_refs(&gaps.request, &gaps.memory, &parallel_serial, &other, NULL), BVHD_OK);
+        check_tree(&gaps, &other);
+        assert_int_equal(other.node_count, tree.node_count);
+        assert_int_equal(other.piece_count, tree.piece_count);
+        assert_memory_equal(other.nodes, tree.nodes, tree.node_count * sizeof *tree.nodes);
+        assert_memory_equal(gaps.scratch, whole.scratch, count * sizeof *whole.scratch);
+        memory_free(&whole.memory, tree.nodes);
+        memory_free(&gaps.memory, other.nodes);
+        free(places);
+        finish(&whole);
+        finish(&gaps);
+    }
+}
+
 static void threads_do_not_matter(void **state)
 {
     (void)state;
@@ -194,6 +231,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_kind_is_cut_into_pieces),
         cmocka_unit_test(outsize_refs_are_set_apart),
+        cmocka_unit_test(gaps_do_not_matter),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(failing_allocations_leave_nothing),
         cmocka_unit_test(cancelling_ends_it),
