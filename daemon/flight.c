@@ -96,10 +96,11 @@ static void leave_table(struct flight *flight)
 uint64_t flights_build_bytes(const struct preparation *preparation)
 {
     /*
-     * Measured peaks for a primitive, vertices apart: 155 to 185 bytes by the number of threads, one a leaf 218, of quality high up to 300.
-     * What is clustered as one piece takes 100 more while it is.
+     * Peaks for a primitive, vertices apart, with so many threads that all pieces are built at once: a ref and its scratch, 64 bytes, and what
+     * clustering (ploc.h) holds beside them, up to 173; with quality high 1.4 refs a primitive, each of which takes 180 more during reinsertion.
+     * What is clustered as one piece takes more while it is.
      */
-    enum { TRIANGLE = 200, SINGLE = 240, HIGH = 320, ONE_PIECE = 280, ONE_PIECE_MOST = 16384, VERTEX = 12, FIXED = 16 * 1024 };
+    enum { TRIANGLE = 240, SINGLE = 248, HIGH = 344, ONE_PIECE = 280, ONE_PIECE_MOST = 16384, VERTEX = 12, FIXED = 16 * 1024 };
     const struct canonical *canonical = &preparation->canonical;
     bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
     bool high = preparation->options.quality == QUALITY_HIGH;
