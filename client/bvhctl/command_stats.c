@@ -84,12 +84,10 @@ enum exit_code command_stats(const struct options *options)
     return code;
 }
 
-/* Whose daemon has answered; one that had to be started shows that there was none. */
+/* Whose daemon has answered; one that had to be started shows that none did. */
 static const char *whose(const struct connect *connect)
 {
-    return connect->is_started   ? ": a private daemon, started now, for there was none"
-           : connect->is_private ? ": a private daemon"
-                                 : "";
+    return connect->is_started ? ": a private daemon, started now, for none answered" : connect->is_private ? ": a private daemon" : "";
 }
 
 static bool print_ping(const struct options *options, const struct connect *connect, double ms, struct memory *memory)

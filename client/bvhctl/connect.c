@@ -76,8 +76,15 @@ static enum bvhd_status open_explicit(const char *socket, uint32_t timeout_ms, s
     return path ? attach((struct connect){.path = path, .memory = memory}, timeout_ms, ret_connect, error) : no_memory(socket, error);
 }
 
+/* What has happened in all looks for a daemon so far. */
+struct search {
+    double deadline;
+    bool is_started; /* one, by us */
+    bool is_refused; /* by the machine's, as has been remarked */
+};
+
 /* The socket of a daemon that answers, started if need be, and whose it is. */
-static enum bvhd_status find_daemon(double deadline, struct memory *memory, struct connect *ret_found, struct bvhd_error *error)
+static enum bvhd_status find_daemon(struct search *search, struct memory *memory, struct connect *ret_found, struct bvhd_error *error)
 {
     struct connect found = {.memory = memory};
     struct private_place place;
@@ -87,12 +94,17 @@ static enum bvhd_status find_daemon(double deadline, struct memory *memory, stru
     found.is_private = place.is_safe && connect_answers(place.socket);
     enum answer of_system = found.is_private ? ANSWER_NONE : ask(system_socket);
     if (!found.is_private && of_system != ANSWER_GIVEN) {
-        status = private_daemon_start(&place, deadline, memory, error);
-        found.is_private = found.is_started = true;
+        bool is_new = false;
+        status = private_daemon_start(&place, search->deadline, memory, &is_new, error);
+        found.is_private = true;
+        search->is_started = search->is_started || is_new;
     }
-    if (!status && of_system == ANSWER_FORBIDDEN)
+    found.is_started = found.is_private && search->is_started;
+    if (!status && of_system == ANSWER_FORBIDDEN && !search->is_refused) {
         report_note(system_socket, "not for you: members of its group may use it; a daemon of your own was started, on %s",
                     place.socket);
+        search->is_refused = true;
+    }
     if (!status && !(found.path = files_copy_text(memory, found.is_private ? place.socket : system_socket)))
         status = no_memory(place.socket, error);
     private_place_finish(&place, memory);
@@ -113,14 +125,14 @@ enum bvhd_status connect_open(const struct options *options, struct memory *memo
     const char *socket = explicit_socket(options);
     if (socket)
         return open_explicit(socket, options->connect_timeout_ms, memory, ret_connect, error);
-    double deadline = clock_ms() + options->connect_timeout_ms;
+    struct search search = {.deadline = clock_ms() + options->connect_timeout_ms};
     for (;;) {
         struct connect found;
-        enum bvhd_status status = find_daemon(deadline, memory, &found, error);
+        enum bvhd_status status = find_daemon(&search, memory, &found, error);
         if (status)
             return status;
-        status = attach(found, call_time(deadline), ret_connect, error);
-        if (status != BVHD_UNAVAILABLE || clock_ms() >= deadline)
+        status = attach(found, call_time(search.deadline), ret_connect, error);
+        if (status != BVHD_UNAVAILABLE || clock_ms() >= search.deadline)
             return status;
     }
 }

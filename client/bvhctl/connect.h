@@ -15,8 +15,8 @@
 struct connect {
     struct bvhd_client *client;
     char *path; /* of the socket */
-    bool is_private; /* the user's own daemon */
-    bool is_started; /* by this call */
+    bool is_private; /* the user's own daemon; false for a socket that was named, whoever listens there */
+    bool is_started; /* by this call, which no other did at the same time */
     struct memory *memory;
 };
 

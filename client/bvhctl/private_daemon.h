@@ -25,8 +25,9 @@ void private_place_finish(struct private_place *place, struct memory *memory);
 
 /*
  * Returns when a daemon answers on place->socket: one that is there, one that somebody else starts, or a new one. BVHD_UNAVAILABLE, with the reason, when
- * none does until `deadline` (clock_ms) or the new one ends at once.
+ * none does until `deadline` (clock_ms) or the new one ends at once. *ret_is_new: it is the new one.
  */
-enum bvhd_status private_daemon_start(struct private_place *place, double deadline, struct memory *memory, struct bvhd_error *error);
+enum bvhd_status private_daemon_start(struct private_place *place, double deadline, struct memory *memory, bool *ret_is_new,
+                                      struct bvhd_error *error);
 
 #endif
