@@ -340,11 +340,13 @@ static void measure(struct bench *bench)
 static void run_scene(struct bench *bench, const char *directory)
 {
     struct bvhd_error error;
+    struct bench_rays_options rays = {.count = bench->settings.rays};
     const struct bench_scene_options options = {directory, bench->settings.is_bottom, bench->settings.is_shuffled,
                                                 bench->settings.seed};
     bench->contestant_count = 0;
     must(bench_scene_open(&options, &bench->memory, bench->parallel, &bench->scene, &error), &error);
-    must(bench_rays_make(&bench->scene, bench->settings.rays, bench->parallel, &bench->memory, &bench->rays, &error), &error);
+    memcpy(rays.kinds, bench->settings.kinds, sizeof rays.kinds);
+    must(bench_rays_make(&bench->scene, &rays, bench->parallel, &bench->memory, &bench->rays, &error), &error);
     add_driver(bench);
     add_ours(bench);
     printf("%s: %llu triangles%s; the driver's build took %.1f ms\n", bench->scene.given.name,

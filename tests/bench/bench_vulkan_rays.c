@@ -97,35 +97,71 @@ static void make_random(struct making *making)
     }
 }
 
-static enum bvhd_status make(struct making *making, const struct bench_scene *scene, const struct parallel *parallel,
-                             struct memory *memory, struct bvhd_error *error)
+/* What the rays of all wanted kinds need: diffuse rays the primary ones too. */
+static enum bvhd_status allocate(struct making *making, const struct bench_rays_options *options, struct memory *memory,
+                                 struct bvhd_error *error)
 {
-    struct bench_rays *rays = making->rays;
     uint32_t count = making->side * making->side;
-    uint64_t looks;
-    enum bvhd_status status = camera_choose(making->stage, 1, parallel, memory, &making->camera, &looks, error);
-    if (status)
-        return status;
+    bool is_complete = true;
     for (int kind = 0; kind < RAYS_KINDS; kind++) {
-        rays->count[kind] = count;
-        rays->rays[kind] = memory_array(memory, count, sizeof *rays->rays[kind]);
+        if (!options->kinds[kind] && !(kind == RAYS_PRIMARY && options->kinds[RAYS_DIFFUSE]))
+            continue;
+        making->rays->count[kind] = count;
+        making->rays->rays[kind] = memory_array(memory, count, sizeof *making->rays->rays[kind]);
+        is_complete = is_complete && making->rays->rays[kind];
     }
-    making->hits = memory_array(memory, count, sizeof *making->hits);
-    if (!making->hits || !rays->rays[RAYS_PRIMARY] || !rays->rays[RAYS_DIFFUSE] || !rays->rays[RAYS_SURFACE] ||
-        !rays->rays[RAYS_RANDOM])
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory for %u rays", count);
-    parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_primary, making);
-    parallel_for(parallel, (count + CHUNK - 1) / CHUNK, task_look, making);
-    close_ranks(making);
-    rays->count[RAYS_DIFFUSE] = making->hit_count ? count : 0;
-    parallel_for(parallel, (rays->count[RAYS_DIFFUSE] + CHUNK - 1) / CHUNK, task_diffuse, making);
-    make_random(making);
-    return bench_surface_rays(scene, (float)(1e-5 * making->stage->size), count, rays->rays[RAYS_SURFACE], &rays->count[RAYS_SURFACE],
-                              error);
+    if (options->kinds[RAYS_DIFFUSE]) {
+        making->hits = memory_array(memory, count, sizeof *making->hits);
+        is_complete = is_complete && making->hits;
+    }
+    return is_complete ? BVHD_OK : bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory for %u rays", count);
 }
 
-enum bvhd_status bench_rays_make(const struct bench_scene *scene, uint32_t count, const struct parallel *parallel,
-                                 struct memory *memory, struct bench_rays *ret_rays, struct bvhd_error *error)
+static size_t chunks_of(const struct making *making, enum bench_rays_kind kind)
+{
+    return (making->rays->count[kind] + CHUNK - 1) / CHUNK;
+}
+
+static enum bvhd_status make_primary(struct making *making, const struct parallel *parallel, struct memory *memory,
+                                     struct bvhd_error *error)
+{
+    uint64_t looks;
+    enum bvhd_status status = camera_choose(making->stage, 1, parallel, memory, &making->camera, &looks, error);
+    if (!status)
+        parallel_for(parallel, chunks_of(making, RAYS_PRIMARY), task_primary, making);
+    return status;
+}
+
+static void make_diffuse(struct making *making, const struct parallel *parallel)
+{
+    parallel_for(parallel, chunks_of(making, RAYS_PRIMARY), task_look, making);
+    close_ranks(making);
+    if (!making->hit_count)
+        making->rays->count[RAYS_DIFFUSE] = 0;
+    parallel_for(parallel, chunks_of(making, RAYS_DIFFUSE), task_diffuse, making);
+}
+
+static enum bvhd_status make(struct making *making, const struct bench_scene *scene, const struct bench_rays_options *options,
+                             const struct parallel *parallel, struct memory *memory, struct bvhd_error *error)
+{
+    struct bench_rays *rays = making->rays;
+    enum bvhd_status status = allocate(making, options, memory, error);
+    if (!status && rays->count[RAYS_PRIMARY])
+        status = make_primary(making, parallel, memory, error);
+    if (status)
+        return status;
+    if (rays->count[RAYS_DIFFUSE])
+        make_diffuse(making, parallel);
+    make_random(making);
+    if (rays->count[RAYS_SURFACE])
+        status = bench_surface_rays(scene, (float)(1e-5 * making->stage->size), rays->count[RAYS_SURFACE], rays->rays[RAYS_SURFACE],
+                                    &rays->count[RAYS_SURFACE], error);
+    return status;
+}
+
+enum bvhd_status bench_rays_make(const struct bench_scene *scene, const struct bench_rays_options *options,
+                                 const struct parallel *parallel, struct memory *memory, struct bench_rays *ret_rays,
+                                 struct bvhd_error *error)
 {
     struct stage stage;
     struct bench_rays rays = {.memory = memory};
@@ -133,9 +169,9 @@ enum bvhd_status bench_rays_make(const struct bench_scene *scene, uint32_t count
     enum bvhd_status status = stage_init(&stage, &scene->given, 'a', memory, error);
     if (status)
         return status;
-    making.side = (uint32_t)sqrt((double)count + 0.5) / TILE_WIDTH * TILE_WIDTH;
+    making.side = (uint32_t)sqrt((double)options->count + 0.5) / TILE_WIDTH * TILE_WIDTH;
     making.side = making.side < TILE_WIDTH ? TILE_WIDTH : making.side;
-    status = make(&making, scene, parallel, memory, error);
+    status = make(&making, scene, options, parallel, memory, error);
     memory_free(memory, making.hits);
     stage_finish(&stage);
     if (status)

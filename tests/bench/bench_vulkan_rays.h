@@ -12,16 +12,24 @@ extern const char *const bench_rays_names[RAYS_KINDS];
 
 struct bench_rays {
     struct ray *rays[RAYS_KINDS];
-    uint32_t count[RAYS_KINDS]; /* diffuse: 0 when no primary ray hits anything; surface: when there is no surface */
+    uint32_t count[RAYS_KINDS]; /* 0: not wanted; diffuse: or no primary ray hits anything; surface: or there is none */
     struct memory *memory;
 };
 
+struct bench_rays_options {
+    uint32_t count; /* of each kind, about */
+    bool kinds[RAYS_KINDS]; /* that are wanted */
+};
+
 /*
- * About `count` rays of each kind. Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit (found on the CPU), in the same order,
- * and from the first again after the last; cosine-distributed, tmin a little above 0. Surface: from random points of all surfaces (bench_vulkan_surface.h), in random order. Random: origins in the bounds of the scene's bulk, directions evenly. End with bench_rays_finish.
+ * Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit (found on the CPU), in
+ * the same order, and from the first again after the last; cosine-distributed, tmin a little above 0. Surface: from random points of all
+ * surfaces (bench_vulkan_surface.h), in random order. Random: origins in the bounds of the scene's bulk, directions evenly. The rays of a kind
+ * do not depend on which others are wanted. End with bench_rays_finish.
  */
-enum bvhd_status bench_rays_make(const struct bench_scene *scene, uint32_t count, const struct parallel *parallel,
-                                 struct memory *memory, struct bench_rays *ret_rays, struct bvhd_error *error);
+enum bvhd_status bench_rays_make(const struct bench_scene *scene, const struct bench_rays_options *options,
+                                 const struct parallel *parallel, struct memory *memory, struct bench_rays *ret_rays,
+                                 struct bvhd_error *error);
 void bench_rays_finish(struct bench_rays *rays);
 
 #endif

@@ -117,6 +117,12 @@ static uint64_t triangle_at(const struct surface *surface, double area)
     return low;
 }
 
+static uint64_t draw_triangle(const struct surface *surface, bool is_by_area, struct random *random)
+{
+    uint64_t count = surface->triangle_count;
+    return is_by_area ? triangle_at(surface, random_between(random, 0, surface->areas[count - 1])) : random_next(random) % count;
+}
+
 static const struct place *place_of(const struct surface *surface, uint64_t triangle)
 {
     uint32_t low = 0, high = surface->place_count;
@@ -139,7 +145,7 @@ static struct vector random_in_sphere(struct random *random)
     return (struct vector){point[0], point[1], point[2]};
 }
 
-/* false: the triangle has no area. */
+/* false: the triangle has no area, or another direction is needed. */
 static bool make_ray(const struct surface *surface, uint64_t triangle, float tmin, struct random *random, struct ray *ret_ray)
 {
     struct vector corners[3];
@@ -168,9 +174,10 @@ enum bvhd_status bench_surface_rays(const struct bench_scene *scene, float tmin,
     double area = surface.triangle_count ? surface.areas[surface.triangle_count - 1] : 0;
     uint32_t made = 0;
     while (area > 0 && made < count) {
-        uint64_t triangle = random_next(&random) & 1 ? triangle_at(&surface, random_between(&random, 0, area))
-                                                     : random_next(&random) % surface.triangle_count;
-        made += make_ray(&surface, triangle, tmin, &random, &rays[made]);
+        bool is_by_area = random_next(&random) & 1; /* one toss a ray: triangles without area must not change the halves */
+        while (!make_ray(&surface, draw_triangle(&surface, is_by_area, &random), tmin, &random, &rays[made]))
+            continue;
+        made++;
     }
     *ret_count = made;
     surface_finish(&surface);

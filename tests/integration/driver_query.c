@@ -181,7 +181,8 @@ static void run_files(struct run *run, const char *directory)
         fprintf(stderr, "driver_query: %s: no top level\n", directory);
         exit(1);
     }
-    MUST(bench_rays_make(&files, run->rays, parallel, &run->memory, &rays, &error));
+    const struct bench_rays_options wanted = {.count = run->rays, .kinds = {[RAYS_PRIMARY] = true, [RAYS_RANDOM] = true}};
+    MUST(bench_rays_make(&files, &wanted, parallel, &run->memory, &rays, &error));
     const struct driver_scene_options options = {.gpu = run->gpu,
                                                  .format = &run->format,
                                                  .bottoms = files.bottoms,

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled eight times: with BVHD_BUFFER_ADDRESS, where the scene is
- * found by the address of its buffer, and without, when it is binding 2; and
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled eight times: with
+ * BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is binding 2; and
  *
- *   for rays that go together   a thread a ray, each by itself; with WAIT records are looked at when enough lanes have some: that pays where many of them are instances;
+ *   for rays that go together   a thread a ray, each by itself; with WAIT records are looked at when enough lanes have some: that pays where
+ *                               many of them are instances;
  *   for others, REFILL defined  as many workgroups as the device holds: lanes that are done take new rays once enough of them are, and triangles
  *                               wait until enough lanes have some. Both need subgroup operations (ballot);
  *   after either, SETTLE        for the rays with doubts: what decides on them takes so many registers that the others are quicker without it.
@@ -175,13 +176,14 @@ void visit_records()
 }
 
 /*
- * The ray that is begun at this place of all: from a quarter on to the last, then those before. What a picture shows is in its middle, and takes longest; begun late, it would go on
- * when most lanes have nothing left to do.
+ * The ray that is begun at this place of a portion (at most MOST_RAYS, a picture or a part of one): from a quarter on to the last, then those
+ * before. What a picture shows is in its middle, and takes longest; begun late, it would go on when most lanes have nothing left to do. Whole
+ * workgroups are skipped, so that rays stay beside those that they go with.
  */
 uint ray_at(uint place)
 {
-    uint after = count - count / 4u;
-    return place < after ? place + count / 4u : place - after;
+    uint skipped = count / 4u & ~127u, after = count - skipped;
+    return place < after ? place + skipped : place - after;
 }
 
 void main()
