@@ -31,7 +31,7 @@ enum { SLOWNESS = 1 };
 enum {
     MIB = 1 << 20,
     MEMORY = 256,
-    UNREAD_MEMORY = 128,
+    UNREAD_MEMORY = 80, /* of MiB: an eighth of the budget of 128 for each reader, and what was under way */
     SOON_MS = 1000,
     UNFINISHED = 300,
     SLOW_READERS = 4,
