@@ -8,8 +8,8 @@
 enum { PACK_PAD = 8 };
 
 /*
- * Copies the boxes and nodes of a row for which `kept` is 1, and not 0, in their order, to the begin of another. Up to PACK_PAD behind what is read
- * and written are read and written, too, and have to be 0 in `kept`.
+ * Copies the boxes and nodes of a row for which `kept` is 1, and not 0, in their order, to the begin of another. Up to PACK_PAD behind
+ * what is read and written are read and written, too, and have to be 0 in `kept`.
  */
 void pack_row(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,
               const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes);

@@ -2,11 +2,11 @@
 /*
  * ploc.h - our builder of a piece from below: parallel locally-ordered clustering (Meister and Bittner 2018), on one thread.
  *
- * Refs are sorted along a Morton curve and, where that is asked for, cut into leaves; then, round by round, each cluster looks among its
- * neighbours on the curve for the one with which it makes the smallest box, and those that chose each other become one, with a tree rotation
- * where that helps (Kensler 2008). After a number of rounds, or when few find a partner, what is left is divided from above by binned SAH (bins.h) into parts of a hundred clusters, which are
- * merged again. So clustering makes the lower levels, where it is cheaper and better than binning, and bins those above, where a greedy choice
- * is seldom the best one; and no input is slow.
+ * Refs are sorted along a Morton curve and, where that is asked for, cut into leaves; then, round by round, each cluster looks among
+ * its neighbours on the curve for the one with which it makes the smallest box, and those that chose each other become one, with a tree
+ * rotation where that helps (Kensler 2008). After a number of rounds, or when few find a partner, what is left is divided from above by
+ * binned SAH (bins.h) into parts of a hundred clusters, which are merged again. So clustering makes the lower levels, where it is
+ * cheaper and better than binning, and bins those above, where a greedy choice is seldom the best one; and no input is slow.
  */
 #ifndef BVHD_PLOC_H
 #define BVHD_PLOC_H
@@ -29,8 +29,8 @@ struct ploc_request {
 };
 
 /*
- * Magnitudes are at most 2^40. Refs may be runs (primitive.h). *ret_ir is made by ir_init from `memory`; ret_depth, ret_cost: its ir_depth,
- * ir_cost. The same bytes on every machine. BVHD_NO_MEMORY, BVHD_CANCELLED.
+ * Magnitudes are at most 2^40. Refs may be runs (primitive.h). *ret_ir is made by ir_init from `memory`; ret_depth, ret_cost: its
+ * ir_depth, ir_cost. The same bytes on every machine. BVHD_NO_MEMORY, BVHD_CANCELLED.
  */
 enum bvhd_status ploc_build(const struct ploc_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
                             double *ret_cost, struct bvhd_error *error);

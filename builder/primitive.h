@@ -2,13 +2,13 @@
 /*
  * primitive.h - from a canonical copy to the boxes that builders sort: one 32-byte ref for each primitive that can be hit.
  *
- * Left out are inactive primitives (row F12: a triangle or an AABB with a NaN in any component, an instance without a reference or with a
- * transform that leads nowhere, a NaN) and, unless the build says ALLOW_UPDATE, degenerate ones (row F13: triangles of zero area, instances
- * of an empty structure), triangles with infinite corners and instances moved to infinity, which no ray can meet. Point AABBs stay. What is
- * kept and infinite is clamped to the largest float.
+ * Left out are inactive primitives (row F12: a triangle or an AABB with a NaN in any component, an instance without a reference or with
+ * a transform that leads nowhere, a NaN) and, unless the build says ALLOW_UPDATE, degenerate ones (row F13: triangles of zero area,
+ * instances of an empty structure), triangles with infinite corners and instances moved to infinity, which no ray can meet. Point AABBs
+ * stay. What is kept and infinite is clamped to the largest float.
  *
- * Boxes are exact for triangles and AABBs. Instances: the box of the reference's bounds through the transform, in double, rounded outward; of
- * an empty structure, the transform's translation.
+ * Boxes are exact for triangles and AABBs. Instances: the box of the reference's bounds through the transform, in double, rounded
+ * outward; of an empty structure, the transform's translation.
  */
 #ifndef BVHD_PRIMITIVE_H
 #define BVHD_PRIMITIVE_H
@@ -16,7 +16,10 @@
 #include "canonical.h"
 #include "context.h"
 
-/* A box and its owner in 32 bytes, a vector register each half; Embree's RTCBuildPrimitive looks the same, so benchmarks hand it over without a copy. */
+/*
+ * A box and its owner in 32 bytes, a vector register each half; Embree's RTCBuildPrimitive looks the same, so benchmarks hand it over
+ * without a copy.
+ */
 struct primitive_ref {
     float min[3];
     uint32_t link; /* 0; of a run (primitive_collect_blocks) how many primitives follow the first; from then on the builder's own */
@@ -46,11 +49,12 @@ struct primitive_refs {
 struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index);
 
 /*
- * On success the caller frees ret_refs->refs and ret_refs->blocks, of context->memory (NULL when count is 0). There may be gaps between blocks, for
- * those who read refs block by block: closing them takes another pass. The same for any number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED.
+ * On success the caller frees ret_refs->refs and ret_refs->blocks, of context->memory (NULL when count is 0). There may be gaps between
+ * blocks, for those who read refs block by block: closing them takes another pass. The same for any number of threads. BVHD_NO_MEMORY,
+ * BVHD_CANCELLED.
  *
- * With refs of runs, unless `runs` is NULL: up to runs->leaf_max primitives (LEAVES_REFS_MAX at most) that follow each other in the request,
- * where these are so near each other that they would share a leaf (leaves.h).
+ * With refs of runs, unless `runs` is NULL: up to runs->leaf_max primitives (LEAVES_REFS_MAX at most) that follow each other in the
+ * request, where these are so near each other that they would share a leaf (leaves.h).
  */
 enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, const struct leaves_options *runs,
                                           const struct build_context *context, struct primitive_refs *ret_refs,

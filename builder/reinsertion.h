@@ -3,8 +3,8 @@
  * reinsertion.h - a tree made better after it was built: subtrees are taken out and put back where they cost least (Bittner 2013; the search is
  * that of Meister and Bittner 2018), on one thread, one after the other.
  *
- * A pass tries all nodes or the largest, in which most of the cost lies, in the order of the nodes: by size first is no better. At the end leaves
- * are made as large as pays by SAH, in which a primitive that was split is named once.
+ * A pass tries all nodes or the largest, in which most of the cost lies, in the order of the nodes: by size first is no better. At the
+ * end leaves are made as large as pays by SAH, in which a primitive that was split is named once.
  */
 #ifndef BVHD_REINSERTION_H
 #define BVHD_REINSERTION_H
@@ -29,8 +29,8 @@ struct reinsertion_request {
 };
 
 /*
- * request->ir and *ret_ir are of `memory`, by ir_init. No leaf, and no subtree of at most leaf_max refs, names an id twice. Boxes' magnitudes are at most
- * 2^40. The time is bounded, whatever the tree. BVHD_NO_MEMORY, BVHD_CANCELLED.
+ * request->ir and *ret_ir are of `memory`, by ir_init. No leaf, and no subtree of at most leaf_max refs, names an id twice. Boxes'
+ * magnitudes are at most 2^40. The time is bounded, whatever the tree. BVHD_NO_MEMORY, BVHD_CANCELLED.
  */
 enum bvhd_status reinsertion_run(const struct reinsertion_request *request, struct memory *memory, struct ir *ret_ir,
                                  struct bvhd_error *error);

@@ -13,7 +13,10 @@
 #include "bins.h"
 #include "clip.h"
 
-/* A triangle is cut at each plane that it crosses: eight would take a twentieth less of a build, and lose up to three hundredths of the rays' work. */
+/*
+ * A triangle is cut at each plane that it crosses: eight would take a twentieth less of a build, and lose up to three hundredths of the
+ * rays' work.
+ */
 enum { SPATIAL_BINS = 16 };
 
 /* Where the planes are: planes[axis][k] is between bins k - 1 and k. */
@@ -60,24 +63,27 @@ bool spatial_bins_choose(const struct spatial_bins *bins, const struct spatial_g
                          struct spatial_plane *ret_plane);
 
 /*
- * What a ref more has to save, in half areas times counts, so that room and time go where they save most: in proportion to what a ref costs on average.
- * Of `count` refs whose half areas are `areas` together, in a structure of half the area `whole`.
+ * What a ref more has to save, in half areas times counts, so that room and time go where they save most: in proportion to what a ref
+ * costs on average. Of `count` refs whose half areas are `areas` together, in a structure of half the area `whole`.
  */
 float spatial_price(double areas, float whole, uint32_t count);
 
 /*
- * Whether a cut may pay where the best division of a node's `count` whole refs is `plane`, with room for `slack` refs more: asked first, since
- * looking for one costs as much as all else together. Whether the cut that was found does.
+ * Whether a cut may pay where the best division of a node's `count` whole refs is `plane`, with room for `slack` refs more: asked
+ * first, since looking for one costs as much as all else together. Whether the cut that was found does.
  */
 bool spatial_worth_a_try(const struct bins_plane *plane, uint32_t count, uint32_t slack, float price);
 bool spatial_is_better(const struct spatial_plane *cut, const struct bins_plane *plane, uint32_t count, float price);
 
-/* What of a node's room for `capacity` refs its left child gets: beyond their refs, by areas times counts, by which they count in the cost. */
+/*
+ * What of a node's room for `capacity` refs its left child gets: beyond their refs, by areas times counts, by which they count in the
+ * cost.
+ */
 uint32_t spatial_share_room(uint32_t capacity, const struct spatial_side sides[2]);
 
 /*
- * Copies the refs, or their parts, to both sides: from `left` upwards, from `right` downwards (right[-1] first). A ref that is cheaper whole on one
- * side than cut goes there. Each side gets at most the plane's count, and at least one.
+ * Copies the refs, or their parts, to both sides: from `left` upwards, from `right` downwards (right[-1] first). A ref that is cheaper
+ * whole on one side than cut goes there. Each side gets at most the plane's count, and at least one.
  */
 void spatial_partition(const struct canonical *canonical, const struct spatial_grid *grid, const struct spatial_plane *plane,
                        const struct primitive_ref *refs, uint32_t count, struct primitive_ref *left, struct primitive_ref *right,
@@ -87,8 +93,8 @@ void spatial_partition(const struct canonical *canonical, const struct spatial_g
 enum { SPATIAL_BOTH = 2 };
 
 /*
- * The same for a part of a node's refs, in two steps: where each goes, and how many to each side; then to `left` and `right` upwards. A ref is left
- * whole by what the plane expects of the sides, so that one may be left without any.
+ * The same for a part of a node's refs, in two steps: where each goes, and how many to each side; then to `left` and `right` upwards. A
+ * ref is left whole by what the plane expects of the sides, so that one may be left without any.
  */
 void spatial_assign(const struct spatial_grid *grid, const struct spatial_plane *plane, const struct primitive_ref *refs,
                     uint32_t count, uint8_t *ret_sides, uint32_t ret_counts[2]);
