@@ -142,14 +142,15 @@ static struct area area_of_label(const struct scatter *scatter, const struct poi
     return (struct area){left, y - height / 2, left + width, y + height / 2};
 }
 
-/* Where the label hides least of what is there already. */
+/* Where the label hides least of what is there already. Nobody can read what lies outside. */
 static struct area place_label(const struct scatter *scatter, uint32_t index, const struct area *placed, uint32_t placed_count)
 {
+    enum { OUTSIDE = 2 * POINTS_MAX };
     struct area best = {0};
     uint32_t least = UINT32_MAX;
     for (int choice = 0; choice < LABEL_CHOICES; choice++) {
         struct area area = area_of_label(scatter, &scatter->points[index], choice);
-        uint32_t hidden = (area.left < 0) + (area.right > 1) + (area.bottom < 0) + (area.top > 1);
+        uint32_t hidden = OUTSIDE * ((area.left < 0) + (area.right > 1) + (area.bottom < 0) + (area.top > 1));
         for (uint32_t i = 0; i < placed_count; i++)
             hidden += overlap(&area, &placed[i]);
         for (uint32_t i = 0; i < scatter->count; i++) {
