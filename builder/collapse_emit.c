@@ -14,8 +14,8 @@ enum { STRIDE = 4096 };
 #define NO_NODE UINT32_C(0xffffffff)
 
 /*
- * A growing run of wide nodes. While a node waits for its visit, its first_child links the stack of waiting nodes and its first_leaf is its
- * level; afterwards first_leaf is the number of its leaf refs, until place() turns those into positions.
+ * A growing run of wide nodes, all with their slots. While a node waits for its visit, its first_child links the stack of waiting nodes and its
+ * first_leaf is its level; afterwards first_leaf is the number of its leaf refs, until place() turns those into positions.
  */
 struct run {
     struct wide_node *nodes;
@@ -64,6 +64,21 @@ static bool reserve(struct emission *emission, struct run *run, uint32_t count)
     return true;
 }
 
+/* Fills the slots of a node. */
+static void fill_slots(const struct emission *emission, struct wide_node *wide)
+{
+    const struct ir *ir = emission->table->ir;
+    struct wide_child children[WIDE_ARITY] = {{0}};
+    const struct box *boxes[WIDE_ARITY];
+    uint8_t order[WIDE_ARITY];
+    unsigned count = collapse_children(emission->table, wide->node, children);
+    for (unsigned i = 0; i < WIDE_ARITY; i++)
+        boxes[i] = &ir->boxes[0][children[i].node];
+    octants_assign_boxes(&ir->boxes[0][wide->node], boxes, count, emission->table->order_rounds, emission->wide_registers, order);
+    for (unsigned slot = 0; slot < WIDE_ARITY; slot++)
+        wide->slots[slot] = children[order[slot]];
+}
+
 /* The run's first node waits for its visit; the rest is room for a subtree of `refs` refs. */
 static bool start(struct emission *emission, struct run *run, uint32_t node, uint32_t refs)
 {
@@ -71,42 +86,24 @@ static bool start(struct emission *emission, struct run *run, uint32_t node, uin
     if (!reserve(emission, run, refs / 8 + 8))
         return false;
     run->nodes[0] = (struct wide_node){.node = node, .first_child = NO_NODE, .first_leaf = 1};
+    fill_slots(emission, &run->nodes[0]);
     run->count = 1;
     run->waiting = 0;
     return true;
 }
 
-/* Fills the slots of a node; returns how many refs its leaves hold. */
-static uint32_t fill_slots(const struct emission *emission, struct wide_node *wide)
-{
-    const struct ir *ir = emission->table->ir;
-    struct wide_child children[WIDE_ARITY] = {{0}};
-    const struct box *boxes[WIDE_ARITY];
-    uint8_t order[WIDE_ARITY];
-    uint32_t leaf_refs = 0;
-    unsigned count = collapse_children(emission->table, wide->node, children);
-    for (unsigned i = 0; i < WIDE_ARITY; i++)
-        boxes[i] = &ir->boxes[0][children[i].node];
-    octants_assign_boxes(&ir->boxes[0][wide->node], boxes, count, emission->table->order_rounds, emission->wide_registers, order);
-    for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
-        wide->slots[slot] = children[order[slot]];
-        leaf_refs += children[slot].ref_count;
-    }
-    return leaf_refs;
-}
-
 /*
  * Visits the waiting node on top; its inner children wait after it, in slot order. Every slot is written to the next place and kept if it is an
- * inner child: no branch, since that cannot be foreseen.
+ * inner child: no branch, since that cannot be foreseen. Slots of all children are filled here, before any of them decides where to go on: the
+ * processor works on several at once.
  */
 static bool visit(struct emission *emission, struct run *run)
 {
     if (!reserve(emission, run, WIDE_ARITY))
         return false;
     struct wide_node *node = &run->nodes[run->waiting];
-    uint32_t level = node->first_leaf, below = node->first_child, first = run->count, next = first;
+    uint32_t level = node->first_leaf, below = node->first_child, first = run->count, next = first, leaf_refs = 0;
     run->depth = level > run->depth ? level : run->depth;
-    node->first_leaf = fill_slots(emission, node);
     for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
         const struct wide_child *child = &node->slots[slot];
         struct wide_node *place = &run->nodes[next];
@@ -114,10 +111,14 @@ static bool visit(struct emission *emission, struct run *run)
         place->first_child = next + 1;
         place->first_leaf = level + 1;
         next += (child->ref_count == 0) & (child->node != WIDE_NONE);
+        leaf_refs += child->ref_count;
     }
     bool any = next > first;
     if (any)
         run->nodes[next - 1].first_child = below;
+    for (uint32_t i = first; i < next; i++)
+        fill_slots(emission, &run->nodes[i]);
+    node->first_leaf = leaf_refs;
     node->first_child = any ? first : 0;
     run->waiting = any ? first : below;
     run->count = next;
@@ -138,7 +139,7 @@ static bool add_task(struct emission *emission, uint32_t skeleton, uint32_t node
     return true;
 }
 
-/* Lays out the top of the tree; subtrees of middle size become tasks, whose roots stay as they wait: no slots, their level in first_leaf. */
+/* Lays out the top of the tree; subtrees of middle size become tasks, whose roots stay as they wait, with their level in first_leaf. */
 static bool emit_skeleton(struct emission *emission, struct run *run)
 {
     if (!start(emission, run, 0, emission->shared_out ? 0 : collapse_count(emission->table, 0)))

@@ -12,7 +12,8 @@ const uint8_t portable_driver_uuid[16] = "bvhd portable";
 const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', 'o', 'r',
                                                  't', 'a', 'b', 'l', 'e', 0,   0,   PORTABLE_VERSION};
 
-enum { NODE_CHUNK = 512, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, RECORD_CHUNK = 32768 };
+/* What takes a few microseconds is not worth waking a thread for: those who count vertices do more at once than those who copy them. */
+enum { NODE_CHUNK = 256, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, COPY_CHUNK = 8192, MARK_CHUNK = 8192 };
 
 struct writing {
     const struct layout_input *input;
@@ -82,11 +83,6 @@ static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
     uint32_t handles = content == PORTABLE_INSTANCES ? canonical->reference_count : 0;
     w->body_offset = bytes_align(SERIALIZED_HANDLES + (uint64_t)8 * handles, PORTABLE_BODY_ALIGNMENT);
     return BVHD_OK;
-}
-
-static uint32_t vertex_chunks(const struct writing *w)
-{
-    return (uint32_t)(((uint64_t)w->records.canonical->vertex_count + VERTEX_CHUNK - 1) / VERTEX_CHUNK);
 }
 
 /* A node's refs in the order of its records. */
@@ -165,9 +161,18 @@ static void prefetch_node(const struct writing *w, const struct wide_node *wide,
         __builtin_prefetch(&w->input->ir->boxes[0][wide->slots[slot].node]);
 }
 
-static void write_nodes(void *context, size_t index)
+static size_t chunks_of(size_t count, size_t chunk)
 {
-    const struct writing *w = context;
+    return count / chunk + (count % chunk != 0);
+}
+
+static size_t node_chunks(const struct writing *w)
+{
+    return chunks_of(w->input->wide->node_count, NODE_CHUNK);
+}
+
+static void write_nodes(const struct writing *w, size_t index)
+{
     const struct wide *wide = w->input->wide;
     size_t begin, end;
     struct node_refs ring[PREFETCH_AHEAD + 1];
@@ -185,6 +190,11 @@ static void write_nodes(void *context, size_t index)
     }
 }
 
+static uint32_t vertex_chunks(const struct writing *w)
+{
+    return (uint32_t)chunks_of(w->records.canonical->vertex_count, VERTEX_CHUNK);
+}
+
 /* How many triangles are looked at to mark vertices. */
 static uint32_t names_to_mark(const struct writing *w)
 {
@@ -195,7 +205,7 @@ static void mark_used(void *context, size_t index)
 {
     struct writing *w = context;
     size_t begin, end;
-    parallel_chunk(index, RECORD_CHUNK, names_to_mark(w), &begin, &end);
+    parallel_chunk(index, MARK_CHUNK, names_to_mark(w), &begin, &end);
     if (w->input->complete)
         portable_records_mark_range(w->input->canonical, (uint32_t)begin, (uint32_t)(end - begin), w->used);
     else
@@ -273,7 +283,7 @@ static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *erro
     if (!w->used || !w->first_kept)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "a table of %" PRIu32, all);
     memset(w->used, 0, all);
-    run_all(w, ((size_t)names_to_mark(w) + RECORD_CHUNK - 1) / RECORD_CHUNK, mark_used);
+    run_all(w, chunks_of(names_to_mark(w), MARK_CHUNK), mark_used);
     if (!run_all(w, chunks, count_kept))
         return report_cancelled(error);
     sum_kept(w);
@@ -323,12 +333,11 @@ static uint32_t geometry_of_vertex(const struct canonical *canonical, size_t ver
     return low;
 }
 
-static void copy_vertices(void *context, size_t index)
+static void copy_vertices(const struct writing *w, size_t index)
 {
-    const struct writing *w = context;
     const struct canonical *canonical = w->records.canonical;
     size_t begin, end;
-    parallel_chunk(index, VERTEX_CHUNK, canonical->vertex_count, &begin, &end);
+    parallel_chunk(index, COPY_CHUNK, canonical->vertex_count, &begin, &end);
     const struct canonical_geometry *geometry = &canonical->geometries[geometry_of_vertex(canonical, begin)];
     while (begin < end) {
         size_t limit = (size_t)geometry->first_vertex + geometry->vertex_count;
@@ -337,6 +346,17 @@ static void copy_vertices(void *context, size_t index)
         begin = limit;
         geometry++;
     }
+}
+
+/* Nodes first: their tasks take longer, and threads end together. */
+static void write_chunk(void *context, size_t index)
+{
+    const struct writing *w = context;
+    const size_t nodes = node_chunks(w);
+    if (index < nodes)
+        write_nodes(w, index);
+    else
+        copy_vertices(w, index - nodes);
 }
 
 static void write_tables(const struct writing *w)
@@ -385,10 +405,8 @@ static struct layout_sizes sizes_of(const struct writing *w)
 
 static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
 {
-    bool done = run_all(w, ((size_t)w->input->wide->node_count + NODE_CHUNK - 1) / NODE_CHUNK, write_nodes);
-    if (done && w->header.vertex_count > 0)
-        done = run_all(w, vertex_chunks(w), copy_vertices);
-    if (!done)
+    size_t copies = w->header.vertex_count > 0 ? chunks_of(w->records.canonical->vertex_count, COPY_CHUNK) : 0;
+    if (!run_all(w, node_chunks(w) + copies, write_chunk))
         return report_cancelled(error);
     write_tables(w);
     write_serialized_header(w);
