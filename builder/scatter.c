@@ -4,31 +4,22 @@
 #include <math.h>
 #include <string.h>
 
-#include "bins.h"
+#include "scatter_plan.h"
 
 /* The sample: every SAMPLE_STEP-th ref, or as many as are enough for the few planes. */
 enum { SAMPLE_STEP = 8, SAMPLE_MAX = 16384 };
 
-/* Refs of a task, and most pieces of a sample. */
-enum { CHUNK = PRIMITIVE_BLOCK, PIECES_MAX = 256 };
+/* Refs of a task. */
+enum { CHUNK = PRIMITIVE_BLOCK };
 
 /* Of the root's half area: who has as much is met by most rays that meet the root. */
 static const float outsize_share = 0.5f;
-
-/* Refs that are not below the threshold go to the second child. A leaf is its own child, and nothing is beyond its threshold. */
-struct plane_node {
-    float threshold;
-    uint32_t axis, child;
-    uint32_t piece; /* of a leaf */
-};
 
 struct scatter {
     const struct split_request *request;
     struct memory *memory;
     const struct parallel *parallel;
-    struct plane_node nodes[2 * PIECES_MAX];
-    uint32_t node_count, piece_count;
-    uint32_t levels;
+    struct scatter_plan plan;
     float outsize; /* half area from which on refs go to the last piece; infinite when none do */
     uint16_t *pieces; /* of each place of a ref */
     uint32_t *places; /* of each chunk: how many refs of each piece, then where the next one goes */
@@ -53,67 +44,6 @@ static inline vec4 centroid_of(const struct primitive_ref *ref)
 static inline float half_area_of(const struct primitive_ref *ref)
 {
     return vec4_box_half_area(vec4_box_load(ref));
-}
-
-/* A part of the sample on its way to being split. */
-struct part {
-    struct primitive_ref *refs;
-    uint32_t node, count, level;
-};
-
-/* Moves refs below the threshold to the front, keeps no order. */
-static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis, float threshold)
-{
-    uint32_t left = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        struct primitive_ref ref = refs[i];
-        refs[i] = refs[left];
-        refs[left] = ref;
-        left += centroid_of(&ref)[axis] < threshold;
-    }
-    return left;
-}
-
-/* False where there is no plane with refs on both sides. */
-static bool split_part(struct scatter *s, const struct part *part, struct part ret_children[2])
-{
-    struct vec4_box bounds, centroids;
-    struct bins_mapping mapping;
-    struct bins_plane plane;
-    bins_bound(part->refs, part->count, &bounds, &centroids);
-    if (!bins_find(part->refs, part->count, &centroids, &mapping, &plane))
-        return false;
-    float threshold = mapping.base[plane.axis] + (float)plane.bin / mapping.scale[plane.axis];
-    uint32_t left = divide(part->refs, part->count, plane.axis, threshold);
-    if (left == 0 || left == part->count)
-        return false;
-    uint32_t child = s->node_count;
-    s->node_count += 2;
-    s->nodes[part->node] = (struct plane_node){threshold, plane.axis, child, 0};
-    ret_children[0] = (struct part){part->refs, child, left, part->level + 1};
-    ret_children[1] = (struct part){part->refs + left, child + 1, part->count - left, part->level + 1};
-    return true;
-}
-
-/* Left children first, so that pieces are numbered as they will lie. */
-static void plan(struct scatter *s, struct primitive_ref *sample, uint32_t count, uint32_t enough)
-{
-    struct part waiting[PIECES_MAX], part = {sample, 0, count, 0}, children[2];
-    uint32_t waiting_count = 0;
-    s->node_count = 1;
-    for (;;) {
-        bool room = s->node_count + 2 <= 2 * PIECES_MAX - 1;
-        if (part.count > enough && room && split_part(s, &part, children)) {
-            waiting[waiting_count++] = children[1];
-            part = children[0];
-            continue;
-        }
-        s->nodes[part.node] = (struct plane_node){INFINITY, 0, part.node, s->piece_count++};
-        s->levels = part.level > s->levels ? part.level : s->levels;
-        if (waiting_count == 0)
-            return;
-        part = waiting[--waiting_count];
-    }
 }
 
 /* Every step-th ref of all, of those the ones that are not outsize. Returns how many were looked at. */
@@ -144,7 +74,7 @@ static enum bvhd_status find_planes(struct scatter *s)
     uint32_t size = request->count / step, count = 0;
     if (size == 0) {
         s->outsize = INFINITY;
-        plan(s, NULL, 0, 0);
+        scatter_plan_make(NULL, 0, 0, s->parallel, &s->plan);
         return BVHD_OK;
     }
     struct primitive_ref *sample = memory_array(s->memory, (uint64_t)size + 1, sizeof *sample);
@@ -156,39 +86,83 @@ static enum bvhd_status find_planes(struct scatter *s)
         take_sample(s, step, INFINITY, sample, &count);
     }
     uint32_t enough = request->piece_size / step;
-    plan(s, sample, count, enough > 16 ? enough : 16);
+    scatter_plan_make(sample, count, enough > 16 ? enough : 16, s->parallel, &s->plan);
     memory_free(s->memory, sample);
     return BVHD_OK;
 }
 
-static uint32_t piece_of(const struct scatter *s, const struct primitive_ref *ref)
+static uint32_t piece_at(const struct scatter *s, vec4 at)
 {
     float centroid[4];
-    vec4 c = centroid_of(ref);
-    memcpy(centroid, &c, sizeof centroid);
+    memcpy(centroid, &at, sizeof centroid);
     uint32_t node = 0;
-    for (uint32_t level = 0; level < s->levels; level++) {
-        const struct plane_node *n = &s->nodes[node];
+    for (uint32_t level = 0; level < s->plan.levels; level++) {
+        const struct scatter_node *n = &s->plan.nodes[node];
         node = n->child + (centroid[n->axis] >= n->threshold);
     }
-    return half_area_of(ref) < s->outsize ? s->nodes[node].piece : s->piece_count;
+    return s->plan.nodes[node].piece;
+}
+
+static inline bool is_inside(const struct scatter_cell *cell, vec4 at)
+{
+    return vec4_bits((at >= cell->low) & (at < cell->high)) == 15;
 }
 
 static uint32_t *places_of(const struct scatter *s, size_t chunk)
 {
-    return s->places + chunk * (s->piece_count + 1);
+    return s->places + chunk * (s->plan.piece_count + 1);
+}
+
+/* Refs of one loop, and how many of them may go elsewhere than the one before them for the next loop to count on that. */
+enum { STEP = 256, STEP_CHANGES = STEP / 8 };
+
+/* What a loop leaves to the next one: the piece of its last ref, and how many refs went elsewhere than the one before. */
+struct step {
+    uint32_t piece, changes;
+};
+
+/*
+ * Gives places [i, end) their pieces. With `together` the piece of the ref before is tried before the way down. Where neighbours in the request mostly
+ * go to different pieces that could not be foreseen, and the way down, which is the same for all, is shorter.
+ */
+static inline __attribute__((always_inline)) struct step assign_step(const struct scatter *s, size_t i, size_t end, bool together,
+                                                                     uint32_t piece, uint32_t *counts)
+{
+    const struct primitive_ref *refs = s->request->refs;
+    const struct scatter_cell *cells = s->plan.cells;
+    const float outsize = s->outsize;
+    const uint32_t apart = s->plan.piece_count;
+    uint16_t *pieces = s->pieces;
+    struct scatter_cell cell = cells[piece];
+    uint32_t changes = 0;
+    for (; i < end; i++) {
+        const vec4 at = centroid_of(&refs[i]);
+        if (!together || !is_inside(&cell, at)) {
+            const uint32_t own = piece_at(s, at);
+            changes += own != piece;
+            piece = own;
+            cell = cells[piece];
+        }
+        const uint32_t to = half_area_of(&refs[i]) < outsize ? piece : apart;
+        pieces[i] = (uint16_t)to;
+        counts[to]++;
+    }
+    return (struct step){piece, changes};
 }
 
 static void assign_chunk(void *context, size_t index)
 {
     const struct scatter *s = context;
     uint32_t *counts = places_of(s, index);
-    size_t i, end;
-    memset(counts, 0, (s->piece_count + 1) * sizeof *counts);
-    for (chunk_range(s, index, &i, &end); i < end; i++) {
-        uint32_t piece = piece_of(s, &s->request->refs[i]);
-        s->pieces[i] = (uint16_t)piece;
-        counts[piece]++;
+    struct step step = {0, 0};
+    size_t i, end, stop;
+    memset(counts, 0, (s->plan.piece_count + 1) * sizeof *counts);
+    for (chunk_range(s, index, &i, &end); i < end; i = stop) {
+        stop = end - i < STEP ? end : i + STEP;
+        if (step.changes < STEP_CHANGES)
+            step = assign_step(s, i, stop, true, step.piece, counts);
+        else
+            step = assign_step(s, i, stop, false, step.piece, counts);
     }
 }
 
@@ -205,7 +179,7 @@ static void move_chunk(void *context, size_t index)
 static void place_pieces(struct scatter *s, uint32_t *ret_firsts)
 {
     uint32_t sum = 0;
-    for (uint32_t piece = 0; piece <= s->piece_count; piece++) {
+    for (uint32_t piece = 0; piece <= s->plan.piece_count; piece++) {
         ret_firsts[piece] = sum;
         for (uint32_t chunk = 0; chunk < s->chunk_count; chunk++) {
             uint32_t *place = &places_of(s, chunk)[piece], count = *place;
@@ -213,7 +187,7 @@ static void place_pieces(struct scatter *s, uint32_t *ret_firsts)
             sum += count;
         }
     }
-    ret_firsts[s->piece_count + 1] = sum;
+    ret_firsts[s->plan.piece_count + 1] = sum;
 }
 
 static enum bvhd_status move(struct scatter *s, uint32_t *ret_firsts)
@@ -228,8 +202,8 @@ static enum bvhd_status move(struct scatter *s, uint32_t *ret_firsts)
 /* The planes' nodes as those of a tree, from `at` on. */
 static void fill_tree(const struct scatter *s, const uint32_t *firsts, uint32_t at, struct split_node *nodes)
 {
-    for (uint32_t i = 0; i < s->node_count; i++) {
-        const struct plane_node *node = &s->nodes[i];
+    for (uint32_t i = 0; i < s->plan.node_count; i++) {
+        const struct scatter_node *node = &s->plan.nodes[i];
         bool leaf = node->child == i;
         nodes[at + i] = (struct split_node){.child = leaf ? 0 : at + node->child};
         if (leaf) {
@@ -243,15 +217,15 @@ static void fill_tree(const struct scatter *s, const uint32_t *firsts, uint32_t 
 static void make_tree(const struct scatter *s, const uint32_t *firsts, struct split_tree *tree)
 {
     const struct split_request *request = s->request;
-    uint32_t outsize = firsts[s->piece_count + 1] - firsts[s->piece_count];
-    tree->piece_count = s->piece_count;
-    tree->node_count = s->node_count;
+    uint32_t outsize = firsts[s->plan.piece_count + 1] - firsts[s->plan.piece_count];
+    tree->piece_count = s->plan.piece_count;
+    tree->node_count = s->plan.node_count;
     if (outsize == 0) {
         fill_tree(s, firsts, 0, tree->nodes);
     } else {
         fill_tree(s, firsts, 2, tree->nodes);
         tree->nodes[1] = tree->nodes[2];
-        tree->nodes[2] = (struct split_node){.first = firsts[s->piece_count], .count = outsize};
+        tree->nodes[2] = (struct split_node){.first = firsts[s->plan.piece_count], .count = outsize};
         tree->nodes[0] = (struct split_node){.child = 1};
         tree->piece_count++;
         tree->node_count += 2;
@@ -321,7 +295,7 @@ static enum bvhd_status cut_large_pieces(const struct scatter *s, struct split_t
 
 static enum bvhd_status scatter(struct scatter *s, struct split_tree *tree)
 {
-    uint32_t firsts[PIECES_MAX + 2];
+    uint32_t firsts[SCATTER_PIECES_MAX + 2];
     uint32_t count = s->request->count;
     s->outsize = outsize_share * (float)box_half_area(&s->request->bounds);
     s->outsize = s->outsize > 0 ? s->outsize : INFINITY;
@@ -330,8 +304,8 @@ static enum bvhd_status scatter(struct scatter *s, struct split_tree *tree)
     if (status != BVHD_OK)
         return status;
     s->pieces = memory_array(s->memory, (uint64_t)s->chunk_count * CHUNK, sizeof *s->pieces);
-    s->places = memory_array(s->memory, (uint64_t)s->chunk_count * (s->piece_count + 1), sizeof *s->places);
-    tree->nodes = memory_array(s->memory, (uint64_t)s->node_count + 2, sizeof *tree->nodes);
+    s->places = memory_array(s->memory, (uint64_t)s->chunk_count * (s->plan.piece_count + 1), sizeof *s->places);
+    tree->nodes = memory_array(s->memory, (uint64_t)s->plan.node_count + 2, sizeof *tree->nodes);
     if (!s->pieces || !s->places || !tree->nodes)
         return BVHD_NO_MEMORY;
     status = move(s, firsts);

@@ -159,18 +159,69 @@ static void gaps_do_not_matter(void **state)
     }
 }
 
+static int by_x(const void *a, const void *b)
+{
+    const struct primitive_ref *p = a, *q = b;
+    float x = p->min[0] + p->max[0], y = q->min[0] + q->max[0];
+    return (x > y) - (x < y);
+}
+
+/* Of all refs below a node, which lie together: check_order. */
+static void bound_below(const struct fixture *f, const struct split_tree *tree, uint32_t node, struct box *ret_centroids)
+{
+    const struct split_node *n = &tree->nodes[node];
+    struct box bounds, other;
+    if (n->child == 0) {
+        primitive_bounds(f->scratch + n->first, n->count, &bounds, ret_centroids);
+        return;
+    }
+    bound_below(f, tree, n->child, ret_centroids);
+    bound_below(f, tree, n->child + 1, &other);
+    box_grow(ret_centroids, &other);
+}
+
+/* Whatever the order of the refs, a plane is between the two sides of each node. */
+static void planes_separate_refs(void **state)
+{
+    (void)state;
+    for (int sorted = 0; sorted < 2; sorted++) {
+        struct fixture f;
+        struct split_tree tree;
+        start(&f, REFS_CLOUD, 40000, 1000);
+        if (sorted)
+            qsort(f.refs, f.request.count, sizeof *f.refs, by_x);
+        assert_int_equal(scatter_refs(&f.request, &f.memory, &parallel_serial, &tree, NULL), BVHD_OK);
+        check_tree(&f, &tree);
+        assert_true(tree.piece_count > 20);
+        for (uint32_t i = 0; i < tree.node_count; i++) {
+            struct box left, right;
+            if (tree.nodes[i].child == 0)
+                continue;
+            bound_below(&f, &tree, tree.nodes[i].child, &left);
+            bound_below(&f, &tree, tree.nodes[i].child + 1, &right);
+            assert_true(left.max[0] < right.min[0] || left.max[1] < right.min[1] || left.max[2] < right.min[2]);
+        }
+        memory_free(&f.memory, tree.nodes);
+        finish(&f);
+    }
+}
+
+/* With small pieces there are more planes than there is room for. */
 static void threads_do_not_matter(void **state)
 {
     (void)state;
-    for (int kind = 0; kind < REFS_KINDS; kind++) {
+    static const uint32_t sizes[] = {1000, 100};
+    for (int i = 0; i < 2 * REFS_KINDS; i++) {
+        const int kind = i / 2;
+        const uint32_t size = sizes[i % 2];
         struct fixture first, other;
         struct split_tree tree, other_tree;
-        start(&first, (enum test_refs_kind)kind, 50000, 1000);
+        start(&first, (enum test_refs_kind)kind, 50000, size);
         assert_int_equal(scatter_refs(&first.request, &first.memory, &parallel_serial, &tree, NULL), BVHD_OK);
         for (unsigned threads = 2; threads <= 8; threads *= 4) {
             struct workers *workers;
             assert_int_equal(workers_create(threads, &workers, NULL), BVHD_OK);
-            start(&other, (enum test_refs_kind)kind, 50000, 1000);
+            start(&other, (enum test_refs_kind)kind, 50000, size);
             assert_int_equal(scatter_refs(&other.request, &other.memory, workers_parallel(workers), &other_tree, NULL), BVHD_OK);
             assert_int_equal(other_tree.node_count, tree.node_count);
             assert_memory_equal(other_tree.nodes, tree.nodes, tree.node_count * sizeof *tree.nodes);
@@ -232,6 +283,7 @@ int main(void)
         cmocka_unit_test(every_kind_is_cut_into_pieces),
         cmocka_unit_test(outsize_refs_are_set_apart),
         cmocka_unit_test(gaps_do_not_matter),
+        cmocka_unit_test(planes_separate_refs),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(failing_allocations_leave_nothing),
         cmocka_unit_test(cancelling_ends_it),
