@@ -122,6 +122,19 @@ static inline bool visit_triangles_only(struct traverse_walk *walk)
     return !traverse_state_settle(&walk->state, NULL, false) || traverse_wide_world(&walk->state, scene->bottoms[0]);
 }
 
+/* boxtest_has_wide(), asked once: whoever comes first, or together, finds the same. */
+static inline bool has_wide(void)
+{
+    enum { UNKNOWN, NO, YES };
+    static unsigned char known;
+    unsigned char is = __atomic_load_n(&known, __ATOMIC_RELAXED);
+    if (__builtin_expect(is == UNKNOWN, 0)) {
+        is = boxtest_has_wide() ? YES : NO;
+        __atomic_store_n(&known, is, __ATOMIC_RELAXED);
+    }
+    return is == YES;
+}
+
 bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options, struct ray_hit *ret_hit,
               struct traverse_counters *counters)
 {
@@ -130,7 +143,7 @@ bool traverse(const struct scene *scene, const struct ray *ray, const struct tra
         return false;
     walk.state.identify = identify;
     walk.scene = scene;
-    walk.wide = !walk.state.options->narrow_only && !walk.state.options->exact_only && boxtest_has_wide();
+    walk.wide = !walk.state.options->narrow_only && !walk.state.options->exact_only && has_wide();
     if (!visit_triangles_only(&walk))
         visit_scene(&walk);
     return traverse_state_finish(&walk.state, ret_hit, counters);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* traverse_leaf.c - what a ray does at a leaf: intersections, opacity, facing, candidates, and which of two hits is the answer. */
+#include <float.h>
 #include <math.h>
 
 #include "traverse_state.h"
@@ -26,10 +27,10 @@ void traverse_leaf_describe(const struct traverse_state *state, const struct tra
 }
 
 /* The order of equal t: whether it comes before the best so far. */
-static inline bool comes_first(const struct traverse_state *state, const struct traverse_found *found)
+static inline bool comes_first(const struct traverse_state *state, uint64_t id)
 {
     uint32_t instance = state->instance.instance, best = state->best_instance.instance;
-    return instance != best ? instance < best : found->id < state->best.id;
+    return instance != best ? instance < best : id < state->best.id;
 }
 
 /*
@@ -45,38 +46,38 @@ static inline double round_distance(double t)
     return t;
 }
 
+/* Whether it comes before the best so far, if there is one. */
+static inline bool is_closer(const struct traverse_state *state, double t, uint64_t id)
+{
+    if (!state->is_hit)
+        return true;
+    double rounded = round_distance(t), best = round_distance(state->best.t);
+    return rounded == best ? comes_first(state, id) : rounded < best;
+}
+
 /* Whether `found` could become the answer: triangles within the open interval, AABBs within the closed one, then the closest. */
 static inline bool is_better(const struct traverse_state *state, const struct traverse_found *found)
 {
     double t = found->t, tmin = state->ray->tmin, tmax = state->ray->tmax;
-    if (found->is_aabb ? !(t >= tmin && t <= tmax) : !(t > tmin && t < tmax))
-        return false;
-    if (!state->is_hit)
-        return true;
-    double rounded = round_distance(t), best = round_distance(state->best.t);
-    return rounded == best ? comes_first(state, found) : rounded < best;
+    return (found->is_aabb ? t >= tmin && t <= tmax : t > tmin && t < tmax) && is_closer(state, t, found->id);
 }
 
-/* The next float, of one that is not infinite. */
-static float next_up(float value)
+/* The interval ends at t. What is beyond by less than what counts as equal may still be the answer. */
+static inline void shorten(struct traverse_state *state, double t)
 {
-    int32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    bits = value == 0 ? 1 : bits + (bits < 0 ? -1 : 1);
-    memcpy(&value, &bits, sizeof bits);
-    return value;
+    double rounded = round_distance(t), farthest_equal = rounded + 0x1p-31 * fabs(rounded);
+    state->tmax = farthest_equal;
+    /* A float that is not less, without a branch: which way it is rounded nobody can foretell. */
+    state->tmax_above = (float)(farthest_equal + 0x1p-23 * fabs(farthest_equal) + FLT_MIN * FLT_EPSILON);
+    state->best_instance = state->instance;
+    state->is_hit = true;
+    state->is_done = state->is_done || (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT);
 }
 
 static inline void accept(struct traverse_state *state, struct traverse_found found)
 {
-    double rounded = round_distance(found.t), farthest_equal = rounded + 0x1p-31 * fabs(rounded);
-    float nearest = (float)farthest_equal;
     state->best = found;
-    state->best_instance = state->instance;
-    state->tmax = farthest_equal;
-    state->tmax_above = nearest < farthest_equal ? next_up(nearest) : nearest;
-    state->is_hit = true;
-    state->is_done = state->is_done || (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT);
+    shorten(state, found.t);
 }
 
 static bool is_opaque(const struct traverse_state *state, const struct traverse_found *found)
@@ -112,8 +113,29 @@ static inline void consider(struct traverse_state *state, struct traverse_found 
         accept(state, found);
 }
 
+/* What nearly all rays ask for: a triangle that counts whatever its facing and opacity, without anybody to be asked. Field by field into its place. */
+static inline void take(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const struct triangle_hit *hit)
+{
+    double t = hit->t;
+    if (!(t > state->ray->tmin && t < state->ray->tmax && is_closer(state, t, id)))
+        return;
+    state->best.t = t;
+    state->best.u = hit->u;
+    state->best.v = hit->v;
+    state->best.id = id;
+    state->best.record = record;
+    state->best.is_opaque = is_opaque;
+    state->best.front_face = hit->front != state->is_flipped;
+    state->best.is_aabb = false;
+    shorten(state, t);
+}
+
 void traverse_leaf_hit(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const struct triangle_hit *hit)
 {
+    if (state->is_plain) {
+        take(state, record, id, is_opaque, hit);
+        return;
+    }
     if (hit->front ? state->cull_front : state->cull_back)
         return;
     struct traverse_found found = {

@@ -58,15 +58,3 @@ bool traverse_state_is_usable(const struct traverse_state *state)
             return false;
     return !is_zero;
 }
-
-bool traverse_state_finish(const struct traverse_state *state, struct ray_hit *ret_hit, struct traverse_counters *counters)
-{
-    if (counters) {
-        counters->nodes += state->counters.nodes;
-        counters->triangles += state->counters.triangles;
-        counters->instances += state->counters.instances;
-    }
-    if (state->is_hit)
-        traverse_leaf_describe(state, &state->best, &state->best_instance, ret_hit);
-    return state->is_hit;
-}

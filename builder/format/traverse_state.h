@@ -50,6 +50,7 @@ struct traverse_state {
     /* The bottom level that is being traversed, and the ray in its space. */
     struct traverse_instance instance;
     bool cull_front, cull_back, is_flipped;
+    bool is_plain; /* no triangle is culled, nobody is asked about one */
     enum traverse_opacity opacity;
     double origin[3], direction[3];
     struct triangle_ray triangle_ray;
@@ -107,6 +108,12 @@ static inline bool traverse_state_settle(struct traverse_state *state, const str
     if (ray_flags & (is_aabbs ? RAY_SKIP_AABBS : RAY_SKIP_TRIANGLES))
         return false;
     state->instance = instance ? *instance : no_instance;
+    state->is_plain = !is_aabbs && !(ray_flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && !state->options->candidate;
+    if (state->is_plain) {
+        /* Neither culling nor opacity is looked at. */
+        state->is_flipped = instance_flags & INSTANCE_FLIP_FACING;
+        return true;
+    }
     state->opacity = traverse_state_opacity(ray_flags, instance_flags);
     bool is_flipped = instance_flags & INSTANCE_FLIP_FACING, is_culled = !(instance_flags & INSTANCE_CULL_DISABLE);
     state->is_flipped = is_flipped;
@@ -124,9 +131,6 @@ bool traverse_state_enter(struct traverse_state *state, const struct traverse_in
 /* Whether the ray, in the space that it is in, can hit anything. */
 bool traverse_state_is_usable(const struct traverse_state *state);
 
-/* The answer. */
-bool traverse_state_finish(const struct traverse_state *state, struct ray_hit *ret_hit, struct traverse_counters *counters);
-
 /* traverse_leaf.c: one primitive at a leaf. `record` is its row in the layout's terms. */
 void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float *const corners[3]);
 /* The same of a triangle that the ray's line meets. Nothing happens unless tmin < t <= the state's tmax. */
@@ -137,5 +141,19 @@ void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t 
 /* traverse_leaf.c: the answer in the caller's terms. */
 void traverse_leaf_describe(const struct traverse_state *state, const struct traverse_found *found,
                             const struct traverse_instance *instance, struct ray_hit *ret_hit);
+
+/* The answer. */
+static inline bool traverse_state_finish(const struct traverse_state *state, struct ray_hit *ret_hit,
+                                         struct traverse_counters *counters)
+{
+    if (counters) {
+        counters->nodes += state->counters.nodes;
+        counters->triangles += state->counters.triangles;
+        counters->instances += state->counters.instances;
+    }
+    if (state->is_hit)
+        traverse_leaf_describe(state, &state->best, &state->best_instance, ret_hit);
+    return state->is_hit;
+}
 
 #endif

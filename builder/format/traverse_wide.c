@@ -52,12 +52,13 @@ BOXTEST_WIDE_INLINE uint32_t records_in(const struct portable_node *node, unsign
 }
 
 /* What waits on the stack comes into the caches meanwhile. */
-BOXTEST_WIDE_INLINE void prefetch_child(const struct portable_view *view, size_t record_size, uint32_t child)
+BOXTEST_WIDE_INLINE void prefetch_child(const struct portable_view *view, uintptr_t record_rows, uint32_t child)
 {
-    uintptr_t index = child & CHILD_INDEX_MASK, is_node = (uintptr_t)0 - (child >> CHILD_KIND_SHIFT == CHILD_NODE);
-    uintptr_t node = (uintptr_t)view->nodes + sizeof *view->nodes * index, record = (uintptr_t)view->records + record_size * index;
-    uintptr_t address = record ^ ((node ^ record) & is_node); /* not a branch */
-    __builtin_prefetch((const void *)address);
+    enum { ROW = 16 };
+    const uintptr_t node_rows = sizeof *view->nodes / ROW, index = child & CHILD_INDEX_MASK;
+    const bool is_node = child >= (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
+    const char *rows = is_node ? (const char *)view->nodes : (const char *)view->records;
+    __builtin_prefetch(rows + ROW * (index * (is_node ? node_rows : record_rows)));
 }
 
 /* The records whose bits are set, from `first` on. False: the ray's way ends here. To be compiled once for each value of is_indexed. */
@@ -93,6 +94,17 @@ BOXTEST_WIDE_INLINE unsigned test_boxes(const struct wide_walk *walk, const stru
     return __builtin_expect(walk->boxes.parallel_axes != 0, 0) ? boxtest_beside(&walk->boxes, node, hits) : hits;
 }
 
+/* The inner children of the slots `inner` onto the stack, the farthest along the ray's octant on top. */
+BOXTEST_WIDE_INLINE uint32_t *push_inner(const struct portable_node *node, unsigned inner, unsigned backward, uint32_t *top)
+{
+    /* What follows from the octant alone is not worth to be prepared for a ray that meets few nodes. */
+    __asm__("" : "+r"(backward));
+    for (unsigned i = 0; i < 8; i++)
+        if (inner >> (i ^ backward) & 1)
+            *top++ = inner_child(node, i ^ backward);
+    return top;
+}
+
 /*
  * The first hit that comes along. Leaves come first, then the inner children farthest along the ray's octant: most rays of this kind start on a surface, which is
  * what is near, and looks out for another one.
@@ -101,7 +113,6 @@ BOXTEST_WIDE static void find_any(struct wide_walk *walk)
 {
     const struct portable_node *nodes = walk->view->nodes;
     const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
-    const unsigned backward = walk->boxes.backward;
     uint32_t stack[STACK_SIZE], *top = stack;
     uint64_t visited = 0;
     float near[8];
@@ -114,9 +125,7 @@ BOXTEST_WIDE static void find_any(struct wide_walk *walk)
             break;
         const unsigned inner = hits & node->inner_mask;
         if (inner != 0)
-            for (unsigned i = 0; i < 8; i++)
-                if (inner >> (i ^ backward) & 1)
-                    *top++ = inner_child(node, i ^ backward);
+            top = push_inner(node, inner, walk->boxes.backward, top);
     }
     walk->state->counters.nodes += visited;
 }
@@ -143,7 +152,7 @@ BOXTEST_WIDE_INLINE float near_of(uint64_t key)
 }
 
 /* Puts all but the nearest of the `hits` onto the stack, the nearest of them on top. */
-BOXTEST_WIDE_INLINE uint64_t push_all_but_nearest(const struct wide_walk *walk, size_t record_size, const uint32_t near[8],
+BOXTEST_WIDE_INLINE uint64_t push_all_but_nearest(const struct wide_walk *walk, uintptr_t record_rows, const uint32_t near[8],
                                                   const struct portable_node *node, unsigned hits, uint64_t **top)
 {
     unsigned slot = (unsigned)__builtin_ctz(hits);
@@ -155,7 +164,7 @@ BOXTEST_WIDE_INLINE uint64_t push_all_but_nearest(const struct wide_walk *walk, 
         for (; at > base && at[-1] < later; at--)
             at[0] = at[-1];
         *at = later;
-        prefetch_child(walk->view, record_size, (uint32_t)later);
+        prefetch_child(walk->view, record_rows, (uint32_t)later);
     }
     return nearest;
 }
@@ -164,7 +173,7 @@ BOXTEST_WIDE static void find_closest(struct wide_walk *walk)
 {
     const struct portable_node *nodes = walk->view->nodes;
     const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
-    const size_t record_size = is_indexed ? sizeof(struct portable_indexed_triangle) : sizeof(struct portable_triangle);
+    const uintptr_t record_rows = is_indexed ? 1 : 3; /* of 16 bytes */
     uint64_t stack[STACK_SIZE], *top = stack, visited = 0;
     uint32_t child = (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
     for (;;) {
@@ -177,7 +186,7 @@ BOXTEST_WIDE static void find_closest(struct wide_walk *walk)
             hits &= (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpgt_epi32(meta, _mm256_setzero_si256())));
             visited++;
             if (hits) {
-                child = (uint32_t)push_all_but_nearest(walk, record_size, near, node, hits, &top);
+                child = (uint32_t)push_all_but_nearest(walk, record_rows, near, node, hits, &top);
                 continue;
             }
         } else if (!meet(walk, index, (2u << kind) - 1, is_indexed)) {
