@@ -8,6 +8,7 @@
 #include "collapse.h"
 #include "depth.h"
 #include "leaves.h"
+#include "outline.h"
 #include "pieces.h"
 #include "primitive.h"
 #include "rescale.h"
@@ -22,7 +23,8 @@ enum { BINARY_DEPTH_LIMIT = 64 };
 
 /* What one build goes through; stages share it. */
 struct construction {
-    const struct canonical *canonical;
+    const struct canonical *canonical; /* the view below */
+    struct canonical view;
     const struct layout *layout;
     const struct build_context *context;
     enum build_quality quality;
@@ -130,18 +132,21 @@ static bool is_scattered(const struct construction *construction)
 
 static enum bvhd_status collect(struct construction *construction)
 {
+    const struct canonical *canonical = construction->canonical;
     const struct build_context *context = construction->context;
     struct build_stats *stats = &construction->stats;
     struct primitive_refs *refs = &construction->refs;
     const struct leaves_options runs = runs_for(construction);
-    enum bvhd_status status = primitive_collect_blocks(construction->canonical, &runs, context, refs, construction->error);
+    enum bvhd_status status = primitive_collect_blocks(canonical, &runs, context, refs, construction->error);
     if (status != BVHD_OK)
         return status;
-    count_primitives(construction->canonical, stats);
+    count_primitives(canonical, stats);
     stats->inactive = refs->inactive;
     stats->degenerate = refs->degenerate;
     stats->skipped = refs->skipped;
     stats->bounds = refs->bounds;
+    if (refs->count > 0 && canonical->type == STRUCTURE_BOTTOM && !outline_find(canonical, context, &stats->slabs))
+        return cancelled(construction);
     construction->rescaled = rescale_is_needed(&refs->bounds);
     if (!(is_scattered(construction) || primitive_close_gaps(refs, context)))
         return cancelled(construction);
@@ -479,7 +484,8 @@ static enum bvhd_status construction_init(struct construction *construction, con
                                           const struct build_options *options, const struct build_context *context,
                                           struct bvhd_error *error)
 {
-    *construction = (struct construction){.canonical = canonical, .context = context, .error = error, .clock = clock_ms()};
+    *construction = (struct construction){.view = *canonical, .context = context, .error = error, .clock = clock_ms()};
+    construction->canonical = &construction->view;
     construction->quality = tier_resolve(canonical, options);
     construction->stats.quality = construction->quality;
     construction->layout = layout_find(options->target);
@@ -488,6 +494,7 @@ static enum bvhd_status construction_init(struct construction *construction, con
     if (options->layout_flags & ~construction->layout->flags)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.layoutFlags", "flags 0x%x are unknown to the %s layout",
                               options->layout_flags & ~construction->layout->flags, construction->layout->name);
+    construction->view.ignores_slabs = construction->layout->widen != NULL;
     const uint32_t variants = construction->layout->variants, variant = options->device.variant;
     if (variants > 0 && (variant == 0 || variant > variants))
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.device", "the %s layout has no variant %u", construction->layout->name,

@@ -32,6 +32,7 @@ struct build_stats {
     const char *method; /* "ploc", "binned", "spatial", "none" without refs; static */
     enum build_quality quality; /* that was built: never UNSPECIFIED or AUTO (tier.h) */
     struct box bounds; /* of the whole structure */
+    struct slabs slabs; /* likewise, of a bottom level */
     struct build_times ms;
     struct layout_sizes sizes;
 };

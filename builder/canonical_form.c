@@ -64,7 +64,7 @@ static void view_references(const unsigned char *block, const struct form_header
 {
     const struct form_reference *rows = (const void *)(block + header->reference_offset);
     for (uint32_t i = 0; i < header->reference_count; i++)
-        view->references[i] = (struct canonical_reference){rows[i].kind, rows[i].key, rows[i].bounds};
+        view->references[i] = (struct canonical_reference){rows[i].kind, rows[i].key, rows[i].bounds, rows[i].slabs};
 }
 
 void form_view(const unsigned char *block, struct canonical *view)
@@ -98,4 +98,12 @@ bool form_bounds_valid(const struct box *bounds)
         if (!isfinite(bounds->min[axis]) || !isfinite(bounds->max[axis]))
             return false;
     return !box_is_empty(bounds) || memcmp(bounds, &empty, sizeof empty) == 0;
+}
+
+bool form_slabs_valid(const struct slabs *slabs, const struct box *bounds)
+{
+    static const struct slabs none;
+    if (!slabs_are_known(slabs))
+        return memcmp(slabs, &none, sizeof none) == 0;
+    return slabs_are_valid(slabs) && !box_is_empty(bounds);
 }

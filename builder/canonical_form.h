@@ -54,9 +54,11 @@ struct form_reference {
     uint32_t reserved; /* 0 */
     struct key key; /* all zero when only bounds were given */
     struct box bounds; /* finite; box_empty() for an empty structure */
+    struct slabs slabs; /* valid; all 0 when they are not known, and for an empty structure */
 };
 
-_Static_assert(sizeof(struct form_header) == 64 && sizeof(struct form_geometry) == 64 && sizeof(struct form_reference) == 64, "format");
+_Static_assert(sizeof(struct form_header) == 64 && sizeof(struct form_geometry) == 64, "format");
+_Static_assert(sizeof(struct form_reference) == 144, "format");
 
 enum form_part { FORM_PRIMITIVES, FORM_POSITIONS };
 
@@ -80,5 +82,8 @@ void form_view(const unsigned char *block, struct canonical *view);
 
 /* Bounds that a reference may have: finite, and box_empty() when they are empty. */
 bool form_bounds_valid(const struct box *bounds);
+
+/* Slabs that a reference with these bounds may have: valid, and all bits 0 when they are not known or the bounds are empty. */
+bool form_slabs_valid(const struct slabs *slabs, const struct box *bounds);
 
 #endif

@@ -151,8 +151,9 @@ static enum bvhd_status check_references(const struct reader *reader)
 {
     const struct form_reference *rows = (const void *)(reader->block.data + reader->header->reference_offset);
     for (uint32_t i = 0; i < reader->header->reference_count; i++)
-        if (rows[i].kind != REFERENCE_BLAS || rows[i].reserved != 0 || !form_bounds_valid(&rows[i].bounds))
-            return corrupt(reader, place("references[%u]", i).text, "kind or bounds that no reference has");
+        if (rows[i].kind != REFERENCE_BLAS || rows[i].reserved != 0 || !form_bounds_valid(&rows[i].bounds) ||
+            !form_slabs_valid(&rows[i].slabs, &rows[i].bounds))
+            return corrupt(reader, place("references[%u]", i).text, "kind, bounds or slabs that no reference has");
     return BVHD_OK;
 }
 

@@ -5,6 +5,7 @@
 #include <stddef.h>
 
 #include "leaves.h"
+#include "outline.h"
 #include "vec4.h"
 
 /* Primitives whose refs stay in the first cache; a block of chunks is a task. */
@@ -122,7 +123,8 @@ static struct finding look_at_instance(const struct canonical *canonical, const 
     if (instance.reference == 0 || any_nan(instance.transform, 12))
         return finding;
     finding.active = true;
-    struct box bounds = canonical->references[instance.reference - 1].bounds;
+    const struct canonical_reference *reference = &canonical->references[instance.reference - 1];
+    struct box bounds = reference->bounds;
     bool infinite = any_infinite(instance.transform, 12);
     finding.degenerate = box_is_empty(&bounds);
     finding.kept = keep_all || !(infinite || finding.degenerate);
@@ -133,6 +135,8 @@ static struct finding look_at_instance(const struct canonical *canonical, const 
         bounds.max[axis] = finding.degenerate ? 0 : clamp_to_finite(bounds.max[axis]);
     }
     transform_box(instance.transform, &bounds, &finding.box);
+    if (!(infinite || finding.degenerate || canonical->ignores_slabs))
+        outline_narrow(instance.transform, &bounds, &reference->slabs, &finding.box);
     return finding;
 }
 

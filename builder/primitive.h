@@ -7,8 +7,8 @@
  * instances of an empty structure), triangles with infinite corners and instances moved to infinity, which no ray can meet. Point AABBs
  * stay. What is kept and infinite is clamped to the largest float.
  *
- * Boxes are exact for triangles and AABBs. Instances: the box of the reference's bounds through the transform, in double, rounded
- * outward; of an empty structure, the transform's translation.
+ * Boxes are exact for triangles and AABBs. Instances: the box of the reference's bounds through the transform, cut to what its
+ * slabs leave of them (outline.h), in double, rounded outward; of an empty structure, the transform's translation.
  */
 #ifndef BVHD_PRIMITIVE_H
 #define BVHD_PRIMITIVE_H

@@ -8,7 +8,7 @@ static bool is_good(const struct reference *reference)
     bool good = reference->kind == REFERENCE_BLAS && reference->handle != 0;
     for (int axis = 0; axis < 3; axis++)
         good = good && __builtin_isfinite(reference->bounds.min[axis]) && __builtin_isfinite(reference->bounds.max[axis]);
-    return good;
+    return good && slabs_are_valid(&reference->slabs);
 }
 
 static enum bvhd_status refuse(const struct reference *reference, struct place where, struct bvhd_error *error)
@@ -17,6 +17,8 @@ static enum bvhd_status refuse(const struct reference *reference, struct place w
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "reference kind %u", (unsigned)reference->kind);
     if (reference->handle == 0)
         return bvhd_error_set(error, BVHD_INVALID, where.text, "handle 0 names nothing");
+    if (!slabs_are_valid(&reference->slabs))
+        return bvhd_error_set(error, BVHD_INVALID, where.text, "slabs are not finite, or turned round");
     return bvhd_error_set(error, BVHD_INVALID, where.text, "bounds are not finite");
 }
 
@@ -102,6 +104,8 @@ static struct form_reference row_of(const struct reference *reference)
     if (reference->has_key)
         row.key = reference->key;
     row.bounds = box_is_empty(&reference->bounds) ? box_empty() : reference->bounds;
+    if (slabs_are_known(&reference->slabs) && !box_is_empty(&reference->bounds))
+        row.slabs = reference->slabs;
     return row;
 }
 

@@ -57,6 +57,7 @@ static void copy_facts(struct batch_item *item, const struct control_facts *fact
     memcpy(item->method, facts->method, sizeof item->method);
     result->method = item->method;
     memcpy(result->bounds, facts->bounds, sizeof result->bounds);
+    memcpy(result->slabs, facts->slabs, sizeof result->slabs);
     result->target = (enum bvhd_target)facts->target;
     result->quality = (enum bvhd_quality)facts->quality;
 }

@@ -109,6 +109,7 @@ static void convert_references(const struct bvhd_build *build, struct reference 
         memcpy(references[i].key.bytes, from->key.bytes, sizeof references[i].key.bytes);
         memcpy(references[i].bounds.min, from->bounds, sizeof references[i].bounds.min);
         memcpy(references[i].bounds.max, from->bounds + 3, sizeof references[i].bounds.max);
+        memcpy(&references[i].slabs, from->slabs, sizeof references[i].slabs);
     }
 }
 

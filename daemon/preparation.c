@@ -14,7 +14,7 @@
  * Bytes for each thing beside the canonical arrays: rows read, tables of fetch and view, look-up tables. Generous; what counts is that nothing
  * is missing.
  */
-enum { FIXED_BYTES = 16 * 1024, GEOMETRY_BYTES = 640, REFERENCE_BYTES = 512, INSTANCE_BYTES = 112 };
+enum { FIXED_BYTES = 16 * 1024, GEOMETRY_BYTES = 640, REFERENCE_BYTES = 1024, INSTANCE_BYTES = 112 };
 
 /* While a block grows it may lie in memory twice, up to this size. */
 enum { MOVED_BYTES = 4 << 20 };
@@ -80,7 +80,7 @@ uint64_t preparation_guess(const struct control_item *item)
     uint64_t size = item->payload_size;
     uint64_t copy = sum(size, item->type == STRUCTURE_TOP ? size / 64 * (INSTANCE_BYTES - 64) : size / 3);
     uint64_t geometries = least(item->geometry_count, size / ROWS_GEOMETRY_SIZE);
-    uint64_t references = least(item->reference_count, size / ROWS_REFERENCE_SIZE);
+    uint64_t references = least(item->reference_count, size / ROWS_REFERENCE_LEAST);
     uint64_t rows = sum(product(geometries, GEOMETRY_BYTES), product(references, REFERENCE_BYTES));
     return sum(sum(copy, least(copy, MOVED_BYTES)), sum(2 * rows, FIXED_BYTES));
 }

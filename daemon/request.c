@@ -166,6 +166,7 @@ static struct control_facts facts_of(const struct blob *blob)
     };
     snprintf(facts.method, sizeof facts.method, "%s", stats->method);
     memcpy(facts.bounds, &stats->bounds, sizeof facts.bounds);
+    memcpy(facts.slabs, &stats->slabs, sizeof facts.slabs);
     return facts;
 }
 

@@ -106,6 +106,7 @@ struct control_facts {
     char method[CONTROL_NAME_SIZE];
     float bounds[6];
     uint32_t quality; /* QUALITY_: that was built */
+    float slabs[20]; /* slabs.h: minima, maxima */
 };
 
 /* FRAME_RESULT. The bytes come inline, or as the frame's descriptor. */

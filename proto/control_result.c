@@ -3,6 +3,7 @@
 #include "control_codec.h"
 
 #include "bvhd.pb-c.h"
+#include "slabs.h"
 
 enum bvhd_status control_pack_error(const struct bvhd_error *from, struct memory *memory, struct bytes *ret_bytes,
                                     struct bvhd_error *error)
@@ -29,7 +30,14 @@ static void fill_error(const void *from, void *ret_plain)
 static const struct control_kind error_kind = {"error", &bvhd__error__descriptor, sizeof(struct bvhd_error), NULL, fill_error};
 CONTROL_UNPACK(error, struct bvhd_error)
 
-enum { BOUNDS_COUNT = 6 };
+enum { BOUNDS_COUNT = 6, REACH_COUNT = 2 * SLABS_COUNT };
+
+static bool has_slabs(const struct control_facts *facts)
+{
+    struct slabs slabs;
+    memcpy(&slabs, facts->slabs, sizeof slabs);
+    return slabs_are_known(&slabs);
+}
 
 static void put_facts(const struct control_facts *facts, Bvhd__Result *message)
 {
@@ -49,6 +57,8 @@ static void put_facts(const struct control_facts *facts, Bvhd__Result *message)
     message->method = control_constant(facts->method);
     message->n_bounds = BOUNDS_COUNT;
     message->bounds = control_constant(facts->bounds);
+    message->n_slabs = has_slabs(facts) ? REACH_COUNT : 0;
+    message->slabs = control_constant(facts->slabs);
 }
 
 static void take_facts(const Bvhd__Result *message, struct control_facts *facts)
@@ -69,6 +79,8 @@ static void take_facts(const Bvhd__Result *message, struct control_facts *facts)
     control_copy_text(message->method, sizeof facts->method, facts->method);
     if (message->n_bounds > 0)
         memcpy(facts->bounds, message->bounds, sizeof facts->bounds);
+    if (message->n_slabs > 0)
+        memcpy(facts->slabs, message->slabs, sizeof facts->slabs);
 }
 
 enum bvhd_status control_pack_result(const struct control_result *result, struct memory *memory, struct bytes *ret_bytes,
@@ -101,6 +113,8 @@ static enum bvhd_status check_result(const void *from, uint64_t *ret_extra, stru
         return bvhd_error_set(error, BVHD_CORRUPT, "result.key", "%zu bytes", message->key.len);
     if (message->n_bounds != BOUNDS_COUNT && message->n_bounds != 0)
         return bvhd_error_set(error, BVHD_CORRUPT, "result.bounds", "%zu numbers", message->n_bounds);
+    if (message->n_slabs != REACH_COUNT && message->n_slabs != 0)
+        return bvhd_error_set(error, BVHD_CORRUPT, "result.slabs", "%zu numbers", message->n_slabs);
     *ret_extra = 0;
     return BVHD_OK;
 }

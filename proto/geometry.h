@@ -16,6 +16,7 @@
 #include "bytes.h"
 #include "device_format.h"
 #include "key.h"
+#include "slabs.h"
 
 /* VkAccelerationStructureTypeKHR */
 enum { STRUCTURE_TOP = 0, STRUCTURE_BOTTOM = 1, STRUCTURE_GENERIC = 2 };
@@ -100,6 +101,7 @@ struct reference {
     bool has_key;
     struct key key; /* if has_key: which bytes these are */
     struct box bounds; /* of the structure in its own space; box_empty() for an empty structure */
+    struct slabs slabs; /* likewise; may be not known */
 };
 
 /* What may be asked of a builder, beside Vulkan's flags. */

@@ -113,6 +113,7 @@ static struct reference_row reference_to_row(const struct reference *reference)
         memcpy(row.key, reference->key.bytes, sizeof row.key);
     memcpy(row.bounds, reference->bounds.min, sizeof reference->bounds.min);
     memcpy(row.bounds + 3, reference->bounds.max, sizeof reference->bounds.max);
+    memcpy(row.slabs, &reference->slabs, sizeof row.slabs);
     return row;
 }
 
@@ -194,6 +195,7 @@ struct row_range {
     const char *name; /* "geometries" */
     uint32_t count, size; /* rows, bytes of one */
     uint32_t known; /* bytes that this version knows */
+    uint32_t least; /* bytes that any version knows */
     uint64_t offset;
 };
 
@@ -202,7 +204,7 @@ static enum bvhd_status check_range(const struct reading *reading, const struct 
     struct place where = place("infos[%u].%s", reading->index, range->name);
     if (range->count == 0)
         return BVHD_OK;
-    if (range->size < range->known)
+    if (range->size < range->least)
         return bvhd_error_set(reading->error, BVHD_CORRUPT, where.text, "rows of %u bytes", range->size);
     if (range->size > ROWS_MAX_SIZE)
         return bvhd_error_set(reading->error, BVHD_TOO_LARGE, where.text, "rows of %u bytes", range->size);
@@ -213,7 +215,7 @@ static enum bvhd_status check_range(const struct reading *reading, const struct 
 }
 
 /*
- * Copies what this version knows of row `i`; the rest must be 0. The fence keeps the compiler from reading the row a second time instead of
+ * Copies what this version knows of row `i`; what a shorter row lacks is 0, and so must be the rest of a longer one. The fence keeps the compiler from reading the row a second time instead of
  * the copy, when somebody else may have changed it.
  */
 static enum bvhd_status copy_row(const struct reading *reading, const struct row_range *range, uint32_t i, void *ret_row)
@@ -221,7 +223,9 @@ static enum bvhd_status copy_row(const struct reading *reading, const struct row
     const unsigned char *row = reading->payload.data + range->offset + (uint64_t)i * range->size;
     if (i % 8192 == 0 && parallel_cancelled(reading->cancel))
         return bvhd_error_set(reading->error, BVHD_CANCELLED, place("infos[%u]", reading->index).text, "cancelled");
-    memcpy(ret_row, row, range->known);
+    uint32_t size = range->size < range->known ? range->size : range->known;
+    memset((unsigned char *)ret_row + size, 0, range->known - size);
+    memcpy(ret_row, row, size);
     atomic_signal_fence(memory_order_seq_cst);
     unsigned char rest = 0;
     for (uint32_t at = range->known; at < range->size; at++)
@@ -308,6 +312,7 @@ static enum bvhd_status row_to_reference(const struct reading *reading, uint32_t
         memcpy(reference.key.bytes, row->key, sizeof reference.key.bytes);
     memcpy(reference.bounds.min, row->bounds, sizeof reference.bounds.min);
     memcpy(reference.bounds.max, row->bounds + 3, sizeof reference.bounds.max);
+    memcpy(&reference.slabs, row->slabs, sizeof reference.slabs);
     *ret_reference = reference;
     return BVHD_OK;
 }
@@ -345,8 +350,8 @@ enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape,
                            struct build_input *input, struct bvhd_error *error)
 {
     struct reading reading = {payload, index, shape->cancel, error};
-    struct row_range geometry_range = {"geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), 0};
-    struct row_range reference_range = {"references", shape->reference_count, shape->reference_size, sizeof(struct reference_row),
+    struct row_range geometry_range = {"geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), ROWS_GEOMETRY_SIZE, 0};
+    struct row_range reference_range = {"references", shape->reference_count, shape->reference_size, sizeof(struct reference_row), ROWS_REFERENCE_LEAST,
                                         (uint64_t)shape->geometry_count * shape->geometry_size};
     enum bvhd_status status = check_range(&reading, &geometry_range);
     if (status == BVHD_OK)

@@ -41,12 +41,13 @@ struct reference_row {
     uint8_t key[KEY_SIZE];
     float bounds[6]; /* minimum, maximum */
     uint64_t reserved; /* 0 */
+    float slabs[2 * SLABS_COUNT]; /* minima, maxima (slabs.h); all 0: not known. Shorter rows end before */
 };
 
-_Static_assert(sizeof(struct geometry_row) == 96 && sizeof(struct reference_row) == 80, "wire format");
+/* Rows as they are written, and the smallest that a reader takes: those of version 1. Data in payloads starts at multiples of ROWS_ALIGNMENT. */
+enum { ROWS_GEOMETRY_SIZE = 96, ROWS_REFERENCE_SIZE = 160, ROWS_REFERENCE_LEAST = 80, ROWS_MAX_SIZE = 4096, ROWS_ALIGNMENT = 16 };
 
-/* Smallest rows that a reader takes: those of version 1. Data in payloads starts at multiples of ROWS_ALIGNMENT. */
-enum { ROWS_GEOMETRY_SIZE = 96, ROWS_REFERENCE_SIZE = 80, ROWS_MAX_SIZE = 4096, ROWS_ALIGNMENT = 16 };
+_Static_assert(sizeof(struct geometry_row) == ROWS_GEOMETRY_SIZE && sizeof(struct reference_row) == ROWS_REFERENCE_SIZE, "wire format");
 
 /* Bytes of the payload of a description. False when the sum does not fit 64 bits. */
 bool rows_payload_size(const struct build_input *input, uint64_t *ret_size);

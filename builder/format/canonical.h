@@ -16,7 +16,7 @@
 #include "geometry.h"
 #include "status.h"
 
-enum { CANONICAL_VERSION = 1 };
+enum { CANONICAL_VERSION = 2 };
 
 /* One geometry of a canonical copy; pointers lead into the block and are at least 16-byte aligned when the block is. */
 struct canonical_geometry {
@@ -36,6 +36,7 @@ struct canonical_reference {
     enum reference_kind kind;
     struct key key; /* all zero when only bounds were given */
     struct box bounds; /* empty box: an empty structure */
+    struct slabs slabs; /* all 0: not known */
 };
 
 struct canonical {
@@ -50,6 +51,8 @@ struct canonical {
     struct canonical_geometry *geometries; /* parsed tables; owned by whoever made the view */
     struct canonical_reference *references;
     unsigned char *owned; /* `bytes` when it belongs to the view, else NULL */
+    bool
+        ignores_slabs; /* of references: a native layout needs boxes of instances as large as the driver's, which are those of the bounds */
 };
 
 /* The Vulkan instance record as fields, bit exact (row F11). */

@@ -207,6 +207,7 @@ static enum bvhd_status collect_references(const struct job *job, struct assembl
         struct bvhd_reference *reference = &references[assembly->handle_count++];
         *reference = (struct bvhd_reference){.handle = UINT64_C(1) + part, .has_key = 1, .key = item->key};
         memcpy(reference->bounds, item->bounds, sizeof reference->bounds);
+        memcpy(reference->slabs, item->slabs, sizeof reference->slabs);
     }
     return BVHD_OK;
 }

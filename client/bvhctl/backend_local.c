@@ -45,6 +45,7 @@ static void copy_references(const struct bvhd_build *build, struct reference *re
         references[i] = (struct reference){.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key};
         memcpy(&references[i].key, &from->key, sizeof references[i].key);
         memcpy(&references[i].bounds, from->bounds, sizeof references[i].bounds);
+        memcpy(&references[i].slabs, from->slabs, sizeof references[i].slabs);
     }
 }
 
@@ -76,6 +77,7 @@ static void copy_result(const struct batch_item *item, enum target target, struc
     result.error.status = item->status;
     memcpy(&result.key, &item->key, sizeof result.key);
     memcpy(result.bounds, &stats->bounds, sizeof result.bounds);
+    memcpy(result.slabs, &stats->slabs, sizeof result.slabs);
     *ret_result = result;
 }
 

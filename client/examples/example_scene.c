@@ -93,6 +93,7 @@ static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvh
         const struct bvhd_reference reference = {.handle = i + 1, .has_key = 1, .key = result->key};
         references[i] = reference;
         memcpy(references[i].bounds, result->bounds, sizeof result->bounds);
+        memcpy(references[i].slabs, result->slabs, sizeof result->slabs);
     }
     for (i = 0; i < INSTANCES; i++) { /* at (0, 0, 0), (2, 0, 1), (0, 2, 2), (2, 2, 3), a square and a triangle by turns */
         const VkAccelerationStructureInstanceKHR instance = {

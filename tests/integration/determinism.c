@@ -112,6 +112,7 @@ static void run_top(struct run *run, struct random *random)
             continue;
         top.references[i].key = item.key;
         top.references[i].bounds = item.stats.bounds;
+        top.references[i].slabs = item.stats.slabs;
         batch_finish(&item, 1, &run->memory);
     }
     choose_target(&top.input, random);

@@ -365,6 +365,7 @@ static bool build_bottoms(struct run *run, struct random_top *top, struct batch_
         top->built++;
         top->references[i].key = items[i].key;
         top->references[i].bounds = items[i].stats.bounds;
+        top->references[i].slabs = items[i].stats.slabs;
         if (!open_one(run, &items[i], &views[i]))
             return false;
     }

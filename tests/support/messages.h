@@ -53,14 +53,16 @@ static inline void messages_fill(struct messages *all)
         (struct control_result){.item = 9, .size = 12345678901, .origin = ORIGIN_COALESCED, .queued_ms = 0.5, .prepare_ms = -0.0};
     memset(&all->result.key, 0xc3, sizeof all->result.key);
     all->result.build_ms = NAN;
-    all->result.facts = (struct control_facts){11,          12,
-                                               13,          14,
-                                               15,          16,
-                                               17,          UINT64_MAX,
-                                               18,          TARGET_PORTABLE,
-                                               -0.0,        INFINITY,
-                                               "spatial",   {-0.0f, NAN, -INFINITY, 1, 2, 3},
-                                               QUALITY_HIGH};
+    all->result.facts = (struct control_facts){11,           12,
+                                               13,           14,
+                                               15,           16,
+                                               17,           UINT64_MAX,
+                                               18,           TARGET_PORTABLE,
+                                               -0.0,         INFINITY,
+                                               "spatial",    {-0.0f, NAN, -INFINITY, 1, 2, 3},
+                                               QUALITY_HIGH, {0}};
+    for (int i = 0; i < 20; i++)
+        all->result.facts.slabs[i] = (float)i - 7.5f;
     all->busy.retry_ms = 250;
     all->counters = (struct control_counters){MESSAGES_COUNTERS, all->rows};
     all->rows[0] = (struct control_counter){"builds_started", 1};

@@ -362,6 +362,12 @@ static void counts_and_sizes_are_checked(void **state)
     put_block(&writing, 6, KEY_SIZE, 0);
     put_block(&writing, 29, 20, 0);
     refuse("result", &writing, BVHD_CORRUPT, "result.bounds");
+    put_block(&writing, 6, KEY_SIZE, 0);
+    put_block(&writing, 31, 80, 0);
+    refuse("result", &writing, BVHD_OK, "");
+    put_block(&writing, 6, KEY_SIZE, 0);
+    put_block(&writing, 31, 76, 0);
+    refuse("result", &writing, BVHD_CORRUPT, "result.slabs");
     free(writing.bytes);
 }
 

@@ -10,7 +10,7 @@
 #include "prepare.h"
 #include "random.h"
 
-enum { KINDS = 4, MOST = 4096 };
+enum { KINDS = 5, MOST = 4096 };
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
 static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
@@ -24,7 +24,16 @@ static void inputs_updatable(struct test_input *test)
     test->geometries[0].range.primitive_count = 1; /* so that its indices need padding */
 }
 
-static void (*const kinds[KINDS])(struct test_input *) = {inputs_triangles, inputs_updatable, inputs_aabbs, inputs_instances};
+/* References with slabs. */
+static void inputs_outlined(struct test_input *test)
+{
+    inputs_instances(test);
+    for (int i = 0; i < SLABS_COUNT; i++)
+        test->references[2].slabs.min[i] = -(test->references[2].slabs.max[i] = (float)(i + 1));
+}
+
+static void (*const kinds[KINDS])(struct test_input *) = {inputs_triangles, inputs_updatable, inputs_aabbs, inputs_instances,
+                                                          inputs_outlined};
 
 static int set_up(void **state)
 {
@@ -198,7 +207,8 @@ static void places_are_named(void **state)
 {
     (void)state;
     reason(0, 0, 1, BVHD_CORRUPT, "magic");
-    reason(0, 4, 2, BVHD_INCOMPATIBLE, "version");
+    reason(0, 4, 1, BVHD_INCOMPATIBLE, "version");
+    reason(0, 4, 3, BVHD_INCOMPATIBLE, "version");
     reason(0, 8, 2, BVHD_CORRUPT, "type");
     reason(0, 12, 0x20, BVHD_CORRUPT, "flags");
     reason(0, 12, 0xc, BVHD_CORRUPT, "flags");
@@ -223,6 +233,12 @@ static void places_are_named(void **state)
     reason(3, 128 + 128 + 56, 1, BVHD_CORRUPT, "referenceCount");
     reason(3, 128 + 256, 3, BVHD_CORRUPT, "references[0]");
     reason(3, 128 + 256 + 40, 0x7f800000, BVHD_CORRUPT, "references[0]");
+    reason(3, 128 + 256 + 64, 0x80000000, BVHD_CORRUPT, "references[0]"); /* not known, but not as it is written */
+    reason(3, 128 + 256 + 64, 0x3f800000, BVHD_CORRUPT, "references[0]"); /* above the maximum */
+    reason(3, 128 + 256 + 144 + 104, 0xbf800000, BVHD_CORRUPT, "references[1]");
+    reason(4, 128 + 256 + 64, 0xff800000, BVHD_CORRUPT, "references[0]");
+    reason(4, 128 + 256 + 140, 0x7fc00000, BVHD_CORRUPT, "references[0]");
+    reason(4, 128 + 256 + 40, 0x7f7fffff, BVHD_CORRUPT, "references[0]"); /* bounds that are empty in another way */
 }
 
 static void random_flips_are_survived(void **state)

@@ -107,6 +107,12 @@ static void references_are_canonical(void **state)
     test.references[2].bounds = box_empty();
     other.references[0].bounds = (struct box){{1, 1, 1}, {0, 5, 5}};
     compare(&test, &other, true);
+    other.references[0].slabs.max[3] = 1; /* of nothing */
+    compare(&test, &other, true);
+    other.references[1].slabs.min[3] = -0.0f; /* is not known, however it is written */
+    compare(&test, &other, true);
+    other.references[1].slabs.min[3] = -1;
+    compare(&test, &other, false);
 }
 
 /* Many references, of which groups are equal but for their handles: each that is named has a row of its own. */
@@ -126,6 +132,7 @@ static void many_references_are_told_apart(void **state)
         references[i].bounds.max[0] = (float)(random_next(&random) % 60);
         references[i].has_key = i % 3 == 0;
         references[i].key.bytes[9] = (uint8_t)(random_next(&random) % 5);
+        references[i].slabs.max[i % SLABS_COUNT] = (float)(i % 50);
     }
     for (uint64_t i = 0; i < 2 * COUNT; i++) {
         memcpy(records[i], test.records[0], 64);
@@ -158,6 +165,7 @@ static void many_references_are_told_apart(void **state)
         const struct canonical_reference *got = &canonical.references[row - 1];
         assert_true(key_equal(&got->key, reference->has_key ? &reference->key : &none));
         assert_memory_equal(&got->bounds, &reference->bounds, sizeof(struct box));
+        assert_memory_equal(&got->slabs, &reference->slabs, sizeof(struct slabs));
     }
     assert_int_equal(seen, canonical.reference_count);
     for (uint32_t i = 0; i < canonical.reference_count; i++)
@@ -178,6 +186,15 @@ static void references_are_checked(void **state)
     refuse(&test, BVHD_INVALID, "", "infos[2].references[2]");
     inputs_instances(&test);
     test.references[0].bounds.max[1] = INFINITY;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].slabs.min[9] = -INFINITY;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].slabs.min[9] = NAN;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].slabs.min[4] = 1;
     refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
     inputs_instances(&test);
     test.references[0].kind = (enum reference_kind)2;

@@ -63,6 +63,7 @@ static const char *const fields[] = {
     "Result.method 28 string",
     "Result.bounds 29 repeated float",
     "Result.quality 30 uint32",
+    "Result.slabs 31 repeated float",
     "Busy.retry_ms 1 uint32",
     "Counter.name 1 string",
     "Counter.value 2 uint64",

@@ -144,6 +144,7 @@ struct bvhd_reference {
     int has_key;
     struct bvhd_key key;
     float bounds[6]; /* minimum, maximum; an empty structure: result->bounds as they are */
+    float slabs[20]; /* result->slabs, with which boxes of instances that are turned become smaller; all 0: not known */
 };
 
 struct bvhd_build {
@@ -226,6 +227,8 @@ struct bvhd_result {
     double original_build_ms; /* of the build that made the bytes, whoever asked for it */
     const char *method; /* how it was built: "ploc", "spatial", "binned", or "none" without primitives */
     float bounds[6]; /* minimum, maximum: for bvhd_reference */
+    float slabs
+        [20]; /* minima, maxima along x + y, y + z, z + x, x - y, y - z, z - x, x + y - z, y + z - x, z + x - y, x + y + z: likewise */
     enum bvhd_target target; /* whose format the bytes have */
     enum bvhd_quality quality; /* that was built: FAST, BALANCED or HIGH, whatever was asked */
 };
