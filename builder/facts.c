@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "facts.h"
 
+#include <float.h>
 #include <math.h>
 
 #include "primitive.h"
@@ -18,55 +19,16 @@ double facts_exp2(double value)
     return ldexp(1 + rest * (0.6562 + 0.3438 * rest), (int)fmin(fmax(whole, -1000), 1000));
 }
 
-/* Sums over the sample. */
-struct sums {
+enum { LANES = 4 };
+
+/* Those of the sample that a ray can meet; what follows them up to full lanes is zero. */
+struct sample {
+    uint32_t count;
     struct box bounds;
-    double half_areas, slanted; /* of boxes; of these what two triangles do not fill */
-    double octaves, squares; /* of sizes */
+    double total; /* of half areas */
+    double half_areas[FACTS_MOST];
+    float min[3][FACTS_MOST], max[3][FACTS_MOST];
 };
-
-static double triangle_area(const struct canonical_geometry *geometry, uint32_t index)
-{
-    float corners[3][3];
-    double a[3], b[3], square = 0;
-    canonical_triangle(geometry, index, corners);
-    for (int axis = 0; axis < 3; axis++) {
-        a[axis] = (double)corners[1][axis] - corners[0][axis];
-        b[axis] = (double)corners[2][axis] - corners[0][axis];
-    }
-    for (int axis = 0; axis < 3; axis++) {
-        int next = (axis + 1) % 3, last = (axis + 2) % 3;
-        double part = a[next] * b[last] - a[last] * b[next];
-        square += part * part;
-    }
-    return 0.5 * sqrt(square);
-}
-
-static double size_of(const struct box *box)
-{
-    double size = 0;
-    for (int axis = 0; axis < 3; axis++)
-        size += (double)box->max[axis] - box->min[axis];
-    return size;
-}
-
-/* False when no ray meets it. */
-static bool add_primitive(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
-                          struct sums *sums)
-{
-    struct box box = primitive_box(canonical, geometry, index);
-    if (box_is_empty(&box))
-        return false;
-    double half_area = box_half_area(&box), size = size_of(&box);
-    double octave = size > 0 ? facts_log2(size) : 0;
-    box_grow(&sums->bounds, &box);
-    sums->half_areas += half_area;
-    if (geometry->type == GEOMETRY_TRIANGLES)
-        sums->slanted += fmax(half_area - 2 * triangle_area(geometry, index), 0);
-    sums->octaves += octave;
-    sums->squares += octave * octave;
-    return true;
-}
 
 /* One of the i-th part of all, not always at the same place in it: meshes repeat themselves. */
 static uint32_t sampled_id(uint32_t count, uint32_t sampled, uint32_t i)
@@ -82,31 +44,107 @@ static uint32_t sample_size(uint32_t count)
     return count < size ? count : size;
 }
 
-static void add_sample(const struct canonical *canonical, struct facts *facts, struct sums *sums)
+static void add_member(struct sample *sample, const struct box *box)
+{
+    if (box_is_empty(box))
+        return;
+    double half_area = box_half_area(box);
+    for (int axis = 0; axis < 3; axis++) {
+        sample->min[axis][sample->count] = box->min[axis];
+        sample->max[axis][sample->count] = box->max[axis];
+    }
+    sample->half_areas[sample->count++] = half_area;
+    sample->total += half_area;
+    box_grow(&sample->bounds, box);
+}
+
+static void fill_lanes(struct sample *sample)
+{
+    for (uint32_t i = sample->count; i % LANES; i++) {
+        sample->half_areas[i] = 0;
+        for (int axis = 0; axis < 3; axis++)
+            sample->min[axis][i] = sample->max[axis][i] = 0;
+    }
+}
+
+static void draw(const struct canonical *canonical, uint32_t size, struct sample *sample)
 {
     const struct canonical_geometry *geometry = canonical->geometries;
-    for (uint32_t i = 0; i < facts->sampled; i++) {
-        uint32_t id = sampled_id(canonical->primitive_count, facts->sampled, i);
+    for (uint32_t i = 0; i < size; i++) {
+        uint32_t id = sampled_id(canonical->primitive_count, size, i);
         while (id - geometry->first_primitive >= geometry->primitive_count)
             geometry++;
-        facts->met += add_primitive(canonical, geometry, id - geometry->first_primitive, sums);
+        struct box box = primitive_box(canonical, geometry, id - geometry->first_primitive);
+        add_member(sample, &box);
     }
+    fill_lanes(sample);
+}
+
+/* Along one axis; 0 within. */
+static inline double distance(double at, float min, float max)
+{
+    double below = min - at, above = at - max, beyond = below > above ? below : above;
+    return beyond > 0 ? beyond : 0;
+}
+
+/* Of the other members' boxes, how many a ray meets from the middle of one in any direction. */
+static double crossings_from(const struct sample *sample, uint32_t from)
+{
+    const double sphere = 25.132741228718345; /* 8 pi */
+    double at[3], sums[LANES] = {0};
+    for (int axis = 0; axis < 3; axis++)
+        at[axis] = 0.5 * ((double)sample->min[axis][from] + sample->max[axis][from]);
+    for (uint32_t i = 0; i < sample->count; i += LANES)
+        for (uint32_t lane = 0; lane < LANES; lane++) {
+            double x = distance(at[0], sample->min[0][i + lane], sample->max[0][i + lane]);
+            double y = distance(at[1], sample->min[1][i + lane], sample->max[1][i + lane]);
+            double z = distance(at[2], sample->min[2][i + lane], sample->max[2][i + lane]);
+            double half_area = sample->half_areas[i + lane];
+            sums[lane] += half_area / (half_area + sphere * (x * x + y * y + z * z) + DBL_MIN); /* 0 for 0 of 0 */
+        }
+    double own = sample->half_areas[from];
+    return sums[0] + sums[1] + sums[2] + sums[3] - own / (own + DBL_MIN);
+}
+
+static double mean_crossings(const struct sample *sample)
+{
+    double sum = 0, passed = sample->half_areas[0];
+    uint32_t by_area = 0;
+    for (uint32_t i = 0; i < FACTS_VIEWS / 2; i++) {
+        uint32_t by_id = (2 * i + 1) * sample->count / FACTS_VIEWS;
+        while (passed < (2 * i + 1) * sample->total / FACTS_VIEWS && by_area + 1 < sample->count)
+            passed += sample->half_areas[++by_area];
+        sum += crossings_from(sample, by_id) + crossings_from(sample, by_area);
+    }
+    return fmax(sum / FACTS_VIEWS, 0);
+}
+
+static double thickness_of(const struct box *bounds)
+{
+    double least = INFINITY, most = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double side = (double)bounds->max[axis] - bounds->min[axis];
+        least = fmin(least, side);
+        most = fmax(most, side);
+    }
+    return most > 0 ? least / most : 0;
 }
 
 void facts_gather(const struct canonical *canonical, struct facts *ret_facts)
 {
     uint32_t count = canonical->primitive_count;
     struct facts facts = {.primitives = count, .sampled = sample_size(count)};
-    struct sums sums = {.bounds = box_empty()};
+    struct sample sample;
+    sample.count = 0;
+    sample.total = 0;
+    sample.bounds = box_empty();
     bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
     facts.can_split = triangles && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE));
-    add_sample(canonical, &facts, &sums);
+    draw(canonical, facts.sampled, &sample);
+    facts.met = sample.count;
     if (facts.met > 0) {
-        double whole = box_half_area(&sums.bounds), mean = sums.octaves / facts.met;
-        double each = (double)count / facts.sampled;
-        facts.crossings = whole > 0 ? sums.half_areas / whole * each : 0;
-        facts.slant = sums.half_areas > 0 ? sums.slanted / sums.half_areas : 0;
-        facts.spread = sqrt(fmax(sums.squares / facts.met - mean * mean, 0));
+        facts.crossings = mean_crossings(&sample) * ((double)count / facts.sampled);
+        facts.thickness = thickness_of(&sample.bounds);
     }
     *ret_facts = facts;
 }

@@ -3,10 +3,9 @@
 
 #include <math.h>
 
-/* More than in any scene that the model was fitted to is as much as in that, and so is less. */
-#define CROSSINGS_LEAST 1.0
-#define CROSSINGS_MOST 1024.0
-#define SPREAD_MOST 8.0
+/* More crossings, or a thinner whole, than in any scene that the model was fitted to is as much as in that. */
+#define CROSSINGS_MOST 4096.0
+#define THICKNESS_LEAST (1.0 / 64)
 
 /* Exponents of 2, linear in the terms: times in nanoseconds. As `bvhd-bench --calibrate` prints them. */
 struct tier_model {
@@ -14,20 +13,20 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{5.4440, 0.0594, -0.0309, 0.0647, 0.7072, 0.0800}, {4.9869, 0.1207, 0.3064, 0.4581, 2.3197, -0.0182}},
-    [QUALITY_BALANCED] = {{6.9724, -0.0040, 0.1093, 0.0158, 0.8008, -0.0109}, {4.5084, 0.1461, 0.2415, 0.4865, 2.2651, 0.0650}},
-    [QUALITY_HIGH] = {{10.0037, -0.0309, 0.1519, 0.1228, 0.0993, 0.1499}, {4.9914, 0.1541, 0.1272, 0.4138, 1.6699, 0.0471}},
+    [QUALITY_FAST] = {{6.9302, -0.1603, 0.1094, -0.0581}, {9.1250, -0.2217, 0.4410, -0.2169}},
+    [QUALITY_BALANCED] = {{7.6080, -0.1437, 0.1161, -0.0501}, {9.0047, -0.2422, 0.4545, -0.2022}},
+    [QUALITY_HIGH] = {{9.3637, 0.2543, -0.0096, -0.0513}, {8.8251, -0.1586, 0.3340, -0.1900}},
 };
 
+/* Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all terms as equals. */
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
 {
+    double crossings = facts_log2(1 + fmin(facts->crossings, CROSSINGS_MOST)),
+           thickness = facts_log2(fmax(facts->thickness, THICKNESS_LEAST));
     ret_terms[0] = 1;
-    ret_terms[1] = facts_log2(fmax(facts->primitives, 1));
-    double crossings = fmin(facts->crossings, CROSSINGS_MOST);
-    ret_terms[2] = facts_log2(1 + crossings);
-    ret_terms[3] = facts_log2(1 + crossings * facts->slant);
-    ret_terms[4] = facts_log2(1 + 1 / fmax(crossings, CROSSINGS_LEAST)); /* how far a ray gets without meeting anything */
-    ret_terms[5] = fmin(facts->spread, SPREAD_MOST);
+    ret_terms[1] = crossings;
+    ret_terms[2] = crossings * crossings / 8;
+    ret_terms[3] = thickness * thickness / 6;
 }
 
 static double power_of(const double constants[TIER_TERMS], const double terms[TIER_TERMS])

@@ -13,9 +13,8 @@
 #include "facts.h"
 #include "geometry.h"
 
-/* What a constant is multiplied with: 1; the logarithms (to base 2) of primitives, 1 + crossings, 1 + crossings * slant and
- * 1 + 1 / crossings; spread. */
-enum { TIER_TERMS = 6 };
+/* What a constant is multiplied with: 1; of crossings the logarithm (to base 2, of 1 + them) and its square; of thickness the logarithm's square. */
+enum { TIER_TERMS = 4 };
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS]);
 
 struct tier_cost {

@@ -12,8 +12,8 @@
 enum { TIERS = 3, BASE = 1, KINDS = 2 };
 
 /* The weight, in scenes, of the belief that a term has no effect: on balanced, and on the quotient of another tier to it, which varies less than what disturbs both. */
-#define HELD 0.3
-#define HELD_QUOTIENT 0.5
+#define HELD 1
+#define HELD_QUOTIENT 3
 
 static const enum build_quality qualities[TIERS] = {QUALITY_FAST, [BASE] = QUALITY_BALANCED, QUALITY_HIGH};
 
@@ -63,14 +63,23 @@ static double exponent_of(const struct tier_cost *cost, int kind)
     return log2(kind ? cost->ray_ns : cost->build_ns);
 }
 
-/* Of balanced, or of another tier in relation to it. Of how many scenes it was. */
-static uint32_t fit_one(const struct results *results, int tier, int kind, double ret_constants[TIER_TERMS])
+/* Scenes of one kind differ in numbers alone: what the name says before the first @. */
+static bool is_like(const char *name, const char *other)
+{
+    size_t length = strcspn(name, "@");
+    return strcspn(other, "@") == length && strncmp(name, other, length) == 0;
+}
+
+/* Of balanced, or of another tier in relation to it; by scenes that are not like `left_out` (NULL: by all). Of how many scenes it was. */
+static uint32_t fit_one(const struct results *results, const char *left_out, int tier, int kind, double ret_constants[TIER_TERMS])
 {
     double rows[TIER_TERMS][TIER_TERMS + 1] = {{0}};
     uint32_t count = 0;
     for (uint32_t scene = 0; scene < results->scene_count; scene++) {
         double terms[TIER_TERMS + 1];
         struct tier_cost cost, base;
+        if (left_out && is_like(results->scenes[scene].name, left_out))
+            continue;
         if (!measured(results, scene, tier, &cost) || !measured(results, scene, BASE, &base))
             continue;
         tier_terms(&results->scenes[scene].facts, terms);
@@ -87,14 +96,13 @@ static uint32_t fit_one(const struct results *results, int tier, int kind, doubl
     return count;
 }
 
-static bool fit(const struct results *results, struct model *ret_model)
+/* False when a tier was not measured on any scene. */
+static bool fit(const struct results *results, const char *left_out, struct model *ret_model)
 {
     for (int tier = 0; tier < TIERS; tier++)
         for (int kind = 0; kind < KINDS; kind++)
-            if (fit_one(results, tier, kind, ret_model->constants[tier][kind]) == 0) {
-                fprintf(stderr, "bvhd-bench: %s was not measured\n", build_quality_name(qualities[tier]));
+            if (fit_one(results, left_out, tier, kind, ret_model->constants[tier][kind]) == 0)
                 return false;
-            }
     for (int tier = 0; tier < TIERS; tier++)
         for (int k = 0; k < KINDS * TIER_TERMS && tier != BASE; k++)
             ret_model->constants[tier][k / TIER_TERMS][k % TIER_TERMS] += ret_model->constants[BASE][k / TIER_TERMS][k % TIER_TERMS];
@@ -119,26 +127,57 @@ static int choose_by(const struct model *model, const struct facts *facts, doubl
     return best;
 }
 
-static void print_scene(const struct results *results, const struct model *model, uint32_t scene)
+/* What the choices of one model lose. */
+struct tally {
+    uint32_t choices, bad; /* of all choices those that cost 10 % more than the best */
+    double most, beyond; /* the worst of them, and the sum of what they lose beyond 5 % */
+};
+
+static void add_loss(struct tally *tally, double loss)
+{
+    tally->choices++;
+    tally->bad += loss > 0.1;
+    tally->most = fmax(tally->most, loss);
+    tally->beyond += fmax(loss - 0.05, 0);
+}
+
+static void print_tally(const char *title, const struct tally *tally)
+{
+    printf("%-46s %4u of %4u lose more than 10 %%, the worst %.0f %%; beyond 5 %% all together %.2f\n", title, tally->bad,
+           tally->choices, 100 * tally->most, tally->beyond);
+}
+
+enum { FITTED, LEFT_OUT, IN_USE, MODELS };
+
+/* Of a model that was fitted to all, of one that has not seen the like, of the one in tier.c. */
+static void add_scene(const struct results *results, const struct model *fitted, uint32_t scene, struct tally tallies[MODELS])
 {
     const struct facts *facts = &results->scenes[scene].facts;
     struct tier_cost costs[TIERS];
+    struct model left_out;
+    bool has_others = fit(results, results->scenes[scene].name, &left_out);
     for (int tier = 0; tier < TIERS; tier++)
         if (!measured(results, scene, tier, &costs[tier]))
             return;
-    printf("%-22s %8u %8.1f %5.2f %5.2f | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name, facts->primitives,
-           facts->crossings, facts->slant, facts->spread, costs[0].build_ns, costs[1].build_ns, costs[2].build_ns, costs[0].ray_ns,
+    printf("%-22s %8u %8.2f %7.4f | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name, facts->primitives,
+           facts->crossings, facts->thickness, costs[0].build_ns, costs[1].build_ns, costs[2].build_ns, costs[0].ray_ns,
            costs[1].ray_ns, costs[2].ray_ns);
     for (int hint = 0; hint < CHOICE_HINTS; hint++) {
         double rays = choice_rays(hint), least = INFINITY, each[TIERS];
-        int best = 0, fitted = choose_by(model, facts, rays), built_in = (int)tier_choose(facts, (float)rays) - QUALITY_FAST;
+        int best = 0, chosen[MODELS] = {choose_by(fitted, facts, rays), has_others ? choose_by(&left_out, facts, rays) : 0,
+                                        (int)tier_choose(facts, (float)rays) - QUALITY_FAST};
         for (int tier = 0; tier < TIERS; tier++) {
             each[tier] = costs[tier].build_ns + rays * costs[tier].ray_ns;
             best = each[tier] < least ? tier : best;
             least = fmin(least, each[tier]);
         }
-        printf("  %c %c%+.0f%% %c%+.0f%%", "fbh"[best], "fbh"[fitted], 100 * (each[fitted] / least - 1), "fbh"[built_in],
-               100 * (each[built_in] / least - 1));
+        printf("  %c", "fbh"[best]);
+        for (int i = 0; i < MODELS; i++) {
+            if (i == LEFT_OUT && !has_others)
+                continue;
+            printf(" %c%+.0f%%", "fbh"[chosen[i]], 100 * (each[chosen[i]] / least - 1));
+            add_loss(&tallies[i], each[chosen[i]] / least - 1);
+        }
     }
     printf("\n");
 }
@@ -161,15 +200,20 @@ static void print_table(const struct model *model)
 
 bool calibrate_print(const struct results *results)
 {
+    struct tally tallies[MODELS] = {{0}};
     struct model model;
-    if (!fit(results, &model))
+    if (!fit(results, NULL, &model)) {
+        fprintf(stderr, "bvhd-bench: not every tier was measured\n");
         return false;
+    }
     print_table(&model);
-    printf("scene, primitives, crossings, slant, spread | build ns: fast, balanced, high | ray ns |  for 0.1, 1, 10, 100 rays: "
-           "best, "
-           "chosen by this "
-           "table and what it loses, by the one in use\n");
+    printf(
+        "scene, primitives, crossings, thickness | build ns: fast, balanced, high | ray ns | for 0.1, 1, 10, 100 rays: best; chosen by "
+        "this table and what it loses, by one that is fitted without scenes of this kind, by the one in use\n");
     for (uint32_t i = 0; i < results->scene_count; i++)
-        print_scene(results, &model, i);
+        add_scene(results, &model, i, tallies);
+    print_tally("this table:", &tallies[FITTED]);
+    print_tally("tables fitted without scenes of the same kind:", &tallies[LEFT_OUT]);
+    print_tally("the table in use:", &tallies[IN_USE]);
     return true;
 }

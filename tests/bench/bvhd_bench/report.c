@@ -234,8 +234,7 @@ static void write_facts(struct json *json, const struct facts *facts)
     json_integer(json, "primitives", facts->primitives);
     json_integer(json, "sampled", facts->sampled);
     json_number(json, "crossings", facts->crossings);
-    json_number(json, "slant", facts->slant);
-    json_number(json, "spread", facts->spread);
+    json_number(json, "thickness", facts->thickness);
     json_object_end(json);
 }
 

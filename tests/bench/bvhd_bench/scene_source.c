@@ -9,6 +9,7 @@
 
 #include "adversarial.h"
 #include "scene_model.h"
+#include "scene_variety.h"
 #include "tree.h"
 
 enum { SOURCES_MAX = 64 };
@@ -127,21 +128,26 @@ enum { MORE = sizeof more / sizeof more[0] };
 /* The hard ones first. */
 static struct adversarial numbered(uint32_t index)
 {
-    uint32_t hard, ordinary;
+    uint32_t hard, ordinary, various;
     const struct adversarial *scenes = adversarial_scenes(&hard), *models = scene_model_all(&ordinary);
     if (index < hard)
         return scenes[index];
-    return index - hard < MORE ? more[index - hard] : models[index - hard - MORE];
+    index -= hard;
+    if (index < MORE)
+        return more[index];
+    index -= MORE;
+    return index < ordinary ? models[index] : scene_variety_all(&various)[index - ordinary];
 }
 
 const struct scene_source *scene_source_all(uint32_t *ret_count)
 {
     static struct scene_source sources[SOURCES_MAX];
-    uint32_t hard, ordinary, count;
+    uint32_t hard, ordinary, various, count;
     adversarial_scenes(&hard);
     scene_model_all(&ordinary);
+    scene_variety_all(&various);
     hard += MORE;
-    count = hard + ordinary < SOURCES_MAX ? hard + ordinary : SOURCES_MAX;
+    count = hard + ordinary + various < SOURCES_MAX ? hard + ordinary + various : SOURCES_MAX;
     for (uint32_t i = 0; i < count; i++)
         sources[i] = (struct scene_source){numbered(i).name, numbered(i).shows, i < hard};
     *ret_count = count;
