@@ -11,6 +11,9 @@ enum { SUMS = 0, DIFFERENCES = 3, CORNERS = 6, GROUPS = 3 };
 /* Shares of the work are few, so that they need no memory, and are the same whoever does them. */
 enum { MOST_SHARES = 64, LEAST_SHARE = 16384, LOOK = 8192 };
 
+/* Fours of vertices that stay in the first cache for another look. */
+enum { NEAR = 256 };
+
 struct reach {
     vec4 min[GROUPS], max[GROUPS];
 };
@@ -86,14 +89,93 @@ static uint32_t geometry_of(const struct canonical *canonical, size_t element)
     return low;
 }
 
+/* Of each direction four vertices at a time. */
+struct lanes {
+    vec4 min[SLABS_COUNT], max[SLABS_COUNT];
+};
+
+static inline vec4 load(const float at[4])
+{
+    return *(const vec4_loose *)at;
+}
+
+/* x, y and z of four vertices that follow each other. */
+static inline void load_four(const float at[12], vec4 *ret_x, vec4 *ret_y, vec4 *ret_z)
+{
+    vec4 a = load(at), b = load(at + 4), c = load(at + 8);
+    vec4 upper = __builtin_shufflevector(b, c, 2, 3, 5, 6), lower = __builtin_shufflevector(a, b, 1, 2, 4, 5);
+    *ret_x = __builtin_shufflevector(a, upper, 0, 3, 4, 6);
+    *ret_y = __builtin_shufflevector(lower, upper, 0, 2, 5, 7);
+    *ret_z = __builtin_shufflevector(lower, c, 1, 3, 4, 7);
+}
+
+static inline void lanes_add(struct lanes *lanes, int slab, vec4 value)
+{
+    lanes->min[slab] = vec4_min(value, lanes->min[slab]);
+    lanes->max[slab] = vec4_max(value, lanes->max[slab]);
+}
+
+/* Half of the directions, for which there are registers enough. */
+static void add_first_half(const float *positions, size_t fours, struct lanes *lanes)
+{
+    struct lanes own = *lanes;
+    for (size_t i = 0; i < fours; i++) {
+        vec4 x, y, z;
+        load_four(positions + 12 * i, &x, &y, &z);
+        lanes_add(&own, SUMS, x + y);
+        lanes_add(&own, SUMS + 1, y + z);
+        lanes_add(&own, CORNERS, x + y - z);
+        lanes_add(&own, CORNERS + 1, y + z - x);
+        lanes_add(&own, CORNERS + 3, x + y + z);
+    }
+    *lanes = own;
+}
+
+static void add_second_half(const float *positions, size_t fours, struct lanes *lanes)
+{
+    struct lanes own = *lanes;
+    for (size_t i = 0; i < fours; i++) {
+        vec4 x, y, z;
+        load_four(positions + 12 * i, &x, &y, &z);
+        lanes_add(&own, SUMS + 2, z + x);
+        lanes_add(&own, DIFFERENCES, x - y);
+        lanes_add(&own, DIFFERENCES + 1, y - z);
+        lanes_add(&own, DIFFERENCES + 2, z - x);
+        lanes_add(&own, CORNERS + 2, z + x - y);
+    }
+    *lanes = own;
+}
+
+static void reach_add_lanes(struct reach *reach, const struct lanes *lanes)
+{
+    for (int slab = 0; slab < SLABS_COUNT; slab++) {
+        int group = slab / 3 < 2 ? slab / 3 : 2, lane = slab - 3 * group;
+        for (int k = 0; k < 4; k++) {
+            reach->min[group][lane] = fminf(reach->min[group][lane], lanes->min[slab][k]);
+            reach->max[group][lane] = fmaxf(reach->max[group][lane], lanes->max[slab][k]);
+        }
+    }
+}
+
 static void add_vertices(const float *positions, size_t count, struct reach *reach)
 {
-    struct reach sum = *reach;
-    for (size_t i = 0; i < count; i++) {
-        vec4 point = vec4_load3(positions + 3 * i);
-        add_box(&sum, point, point);
+    struct lanes lanes;
+    for (int slab = 0; slab < SLABS_COUNT; slab++) {
+        lanes.min[slab] = vec4_all(FLT_MAX);
+        lanes.max[slab] = vec4_all(-FLT_MAX);
     }
-    *reach = sum;
+    while (count >= 4) {
+        size_t fours = count / 4 < NEAR ? count / 4 : NEAR;
+        add_first_half(positions, fours, &lanes);
+        add_second_half(positions, fours, &lanes);
+        positions += 12 * fours;
+        count -= 4 * fours;
+    }
+    for (; count > 0; count--, positions += 3) {
+        vec4 point = vec4_load3(positions);
+        add_box(reach, point, point);
+    }
+    reach_add_lanes(reach, &lanes);
 }
 
 static void add_boxes(const float *boxes, size_t count, struct reach *reach)
