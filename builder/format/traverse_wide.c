@@ -57,10 +57,10 @@ BOXTEST_WIDE_INLINE void prefetch_child(const struct portable_view *view, uintpt
     enum { ROW = 16 };
     const uintptr_t node_rows = sizeof *view->nodes / ROW, index = child & CHILD_INDEX_MASK;
     const bool is_node = child >= (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
-    const char *rows = is_node ? (const char *)view->nodes : (const char *)view->records;
-    const char *address = rows + ROW * (index * (is_node ? node_rows : record_rows));
-    __builtin_prefetch(address);
-    __builtin_prefetch(address + 64); /* nodes end in another line than they begin in */
+    const uintptr_t rows = (uintptr_t)(is_node ? (const void *)view->nodes : view->records);
+    const uintptr_t address = rows + ROW * (index * (is_node ? node_rows : record_rows));
+    __builtin_prefetch((const void *)address);
+    __builtin_prefetch((const void *)(address + 64)); /* nodes end in another line than they begin in */
 }
 
 /* The records whose bits are set, from `first` on. False: the ray's way ends here. To be compiled once for each value of is_indexed. */
