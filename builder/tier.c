@@ -13,9 +13,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{6.9302, -0.1603, 0.1094, -0.0581}, {9.1250, -0.2217, 0.4410, -0.2169}},
-    [QUALITY_BALANCED] = {{7.6080, -0.1437, 0.1161, -0.0501}, {9.0047, -0.2422, 0.4545, -0.2022}},
-    [QUALITY_HIGH] = {{9.3637, 0.2543, -0.0096, -0.0513}, {8.8251, -0.1586, 0.3340, -0.1900}},
+    [QUALITY_FAST] = {{6.8447, -0.1390, 0.0977, -0.0476}, {9.0482, -0.2274, 0.4458, -0.2099}},
+    [QUALITY_BALANCED] = {{7.5529, -0.1273, 0.1029, -0.0406}, {8.8893, -0.2377, 0.4550, -0.1920}},
+    [QUALITY_HIGH] = {{9.3026, 0.2740, -0.0232, -0.0496}, {8.7334, -0.1634, 0.3381, -0.1766}},
 };
 
 /* Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all terms as equals. */
