@@ -6,7 +6,7 @@
 #include "bins.h"
 
 /* Parts of this many are worth another thread. */
-enum { APART = 512 };
+enum { APART = 2048 };
 
 /* A part of the sample on its way to being divided. */
 struct part {
