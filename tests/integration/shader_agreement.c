@@ -182,7 +182,6 @@ static void run_top(struct run *run, struct random *random)
         build_one(run, &top.bottoms[i].input, &items[i], &views[i]);
         top.references[i].key = items[i].key;
         top.references[i].bounds = items[i].stats.bounds;
-        top.references[i].slabs = items[i].stats.slabs;
     }
     build_one(run, &top.input, &items[top.bottom_count], &views[top.bottom_count]);
     struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms)};
