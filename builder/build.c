@@ -112,7 +112,8 @@ static struct leaves_options runs_for(const struct construction *construction)
 
 static enum pieces_method method_for(const struct construction *construction)
 {
-    return construction->quality == QUALITY_HIGH ? PIECES_SPATIAL : PIECES_PLOC;
+    enum build_quality quality = construction->quality;
+    return quality == QUALITY_HIGH ? PIECES_SPATIAL : quality == QUALITY_FAST ? PIECES_PLOC : PIECES_BINNED;
 }
 
 /* Enough pieces to share out, whatever the number of threads, each of which fits the second cache. */
@@ -127,7 +128,7 @@ static uint32_t piece_size(uint32_t count)
 static bool is_scattered(const struct construction *construction)
 {
     uint32_t count = construction->refs.count;
-    return method_for(construction) == PIECES_PLOC && count > piece_size(count) && !construction->rescaled;
+    return method_for(construction) != PIECES_SPATIAL && count > piece_size(count) && !construction->rescaled;
 }
 
 static enum bvhd_status collect(struct construction *construction)
@@ -245,16 +246,8 @@ static enum bvhd_status split(struct construction *construction)
 
 static const char *method_name(const struct construction *construction)
 {
-    return method_for(construction) == PIECES_PLOC ? "ploc" : may_split(construction) ? "spatial" : "binned";
-}
-
-/* Of PIECES_PLOC. Wider searches and more levels by binned SAH cost what they are worth. */
-static void clustering_for(enum build_quality quality, struct pieces_request *request)
-{
-    bool fast = quality == QUALITY_FAST;
-    request->radius = fast ? 2 : 8;
-    request->cut_cost = fast && request->leaf_max > 1 ? fast_cut : 0;
-    request->rounds = fast ? UINT32_MAX : 3;
+    enum pieces_method method = method_for(construction);
+    return method == PIECES_PLOC ? "ploc" : method == PIECES_SPATIAL && may_split(construction) ? "spatial" : "binned";
 }
 
 /* Primitives, or refs where primitives are split. */
@@ -273,6 +266,7 @@ static struct pieces_request pieces_wanted(const struct construction *constructi
         .capacity = construction->capacity,
         .method = method_for(construction),
         .leaf_max = leaf_max(construction),
+        .cut_cost = runs_for(construction).cut_cost,
         .canonical = construction->canonical,
         .price = construction->price,
         .cancel = context->cancel,
@@ -360,7 +354,6 @@ static enum bvhd_status build_pieces(struct construction *construction)
     struct pieces_request request = pieces_wanted(construction);
     const struct collapse_options options = collapse_wanted(construction);
     request.widen = widens_pieces(construction) ? &options : NULL;
-    clustering_for(construction->quality, &request);
     enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
     if (status != BVHD_OK)
         return status;

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "binned.h"
 #include "ploc.h"
 #include "reinsertion.h"
 #include "spatial.h"
@@ -58,20 +59,21 @@ static enum bvhd_status build_spatial(const struct build *build, struct piece *p
     return status;
 }
 
-static enum bvhd_status build_ploc(const struct build *build, struct piece *piece)
+static enum bvhd_status build_clusters(const struct build *build, struct piece *piece)
 {
     const struct pieces_request *request = build->request;
-    struct ploc_request ploc = {
+    const bool ploc = request->method == PIECES_PLOC;
+    struct cluster_request clusters = {
         .refs = request->refs + piece->first,
         .scratch = request->scratch + piece->first,
         .count = piece->count,
         .leaf_max = request->leaf_max,
-        .radius = request->radius,
-        .rounds = request->rounds,
         .cut_cost = request->cut_cost,
+        .fills_leaves = ploc,
         .cancel = request->cancel,
     };
-    enum bvhd_status status = ploc_build(&ploc, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
+    enum bvhd_status status =
+        (ploc ? ploc_build : binned_build)(&clusters, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
     if (status == BVHD_OK && request->widen)
         status = wide_piece_make(&piece->ir, request->widen, build->memory, &piece->wide);
     return status;
@@ -79,7 +81,7 @@ static enum bvhd_status build_ploc(const struct build *build, struct piece *piec
 
 static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
 {
-    return build->request->method == PIECES_SPATIAL ? build_spatial(build, piece) : build_ploc(build, piece);
+    return build->request->method == PIECES_SPATIAL ? build_spatial(build, piece) : build_clusters(build, piece);
 }
 
 /* The piece's part of the scratch array is 32 bytes a ref, two levels a node fit. With splits they may not. */
@@ -98,7 +100,7 @@ static void run_piece(void *context, size_t index)
     struct piece *piece = &build->pieces[build->order[index]];
     const struct pieces_request *request = build->request;
     piece->status = parallel_cancelled(request->cancel) ? BVHD_CANCELLED : build_piece(build, piece);
-    if (piece->status == BVHD_OK && request->method != PIECES_PLOC)
+    if (piece->status == BVHD_OK && request->method == PIECES_SPATIAL)
         piece->status = measure(build, piece);
     uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
     if (request->progress && piece->status == BVHD_OK)

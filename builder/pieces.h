@@ -12,16 +12,15 @@
 #include "split.h"
 #include "wide_pieces.h"
 
-enum pieces_method { PIECES_PLOC, PIECES_SPATIAL };
+enum pieces_method { PIECES_PLOC, PIECES_BINNED, PIECES_SPATIAL };
 
 struct pieces_request {
     const struct split_tree *tree;
     struct primitive_ref *refs, *scratch; /* of the split; both are written to */
     uint32_t capacity; /* refs that each has room for; what lies between two pieces is room for the first one's */
     enum pieces_method method;
-    uint32_t radius, rounds; /* with PIECES_PLOC (ploc.h) */
-    float cut_cost; /* likewise */
     uint32_t leaf_max;
+    float cut_cost; /* of leaves along a curve (leaves.h); not with PIECES_SPATIAL */
     const struct canonical *canonical; /* with PIECES_SPATIAL (spatial.h), as is `price` */
     float price;
     const struct collapse_options *widen; /* NULL, or pieces become wide trees at once, for pieces_join_wide; with PIECES_PLOC */

@@ -97,18 +97,12 @@ uint64_t flights_build_bytes(const struct preparation *preparation)
 {
     /*
      * Peaks for a primitive, vertices apart, with so many threads that all pieces are built at once: a ref and its scratch, 64 bytes, and what
-     * clustering (ploc.h) holds beside them, up to 173; with quality high 1.4 refs a primitive, each of which takes 180 more during reinsertion.
-     * What is clustered as one piece takes more while it is.
+     * their trees take beside them: of clusters (cluster_tree.h) up to 177, when ploc.h gives up at once and binned.h takes over; with quality high
+     * 1.4 refs a primitive, each of which takes 180 more during reinsertion.
      */
-    enum { TRIANGLE = 240, SINGLE = 248, HIGH = 344, ONE_PIECE = 280, ONE_PIECE_MOST = 16384, VERTEX = 12, FIXED = 16 * 1024 };
+    enum { CLUSTERS = 248, HIGH = 344, VERTEX = 12, FIXED = 16 * 1024 };
     const struct canonical *canonical = &preparation->canonical;
-    bool triangles = canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
-    bool high = preparation->options.quality == QUALITY_HIGH;
-    const struct layout *layout = layout_find(preparation->options.target);
-    bool single = !triangles || (layout && layout->leaf_max == 1);
-    uint64_t each = high ? HIGH : single ? SINGLE : TRIANGLE;
-    if (canonical->primitive_count <= ONE_PIECE_MOST && !high)
-        each = ONE_PIECE;
+    const uint64_t each = preparation->options.quality == QUALITY_HIGH ? HIGH : CLUSTERS;
     return canonical->primitive_count * each + (uint64_t)canonical->vertex_count * VERTEX + FIXED;
 }
 

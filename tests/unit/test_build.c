@@ -53,7 +53,7 @@ static struct ir sound_ir(const struct canonical *canonical, enum build_quality 
 static void every_kind_of_primitive_and_quality(void **state)
 {
     (void)state;
-    static const char *const methods[] = {[QUALITY_FAST] = "ploc", [QUALITY_BALANCED] = "ploc", [QUALITY_HIGH] = "spatial"};
+    static const char *const methods[] = {[QUALITY_FAST] = "ploc", [QUALITY_BALANCED] = "binned", [QUALITY_HIGH] = "spatial"};
     static const uint32_t types[] = {GEOMETRY_TRIANGLES, GEOMETRY_AABBS, GEOMETRY_INSTANCES};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);

@@ -45,8 +45,6 @@ static void start(struct fixture *f, enum test_refs_kind kind, uint32_t count, u
         .scratch = f->scratch,
         .capacity = count,
         .method = PIECES_PLOC,
-        .radius = 2,
-        .rounds = UINT32_MAX,
         .leaf_max = 8,
         .cut_cost = 2.9f,
     };
