@@ -350,9 +350,11 @@ enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape,
                            struct build_input *input, struct bvhd_error *error)
 {
     struct reading reading = {payload, index, shape->cancel, error};
-    struct row_range geometry_range = {"geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), ROWS_GEOMETRY_SIZE, 0};
-    struct row_range reference_range = {"references", shape->reference_count, shape->reference_size, sizeof(struct reference_row), ROWS_REFERENCE_LEAST,
-                                        (uint64_t)shape->geometry_count * shape->geometry_size};
+    struct row_range geometry_range = {
+        "geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), ROWS_GEOMETRY_SIZE, 0};
+    struct row_range reference_range = {"references",          shape->reference_count,
+                                        shape->reference_size, sizeof(struct reference_row),
+                                        ROWS_REFERENCE_LEAST,  (uint64_t)shape->geometry_count * shape->geometry_size};
     enum bvhd_status status = check_range(&reading, &geometry_range);
     if (status == BVHD_OK)
         status = check_range(&reading, &reference_range);
