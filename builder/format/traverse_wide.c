@@ -38,19 +38,6 @@ BOXTEST_WIDE_INLINE uint32_t inner_child(const struct portable_node *node, unsig
     return node->first_child + (uint32_t)__builtin_popcount(_bzhi_u32(node->inner_mask, slot));
 }
 
-/* Bit i of the result: record i from the node's first one on hangs in one of the `slots`. Inner children give higher bits. */
-BOXTEST_WIDE_INLINE uint32_t records_in(const struct portable_node *node, unsigned slots)
-{
-    const __m256i bit = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-    __m256i meta = load_bytes(node->meta), offset = _mm256_and_si256(meta, _mm256_set1_epi32(31));
-    __m256i is_chosen = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32((int)slots), bit), bit);
-    __m256i records = _mm256_and_si256(_mm256_sllv_epi32(_mm256_srli_epi32(meta, 5), offset), is_chosen);
-    __m128i half = _mm_or_si128(_mm256_castsi256_si128(records), _mm256_extracti128_si256(records, 1));
-    half = _mm_or_si128(half, _mm_shuffle_epi32(half, _MM_SHUFFLE(1, 0, 3, 2)));
-    half = _mm_or_si128(half, _mm_shuffle_epi32(half, _MM_SHUFFLE(2, 3, 0, 1)));
-    return (uint32_t)_mm_cvtsi128_si32(half);
-}
-
 /* What waits on the stack comes into the caches meanwhile. */
 BOXTEST_WIDE_INLINE void prefetch_child(const struct portable_view *view, uintptr_t record_rows, uint32_t child)
 {
@@ -96,6 +83,20 @@ BOXTEST_WIDE_INLINE unsigned test_boxes(const struct wide_walk *walk, const stru
     return __builtin_expect(walk->boxes.parallel_axes != 0, 0) ? boxtest_beside(&walk->boxes, node, hits) : hits;
 }
 
+/*
+ * Slot by slot, not by the bits that are set: a leaf that the processor foretells is fetched before its box is decided. False: the ray's way
+ * ends here.
+ */
+BOXTEST_WIDE_INLINE bool meet_leaves(const struct wide_walk *walk, const struct portable_node *node, unsigned leaves, bool is_indexed)
+{
+    for (unsigned slot = 0; slot < 8; slot++) {
+        const uint32_t meta = node->meta[slot]; /* the count is in unary: as many bits */
+        if (leaves >> slot & 1 && !meet(walk, node->first_record + (meta & 31), meta >> 5, is_indexed))
+            return false;
+    }
+    return true;
+}
+
 /* The inner children of the slots `inner` onto the stack, the farthest along the ray's octant on top. */
 BOXTEST_WIDE_INLINE uint32_t *push_inner(const struct portable_node *node, unsigned inner, unsigned backward, uint32_t *top)
 {
@@ -123,7 +124,7 @@ BOXTEST_WIDE static void find_any(struct wide_walk *walk)
         const struct portable_node *node = &nodes[*--top];
         unsigned hits = test_boxes(walk, node, near), leaves = hits & ~(unsigned)node->inner_mask;
         visited++;
-        if (leaves && !meet(walk, node->first_record, records_in(node, leaves), is_indexed))
+        if (leaves != 0 && !meet_leaves(walk, node, leaves, is_indexed))
             break;
         const unsigned inner = hits & node->inner_mask;
         if (inner != 0)
