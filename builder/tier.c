@@ -13,9 +13,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{6.8447, -0.1390, 0.0977, -0.0476}, {9.0482, -0.2274, 0.4458, -0.2099}},
-    [QUALITY_BALANCED] = {{7.5529, -0.1273, 0.1029, -0.0406}, {8.8893, -0.2377, 0.4550, -0.1920}},
-    [QUALITY_HIGH] = {{9.3026, 0.2740, -0.0232, -0.0496}, {8.7334, -0.1634, 0.3381, -0.1766}},
+    [QUALITY_FAST] = {{6.7928, -0.1249, 0.0818, -0.0593}, {8.9130, -0.1934, 0.4258, -0.1913}},
+    [QUALITY_BALANCED] = {{7.7546, -0.1158, 0.0709, -0.0321}, {8.7188, -0.2025, 0.4372, -0.1759}},
+    [QUALITY_HIGH] = {{9.2274, 0.2891, -0.0306, -0.0462}, {8.6384, -0.1442, 0.3298, -0.1732}},
 };
 
 /* Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all terms as equals. */
