@@ -113,6 +113,8 @@ static struct leaves_options runs_for(const struct construction *construction)
 static enum pieces_method method_for(const struct construction *construction)
 {
     enum build_quality quality = construction->quality;
+    if (quality == QUALITY_BALANCED && construction->canonical->type == STRUCTURE_TOP)
+        return PIECES_SPATIAL; /* nodes of instances are dear: what high does to them without splits is worth its time */
     return quality == QUALITY_HIGH ? PIECES_SPATIAL : quality == QUALITY_FAST ? PIECES_PLOC : PIECES_BINNED;
 }
 

@@ -98,7 +98,7 @@ uint64_t flights_build_bytes(const struct preparation *preparation)
     /*
      * Peaks for a primitive, vertices apart, with so many threads that all pieces are built at once: a ref and its scratch, 64 bytes, and what
      * their trees take beside them: of clusters (cluster_tree.h) up to 177, when ploc.h gives up at once and binned.h takes over; with quality high
-     * 1.4 refs a primitive, each of which takes 180 more during reinsertion.
+     * 1.4 refs a primitive, each of which takes 180 more during reinsertion; top levels are never split.
      */
     enum { CLUSTERS = 248, HIGH = 344, VERTEX = 12, FIXED = 16 * 1024 };
     const struct canonical *canonical = &preparation->canonical;
