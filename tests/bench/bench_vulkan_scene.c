@@ -6,6 +6,7 @@
 
 #include "build.h"
 #include "clock.h"
+#include "outline.h"
 #include "prepare.h"
 #include "random.h"
 
@@ -128,13 +129,16 @@ static void collect_instances(const struct portable_view *view, VkAccelerationSt
     }
 }
 
-static void describe_reference(const struct bench_scene *scene, uint32_t row, struct reference *reference)
+static void describe_reference(const struct bench_scene *scene, uint32_t row, const struct parallel *parallel,
+                               struct reference *reference)
 {
+    const struct build_context context = {.memory = scene->memory, .parallel = parallel};
     const struct portable_header *header = scene->given.scene.bottoms[row]->header;
     uint64_t name = (uint64_t)row + 1;
     *reference = (struct reference){.kind = REFERENCE_BLAS, .handle = name, .has_key = true};
     memcpy(&reference->key, &name, sizeof name);
     memcpy(&reference->bounds, header->bounds, sizeof reference->bounds);
+    outline_find(&scene->bottoms[row], &context, &reference->slabs);
 }
 
 static enum bvhd_status open_top(struct bench_scene *scene, const struct parallel *parallel, struct bvhd_error *error)
@@ -147,7 +151,7 @@ static enum bvhd_status open_top(struct bench_scene *scene, const struct paralle
     if (!status) {
         collect_instances(view, records);
         for (uint32_t i = 0; i < references; i++)
-            describe_reference(scene, i, &table[i]);
+            describe_reference(scene, i, parallel, &table[i]);
         struct geometry geometry = {.type = GEOMETRY_INSTANCES,
                                     .instances = {{(unsigned char *)records, (uint64_t)count * sizeof *records}},
                                     .range.primitive_count = count};
