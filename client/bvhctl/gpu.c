@@ -118,7 +118,8 @@ static VkResult create_device(const struct gpu_instance *instance, const struct 
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR, .rayTracingPositionFetch = VK_TRUE};
     gpu_chain(&chain, facts->has_position_fetch, &positions, &positions.pNext);
 #endif
-    const VkPhysicalDeviceFeatures2 enabled = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = chain};
+    const VkPhysicalDeviceFeatures2 enabled = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = chain, .features.shaderFloat64 = facts->has_doubles};
     info->pNext = &enabled;
     return instance->vk.CreateDevice(candidate->device, info, NULL, ret_device);
 }

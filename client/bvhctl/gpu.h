@@ -21,6 +21,8 @@ struct gpu_facts {
     uint32_t api_version;
     bool has_acceleration_structure, has_ray_query, has_ray_pipeline, has_buffer_address; /* with Vulkan 1.2 or newer */
     bool has_position_fetch; /* likewise; never when the Vulkan headers that this was built with do not know it */
+    bool has_doubles,
+        has_quick_doubles; /* likewise, in shaders; quick: that a few of them do not hold up what else a shader does, as far as is known */
     uint64_t memory; /* bytes of its largest device-local heap */
     uint64_t max_storage_range; /* bytes of a storage buffer that a shader can bind */
     uint32_t max_groups; /* in x, of a dispatch */

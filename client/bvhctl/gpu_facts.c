@@ -7,7 +7,7 @@
 /* What the device's extensions are: of those that matter here. */
 struct extensions {
     bool acceleration_structure, deferred_host_operations, ray_query, ray_pipeline, executable_properties;
-    bool position_fetch, subgroup_size_control, portability_subset;
+    bool position_fetch, subgroup_size_control, portability_subset, sm_builtins;
 };
 
 static void note_extension(const char *name, struct extensions *found)
@@ -24,6 +24,7 @@ static void note_extension(const char *name, struct extensions *found)
         {"VK_KHR_ray_tracing_position_fetch", &found->position_fetch},
         {VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME, &found->subgroup_size_control},
         {"VK_KHR_portability_subset", &found->portability_subset},
+        {VK_NV_SHADER_SM_BUILTINS_EXTENSION_NAME, &found->sm_builtins},
     };
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         if (!strcmp(name, rows[i].name))
@@ -103,6 +104,23 @@ static void read_properties(const struct gpu_instance *instance, VkPhysicalDevic
     candidate->features.timestamp_ns = properties.properties.limits.timestampPeriod;
 }
 
+/*
+ * Vulkan tells whether there are doubles, not how quick. NVIDIA's multiprocessors that hold 64 warps are those of its larger chips, with a double for every two
+ * floats; others have one for 32 or 64. A CPU takes twice the time.
+ */
+static bool has_quick_doubles(const struct gpu_instance *instance, VkPhysicalDevice device, const struct extensions *extensions,
+                              VkPhysicalDeviceType type)
+{
+    enum { WARPS = 64 };
+    VkPhysicalDeviceShaderSMBuiltinsPropertiesNV processors = {.sType =
+                                                                   VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_SM_BUILTINS_PROPERTIES_NV};
+    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &processors};
+    if (!extensions->sm_builtins)
+        return type == VK_PHYSICAL_DEVICE_TYPE_CPU;
+    instance->vk.GetPhysicalDeviceProperties2(device, &properties);
+    return processors.shaderWarpsPerSM >= WARPS;
+}
+
 static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDevice device, const struct extensions *extensions,
                               struct gpu_candidate *candidate)
 {
@@ -132,6 +150,8 @@ static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDev
     instance->vk.GetPhysicalDeviceFeatures2(device, &features);
     struct gpu_facts *facts = &candidate->facts;
     facts->has_buffer_address = core.bufferDeviceAddress;
+    facts->has_doubles = features.features.shaderFloat64;
+    facts->has_quick_doubles = facts->has_doubles && has_quick_doubles(instance, device, extensions, facts->type);
     facts->has_acceleration_structure = facts->has_buffer_address && structures.accelerationStructure;
     facts->has_ray_query = facts->has_acceleration_structure && query.rayQuery;
     facts->has_ray_pipeline = facts->has_acceleration_structure && pipeline.rayTracingPipeline;

@@ -9,23 +9,19 @@
 
 #include "trace_closest.h"
 #include "trace_closest_address.h"
+#include "trace_closest_doubles.h"
 #include "trace_closest_refill.h"
 #include "trace_closest_refill_address.h"
 #include "trace_closest_wait.h"
 #include "trace_closest_wait_address.h"
+#include "trace_closest_wait_doubles.h"
 #include "trace_left.h"
 #include "trace_left_address.h"
 #include "trace_settle.h"
 #include "trace_settle_address.h"
 
-/* Four words, then room for the number of each ray of a portion twice, then for doubts; rays that have more are left to the query. */
-enum {
-    BINDING_WORK = 3,
-    BINDINGS,
-    DOUBT_SIZE = 16,
-    DOUBTS = TRACER_PORTION * 3 / 2,
-    WORK_SIZE = 16 + TRACER_PORTION * 8 + DOUBTS * DOUBT_SIZE
-};
+/* For each ray its number, and room for one doubt and a half; rays of which some find none are left to the query. */
+enum { BINDING_WORK = 3, BINDINGS, DOUBT_SIZE = 16, WORK_EACH = 4 + DOUBT_SIZE * 3 / 2 };
 
 /* Workgroups of one subgroup, if it is no smaller; more of them than any device holds at once: those that come late find no rays left. */
 enum { REFILL_GROUP = 32, REFILL_GROUPS = 4224 };
@@ -113,12 +109,26 @@ static enum bvhd_status add_afters(struct tracer_device *device, const uint32_t 
                       : add_after(device, trace_left_code, sizeof trace_left_code, of_query, error);
 }
 
+static enum bvhd_status add_doubles(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants, bool waits,
+                                    struct bvhd_error *error)
+{
+    int *place = &closest->together;
+    enum bvhd_status status =
+        waits ? add_kernel(device, trace_closest_wait_doubles_code, sizeof trace_closest_wait_doubles_code, constants, 0, place, error)
+              : add_kernel(device, trace_closest_doubles_code, sizeof trace_closest_doubles_code, constants, 0, place, error);
+    if (!status)
+        device->choices[*place].is_whole = true;
+    return status;
+}
+
 /* Waiting for other lanes pays where there are instances. */
 static enum bvhd_status add_together(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
                                      bool waits, struct bvhd_error *error)
 {
     bool by_address = device->gpu->facts.has_buffer_address;
     int *place = &closest->together;
+    if (by_address && device->gpu->facts.has_quick_doubles)
+        return add_doubles(closest, device, constants, waits, error);
     if (waits)
         return by_address ? add_kernel(device, trace_closest_wait_address_code, sizeof trace_closest_wait_address_code, constants, 0,
                                        place, error)
@@ -154,20 +164,10 @@ enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct trac
         (struct tracer_closest){.is_cpu = is_cpu, .is_fine = !structures->has_top && size > fine_bytes, .together = -1, .refill = -1};
     if (!has_only_triangles(structures, &constants[CONSTANTS - 1]) || size > most_bytes)
         return BVHD_OK;
-    enum bvhd_status status =
-        gpu_buffer_create(device->gpu, WORK_SIZE, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_DEVICE,
-                          &closest->work, error);
-    if (status)
-        return status;
-    device->buffers[BINDING_WORK - 2] = device->work = &closest->work;
-    status = add_afters(device, constants, error);
+    device->work_binding = BINDING_WORK;
+    device->work_each = WORK_EACH;
+    enum bvhd_status status = add_afters(device, constants, error);
     return status ? status : add_kernels(closest, device, constants, structures->has_top, error);
-}
-
-void tracer_closest_finish(struct tracer_closest *closest, struct gpu *gpu)
-{
-    if (closest)
-        gpu_buffer_destroy(gpu, &closest->work);
 }
 
 static bool has_flags(const struct ray *rays, uint64_t count)

@@ -21,17 +21,14 @@ struct tracer_closest {
     bool is_cpu; /* there waiting for other lanes gains nothing, and bytes become floats more quickly as they are */
     bool is_fine; /* so many triangles that rays do not go together for long */
     int together, refill; /* places among the choices; -1: not there */
-    struct gpu_buffer work;
 };
 
 /*
  * Adds the kernels to a tracer whose bindings are rays, hits, scene; binding 3 becomes tracer_closest's. `structures` decide whether there is anything to add: with AABBs only
- * the query is right. End with tracer_closest_finish.
+ * the query is right.
  */
 enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct tracer_device *device, const struct structures *structures,
                                      bool has_fused_fma, struct bvhd_error *error);
-/* NULL-safe, idempotent. */
-void tracer_closest_finish(struct tracer_closest *closest, struct gpu *gpu);
 
 /* For tracer_device's choose. */
 int tracer_closest_choose(const struct tracer_closest *closest, const struct ray *rays, uint64_t count);

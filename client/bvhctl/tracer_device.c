@@ -7,7 +7,8 @@
 #include "device_ray.h"
 #include "status.h"
 
-enum { WORK_HEAD = 16 };
+/* The head of the work buffer; for how many rays there is one at least: a few may need much. */
+enum { WORK_HEAD = 16, WORK_LEFT = 1, LEAST_WORK = 1 << 12 };
 
 _Static_assert(sizeof(struct tracer_hit) == 32, "as kernels have them");
 
@@ -16,6 +17,7 @@ static void free_buffers(struct tracer_device *self)
     gpu_buffer_destroy(self->gpu, &self->upload);
     gpu_buffer_destroy(self->gpu, &self->rays);
     gpu_buffer_destroy(self->gpu, &self->hits);
+    gpu_buffer_destroy(self->gpu, &self->work);
     gpu_buffer_destroy(self->gpu, &self->readback);
     self->capacity = 0;
 }
@@ -30,8 +32,11 @@ static enum bvhd_status create_buffers(struct tracer_device *self, uint32_t coun
         status = gpu_buffer_create(self->gpu, rays, bound | to, GPU_DEVICE, &self->rays, error);
     if (!status)
         status = gpu_buffer_create(self->gpu, hits, bound | from, GPU_DEVICE, &self->hits, error);
+    if (!status && self->work_binding)
+        status = gpu_buffer_create(self->gpu, WORK_HEAD + (uint64_t)(count < LEAST_WORK ? LEAST_WORK : count) * self->work_each,
+                                   bound | from | to, GPU_DEVICE, &self->work, error);
     if (!status)
-        status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
+        status = gpu_buffer_create(self->gpu, hits + WORK_HEAD, to, GPU_READBACK, &self->readback, error);
     if (status)
         free_buffers(self);
     return status;
@@ -48,7 +53,7 @@ static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, stru
         return status;
     const struct gpu_buffer *bound[TRACER_BINDINGS] = {&self->rays, &self->hits};
     for (uint32_t i = 2; i < TRACER_BINDINGS; i++)
-        bound[i] = self->buffers[i - 2];
+        bound[i] = i == self->work_binding ? &self->work : self->buffers[i - 2];
     gpu_kernel_bind(self->gpu, &self->kernel, bound, self->structures);
     for (uint32_t i = 0; i < self->choice_count; i++)
         gpu_kernel_bind(self->gpu, &self->choices[i].kernel, bound, self->structures);
@@ -65,42 +70,85 @@ static void barrier(struct gpu *gpu, VkCommandBuffer commands, VkPipelineStageFl
     gpu->vk.CmdPipelineBarrier(commands, from, to, 0, 1, &memory, 0, NULL, 0, NULL);
 }
 
-static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_device_choice *choice)
+static void dispatch_afters(struct tracer_device *self, VkCommandBuffer commands)
 {
-    uint32_t groups = (count + TRACER_GROUP - 1) / TRACER_GROUP;
-    if (choice && choice->most_groups && groups > choice->most_groups)
-        groups = choice->most_groups;
-    gpu_kernel_record(self->gpu, choice ? &choice->kernel : &self->kernel, commands, &self->push, groups);
-    if (!choice)
-        return;
     barrier(self->gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
             VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
     for (uint32_t i = 0; i < self->after_count; i++)
         gpu_kernel_record(self->gpu, &self->afters[i], commands, &self->push, TRACER_AFTER_GROUPS);
 }
 
+static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_device_choice *choice)
+{
+    uint32_t groups = (count + TRACER_GROUP - 1) / TRACER_GROUP;
+    if (choice && choice->most_groups && groups > choice->most_groups)
+        groups = choice->most_groups;
+    gpu_kernel_record(self->gpu, choice ? &choice->kernel : &self->kernel, commands, &self->push, groups);
+    if (choice && !choice->is_whole)
+        dispatch_afters(self, commands);
+}
+
+static void copy_back(struct tracer_device *self, VkCommandBuffer commands, uint32_t count)
+{
+    struct gpu *gpu = self->gpu;
+    const VkBufferCopy hits = {.size = (VkDeviceSize)count * sizeof(struct tracer_hit)};
+    const VkBufferCopy head = {.dstOffset = hits.size, .size = WORK_HEAD};
+    barrier(gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
+            VK_ACCESS_TRANSFER_READ_BIT);
+    gpu->vk.CmdCopyBuffer(commands, self->hits.buffer, self->readback.buffer, 1, &hits);
+    if (self->work_binding)
+        gpu->vk.CmdCopyBuffer(commands, self->work.buffer, self->readback.buffer, 1, &head);
+    barrier(gpu, commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_HOST_BIT,
+            VK_ACCESS_HOST_READ_BIT);
+}
+
 static void record(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_device_choice *choice)
 {
     struct gpu *gpu = self->gpu;
     const VkBufferCopy up = {.size = (VkDeviceSize)count * sizeof(struct device_ray)};
-    const VkBufferCopy down = {.size = (VkDeviceSize)count * sizeof(struct tracer_hit)};
     self->push.count = count;
     gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &up);
-    if (choice)
-        gpu->vk.CmdFillBuffer(commands, self->work->buffer, 0, WORK_HEAD, 0);
+    if (self->work_binding)
+        gpu->vk.CmdFillBuffer(commands, self->work.buffer, 0, WORK_HEAD, 0);
     barrier(gpu, commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
             VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
     gpu_timer_start(gpu, &self->timer, commands);
     dispatch(self, commands, count, choice);
     gpu_timer_stop(gpu, &self->timer, commands);
-    barrier(gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT,
-            VK_ACCESS_TRANSFER_READ_BIT);
-    gpu->vk.CmdCopyBuffer(commands, self->hits.buffer, self->readback.buffer, 1, &down);
-    barrier(gpu, commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_WRITE_BIT, VK_PIPELINE_STAGE_HOST_BIT,
-            VK_ACCESS_HOST_READ_BIT);
+    copy_back(self, commands, count);
 }
 
 /* Without timestamps the wall clock has to do: what copies take is in it then. */
+static enum bvhd_status submit(struct tracer_device *self, VkCommandBuffer commands, double *seconds, struct bvhd_error *error)
+{
+    uint64_t began = clock_ns();
+    enum bvhd_status status = gpu_submit(self->gpu, commands, error);
+    if (status)
+        return status;
+    double measured = gpu_timer_seconds(self->gpu, &self->timer);
+    *seconds += measured >= 0 ? measured : (double)(clock_ns() - began) * 1e-9;
+    return BVHD_OK;
+}
+
+static bool has_left_rays(const struct tracer_device *self, uint32_t count)
+{
+    const struct tracer_hit *hits = self->readback.mapped;
+    return self->work_binding && ((const uint32_t *)(const void *)(hits + count))[WORK_LEFT];
+}
+
+static enum bvhd_status trace_left(struct tracer_device *self, uint32_t count, double *seconds, struct bvhd_error *error)
+{
+    VkCommandBuffer commands;
+    enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
+    if (status)
+        return status;
+    gpu_timer_start(self->gpu, &self->timer, commands);
+    dispatch_afters(self, commands);
+    gpu_timer_stop(self->gpu, &self->timer, commands);
+    copy_back(self, commands, count);
+    return submit(self, commands, seconds, error);
+}
+
 static enum bvhd_status trace_portion(struct tracer_device *self, const struct tracer_device_choice *choice, const struct ray *rays,
                                       uint32_t count, struct tracer_hit *ret_hits, double *seconds, struct bvhd_error *error)
 {
@@ -110,14 +158,21 @@ static enum bvhd_status trace_portion(struct tracer_device *self, const struct t
     if (status)
         return status;
     record(self, commands, count, choice);
-    uint64_t began = clock_ns();
-    status = gpu_submit(self->gpu, commands, error);
-    if (status)
-        return status;
-    double measured = gpu_timer_seconds(self->gpu, &self->timer);
-    *seconds += measured >= 0 ? measured : (double)(clock_ns() - began) * 1e-9;
-    memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
-    return BVHD_OK;
+    status = submit(self, commands, seconds, error);
+    if (!status && choice && choice->is_whole && has_left_rays(self, count))
+        status = trace_left(self, count, seconds, error);
+    if (!status)
+        memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
+    return status;
+}
+
+/* How many rays a dispatch takes: workgroups, and bytes that can be bound, are limited. */
+static uint64_t portion_of(const struct gpu_facts *facts)
+{
+    uint64_t most = (uint64_t)facts->max_groups * TRACER_GROUP, bound = facts->max_storage_range / sizeof(struct device_ray);
+    if (most > bound)
+        most = bound / TRACER_GROUP * TRACER_GROUP;
+    return most < TRACER_PORTION ? most : TRACER_PORTION;
 }
 
 static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uint64_t count, struct tracer_hit *ret_hits,
@@ -127,9 +182,7 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
     int place = self->choose ? self->choose(self, rays, count) : -1;
     const struct tracer_device_choice *choice = place < 0 ? NULL : &self->choices[place];
     double seconds = 0;
-    uint64_t most = (uint64_t)self->gpu->facts.max_groups * TRACER_GROUP;
-    if (most > TRACER_PORTION)
-        most = TRACER_PORTION;
+    uint64_t most = portion_of(&self->gpu->facts);
     enum bvhd_status status = count ? reserve(self, (uint32_t)(count < most ? count : most), error) : BVHD_OK;
     for (uint64_t at = 0; at < count && !status; at += most) {
         uint64_t portion = count - at < most ? count - at : most;

@@ -9,7 +9,7 @@
 #include "tracer.h"
 
 enum {
-    TRACER_PORTION = 1 << 20, /* most rays of a dispatch */
+    TRACER_PORTION = 1 << 22, /* most rays of a dispatch, where buffers may be as large as theirs */
     TRACER_GROUP = 64, /* threads of a workgroup, specialisation constant 0 */
     TRACER_BINDINGS = 8, /* most storage buffers */
     TRACER_CHOICES = 2, /* kernels beside the first one */
@@ -29,6 +29,7 @@ struct tracer_push {
 struct tracer_device_choice {
     struct gpu_kernel kernel;
     uint32_t most_groups; /* 0: a thread a ray; else so many workgroups at most, among which it hands the rays out */
+    bool is_whole; /* nothing has to run after it, unless the second word of the work buffer, of rays that it has left, is not 0 */
 };
 
 struct tracer_device {
@@ -42,12 +43,13 @@ struct tracer_device {
     int (*choose)(const struct tracer_device *self, const struct ray *rays, uint64_t count);
     struct gpu_kernel afters[TRACER_AFTERS]; /* run after a choice, side by side, in TRACER_AFTER_GROUPS workgroups each */
     uint32_t after_count;
-    const struct gpu_buffer *work; /* of choices, one of `buffers`: its first 16 bytes are 0 before they run */
+    uint32_t work_binding,
+        work_each; /* of choices: a buffer with so many bytes for each ray, after 16 that are 0 before they run; 0: none */
     struct gpu_timer timer;
     struct tracer_push push;
     const struct gpu_buffer *buffers[TRACER_BINDINGS]; /* from binding 2 on, kept by the kind of tracer */
     const VkAccelerationStructureKHR *structures;
-    struct gpu_buffer upload, rays, hits, readback;
+    struct gpu_buffer upload, rays, hits, work, readback; /* the last one has the head of work after the hits */
     uint32_t capacity; /* of these, in rays */
     void (*release)(struct tracer_device *self); /* what the kind of tracer holds besides; may be NULL */
 };

@@ -20,7 +20,6 @@ struct tracer_portable {
 static void release(struct tracer_device *device)
 {
     struct tracer_portable *self = (struct tracer_portable *)device;
-    tracer_closest_finish(&self->closest, device->gpu);
     bvhd_vulkan_scene_destroy(self->scene);
 }
 

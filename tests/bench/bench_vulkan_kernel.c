@@ -8,10 +8,10 @@
 #include "device_ray.h"
 #include "files.h"
 
-enum { MAX_RAYS = 1 << 20, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056 };
+enum { MAX_RAYS = 1 << 22, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056 };
 
 /* Binding 3: zeros, then as much as bvhctl's own kernels ask for. */
-enum { WORK_WORDS = 64, WORK_SIZE = WORK_WORDS * 4 + MAX_RAYS * 4 + MAX_RAYS / 4 * 128 };
+enum { WORK_WORDS = 64, WORK_EACH = 28 };
 
 struct push {
     uint32_t count, has_top;
@@ -35,6 +35,7 @@ struct bench_kernel {
     struct bvhd_vulkan_scene *scene;
     struct gpu_buffer rays, hits, upload, readback, counter, storage; /* the last one is the scene's */
     struct push push;
+    uint64_t most_rays; /* of a dispatch */
 };
 
 static void parse_pass(const char *text, size_t length, struct pass *pass)
@@ -123,7 +124,7 @@ static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_er
 {
     const VkBufferUsageFlags bound = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
     const VkBufferUsageFlags from = VK_BUFFER_USAGE_TRANSFER_SRC_BIT, to = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
-    uint64_t rays = (uint64_t)MAX_RAYS * sizeof(struct device_ray), hits = (uint64_t)MAX_RAYS * sizeof(struct tracer_hit);
+    uint64_t rays = self->most_rays * sizeof(struct device_ray), hits = self->most_rays * sizeof(struct tracer_hit);
     enum bvhd_status status = gpu_buffer_create(self->gpu, rays, from, GPU_UPLOAD, &self->upload, error);
     if (!status)
         status = gpu_buffer_create(self->gpu, rays, bound | to, GPU_DEVICE, &self->rays, error);
@@ -132,7 +133,8 @@ static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_er
     if (!status)
         status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
     if (!status)
-        status = gpu_buffer_create(self->gpu, WORK_SIZE, bound | to, GPU_DEVICE, &self->counter, error);
+        status =
+            gpu_buffer_create(self->gpu, WORK_WORDS * 4 + self->most_rays * WORK_EACH, bound | to, GPU_DEVICE, &self->counter, error);
     if (!status)
         status = gpu_timer_create(self->gpu, &self->timer, error);
     return status;
@@ -192,9 +194,9 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
     struct bench_kernel *self = (struct bench_kernel *)tracer;
     double seconds = 0;
     enum bvhd_status status = BVHD_OK;
-    for (uint64_t at = 0; at < count && !status; at += MAX_RAYS)
-        status =
-            trace_portion(self, rays + at, (uint32_t)(count - at < MAX_RAYS ? count - at : MAX_RAYS), ret_hits + at, &seconds, error);
+    for (uint64_t at = 0; at < count && !status; at += self->most_rays)
+        status = trace_portion(self, rays + at, (uint32_t)(count - at < self->most_rays ? count - at : self->most_rays), ret_hits + at,
+                               &seconds, error);
     if (!status && ret_seconds)
         *ret_seconds = seconds;
     return status;
@@ -222,6 +224,9 @@ enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, bool sta
         return bvhd_error_set(error, BVHD_NO_MEMORY, text, "no memory");
     *self =
         (struct bench_kernel){.tracer = {.target = TARGET_PORTABLE, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory};
+    self->most_rays = gpu->facts.max_storage_range / sizeof(struct device_ray);
+    if (self->most_rays > MAX_RAYS)
+        self->most_rays = MAX_RAYS;
     enum bvhd_status status = parse(self, text, error);
     if (!status)
         status = load_kernels(self, statistics, error);

@@ -11,7 +11,7 @@
 #include "rays_rmiss.h"
 #include "rays_triangle_rchit.h"
 
-enum { MAX_RAYS = 1 << 20 }; /* of a launch */
+enum { MAX_RAYS = 1 << 22 }; /* of a launch, if as many can be bound */
 
 enum { STAGE_GENERATION, STAGE_MISS, STAGE_TRIANGLE, STAGE_ANY, STAGE_BOX, STAGE_INTERSECTION, STAGES };
 
@@ -35,7 +35,7 @@ struct ray_pipeline {
     VkQueryPool clock;
     struct gpu_buffer table, rays, hits, upload, readback, boxes, first;
     uint32_t record_size; /* from one record of the table to the next */
-    uint64_t table_address;
+    uint64_t table_address, most_rays; /* of a launch */
     bool has_boxes;
 };
 
@@ -199,7 +199,7 @@ static enum bvhd_status create_buffers(struct ray_pipeline *self, struct bvhd_er
 {
     struct gpu *gpu = self->gpu;
     const VkBufferUsageFlags storage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
-    VkDeviceSize rays = (VkDeviceSize)MAX_RAYS * sizeof(struct device_ray), hits = (VkDeviceSize)MAX_RAYS * sizeof(struct tracer_hit);
+    VkDeviceSize rays = self->most_rays * sizeof(struct device_ray), hits = self->most_rays * sizeof(struct tracer_hit);
     VkQueryPoolCreateInfo clock = {
         .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
     enum bvhd_status status = gpu_buffer_create(gpu, rays, storage | VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_DEVICE, &self->rays, error);
@@ -314,8 +314,8 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
 {
     struct ray_pipeline *self = (struct ray_pipeline *)tracer;
     double seconds = 0;
-    for (uint64_t done = 0; done < count; done += MAX_RAYS) {
-        uint32_t some = (uint32_t)(count - done < MAX_RAYS ? count - done : MAX_RAYS);
+    for (uint64_t done = 0; done < count; done += self->most_rays) {
+        uint32_t some = (uint32_t)(count - done < self->most_rays ? count - done : self->most_rays);
         enum bvhd_status status = trace_chunk(self, rays + done, some, ret_hits + done, &seconds, error);
         if (status)
             return status;
@@ -355,6 +355,9 @@ enum bvhd_status ray_pipeline_create(struct gpu *gpu, VkAccelerationStructureKHR
         return bvhd_error_set(error, BVHD_NO_MEMORY, "ray pipeline", "no memory");
     *self = (struct ray_pipeline){
         .tracer = {.device = gpu->facts.name, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory, .top = top};
+    self->most_rays = gpu->facts.max_storage_range / sizeof(struct device_ray);
+    if (self->most_rays > MAX_RAYS)
+        self->most_rays = MAX_RAYS;
     enum bvhd_status status = create_layout(self, error);
     if (!status)
         status = create_set(self, error);

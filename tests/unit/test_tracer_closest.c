@@ -9,7 +9,16 @@
 #include "random.h"
 #include "tracer_closest.h"
 
-enum { SKIPPED = 77, SCATTERED = 1500, COPIES = 60, STRIP = 40, TRIANGLES = SCATTERED + COPIES + STRIP, RAYS = 4000, EDGES = 2 };
+enum {
+    SKIPPED = 77,
+    SCATTERED = 1500,
+    COPIES = 60,
+    STRIP = 40,
+    TRIANGLES = SCATTERED + COPIES + STRIP,
+    RAYS = 4000,
+    FEW = 50,
+    EDGES = 2
+};
 
 static struct memory memory;
 static struct gpu *gpu;
@@ -104,39 +113,91 @@ static unsigned count_differing(const struct scene *scene, const struct tracer_h
     return differing;
 }
 
-/* Through the first blob. */
-static void try_blobs(const struct bytes *blobs, uint32_t count)
+/* What the kernel has counted, of the last trace of so many rays. */
+static struct counts {
+    uint32_t next, left, unsettled, doubts;
+} counts_of(const struct tracer *tracer, uint32_t count)
 {
-    struct bvhd_error error;
-    struct portable_view view;
-    struct tracer *tracer;
+    struct counts counts;
+    const struct tracer_device *device = (const struct tracer_device *)tracer;
+    memcpy(&counts, (const struct tracer_hit *)device->readback.mapped + count, sizeof counts);
+    return counts;
+}
+
+/* All rays, so many at a time. `ret_sum`: of what has been counted. */
+static void trace_in_batches(struct tracer *tracer, enum tracer_way way, const struct scene *scene, uint32_t batch,
+                             struct counts *ret_sum)
+{
     static struct tracer_hit hits[RAYS];
-    assert_int_equal(portable_open(blobs[0], &memory, &view, &error), BVHD_OK);
+    struct counts sum = {0};
+    unsigned hit;
+    tracer_portable_set_way(tracer, way);
+    memset(hits, 0x55, sizeof hits);
+    for (uint32_t at = 0; at < RAYS; at += batch) {
+        assert_int_equal(tracer->trace(tracer, rays + at, batch, hits + at, NULL, NULL), BVHD_OK);
+        struct counts counts = counts_of(tracer, batch);
+        sum.left += counts.left;
+        sum.unsettled += counts.unsettled;
+        sum.doubts += counts.doubts;
+    }
+    unsigned differing = count_differing(scene, hits, &hit);
+    if (differing > EDGES || hit < RAYS / 4)
+        fail_msg("way %d, %u at a time: %u of %d rays differ, %u hit", way, batch, differing, RAYS, hit);
+    *ret_sum = sum;
+}
+
+/* Of few rays all doubts find room and are decided; of all rays together some are left to the query. */
+static void trace_with_doubts(struct tracer *tracer, enum tracer_way way, const struct scene *scene, bool settles)
+{
+    struct counts counts;
+    trace_in_batches(tracer, way, scene, FEW, &counts);
+    assert_true(counts.doubts > RAYS && !counts.left);
+    assert_int_equal(counts.unsettled != 0, settles);
+    trace_in_batches(tracer, way, scene, RAYS, &counts);
+    assert_in_range(counts.left, 1, RAYS - 1);
+}
+
+static void try_tracer(const struct structures *structures, const struct scene *scene, bool has_whole)
+{
+    struct tracer *tracer;
+    struct counts counts;
+    struct bvhd_error error;
+    if (tracer_portable_create(gpu, structures, &memory, &tracer, &error))
+        fail_msg("%s: %s", error.where, error.text);
+    assert_int_equal(((struct tracer_device *)tracer)->choices[0].is_whole, has_whole);
+    trace_in_batches(tracer, TRACER_WAY_AUTO, scene, RAYS, &counts);
+    trace_in_batches(tracer, TRACER_WAY_QUERY, scene, RAYS, &counts);
+    assert_int_equal(counts.doubts, 0);
+    trace_with_doubts(tracer, TRACER_WAY_TOGETHER, scene, !has_whole);
+    trace_with_doubts(tracer, TRACER_WAY_REFILL, scene, true);
+    tracer_destroy(tracer);
+}
+
+enum device_kind { WITH_DOUBLES, WITHOUT_DOUBLES, WITHOUT_ADDRESSES };
+
+/* Through the first blob, as on a device of that kind. */
+static void try_blobs(const struct bytes *blobs, uint32_t count, enum device_kind kind)
+{
+    struct portable_view view;
+    const struct gpu_facts facts = gpu->facts;
+    assert_int_equal(portable_open(blobs[0], &memory, &view, NULL), BVHD_OK);
     const struct portable_view *const bottoms[] = {&view};
     const struct scene scene = {NULL, bottoms, 1};
     const struct structures structures = {.name = (char *)(uintptr_t) "triangles",
                                           .target = TARGET_PORTABLE,
                                           .file_count = count,
                                           .blobs = (struct bytes *)(uintptr_t)blobs};
-    if (tracer_portable_create(gpu, &structures, &memory, &tracer, &error))
-        fail_msg("%s: %s", error.where, error.text);
-    for (int way = TRACER_WAY_AUTO; way <= TRACER_WAY_REFILL; way++) {
-        unsigned hit;
-        tracer_portable_set_way(tracer, (enum tracer_way)way);
-        memset(hits, 0x55, sizeof hits);
-        assert_int_equal(tracer->trace(tracer, rays, RAYS, hits, NULL, &error), BVHD_OK);
-        unsigned differing = count_differing(&scene, hits, &hit);
-        if (differing > EDGES || hit < RAYS / 4)
-            fail_msg("way %d: %u of %d rays differ, %u hit", way, differing, RAYS, hit);
-    }
-    tracer_destroy(tracer);
+    gpu->facts.has_quick_doubles = facts.has_doubles && kind != WITHOUT_DOUBLES;
+    gpu->facts.has_buffer_address = facts.has_buffer_address && kind != WITHOUT_ADDRESSES;
+    try_tracer(&structures, &scene, gpu->facts.has_quick_doubles && gpu->facts.has_buffer_address);
+    gpu->facts = facts;
 }
 
-static void try_layout(uint32_t layout_flags)
+static void try_layout(uint32_t layout_flags, enum device_kind kind)
 {
     struct bytes blob;
     build_blob(layout_flags, &blob);
-    try_blobs(&blob, 1);
+    try_blobs(&blob, 1, kind);
     memory_free(&memory, (void *)(uintptr_t)blob.data);
 }
 
@@ -147,7 +208,7 @@ static void test_both(void **state)
     (void)state;
     build_blob(0, &blobs[0]);
     build_blob(PORTABLE_FAST_TRIANGLES, &blobs[1]);
-    try_blobs(blobs, 2);
+    try_blobs(blobs, 2, WITH_DOUBLES);
     for (int i = 0; i < 2; i++)
         memory_free(&memory, (void *)(uintptr_t)blobs[i].data);
 }
@@ -155,13 +216,14 @@ static void test_both(void **state)
 static void test_indexed(void **state)
 {
     (void)state;
-    try_layout(0);
+    for (int kind = WITH_DOUBLES; kind <= WITHOUT_ADDRESSES; kind++)
+        try_layout(0, (enum device_kind)kind);
 }
 
 static void test_fast_triangles(void **state)
 {
     (void)state;
-    try_layout(PORTABLE_FAST_TRIANGLES);
+    try_layout(PORTABLE_FAST_TRIANGLES, WITHOUT_DOUBLES);
 }
 
 static void test_choice(void **state)

@@ -8,7 +8,7 @@
 #include "gpu_bed.h"
 #include "rays.h"
 #include "test_world.h"
-#include "tracer_device.h"
+#include "tracer_closest.h"
 
 enum { RAYS = 20000 };
 
@@ -112,11 +112,14 @@ static void compare(struct tracer *tracer, const struct scene *scene)
     assert_in_range(different, 0, RAYS / 2000);
 }
 
-/* Portions: none, a part of a workgroup, more than one dispatch. */
+/* Portions: none, a part of a workgroup, more than one dispatch, when no more rays of 48 bytes can be bound than are in one. */
 static void trace_counts(struct tracer *tracer)
 {
-    static const uint64_t counts[] = {0, 1, TRACER_GROUP + 1, TRACER_PORTION + 3, 2};
-    uint64_t most = TRACER_PORTION + 3;
+    enum { PORTION = TRACER_GROUP * 1000, MOST = PORTION * 3 + 3 };
+    static const uint64_t counts[] = {0, 1, TRACER_GROUP + 1, MOST, 2, PORTION};
+    const struct gpu_facts facts = gpu->facts;
+    uint64_t most = MOST;
+    gpu->facts.max_storage_range = (PORTION + 1) * 48;
     struct ray *many = memory_array(&memory, most, sizeof *many);
     struct tracer_hit *hits = memory_array(&memory, most + 1, sizeof *hits);
     for (uint64_t i = 0; i < most; i++)
@@ -129,6 +132,7 @@ static void trace_counts(struct tracer *tracer)
                 fail_msg("ray %llu of %llu", (unsigned long long)i, (unsigned long long)counts[k]);
         assert_int_equal(hits[counts[k]].instance, 0x55555555);
     }
+    gpu->facts = facts;
     memory_free(&memory, hits);
     memory_free(&memory, many);
 }
@@ -222,6 +226,29 @@ static void portable_structures_in_one_binding(void **state)
     assert_int_equal(tracer_portable_create(gpu, &world.structures, &memory, &tracer, &error), BVHD_TOO_LARGE);
     assert_null(tracer);
     gpu->facts = facts;
+    test_world_finish(&world);
+}
+
+/* The kernels for rays without flags through instances, with doubles and without. */
+static void portable_structures_by_closest_kernels(void **state)
+{
+    (void)state;
+    struct test_world world;
+    const struct gpu_facts facts = gpu->facts;
+    test_world_init(&world, 1);
+    for (int i = 0; i < RAYS; i++)
+        rays[i].flags = 0;
+    for (int is_quick = 0; is_quick < 2; is_quick++) {
+        gpu->facts.has_quick_doubles = is_quick && facts.has_doubles;
+        struct tracer *tracer = create(tracer_portable_create, &world.structures);
+        for (int way = TRACER_WAY_TOGETHER; way <= TRACER_WAY_REFILL; way++) {
+            tracer_portable_set_way(tracer, (enum tracer_way)way);
+            compare(tracer, &world.structures.scene);
+        }
+        tracer_destroy(tracer);
+    }
+    gpu->facts = facts;
+    make_rays();
     test_world_finish(&world);
 }
 
@@ -321,9 +348,13 @@ static void validation_layers_are_silent(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(portable_structures_by_shader),    cmocka_unit_test(portable_structures_in_one_binding),
-        cmocka_unit_test(native_structures_by_ray_queries), cmocka_unit_test(another_versions_structures_are_refused),
-        cmocka_unit_test(aabbs_are_nothing_to_ray_queries), cmocka_unit_test(validation_layers_are_silent),
+        cmocka_unit_test(portable_structures_by_shader),
+        cmocka_unit_test(portable_structures_in_one_binding),
+        cmocka_unit_test(portable_structures_by_closest_kernels),
+        cmocka_unit_test(native_structures_by_ray_queries),
+        cmocka_unit_test(another_versions_structures_are_refused),
+        cmocka_unit_test(aabbs_are_nothing_to_ray_queries),
+        cmocka_unit_test(validation_layers_are_silent),
     };
     if (gpu_bed_is_missing(false))
         return GPU_BED_SKIPPED;

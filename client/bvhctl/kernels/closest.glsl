@@ -42,7 +42,7 @@ uint best, best_instance, best_id;
 bool best_is_front;
 uint index; // of the ray
 
-uint last_doubt; // NONE, or a row of `doubts`: a triangle that only pairs of floats can decide on; no less than there are rows: some are lost
+uint last_doubt; // NONE, or a row of doubts: a triangle that floats cannot decide on; no less than there are rows: some are lost
 
 bool is_top()
 {
@@ -299,11 +299,15 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
     return first.w;
 }
 
+// A ray that has lost one asks for no more rows: the count does not come round to 0 again.
 void put_doubt(uint record, float nearest)
 {
+    uint room = doubt_room();
+    if (last_doubt != NONE && last_doubt >= room)
+        return;
     uint row = atomicAdd(doubt_count, 1u);
-    if (row < uint(doubts.length()))
-        doubts[row] = uvec4(record, instance, floatBitsToUint(nearest), last_doubt);
+    if (row < room)
+        work_rows[first_doubt() + row] = uvec4(record, instance, floatBitsToUint(nearest), last_doubt);
     last_doubt = row;
 }
 

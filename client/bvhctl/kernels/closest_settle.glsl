@@ -1,23 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
-// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts by the kernel that comes after, SETTLE, where they are decided in pairs of floats.
+// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts after these have been decided: with DOUBLES at once, in doubles, else by the kernel
+// that comes after, SETTLE, in pairs of floats.
 #ifndef CLOSEST_SETTLE_GLSL
 #define CLOSEST_SETTLE_GLSL
 
-#ifdef SETTLE
+#if defined SETTLE || defined DOUBLES
+
+#ifdef DOUBLES
+#include "closest_exact.glsl"
+#define EXACT_RAY(origin, direction) ExactRay(dvec3(origin), dvec3(direction))
+#define EXACT_ENTER exact_enter
+#define EXACT_TRIANGLE_HIT exact_triangle_hit
+#else
+#define ExactRay BvhdTriangleRay
+#define EXACT_RAY(origin, direction) BvhdTriangleRay(origin, direction, vec3(0.0), vec3(0.0))
+#define EXACT_ENTER bvhdToObject
+#define EXACT_TRIANGLE_HIT bvhdTriangleHit
+#endif
 
 bool exact_hit(uint in_instance, uint record, out BvhdTriangleHit hit, out uint id)
 {
     Ray ray = rays[index];
-    BvhdTriangleRay exact = BvhdTriangleRay(ray.origin.xyz, ray.direction.xyz, vec3(0.0), vec3(0.0));
+    ExactRay exact = EXACT_RAY(ray.origin.xyz, ray.direction.xyz);
     uvec2 location = extra;
     if (has_instances) {
         BvhdBody upper = open_body(extra);
-        bvhdToObject(exact, upper, in_instance);
+        EXACT_ENTER(exact, upper, in_instance);
         location = bvhdRow(upper.base, upper.records + 8u * in_instance + 7u).xy;
     }
     vec3 v0, v1, v2;
     id = bvhdCorners(open_body(location), record, v0, v1, v2);
-    return bvhdTriangleHit(exact, v0, v1, v2, hit);
+    return EXACT_TRIANGLE_HIT(exact, v0, v1, v2, hit);
 }
 
 uint place_of(uint in_instance)
@@ -44,7 +57,7 @@ void settle()
     uint id = 0u;
     float tmax = rays[index].direction.w;
     while (last_doubt != NONE) {
-        uvec4 one = doubts[last_doubt];
+        uvec4 one = work_rows[first_doubt() + last_doubt];
         if (!asks_best && uintBitsToFloat(one.z) > high) {
             last_doubt = one.w;
             continue;
@@ -87,6 +100,10 @@ void settle()
     }
 }
 
+#endif
+
+#ifdef SETTLE
+
 // A ray with its doubts, as leave_doubts has put it into the place of its hit.
 void take_unsettled(uint ray)
 {
@@ -102,18 +119,14 @@ void take_unsettled(uint ray)
     tmin = rays[index].origin.w;
 }
 
-#else
+#elif !defined DOUBLES
 
-// Leaves the ray to SETTLE, or to the query where doubts are lost.
+// Leaves the ray to SETTLE.
 void leave_doubts()
 {
-    bool is_known = last_doubt < uint(doubts.length());
     hit_rows[2u * index] = uvec4(best, best_instance, best_id, last_doubt);
     hit_rows[2u * index + 1u] = uvec4(floatBitsToUint(vec2(low, high)), best_is_front ? 1u : 0u, 0u);
-    if (is_known)
-        unsettled[atomicAdd(unsettled_count, 1u)] = index;
-    else
-        left[atomicAdd(left_count, 1u)] = index;
+    set_number(count - 1u - atomicAdd(unsettled_count, 1u), index);
 }
 
 #endif
@@ -131,13 +144,21 @@ vec3 cross_closely(vec3 a, vec3 b)
     return difference + rounding;
 }
 
-// After the walk. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
+// After the walk. Rays that have lost doubts are left to the query. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
 void finish()
 {
 #ifndef SETTLE
     if (last_doubt != NONE) {
+        if (last_doubt >= doubt_room()) {
+            set_number(atomicAdd(left_count, 1u), index);
+            return;
+        }
+#ifdef DOUBLES
+        settle();
+#else
         leave_doubts();
         return;
+#endif
     }
 #endif
     Hit hit = miss();

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled eight times: with
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled ten times: with
  * BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is binding 2; and
  *
  *   for rays that go together   a thread a ray, each by itself; with WAIT records are looked at when enough lanes have some: that pays where
  *                               many of them are instances;
  *   for others, REFILL defined  as many workgroups as the device holds: lanes that are done take new rays once enough of them are, and triangles
  *                               wait until enough lanes have some. Both need subgroup operations (ballot);
- *   after either, SETTLE        for the rays with doubts: what decides on them takes so many registers that the others are quicker without it.
+ *   after either, SETTLE        for the rays with doubts: what decides on them takes so many registers that the others are quicker without it;
+ *   with DOUBLES, addresses     a thread a ray that decides at its end, in doubles where these are quick: no ray waits for the last one of a kernel to be
+ *                               decided by another.
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -42,16 +44,30 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #define BVHD_STORAGE_WORDS scene_words
 #endif
 
-const uint MOST_RAYS = 1u << 20;
-
 layout(set = 0, binding = 3, std430) buffer Work {
     uint next_ray; // for REFILL
     uint left_count; // rays that are left to trace_portable.comp
     uint unsettled_count; // rays that are left to SETTLE
-    uint doubt_count; // more than there is room for count too
-    uint left[MOST_RAYS], unsettled[MOST_RAYS];
-    uvec4 doubts[]; // record, instance, a lower bound of t, the same ray's doubt before it
+    uint doubt_count; // those that there is no room for too
+    // Numbers of rays, `count` of them: of those left from the first on, of those for SETTLE from the last. Then doubts: record, instance, a lower bound of t,
+    // the same ray's doubt before it.
+    uvec4 work_rows[];
 };
+
+uint first_doubt()
+{
+    return (count + 3u) / 4u;
+}
+
+uint doubt_room()
+{
+    return uint(work_rows.length()) - first_doubt();
+}
+
+void set_number(uint place, uint ray)
+{
+    work_rows[place / 4u][place % 4u] = ray;
+}
 
 #include "bvhd_ray_query.glsl"
 #include "closest.glsl"
@@ -62,7 +78,8 @@ layout(set = 0, binding = 3, std430) buffer Work {
 void main()
 {
     for (uint i = gl_GlobalInvocationID.x; i < unsettled_count; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
-        take_unsettled(unsettled[i]);
+        uint place = count - 1u - i;
+        take_unsettled(work_rows[place / 4u][place % 4u]);
         settle();
         finish();
     }
@@ -176,7 +193,7 @@ void visit_records()
 }
 
 /*
- * The ray that is begun at this place of a portion (at most MOST_RAYS, a picture or a part of one): from a quarter on to the last, then those
+ * The ray that is begun at this place of a portion (a picture or a part of one): from a quarter on to the last, then those
  * before. What a picture shows is in its middle, and takes longest; begun late, it would go on when most lanes have nothing left to do. Whole
  * workgroups are skipped, so that rays stay beside those that they go with.
  */

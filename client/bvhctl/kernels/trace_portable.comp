@@ -23,7 +23,7 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #endif
 
 #ifdef LEFT
-layout(set = 0, binding = 3, std430) readonly buffer Work { uint next_ray, left_count, unsettled_count, reserved, left[]; };
+layout(set = 0, binding = 3, std430) readonly buffer Work { uint next_ray, left_count, unsettled_count, doubt_count, left[]; };
 #endif
 
 #include "bvhd_ray_query.glsl"
