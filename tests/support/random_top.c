@@ -154,7 +154,7 @@ uint32_t random_top_rows(const struct random_top *top, const struct portable_vie
         int bottom = top->instances[i].bottom;
         bool known = bottom < 0;
         for (uint32_t k = 0; k < count && !known; k++)
-            known = key_equal(&top->references[used[k]].key, &top->references[bottom].key);
+            known = used[k] == bottom;
         if (known)
             continue;
         used[count] = bottom;

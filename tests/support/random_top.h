@@ -35,7 +35,7 @@ void random_top_finish(struct random_top *top);
 /* Makes top->meshes: the triangles of all instances that a cull mask lets through; those that flip their facing are turned round. */
 void random_top_mean(struct random_top *top, uint32_t cull_mask);
 
-/* views[i] is bottom level i. Fills ret_bottoms by rows of the reference table, in the order of first use, equal keys once; returns how many. */
+/* views[i] is bottom level i. Fills ret_bottoms by rows of the reference table, in the order of first use; returns how many. */
 uint32_t random_top_rows(const struct random_top *top, const struct portable_view *views,
                          const struct portable_view *ret_bottoms[RANDOM_TOP_BOTTOMS]);
 
