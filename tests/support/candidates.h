@@ -24,24 +24,31 @@ static inline struct long_ray candidates_ray(const struct ray *ray)
     return copy;
 }
 
-/* The ray as the instance's own space sees it: through the inverse of a row-major 3x4 matrix. */
-static inline struct long_ray candidates_ray_into(const struct long_ray *ray, const float m[12])
+/* Of the first three columns of a row-major 3x4 matrix. */
+static inline void candidates_invert(const float m[12], long double ret_inverse[3][3])
 {
-    long double inverse[3][3], det = 0, from[3];
+    long double det = 0;
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 3; column++) {
             int a = (column + 1) % 3, b = (column + 2) % 3, c = (row + 1) % 3, d = (row + 2) % 3;
-            inverse[row][column] = (long double)m[4 * a + c] * m[4 * b + d] - (long double)m[4 * a + d] * m[4 * b + c];
+            ret_inverse[row][column] = (long double)m[4 * a + c] * m[4 * b + d] - (long double)m[4 * a + d] * m[4 * b + c];
         }
-    for (int k = 0; k < 3; k++) {
-        det += m[k] * inverse[k][0];
-        from[k] = ray->origin[k] - m[4 * k + 3];
-    }
+    for (int k = 0; k < 3; k++)
+        det += m[k] * ret_inverse[k][0];
+    for (int k = 0; k < 9; k++)
+        ret_inverse[k / 3][k % 3] /= det;
+}
+
+/* The ray as the instance's own space sees it: through the inverse of a row-major 3x4 matrix. */
+static inline struct long_ray candidates_ray_into(const struct long_ray *ray, const float m[12])
+{
+    long double inverse[3][3];
+    candidates_invert(m, inverse);
     struct long_ray local = {.tmin = ray->tmin, .tmax = ray->tmax};
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 3; column++) {
-            local.origin[row] += inverse[row][column] / det * from[column];
-            local.direction[row] += inverse[row][column] / det * ray->direction[column];
+            local.origin[row] += inverse[row][column] * (ray->origin[column] - m[4 * column + 3]);
+            local.direction[row] += inverse[row][column] * ray->direction[column];
         }
     return local;
 }

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "candidates.h"
+#include "shader_accuracy.h"
 
 enum { SHOWN = 5 };
 
@@ -73,25 +73,21 @@ static bool find_box(const struct portable_view *view, const struct ray_hit *hit
     return false;
 }
 
-static long double reach_of(const struct long_ray *ray, const float box[6])
+static const float *matrix_of(const struct scene *scene, uint32_t instance)
 {
-    long double reach = 0;
-    for (int axis = 0; axis < 3; axis++)
-        reach = fmaxl(reach, fmaxl(fabsl(ray->origin[axis]), fmaxl(fabsl(box[axis]), fabsl(box[3 + axis]))));
-    return reach;
+    const struct portable_instance *found = find_instance(scene, instance);
+    return found ? found->object_to_world : NULL;
 }
 
 static bool is_box_right(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit, bool is_candidate)
 {
-    const struct portable_instance *instance = find_instance(scene, hit->instance);
-    struct long_ray local = candidates_ray(ray);
+    const struct portable_view *bottom = find_bottom(scene, find_instance(scene, hit->instance));
+    struct long_ray local = shader_accuracy_ray(ray, matrix_of(scene, hit->instance));
     long double near, far;
     float box[6];
-    if (!find_box(find_bottom(scene, instance), hit, box))
+    if (!find_box(bottom, hit, box))
         return false;
-    if (instance)
-        local = candidates_ray_into(&local, instance->object_to_world);
-    return is_candidate ? candidates_meet(&local, box, 1e-5L * reach_of(&local, box), &near, &far)
+    return is_candidate ? candidates_meet(&local, box, shader_accuracy_box(&local, box, bottom->header->bounds), &near, &far)
                         : !candidates_surely_meet(&local, box, 1e-5L);
 }
 
@@ -123,6 +119,30 @@ static bool is_triangle_right(const struct scene *scene, const struct ray *ray, 
 }
 
 /* ---- all of them ---- */
+
+/* As the CPU tells of it, or near enough to what is exact. A triangle that may as well be missed has no side that is its front for certain. */
+static bool is_told_rightly(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit, const struct ray_hit *theirs,
+                            struct memory *memory)
+{
+    const struct portable_view *bottom = find_bottom(scene, find_instance(scene, hit->instance));
+    const float *matrix = matrix_of(scene, hit->instance);
+    struct ray_hit placed = *theirs;
+    float corners[3][3], box[6];
+    if (shader_judge_same(ray, hit, theirs))
+        return true;
+    placed.t = hit->t;
+    placed.u = hit->u;
+    placed.v = hit->v;
+    placed.front_face = hit->front_face;
+    if (!shader_judge_same(ray, hit, &placed))
+        return false;
+    if (hit->is_aabb)
+        return find_box(bottom, hit, box) && shader_accuracy_allows_entry(ray, matrix, box, bottom->header->bounds, hit->t);
+    if (hit->front_face != theirs->front_face)
+        return is_triangle_right(scene, ray, hit, false, memory);
+    traverse_positions(scene, theirs, corners);
+    return shader_accuracy_allows(ray, matrix, corners, hit);
+}
 
 static void report(const char *what, const char *wrong, const struct ray *ray, const struct ray_hit *hit,
                    struct shader_candidate_tally *tally)
@@ -163,7 +183,7 @@ static void judge_ray(const char *what, const struct scene *scene, const struct 
         hit = shader_judge_hit(&answer->candidates[i]);
         add(&ours, &hit);
         const struct ray_hit *same = find(&theirs, &hit);
-        if (same && !shader_judge_same(ray, &hit, same))
+        if (same && !is_told_rightly(scene, ray, &hit, same, memory))
             report(what, "is told of wrongly", ray, &hit, tally);
     }
     tally->rays++;
