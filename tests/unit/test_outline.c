@@ -248,6 +248,39 @@ static void boxes_of_instances_hold_all_vertices(void **state)
     }
 }
 
+static float clamped(double value)
+{
+    return value > FLT_MAX ? FLT_MAX : value < -FLT_MAX ? -FLT_MAX : (float)value;
+}
+
+/* Denormals, and what is moved beyond the largest float, which is where boxes end. */
+static void boxes_hold_at_any_magnitude(void **state)
+{
+    (void)state;
+    enum { COUNT = 9 };
+    struct random random = {7};
+    struct top top;
+    for (int round = 0; round < 20000; round++) {
+        float positions[3 * COUNT], matrix[12];
+        struct box bounds = box_empty();
+        bool is_huge = random_next(&random) % 2;
+        double low = is_huge ? 90 : -149, high = is_huge ? 126 : -100;
+        for (int i = 0; i < 3 * COUNT; i++)
+            positions[i] = (float)(random_between(&random, -1, 1) * exp2(random_between(&random, low, high)));
+        for (int k = 0; k < 12; k++)
+            matrix[k] = clamped(random_between(&random, -1, 1) * exp2(random_between(&random, -149, 128)));
+        for (uint32_t i = 0; i < COUNT; i++)
+            box_add_point(&bounds, positions + (size_t)3 * i);
+        struct slabs slabs = find_of(positions, COUNT);
+        struct box box = box_of(&top, matrix, &bounds, &slabs);
+        for (uint32_t i = 0; i < 3 * COUNT; i++) {
+            long double at = moved(matrix + i % 3 * 4, positions + i / 3 * 3);
+            at = fmaxl(fminl(at, FLT_MAX), -FLT_MAX);
+            assert_true(box.min[i % 3] <= at && at <= box.max[i % 3]);
+        }
+    }
+}
+
 /* An octahedron fills a sixth of its bounds; turned by 45 degrees its box is half as wide as theirs. */
 static void boxes_of_turned_instances_are_small(void **state)
 {
@@ -361,6 +394,7 @@ int main(void)
         cmocka_unit_test(slabs_of_boxes_are_those_of_their_corners),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(boxes_of_instances_hold_all_vertices),
+        cmocka_unit_test(boxes_hold_at_any_magnitude),
         cmocka_unit_test(boxes_of_turned_instances_are_small),
         cmocka_unit_test(contradictions_leave_a_box),
         cmocka_unit_test(builds_find_and_use_slabs),
