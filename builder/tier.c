@@ -13,9 +13,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{6.7928, -0.1249, 0.0818, -0.0593}, {8.9130, -0.1934, 0.4258, -0.1913}},
-    [QUALITY_BALANCED] = {{7.7546, -0.1158, 0.0709, -0.0321}, {8.7188, -0.2025, 0.4372, -0.1759}},
-    [QUALITY_HIGH] = {{9.2274, 0.2891, -0.0306, -0.0462}, {8.6384, -0.1442, 0.3298, -0.1732}},
+    [QUALITY_FAST] = {{6.8637, -0.1184, 0.0765, -0.0458}, {9.0903, -0.2099, 0.4287, -0.1990}},
+    [QUALITY_BALANCED] = {{7.8388, -0.1118, 0.0662, -0.0238}, {8.8616, -0.2133, 0.4390, -0.1826}},
+    [QUALITY_HIGH] = {{9.3137, 0.2865, -0.0321, -0.0386}, {8.7853, -0.1578, 0.3334, -0.1740}},
 };
 
 /* Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all terms as equals. */
