@@ -119,6 +119,15 @@ static double mean_crossings(const struct sample *sample)
     return fmax(sum / FACTS_VIEWS, 0);
 }
 
+/* Of the area, what larger ones have beyond an equal share. */
+static double unevenness_of(const struct sample *sample)
+{
+    double mean = sample->total / sample->count, beyond = 0;
+    for (uint32_t i = 0; i < sample->count; i++)
+        beyond += fmax(sample->half_areas[i] - mean, 0);
+    return sample->total > 0 ? beyond / sample->total : 0;
+}
+
 static double thickness_of(const struct box *bounds)
 {
     double least = INFINITY, most = 0;
@@ -145,6 +154,7 @@ void facts_gather(const struct canonical *canonical, struct facts *ret_facts)
     if (facts.met > 0) {
         facts.crossings = mean_crossings(&sample) * ((double)count / facts.sampled);
         facts.thickness = thickness_of(&sample.bounds);
+        facts.unevenness = unevenness_of(&sample);
     }
     *ret_facts = facts;
 }

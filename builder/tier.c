@@ -13,9 +13,9 @@ struct tier_model {
 };
 
 static const struct tier_model models[] = {
-    [QUALITY_FAST] = {{6.8637, -0.1184, 0.0765, -0.0458}, {9.0903, -0.2099, 0.4287, -0.1990}},
-    [QUALITY_BALANCED] = {{7.8388, -0.1118, 0.0662, -0.0238}, {8.8616, -0.2133, 0.4390, -0.1826}},
-    [QUALITY_HIGH] = {{9.3137, 0.2865, -0.0321, -0.0386}, {8.7853, -0.1578, 0.3334, -0.1740}},
+    [QUALITY_FAST] = {{6.8779, -0.1087, 0.0594, -0.0633, 0.0256}, {9.1409, -0.2468, 0.5693, -0.1874, -0.3266}},
+    [QUALITY_BALANCED] = {{7.8482, -0.1072, 0.0588, -0.0374, 0.0016}, {8.9425, -0.2502, 0.5521, -0.1681, -0.2569}},
+    [QUALITY_HIGH] = {{9.3127, 0.2906, -0.0179, -0.0483, -0.0460}, {8.8689, -0.2132, 0.5242, -0.1551, -0.4194}},
 };
 
 /* Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all terms as equals. */
@@ -27,6 +27,7 @@ void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
     ret_terms[1] = crossings;
     ret_terms[2] = crossings * crossings / 8;
     ret_terms[3] = thickness * thickness / 6;
+    ret_terms[4] = facts->unevenness * crossings * crossings / 16;
 }
 
 static double power_of(const double constants[TIER_TERMS], const double terms[TIER_TERMS])

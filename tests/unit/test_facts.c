@@ -53,7 +53,7 @@ static void a_flat_grid(void **state)
         assert_int_equal(facts.primitives, 2 * sides[i] * sides[i]);
         assert_int_equal(facts.sampled, samples[i]);
         assert_int_equal(facts.met, facts.sampled);
-        assert_true(facts.can_split && facts.thickness == 0);
+        assert_true(facts.can_split && facts.thickness == 0 && fabs(facts.unevenness) < 1e-12);
         if (sides[i] <= 5)
             assert_true(fabs(facts.crossings / seen_from_all(&geometry) - 1) < 0.1);
         canonical.flags = i % 2 ? BUILD_ALLOW_UPDATE : BUILD_LOW_MEMORY;
@@ -123,6 +123,7 @@ static void what_is_around_is_met(void **state)
         }
     assert_true(facts_of_boxes(boxes[0], 4000).crossings > 900);
     assert_true(facts_of_boxes(boxes[0], 4000).crossings < 1100);
+    assert_true(fabs(facts_of_boxes(boxes[0], 4000).unevenness - 0.75) < 0.05); /* a quarter of them has it all */
     for (int i = 0; i < 4000; i++)
         for (int k = 0; k < 6; k++)
             boxes[i][k] = k / 3;
@@ -140,7 +141,7 @@ static void odd_ones(void **state)
     struct canonical canonical = {.type = STRUCTURE_BOTTOM};
     struct facts facts;
     facts_gather(&canonical, &facts);
-    assert_true(facts.sampled == 0 && facts.crossings == 0 && facts.thickness == 0);
+    assert_true(facts.sampled == 0 && facts.crossings == 0 && facts.thickness == 0 && facts.unevenness == 0);
     canonical = (struct canonical){.type = STRUCTURE_BOTTOM, .geometry_count = 1, .primitive_count = 2, .geometries = &geometry};
     for (size_t i = 0; i < sizeof values / sizeof values[0]; i++) {
         for (int k = 0; k < 18; k++)
@@ -149,7 +150,7 @@ static void odd_ones(void **state)
         facts_gather(&canonical, &facts);
         assert_int_equal(facts.met, i == 2 || i == 3 ? 2 : 0);
         assert_true(facts.crossings == (i == 3) || (i == 2 && facts.crossings <= 1));
-        assert_true(facts.thickness == 0);
+        assert_true(facts.thickness == 0 && fabs(facts.unevenness) < 1e-12); /* two alike, or none */
     }
 }
 
@@ -176,7 +177,7 @@ static void of_what_prepare_makes(void **state)
         facts_gather(&opened, &again);
         assert_true(facts.primitives == again.primitives && facts.sampled == again.sampled && facts.met == again.met &&
                     facts.can_split == again.can_split);
-        assert_true(facts.crossings == again.crossings && facts.thickness == again.thickness);
+        assert_true(facts.crossings == again.crossings && facts.thickness == again.thickness && facts.unevenness == again.unevenness);
         prepare_finish(&opened, &memory);
         prepare_finish(&canonical, &memory);
     }

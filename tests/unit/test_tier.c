@@ -54,6 +54,7 @@ static void more_rays_never_choose_less(void **state)
                               .met = 1,
                               .can_split = true,
                               .crossings = crossings[i % 5],
+                              .unevenness = i / 20 * 0.5,
                               .thickness = thicknesses[i / 5 % 4]};
         double before = 0;
         for (float rays = 0.001f; rays < 1e6f; rays *= 1.5f) {
@@ -74,7 +75,8 @@ static void high_is_for_what_can_be_split(void **state)
 {
     (void)state;
     for (int i = 0; i < 2; i++) {
-        struct facts facts = {.primitives = 100000, .sampled = 1, .met = 1, .can_split = i, .crossings = 200, .thickness = 1};
+        struct facts facts = {
+            .primitives = 100000, .sampled = 1, .met = 1, .can_split = i, .crossings = 200, .unevenness = 0.8, .thickness = 1};
         assert_int_equal(tier_choose(&facts, 1e6f) == QUALITY_HIGH, i);
     }
 }

@@ -70,7 +70,7 @@ for method in fast balanced high auto-0.1 auto-1 auto-10 auto-100 balanced/fast-
     has "$scratch/report.json" "\"method\": ?\"$method\""
 done
 for key in settings floors summary scenes stages_ms mprim_s median mad sah overlap inner_steps_per_diffuse_ray refs_per_triangle nodes vertices \
-    peak_resident_bytes facts crossings thickness auto rays_per_primitive chosen quality primary diffuse shadow wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
+    peak_resident_bytes facts crossings thickness unevenness auto rays_per_primitive chosen quality primary diffuse shadow wrong_miss wrong_hit wrong_primitive t_rel_err_max; do
     has "$scratch/report.json" "\"$key\": ?"
 done
 check_pictures speed work bytes error scenes

@@ -159,9 +159,9 @@ static void add_scene(const struct results *results, const struct model *fitted,
     for (int tier = 0; tier < TIERS; tier++)
         if (!measured(results, scene, tier, &costs[tier]))
             return;
-    printf("%-22s %8u %8.2f %7.4f | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name, facts->primitives,
-           facts->crossings, facts->thickness, costs[0].build_ns, costs[1].build_ns, costs[2].build_ns, costs[0].ray_ns,
-           costs[1].ray_ns, costs[2].ray_ns);
+    printf("%-22s %8u %8.2f %7.4f %4.2f | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name, facts->primitives,
+           facts->crossings, facts->thickness, facts->unevenness, costs[0].build_ns, costs[1].build_ns, costs[2].build_ns,
+           costs[0].ray_ns, costs[1].ray_ns, costs[2].ray_ns);
     for (int hint = 0; hint < CHOICE_HINTS; hint++) {
         double rays = choice_rays(hint), least = INFINITY, each[TIERS];
         int best = 0, chosen[MODELS] = {choose_by(fitted, facts, rays), has_others ? choose_by(&left_out, facts, rays) : 0,
@@ -207,9 +207,9 @@ bool calibrate_print(const struct results *results)
         return false;
     }
     print_table(&model);
-    printf(
-        "scene, primitives, crossings, thickness | build ns: fast, balanced, high | ray ns | for 0.1, 1, 10, 100 rays: best; chosen by "
-        "this table and what it loses, by one that is fitted without scenes of this kind, by the one in use\n");
+    printf("scene, primitives, crossings, thickness, unevenness | build ns: fast, balanced, high | ray ns | for 0.1, 1, 10, 100 rays: "
+           "best; chosen by "
+           "this table and what it loses, by one that is fitted without scenes of this kind, by the one in use\n");
     for (uint32_t i = 0; i < results->scene_count; i++)
         add_scene(results, &model, i, tallies);
     print_tally("this table:", &tallies[FITTED]);

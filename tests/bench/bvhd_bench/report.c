@@ -235,6 +235,7 @@ static void write_facts(struct json *json, const struct facts *facts)
     json_integer(json, "sampled", facts->sampled);
     json_number(json, "crossings", facts->crossings);
     json_number(json, "thickness", facts->thickness);
+    json_number(json, "unevenness", facts->unevenness);
     json_object_end(json);
 }
 
