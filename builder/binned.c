@@ -125,8 +125,8 @@ static bool divide_part(struct cluster_tree *tree, struct part part, struct divi
     return true;
 }
 
-enum bvhd_status binned_join(struct cluster_tree *tree, const uint32_t *nodes, uint32_t count, struct memory *memory,
-                             uint32_t *ret_root)
+enum bvhd_status binned_join_nodes(struct cluster_tree *tree, const uint32_t *nodes, uint32_t count, struct memory *memory,
+                                   uint32_t *ret_root)
 {
     struct division *divisions = memory_array(memory, count, sizeof *divisions);
     struct primitive_ref *refs = memory_array(memory, 2 * (uint64_t)count, sizeof *refs);
@@ -147,16 +147,7 @@ enum bvhd_status binned_join(struct cluster_tree *tree, const uint32_t *nodes, u
     return status;
 }
 
-enum bvhd_status binned_build(const struct cluster_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
-                              double *ret_cost, struct bvhd_error *error)
+enum bvhd_status binned_join(struct cluster_tree *tree, struct memory *memory, uint32_t *ret_root)
 {
-    struct cluster_tree tree;
-    uint32_t root;
-    enum bvhd_status status = cluster_tree_init(&tree, request, memory);
-    if (status == BVHD_OK)
-        status = binned_join(&tree, NULL, tree.leaf_count, memory, &root);
-    if (status == BVHD_OK)
-        status = cluster_tree_write(&tree, root, memory, ret_ir, ret_depth, ret_cost);
-    cluster_tree_finish(&tree, memory);
-    return cluster_tree_report(status, request->count, error);
+    return binned_join_nodes(tree, NULL, tree->leaf_count, memory, ret_root);
 }

@@ -9,12 +9,11 @@
 
 #include "cluster_tree.h"
 
-/* *ret_ir is made by ir_init from `memory`; ret_depth, ret_cost: its ir_depth, ir_cost. The same bytes on every machine. BVHD_NO_MEMORY, BVHD_CANCELLED. */
-enum bvhd_status binned_build(const struct cluster_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
-                              double *ret_cost, struct bvhd_error *error);
+/* A cluster_joiner. */
+enum bvhd_status binned_join(struct cluster_tree *tree, struct memory *memory, uint32_t *ret_root);
 
-/* Joins `count` >= 1 nodes without a parent, or all leaves when `nodes` is NULL, to one, whose number is *ret_root. BVHD_NO_MEMORY, BVHD_CANCELLED. */
-enum bvhd_status binned_join(struct cluster_tree *tree, const uint32_t *nodes, uint32_t count, struct memory *memory,
-                             uint32_t *ret_root);
+/* The same for `count` >= 1 nodes without a parent; all leaves when `nodes` is NULL. */
+enum bvhd_status binned_join_nodes(struct cluster_tree *tree, const uint32_t *nodes, uint32_t count, struct memory *memory,
+                                   uint32_t *ret_root);
 
 #endif

@@ -42,7 +42,7 @@ static inline uint32_t make_leaf(struct cluster_tree *tree, uint32_t index, uint
     return primitives;
 }
 
-enum bvhd_status cluster_tree_init(struct cluster_tree *tree, const struct cluster_request *request, struct memory *memory)
+static enum bvhd_status init(struct cluster_tree *tree, const struct cluster_request *request, struct memory *memory)
 {
     *tree = (struct cluster_tree){.request = request, .leaves = request->scratch, .inner = request->refs};
     enum bvhd_status status = make_room(tree, memory);
@@ -57,14 +57,6 @@ enum bvhd_status cluster_tree_init(struct cluster_tree *tree, const struct clust
         ids += make_leaf(tree, i, first, lengths[i], ids);
     tree->node_count = tree->leaf_count;
     return BVHD_OK;
-}
-
-void cluster_tree_finish(struct cluster_tree *tree, struct memory *memory)
-{
-    if (!tree)
-        return;
-    memory_free(memory, tree->facts);
-    *tree = (struct cluster_tree){0};
 }
 
 /* Copies up to three without a branch on how many, which nobody can foresee: one of them again and again where there are fewer. */
@@ -148,8 +140,8 @@ static void write_below(struct writer *w)
     }
 }
 
-enum bvhd_status cluster_tree_write(const struct cluster_tree *tree, uint32_t root, struct memory *memory, struct ir *ret_ir,
-                                    uint32_t *ret_depth, double *ret_cost)
+static enum bvhd_status write(const struct cluster_tree *tree, uint32_t root, struct memory *memory, struct ir *ret_ir,
+                              uint32_t *ret_depth, double *ret_cost)
 {
     struct ir ir;
     enum bvhd_status status = ir_init(&ir, memory, 2 * tree->leaf_count - 1, tree->facts[root].refs, NULL);
@@ -166,9 +158,19 @@ enum bvhd_status cluster_tree_write(const struct cluster_tree *tree, uint32_t ro
     return BVHD_OK;
 }
 
-enum bvhd_status cluster_tree_report(enum bvhd_status status, uint32_t count, struct bvhd_error *error)
+enum bvhd_status cluster_tree_build(const struct cluster_request *request, cluster_joiner *join, struct memory *memory,
+                                    struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error)
 {
+    struct cluster_tree tree;
+    uint32_t root;
+    enum bvhd_status status = init(&tree, request, memory);
+    if (status == BVHD_OK)
+        status = join(&tree, memory, &root);
+    if (status == BVHD_OK)
+        status = write(&tree, root, memory, ret_ir, ret_depth, ret_cost);
+    memory_free(memory, tree.facts);
     if (status == BVHD_OK)
         return BVHD_OK;
-    return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory for a tree of %u primitives", count);
+    return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory for a tree of %u primitives",
+                          request->count);
 }

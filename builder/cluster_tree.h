@@ -37,16 +37,15 @@ struct cluster_tree {
     struct cluster_facts *facts; /* of each node */
 };
 
-/* Makes the leaves. BVHD_NO_MEMORY. The caller ends it with cluster_tree_finish, which accepts NULL. */
-enum bvhd_status cluster_tree_init(struct cluster_tree *tree, const struct cluster_request *request, struct memory *memory);
-void cluster_tree_finish(struct cluster_tree *tree, struct memory *memory);
+/* Joins all leaves to one node, whose number is *ret_root. BVHD_NO_MEMORY, BVHD_CANCELLED. */
+typedef enum bvhd_status cluster_joiner(struct cluster_tree *tree, struct memory *memory, uint32_t *ret_root);
 
-/* *ret_ir is made by ir_init; ret_depth, ret_cost: its ir_depth, ir_cost. BVHD_NO_MEMORY. */
-enum bvhd_status cluster_tree_write(const struct cluster_tree *tree, uint32_t root, struct memory *memory, struct ir *ret_ir,
-                                    uint32_t *ret_depth, double *ret_cost);
-
-/* Sets *error unless a build was well; returns its status. */
-enum bvhd_status cluster_tree_report(enum bvhd_status status, uint32_t count, struct bvhd_error *error);
+/*
+ * Makes the leaves, has them joined, and writes the tree. *ret_ir is made by ir_init from `memory`; ret_depth, ret_cost: its ir_depth, ir_cost. The same bytes on every machine.
+ * BVHD_NO_MEMORY, BVHD_CANCELLED.
+ */
+enum bvhd_status cluster_tree_build(const struct cluster_request *request, cluster_joiner *join, struct memory *memory,
+                                    struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);
 
 static inline struct primitive_ref *cluster_tree_node(const struct cluster_tree *tree, uint32_t node)
 {

@@ -73,7 +73,7 @@ static enum bvhd_status build_clusters(const struct build *build, struct piece *
         .cancel = request->cancel,
     };
     enum bvhd_status status =
-        (ploc ? ploc_build : binned_build)(&clusters, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
+        cluster_tree_build(&clusters, ploc ? ploc_join : binned_join, build->memory, &piece->ir, &piece->depth, &piece->cost, NULL);
     if (status == BVHD_OK && request->widen)
         status = wide_piece_make(&piece->ir, request->widen, build->memory, &piece->wide);
     return status;

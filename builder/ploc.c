@@ -123,7 +123,7 @@ static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
     return BVHD_OK;
 }
 
-static enum bvhd_status merge_leaves(struct cluster_tree *tree, struct memory *memory, uint32_t *ret_root)
+enum bvhd_status ploc_join(struct cluster_tree *tree, struct memory *memory, uint32_t *ret_root)
 {
     struct clustering c = {.tree = tree, .count = tree->leaf_count};
     enum bvhd_status status = make_room(&c, memory);
@@ -134,23 +134,9 @@ static enum bvhd_status merge_leaves(struct cluster_tree *tree, struct memory *m
     if (!run_rounds(&c))
         status = BVHD_CANCELLED;
     else if (c.count > 1)
-        status = binned_join(tree, c.row.nodes, c.count, memory, ret_root);
+        status = binned_join_nodes(tree, c.row.nodes, c.count, memory, ret_root);
     else
         *ret_root = c.row.nodes[0];
     memory_free(memory, c.room);
     return status;
-}
-
-enum bvhd_status ploc_build(const struct cluster_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
-                            double *ret_cost, struct bvhd_error *error)
-{
-    struct cluster_tree tree;
-    uint32_t root;
-    enum bvhd_status status = cluster_tree_init(&tree, request, memory);
-    if (status == BVHD_OK)
-        status = merge_leaves(&tree, memory, &root);
-    if (status == BVHD_OK)
-        status = cluster_tree_write(&tree, root, memory, ret_ir, ret_depth, ret_cost);
-    cluster_tree_finish(&tree, memory);
-    return cluster_tree_report(status, request->count, error);
 }

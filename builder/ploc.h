@@ -11,8 +11,7 @@
 
 #include "cluster_tree.h"
 
-/* *ret_ir is made by ir_init from `memory`; ret_depth, ret_cost: its ir_depth, ir_cost. The same bytes on every machine. BVHD_NO_MEMORY, BVHD_CANCELLED. */
-enum bvhd_status ploc_build(const struct cluster_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
-                            double *ret_cost, struct bvhd_error *error);
+/* A cluster_joiner. */
+enum bvhd_status ploc_join(struct cluster_tree *tree, struct memory *memory, uint32_t *ret_root);
 
 #endif

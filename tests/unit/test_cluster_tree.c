@@ -8,18 +8,15 @@
 #include "test_ir.h"
 #include "test_refs.h"
 
-typedef enum bvhd_status builder(const struct cluster_request *request, struct memory *memory, struct ir *ret_ir, uint32_t *ret_depth,
-                                 double *ret_cost, struct bvhd_error *error);
-
 struct way {
-    builder *build;
+    cluster_joiner *join;
     uint32_t leaf_max;
     float cut_cost;
 };
 
 /* What the tiers ask for, with leaves of several primitives and of one, and what they do not. */
-static const struct way ways[] = {{ploc_build, 3, 4},      {ploc_build, 1, 4},    {ploc_build, 31, 2},    {binned_build, 3, 0.8f},
-                                  {binned_build, 1, 0.8f}, {binned_build, 31, 2}, {binned_build, 2, 0.1f}};
+static const struct way ways[] = {{ploc_join, 3, 4},      {ploc_join, 1, 4},    {ploc_join, 31, 2},    {binned_join, 3, 0.8f},
+                                  {binned_join, 1, 0.8f}, {binned_join, 31, 2}, {binned_join, 2, 0.1f}};
 enum { WAYS = sizeof ways / sizeof *ways };
 
 static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const struct way *way, const atomic_bool *cancel,
@@ -32,12 +29,12 @@ static enum bvhd_status run(struct primitive_ref *refs, uint32_t count, const st
         .count = count,
         .leaf_max = way->leaf_max,
         .cut_cost = way->cut_cost,
-        .fills_leaves = way->build == ploc_build,
+        .fills_leaves = way->join == ploc_join,
         .cancel = cancel,
     };
     uint32_t depth;
     double cost;
-    enum bvhd_status status = way->build(&request, memory, ret_ir, &depth, &cost, error);
+    enum bvhd_status status = cluster_tree_build(&request, way->join, memory, ret_ir, &depth, &cost, error);
     if (status == BVHD_OK) {
         double expected = ir_cost(ret_ir, 0, ret_ir->node_count);
         struct memory own;
@@ -81,7 +78,7 @@ static void a_row_without_pairs_ends_soon(void **state)
     enum { COUNT = 16384 };
     struct memory memory;
     struct ir ir;
-    static const struct way way = {ploc_build, 1, 4};
+    static const struct way way = {ploc_join, 1, 4};
     struct primitive_ref *refs = test_refs_make(REFS_SAME, COUNT, 1);
     memory_init(&memory, UINT64_MAX);
     for (uint32_t i = 0; i < COUNT; i++)
@@ -102,7 +99,7 @@ static void runs_stay_together(void **state)
 {
     (void)state;
     enum { COUNT = 3000, PRIMITIVES = 6 * (COUNT / 3) };
-    static const struct way those[] = {{ploc_build, 3, 4}, {binned_build, 3, 0.8f}, {binned_build, 4, 2}};
+    static const struct way those[] = {{ploc_join, 3, 4}, {binned_join, 3, 0.8f}, {binned_join, 4, 2}};
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
     for (size_t w = 0; w < sizeof those / sizeof *those; w++) {
@@ -171,7 +168,7 @@ static void quality_is_that_of_sah(void **state)
     (void)state;
     static const enum test_refs_kind kinds[] = {REFS_CLOUD, REFS_CLUSTERS, REFS_FLAT};
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
-        static const struct way merged = {ploc_build, 3, 4}, divided = {binned_build, 3, 0.8f};
+        static const struct way merged = {ploc_join, 3, 4}, divided = {binned_join, 3, 0.8f};
         double median = median_sah_of(kinds[k]);
         assert_true(sah_of(kinds[k], &divided) < 0.93 * median);
         assert_true(sah_of(kinds[k], &merged) < 1.05 * median);

@@ -98,8 +98,9 @@ uint count_lanes(bool which)
 
 #ifdef REFILL
 
-const uint BUSY_SHARE = 11u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
-const uint STALLED_SHARE = 3u; // records are looked at when one lane in so many can do nothing else
+const uint BUSY_SHARE = 13u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
+const uint STALLED_SHARE = 3u; // triangles are looked at when one lane in so many can do nothing else
+const uint WAITING_SHARE = 4u; // and for as long as more than one in so many have any: those with many go on with nodes beside the others
 
 // Records of triangles wait until they are looked at by many lanes; those of instances stay.
 void put_by()
@@ -133,19 +134,22 @@ bool step_together(bool is_working)
     if (is_working)
         is_working = advance();
     bool is_stalled = is_working && (records.y != 0u || waiting.y != 0u && nodes.y < FIRST_INNER && top == level_bottom);
-    uint stalled = count_lanes(is_stalled);
-    if (stalled == 0u || stalled * STALLED_SHARE < count_lanes(is_working))
+    uint stalled = count_lanes(is_stalled), working = count_lanes(is_working);
+    if (stalled == 0u || stalled * STALLED_SHARE < working)
         return is_working;
-    while (waiting.y != 0u)
-        visit_triangle(take(waiting));
+    do {
+        if (waiting.y != 0u)
+            visit_triangle(take(waiting));
+        put_by();
+    } while (count_lanes(waiting.y != 0u) * WAITING_SHARE > working);
     if (is_top() && is_working && records.y != 0u)
         visit_instance(take(records));
-    put_by();
     return is_working;
 }
 
 void main()
 {
+    waiting = records = uvec2(0u); // of lanes that no ray is left for
     bool is_working = false, is_finished = false, is_exhausted = false;
     while (true) {
         if (is_finished)
