@@ -4,8 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "vec4.h"
-
 /* A ref of each part: what follows from the ref before is a long chain of operations, but four parts go along it together. */
 struct lanes {
     vec4 min[3], max[3];

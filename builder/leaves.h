@@ -13,6 +13,7 @@
 #define BVHD_LEAVES_H
 
 #include "primitive.h"
+#include "vec4.h"
 
 enum {
     LEAVES_REFS_MAX = 3, /* refs a leaf */
@@ -31,5 +32,18 @@ struct leaves_options {
  * float's range refs stay alone. The same on every machine.
  */
 uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options, uint8_t *ret_lengths);
+
+/*
+ * The box of `count` refs, 1 <= count <= LEAVES_REFS_MAX; fourth lanes are of no meaning. Without a branch on how many, which nobody can foresee: one of them
+ * again where there are fewer.
+ */
+static inline struct vec4_box leaves_box(const struct primitive_ref *refs, uint32_t count)
+{
+    struct vec4_box box = vec4_box_load(refs);
+    const struct vec4_box second = vec4_box_load(&refs[count > 1]), last = vec4_box_load(&refs[count - 1]);
+    vec4_box_grow(&box, second.min, second.max);
+    vec4_box_grow(&box, last.min, last.max);
+    return box;
+}
 
 #endif

@@ -317,13 +317,8 @@ static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const stru
     uint32_t runs = leaves_cut(refs, count, options, lengths);
     const struct primitive_ref *next = refs;
     for (uint32_t run = 0; run < runs; run++) {
-        struct vec4_box box = vec4_box_load(next);
         uint32_t id = next->id, length = lengths[run];
-        for (uint32_t i = 1; i < length; i++) {
-            struct vec4_box other = vec4_box_load(&next[i]);
-            vec4_box_grow(&box, other.min, other.max);
-        }
-        vec4_box_store(&refs[run], box);
+        vec4_box_store(&refs[run], leaves_box(next, length));
         refs[run].link = length - 1;
         refs[run].id = id;
         next += length;
