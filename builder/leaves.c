@@ -76,10 +76,15 @@ static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_in
     return 1 - is_longer - (is_longer & is_third);
 }
 
+static uint32_t part_length(uint32_t count)
+{
+    return count / LEAVES_PARTS + (count % LEAVES_PARTS != 0);
+}
+
 /* Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. Parts that are shorter than the first go on with their last ref. */
 static void choose(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options, uint8_t *ret_lengths)
 {
-    const uint32_t length = count / LEAVES_PARTS + (count % LEAVES_PARTS != 0);
+    const uint32_t length = part_length(count);
     const int32_t limit = options->leaf_max < INT8_MAX ? (int32_t)options->leaf_max : INT8_MAX;
     const vec4_int most = {limit, limit, limit, limit};
     struct rows rows = {.before_two = vec4_all(INFINITY), .before_three = vec4_all(INFINITY)};
@@ -100,16 +105,60 @@ static void choose(const struct primitive_ref *refs, uint32_t count, const struc
     }
 }
 
+/* A part on the way from its end to its begin; no leaf is in two. Lengths go from where they were chosen to its end, of which the choices are behind us. */
+struct walk {
+    const uint8_t *begin, *at;
+    uint8_t *to;
+};
+
+static inline void walk_on(struct walk *walk)
+{
+    const uint8_t length = walk->at[-1];
+    *--walk->to = length;
+    walk->at -= length;
+}
+
+/* Each step waits for the one before, but those of four parts go on together. */
+static void walk_together(struct walk walks[LEAVES_PARTS], size_t steps)
+{
+    struct walk own[LEAVES_PARTS];
+    memcpy(own, walks, sizeof own);
+    for (; steps > 0; steps--)
+        for (int part = 0; part < LEAVES_PARTS; part++)
+            walk_on(&own[part]);
+    memcpy(walks, own, sizeof own);
+}
+
+/* How many steps even the part with the least left has before it. */
+static size_t steps_for_all(const struct walk walks[LEAVES_PARTS])
+{
+    size_t least = SIZE_MAX;
+    for (int part = 0; part < LEAVES_PARTS; part++) {
+        size_t left = (size_t)(walks[part].at - walks[part].begin);
+        least = left < least ? left : least;
+    }
+    return least / LEAVES_REFS_MAX;
+}
+
 uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options, uint8_t *ret_lengths)
 {
-    uint32_t leaves = 0;
+    uint8_t *bounds[LEAVES_PARTS + 1], *next = ret_lengths;
+    struct walk walks[LEAVES_PARTS];
+    size_t steps;
     choose(refs, count, options, ret_lengths);
-    /* From the end to the begin, into the end of the array, of which the choices are behind us. */
-    for (uint32_t at = count; at > 0; leaves++) {
-        uint8_t length = ret_lengths[at - 1];
-        ret_lengths[count - leaves - 1] = length;
-        at -= length;
+    for (uint64_t part = 0; part <= LEAVES_PARTS; part++)
+        bounds[part] = ret_lengths + (part * part_length(count) < count ? part * part_length(count) : count);
+    for (int part = 0; part < LEAVES_PARTS; part++)
+        walks[part] = (struct walk){bounds[part], bounds[part + 1], bounds[part + 1]};
+    while ((steps = steps_for_all(walks)) > 0)
+        walk_together(walks, steps);
+    for (int part = 0; part < LEAVES_PARTS; part++) {
+        struct walk *walk = &walks[part];
+        while (walk->at > walk->begin)
+            walk_on(walk);
+        size_t leaves = (size_t)(bounds[part + 1] - walk->to);
+        memmove(next, walk->to, leaves);
+        next += leaves;
     }
-    memmove(ret_lengths, ret_lengths + count - leaves, leaves);
-    return leaves;
+    return (uint32_t)(next - ret_lengths);
 }
