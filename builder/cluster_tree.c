@@ -26,11 +26,9 @@ static inline uint32_t make_leaf(struct cluster_tree *tree, uint32_t index, uint
 {
     struct primitive_ref *leaf = &tree->leaves[index];
     const struct primitive_ref *refs = &tree->leaves[first];
-    struct vec4_box box = vec4_box_load(refs);
+    const struct vec4_box box = leaves_box(refs, count);
     uint32_t primitives = 0;
     for (uint32_t i = 0; i < count; i++) {
-        struct vec4_box other = vec4_box_load(&refs[i]);
-        vec4_box_grow(&box, other.min, other.max);
         for (uint32_t k = 0; k < LEAVES_REFS_MAX; k++) /* there is room for more than are kept */
             tree->ids[ids + primitives + k] = refs[i].id + k;
         primitives += refs[i].link + 1;
