@@ -132,14 +132,13 @@ enum bvhd_status binned_join_nodes(struct cluster_tree *tree, const uint32_t *no
     struct primitive_ref *refs = memory_array(memory, 2 * (uint64_t)count, sizeof *refs);
     enum bvhd_status status = BVHD_NO_MEMORY;
     if (divisions && refs) {
-        struct vec4_box bounds;
         struct part part = {.refs = refs, .other = refs + count, .count = count, .ret_node = ret_root};
         for (uint32_t i = 0; i < count; i++) {
             uint32_t node = nodes ? nodes[i] : i;
             vec4_box_store(&refs[i], vec4_box_load(cluster_tree_node(tree, node)));
             refs[i].id = node;
         }
-        bins_bound(refs, count, &bounds, &part.centroids);
+        part.centroids = bins_centroids(refs, count);
         status = divide_part(tree, part, divisions) ? BVHD_OK : BVHD_CANCELLED;
     }
     memory_free(memory, divisions);

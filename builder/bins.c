@@ -25,6 +25,25 @@ void bins_bound(const struct primitive_ref *refs, uint32_t count, struct vec4_bo
     *ret_centroids = centroids;
 }
 
+static inline void add_centroid(struct vec4_box *centroids, const struct primitive_ref *ref)
+{
+    const struct vec4_box box = vec4_box_load(ref);
+    const vec4 centroid = box.min + box.max;
+    vec4_box_grow(centroids, centroid, centroid);
+}
+
+/* Two boxes in turns, since each waits for what it was before. */
+struct vec4_box bins_centroids(const struct primitive_ref *refs, uint32_t count)
+{
+    struct vec4_box even = vec4_box_empty(), odd = vec4_box_empty();
+    for (uint32_t i = 0; i < count; i += 2) {
+        add_centroid(&even, &refs[i]);
+        add_centroid(&odd, &refs[count - i > 1 ? i + 1 : i]);
+    }
+    vec4_box_grow(&even, odd.min, odd.max);
+    return even;
+}
+
 void bins_map(const struct vec4_box *centroids, uint32_t count, struct bins_mapping *ret_mapping)
 {
     ret_mapping->bins = bins_for(count);

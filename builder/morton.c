@@ -30,8 +30,7 @@ static float cells_per_unit(const struct vec4_box *centroids)
 /* Codes of all refs, and how often each digit comes in each pass. */
 static void encode(const struct primitive_ref *refs, uint32_t count, struct morton_key *keys, uint32_t histograms[PASSES][DIGITS])
 {
-    struct vec4_box bounds, centroids;
-    bins_bound(refs, count, &bounds, &centroids);
+    const struct vec4_box centroids = bins_centroids(refs, count);
     vec4 scale = vec4_all(cells_per_unit(&centroids));
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box box = vec4_box_load(&refs[i]);

@@ -40,10 +40,9 @@ static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis
 /* False where there is no plane with refs on both sides, or no room for two more nodes. */
 static bool split_part(struct planning *planning, const struct part *part, struct part ret_children[2])
 {
-    struct vec4_box bounds, centroids;
+    const struct vec4_box centroids = bins_centroids(part->refs, part->count);
     struct bins_mapping mapping;
     struct bins_plane plane;
-    bins_bound(part->refs, part->count, &bounds, &centroids);
     if (!bins_find(part->refs, part->count, &centroids, &mapping, &plane))
         return false;
     float threshold = mapping.base[plane.axis] + (float)plane.bin / mapping.scale[plane.axis];

@@ -205,12 +205,29 @@ static void every_machine_gets_the_same_bits(void **state)
         }
 }
 
+static void the_centroid_box_alone_is_the_same(void **state)
+{
+    (void)state;
+    for (int kind = 0; kind < REFS_KINDS; kind++)
+        for (uint32_t count = 1; count < 10; count++) {
+            struct vec4_box bounds, expected;
+            struct primitive_ref *refs = test_refs_make((enum test_refs_kind)kind, count, count);
+            bins_bound(refs, count, &bounds, &expected);
+            struct vec4_box found = bins_centroids(refs, count);
+            for (int axis = 0; axis < 3; axis++) {
+                assert_true(found.min[axis] == expected.min[axis]);
+                assert_true(found.max[axis] == expected.max[axis]);
+            }
+            free(refs);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_plane_is_the_best_of_all),     cmocka_unit_test(partitions_keep_order_and_boxes),
         cmocka_unit_test(merged_bins_are_those_of_all),     cmocka_unit_test(planes_are_found_where_there_are_any),
-        cmocka_unit_test(every_machine_gets_the_same_bits),
+        cmocka_unit_test(every_machine_gets_the_same_bits), cmocka_unit_test(the_centroid_box_alone_is_the_same),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
