@@ -201,11 +201,22 @@ static uint32_t names_to_mark(const struct writing *w)
     return w->input->complete ? w->input->canonical->primitive_count : w->input->ir->ref_count;
 }
 
+/*
+ * The chunk of a task: those that run at once are a thread's share apart. Neighbours name the same vertices, and processors would take the lines of
+ * marks from each other.
+ */
+static size_t chunk_apart(size_t task, size_t chunks, size_t threads)
+{
+    size_t share = task % threads, longer = chunks % threads;
+    return share * (chunks / threads) + (share < longer ? share : longer) + task / threads;
+}
+
 static void mark_used(void *context, size_t index)
 {
     struct writing *w = context;
-    size_t begin, end;
-    parallel_chunk(index, MARK_CHUNK, names_to_mark(w), &begin, &end);
+    size_t begin, end, names = names_to_mark(w);
+    size_t chunk = chunk_apart(index, chunks_of(names, MARK_CHUNK), w->input->parallel->threads);
+    parallel_chunk(chunk, MARK_CHUNK, names, &begin, &end);
     if (w->input->complete)
         portable_records_mark_range(w->input->canonical, (uint32_t)begin, (uint32_t)(end - begin), w->used);
     else
