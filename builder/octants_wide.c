@@ -31,20 +31,15 @@ struct slots {
     __m256 x, y, z; /* of the children in the slots */
 };
 
-/* Each slot's neighbour's, whose number differs in the bits of `difference`. */
+BOX_LANES_INLINE __m256i slot_numbers(void)
+{
+    return _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+/* Each slot's partner's, whose number differs in the bits of `difference`. */
 BOX_LANES_INLINE __m256 permute(__m256 v, int difference)
 {
-    __m256 turned = difference & 4 ? _mm256_permute2f128_ps(v, v, 1) : v;
-    switch (difference & 3) {
-    case 1:
-        return _mm256_permute_ps(turned, _MM_SHUFFLE(2, 3, 0, 1));
-    case 2:
-        return _mm256_permute_ps(turned, _MM_SHUFFLE(1, 0, 3, 2));
-    case 3:
-        return _mm256_permute_ps(turned, _MM_SHUFFLE(0, 1, 2, 3));
-    default:
-        return turned;
-    }
+    return _mm256_permutevar8x32_ps(v, _mm256_xor_si256(slot_numbers(), _mm256_set1_epi32(difference)));
 }
 
 /* Without a sum's first summand 0, which matters only to the sign of a zero. */
@@ -60,14 +55,15 @@ BOX_LANES_INLINE __m256 gain(const struct slots *s, int difference)
 
 /*
  * A slot compares what its child and its partner's child gain it on the axes of `difference`. In the partner's slot all signs are turned, and so
- * is the comparison: a + b < 0 exactly if a < -b.
+ * is what the partner's child gains there: a + b < 0 exactly if a < -b. Both decide alike, so each takes the child of one slot or of the other.
  */
 BOX_LANES_INLINE struct slots exchange(struct slots own, int difference)
 {
-    struct slots other = {permute(own.x, difference), permute(own.y, difference), permute(own.z, difference)};
-    __m256 mask = _mm256_cmp_ps(gain(&own, difference), gain(&other, difference), _CMP_LT_OQ);
-    return (struct slots){_mm256_blendv_ps(own.x, other.x, mask), _mm256_blendv_ps(own.y, other.y, mask),
-                          _mm256_blendv_ps(own.z, other.z, mask)};
+    __m256 own_gain = gain(&own, difference), other_gain = _mm256_xor_ps(permute(own_gain, difference), _mm256_set1_ps(-0.0f));
+    __m256i mask = _mm256_castps_si256(_mm256_cmp_ps(own_gain, other_gain, _CMP_LT_OQ));
+    __m256i from = _mm256_xor_si256(slot_numbers(), _mm256_and_si256(mask, _mm256_set1_epi32(difference)));
+    return (struct slots){_mm256_permutevar8x32_ps(own.x, from), _mm256_permutevar8x32_ps(own.y, from),
+                          _mm256_permutevar8x32_ps(own.z, from)};
 }
 
 /* 0 for children that are not there. */
@@ -81,7 +77,7 @@ BOX_LANES_INLINE __m256 offsets(__m256 min, __m256 max, float parent_min, float 
 BOX_LANES static void assign_wide(const struct box *parent, const struct box *const children[8], unsigned count, unsigned rounds,
                                   uint8_t ret_children[8])
 {
-    const __m256i numbers = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7), low_bits = _mm256_set1_epi32(7);
+    const __m256i numbers = slot_numbers(), low_bits = _mm256_set1_epi32(7);
     __m256 there = _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32((int32_t)count), numbers));
     struct box_lanes boxes = box_lanes_load(children);
     struct slots s = {offsets(boxes.min[0], boxes.max[0], parent->min[0], parent->max[0], there),
