@@ -23,8 +23,8 @@ struct facts {
      * body's mean share of all directions.
      */
     double crossings;
-    double
-        unevenness; /* the part of the boxes' area that larger ones have beyond an equal share: 0 when all are alike, nearly 1 when one has it all */
+    /* The part of the boxes' area that larger ones have beyond an equal share: 0 when all are alike, nearly 1 when one has it all. */
+    double unevenness;
     double thickness; /* the shortest side of the box of all, as a part of its longest; 0 when they are a point */
 };
 

@@ -13,8 +13,10 @@
 #include "facts.h"
 #include "geometry.h"
 
-/* What a constant is multiplied with: 1; of crossings the logarithm (to base 2, of 1 + them) and its square, and this once more by unevenness, for large ones can be split and
-   many alike cannot; of thickness the logarithm's square. */
+/*
+ * What a constant is multiplied with: 1; of crossings the logarithm (to base 2, of 1 + them) and its square; of thickness the logarithm's square; the square
+ * for crossings once more, times unevenness, for few large boxes can be split and many alike cannot.
+ */
 enum { TIER_TERMS = 5 };
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS]);
 
