@@ -13,7 +13,7 @@
 #include "context.h"
 #include "layout.h"
 
-enum { BUILD_VERSION = 5 }; /* changes whenever the same request would give other bytes: part of every key */
+enum { BUILD_VERSION = 6 }; /* changes whenever the same request would give other bytes: part of every key */
 
 /*
  * Wall time of the stages, in milliseconds. What becomes wide piece by piece, as nearly all of quality fast, is collapsed in `pieces`
