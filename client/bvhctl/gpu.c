@@ -208,11 +208,13 @@ enum bvhd_status gpu_open(const char *name, struct memory *memory, struct gpu **
     *owner = (struct gpu_instance){.loader = NULL};
     *gpu = (struct gpu){.owner = owner, .memory = memory};
     enum bvhd_status status = open_by_name(gpu, name, error);
-    if (status)
+    if (status) {
         gpu_close(gpu);
-    else
-        *ret_gpu = gpu;
-    return status;
+        return status;
+    }
+    gpu->has_small_halves = gpu->facts.type != VK_PHYSICAL_DEVICE_TYPE_CPU && gpu_keeps_small_halves(gpu);
+    *ret_gpu = gpu;
+    return BVHD_OK;
 }
 
 void gpu_close(struct gpu *gpu)

@@ -28,6 +28,7 @@ struct gpu_facts {
     uint32_t max_groups; /* in x, of a dispatch */
     char number[12]; /* its place in gpu_list, from 0: for gpu_open, whatever others are called */
     uint32_t subgroup_size;
+    uint32_t multiprocessors; /* of NVIDIA's; 0: not told */
 };
 
 /*
@@ -57,6 +58,7 @@ struct gpu {
     struct vulkan_work work;
     double timestamp_ms; /* milliseconds of one tick; 0: the queue has no timestamps */
     uint64_t timestamp_mask; /* the bits of a tick count that are valid */
+    bool has_small_halves; /* shaders keep denormal halves (gpu_keeps_small_halves), and are quick to; not a CPU's */
     struct gpu_instance *owner; /* of the instance, with the loader */
     struct memory *memory;
 };
@@ -151,5 +153,11 @@ void gpu_kernel_bind(struct gpu *gpu, struct gpu_kernel *kernel, const struct gp
 
 /* Records its binding, its push constants (`push_size` of its options, NULL for none) and a dispatch of so many workgroups in x. */
 void gpu_kernel_record(struct gpu *gpu, const struct gpu_kernel *kernel, VkCommandBuffer commands, const void *push, uint32_t groups);
+
+/*
+ * Whether shaders make floats of denormal halves, those of bytes, as they are: Vulkan lets a device take them for 0. Asks the device; false, too, when it cannot be
+ * asked.
+ */
+bool gpu_keeps_small_halves(struct gpu *gpu);
 
 #endif

@@ -108,17 +108,18 @@ static void read_properties(const struct gpu_instance *instance, VkPhysicalDevic
  * Vulkan tells whether there are doubles, not how quick. NVIDIA's multiprocessors that hold 64 warps are those of its larger chips, with a double for every two
  * floats; others have one for 32 or 64. A CPU takes twice the time.
  */
-static bool has_quick_doubles(const struct gpu_instance *instance, VkPhysicalDevice device, const struct extensions *extensions,
-                              VkPhysicalDeviceType type)
+static void read_processors(const struct gpu_instance *instance, VkPhysicalDevice device, const struct extensions *extensions,
+                            struct gpu_facts *facts)
 {
     enum { WARPS = 64 };
     VkPhysicalDeviceShaderSMBuiltinsPropertiesNV processors = {.sType =
                                                                    VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_SM_BUILTINS_PROPERTIES_NV};
     VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &processors};
-    if (!extensions->sm_builtins)
-        return type == VK_PHYSICAL_DEVICE_TYPE_CPU;
-    instance->vk.GetPhysicalDeviceProperties2(device, &properties);
-    return processors.shaderWarpsPerSM >= WARPS;
+    if (extensions->sm_builtins)
+        instance->vk.GetPhysicalDeviceProperties2(device, &properties);
+    facts->multiprocessors = processors.shaderSMCount;
+    facts->has_quick_doubles = facts->has_doubles && (extensions->sm_builtins ? processors.shaderWarpsPerSM >= WARPS
+                                                                              : facts->type == VK_PHYSICAL_DEVICE_TYPE_CPU);
 }
 
 static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDevice device, const struct extensions *extensions,
@@ -151,7 +152,7 @@ static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDev
     struct gpu_facts *facts = &candidate->facts;
     facts->has_buffer_address = core.bufferDeviceAddress;
     facts->has_doubles = features.features.shaderFloat64;
-    facts->has_quick_doubles = facts->has_doubles && has_quick_doubles(instance, device, extensions, facts->type);
+    read_processors(instance, device, extensions, facts);
     facts->has_acceleration_structure = facts->has_buffer_address && structures.accelerationStructure;
     facts->has_ray_query = facts->has_acceleration_structure && query.rayQuery;
     facts->has_ray_pipeline = facts->has_acceleration_structure && pipeline.rayTracingPipeline;

@@ -19,6 +19,7 @@
 #include "trace_left_address.h"
 #include "trace_settle.h"
 #include "trace_settle_address.h"
+#include "trace_settle_doubles.h"
 
 /* For each ray its number, and room for one doubt and a half; rays of which some find none are left to the query. */
 enum { BINDING_WORK = 3, BINDINGS, DOUBT_SIZE = 16, WORK_EACH = 4 + DOUBT_SIZE * 3 / 2 };
@@ -26,14 +27,20 @@ enum { BINDING_WORK = 3, BINDINGS, DOUBT_SIZE = 16, WORK_EACH = 4 + DOUBT_SIZE *
 /* Workgroups of one subgroup, if it is no smaller; more of them than any device holds at once: those that come late find no rays left. */
 enum { REFILL_GROUP = 32, REFILL_GROUPS = 4224 };
 
-/* The kernels count the words of a scene in 31 bits. */
-static const uint64_t most_bytes = UINT64_C(1) << 33;
+/*
+ * Where rays that go together are handed out, on NVIDIA's: one workgroup for each multiprocessor, of so many threads that there are no more than 80 registers, or 64, for
+ * each of them. Compilers take 96 otherwise, for what few rays need, and a sixth less fits at once.
+ */
+enum { WHOLE_GROUP = 768, WHOLE_FINE_GROUP = 1024 };
+
+/* Rows of a scene are found by 32 bits of an offset. */
+static const uint64_t most_bytes = UINT64_C(1) << 32;
 
 /* One structure of more: even rays that go together soon lose each other among triangles that small. */
 static const uint64_t fine_bytes = UINT64_C(1) << 24;
 
 /* Of trace_closest.comp. */
-enum { CONSTANTS = 5 };
+enum { CONSTANTS = 6, CONSTANT_INSTANCES = 1 };
 static const uint32_t any_content = UINT32_MAX;
 
 /* How many rays next to each other are looked at, at how many places of a portion, and the cosine that their directions do not fall below when they go together. */
@@ -76,98 +83,109 @@ static bool has_ballots(struct gpu *gpu, uint32_t *ret_size)
     return (subgroups.supportedOperations & needed) == needed && (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT);
 }
 
-static enum bvhd_status add_kernel(struct tracer_device *device, const uint32_t *code, size_t size, const uint32_t *constants,
-                                   uint32_t most_groups, int *ret_choice, struct bvhd_error *error)
+static enum bvhd_status add_kernel(struct tracer_device *device, const struct gpu_kernel_options *options, uint32_t most_groups,
+                                   int *ret_choice, struct bvhd_error *error)
 {
-    const struct gpu_kernel_options options = {
-        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
-    enum bvhd_status status = tracer_device_add(device, &options, most_groups, error);
+    enum bvhd_status status = tracer_device_add(device, options, most_groups, error);
     if (!status)
         *ret_choice = (int)device->choice_count - 1;
     return status;
 }
 
-static enum bvhd_status add_after(struct tracer_device *device, const uint32_t *code, size_t size, const uint32_t *constants,
-                                  struct bvhd_error *error)
+static bool is_in_doubles(const struct tracer_device *device)
 {
-    const struct gpu_kernel_options options = {
-        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
-    return tracer_device_add_after(device, &options, error);
+    return device->gpu->facts.has_buffer_address && device->gpu->facts.has_quick_doubles;
 }
 
-/* What decides on doubts; and the query, for rays with more of them than there is room for. */
+static struct gpu_kernel_options options_of(const uint32_t *code, size_t size, const uint32_t *constants)
+{
+    return (struct gpu_kernel_options){
+        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
+}
+
+/* What decides on doubts; and the query, for what is left. */
 static enum bvhd_status add_afters(struct tracer_device *device, const uint32_t *constants, struct bvhd_error *error)
 {
     const uint32_t of_query[CONSTANTS] = {TRACER_GROUP, false, constants[2]};
     bool by_address = device->gpu->facts.has_buffer_address;
-    enum bvhd_status status = by_address
-                                  ? add_after(device, trace_settle_address_code, sizeof trace_settle_address_code, constants, error)
-                                  : add_after(device, trace_settle_code, sizeof trace_settle_code, constants, error);
-    if (status)
-        return status;
-    return by_address ? add_after(device, trace_left_address_code, sizeof trace_left_address_code, of_query, error)
-                      : add_after(device, trace_left_code, sizeof trace_left_code, of_query, error);
+    const struct gpu_kernel_options after =
+        is_in_doubles(device) ? options_of(trace_settle_doubles_code, sizeof trace_settle_doubles_code, constants)
+        : by_address          ? options_of(trace_settle_address_code, sizeof trace_settle_address_code, constants)
+                              : options_of(trace_settle_code, sizeof trace_settle_code, constants);
+    const struct gpu_kernel_options rest = by_address ? options_of(trace_left_address_code, sizeof trace_left_address_code, of_query)
+                                                      : options_of(trace_left_code, sizeof trace_left_code, of_query);
+    enum bvhd_status status = tracer_device_add_after(device, &after, error);
+    return status ? status : tracer_device_add_rest(device, &rest, error);
 }
 
+/* Kernels that decide at their end. Those of scenes without instances hand rays out. */
 static enum bvhd_status add_doubles(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants, bool waits,
                                     struct bvhd_error *error)
 {
-    int *place = &closest->together;
-    enum bvhd_status status =
-        waits ? add_kernel(device, trace_closest_wait_doubles_code, sizeof trace_closest_wait_doubles_code, constants, 0, place, error)
-              : add_kernel(device, trace_closest_doubles_code, sizeof trace_closest_doubles_code, constants, 0, place, error);
+    uint32_t with_group[CONSTANTS], multiprocessors = device->gpu->facts.multiprocessors;
+    bool hands_out = !constants[CONSTANT_INSTANCES];
+    memcpy(with_group, constants, sizeof with_group);
+    if (hands_out && multiprocessors)
+        with_group[0] = closest->is_fine ? WHOLE_FINE_GROUP : WHOLE_GROUP;
+    const struct gpu_kernel_options options =
+        waits ? options_of(trace_closest_wait_doubles_code, sizeof trace_closest_wait_doubles_code, with_group)
+              : options_of(trace_closest_doubles_code, sizeof trace_closest_doubles_code, with_group);
+    enum bvhd_status status = add_kernel(device, &options,
+                                         !hands_out        ? 0
+                                         : multiprocessors ? multiprocessors
+                                                           : REFILL_GROUPS,
+                                         &closest->together, error);
     if (!status)
-        device->choices[*place].is_whole = true;
+        device->choices[closest->together].is_whole = true;
     return status;
 }
 
-/* Waiting for other lanes pays where there are instances. */
+/* Waiting for other lanes pays where there are instances, or many small triangles. */
 static enum bvhd_status add_together(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
-                                     bool waits, struct bvhd_error *error)
+                                     struct bvhd_error *error)
 {
-    bool by_address = device->gpu->facts.has_buffer_address;
-    int *place = &closest->together;
-    if (by_address && device->gpu->facts.has_quick_doubles)
+    bool by_address = device->gpu->facts.has_buffer_address, waits = constants[CONSTANT_INSTANCES] || closest->is_fine;
+    if (is_in_doubles(device))
         return add_doubles(closest, device, constants, waits, error);
-    if (waits)
-        return by_address ? add_kernel(device, trace_closest_wait_address_code, sizeof trace_closest_wait_address_code, constants, 0,
-                                       place, error)
-                          : add_kernel(device, trace_closest_wait_code, sizeof trace_closest_wait_code, constants, 0, place, error);
-    return by_address ? add_kernel(device, trace_closest_address_code, sizeof trace_closest_address_code, constants, 0, place, error)
-                      : add_kernel(device, trace_closest_code, sizeof trace_closest_code, constants, 0, place, error);
+    const struct gpu_kernel_options options =
+        waits        ? by_address ? options_of(trace_closest_wait_address_code, sizeof trace_closest_wait_address_code, constants)
+                                  : options_of(trace_closest_wait_code, sizeof trace_closest_wait_code, constants)
+               : by_address ? options_of(trace_closest_address_code, sizeof trace_closest_address_code, constants)
+                     : options_of(trace_closest_code, sizeof trace_closest_code, constants);
+    return add_kernel(device, &options, 0, &closest->together, error);
 }
 
-static enum bvhd_status add_kernels(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
-                                    bool has_top, struct bvhd_error *error)
+static enum bvhd_status add_refill(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
+                                   uint32_t lanes, struct bvhd_error *error)
 {
-    uint32_t of_refill[CONSTANTS], lanes;
-    bool has = has_ballots(device->gpu, &lanes);
-    enum bvhd_status status = add_together(closest, device, constants, has && has_top, error);
-    if (status || !has)
-        return status;
-    memcpy(of_refill, constants, sizeof of_refill);
-    of_refill[0] = lanes > REFILL_GROUP ? lanes : REFILL_GROUP;
-    return device->gpu->facts.has_buffer_address
-               ? add_kernel(device, trace_closest_refill_address_code, sizeof trace_closest_refill_address_code, of_refill,
-                            REFILL_GROUPS, &closest->refill, error)
-               : add_kernel(device, trace_closest_refill_code, sizeof trace_closest_refill_code, of_refill, REFILL_GROUPS,
-                            &closest->refill, error);
+    uint32_t with_group[CONSTANTS];
+    memcpy(with_group, constants, sizeof with_group);
+    with_group[0] = lanes > REFILL_GROUP ? lanes : REFILL_GROUP;
+    const struct gpu_kernel_options options =
+        device->gpu->facts.has_buffer_address
+            ? options_of(trace_closest_refill_address_code, sizeof trace_closest_refill_address_code, with_group)
+            : options_of(trace_closest_refill_code, sizeof trace_closest_refill_code, with_group);
+    return add_kernel(device, &options, REFILL_GROUPS, &closest->refill, error);
 }
 
 enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct tracer_device *device, const struct structures *structures,
                                      bool has_fused_fma, struct bvhd_error *error)
 {
-    bool is_cpu = device->gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU;
+    struct gpu *gpu = device->gpu;
     uint64_t size = device->buffers[0]->size;
-    uint32_t constants[CONSTANTS] = {TRACER_GROUP, structures->has_top, has_fused_fma, is_cpu};
+    uint32_t content, lanes;
+    bool is_cpu = gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU;
     *closest =
         (struct tracer_closest){.is_cpu = is_cpu, .is_fine = !structures->has_top && size > fine_bytes, .together = -1, .refill = -1};
-    if (!has_only_triangles(structures, &constants[CONSTANTS - 1]) || size > most_bytes)
+    if (!has_only_triangles(structures, &content) || size > most_bytes || !has_ballots(gpu, &lanes))
         return BVHD_OK;
+    const uint32_t constants[CONSTANTS] = {TRACER_GROUP, structures->has_top, has_fused_fma, !gpu->has_small_halves, content, is_cpu};
     device->work_binding = BINDING_WORK;
     device->work_each = WORK_EACH;
     enum bvhd_status status = add_afters(device, constants, error);
-    return status ? status : add_kernels(closest, device, constants, structures->has_top, error);
+    if (!status)
+        status = add_together(closest, device, constants, error);
+    return status ? status : add_refill(closest, device, constants, lanes, error);
 }
 
 static bool has_flags(const struct ray *rays, uint64_t count)
@@ -204,10 +222,8 @@ int tracer_closest_choose(const struct tracer_closest *closest, const struct ray
 {
     if (closest->together < 0 || closest->way == TRACER_WAY_QUERY || has_flags(rays, count))
         return -1;
-    if (closest->refill < 0 || closest->way == TRACER_WAY_TOGETHER)
-        return closest->together;
-    if (closest->way == TRACER_WAY_REFILL)
-        return closest->refill;
-    bool together = closest->is_cpu || (!closest->is_fine && go_together(rays, count));
+    if (closest->way != TRACER_WAY_AUTO)
+        return closest->way == TRACER_WAY_TOGETHER ? closest->together : closest->refill;
+    bool together = closest->is_cpu || go_together(rays, count);
     return together ? closest->together : closest->refill;
 }

@@ -18,9 +18,9 @@ enum tracer_way {
 
 struct tracer_closest {
     enum tracer_way way;
-    bool is_cpu; /* there waiting for other lanes gains nothing, and bytes become floats more quickly as they are */
-    bool is_fine; /* so many triangles that rays do not go together for long */
-    int together, refill; /* places among the choices; -1: not there */
+    bool is_cpu; /* there waiting for other lanes gains nothing */
+    bool is_fine; /* one structure of so many triangles that neighbours soon meet others */
+    int together, refill; /* places among the choices; -1: neither of them is there */
 };
 
 /*

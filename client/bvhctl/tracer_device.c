@@ -57,8 +57,10 @@ static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, stru
     gpu_kernel_bind(self->gpu, &self->kernel, bound, self->structures);
     for (uint32_t i = 0; i < self->choice_count; i++)
         gpu_kernel_bind(self->gpu, &self->choices[i].kernel, bound, self->structures);
-    for (uint32_t i = 0; i < self->after_count; i++)
-        gpu_kernel_bind(self->gpu, &self->afters[i], bound, self->structures);
+    if (self->choice_count) {
+        gpu_kernel_bind(self->gpu, &self->after, bound, self->structures);
+        gpu_kernel_bind(self->gpu, &self->rest, bound, self->structures);
+    }
     self->capacity = count;
     return BVHD_OK;
 }
@@ -70,12 +72,11 @@ static void barrier(struct gpu *gpu, VkCommandBuffer commands, VkPipelineStageFl
     gpu->vk.CmdPipelineBarrier(commands, from, to, 0, 1, &memory, 0, NULL, 0, NULL);
 }
 
-static void dispatch_afters(struct tracer_device *self, VkCommandBuffer commands)
+static void dispatch_after(struct tracer_device *self, VkCommandBuffer commands, const struct gpu_kernel *kernel)
 {
     barrier(self->gpu, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
             VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_SHADER_WRITE_BIT);
-    for (uint32_t i = 0; i < self->after_count; i++)
-        gpu_kernel_record(self->gpu, &self->afters[i], commands, &self->push, TRACER_AFTER_GROUPS);
+    gpu_kernel_record(self->gpu, kernel, commands, &self->push, TRACER_AFTER_GROUPS);
 }
 
 static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint32_t count, const struct tracer_device_choice *choice)
@@ -85,7 +86,7 @@ static void dispatch(struct tracer_device *self, VkCommandBuffer commands, uint3
         groups = choice->most_groups;
     gpu_kernel_record(self->gpu, choice ? &choice->kernel : &self->kernel, commands, &self->push, groups);
     if (choice && !choice->is_whole)
-        dispatch_afters(self, commands);
+        dispatch_after(self, commands, &self->after);
 }
 
 static void copy_back(struct tracer_device *self, VkCommandBuffer commands, uint32_t count)
@@ -143,7 +144,7 @@ static enum bvhd_status trace_left(struct tracer_device *self, uint32_t count, d
     if (status)
         return status;
     gpu_timer_start(self->gpu, &self->timer, commands);
-    dispatch_afters(self, commands);
+    dispatch_after(self, commands, &self->rest);
     gpu_timer_stop(self->gpu, &self->timer, commands);
     copy_back(self, commands, count);
     return submit(self, commands, seconds, error);
@@ -159,7 +160,7 @@ static enum bvhd_status trace_portion(struct tracer_device *self, const struct t
         return status;
     record(self, commands, count, choice);
     status = submit(self, commands, seconds, error);
-    if (!status && choice && choice->is_whole && has_left_rays(self, count))
+    if (!status && choice && has_left_rays(self, count))
         status = trace_left(self, count, seconds, error);
     if (!status)
         memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
@@ -198,13 +199,19 @@ static void destroy(struct tracer *tracer)
     tracer_device_destroy((struct tracer_device *)tracer);
 }
 
-enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
-                                    struct memory *memory, struct bvhd_error *error)
+static enum bvhd_status create_kernel(struct tracer_device *self, const struct gpu_kernel_options *options,
+                                      struct gpu_kernel *ret_kernel, struct bvhd_error *error)
 {
     struct gpu_kernel_options with_push = *options;
     with_push.push_size = sizeof(struct tracer_push);
+    return gpu_kernel_create(self->gpu, &with_push, ret_kernel, error);
+}
+
+enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
+                                    struct memory *memory, struct bvhd_error *error)
+{
     *self = (struct tracer_device){.gpu = gpu, .memory = memory};
-    enum bvhd_status status = gpu_kernel_create(gpu, &with_push, &self->kernel, error);
+    enum bvhd_status status = create_kernel(self, options, &self->kernel, error);
     if (status)
         return status;
     status = gpu_timer_create(gpu, &self->timer, error);
@@ -219,10 +226,8 @@ enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu,
 enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_kernel_options *options, uint32_t most_groups,
                                    struct bvhd_error *error)
 {
-    struct gpu_kernel_options with_push = *options;
     struct tracer_device_choice choice = {.most_groups = most_groups};
-    with_push.push_size = sizeof(struct tracer_push);
-    enum bvhd_status status = gpu_kernel_create(self->gpu, &with_push, &choice.kernel, error);
+    enum bvhd_status status = create_kernel(self, options, &choice.kernel, error);
     if (!status)
         self->choices[self->choice_count++] = choice;
     return status;
@@ -230,12 +235,12 @@ enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_
 
 enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struct gpu_kernel_options *options, struct bvhd_error *error)
 {
-    struct gpu_kernel_options with_push = *options;
-    with_push.push_size = sizeof(struct tracer_push);
-    enum bvhd_status status = gpu_kernel_create(self->gpu, &with_push, &self->afters[self->after_count], error);
-    if (!status)
-        self->after_count++;
-    return status;
+    return create_kernel(self, options, &self->after, error);
+}
+
+enum bvhd_status tracer_device_add_rest(struct tracer_device *self, const struct gpu_kernel_options *options, struct bvhd_error *error)
+{
+    return create_kernel(self, options, &self->rest, error);
 }
 
 void tracer_device_destroy(struct tracer_device *self)
@@ -247,8 +252,8 @@ void tracer_device_destroy(struct tracer_device *self)
     free_buffers(self);
     gpu_timer_destroy(self->gpu, &self->timer);
     gpu_kernel_destroy(self->gpu, &self->kernel);
-    for (uint32_t i = 0; i < self->after_count; i++)
-        gpu_kernel_destroy(self->gpu, &self->afters[i]);
+    gpu_kernel_destroy(self->gpu, &self->after);
+    gpu_kernel_destroy(self->gpu, &self->rest);
     for (uint32_t i = 0; i < self->choice_count; i++)
         gpu_kernel_destroy(self->gpu, &self->choices[i].kernel);
     memory_free(self->memory, self);

@@ -13,8 +13,7 @@ enum {
     TRACER_GROUP = 64, /* threads of a workgroup, specialisation constant 0 */
     TRACER_BINDINGS = 8, /* most storage buffers */
     TRACER_CHOICES = 2, /* kernels beside the first one */
-    TRACER_AFTERS = 2, /* kernels after these */
-    TRACER_AFTER_GROUPS = 256,
+    TRACER_AFTER_GROUPS = 256, /* of the kernels that run after these */
 };
 
 /* As kernels declare it. */
@@ -29,7 +28,7 @@ struct tracer_push {
 struct tracer_device_choice {
     struct gpu_kernel kernel;
     uint32_t most_groups; /* 0: a thread a ray; else so many workgroups at most, among which it hands the rays out */
-    bool is_whole; /* nothing has to run after it, unless the second word of the work buffer, of rays that it has left, is not 0 */
+    bool is_whole; /* `after` does not have to run */
 };
 
 struct tracer_device {
@@ -41,8 +40,8 @@ struct tracer_device {
     uint32_t choice_count;
     /* Which of the choices runs over all rays of a call, -1: the first kernel. NULL: always that one. */
     int (*choose)(const struct tracer_device *self, const struct ray *rays, uint64_t count);
-    struct gpu_kernel afters[TRACER_AFTERS]; /* run after a choice, side by side, in TRACER_AFTER_GROUPS workgroups each */
-    uint32_t after_count;
+    struct gpu_kernel after; /* runs after a choice that is not whole */
+    struct gpu_kernel rest; /* runs after both where the second word of the work buffer, of rays that they have left, is not 0 */
     uint32_t work_binding,
         work_each; /* of choices: a buffer with so many bytes for each ray, after 16 that are 0 before they run; 0: none */
     struct gpu_timer timer;
@@ -61,9 +60,11 @@ struct tracer_device {
 enum bvhd_status tracer_device_init(struct tracer_device *self, struct gpu *gpu, const struct gpu_kernel_options *options,
                                     struct memory *memory, struct bvhd_error *error);
 
-/* Adds a choice, or a kernel after them; constants and bindings are up to `options`. On failure it is as before. */
+/* The kernels that choices need; constants and bindings are up to `options`. On failure it is as before. */
 enum bvhd_status tracer_device_add_after(struct tracer_device *self, const struct gpu_kernel_options *options,
                                          struct bvhd_error *error);
+enum bvhd_status tracer_device_add_rest(struct tracer_device *self, const struct gpu_kernel_options *options, struct bvhd_error *error);
+/* Adds a choice. */
 enum bvhd_status tracer_device_add(struct tracer_device *self, const struct gpu_kernel_options *options, uint32_t most_groups,
                                    struct bvhd_error *error);
 

@@ -24,6 +24,7 @@ static struct memory memory;
 static struct gpu *gpu;
 static float positions[TRIANGLES * 3][3];
 static struct ray rays[RAYS];
+static float unit = 1; /* of t */
 
 /* Scattered triangles; one large one many times over; a strip whose triangles share their edges. */
 static void make_triangles(void)
@@ -105,7 +106,7 @@ static unsigned count_differing(const struct scene *scene, const struct tracer_h
         if (!is_hit || isinf(hits[i].t))
             differing += is_hit != !isinf(hits[i].t);
         else
-            differing += fabsf(hits[i].t - hit.t) > 2e-5f * hit.t + 1e-6f || hits[i].geometry != hit.geometry ||
+            differing += fabsf(hits[i].t - hit.t) > 2e-5f * hit.t + 1e-6f * unit || hits[i].geometry != hit.geometry ||
                          hits[i].primitive != hit.primitive || (hits[i].flags & 1) != hit.front_face ||
                          fabsf(hits[i].u - hit.u) > 1e-3f || fabsf(hits[i].v - hit.v) > 1e-3f;
     }
@@ -146,6 +147,22 @@ static void trace_in_batches(struct tracer *tracer, enum tracer_way way, const s
     *ret_sum = sum;
 }
 
+/* Directions so short that steps of boxes would leave floats along axes that a ray hardly moves on: such rays are left to the query. */
+static void trace_from_afar(struct tracer *tracer, enum tracer_way way, const struct scene *scene)
+{
+    static struct ray near_rays[RAYS];
+    struct counts counts;
+    memcpy(near_rays, rays, sizeof rays);
+    for (int i = 0; i < RAYS; i++)
+        for (int axis = 0; axis < 3; axis++)
+            rays[i].direction[axis] *= 0x1p-84f;
+    unit = 0x1p84f;
+    trace_in_batches(tracer, way, scene, FEW, &counts);
+    memcpy(rays, near_rays, sizeof rays);
+    unit = 1;
+    assert_in_range(counts.left, RAYS / 2, RAYS - 1);
+}
+
 /* Of few rays all doubts find room and are decided; of all rays together some are left to the query. */
 static void trace_with_doubts(struct tracer *tracer, enum tracer_way way, const struct scene *scene, bool settles)
 {
@@ -170,16 +187,19 @@ static void try_tracer(const struct structures *structures, const struct scene *
     assert_int_equal(counts.doubts, 0);
     trace_with_doubts(tracer, TRACER_WAY_TOGETHER, scene, !has_whole);
     trace_with_doubts(tracer, TRACER_WAY_REFILL, scene, true);
+    trace_from_afar(tracer, TRACER_WAY_TOGETHER, scene);
+    trace_from_afar(tracer, TRACER_WAY_REFILL, scene);
     tracer_destroy(tracer);
 }
 
-enum device_kind { WITH_DOUBLES, WITHOUT_DOUBLES, WITHOUT_ADDRESSES };
+enum device_kind { WITH_DOUBLES, WITHOUT_DOUBLES, WITHOUT_ADDRESSES, WITH_SMALL_HALVES };
 
 /* Through the first blob, as on a device of that kind. */
 static void try_blobs(const struct bytes *blobs, uint32_t count, enum device_kind kind)
 {
     struct portable_view view;
     const struct gpu_facts facts = gpu->facts;
+    const bool has_small_halves = gpu->has_small_halves;
     assert_int_equal(portable_open(blobs[0], &memory, &view, NULL), BVHD_OK);
     const struct portable_view *const bottoms[] = {&view};
     const struct scene scene = {NULL, bottoms, 1};
@@ -189,8 +209,10 @@ static void try_blobs(const struct bytes *blobs, uint32_t count, enum device_kin
                                           .blobs = (struct bytes *)(uintptr_t)blobs};
     gpu->facts.has_quick_doubles = facts.has_doubles && kind != WITHOUT_DOUBLES;
     gpu->facts.has_buffer_address = facts.has_buffer_address && kind != WITHOUT_ADDRESSES;
+    gpu->has_small_halves = kind == WITH_SMALL_HALVES && gpu_keeps_small_halves(gpu);
     try_tracer(&structures, &scene, gpu->facts.has_quick_doubles && gpu->facts.has_buffer_address);
     gpu->facts = facts;
+    gpu->has_small_halves = has_small_halves;
 }
 
 static void try_layout(uint32_t layout_flags, enum device_kind kind)
@@ -216,7 +238,7 @@ static void test_both(void **state)
 static void test_indexed(void **state)
 {
     (void)state;
-    for (int kind = WITH_DOUBLES; kind <= WITHOUT_ADDRESSES; kind++)
+    for (int kind = WITH_DOUBLES; kind <= WITH_SMALL_HALVES; kind++)
         try_layout(0, (enum device_kind)kind);
 }
 

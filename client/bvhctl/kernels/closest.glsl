@@ -16,11 +16,11 @@ uvec2 stack[66];
 
 // The ray in the space of the structure that it is in.
 vec3 origin, direction, inverse;
-float away; // what boxes are too small by, for what box_error says
+float away; // what boxes are too small by, for what box_error says, and what step_of makes of a step of 0
 float volume_error, volume_shift; // visit_triangle
 float origin_low; // what components of the origin may be off by
 float tmin;
-uint order; // bvhdFirstSlot's masks; the ray's mask in bits 31 .. 24
+uint order; // set_order's masks; the ray's mask in bits 31 .. 24
 uint content, node_rows, record_rows, vertex_words; // content: of a bottom level
 uint instance; // record in the top level; NONE: in the root
 uvec2 nodes; // first child; hits in bits 31 .. 24, inner mask in bits 7 .. 0
@@ -32,6 +32,7 @@ uint root_nodes, root_records;
 #ifdef REFILL
 // In shared memory, which is nearer than the ray's buffer: lanes leave instances at different times, and all wait for each.
 shared vec4 world_origins[gl_WorkGroupSize.x], world_directions[gl_WorkGroupSize.x], world_inverses[gl_WorkGroupSize.x]; // w of the last: away
+shared uint world_orders[gl_WorkGroupSize.x];
 #else
 float root_away;
 #endif
@@ -42,7 +43,13 @@ uint best, best_instance, best_id;
 bool best_is_front;
 uint index; // of the ray
 
-uint last_doubt; // NONE, or a row of doubts: a triangle that floats cannot decide on; no less than there are rows: some are lost
+uint last_doubt; // NONE, or a row of doubts: a triangle that floats cannot decide on; no less than there are rows: the ray is left to the query
+const uint LEFT = 0xfffffffeu;
+
+bool is_left()
+{
+    return last_doubt != NONE && last_doubt >= doubt_room();
+}
 
 bool is_top()
 {
@@ -68,11 +75,20 @@ BvhdBody open_body(uvec2 location)
     return bvhdBodyOpen(offset_of(location), unused);
 }
 
+// Slots of the nearer half along the axis that the ray runs along most in bits 23 .. 16, along the next one in 15 .. 8, along the last one in 7 .. 0.
 void set_order()
 {
-    bvec3 is_negative = lessThan(inverse, vec3(0.0));
-    order = order & 0xff000000u | (is_negative.z ? 0xf00000u : 0x0f0000u) | (is_negative.y ? 0xcc00u : 0x3300u) | (is_negative.x ? 0xaau : 0x55u);
+    vec3 size = abs(inverse);
+    uint y_over_x = size.x > size.y ? 8u : 0u, z_over_x = size.x > size.z ? 8u : 0u, z_over_y = size.y > size.z ? 8u : 0u;
+    uint x = (inverse.x < 0.0 ? 0xaau : 0x55u) << (16u - y_over_x - z_over_x), y = (inverse.y < 0.0 ? 0xccu : 0x33u) << (8u + y_over_x - z_over_y);
+    order = order & 0xff000000u | x | y | (inverse.z < 0.0 ? 0xf0u : 0x0fu) << (z_over_x + z_over_y);
 }
+
+/*
+ * Of a structure's points from a ray, in lengths and in t. Steps are taken 2^24 times as large (widen) and are less than a thirtieth of what they divide: that has to stay a
+ * float. Rays for which it might not are left to the query.
+ */
+const float FARTHEST = 3.0e32;
 
 // What a ray needs of a structure.
 struct Entry {
@@ -108,12 +124,15 @@ Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float 
     float longest = bvhdLargest(towards), farthest = max(bvhdLargest(extent.lowest - from), bvhdLargest(extent.highest - from));
     entry.direction_low = low_direction;
     entry.inverse = inverse_of(towards, longest);
-    entry.away = 1.001 * (low_origin + farthest / longest * low_direction + 1.8626452e-9 * farthest) + 2.4e-38;
+    entry.away = 1.001 * (low_origin + farthest / longest * low_direction + 1.8626452e-9 * farthest) + 1.6e-36;
     vec3 a = (extent.lowest - from) * entry.inverse, b = (extent.highest - from) * entry.inverse;
     vec3 error = max(abs(a), abs(b)) * 9.5367432e-7 + (abs(entry.inverse) * entry.away + 3.0092656e-36);
     vec3 near = min(a, b) - error, far = max(a, b) + error;
     bool is_met = max(max(near.x, near.y), max(near.z, tmin)) <= min(min(far.x, far.y), min(far.z, high));
-    entry.can_hit = longest > 0.0 && bvhdIsFinite(from) && bvhdIsFinite(towards) && !extent.isEmpty && is_met;
+    entry.can_hit = longest > 0.0 && bvhdIsFinite(from) && bvhdIsFinite(towards) && !extent.isEmpty;
+    if (entry.can_hit && farthest * max(bvhdLargest(entry.inverse), 1.0) > FARTHEST)
+        last_doubt = LEFT;
+    entry.can_hit = entry.can_hit && is_met && last_doubt != LEFT;
     return entry;
 }
 
@@ -144,6 +163,7 @@ void keep_world()
     world_origins[own] = vec4(origin, 0.0);
     world_directions[own] = vec4(direction, 0.0);
     world_inverses[own] = vec4(inverse, away);
+    world_orders[own] = order;
 #else
     root_away = away;
 #endif
@@ -157,12 +177,14 @@ void enter_world()
     direction = world_directions[own].xyz;
     inverse = world_inverses[own].xyz;
     away = world_inverses[own].w;
+    order = world_orders[own];
 #else
     Ray ray = rays[index];
     origin = ray.origin.xyz;
     direction = ray.direction.xyz;
     inverse = inverse_of(direction, bvhdLargest(direction));
     away = root_away;
+    set_order();
 #endif
     origin_low = 0.0;
 }
@@ -179,7 +201,7 @@ void start()
     last_doubt = NONE;
     waiting = uvec2(0u);
     top = 0;
-    order = ray.flags.y << 24;
+    order = has_instances ? ray.flags.y << 24 : 0u;
     enter(entry_of(extra, origin, direction, 0.0, 0.0));
     root_nodes = node_rows;
     root_records = record_rows;
@@ -198,7 +220,6 @@ void leave_instance()
     record_rows = root_records;
     instance = NONE;
     level_bottom = 0;
-    set_order();
 }
 
 /*
@@ -234,14 +255,41 @@ void visit_instance(uint record)
     enter(entry);
 }
 
-// Which of four slots the ray meets, in bits 3 .. 0.
-uint slots_hit(uvec3 near_bytes, uvec3 far_bytes, vec3 scale, vec3 first, vec3 last)
+/*
+ * Four bytes as floats: 2^-24 of each, which is what its bits say as a half. Those are denormal: with `plain_bytes`, where a device may take them for 0 or is quicker without,
+ * bytes are converted as they are. No constant is OR'ed in, as bvhd_box.glsl does: that took 24 operations a node more.
+ */
+vec4 widen(uint bytes)
 {
-    ivec4 near = max(max(floatBitsToInt(bvhdWiden(near_bytes.x) * scale.x + first.x), floatBitsToInt(bvhdWiden(near_bytes.y) * scale.y + first.y)),
-                     max(floatBitsToInt(bvhdWiden(near_bytes.z) * scale.z + first.z), ivec4(floatBitsToInt(tmin))));
-    ivec4 far = min(min(floatBitsToInt(bvhdWiden(far_bytes.x) * scale.x + last.x), floatBitsToInt(bvhdWiden(far_bytes.y) * scale.y + last.y)),
-                    min(floatBitsToInt(bvhdWiden(far_bytes.z) * scale.z + last.z), ivec4(floatBitsToInt(high))));
-    return (near.x <= far.x ? 1u : 0u) | (near.y <= far.y ? 2u : 0u) | (near.z <= far.z ? 4u : 0u) | (near.w <= far.w ? 8u : 0u);
+    if (plain_bytes)
+        return vec4(uvec4(bytes, bytes >> 8, bytes >> 16, bytes >> 24) & 255u);
+    vec2 even = unpackHalf2x16(bytes & 0x00ff00ffu), odd = unpackHalf2x16(bytes >> 8 & 0x00ff00ffu);
+    return vec4(even.x, odd.x, even.y, odd.y);
+}
+
+// What the bytes of these exponents, one in 8 bits each, are multiplied with: 2^24 steps where widen makes 2^-24 of a byte.
+vec3 step_of(uint exponents)
+{
+    return uintBitsToFloat(uvec3(exponents << 23, exponents << 15, exponents << 7) + (plain_bytes ? 0u : 24u << 23) & 0x7f800000u);
+}
+
+#define AS_INT floatBitsToInt
+
+/*
+ * Shifts in a bit for each of four slots, the last one's first: 1 where the ray misses it. Distances are compared as integers, which is right as long as
+ * the interval's start is not negative; what is between the first and the last one says by its sign whether there is anything.
+ */
+void look_at_slots(uvec3 near_bytes, uvec3 far_bytes, vec3 scale, vec3 first, vec3 last, inout uint missed)
+{
+    ivec4 near = max(max(AS_INT(widen(near_bytes.x) * scale.x + first.x), AS_INT(widen(near_bytes.y) * scale.y + first.y)),
+                     max(AS_INT(widen(near_bytes.z) * scale.z + first.z), ivec4(AS_INT(tmin))));
+    ivec4 far = min(min(AS_INT(widen(far_bytes.x) * scale.x + last.x), AS_INT(widen(far_bytes.y) * scale.y + last.y)),
+                    min(AS_INT(widen(far_bytes.z) * scale.z + last.z), ivec4(AS_INT(high))));
+    uvec4 between = floatBitsToUint(intBitsToFloat(far) - intBitsToFloat(near));
+    missed = missed << 1 | between.w >> 31;
+    missed = missed << 1 | between.z >> 31;
+    missed = missed << 1 | between.y >> 31;
+    missed = missed << 1 | between.x >> 31;
 }
 
 // The records of the leaves in these slots: meta bytes of other slots become 0, which stands for no record.
@@ -257,28 +305,38 @@ uint records_of(uint leaves, uvec2 meta)
     return a.x | a.y | a.z | a.w | b.x | b.y | b.z | b.w;
 }
 
-// Goes to the next child of the group, which has one. bvhd_box.glsl says what is covered.
-void visit_node()
+// Takes the first child of the group, which has one; what is left goes to the stack.
+uint next_child()
 {
-    uint slot = bvhdFirstSlot(nodes.y, order);
-    nodes.y &= ~(FIRST_INNER << slot);
-    uint child = nodes.x + uint(bitCount(nodes.y & ((1u << slot) - 1u)));
+    uint slots = nodes.y & 0xff000000u, nearer = slots & order << 8;
+    slots = nearer != 0u ? nearer : slots;
+    nearer = slots & order << 16;
+    slots = nearer != 0u ? nearer : slots;
+    nearer = slots & order << 24;
+    slots = nearer != 0u ? nearer : slots;
+    uint slot = slots & -slots;
+    nodes.y ^= slot;
     if (nodes.y >= FIRST_INNER)
         stack[top++] = nodes;
-    uint row = node_rows + 5u * child;
+    return nodes.x + uint(bitCount(nodes.y & ((slot >> 24) - 1u)));
+}
+
+// bvhd_box.glsl says what is covered.
+void visit_node()
+{
+    uint row = node_rows + 5u * next_child();
     uvec4 head = BVHD_STORAGE_ROWS[row], meta = BVHD_STORAGE_ROWS[row + 1u];
     uvec4 planes0 = BVHD_STORAGE_ROWS[row + 2u], planes1 = BVHD_STORAGE_ROWS[row + 3u], planes2 = BVHD_STORAGE_ROWS[row + 4u];
-    vec3 offset = (uintBitsToFloat(head.xyz) - origin) * inverse, error = box_error(offset);
-    vec3 scale = uintBitsToFloat((uvec3(head.w, head.w >> 8, head.w >> 16) & 255u) << 23) * inverse;
-    offset = BVHD_PLAIN_BYTES ? offset : offset - 1024.0 * scale;
+    vec3 offset = (uintBitsToFloat(head.xyz) - origin) * inverse, error = box_error(offset), scale = step_of(head.w) * inverse;
     bvec3 is_negative = lessThan(inverse, vec3(0.0));
     uvec3 low0 = uvec3(planes0.xz, planes1.x), low1 = uvec3(planes0.yw, planes1.y);
     uvec3 high0 = uvec3(planes1.z, planes2.xz), high1 = uvec3(planes1.w, planes2.yw);
-    uint found = slots_hit(mix(low0, high0, is_negative), mix(high0, low0, is_negative), scale, offset - error, offset + error) |
-                 slots_hit(mix(low1, high1, is_negative), mix(high1, low1, is_negative), scale, offset - error, offset + error) << 4;
+    uint missed = 0u;
+    look_at_slots(mix(low1, high1, is_negative), mix(high1, low1, is_negative), scale, offset - error, offset + error, missed);
+    look_at_slots(mix(low0, high0, is_negative), mix(high0, low0, is_negative), scale, offset - error, offset + error, missed);
     uint inner = head.w >> 24;
-    nodes = uvec2(meta.x, (found & inner) << 24 | inner);
-    records = uvec2(meta.y, records_of(found & ~inner, meta.zw));
+    nodes = uvec2(meta.x, (inner & ~missed) << 24 | inner);
+    records = uvec2(meta.y, records_of(~missed & ~inner & 255u, meta.zw));
 }
 
 uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
@@ -302,11 +360,10 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
 // A ray that has lost one asks for no more rows: the count does not come round to 0 again.
 void put_doubt(uint record, float nearest)
 {
-    uint room = doubt_room();
-    if (last_doubt != NONE && last_doubt >= room)
+    if (is_left())
         return;
     uint row = atomicAdd(doubt_count, 1u);
-    if (row < room)
+    if (row < doubt_room())
         work_rows[first_doubt() + row] = uvec4(record, instance, floatBitsToUint(nearest), last_doubt);
     last_doubt = row;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts after these have been decided: with DOUBLES at once, in doubles, else by the kernel
-// that comes after, SETTLE, in pairs of floats.
+// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts after these have been decided: with DOUBLES in doubles, else in pairs of floats; at once, or
+// by the kernel that comes after, SETTLE. The including shader has count_lanes and count_before.
 #ifndef CLOSEST_SETTLE_GLSL
 #define CLOSEST_SETTLE_GLSL
 
@@ -18,9 +18,14 @@
 #define EXACT_TRIANGLE_HIT bvhdTriangleHit
 #endif
 
-bool exact_hit(uint in_instance, uint record, out BvhdTriangleHit hit, out uint id)
+bool is_below(vec2 a, vec2 b)
 {
-    Ray ray = rays[index];
+    return a.x < b.x || a.x == b.x && a.y < b.y;
+}
+
+bool exact_hit(uint of_ray, uint in_instance, uint record, out BvhdTriangleHit hit, out uint id)
+{
+    Ray ray = rays[of_ray];
     ExactRay exact = EXACT_RAY(ray.origin.xyz, ray.direction.xyz);
     uvec2 location = extra;
     if (has_instances) {
@@ -30,7 +35,7 @@ bool exact_hit(uint in_instance, uint record, out BvhdTriangleHit hit, out uint 
     }
     vec3 v0, v1, v2;
     id = bvhdCorners(open_body(location), record, v0, v1, v2);
-    return EXACT_TRIANGLE_HIT(exact, v0, v1, v2, hit);
+    return EXACT_TRIANGLE_HIT(exact, v0, v1, v2, hit) && is_below(vec2(ray.origin.w, 0.0), hit.t) && is_below(hit.t, vec2(ray.direction.w, 0.0));
 }
 
 uint place_of(uint in_instance)
@@ -41,63 +46,114 @@ uint place_of(uint in_instance)
     return bvhdRow(upper.base, upper.records + 8u * in_instance + 6u).z;
 }
 
-bool is_below(vec2 a, vec2 b)
+/*
+ * What lanes of a subgroup ask of each other: a record, its instance, the ray and which of the lanes asks; and what they are told: t, the id and these bits. A subgroup's
+ * questions stand from the place of the first lane on that is here.
+ */
+shared uvec4 questions[gl_WorkGroupSize.x], answers[gl_WorkGroupSize.x];
+const uint IS_MET = 1u, IS_FRONT = 2u;
+
+// Until all have written. On a CPU lanes are those of a vector, and llvmpipe goes wrong at a subgroup's barriers in loops.
+void share()
 {
-    return a.x < b.x || a.x == b.x && a.y < b.y;
+    if (is_cpu)
+        subgroupMemoryBarrierShared();
+    else
+        subgroupBarrier();
 }
 
-/*
- * Decides on all doubts. The answer so far is looked at exactly only when something comes close to it; one call stands for both, since its code is long and
- * compilers put it wherever it is called.
- */
+uvec4 answer_to(uvec4 question)
+{
+    BvhdTriangleHit hit;
+    uint id;
+    bool is_met = exact_hit(question.z, question.y, question.x, hit, id);
+    return uvec4(floatBitsToUint(bvhdRoundDistance(hit.t)), id, (is_met ? IS_MET : 0u) | (hit.isFront ? IS_FRONT : 0u));
+}
+
+// The ray's doubts from this one on; whether the answer so far has been asked for, and its t.
+struct Asking {
+    uint next;
+    bool knows_best;
+    vec2 best_t;
+};
+
+// Goes on to the first doubt that is not behind the answer, which is returned.
+uvec4 next_doubt(inout Asking asking)
+{
+    uvec4 doubt = uvec4(0u);
+    while (asking.next != NONE) {
+        doubt = work_rows[first_doubt() + asking.next];
+        if (uintBitsToFloat(doubt.z) <= high)
+            break;
+        asking.next = doubt.w;
+    }
+    return doubt;
+}
+
+// Each lane's next questions, in turns, until there are none or as many as lanes. The first one is for the answer so far. Returns how many.
+uint ask(inout Asking asking, uint own, uint lanes, uint begin)
+{
+    uint asked = 0u;
+    while (asked < lanes) {
+        uvec4 doubt = next_doubt(asking);
+        bool asks = asking.next != NONE, asks_best = best != NONE && !asking.knows_best;
+        uint place = asked + count_before(asks), all = count_lanes(asks);
+        if (all == 0u)
+            break;
+        if (asks && place < lanes) {
+            questions[begin + place] = uvec4(asks_best ? uvec2(best, best_instance) : doubt.xy, index, own);
+            asking.next = asks_best ? asking.next : doubt.w;
+            asking.knows_best = true;
+        }
+        asked += all;
+    }
+    return min(asked, lanes);
+}
+
+void consider(uvec4 question, uvec4 told, inout Asking asking)
+{
+    vec2 t = uintBitsToFloat(told.xy);
+    if (question.x == best && question.y == best_instance) {
+        asking.best_t = t;
+        return;
+    }
+    if ((told.w & IS_MET) == 0u || t.x > high)
+        return;
+    bool is_closer = best == NONE || is_below(t, asking.best_t);
+    if (!is_closer && t == asking.best_t) {
+        uint place = place_of(question.y), best_place = place_of(best_instance);
+        is_closer = place < best_place || place == best_place && (told.z & BVHD_ID_MASK) < (best_id & BVHD_ID_MASK);
+    }
+    if (!is_closer)
+        return;
+    best = question.x;
+    best_instance = question.y;
+    best_id = told.z;
+    best_is_front = (told.w & IS_FRONT) != 0u;
+    low = t.x * (1.0 - 2.4e-7);
+    high = min(t.x * (1.0 + 2.4e-7), high);
+    asking.best_t = t;
+}
+
+// Decides on the doubts of the rays of all lanes that are here, each by any of them: one ray may have dozens where others have none.
 void settle()
 {
-    bool asks_best = false, is_known = false, is_front = false;
-    vec2 t = vec2(0.0), best_t = vec2(0.0);
-    uint id = 0u;
-    float tmax = rays[index].direction.w;
-    while (last_doubt != NONE) {
-        uvec4 one = work_rows[first_doubt() + last_doubt];
-        if (!asks_best && uintBitsToFloat(one.z) > high) {
-            last_doubt = one.w;
-            continue;
-        }
-        BvhdTriangleHit hit;
-        uint hit_id;
-        bool is_met = exact_hit(asks_best ? best_instance : one.y, asks_best ? best : one.x, hit, hit_id);
-        if (asks_best) {
-            best_t = bvhdRoundDistance(hit.t);
-            is_known = true;
-            asks_best = false;
-        } else {
-            if (!is_met || !is_below(vec2(tmin, 0.0), hit.t) || !is_below(hit.t, vec2(tmax, 0.0)) || hit.t.x > high) {
-                last_doubt = one.w;
-                continue;
-            }
-            t = bvhdRoundDistance(hit.t);
-            id = hit_id;
-            is_front = hit.isFront;
-            asks_best = best != NONE && t.x >= low && !is_known;
-            if (asks_best)
-                continue;
-        }
-        bool is_closer = best == NONE || t.x < low || is_below(t, best_t);
-        if (!is_closer && t == best_t) {
-            uint place = place_of(one.y), best_place = place_of(best_instance);
-            is_closer = place < best_place || place == best_place && (id & BVHD_ID_MASK) < (best_id & BVHD_ID_MASK);
-        }
-        if (is_closer) {
-            best = one.x;
-            best_instance = one.y;
-            best_id = id;
-            best_is_front = is_front;
-            low = t.x * (1.0 - 2.4e-7);
-            high = min(t.x * (1.0 + 2.4e-7), high);
-            best_t = t;
-            is_known = true;
-        }
-        last_doubt = one.w;
+    uint lanes = count_lanes(true), own = count_before(true), begin = subgroupBroadcastFirst(gl_LocalInvocationIndex);
+    Asking asking = Asking(is_left() ? NONE : last_doubt, false, vec2(0.0));
+    while (true) {
+        uint asked = ask(asking, own, lanes, begin);
+        if (asked == 0u)
+            break;
+        share();
+        if (own < asked)
+            answers[begin + own] = answer_to(questions[begin + own]);
+        share();
+        for (uint i = begin; i < begin + asked; i++)
+            if (questions[i].w == own)
+                consider(questions[i], answers[i], asking);
+        share();
     }
+    last_doubt = is_left() ? last_doubt : NONE;
 }
 
 #endif
@@ -108,6 +164,8 @@ void settle()
 void take_unsettled(uint ray)
 {
     index = ray;
+    origin = rays[index].origin.xyz;
+    direction = rays[index].direction.xyz;
     uvec4 answer = hit_rows[2u * index], bounds = hit_rows[2u * index + 1u];
     best = answer.x;
     best_instance = answer.y;
@@ -116,7 +174,6 @@ void take_unsettled(uint ray)
     low = uintBitsToFloat(bounds.x);
     high = uintBitsToFloat(bounds.y);
     best_is_front = bounds.z != 0u;
-    tmin = rays[index].origin.w;
 }
 
 #elif !defined DOUBLES
@@ -144,41 +201,39 @@ vec3 cross_closely(vec3 a, vec3 b)
     return difference + rounding;
 }
 
-// After the walk. Rays that have lost doubts are left to the query. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
+// After the walk. Rays that have lost doubts, or are too far away, are left to the query. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
 void finish()
 {
 #ifndef SETTLE
+    if (is_left()) {
+        set_number(atomicAdd(left_count, 1u), index);
+        return;
+    }
+#ifndef DOUBLES
     if (last_doubt != NONE) {
-        if (last_doubt >= doubt_room()) {
-            set_number(atomicAdd(left_count, 1u), index);
-            return;
-        }
-#ifdef DOUBLES
-        settle();
-#else
         leave_doubts();
         return;
-#endif
     }
+#endif
 #endif
     Hit hit = miss();
     if (best == NONE) {
         store(hit);
         return;
     }
-    Ray ray = rays[index];
-    vec3 from = ray.origin.xyz, towards = ray.direction.xyz;
+    vec3 from = origin, towards = direction;
     uvec2 location = extra;
     hit.flags = best_is_front ? FRONT_FACE : 0u;
     if (has_instances) {
+        Ray ray = rays[index];
         BvhdBody upper = open_body(extra);
         BvhdInstance place = bvhdInstance(upper, best_instance);
         vec4 x, y, z, i0, i1, i2;
         bvhdMatrix(upper, best_instance, 0u, x, y, z);
         bvhdMatrix(upper, best_instance, 3u, i0, i1, i2);
         mat3 rows = mat3(i0.xyz, i1.xyz, i2.xyz);
-        from = (from - vec3(x.w, y.w, z.w)) * rows;
-        towards = towards * rows;
+        from = (ray.origin.xyz - vec3(x.w, y.w, z.w)) * rows;
+        towards = ray.direction.xyz * rows;
         location = place.bottom;
         hit.instance = place.index;
         hit.custom_index = place.customIndex;

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled ten times: with
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled twelve times: with
  * BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is binding 2; and
  *
- *   for rays that go together   a thread a ray, each by itself; with WAIT records are looked at when enough lanes have some: that pays where
- *                               many of them are instances;
+ *   for rays that go together   a thread a ray; with WAIT records are looked at when enough lanes have some: that pays where many of them are instances, or
+ *                               triangles so small that neighbours meet others;
  *   for others, REFILL defined  as many workgroups as the device holds: lanes that are done take new rays once enough of them are, and triangles
- *                               wait until enough lanes have some. Both need subgroup operations (ballot);
+ *                               wait until enough lanes have some;
  *   after either, SETTLE        for the rays with doubts: what decides on them takes so many registers that the others are quicker without it;
- *   with DOUBLES, addresses     a thread a ray that decides at its end, in doubles where these are quick: no ray waits for the last one of a kernel to be
- *                               decided by another.
+ *   with DOUBLES, addresses     in doubles where these are quick. Rays that go together are decided by their own kernel then, and none waits for the last one of a
+ *                               kernel to be decided by another. It runs in one workgroup a multiprocessor, whose subgroups take rays as they get done: nothing
+ *                               else bounds the registers that compilers use.
+ *
+ * All need subgroup operations (ballot).
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -17,9 +20,7 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require
 #endif
-#if defined REFILL || defined WAIT
 #extension GL_KHR_shader_subgroup_ballot : require
-#endif
 
 #define HITS_AS_ROWS
 #include "trace_rays.glsl"
@@ -28,6 +29,7 @@ layout(constant_id = 1) const bool has_instances = true;
 layout(constant_id = 2) const bool fused_fma = false;
 layout(constant_id = 3) const bool plain_bytes = false;
 layout(constant_id = 4) const uint content_of_bottoms = 0xffffffffu; // of all of them, if it is the same
+layout(constant_id = 5) const bool is_cpu = false;
 #define BVHD_PLAIN_BYTES plain_bytes
 #define BVHD_FUSED_FMA fused_fma
 
@@ -45,7 +47,7 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #endif
 
 layout(set = 0, binding = 3, std430) buffer Work {
-    uint next_ray; // for REFILL
+    uint next_ray; // where rays are handed out
     uint left_count; // rays that are left to trace_portable.comp
     uint unsettled_count; // rays that are left to SETTLE
     uint doubt_count; // those that there is no room for too
@@ -69,32 +71,48 @@ void set_number(uint place, uint ray)
     work_rows[place / 4u][place % 4u] = ray;
 }
 
+uint count_lanes(bool which)
+{
+    return subgroupBallotBitCount(subgroupBallot(which));
+}
+
+// How many lanes before this one.
+uint count_before(bool which)
+{
+    return subgroupBallotExclusiveBitCount(subgroupBallot(which));
+}
+
+// The first of so many rays, for the lanes that are here.
+uint hand_out(uint wanted)
+{
+    uint first = 0u;
+    if (subgroupElect())
+        first = atomicAdd(next_ray, wanted);
+    return subgroupBroadcastFirst(first);
+}
+
 #include "bvhd_ray_query.glsl"
 #include "closest.glsl"
 #include "closest_settle.glsl"
 
 #ifdef SETTLE
 
+// Few rays for each workgroup: lanes without one help to decide.
 void main()
 {
-    for (uint i = gl_GlobalInvocationID.x; i < unsettled_count; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
-        uint place = count - 1u - i;
-        take_unsettled(work_rows[place / 4u][place % 4u]);
+    uint own = gl_LocalInvocationIndex * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    for (uint first = 0u; first < unsettled_count; first += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+        uint i = first + own, place = count - 1u - i;
+        last_doubt = NONE;
+        if (i < unsettled_count)
+            take_unsettled(work_rows[place / 4u][place % 4u]);
         settle();
-        finish();
+        if (i < unsettled_count)
+            finish();
     }
 }
 
 #else
-
-#if defined REFILL || defined WAIT
-
-uint count_lanes(bool which)
-{
-    return subgroupBallotBitCount(subgroupBallot(which));
-}
-
-#endif
 
 #ifdef REFILL
 
@@ -128,20 +146,21 @@ bool advance()
     return true;
 }
 
-// One step of all lanes. False: this one's ray is done.
-bool step_together(bool is_working)
+// One step of all lanes. False: this one's ray is done. `busy`: how many are not.
+bool step_together(bool is_working, out uint busy)
 {
     if (is_working)
         is_working = advance();
     bool is_stalled = is_working && (records.y != 0u || waiting.y != 0u && nodes.y < FIRST_INNER && top == level_bottom);
-    uint stalled = count_lanes(is_stalled), working = count_lanes(is_working);
-    if (stalled == 0u || stalled * STALLED_SHARE < working)
+    uint stalled = count_lanes(is_stalled);
+    busy = count_lanes(is_working);
+    if (stalled == 0u || stalled * STALLED_SHARE < busy)
         return is_working;
     do {
         if (waiting.y != 0u)
             visit_triangle(take(waiting));
         put_by();
-    } while (count_lanes(waiting.y != 0u) * WAITING_SHARE > working);
+    } while (count_lanes(waiting.y != 0u) * WAITING_SHARE > busy);
     if (is_top() && is_working && records.y != 0u)
         visit_instance(take(records));
     return is_working;
@@ -157,13 +176,9 @@ void main()
         is_finished = false;
         uint wanted = count_lanes(!is_working);
         if (!is_exhausted && wanted != 0u) {
-            uint first = 0u;
-            if (subgroupElect())
-                first = atomicAdd(next_ray, wanted);
-            first = subgroupBroadcastFirst(first);
-            uint taken = subgroupBallotExclusiveBitCount(subgroupBallot(!is_working));
-            if (!is_working && first + taken < count) {
-                index = first + taken;
+            uint first = hand_out(wanted), own = first + count_before(!is_working);
+            if (!is_working && own < count) {
+                index = own;
                 is_working = true;
                 start();
             }
@@ -174,9 +189,8 @@ void main()
             break;
         while (busy != 0u && (is_exhausted || busy * BUSY_OF >= gl_SubgroupSize * BUSY_SHARE)) {
             bool was_working = is_working;
-            is_working = step_together(is_working);
+            is_working = step_together(is_working, busy);
             is_finished = is_finished || was_working && !is_working;
-            busy = count_lanes(is_working);
         }
     }
 }
@@ -207,11 +221,14 @@ uint ray_at(uint place)
     return place < after ? place + skipped : place - after;
 }
 
-void main()
+#ifdef DOUBLES
+const bool hands_out = !has_instances; // instances make rays differ too much
+#else
+const bool hands_out = false;
+#endif
+
+void trace()
 {
-    if (gl_GlobalInvocationID.x >= count)
-        return;
-    index = ray_at(gl_GlobalInvocationID.x);
     start();
     do {
         if (nodes.y >= FIRST_INNER && records.y == 0u)
@@ -221,7 +238,21 @@ void main()
 #endif
             visit_records();
     } while (records.y != 0u || nodes.y >= FIRST_INNER || resume());
+#ifdef DOUBLES
+    settle();
+#endif
     finish();
+}
+
+void main()
+{
+    do {
+        uint place = hands_out ? hand_out(count_lanes(true)) + count_before(true) : gl_GlobalInvocationID.x;
+        if (place >= count)
+            return;
+        index = ray_at(place);
+        trace();
+    } while (hands_out);
 }
 
 #endif
