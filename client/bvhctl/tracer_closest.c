@@ -40,7 +40,7 @@ static const uint64_t most_bytes = UINT64_C(1) << 32;
 static const uint64_t fine_bytes = UINT64_C(1) << 24;
 
 /* Of trace_closest.comp. */
-enum { CONSTANTS = 6, CONSTANT_INSTANCES = 1 };
+enum { CONSTANT_GROUP, CONSTANT_INSTANCES, CONSTANT_FMA, CONSTANT_PLAIN_BYTES, CONSTANT_CONTENT, CONSTANT_CPU, CONSTANTS };
 static const uint32_t any_content = UINT32_MAX;
 
 /* How many rays next to each other are looked at, at how many places of a portion, and the cosine that their directions do not fall below when they go together. */
@@ -83,89 +83,74 @@ static bool has_ballots(struct gpu *gpu, uint32_t *ret_size)
     return (subgroups.supportedOperations & needed) == needed && (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT);
 }
 
-static enum bvhd_status add_kernel(struct tracer_device *device, const struct gpu_kernel_options *options, uint32_t most_groups,
-                                   int *ret_choice, struct bvhd_error *error)
+enum kernel { KERNEL_TOGETHER, KERNEL_WAIT, KERNEL_REFILL, KERNEL_SETTLE, KERNEL_LEFT, KERNELS };
+/* Each is better than those before it, where a device has what it needs. */
+enum variant { VARIANT_BINDING, VARIANT_ADDRESS, VARIANT_DOUBLES, VARIANTS };
+
+#define CODE(name) name##_code, sizeof name##_code
+
+static const struct code {
+    const uint32_t *words;
+    size_t size;
+} codes[KERNELS][VARIANTS] = {
+    [KERNEL_TOGETHER] = {{CODE(trace_closest)}, {CODE(trace_closest_address)}, {CODE(trace_closest_doubles)}},
+    [KERNEL_WAIT] = {{CODE(trace_closest_wait)}, {CODE(trace_closest_wait_address)}, {CODE(trace_closest_wait_doubles)}},
+    [KERNEL_REFILL] = {{CODE(trace_closest_refill)}, {CODE(trace_closest_refill_address)}, {CODE(trace_closest_refill_address)}},
+    [KERNEL_SETTLE] = {{CODE(trace_settle)}, {CODE(trace_settle_address)}, {CODE(trace_settle_doubles)}},
+    [KERNEL_LEFT] = {{CODE(trace_left)}, {CODE(trace_left_address)}, {CODE(trace_left_address)}},
+};
+
+static enum variant variant_of(const struct gpu_facts *facts)
 {
-    enum bvhd_status status = tracer_device_add(device, options, most_groups, error);
-    if (!status)
-        *ret_choice = (int)device->choice_count - 1;
-    return status;
+    return !facts->has_buffer_address ? VARIANT_BINDING : !facts->has_quick_doubles ? VARIANT_ADDRESS : VARIANT_DOUBLES;
 }
 
-static bool is_in_doubles(const struct tracer_device *device)
+static struct gpu_kernel_options options_of(const struct tracer_device *device, enum kernel kernel, const uint32_t *constants)
 {
-    return device->gpu->facts.has_buffer_address && device->gpu->facts.has_quick_doubles;
-}
-
-static struct gpu_kernel_options options_of(const uint32_t *code, size_t size, const uint32_t *constants)
-{
+    const struct code *code = &codes[kernel][variant_of(&device->gpu->facts)];
     return (struct gpu_kernel_options){
-        .code = code, .size = size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
+        .code = code->words, .size = code->size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
 }
 
 /* What decides on doubts; and the query, for what is left. */
 static enum bvhd_status add_afters(struct tracer_device *device, const uint32_t *constants, struct bvhd_error *error)
 {
-    const uint32_t of_query[CONSTANTS] = {TRACER_GROUP, false, constants[2]};
-    bool by_address = device->gpu->facts.has_buffer_address;
-    const struct gpu_kernel_options after =
-        is_in_doubles(device) ? options_of(trace_settle_doubles_code, sizeof trace_settle_doubles_code, constants)
-        : by_address          ? options_of(trace_settle_address_code, sizeof trace_settle_address_code, constants)
-                              : options_of(trace_settle_code, sizeof trace_settle_code, constants);
-    const struct gpu_kernel_options rest = by_address ? options_of(trace_left_address_code, sizeof trace_left_address_code, of_query)
-                                                      : options_of(trace_left_code, sizeof trace_left_code, of_query);
+    const uint32_t of_query[CONSTANTS] = {TRACER_GROUP, false, constants[CONSTANT_FMA]};
+    const struct gpu_kernel_options after = options_of(device, KERNEL_SETTLE, constants),
+                                    rest = options_of(device, KERNEL_LEFT, of_query);
     enum bvhd_status status = tracer_device_add_after(device, &after, error);
     return status ? status : tracer_device_add_rest(device, &rest, error);
 }
 
-/* Kernels that decide at their end. Those of scenes without instances hand rays out. */
-static enum bvhd_status add_doubles(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants, bool waits,
-                                    struct bvhd_error *error)
-{
-    uint32_t with_group[CONSTANTS], multiprocessors = device->gpu->facts.multiprocessors;
-    bool hands_out = !constants[CONSTANT_INSTANCES];
-    memcpy(with_group, constants, sizeof with_group);
-    if (hands_out && multiprocessors)
-        with_group[0] = closest->is_fine ? WHOLE_FINE_GROUP : WHOLE_GROUP;
-    const struct gpu_kernel_options options =
-        waits ? options_of(trace_closest_wait_doubles_code, sizeof trace_closest_wait_doubles_code, with_group)
-              : options_of(trace_closest_doubles_code, sizeof trace_closest_doubles_code, with_group);
-    enum bvhd_status status = add_kernel(device, &options,
-                                         !hands_out        ? 0
-                                         : multiprocessors ? multiprocessors
-                                                           : REFILL_GROUPS,
-                                         &closest->together, error);
-    if (!status)
-        device->choices[closest->together].is_whole = true;
-    return status;
-}
-
-/* Waiting for other lanes pays where there are instances, or many small triangles. */
-static enum bvhd_status add_together(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
-                                     struct bvhd_error *error)
-{
-    bool by_address = device->gpu->facts.has_buffer_address, waits = constants[CONSTANT_INSTANCES] || closest->is_fine;
-    if (is_in_doubles(device))
-        return add_doubles(closest, device, constants, waits, error);
-    const struct gpu_kernel_options options =
-        waits        ? by_address ? options_of(trace_closest_wait_address_code, sizeof trace_closest_wait_address_code, constants)
-                                  : options_of(trace_closest_wait_code, sizeof trace_closest_wait_code, constants)
-               : by_address ? options_of(trace_closest_address_code, sizeof trace_closest_address_code, constants)
-                     : options_of(trace_closest_code, sizeof trace_closest_code, constants);
-    return add_kernel(device, &options, 0, &closest->together, error);
-}
-
-static enum bvhd_status add_refill(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
-                                   uint32_t lanes, struct bvhd_error *error)
+/* In workgroups of so many threads, of which there are so many at most (0: a thread a ray). */
+static enum bvhd_status add_kernel(struct tracer_device *device, enum kernel kernel, const uint32_t *constants, uint32_t group,
+                                   uint32_t most_groups, int *ret_choice, struct bvhd_error *error)
 {
     uint32_t with_group[CONSTANTS];
     memcpy(with_group, constants, sizeof with_group);
-    with_group[0] = lanes > REFILL_GROUP ? lanes : REFILL_GROUP;
-    const struct gpu_kernel_options options =
-        device->gpu->facts.has_buffer_address
-            ? options_of(trace_closest_refill_address_code, sizeof trace_closest_refill_address_code, with_group)
-            : options_of(trace_closest_refill_code, sizeof trace_closest_refill_code, with_group);
-    return add_kernel(device, &options, REFILL_GROUPS, &closest->refill, error);
+    with_group[CONSTANT_GROUP] = group;
+    const struct gpu_kernel_options options = options_of(device, kernel, with_group);
+    enum bvhd_status status = tracer_device_add(device, &options, most_groups, error);
+    if (!status)
+        *ret_choice = (int)device->choice_count - 1;
+    return status;
+}
+
+/* Waiting for other lanes pays where there are instances, or many small triangles. Kernels that decide at their end hand rays out where there are no instances. */
+static enum bvhd_status add_together(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
+                                     struct bvhd_error *error)
+{
+    bool has_top = constants[CONSTANT_INSTANCES], is_whole = variant_of(&device->gpu->facts) == VARIANT_DOUBLES;
+    uint32_t group = TRACER_GROUP, most_groups = 0, multiprocessors = device->gpu->facts.multiprocessors;
+    if (is_whole && !has_top) {
+        group = !multiprocessors ? TRACER_GROUP : closest->is_fine ? WHOLE_FINE_GROUP : WHOLE_GROUP;
+        most_groups = multiprocessors ? multiprocessors : REFILL_GROUPS;
+    }
+    enum bvhd_status status = add_kernel(device, has_top || closest->is_fine ? KERNEL_WAIT : KERNEL_TOGETHER, constants, group,
+                                         most_groups, &closest->together, error);
+    if (!status)
+        device->choices[closest->together].is_whole = is_whole;
+    return status;
 }
 
 enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct tracer_device *device, const struct structures *structures,
@@ -179,13 +164,19 @@ enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct trac
         (struct tracer_closest){.is_cpu = is_cpu, .is_fine = !structures->has_top && size > fine_bytes, .together = -1, .refill = -1};
     if (!has_only_triangles(structures, &content) || size > most_bytes || !has_ballots(gpu, &lanes))
         return BVHD_OK;
-    const uint32_t constants[CONSTANTS] = {TRACER_GROUP, structures->has_top, has_fused_fma, !gpu->has_small_halves, content, is_cpu};
+    const uint32_t constants[CONSTANTS] = {
+        [CONSTANT_GROUP] = TRACER_GROUP, [CONSTANT_INSTANCES] = structures->has_top,
+        [CONSTANT_FMA] = has_fused_fma,  [CONSTANT_PLAIN_BYTES] = !gpu->has_small_halves,
+        [CONSTANT_CONTENT] = content,    [CONSTANT_CPU] = is_cpu,
+    };
     device->work_binding = BINDING_WORK;
     device->work_each = WORK_EACH;
     enum bvhd_status status = add_afters(device, constants, error);
     if (!status)
         status = add_together(closest, device, constants, error);
-    return status ? status : add_refill(closest, device, constants, lanes, error);
+    return status ? status
+                  : add_kernel(device, KERNEL_REFILL, constants, lanes > REFILL_GROUP ? lanes : REFILL_GROUP, REFILL_GROUPS,
+                               &closest->refill, error);
 }
 
 static bool has_flags(const struct ray *rays, uint64_t count)
