@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled twelve times: with
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled eleven times: with
  * BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is binding 2; and
  *
  *   for rays that go together   a thread a ray; with WAIT records are looked at when enough lanes have some: that pays where many of them are instances, or
@@ -30,7 +30,6 @@ layout(constant_id = 2) const bool fused_fma = false;
 layout(constant_id = 3) const bool plain_bytes = false;
 layout(constant_id = 4) const uint content_of_bottoms = 0xffffffffu; // of all of them, if it is the same
 layout(constant_id = 5) const bool is_cpu = false;
-#define BVHD_PLAIN_BYTES plain_bytes
 #define BVHD_FUSED_FMA fused_fma
 
 #ifdef BVHD_BUFFER_ADDRESS
