@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "tracer_closest.h"
 
+#include <math.h>
 #include <stddef.h>
 #include <string.h>
 
@@ -48,11 +49,42 @@ enum { NEIGHBOURS = 32, PLACES = 64 };
 static const float together_cosine = 0.9f;
 
 /* The blobs are sound: they have been loaded. */
-static uint32_t content_of(struct bytes blob)
+static const unsigned char *body_of(struct bytes blob)
 {
     uint64_t handles = bytes_get64(blob.data + offsetof(struct serialized_header, handle_count));
-    uint64_t body = bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
-    return bytes_get32(blob.data + body + offsetof(struct portable_header, content));
+    return blob.data + bytes_align(SERIALIZED_HANDLES + 8 * handles, PORTABLE_BODY_ALIGNMENT);
+}
+
+static uint32_t content_of(struct bytes blob)
+{
+    return bytes_get32(body_of(blob) + offsetof(struct portable_header, content));
+}
+
+/* Steps are no larger than the structure's coordinates, which the kernels bound (FARTHEST): so it is in what we write, though the format does not ask for it. */
+static bool has_fitting_steps(struct bytes blob)
+{
+    const unsigned char *body = body_of(blob);
+    struct portable_header header;
+    double largest = 0x1p-126;
+    memcpy(&header, body, sizeof header);
+    for (int i = 0; i < 6; i++)
+        largest = fmax(largest, fabs((double)header.bounds[i]));
+    for (uint32_t i = 0; i < header.node_count; i++) {
+        const uint8_t *exponents =
+            body + header.node_offset + i * sizeof(struct portable_node) + offsetof(struct portable_node, exponent);
+        for (int axis = 0; axis < 3; axis++)
+            if (ldexp(1, exponents[axis] - 127) > largest)
+                return false;
+    }
+    return true;
+}
+
+static bool all_steps_fit(const struct structures *structures)
+{
+    for (uint32_t i = 0; i < structures->file_count; i++)
+        if (structures->blobs[i].data && !has_fitting_steps(structures->blobs[i]))
+            return false;
+    return true;
 }
 
 /* What all bottom levels have, any_content where they differ. False: some have AABBs. */
@@ -166,7 +198,7 @@ enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct trac
         return BVHD_OK;
     const uint32_t constants[CONSTANTS] = {
         [CONSTANT_GROUP] = TRACER_GROUP, [CONSTANT_INSTANCES] = structures->has_top,
-        [CONSTANT_FMA] = has_fused_fma,  [CONSTANT_PLAIN_BYTES] = !gpu->has_small_halves,
+        [CONSTANT_FMA] = has_fused_fma,  [CONSTANT_PLAIN_BYTES] = !gpu->has_small_halves || !all_steps_fit(structures),
         [CONSTANT_CONTENT] = content,    [CONSTANT_CPU] = is_cpu,
     };
     device->work_binding = BINDING_WORK;

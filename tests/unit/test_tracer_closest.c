@@ -242,6 +242,52 @@ static void test_indexed(void **state)
         try_layout(0, (enum device_kind)kind);
 }
 
+/* A root whose boxes are sound, but far larger than what they hold: steps that do not fit are not taken 2^24 times. */
+static void test_large_steps(void **state)
+{
+    (void)state;
+    struct bytes blob;
+    struct portable_view view;
+    struct bvhd_error error;
+    struct tracer *tracer;
+    static struct tracer_hit hits[RAYS];
+    const bool has_small_halves = gpu->has_small_halves;
+    build_blob(0, &blob);
+    assert_int_equal(portable_open(blob, &memory, &view, NULL), BVHD_OK);
+    struct portable_node *root = (struct portable_node *)(uintptr_t)view.nodes;
+    for (int axis = 0; axis < 3; axis++) {
+        root->origin[axis] = -0x1p106f;
+        root->exponent[axis] = 127 + 108;
+        for (int slot = 0; slot < 8; slot++)
+            if (root->meta[slot]) {
+                root->lo[axis][slot] = 0;
+                root->hi[axis][slot] = 255;
+            }
+    }
+    const struct structures structures = {
+        .name = (char *)(uintptr_t) "large", .target = TARGET_PORTABLE, .file_count = 1, .blobs = &blob};
+    gpu->has_small_halves = gpu_keeps_small_halves(gpu);
+    if (tracer_portable_create(gpu, &structures, &memory, &tracer, &error))
+        fail_msg("%s: %s", error.where, error.text);
+    const struct portable_view *const bottoms[] = {&view};
+    const struct scene scene = {NULL, bottoms, 1};
+    for (int way = TRACER_WAY_TOGETHER; way <= TRACER_WAY_REFILL; way++) {
+        unsigned hit = 0, differing = 0;
+        tracer_portable_set_way(tracer, (enum tracer_way)way);
+        assert_int_equal(tracer->trace(tracer, rays + RAYS / 2, RAYS / 2, hits, NULL, NULL), BVHD_OK);
+        for (int i = 0; i < RAYS / 2; i++) {
+            struct ray_hit one;
+            bool is_hit = traverse(&scene, &rays[RAYS / 2 + i], NULL, &one, NULL);
+            hit += is_hit;
+            differing += is_hit != !isinf(hits[i].t);
+        }
+        assert_true(hit > RAYS / 16 && differing <= EDGES);
+    }
+    tracer_destroy(tracer);
+    gpu->has_small_halves = has_small_halves;
+    memory_free(&memory, (void *)(uintptr_t)blob.data);
+}
+
 static void test_fast_triangles(void **state)
 {
     (void)state;
@@ -273,10 +319,8 @@ static void test_choice(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_choice),
-        cmocka_unit_test(test_indexed),
-        cmocka_unit_test(test_fast_triangles),
-        cmocka_unit_test(test_both),
+        cmocka_unit_test(test_choice),         cmocka_unit_test(test_indexed), cmocka_unit_test(test_large_steps),
+        cmocka_unit_test(test_fast_triangles), cmocka_unit_test(test_both),
     };
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);

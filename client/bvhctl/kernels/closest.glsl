@@ -85,10 +85,10 @@ void set_order()
 }
 
 /*
- * Of a structure's points from a ray, in lengths and in t. Steps are taken 2^24 times as large (widen) and are less than a thirtieth of what they divide: that has to stay a
- * float. Rays for which it might not are left to the query.
+ * Of a structure's points from a ray and from 0, in lengths and in t. Steps are taken 2^24 times as large (widen) and are no larger than coordinates (tracer_closest.c
+ * looks): that has to stay a float. Rays for which it might not are left to the query.
  */
-const float FARTHEST = 3.0e32;
+const float FARTHEST = 1.0e31;
 
 // What a ray needs of a structure.
 struct Entry {
@@ -130,7 +130,8 @@ Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float 
     vec3 near = min(a, b) - error, far = max(a, b) + error;
     bool is_met = max(max(near.x, near.y), max(near.z, tmin)) <= min(min(far.x, far.y), min(far.z, high));
     entry.can_hit = longest > 0.0 && bvhdIsFinite(from) && bvhdIsFinite(towards) && !extent.isEmpty;
-    if (entry.can_hit && farthest * max(bvhdLargest(entry.inverse), 1.0) > FARTHEST)
+    float reach = max(farthest, max(bvhdLargest(extent.lowest), bvhdLargest(extent.highest)));
+    if (entry.can_hit && reach * max(bvhdLargest(entry.inverse), 1.0) > FARTHEST)
         last_doubt = LEFT;
     entry.can_hit = entry.can_hit && is_met && last_doubt != LEFT;
     return entry;
