@@ -13,6 +13,8 @@
 #include "trace_closest_doubles.h"
 #include "trace_closest_refill.h"
 #include "trace_closest_refill_address.h"
+#include "trace_closest_refill_teams.h"
+#include "trace_closest_teams.h"
 #include "trace_closest_wait.h"
 #include "trace_closest_wait_address.h"
 #include "trace_closest_wait_doubles.h"
@@ -29,10 +31,10 @@ enum { BINDING_WORK = 3, BINDINGS, DOUBT_SIZE = 16, WORK_EACH = 4 + DOUBT_SIZE *
 enum { REFILL_GROUP = 32, REFILL_GROUPS = 4224 };
 
 /*
- * Where rays that go together are handed out, on NVIDIA's: one workgroup for each multiprocessor, of so many threads that there are no more than 80 registers, or 64, for
+ * Where kernels decide on doubts themselves, on NVIDIA's: one workgroup for each multiprocessor, of so many threads that there are no more than 80 registers, 64, or 72, for
  * each of them. Compilers take 96 otherwise, for what few rays need, and a sixth less fits at once.
  */
-enum { WHOLE_GROUP = 768, WHOLE_FINE_GROUP = 1024 };
+enum { WHOLE_GROUP = 768, WHOLE_FINE_GROUP = 1024, WHOLE_REFILL_GROUP = 896 };
 
 /* Rows of a scene are found by 32 bits of an offset. */
 static const uint64_t most_bytes = UINT64_C(1) << 32;
@@ -104,18 +106,37 @@ static bool has_only_triangles(const struct structures *structures, uint32_t *re
     return true;
 }
 
-/* Lanes of a subgroup can count each other. `ret_size`: how many these are. */
-static bool has_ballots(struct gpu *gpu, uint32_t *ret_size)
+/* What lanes of a subgroup can do for each other. */
+struct subgroups {
+    uint32_t lanes;
+    bool have_ballots, have_shuffles; /* shuffles: and votes; no lane is missing, and 32 bits have one for each */
+};
+
+static struct subgroups subgroups_of(struct gpu *gpu)
 {
-    const VkSubgroupFeatureFlags needed = VK_SUBGROUP_FEATURE_BASIC_BIT | VK_SUBGROUP_FEATURE_BALLOT_BIT;
-    VkPhysicalDeviceSubgroupProperties subgroups = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES};
-    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &subgroups};
+    const VkSubgroupFeatureFlags ballots = VK_SUBGROUP_FEATURE_BASIC_BIT | VK_SUBGROUP_FEATURE_BALLOT_BIT,
+                                 shuffles = ballots | VK_SUBGROUP_FEATURE_SHUFFLE_BIT | VK_SUBGROUP_FEATURE_VOTE_BIT;
+    VkPhysicalDeviceSubgroupProperties found = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES};
+    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &found};
     gpu_properties(gpu, &properties);
-    *ret_size = subgroups.subgroupSize;
-    return (subgroups.supportedOperations & needed) == needed && (subgroups.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT);
+    VkSubgroupFeatureFlags has = found.supportedStages & VK_SHADER_STAGE_COMPUTE_BIT ? found.supportedOperations : 0;
+    return (struct subgroups){.lanes = found.subgroupSize,
+                              .have_ballots = (has & ballots) == ballots,
+                              .have_shuffles =
+                                  (has & shuffles) == shuffles && found.subgroupSize <= 32 && TRACER_GROUP % found.subgroupSize == 0};
 }
 
-enum kernel { KERNEL_TOGETHER, KERNEL_WAIT, KERNEL_REFILL, KERNEL_SETTLE, KERNEL_LEFT, KERNELS };
+/* By what is traced: one structure, one of many small triangles, a top level. */
+enum kernel {
+    KERNEL_TOGETHER,
+    KERNEL_TOGETHER_FINE,
+    KERNEL_TOGETHER_TOP,
+    KERNEL_REFILL,
+    KERNEL_REFILL_TOP,
+    KERNEL_SETTLE,
+    KERNEL_LEFT,
+    KERNELS
+};
 /* Each is better than those before it, where a device has what it needs. */
 enum variant { VARIANT_BINDING, VARIANT_ADDRESS, VARIANT_DOUBLES, VARIANTS };
 
@@ -126,89 +147,118 @@ static const struct code {
     size_t size;
 } codes[KERNELS][VARIANTS] = {
     [KERNEL_TOGETHER] = {{CODE(trace_closest)}, {CODE(trace_closest_address)}, {CODE(trace_closest_doubles)}},
-    [KERNEL_WAIT] = {{CODE(trace_closest_wait)}, {CODE(trace_closest_wait_address)}, {CODE(trace_closest_wait_doubles)}},
-    [KERNEL_REFILL] = {{CODE(trace_closest_refill)}, {CODE(trace_closest_refill_address)}, {CODE(trace_closest_refill_address)}},
+    [KERNEL_TOGETHER_FINE] = {{CODE(trace_closest_wait)}, {CODE(trace_closest_wait_address)}, {CODE(trace_closest_teams)}},
+    [KERNEL_TOGETHER_TOP] = {{CODE(trace_closest_wait)}, {CODE(trace_closest_wait_address)}, {CODE(trace_closest_wait_doubles)}},
+    [KERNEL_REFILL] = {{CODE(trace_closest_refill)}, {CODE(trace_closest_refill_address)}, {CODE(trace_closest_refill_teams)}},
+    [KERNEL_REFILL_TOP] = {{CODE(trace_closest_refill)}, {CODE(trace_closest_refill_address)}, {CODE(trace_closest_refill_address)}},
     [KERNEL_SETTLE] = {{CODE(trace_settle)}, {CODE(trace_settle_address)}, {CODE(trace_settle_doubles)}},
     [KERNEL_LEFT] = {{CODE(trace_left)}, {CODE(trace_left_address)}, {CODE(trace_left_address)}},
 };
 
-static enum variant variant_of(const struct gpu_facts *facts)
+static enum variant variant_of(const struct gpu_facts *facts, struct subgroups subgroups)
 {
-    return !facts->has_buffer_address ? VARIANT_BINDING : !facts->has_quick_doubles ? VARIANT_ADDRESS : VARIANT_DOUBLES;
+    return !facts->has_buffer_address                              ? VARIANT_BINDING
+           : !facts->has_quick_doubles || !subgroups.have_shuffles ? VARIANT_ADDRESS
+                                                                   : VARIANT_DOUBLES;
 }
 
-static struct gpu_kernel_options options_of(const struct tracer_device *device, enum kernel kernel, const uint32_t *constants)
+/* What all kernels of a tracer are made for. */
+struct making {
+    struct tracer_device *device;
+    enum variant variant;
+    bool has_top, is_fine;
+    uint32_t constants[CONSTANTS], lanes;
+};
+
+static struct gpu_kernel_options options_of(const struct making *making, enum kernel kernel, const uint32_t *constants)
 {
-    const struct code *code = &codes[kernel][variant_of(&device->gpu->facts)];
+    const struct code *code = &codes[kernel][making->variant];
     return (struct gpu_kernel_options){
         .code = code->words, .size = code->size, .bindings = BINDINGS, .constants = constants, .constant_count = CONSTANTS};
 }
 
 /* What decides on doubts; and the query, for what is left. */
-static enum bvhd_status add_afters(struct tracer_device *device, const uint32_t *constants, struct bvhd_error *error)
+static enum bvhd_status add_afters(const struct making *making, struct bvhd_error *error)
 {
-    const uint32_t of_query[CONSTANTS] = {TRACER_GROUP, false, constants[CONSTANT_FMA]};
-    const struct gpu_kernel_options after = options_of(device, KERNEL_SETTLE, constants),
-                                    rest = options_of(device, KERNEL_LEFT, of_query);
-    enum bvhd_status status = tracer_device_add_after(device, &after, error);
-    return status ? status : tracer_device_add_rest(device, &rest, error);
+    const uint32_t of_query[CONSTANTS] = {TRACER_GROUP, false, making->constants[CONSTANT_FMA]};
+    const struct gpu_kernel_options after = options_of(making, KERNEL_SETTLE, making->constants),
+                                    rest = options_of(making, KERNEL_LEFT, of_query);
+    enum bvhd_status status = tracer_device_add_after(making->device, &after, error);
+    return status ? status : tracer_device_add_rest(making->device, &rest, error);
 }
 
-/* In workgroups of so many threads, of which there are so many at most (0: a thread a ray). */
-static enum bvhd_status add_kernel(struct tracer_device *device, enum kernel kernel, const uint32_t *constants, uint32_t group,
-                                   uint32_t most_groups, int *ret_choice, struct bvhd_error *error)
+/* In workgroups of so many threads, of which there are so many at most (0: a thread a ray). `is_whole`: it decides on doubts itself. */
+static enum bvhd_status add_kernel(const struct making *making, enum kernel kernel, uint32_t group, uint32_t most_groups, bool is_whole,
+                                   int *ret_choice, struct bvhd_error *error)
 {
-    uint32_t with_group[CONSTANTS];
-    memcpy(with_group, constants, sizeof with_group);
-    with_group[CONSTANT_GROUP] = group;
-    const struct gpu_kernel_options options = options_of(device, kernel, with_group);
+    struct tracer_device *device = making->device;
+    uint32_t constants[CONSTANTS];
+    memcpy(constants, making->constants, sizeof constants);
+    constants[CONSTANT_GROUP] = group;
+    const struct gpu_kernel_options options = options_of(making, kernel, constants);
     enum bvhd_status status = tracer_device_add(device, &options, most_groups, error);
-    if (!status)
-        *ret_choice = (int)device->choice_count - 1;
-    return status;
+    if (status)
+        return status;
+    *ret_choice = (int)device->choice_count - 1;
+    device->choices[*ret_choice].is_whole = is_whole;
+    return BVHD_OK;
 }
 
-/* Waiting for other lanes pays where there are instances, or many small triangles. Kernels that decide at their end hand rays out where there are no instances. */
-static enum bvhd_status add_together(struct tracer_closest *closest, struct tracer_device *device, const uint32_t *constants,
-                                     struct bvhd_error *error)
+/* Kernels that hand rays out and decide at their end. `group`: where it is known how many multiprocessors there are. */
+static enum bvhd_status add_whole(const struct making *making, enum kernel kernel, uint32_t group, int *ret_choice,
+                                  struct bvhd_error *error)
 {
-    bool has_top = constants[CONSTANT_INSTANCES], is_whole = variant_of(&device->gpu->facts) == VARIANT_DOUBLES;
-    uint32_t group = TRACER_GROUP, most_groups = 0, multiprocessors = device->gpu->facts.multiprocessors;
-    if (is_whole && !has_top) {
-        group = !multiprocessors ? TRACER_GROUP : closest->is_fine ? WHOLE_FINE_GROUP : WHOLE_GROUP;
-        most_groups = multiprocessors ? multiprocessors : REFILL_GROUPS;
-    }
-    enum bvhd_status status = add_kernel(device, has_top || closest->is_fine ? KERNEL_WAIT : KERNEL_TOGETHER, constants, group,
-                                         most_groups, &closest->together, error);
-    if (!status)
-        device->choices[closest->together].is_whole = is_whole;
-    return status;
+    uint32_t multiprocessors = making->device->gpu->facts.multiprocessors;
+    return add_kernel(making, kernel, multiprocessors ? group : TRACER_GROUP, multiprocessors ? multiprocessors : REFILL_GROUPS, true,
+                      ret_choice, error);
+}
+
+static enum bvhd_status add_together(const struct making *making, int *ret_choice, struct bvhd_error *error)
+{
+    enum kernel kernel = making->has_top ? KERNEL_TOGETHER_TOP : making->is_fine ? KERNEL_TOGETHER_FINE : KERNEL_TOGETHER;
+    bool is_whole = making->variant == VARIANT_DOUBLES;
+    if (is_whole && !making->has_top)
+        return add_whole(making, kernel, making->is_fine ? WHOLE_FINE_GROUP : WHOLE_GROUP, ret_choice, error);
+    return add_kernel(making, kernel, TRACER_GROUP, 0, is_whole, ret_choice, error);
+}
+
+static enum bvhd_status add_refill(const struct making *making, int *ret_choice, struct bvhd_error *error)
+{
+    if (making->variant == VARIANT_DOUBLES && !making->has_top)
+        return add_whole(making, KERNEL_REFILL, WHOLE_REFILL_GROUP, ret_choice, error);
+    uint32_t group = making->lanes > REFILL_GROUP ? making->lanes : REFILL_GROUP;
+    return add_kernel(making, making->has_top ? KERNEL_REFILL_TOP : KERNEL_REFILL, group, REFILL_GROUPS, false, ret_choice, error);
 }
 
 enum bvhd_status tracer_closest_init(struct tracer_closest *closest, struct tracer_device *device, const struct structures *structures,
                                      bool has_fused_fma, struct bvhd_error *error)
 {
     struct gpu *gpu = device->gpu;
+    const struct subgroups subgroups = subgroups_of(gpu);
     uint64_t size = device->buffers[0]->size;
-    uint32_t content, lanes;
-    bool is_cpu = gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU;
-    *closest =
-        (struct tracer_closest){.is_cpu = is_cpu, .is_fine = !structures->has_top && size > fine_bytes, .together = -1, .refill = -1};
-    if (!has_only_triangles(structures, &content) || size > most_bytes || !has_ballots(gpu, &lanes))
+    uint32_t content;
+    *closest = (struct tracer_closest){.together = -1, .refill = -1};
+    if (!has_only_triangles(structures, &content) || size > most_bytes || !subgroups.have_ballots)
         return BVHD_OK;
-    const uint32_t constants[CONSTANTS] = {
-        [CONSTANT_GROUP] = TRACER_GROUP, [CONSTANT_INSTANCES] = structures->has_top,
-        [CONSTANT_FMA] = has_fused_fma,  [CONSTANT_PLAIN_BYTES] = !gpu->has_small_halves || !all_steps_fit(structures),
-        [CONSTANT_CONTENT] = content,    [CONSTANT_CPU] = is_cpu,
+    const struct making making = {
+        .device = device,
+        .variant = variant_of(&gpu->facts, subgroups),
+        .has_top = structures->has_top,
+        .is_fine = size > fine_bytes,
+        .constants = {[CONSTANT_GROUP] = TRACER_GROUP,
+                      [CONSTANT_INSTANCES] = structures->has_top,
+                      [CONSTANT_FMA] = has_fused_fma,
+                      [CONSTANT_PLAIN_BYTES] = !gpu->has_small_halves || !all_steps_fit(structures),
+                      [CONSTANT_CONTENT] = content,
+                      [CONSTANT_CPU] = gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU},
+        .lanes = subgroups.lanes,
     };
     device->work_binding = BINDING_WORK;
     device->work_each = WORK_EACH;
-    enum bvhd_status status = add_afters(device, constants, error);
+    enum bvhd_status status = add_afters(&making, error);
     if (!status)
-        status = add_together(closest, device, constants, error);
-    return status ? status
-                  : add_kernel(device, KERNEL_REFILL, constants, lanes > REFILL_GROUP ? lanes : REFILL_GROUP, REFILL_GROUPS,
-                               &closest->refill, error);
+        status = add_together(&making, &closest->together, error);
+    return status ? status : add_refill(&making, &closest->refill, error);
 }
 
 static bool has_flags(const struct ray *rays, uint64_t count)
@@ -247,6 +297,5 @@ int tracer_closest_choose(const struct tracer_closest *closest, const struct ray
         return -1;
     if (closest->way != TRACER_WAY_AUTO)
         return closest->way == TRACER_WAY_TOGETHER ? closest->together : closest->refill;
-    bool together = closest->is_cpu || go_together(rays, count);
-    return together ? closest->together : closest->refill;
+    return go_together(rays, count) ? closest->together : closest->refill;
 }

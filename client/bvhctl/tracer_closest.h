@@ -18,8 +18,6 @@ enum tracer_way {
 
 struct tracer_closest {
     enum tracer_way way;
-    bool is_cpu; /* there waiting for other lanes gains nothing */
-    bool is_fine; /* one structure of so many triangles that neighbours soon meet others */
     int together, refill; /* places among the choices; -1: neither of them is there */
 };
 

@@ -17,7 +17,9 @@ enum {
     TRIANGLES = SCATTERED + COPIES + STRIP,
     RAYS = 4000,
     FEW = 50,
-    EDGES = 2
+    EDGES = 2,
+    FINE_BYTES = 1 << 24,
+    FINE_COPIES = 240
 };
 
 static struct memory memory;
@@ -186,7 +188,7 @@ static void try_tracer(const struct structures *structures, const struct scene *
     trace_in_batches(tracer, TRACER_WAY_QUERY, scene, RAYS, &counts);
     assert_int_equal(counts.doubts, 0);
     trace_with_doubts(tracer, TRACER_WAY_TOGETHER, scene, !has_whole);
-    trace_with_doubts(tracer, TRACER_WAY_REFILL, scene, true);
+    trace_with_doubts(tracer, TRACER_WAY_REFILL, scene, !has_whole);
     trace_from_afar(tracer, TRACER_WAY_TOGETHER, scene);
     trace_from_afar(tracer, TRACER_WAY_REFILL, scene);
     tracer_destroy(tracer);
@@ -233,6 +235,20 @@ static void test_both(void **state)
     try_blobs(blobs, 2, WITH_DOUBLES);
     for (int i = 0; i < 2; i++)
         memory_free(&memory, (void *)(uintptr_t)blobs[i].data);
+}
+
+/* As many structures as make one that is traced like many small triangles. */
+static void test_fine(void **state)
+{
+    (void)state;
+    struct bytes blobs[FINE_COPIES];
+    build_blob(PORTABLE_FAST_TRIANGLES, &blobs[0]);
+    assert_true(blobs[0].size * FINE_COPIES > FINE_BYTES);
+    for (int i = 1; i < FINE_COPIES; i++)
+        blobs[i] = blobs[0];
+    try_blobs(blobs, FINE_COPIES, WITH_DOUBLES);
+    try_blobs(blobs, FINE_COPIES, WITHOUT_DOUBLES);
+    memory_free(&memory, (void *)(uintptr_t)blobs[0].data);
 }
 
 static void test_indexed(void **state)
@@ -303,8 +319,6 @@ static void test_choice(void **state)
     assert_int_equal(tracer_closest_choose(&closest, some, 64), 0);
     assert_int_equal(tracer_closest_choose(&closest, rays + RAYS / 2, 1024), 1);
     assert_int_equal(tracer_closest_choose(&closest, some, 0), 0);
-    closest.is_cpu = true;
-    assert_int_equal(tracer_closest_choose(&closest, rays + RAYS / 2, 1024), 0);
     closest.way = TRACER_WAY_REFILL;
     assert_int_equal(tracer_closest_choose(&closest, some, 64), 1);
     some[63].flags = RAY_CULL_BACK_FACING;
@@ -319,8 +333,8 @@ static void test_choice(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_choice),         cmocka_unit_test(test_indexed), cmocka_unit_test(test_large_steps),
-        cmocka_unit_test(test_fast_triangles), cmocka_unit_test(test_both),
+        cmocka_unit_test(test_choice), cmocka_unit_test(test_indexed),        cmocka_unit_test(test_large_steps),
+        cmocka_unit_test(test_fine),   cmocka_unit_test(test_fast_triangles), cmocka_unit_test(test_both),
     };
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);

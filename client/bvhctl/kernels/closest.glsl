@@ -29,7 +29,7 @@ int top, level_bottom; // of the stack
 
 // What leave_instance takes up again.
 uint root_nodes, root_records;
-#ifdef REFILL
+#if defined REFILL && !defined TEAMS
 // In shared memory, which is nearer than the ray's buffer: lanes leave instances at different times, and all wait for each.
 shared vec4 world_origins[gl_WorkGroupSize.x], world_directions[gl_WorkGroupSize.x], world_inverses[gl_WorkGroupSize.x]; // w of the last: away
 shared uint world_orders[gl_WorkGroupSize.x];
@@ -157,7 +157,7 @@ void enter(Entry entry)
 
 void keep_world()
 {
-#ifdef REFILL
+#if defined REFILL && !defined TEAMS
     uint own = gl_LocalInvocationIndex;
     if (!has_instances)
         return;
@@ -172,7 +172,7 @@ void keep_world()
 
 void enter_world()
 {
-#ifdef REFILL
+#if defined REFILL && !defined TEAMS
     uint own = gl_LocalInvocationIndex;
     origin = world_origins[own].xyz;
     direction = world_directions[own].xyz;
@@ -387,6 +387,37 @@ float longer_of(vec3 a, vec3 b)
 #endif
 }
 
+// What a triangle is looked at with, in its structure's space.
+struct Look {
+    vec3 origin, direction;
+    float volume_error, tmin, low, high;
+};
+
+// What is seen: where it is hit lies between near and far, which is infinite where that is in doubt.
+struct Sight {
+    uint kind;
+    float near, far;
+    uint id;
+    bool is_front;
+};
+const uint IS_MISSED = 0u, IS_CLOSER = 1u, IS_DOUBTFUL = 2u;
+
+void accept(Sight sight, uint record)
+{
+    low = sight.near;
+    high = sight.far;
+    best = record;
+    best_instance = instance;
+    best_id = sight.id;
+    best_is_front = sight.is_front;
+}
+
+void doubt(Sight sight, uint record)
+{
+    if (sight.id != best_id || instance != best_instance)
+        put_doubt(record, sight.near);
+}
+
 /*
  * Volumes of the ray with the edges from v0. Differences are off by u, a component of a product of two vectors by 3u of the sum of the sizes of its two products,
  * and the volume by 7u of the sum of its six, which is at most 1.155 of the product of the three lengths. What is left of the determinant is off by no more than
@@ -395,42 +426,49 @@ float longer_of(vec3 a, vec3 b)
  *
  * t: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the sums that it goes into, by 8u of what
  * they are with `spread` in its place. On a long floor along the axes, which rays start from, t is nearly exact then.
+ *
+ * `is_own`: this lane's ray looks, and takes at once what it sees.
  */
-void visit_triangle(uint record)
+void look_at_triangle(Look look, uint record, bool is_own, out Sight sight)
 {
     vec3 v0, v1, v2;
+    sight = Sight(IS_MISSED, 0.0, 0.0, 0u, false);
     uint id = corners_of(record, v0, v1, v2);
-    vec3 e1 = v1 - v0, e2 = v2 - v0, s = origin - v0;
-    vec3 across = cross(s, direction), normal = cross(e1, e2);
-    float det = -dot(direction, normal), u = dot(e2, across), v = -dot(e1, across), rest = det - u - v;
+    vec3 e1 = v1 - v0, e2 = v2 - v0, s = look.origin - v0;
+    vec3 across = cross(s, look.direction), normal = cross(e1, e2);
+    float det = -dot(look.direction, normal), u = dot(e2, across), v = -dot(e1, across), rest = det - u - v;
     float edge = longer_of(e1, e2);
-    float error = edge * (volume_error * (longer_of(s, s) + edge) + volume_shift) + 3.0e-35;
+    float error = edge * (look.volume_error * (longer_of(s, s) + edge) + volume_shift) + 3.0e-35;
     float least = min(min(u, v), rest), most = max(max(u, v), rest);
     if (least < -error && most > error)
         return;
 
     vec3 spread = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
     float spreads = spread.x + spread.y + spread.z;
-    float direction_low = has_instances ? 0.29 * volume_error : 0.0;
-    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(direction), spread) + 1.001 * direction_low * spreads + 3.0e-35;
+    float direction_low = has_instances ? 0.29 * look.volume_error : 0.0;
+    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(look.direction), spread) + 1.001 * direction_low * spreads + 3.0e-35;
     float distance = det < 0.0 ? -dot(s, normal) : dot(s, normal);
     float distance_error = 1.001 * origin_low * spreads + 7.1525574e-7 * dot(abs(s), spread) + 3.0e-35;
     float scale = 1.0 / max(size, 1e-37), t = distance * scale;
     float wrong = 1.25 * scale * (distance_error + abs(t) * size_error) + 2.4e-7 * abs(t);
     bool is_steep = size > 16.0 * size_error;
-    if (is_steep && (t - wrong > high || t + wrong < tmin))
+    if (is_steep && (t - wrong > look.high || t + wrong < look.tmin))
         return;
-    if (is_steep && (least > error || most < -error) && t - wrong > tmin && t + wrong < low) {
-        low = t - wrong;
-        high = t + wrong;
-        best = record;
-        best_instance = instance;
-        best_id = id;
-        best_is_front = det > 0.0;
+    if (is_steep && (least > error || most < -error) && t - wrong > look.tmin && t + wrong < look.low) {
+        sight = Sight(IS_CLOSER, t - wrong, t + wrong, id, det > 0.0);
+        if (is_own)
+            accept(sight, record);
         return;
     }
-    if (id != best_id || instance != best_instance)
-        put_doubt(record, is_steep ? t - wrong : -3.0e38);
+    sight = Sight(IS_DOUBTFUL, is_steep ? t - wrong : -3.0e38, INFINITY, id, false);
+    if (is_own)
+        doubt(sight, record);
+}
+
+void visit_triangle(uint record)
+{
+    Sight unused;
+    look_at_triangle(Look(origin, direction, volume_error, tmin, low, high), record, true, unused);
 }
 
 uint take(inout uvec2 group)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts after these have been decided: with DOUBLES in doubles, else in pairs of floats; at once, or
-// by the kernel that comes after, SETTLE. The including shader has count_lanes and count_before.
+// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts after these have been decided: with DOUBLES in doubles, else in pairs of floats; at once, when
+// the subgroup has no more rays, or by the kernel that comes after, SETTLE. The including shader has count_lanes, count_before and share.
 #ifndef CLOSEST_SETTLE_GLSL
 #define CLOSEST_SETTLE_GLSL
 
@@ -52,15 +52,6 @@ uint place_of(uint in_instance)
  */
 shared uvec4 questions[gl_WorkGroupSize.x], answers[gl_WorkGroupSize.x];
 const uint IS_MET = 1u, IS_FRONT = 2u;
-
-// Until all have written. On a CPU lanes are those of a vector, and llvmpipe goes wrong at a subgroup's barriers in loops.
-void share()
-{
-    if (is_cpu)
-        subgroupMemoryBarrierShared();
-    else
-        subgroupBarrier();
-}
 
 uvec4 answer_to(uvec4 question)
 {
@@ -158,9 +149,27 @@ void settle()
 
 #endif
 
-#ifdef SETTLE
+#if defined SETTLE || defined DOUBLES && !defined REFILL
+const bool decides_at_once = true;
+#else
+const bool decides_at_once = false;
+#endif
 
-// A ray with its doubts, as leave_doubts has put it into the place of its hit.
+// Rays with doubts that are left for later: to SETTLE by their numbers, or, with DOUBLES, to the end of the subgroup, where each lane has a list of its own.
+uint last_unsettled = NONE; // of that list: a ray; the one before it stands with it
+
+// In the place of the ray's hit stands what is known of it so far.
+void leave_doubts()
+{
+    hit_rows[2u * index] = uvec4(best, best_instance, best_id, last_doubt);
+    hit_rows[2u * index + 1u] = uvec4(floatBitsToUint(vec2(low, high)), best_is_front ? 1u : 0u, last_unsettled);
+#ifdef DOUBLES
+    last_unsettled = index;
+#else
+    set_number(count - 1u - atomicAdd(unsettled_count, 1u), index);
+#endif
+}
+
 void take_unsettled(uint ray)
 {
     index = ray;
@@ -174,19 +183,8 @@ void take_unsettled(uint ray)
     low = uintBitsToFloat(bounds.x);
     high = uintBitsToFloat(bounds.y);
     best_is_front = bounds.z != 0u;
+    last_unsettled = bounds.w;
 }
-
-#elif !defined DOUBLES
-
-// Leaves the ray to SETTLE.
-void leave_doubts()
-{
-    hit_rows[2u * index] = uvec4(best, best_instance, best_id, last_doubt);
-    hit_rows[2u * index + 1u] = uvec4(floatBitsToUint(vec2(low, high)), best_is_front ? 1u : 0u, 0u);
-    set_number(count - 1u - atomicAdd(unsettled_count, 1u), index);
-}
-
-#endif
 
 void store(Hit hit)
 {
@@ -204,18 +202,14 @@ vec3 cross_closely(vec3 a, vec3 b)
 // After the walk. Rays that have lost doubts, or are too far away, are left to the query. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
 void finish()
 {
-#ifndef SETTLE
     if (is_left()) {
         set_number(atomicAdd(left_count, 1u), index);
         return;
     }
-#ifndef DOUBLES
-    if (last_doubt != NONE) {
+    if (!decides_at_once && last_doubt != NONE) {
         leave_doubts();
         return;
     }
-#endif
-#endif
     Hit hit = miss();
     if (best == NONE) {
         store(hit);

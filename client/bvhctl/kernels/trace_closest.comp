@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled eleven times: with
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled thirteen times: with
  * BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is binding 2; and
  *
  *   for rays that go together   a thread a ray; with WAIT records are looked at when enough lanes have some: that pays where many of them are instances, or
@@ -11,8 +11,10 @@
  *   with DOUBLES, addresses     in doubles where these are quick. Rays that go together are decided by their own kernel then, and none waits for the last one of a
  *                               kernel to be decided by another. It runs in one workgroup a multiprocessor, whose subgroups take rays as they get done: nothing
  *                               else bounds the registers that compilers use.
+ *   with TEAMS, too             one structure alone. Of rays that go together, where its triangles are small, few lanes' triangles are looked at by all; with REFILL those
+ *                               of the last rays, and each subgroup decides on its doubts when it has no more rays.
  *
- * All need subgroup operations (ballot).
+ * All need subgroup operations (ballot; with TEAMS shuffle and vote, and subgroups of 32 lanes at most, of which none is missing).
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -21,11 +23,19 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #endif
 #extension GL_KHR_shader_subgroup_ballot : require
+#ifdef TEAMS
+#extension GL_KHR_shader_subgroup_shuffle : require
+#extension GL_KHR_shader_subgroup_vote : require
+#endif
 
 #define HITS_AS_ROWS
 #include "trace_rays.glsl"
 
+#ifdef TEAMS
+const bool has_instances = false;
+#else
 layout(constant_id = 1) const bool has_instances = true;
+#endif
 layout(constant_id = 2) const bool fused_fma = false;
 layout(constant_id = 3) const bool plain_bytes = false;
 layout(constant_id = 4) const uint content_of_bottoms = 0xffffffffu; // of all of them, if it is the same
@@ -81,6 +91,15 @@ uint count_before(bool which)
     return subgroupBallotExclusiveBitCount(subgroupBallot(which));
 }
 
+// Until all of a subgroup have written. On a CPU lanes are those of a vector, and llvmpipe goes wrong at a subgroup's barriers in loops.
+void share()
+{
+    if (is_cpu)
+        subgroupMemoryBarrierShared();
+    else
+        subgroupBarrier();
+}
+
 // The first of so many rays, for the lanes that are here.
 uint hand_out(uint wanted)
 {
@@ -93,6 +112,17 @@ uint hand_out(uint wanted)
 #include "bvhd_ray_query.glsl"
 #include "closest.glsl"
 #include "closest_settle.glsl"
+#ifdef TEAMS
+#include "closest_teams.glsl"
+
+// Of a lane without a ray.
+void go_idle()
+{
+    nodes = records = waiting = uvec2(0u);
+    top = level_bottom = 0;
+    last_doubt = NONE;
+}
+#endif
 
 #ifdef SETTLE
 
@@ -116,6 +146,11 @@ void main()
 #ifdef REFILL
 
 const uint BUSY_SHARE = 13u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
+#ifdef TEAMS
+const uint LAST_SHARE = 2u; // no more lanes than one in so many have the last rays: all help them
+#else
+const uint LAST_SHARE = 129u; // never, since no subgroup has that many lanes
+#endif
 const uint STALLED_SHARE = 3u; // triangles are looked at when one lane in so many can do nothing else
 const uint WAITING_SHARE = 4u; // and for as long as more than one in so many have any: those with many go on with nodes beside the others
 
@@ -165,6 +200,45 @@ bool step_together(bool is_working, out uint busy)
     return is_working;
 }
 
+#ifdef TEAMS
+
+// All lanes follow the last few rays, each lane's own to its end. When no other rays are left, these would have most lanes for nothing.
+void trace_last(bool is_working)
+{
+    if (!is_working)
+        go_idle();
+    keep_look();
+    do {
+        put_by();
+        visit_triangles(waiting);
+        if (records.y == 0u) {
+            if (nodes.y < FIRST_INNER && top != 0)
+                nodes = stack[--top];
+            if (nodes.y >= FIRST_INNER)
+                visit_node();
+        }
+    } while (subgroupAny(records.y != 0u || nodes.y >= FIRST_INNER || top != 0));
+    if (is_working)
+        finish();
+}
+
+// The subgroup's rays with doubts, of all lanes side by side.
+void settle_left()
+{
+    share();
+    while (subgroupAny(last_unsettled != NONE)) {
+        bool has_ray = last_unsettled != NONE;
+        last_doubt = NONE;
+        if (has_ray)
+            take_unsettled(last_unsettled);
+        settle();
+        if (has_ray)
+            finish();
+    }
+}
+
+#endif
+
 void main()
 {
     waiting = records = uvec2(0u); // of lanes that no ray is left for
@@ -186,12 +260,21 @@ void main()
         uint busy = count_lanes(is_working);
         if (busy == 0u)
             break;
-        while (busy != 0u && (is_exhausted || busy * BUSY_OF >= gl_SubgroupSize * BUSY_SHARE)) {
+#ifdef TEAMS
+        if (is_exhausted && busy * LAST_SHARE <= gl_SubgroupSize) {
+            trace_last(is_working);
+            break;
+        }
+#endif
+        while (busy * BUSY_OF >= gl_SubgroupSize * BUSY_SHARE || is_exhausted && busy * LAST_SHARE > gl_SubgroupSize) {
             bool was_working = is_working;
             is_working = step_together(is_working, busy);
             is_finished = is_finished || was_working && !is_working;
         }
     }
+#ifdef TEAMS
+    settle_left();
+#endif
 }
 
 #else
@@ -226,6 +309,42 @@ const bool hands_out = !has_instances; // instances make rays differ too much
 const bool hands_out = false;
 #endif
 
+#ifdef TEAMS
+
+// All lanes go along until the last one's ray is done.
+void trace(bool has_ray)
+{
+    go_idle();
+    if (has_ray)
+        start();
+    keep_look();
+    do {
+        if (nodes.y >= FIRST_INNER)
+            visit_node();
+        visit_triangles(records);
+        if (nodes.y < FIRST_INNER && top != 0)
+            nodes = stack[--top];
+    } while (subgroupAny(nodes.y >= FIRST_INNER));
+    share();
+    settle();
+    if (has_ray)
+        finish();
+}
+
+void main()
+{
+    while (true) {
+        uint place = hand_out(gl_SubgroupSize) + gl_SubgroupInvocationID;
+        bool has_ray = place < count;
+        if (!subgroupAny(has_ray))
+            return;
+        index = ray_at(place);
+        trace(has_ray);
+    }
+}
+
+#else
+
 void trace()
 {
     start();
@@ -254,5 +373,6 @@ void main()
     } while (hands_out);
 }
 
+#endif
 #endif
 #endif
