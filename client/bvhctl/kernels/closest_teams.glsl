@@ -62,7 +62,8 @@ void hear(Sight sight, uint record, uint first, uint tellers)
     }
 }
 
-// One triangle for each member of each lane's team. `having`: which lanes have any, so many.
+// One triangle for each member of each lane's team. `having`: which lanes have any, so many. The shuffles need what was read of `leaders`, and all lanes: nobody is
+// early with the next ones.
 void visit_by_teams(inout uvec2 group, uvec4 having, uint lanes, int level)
 {
     uint begin = gl_LocalInvocationIndex - gl_SubgroupInvocationID, team = gl_SubgroupInvocationID >> level;

@@ -202,7 +202,7 @@ bool step_together(bool is_working, out uint busy)
 
 #ifdef TEAMS
 
-// All lanes follow the last few rays, each lane's own to its end. When no other rays are left, these would have most lanes for nothing.
+// The rest of the way of the last few rays. All lanes go along: there are no others for them.
 void trace_last(bool is_working)
 {
     if (!is_working)
