@@ -30,6 +30,7 @@ int top, level_bottom; // of the stack
 // What leave_instance takes up again.
 uint root_nodes, root_records;
 #if defined REFILL && !defined TEAMS
+#define KEEPS_WORLD
 // In shared memory, which is nearer than the ray's buffer: lanes leave instances at different times, and all wait for each.
 shared vec4 world_origins[gl_WorkGroupSize.x], world_directions[gl_WorkGroupSize.x], world_inverses[gl_WorkGroupSize.x]; // w of the last: away
 shared uint world_orders[gl_WorkGroupSize.x];
@@ -157,7 +158,7 @@ void enter(Entry entry)
 
 void keep_world()
 {
-#if defined REFILL && !defined TEAMS
+#ifdef KEEPS_WORLD
     uint own = gl_LocalInvocationIndex;
     if (!has_instances)
         return;
@@ -172,7 +173,7 @@ void keep_world()
 
 void enter_world()
 {
-#if defined REFILL && !defined TEAMS
+#ifdef KEEPS_WORLD
     uint own = gl_LocalInvocationIndex;
     origin = world_origins[own].xyz;
     direction = world_directions[own].xyz;
