@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "batch.h"
+#include "builder/batch.h"
 
 #include <string.h>
 
-#include "clock.h"
-#include "content_key.h"
-#include "prepare.h"
-#include "tier.h"
-#include "validate.h"
+#include "proto/base/clock.h"
+#include "builder/content_key.h"
+#include "builder/input/prepare.h"
+#include "builder/tier.h"
+#include "builder/input/validate.h"
 
 /*
- * Items that were built, by key: open addressing, slots hold an item's index + 1 or 0. A key is a cryptographic hash, so its first bytes spread
- * whatever a client sends.
+ * Items that were built, by key: open addressing, slots hold an item's index + 1 or 0. A key is a cryptographic hash,
+ * so its first bytes spread whatever a client sends.
  */
 struct built {
     uint32_t *slots;
@@ -47,8 +47,9 @@ struct batch {
     struct built built;
 };
 
-static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical, const struct build_options *options,
-                                   const struct build_context *context, struct batch_item *item)
+static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical,
+                                   const struct build_options *options, const struct build_context *context,
+                                   struct batch_item *item)
 {
     enum bvhd_status status = content_key(canonical, options, context, &item->key, &item->error);
     if (status != BVHD_OK)
@@ -95,7 +96,8 @@ static void run_item(const struct batch *batch, const struct build_input *input,
 }
 
 /* `errors`: of the rules between entries. */
-static void run_items(const struct batch *batch, const struct build_input *inputs, uint32_t count, const struct bvhd_error *errors)
+static void run_items(const struct batch *batch, const struct build_input *inputs, uint32_t count,
+                      const struct bvhd_error *errors)
 {
     memset(batch->items, 0, count * sizeof *batch->items);
     for (uint32_t i = 0; i < count; i++) {
@@ -107,7 +109,8 @@ static void run_items(const struct batch *batch, const struct build_input *input
 }
 
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
-                             const struct build_context *context, struct batch_item *ret_items, struct bvhd_error *error)
+                             const struct build_context *context, struct batch_item *ret_items,
+                             struct bvhd_error *error)
 {
     if (count == 0)
         return BVHD_OK;

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * batch.h - several builds of one call, in process (row F17): each entry succeeds or fails alone, equal entries are built once.
+ * batch.h - several builds of one call, in process (row F17): each entry succeeds or fails alone, equal entries are
+ * built once.
  */
 #ifndef BVHD_BATCH_H
 #define BVHD_BATCH_H
 
-#include "build.h"
-#include "geometry.h"
-#include "request_limits.h"
+#include "builder/build.h"
+#include "proto/base/geometry.h"
+#include "proto/base/request_limits.h"
 
 struct batch_item {
     enum bvhd_status status;
@@ -22,11 +23,12 @@ struct batch_item {
 };
 
 /*
- * Fills ret_items[count]; returns BVHD_OK when every item was looked at, whatever became of it. Ended with batch_finish. context->output is
- * NULL.
+ * Fills ret_items[count]; returns BVHD_OK when every item was looked at, whatever became of it. Ended with
+ * batch_finish. context->output is NULL.
  */
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
-                             const struct build_context *context, struct batch_item *ret_items, struct bvhd_error *error);
+                             const struct build_context *context, struct batch_item *ret_items,
+                             struct bvhd_error *error);
 
 void batch_finish(struct batch_item *items, uint32_t count, struct memory *memory);
 

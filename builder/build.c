@@ -1,24 +1,27 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "build.h"
+#include "builder/build.h"
 
 #include <string.h>
 
-#include "clip.h"
-#include "clock.h"
-#include "collapse.h"
-#include "depth.h"
-#include "leaves.h"
-#include "outline.h"
-#include "pieces.h"
-#include "primitive.h"
-#include "rescale.h"
-#include "scatter.h"
-#include "spatial.h"
-#include "spatial_split.h"
-#include "split.h"
-#include "tier.h"
+#include "builder/kernel/clip.h"
+#include "proto/base/clock.h"
+#include "builder/wide/collapse.h"
+#include "builder/depth.h"
+#include "builder/kernel/leaves.h"
+#include "builder/input/outline.h"
+#include "builder/top/pieces.h"
+#include "builder/input/primitive.h"
+#include "builder/rescale.h"
+#include "builder/top/scatter.h"
+#include "builder/piece/spatial.h"
+#include "builder/top/spatial_split.h"
+#include "builder/top/split.h"
+#include "builder/tier.h"
 
-/* A tree of this depth is not touched before it is known how deep its wide form is: eight-wide nodes make a third of the levels. */
+/*
+ * A tree of this depth is not touched before it is known how deep its wide form is: eight-wide nodes make a third of
+ * the levels.
+ */
 enum { BINARY_DEPTH_LIMIT = 64 };
 
 /* What one build goes through; stages share it. */
@@ -90,15 +93,18 @@ static bool is_of_triangles(const struct canonical *canonical)
     return canonical->geometry_count > 0 && canonical->geometries[0].type == GEOMETRY_TRIANGLES;
 }
 
-/* Triangles that end up in one leaf need no tree of their own; boxes and instances are dearer, and the collapse may decide on each. */
+/*
+ * Triangles that end up in one leaf need no tree of their own; boxes and instances are dearer, and the collapse may
+ * decide on each.
+ */
 static uint32_t leaf_max(const struct construction *construction)
 {
     return is_of_triangles(construction->canonical) ? construction->layout->leaf_max : 1;
 }
 
 /*
- * What cuts into leaves cost. For fast more than a node does: larger leaves save more time than they cost rays. For balanced less: only what belongs
- * together is one from the begin, which spares a fifth of the time.
+ * What cuts into leaves cost. For fast more than a node does: larger leaves save more time than they cost rays. For
+ * balanced less: only what belongs together is one from the begin, which spares a fifth of the time.
  */
 static const float fast_cut = 4, balanced_cut = 0.85f;
 
@@ -114,7 +120,8 @@ static enum pieces_method method_for(const struct construction *construction)
 {
     enum build_quality quality = construction->quality;
     if (quality == QUALITY_BALANCED && construction->canonical->type == STRUCTURE_TOP)
-        return PIECES_SPATIAL; /* nodes of instances are dear: what high does to them without splits is worth its time */
+        /* nodes of instances are dear: what high does to them without splits is worth its time */
+        return PIECES_SPATIAL;
     return quality == QUALITY_HIGH ? PIECES_SPATIAL : quality == QUALITY_FAST ? PIECES_PLOC : PIECES_BINNED;
 }
 
@@ -178,7 +185,8 @@ static bool may_split(const struct construction *construction)
 static enum bvhd_status scatter(struct construction *construction, const struct split_request *request)
 {
     const struct build_context *context = construction->context;
-    enum bvhd_status status = scatter_refs(request, context->memory, context->parallel, &construction->tree, construction->error);
+    enum bvhd_status status =
+        scatter_refs(request, context->memory, context->parallel, &construction->tree, construction->error);
     construction->refs.refs = request->scratch;
     construction->scratch = request->refs;
     return status;
@@ -216,7 +224,8 @@ static enum bvhd_status split_spatially(struct construction *construction)
         .centroids = refs->centroids,
         .cancel = context->cancel,
     };
-    return spatial_split(&request, context->memory, context->parallel, &construction->tree, &construction->price, construction->error);
+    return spatial_split(&request, context->memory, context->parallel, &construction->tree, &construction->price,
+                         construction->error);
 }
 
 static enum bvhd_status split(struct construction *construction)
@@ -307,11 +316,12 @@ static enum bvhd_status join_pieces(struct construction *construction, const str
 }
 
 /* Nothing of the refs is read any more, and wide trees do not lie where they were. */
-static enum bvhd_status join_wide_pieces(struct construction *construction, const struct pieces *pieces, double *ret_cost)
+static enum bvhd_status join_wide_pieces(struct construction *construction, const struct pieces *pieces,
+                                         double *ret_cost)
 {
     free_refs(construction);
-    return pieces_join_wide(pieces, construction->context->parallel, &construction->ir, &construction->wide, &construction->stats.depth,
-                            ret_cost, construction->error);
+    return pieces_join_wide(pieces, construction->context->parallel, &construction->ir, &construction->wide,
+                            &construction->stats.depth, ret_cost, construction->error);
 }
 
 /* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */
@@ -322,18 +332,20 @@ static float leaf_cost(const struct canonical *canonical)
 
 static struct collapse_options collapse_wanted(const struct construction *construction)
 {
-    return (struct collapse_options){construction->layout->leaf_max, leaf_cost(construction->canonical), construction->context->cancel,
-                                     construction->quality == QUALITY_FAST};
+    return (struct collapse_options){construction->layout->leaf_max, leaf_cost(construction->canonical),
+                                     construction->context->cancel, construction->quality == QUALITY_FAST};
 }
 
 /*
- * Collapsed piece by piece, while each is in the cache, unless something is done to the binary tree before. Roots of pieces are wide nodes then, whether that
- * suits the levels above or not: a tenth of the time of a build for 3 % more nodes a ray, which is a bargain for fast alone.
+ * Collapsed piece by piece, while each is in the cache, unless something is done to the binary tree before. Roots of
+ * pieces are wide nodes then, whether that suits the levels above or not: a tenth of the time of a build for 3 % more
+ * nodes a ray, which is a bargain for fast alone.
  */
-static bool widens_pieces(const struct construction *construction)
+static bool collapses_at_once(const struct construction *construction)
 {
     return construction->quality == QUALITY_FAST && !construction->needs_binary && !construction->rescaled &&
-           !construction->layout->widen && construction->layout->arity != 2 && construction->tree.piece_count > 1;
+           !construction->layout->inflate_boxes && construction->layout->arity != 2 &&
+           construction->tree.piece_count > 1;
 }
 
 /* Boxes of a tree that was rescaled become those of the primitives; its cost and its own scale follow. */
@@ -355,13 +367,13 @@ static enum bvhd_status build_pieces(struct construction *construction)
     double cost;
     struct pieces_request request = pieces_wanted(construction);
     const struct collapse_options options = collapse_wanted(construction);
-    request.widen = widens_pieces(construction) ? &options : NULL;
+    request.collapse_at_once = collapses_at_once(construction) ? &options : NULL;
     enum bvhd_status status = pieces_build(&request, context->memory, context->parallel, &pieces, construction->error);
     if (status != BVHD_OK)
         return status;
     stats->method = method_name(construction);
     status = stage_end(construction, &stats->ms.pieces);
-    if (status == BVHD_OK && request.widen)
+    if (status == BVHD_OK && request.collapse_at_once)
         status = join_wide_pieces(construction, &pieces, &cost);
     else if (status == BVHD_OK)
         status = join_pieces(construction, &pieces, &cost);
@@ -389,14 +401,14 @@ static enum bvhd_status limit_depth(struct construction *construction, uint32_t 
     return stage_end(construction, &construction->stats.ms.depth);
 }
 
-static enum bvhd_status widen(struct construction *construction)
+static enum bvhd_status inflate_boxes(struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
     const struct build_context *context = construction->context;
     bool parts = canonical->type == STRUCTURE_TOP || construction->ir.ref_count > construction->refs.primitives;
-    if (!construction->layout->widen || !parts)
+    if (!construction->layout->inflate_boxes || !parts)
         return BVHD_OK;
-    if (!construction->layout->widen(canonical, context->parallel, context->cancel, &construction->ir))
+    if (!construction->layout->inflate_boxes(canonical, context->parallel, context->cancel, &construction->ir))
         return cancelled(construction);
     construction->stats.sah = ir_sah(&construction->ir);
     return stage_end(construction, &construction->stats.ms.depth);
@@ -405,8 +417,8 @@ static enum bvhd_status widen(struct construction *construction)
 /* Whether there are so many levels that the binary tree would have been made shallower before it became wide. */
 static bool is_too_deep(const struct construction *construction)
 {
-    return construction->wide.nodes &&
-           (construction->stats.depth > BINARY_DEPTH_LIMIT || construction->wide.depth > construction->layout->depth_limit);
+    return construction->wide.nodes && (construction->stats.depth > BINARY_DEPTH_LIMIT ||
+                                        construction->wide.depth > construction->layout->depth_limit);
 }
 
 static enum bvhd_status make_tree(struct construction *construction)
@@ -414,7 +426,8 @@ static enum bvhd_status make_tree(struct construction *construction)
     enum bvhd_status status = collect(construction);
     construction->stats.method = "none";
     if (status != BVHD_OK || construction->refs.count == 0)
-        return status == BVHD_OK ? ir_init(&construction->ir, construction->context->memory, 0, 0, construction->error) : status;
+        return status == BVHD_OK ? ir_init(&construction->ir, construction->context->memory, 0, 0, construction->error)
+                                 : status;
     status = split(construction);
     if (status == BVHD_OK)
         status = build_pieces(construction);
@@ -422,15 +435,15 @@ static enum bvhd_status make_tree(struct construction *construction)
     if (status == BVHD_OK && !construction->wide.nodes)
         status = limit_depth(construction, limit);
     construction->stats.refs = construction->ir.ref_count;
-    return status == BVHD_OK ? widen(construction) : status;
+    return status == BVHD_OK ? inflate_boxes(construction) : status;
 }
 
 static enum bvhd_status collapse_once(struct construction *construction)
 {
     const struct build_context *context = construction->context;
     const struct collapse_options options = collapse_wanted(construction);
-    enum bvhd_status status =
-        collapse(&construction->ir, &options, context->memory, context->parallel, &construction->wide, construction->error);
+    enum bvhd_status status = collapse(&construction->ir, &options, context->memory, context->parallel,
+                                       &construction->wide, construction->error);
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.collapse) : status;
 }
 
@@ -447,7 +460,8 @@ static enum bvhd_status make_wide(struct construction *construction)
     return status == BVHD_OK ? collapse_once(construction) : status;
 }
 
-static enum bvhd_status write_blob(struct construction *construction, const struct build_options *options, unsigned char **ret_blob)
+static enum bvhd_status write_blob(struct construction *construction, const struct build_options *options,
+                                   unsigned char **ret_blob)
 {
     const struct build_context *context = construction->context;
     struct layout_input input = {
@@ -463,7 +477,8 @@ static enum bvhd_status write_blob(struct construction *construction, const stru
         .output = context->output,
     };
     unsigned char *blob;
-    enum bvhd_status status = construction->layout->write(&input, &blob, &construction->stats.sizes, construction->error);
+    enum bvhd_status status =
+        construction->layout->write(&input, &blob, &construction->stats.sizes, construction->error);
     if (status != BVHD_OK)
         return status;
     status = stage_end(construction, &construction->stats.ms.write);
@@ -489,11 +504,11 @@ static enum bvhd_status construction_init(struct construction *construction, con
     if (options->layout_flags & ~construction->layout->flags)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.layoutFlags", "flags 0x%x are unknown to the %s layout",
                               options->layout_flags & ~construction->layout->flags, construction->layout->name);
-    construction->view.ignores_slabs = construction->layout->widen != NULL;
+    construction->view.ignores_slabs = construction->layout->inflate_boxes != NULL;
     const uint32_t variants = construction->layout->variants, variant = options->device.variant;
     if (variants > 0 && (variant == 0 || variant > variants))
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.device", "the %s layout has no variant %u", construction->layout->name,
-                              variant);
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.device", "the %s layout has no variant %u",
+                              construction->layout->name, variant);
     return BVHD_OK;
 }
 
@@ -518,8 +533,9 @@ static enum bvhd_status make_shallow_tree(struct construction *construction, con
     return status == BVHD_OK ? make_tree(construction) : status;
 }
 
-enum bvhd_status build(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
-                       unsigned char **ret_blob, struct build_stats *ret_stats, struct bvhd_error *error)
+enum bvhd_status build(const struct canonical *canonical, const struct build_options *options,
+                       const struct build_context *context, unsigned char **ret_blob, struct build_stats *ret_stats,
+                       struct bvhd_error *error)
 {
     struct construction construction;
     enum bvhd_status status = construction_init(&construction, canonical, options, context, error);
@@ -535,13 +551,15 @@ enum bvhd_status build(const struct canonical *canonical, const struct build_opt
     if (status != BVHD_OK)
         return status;
     if (context->progress)
-        context->progress(context->progress_context, progress_total(&construction.refs), progress_total(&construction.refs));
+        context->progress(context->progress_context, progress_total(&construction.refs),
+                          progress_total(&construction.refs));
     *ret_stats = construction.stats;
     return BVHD_OK;
 }
 
-enum bvhd_status build_ir(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
-                          struct ir *ret_ir, struct build_stats *ret_stats, struct bvhd_error *error)
+enum bvhd_status build_ir(const struct canonical *canonical, const struct build_options *options,
+                          const struct build_context *context, struct ir *ret_ir, struct build_stats *ret_stats,
+                          struct bvhd_error *error)
 {
     struct construction construction;
     enum bvhd_status status = construction_init(&construction, canonical, options, context, error);

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "content_key.h"
+#include "builder/content_key.h"
 
 #include <openssl/evp.h>
 
-#include "build.h"
-#include "layout.h"
-#include "tier.h"
+#include "builder/build.h"
+#include "builder/format/layout.h"
+#include "builder/tier.h"
 
 /* The terminating NULs are hashed too: what follows begins at a known place. */
 static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2";
@@ -40,7 +40,8 @@ static void digest_leaf(void *context, size_t index)
     parallel_chunk(index, CONTENT_KEY_LEAF, leaves->block.size, &begin, &end);
     unsigned char length[8];
     bytes_put64(length, end - begin);
-    const struct part parts[] = {{leaf_domain, sizeof leaf_domain}, {length, sizeof length}, {leaves->block.data + begin, end - begin}};
+    const struct part parts[] = {
+        {leaf_domain, sizeof leaf_domain}, {length, sizeof length}, {leaves->block.data + begin, end - begin}};
     if (!digest_parts(leaves->hash, parts, 3, &leaves->digests[index]))
         atomic_store_explicit(&leaves->failed, true, memory_order_relaxed);
 }
@@ -60,7 +61,8 @@ static void describe_device(const struct device_format *device, uint32_t variant
     bytes_put32(ret_bytes + 32, device->variant);
 }
 
-static struct root describe_root(const struct canonical *canonical, const struct build_options *options, const struct layout *layout)
+static struct root describe_root(const struct canonical *canonical, const struct build_options *options,
+                                 const struct layout *layout)
 {
     struct root root;
     bytes_put64(root.bytes, canonical->size);
@@ -74,11 +76,12 @@ static struct root describe_root(const struct canonical *canonical, const struct
 }
 
 /* The leaves' digests are there, or there are none. */
-static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_count, const struct root *root, struct key *ret_key,
-                                    struct bvhd_error *error)
+static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_count, const struct root *root,
+                                    struct key *ret_key, struct bvhd_error *error)
 {
-    const struct part parts[] = {
-        {root_domain, sizeof root_domain}, {root->bytes, sizeof root->bytes}, {leaves->digests, leaf_count * sizeof *leaves->digests}};
+    const struct part parts[] = {{root_domain, sizeof root_domain},
+                                 {root->bytes, sizeof root->bytes},
+                                 {leaves->digests, leaf_count * sizeof *leaves->digests}};
     struct key key;
     if (atomic_load_explicit(&leaves->failed, memory_order_relaxed) || !digest_parts(leaves->hash, parts, 3, &key))
         return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");
@@ -93,7 +96,8 @@ static enum bvhd_status digest_all(struct leaves *leaves, const struct root *roo
     if (count > 0) {
         leaves->digests = memory_array(context->memory, count, sizeof *leaves->digests);
         if (!leaves->digests)
-            return bvhd_error_set(error, BVHD_NO_MEMORY, "key", "out of memory for %llu digests", (unsigned long long)count);
+            return bvhd_error_set(error, BVHD_NO_MEMORY, "key", "out of memory for %llu digests",
+                                  (unsigned long long)count);
     }
     if (!parallel_for_until(context->parallel, context->cancel, count, digest_leaf, leaves))
         return bvhd_error_set(error, BVHD_CANCELLED, "key", "cancelled");

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "depth.h"
+#include "builder/depth.h"
 
 #include <stddef.h>
 
-#include "parallel.h"
+#include "proto/base/parallel.h"
 
 /* What is known of each node. */
 struct facts {
@@ -127,8 +127,8 @@ static void sort_ascending(const struct limiter *limiter, uint32_t *values, uint
 }
 
 /*
- * Makes `node` the root of a balanced tree over leaves [first, end). Pairs are given out in ascending order on the way down, so that children
- * follow their parents. Recursion is as deep as the balanced tree, at most 32.
+ * Makes `node` the root of a balanced tree over leaves [first, end). Pairs are given out in ascending order on the way
+ * down, so that children follow their parents. Recursion is as deep as the balanced tree, at most 32.
  */
 static void put_together(struct limiter *limiter, uint32_t node, uint32_t first, uint32_t end)
 {
@@ -189,8 +189,8 @@ static enum bvhd_status limit_depth(struct limiter *limiter, uint32_t *ret_depth
     if (depth > limiter->limit) {
         gather_facts(limiter);
         if (!parallel_cancelled(limiter->cancel) && !limiter->facts[0].solved)
-            return bvhd_error_set(error, BVHD_TOO_LARGE, "", "%u leaves do not fit into %u levels", limiter->facts[0].leaves,
-                                  limiter->limit);
+            return bvhd_error_set(error, BVHD_TOO_LARGE, "", "%u leaves do not fit into %u levels",
+                                  limiter->facts[0].leaves, limiter->limit);
         rebuild_all(limiter);
         depth = gather_levels(limiter);
     }
@@ -200,7 +200,8 @@ static enum bvhd_status limit_depth(struct limiter *limiter, uint32_t *ret_depth
     return BVHD_OK;
 }
 
-enum bvhd_status depth_limit(struct ir *ir, uint32_t limit, const atomic_bool *cancel, uint32_t *ret_depth, struct bvhd_error *error)
+enum bvhd_status depth_limit(struct ir *ir, uint32_t limit, const atomic_bool *cancel, uint32_t *ret_depth,
+                             struct bvhd_error *error)
 {
     if (ir->node_count == 0) {
         *ret_depth = 0;

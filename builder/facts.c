@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "facts.h"
+#include "builder/facts.h"
 
 #include <float.h>
 #include <math.h>
 
-#include "primitive.h"
+#include "builder/input/primitive.h"
 
 double facts_log2(double value)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "rescale.h"
+#include "builder/rescale.h"
 
 #include <math.h>
 
@@ -39,7 +39,7 @@ static void scale_chunk(void *context, size_t index)
         }
 }
 
-/* As primitive_bounds. */
+/* As primitive_ref_bounds. */
 static bool bound_all(struct primitive_refs *refs, const atomic_bool *cancel)
 {
     refs->bounds = refs->centroids = box_empty();
@@ -48,7 +48,7 @@ static bool bound_all(struct primitive_refs *refs, const atomic_bool *cancel)
         uint32_t count = refs->count - begin < CHUNK ? (uint32_t)(refs->count - begin) : CHUNK;
         if (parallel_cancelled(cancel))
             return false;
-        primitive_bounds(refs->refs + begin, count, &bounds, &centroids);
+        primitive_ref_bounds(refs->refs + begin, count, &bounds, &centroids);
         box_grow(&refs->bounds, &bounds);
         box_grow(&refs->centroids, &centroids);
     }
@@ -59,7 +59,8 @@ bool rescale_refs(struct primitive_refs *refs, const struct build_context *conte
 {
     struct scaling scaling = {refs->refs, refs->count, ldexp(1, -ilogbf(magnitude(&refs->bounds)))};
     size_t chunks = ((size_t)refs->count + CHUNK - 1) / CHUNK;
-    return parallel_for_until(context->parallel, context->cancel, chunks, scale_chunk, &scaling) && bound_all(refs, context->cancel);
+    return parallel_for_until(context->parallel, context->cancel, chunks, scale_chunk, &scaling) &&
+           bound_all(refs, context->cancel);
 }
 
 struct restoring {

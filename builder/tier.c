@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "tier.h"
+#include "builder/tier.h"
 
 #include <math.h>
 
@@ -18,7 +18,10 @@ static const struct tier_model models[] = {
     [QUALITY_HIGH] = {{9.3127, 0.2906, -0.0179, -0.0483, -0.0460}, {8.8689, -0.2132, 0.5242, -0.1551, -0.4194}},
 };
 
-/* Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all terms as equals. */
+/*
+ * Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all
+ * terms as equals.
+ */
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
 {
     double crossings = facts_log2(1 + fmin(facts->crossings, CROSSINGS_MOST)),

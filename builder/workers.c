@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "workers.h"
+#include "builder/workers.h"
 
 #include <pthread.h>
 #include <signal.h>
@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "processor.h"
+#include "proto/base/processor.h"
 
 /* One call of for_each; lives on its caller's stack. Fields without a word are constant once it is posted. */
 struct call {
@@ -71,11 +71,15 @@ static bool descends_from(const struct call *call, const struct call *ancestor)
     return false;
 }
 
-/* The oldest open call with tasks to give; with an ancestor, only among those that its tasks have made. The lock is held. */
+/*
+ * The oldest open call with tasks to give; with an ancestor, only among those that its tasks have made. The lock is
+ * held.
+ */
 static struct call *find_work(struct workers *workers, const struct call *ancestor)
 {
     for (struct call *call = workers->oldest; call; call = call->after)
-        if (atomic_load_explicit(&call->next, memory_order_relaxed) < call->count && (!ancestor || descends_from(call, ancestor)))
+        if (atomic_load_explicit(&call->next, memory_order_relaxed) < call->count &&
+            (!ancestor || descends_from(call, ancestor)))
             return call;
     return NULL;
 }
@@ -223,7 +227,8 @@ static void await_start(struct workers *workers)
 enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, struct bvhd_error *error)
 {
     if (threads > WORKERS_MAX_THREADS)
-        return bvhd_error_set(error, BVHD_TOO_LARGE, "threads", "%u threads are more than %d", threads, WORKERS_MAX_THREADS);
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "threads", "%u threads are more than %d", threads,
+                              WORKERS_MAX_THREADS);
     if (threads == 0)
         threads = processor_count() < WORKERS_MAX_THREADS ? processor_count() : WORKERS_MAX_THREADS;
     struct workers *workers = calloc(1, sizeof *workers + (threads - 1) * sizeof workers->threads[0]);

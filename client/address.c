@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "address.h"
+#include "client/address.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "library.h"
+#include "client/library.h"
 
 static const char system_socket[] = "/run/bvhd/bvhd.sock";
 

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "arena.h"
+#include "client/arena.h"
 
 #include <assert.h>
 #include <string.h>
 
-#include "bytes.h"
+#include "proto/base/bytes.h"
 
 enum { FIRST_CAPACITY = 16 };
 
@@ -25,13 +25,17 @@ void arena_finish(struct arena *arena)
     *arena = (struct arena){.memory = arena->memory};
 }
 
-/* Between n places that are out lie at most n + 1 free ranges: with room for one more before a place goes out, giving it back needs none. */
+/*
+ * Between n places that are out lie at most n + 1 free ranges: with room for one more before a place goes out, giving
+ * it back needs none.
+ */
 static bool reserve(struct arena *arena)
 {
     uint32_t needed = arena->taken + 2;
     if (needed <= arena->capacity)
         return true;
-    struct arena_range *ranges = memory_resize(arena->memory, arena->free_ranges, (uint64_t)arena->capacity * 2 * sizeof *ranges);
+    struct arena_range *ranges =
+        memory_resize(arena->memory, arena->free_ranges, (uint64_t)arena->capacity * 2 * sizeof *ranges);
     if (!ranges)
         return false;
     arena->free_ranges = ranges;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * arena.h - places within a block of memory that somebody else owns, given back in any order. Takes the lowest place that fits, so that little of
- * the block is ever touched. Not safe from several threads at once.
+ * arena.h - places within a block of memory that somebody else owns, given back in any order. Takes the lowest place
+ * that fits, so that little of the block is ever touched. Not safe from several threads at once.
  */
 #ifndef BVHD_ARENA_H
 #define BVHD_ARENA_H
@@ -9,7 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "memory.h"
+#include "proto/base/memory.h"
 
 /* Places begin and end at multiples of this. */
 enum { ARENA_ALIGNMENT = 64 };

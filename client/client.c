@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client.h"
+#include "client/client.h"
 
-#include "client_link.h"
-#include "client_wait.h"
-#include "incoming.h"
-#include "outgoing.h"
+#include "client/client_link.h"
+#include "client/client_wait.h"
+#include "client/incoming.h"
+#include "client/outgoing.h"
 
 #define DEFAULT_CONNECT_TIMEOUT_MS 5000
 #define DEFAULT_LOST_AFTER_MS 10000
@@ -37,8 +37,8 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
     if (!options)
         options = &standard;
     if (options->struct_size < sizeof *options)
-        return bvhd_error_set(ret_error, BVHD_INVALID, "options.struct_size", "%zu bytes instead of sizeof(struct bvhd_client_options)",
-                              options->struct_size);
+        return bvhd_error_set(ret_error, BVHD_INVALID, "options.struct_size",
+                              "%zu bytes instead of sizeof(struct bvhd_client_options)", options->struct_size);
     struct bvhd_client *client = memory_alloc(&library_memory, sizeof *client);
     if (!client)
         return bvhd_error_set(ret_error, BVHD_NO_MEMORY, "client", "no memory for it");

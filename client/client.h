@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * client.h - the client's state, and how its parts reach each other. All of it is guarded by one lock, which every public function takes.
+ * client.h - the client's state, and how its parts reach each other. All of it is guarded by one lock, which every
+ * public function takes.
  *
- * What happens flows one way: client_advance receives (incoming), looks at clocks (client_link) and sends (outgoing). Whatever somebody may wait for
- * stirs the client; client_unlock then wakes those who wait (client_wait).
+ * What happens flows one way: client_advance receives (incoming), looks at clocks (client_link) and sends (outgoing).
+ * Whatever somebody may wait for stirs the client; client_unlock then wakes those who wait (client_wait).
  */
 #ifndef BVHD_CLIENT_H
 #define BVHD_CLIENT_H
@@ -12,10 +13,10 @@
 
 #include <bvhd/bvhd.h>
 
-#include "address.h"
-#include "connection.h"
-#include "library.h"
-#include "placement.h"
+#include "client/address.h"
+#include "client/connection.h"
+#include "client/library.h"
+#include "client/placement.h"
 
 /* How those who wait are woken. */
 struct client_wakeups {

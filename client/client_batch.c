@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client_batch.h"
+#include "client/client_batch.h"
 
-#include "client_wait.h"
-#include "outgoing.h"
-#include "result_blob.h"
+#include "client/client_wait.h"
+#include "client/outgoing.h"
+#include "client/result_blob.h"
 
 /* What bvhd_batch_result shows of an item that is not done. */
 static const struct bvhd_result pending = {.error = {.status = BVHD_PENDING}};
@@ -40,29 +40,30 @@ static enum bvhd_origin origin_of(uint32_t origin)
     return origin <= ORIGIN_DISK ? (enum bvhd_origin)origin : BVHD_ORIGIN_NONE;
 }
 
-static void copy_facts(struct batch_item *item, const struct control_facts *facts)
+static void copy_summary(struct batch_item *item, const struct control_summary *summary)
 {
     struct bvhd_result *result = &item->result;
-    result->primitives = facts->primitives;
-    result->triangles = facts->triangles;
-    result->instances = facts->instances;
-    result->inactive = facts->inactive;
-    result->degenerate = facts->degenerate;
-    result->skipped = facts->skipped;
-    result->refs = facts->refs;
-    result->peak_bytes = facts->peak_bytes;
-    result->depth = facts->depth;
-    result->sah = facts->sah;
-    result->original_build_ms = facts->build_ms;
-    memcpy(item->method, facts->method, sizeof item->method);
+    result->primitives = summary->primitives;
+    result->triangles = summary->triangles;
+    result->instances = summary->instances;
+    result->inactive = summary->inactive;
+    result->degenerate = summary->degenerate;
+    result->skipped = summary->skipped;
+    result->refs = summary->refs;
+    result->peak_bytes = summary->peak_bytes;
+    result->depth = summary->depth;
+    result->sah = summary->sah;
+    result->original_build_ms = summary->build_ms;
+    memcpy(item->method, summary->method, sizeof item->method);
     result->method = item->method;
-    memcpy(result->bounds, facts->bounds, sizeof result->bounds);
-    memcpy(result->slabs, facts->slabs, sizeof result->slabs);
-    result->target = (enum bvhd_target)facts->target;
-    result->quality = (enum bvhd_quality)facts->quality;
+    memcpy(result->bounds, summary->bounds, sizeof result->bounds);
+    memcpy(result->slabs, summary->slabs, sizeof result->slabs);
+    result->target = (enum bvhd_target)summary->target;
+    result->quality = (enum bvhd_quality)summary->quality;
 }
 
-void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const struct control_result *result, struct bvhd_blob *blob)
+void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const struct control_result *result,
+                                struct bvhd_blob *blob)
 {
     struct batch_item *item = &batch->items[index];
     item->result = (struct bvhd_result){
@@ -76,7 +77,7 @@ void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const 
         .build_ms = result->build_ms,
     };
     memcpy(item->result.key.bytes, result->key.bytes, sizeof item->result.key.bytes);
-    copy_facts(item, &result->facts);
+    copy_summary(item, &result->summary);
     finish_item(batch, index);
 }
 

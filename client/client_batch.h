@@ -3,9 +3,9 @@
 #ifndef BVHD_CLIENT_BATCH_H
 #define BVHD_CLIENT_BATCH_H
 
-#include "client.h"
-#include "control.h"
-#include "vulkan_input.h"
+#include "client/client.h"
+#include "proto/wire/control.h"
+#include "client/vulkan_input.h"
 
 enum item_state {
     ITEM_WAITING, /* in the caller's memory */
@@ -34,7 +34,8 @@ struct bvhd_batch {
     uint32_t remaining; /* items without result */
     uint32_t uncopied; /* ITEM_WAITING */
     uint32_t first_unsent, first_uncopied; /* all items before are beyond that */
-    uint64_t frame_bytes; /* payload that the next frame may carry: the first ones are small, so that the daemon has something to do */
+    /* payload that the next frame may carry: the first ones are small, so that the daemon has something to do */
+    uint64_t frame_bytes;
     uint32_t exchanges; /* that name this batch */
     uint32_t count;
     struct batch_item items[];
@@ -44,7 +45,8 @@ struct bvhd_batch {
 void client_batch_fail_item(struct bvhd_batch *batch, uint32_t item, const struct bvhd_error *error);
 
 /* The end of an item that is not done, with its result: takes the blob. */
-void client_batch_complete_item(struct bvhd_batch *batch, uint32_t item, const struct control_result *result, struct bvhd_blob *blob);
+void client_batch_complete_item(struct bvhd_batch *batch, uint32_t item, const struct control_result *result,
+                                struct bvhd_blob *blob);
 
 /* The payload of an item is in our memory. */
 void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item);

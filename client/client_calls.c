@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The calls that wait for the daemon itself: connect, ping, counters. */
-#include "client_link.h"
-#include "client_wait.h"
+#include "client/client_link.h"
+#include "client/client_wait.h"
 
 /* What a thread waits for. */
 struct call {
@@ -77,10 +77,12 @@ static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout
         return bvhd_error_set(error, BVHD_UNAVAILABLE, "client", "no answer within %d ms", timeout_ms);
     }
     const struct bvhd_error *result = &call->waiter.error;
-    return result->status == BVHD_OK ? BVHD_OK : bvhd_error_set(error, result->status, result->where, "%s", result->text);
+    return result->status == BVHD_OK ? BVHD_OK
+                                     : bvhd_error_set(error, result->status, result->where, "%s", result->text);
 }
 
-enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms, struct bvhd_error *ret_error)
+enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms,
+                                  struct bvhd_error *ret_error)
 {
     client_lock(client);
     struct call call = {.client = client};

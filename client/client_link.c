@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client_link.h"
+#include "client/client_link.h"
 
-#include "client_batch.h"
-#include "client_wait.h"
+#include "client/client_batch.h"
+#include "client/client_wait.h"
 
 enum { FIRST_BACKOFF_MS = 5, MAX_BACKOFF_MS = 100, STARVED_MS = 5 };
 
@@ -83,7 +83,8 @@ void client_link_lose(struct bvhd_client *client, struct connection *connection,
 {
     struct bvhd_error told = outward(error);
     bool is_current = connection == client->current;
-    bool try_again = connection->state == CONNECTION_HELLO && (error->status == BVHD_UNAVAILABLE || error->status == BVHD_BUSY);
+    bool try_again =
+        connection->state == CONNECTION_HELLO && (error->status == BVHD_UNAVAILABLE || error->status == BVHD_BUSY);
     if (is_current)
         client->current = NULL;
     else
@@ -154,7 +155,8 @@ static void check_silence(struct bvhd_client *client, struct connection *connect
     } else if (connection->table.count > 0 && connection->pinged_at == 0 && now - connection->heard_at >= quiet) {
         connection_send_empty(connection, FRAME_PING, NULL, now);
         connection->pinged_at = now;
-    } else if (connection->table.count > 0 && connection->pinged_at > 0 && now - connection->pinged_at >= client->lost_after - quiet) {
+    } else if (connection->table.count > 0 && connection->pinged_at > 0 &&
+               now - connection->pinged_at >= client->lost_after - quiet) {
         lose_silent(client, connection, "the daemon is silent");
     }
 }
@@ -193,7 +195,8 @@ static uint64_t connection_deadline(const struct bvhd_client *client, const stru
     if (connection->state == CONNECTION_HELLO)
         deadline = connection->opened_at + client->connect_timeout;
     else if (connection->table.count > 0)
-        deadline = connection->pinged_at ? connection->pinged_at + client->lost_after - quiet : connection->heard_at + quiet;
+        deadline =
+            connection->pinged_at ? connection->pinged_at + client->lost_after - quiet : connection->heard_at + quiet;
     if (connection->busy_until)
         deadline = earlier(deadline, connection->busy_until);
     if (connection->is_starved)

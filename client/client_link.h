@@ -3,7 +3,7 @@
 #ifndef BVHD_CLIENT_LINK_H
 #define BVHD_CLIENT_LINK_H
 
-#include "client.h"
+#include "client/client.h"
 
 /* The current connection if requests can be sent on it, else NULL. */
 struct connection *client_link_open(const struct bvhd_client *client);
@@ -18,8 +18,9 @@ void client_link_check(struct bvhd_client *client, uint64_t now);
 uint64_t client_link_deadline(const struct bvhd_client *client);
 
 /*
- * A connection is at its end, and *error says why: what is under way on it fails with BVHD_UNAVAILABLE and that reason, or for lack of memory with that. So
- * does what waits to be sent; but while HELLO was not answered the search for a daemon goes on, unless the answer cannot get better.
+ * A connection is at its end, and *error says why: what is under way on it fails with BVHD_UNAVAILABLE and that reason,
+ * or for lack of memory with that. So does what waits to be sent; but while HELLO was not answered the search for a
+ * daemon goes on, unless the answer cannot get better.
  */
 void client_link_lose(struct bvhd_client *client, struct connection *connection, const struct bvhd_error *error);
 

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client_batch.h"
-#include "client_link.h"
-#include "client_wait.h"
-#include "format.h"
-#include "rows.h"
-#include "validate_batch.h"
+#include "client/client_batch.h"
+#include "client/client_link.h"
+#include "client/client_wait.h"
+#include "client/format.h"
+#include "proto/wire/rows.h"
+#include "proto/base/validate_batch.h"
 
 /* A submission under way. */
 struct submission {
@@ -25,10 +25,11 @@ static struct bvhd_batch *create_batch(struct bvhd_client *client, uint32_t coun
         batch = memory_alloc(&library_memory, size);
     if (!batch)
         return NULL;
-    *batch = (struct bvhd_batch){.client = client, .priority = priority, .count = count, .remaining = count, .uncopied = count};
+    *batch = (struct bvhd_batch){
+        .client = client, .priority = priority, .count = count, .remaining = count, .uncopied = count};
     for (uint32_t i = 0; i < count; i++)
-        batch->items[i] =
-            (struct batch_item){.state = ITEM_WAITING, .held = {.descriptor = -1}, .result = {.error = {.status = BVHD_PENDING}}};
+        batch->items[i] = (struct batch_item){
+            .state = ITEM_WAITING, .held = {.descriptor = -1}, .result = {.error = {.status = BVHD_PENDING}}};
     return batch;
 }
 
@@ -50,8 +51,9 @@ static void enqueue(struct bvhd_batch *batch)
 }
 
 /*
- * The payload of a first item that no pool can hold takes long to copy: that is done before others see the batch, and without the lock, so that they
- * do not have to wait. Whatever comes to nothing here is tried again, and told, with the others.
+ * The payload of a first item that no pool can hold takes long to copy: that is done before others see the batch, and
+ * without the lock, so that they do not have to wait. Whatever comes to nothing here is tried again, and told, with the
+ * others.
  */
 static void copy_large(struct bvhd_batch *batch)
 {
@@ -75,7 +77,10 @@ static void copy_large(struct bvhd_batch *batch)
     client_unlock(client);
 }
 
-/* Before anything is asked of a connection it shows whether it still lives: what is submitted after a loss must not share it. */
+/*
+ * Before anything is asked of a connection it shows whether it still lives: what is submitted after a loss must not
+ * share it.
+ */
 static void start(struct bvhd_batch *batch)
 {
     struct bvhd_client *client = batch->client;
@@ -88,12 +93,13 @@ static void start(struct bvhd_batch *batch)
     client_unlock(client);
 }
 
-static enum bvhd_status check_build(const struct bvhd_build *build, struct build_options *ret_options, struct bvhd_error *error)
+static enum bvhd_status check_build(const struct bvhd_build *build, struct build_options *ret_options,
+                                    struct bvhd_error *error)
 {
     bool is_older = build->struct_size == FORMAT_BUILD_WITHOUT || build->struct_size == FORMAT_BUILD_RAYLESS;
     if (build->struct_size < sizeof *build && !is_older)
-        return bvhd_error_set(error, BVHD_INVALID, "build.struct_size", "%zu bytes instead of sizeof(struct bvhd_build)",
-                              build->struct_size);
+        return bvhd_error_set(error, BVHD_INVALID, "build.struct_size",
+                              "%zu bytes instead of sizeof(struct bvhd_build)", build->struct_size);
     if (build->info_count > 0 && !build->infos)
         return bvhd_error_set(error, BVHD_INVALID, "build.infos", "not given");
     if (build->reference_count > 0 && !build->references)
@@ -105,7 +111,8 @@ static void convert_references(const struct bvhd_build *build, struct reference 
 {
     for (uint32_t i = 0; i < build->reference_count; i++) {
         const struct bvhd_reference *from = &build->references[i];
-        references[i] = (struct reference){.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key != 0};
+        references[i] =
+            (struct reference){.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key != 0};
         memcpy(references[i].key.bytes, from->key.bytes, sizeof references[i].key.bytes);
         memcpy(references[i].bounds.min, from->bounds, sizeof references[i].bounds.min);
         memcpy(references[i].bounds.max, from->bounds + 3, sizeof references[i].bounds.max);
@@ -117,15 +124,17 @@ static void convert_references(const struct bvhd_build *build, struct reference 
 static enum bvhd_status describe(struct submission *submission)
 {
     const struct bvhd_build *build = submission->build;
-    submission->references = memory_array(&library_memory, (uint64_t)build->reference_count + 1, sizeof *submission->references);
+    submission->references =
+        memory_array(&library_memory, (uint64_t)build->reference_count + 1, sizeof *submission->references);
     submission->errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->errors);
-    submission->batch_errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->batch_errors);
+    submission->batch_errors =
+        memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->batch_errors);
     if (!submission->references || !submission->errors || !submission->batch_errors)
         return BVHD_NO_MEMORY;
     convert_references(build, submission->references);
-    enum bvhd_status status =
-        vulkan_input_create_in(&library_memory, build->infos, build->info_count, build->ranges, submission->references,
-                               build->reference_count, &submission->options, &submission->batch->input, submission->errors);
+    enum bvhd_status status = vulkan_input_create_in(
+        &library_memory, build->infos, build->info_count, build->ranges, submission->references, build->reference_count,
+        &submission->options, &submission->batch->input, submission->errors);
     if (status == BVHD_OK)
         status = validate_batch(vulkan_input_entries(submission->batch->input), build->info_count, &library_memory,
                                 submission->batch_errors);
@@ -152,8 +161,8 @@ static int32_t priority_of(const struct bvhd_build *build)
                                                   : (int32_t)build->priority;
 }
 
-enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build, struct bvhd_batch **ret_batch,
-                                   struct bvhd_error *ret_error)
+enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
+                                   struct bvhd_batch **ret_batch, struct bvhd_error *ret_error)
 {
     struct submission submission = {.client = client, .build = build};
     enum bvhd_status status = check_build(build, &submission.options, ret_error);

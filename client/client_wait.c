@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client_wait.h"
+#include "client/client_wait.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -9,7 +9,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "client_link.h"
+#include "client/client_link.h"
 
 static bool control_loop(int epoll, int descriptor, int operation, uint32_t events)
 {
@@ -38,9 +38,11 @@ static void close_descriptors(struct client_wakeups *wakeups)
 
 enum bvhd_status client_wait_init(struct bvhd_client *client, struct bvhd_error *error)
 {
-    client->wakeups = (struct client_wakeups){.epoll = -1, .timer = -1, .notice = -1, .wake = -1, .timer_at = LIBRARY_NEVER};
+    client->wakeups =
+        (struct client_wakeups){.epoll = -1, .timer = -1, .notice = -1, .wake = -1, .timer_at = LIBRARY_NEVER};
     if (!open_descriptors(&client->wakeups)) {
-        enum bvhd_status status = bvhd_error_set(error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO, "client", "%s", strerror(errno));
+        enum bvhd_status status =
+            bvhd_error_set(error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO, "client", "%s", strerror(errno));
         close_descriptors(&client->wakeups);
         return status;
     }
@@ -90,7 +92,10 @@ static void set_timer(struct client_wakeups *wakeups, uint64_t moment)
     wakeups->timer_at = moment;
 }
 
-/* A timer that fires too early costs less than setting it for each request: it is set anew only when it is late, or has fired. */
+/*
+ * A timer that fires too early costs less than setting it for each request: it is set anew only when it is late, or has
+ * fired.
+ */
 static void update_timer(struct client_wakeups *wakeups, uint64_t deadline)
 {
     if (deadline < wakeups->timer_at || (wakeups->timer_at != LIBRARY_NEVER && wakeups->timer_at <= clock_ns()))
@@ -196,7 +201,8 @@ static void wait_for_others(struct bvhd_client *client, uint64_t moment)
     client->wakeups.waiting--;
 }
 
-bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context), const void *context)
+bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context),
+                       const void *context)
 {
     bool result, looked = false;
     while (!(result = is_true(context)) && (!looked || clock_ns() < moment)) {

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "connection.h"
+#include "client/connection.h"
 
 #include <errno.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
-#include "library.h"
+#include "client/library.h"
 
 enum {
     READS_AT_ONCE = 64, /* of one connection_receive: a daemon that never stops does not hold a thread for ever */
@@ -37,11 +37,13 @@ static enum bvhd_status open_socket(const char *path, int *ret_socket, struct bv
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
     if (strlen(path) >= sizeof address.sun_path)
-        return bvhd_error_set(error, BVHD_INVALID, path, "a socket's path has at most %zu bytes", sizeof address.sun_path - 1);
+        return bvhd_error_set(error, BVHD_INVALID, path, "a socket's path has at most %zu bytes",
+                              sizeof address.sun_path - 1);
     memcpy(address.sun_path, path, strlen(path) + 1);
     int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (descriptor < 0)
-        return bvhd_error_set(error, errno == ENOMEM || errno == ENOBUFS ? BVHD_NO_MEMORY : BVHD_IO, "socket", "%s", strerror(errno));
+        return bvhd_error_set(error, errno == ENOMEM || errno == ENOBUFS ? BVHD_NO_MEMORY : BVHD_IO, "socket", "%s",
+                              strerror(errno));
     int result;
     do
         result = connect(descriptor, (const struct sockaddr *)&address, sizeof address);
@@ -58,7 +60,8 @@ static enum bvhd_status open_socket(const char *path, int *ret_socket, struct bv
 
 static enum bvhd_status say_hello(struct connection *connection, struct bvhd_error *error)
 {
-    struct control_hello hello = {.version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "libbvhd " BVHD_VERSION};
+    struct control_hello hello = {
+        .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "libbvhd " BVHD_VERSION};
     struct exchange *exchange = exchange_create(FRAME_HELLO, 0);
     if (!exchange)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "connection", "no memory for it");
@@ -73,7 +76,8 @@ static enum bvhd_status say_hello(struct connection *connection, struct bvhd_err
     return BVHD_OK;
 }
 
-enum bvhd_status connection_create(const char *path, uint64_t now, struct connection **ret_connection, struct bvhd_error *error)
+enum bvhd_status connection_create(const char *path, uint64_t now, struct connection **ret_connection,
+                                   struct bvhd_error *error)
 {
     struct connection *connection = memory_alloc(&library_memory, sizeof *connection);
     if (!connection)
@@ -133,7 +137,8 @@ bool connection_send(struct connection *connection, struct exchange *exchange, u
     return true;
 }
 
-bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter, uint64_t now)
+bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter,
+                           uint64_t now)
 {
     struct exchange *exchange = exchange_create(type, 0);
     if (!exchange)
@@ -145,7 +150,8 @@ bool connection_send_empty(struct connection *connection, enum frame_type type, 
     return sent;
 }
 
-void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count, uint64_t now)
+void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count,
+                       uint64_t now)
 {
     struct control_items items = {.count = count, .items = (uint32_t *)(uintptr_t)entries};
     struct exchange *exchange = exchange_create(FRAME_CANCEL, 0);
@@ -181,7 +187,8 @@ static void attach(struct msghdr *message, union ancillary *ancillary, const int
 /* The parts of a frame that are not sent yet. */
 static int remaining_parts(const struct exchange *exchange, struct iovec parts[3])
 {
-    const struct bytes all[3] = {{exchange->header, sizeof exchange->header}, exchange->control, exchange->inline_bytes};
+    const struct bytes all[3] = {
+        {exchange->header, sizeof exchange->header}, exchange->control, exchange->inline_bytes};
     uint64_t skip = exchange->sent;
     int count = 0;
     for (int i = 0; i < 3; i++) {
@@ -241,7 +248,8 @@ static uint32_t take_descriptors(struct msghdr *message, int ret_descriptors[FRA
         if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS)
             continue;
         uint32_t here = (uint32_t)((header->cmsg_len - CMSG_LEN(0)) / sizeof(int));
-        memcpy(ret_descriptors + count, CMSG_DATA(header), here * sizeof(int)); /* the buffer has room for FRAME_QUEUE in all */
+        memcpy(ret_descriptors + count, CMSG_DATA(header),
+               here * sizeof(int)); /* the buffer has room for FRAME_QUEUE in all */
         count += here;
     }
     return count;
@@ -295,8 +303,8 @@ static enum bvhd_status handle_frames(struct connection *connection, connection_
     }
 }
 
-enum bvhd_status connection_receive(struct connection *connection, connection_handler handler, void *context, uint64_t now,
-                                    struct bvhd_error *error)
+enum bvhd_status connection_receive(struct connection *connection, connection_handler handler, void *context,
+                                    uint64_t now, struct bvhd_error *error)
 {
     bool more = true;
     for (int i = 0; more && i < READS_AT_ONCE; i++) {
@@ -339,11 +347,13 @@ static uint32_t sane(uint32_t said, uint32_t unsaid, uint32_t most)
     return value < most ? value : most;
 }
 
-enum bvhd_status connection_welcome(struct connection *connection, const struct control_welcome *welcome, struct bvhd_error *error)
+enum bvhd_status connection_welcome(struct connection *connection, const struct control_welcome *welcome,
+                                    struct bvhd_error *error)
 {
     if (welcome->version != CONTROL_VERSION)
-        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "connection", "%s speaks version %u of the protocol, this library version %u",
-                              welcome->software[0] ? welcome->software : "the daemon", welcome->version, (unsigned)CONTROL_VERSION);
+        return bvhd_error_set(
+            error, BVHD_INCOMPATIBLE, "connection", "%s speaks version %u of the protocol, this library version %u",
+            welcome->software[0] ? welcome->software : "the daemon", welcome->version, (unsigned)CONTROL_VERSION);
     connection->limits = (struct connection_limits){
         .credits = sane(welcome->credits, DEFAULT_CREDITS, CONTROL_MAX_ITEMS),
         .max_items = sane(welcome->max_items, CONTROL_MAX_ITEMS, CONTROL_MAX_ITEMS),

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * connection.h - one socket to a daemon: frames out and in, what is under way on it, and what the daemon allows. It never blocks, and knows
- * nothing of batches: frames go up to a handler.
+ * connection.h - one socket to a daemon: frames out and in, what is under way on it, and what the daemon allows. It
+ * never blocks, and knows nothing of batches: frames go up to a handler.
  */
 #ifndef BVHD_CONNECTION_H
 #define BVHD_CONNECTION_H
 
-#include "control.h"
-#include "exchange.h"
+#include "proto/wire/control.h"
+#include "client/exchange.h"
 
 enum connection_state {
     CONNECTION_HELLO, /* WELCOME has not come */
@@ -50,26 +50,35 @@ struct connection {
     uint64_t pinged_at; /* 0: no PING since then */
 };
 
-/* Connects to the socket at `path` and says HELLO. BVHD_UNAVAILABLE: nobody there; BVHD_BUSY: somebody, who has no time; BVHD_IO, BVHD_NO_MEMORY. */
-enum bvhd_status connection_create(const char *path, uint64_t now, struct connection **ret_connection, struct bvhd_error *error);
+/*
+ * Connects to the socket at `path` and says HELLO. BVHD_UNAVAILABLE: nobody there; BVHD_BUSY: somebody, who has no
+ * time; BVHD_IO, BVHD_NO_MEMORY.
+ */
+enum bvhd_status connection_create(const char *path, uint64_t now, struct connection **ret_connection,
+                                   struct bvhd_error *error);
 
-/* Nothing more is sent. Exchanges that expect an answer are in the table alone afterwards, for their owner to take out. */
+/*
+ * Nothing more is sent. Exchanges that expect an answer are in the table alone afterwards, for their owner to take out.
+ */
 void connection_silence(struct connection *connection);
 
 /* The table must be empty. NULL-safe. */
 void connection_destroy(struct connection *connection);
 
 /*
- * Queues a frame (control, inline bytes and descriptors are set) and sends what the socket takes. One that expects an answer goes into the table, but with
- * request 0 on the wire for HELLO. False without memory: the exchange is still the caller's. When the socket is broken connection_flush says so later.
+ * Queues a frame (control, inline bytes and descriptors are set) and sends what the socket takes. One that expects an
+ * answer goes into the table, but with request 0 on the wire for HELLO. False without memory: the exchange is still the
+ * caller's. When the socket is broken connection_flush says so later.
  */
 bool connection_send(struct connection *connection, struct exchange *exchange, uint64_t now);
 
 /* A frame with an empty control message. False as above, then there is no exchange. */
-bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter, uint64_t now);
+bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter,
+                           uint64_t now);
 
 /* CANCEL of these entries of an exchange; count 0: all. Best effort: without memory the daemon works in vain. */
-void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count, uint64_t now);
+void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count,
+                       uint64_t now);
 
 /* BVHD_UNAVAILABLE: the daemon has gone. */
 enum bvhd_status connection_flush(struct connection *connection, struct bvhd_error *error);
@@ -78,9 +87,12 @@ enum bvhd_status connection_flush(struct connection *connection, struct bvhd_err
 typedef enum bvhd_status (*connection_handler)(void *context, struct connection *connection, struct frame *frame,
                                                struct bvhd_error *error);
 
-/* Takes what has come. BVHD_UNAVAILABLE: the daemon has gone; BVHD_CORRUPT, BVHD_TOO_LARGE: it sends nonsense; BVHD_NO_MEMORY, BVHD_IO: no place for it. */
-enum bvhd_status connection_receive(struct connection *connection, connection_handler handler, void *context, uint64_t now,
-                                    struct bvhd_error *error);
+/*
+ * Takes what has come. BVHD_UNAVAILABLE: the daemon has gone; BVHD_CORRUPT, BVHD_TOO_LARGE: it sends nonsense;
+ * BVHD_NO_MEMORY, BVHD_IO: no place for it.
+ */
+enum bvhd_status connection_receive(struct connection *connection, connection_handler handler, void *context,
+                                    uint64_t now, struct bvhd_error *error);
 
 /* The daemon was BUSY: the exchange waits until `until`. */
 void connection_park(struct connection *connection, struct exchange *exchange, uint64_t until);
@@ -92,6 +104,7 @@ struct exchange *connection_unpark(struct connection *connection);
 void connection_resend(struct connection *connection, struct exchange *exchange);
 
 /* Limits of WELCOME; says whether the version fits. */
-enum bvhd_status connection_welcome(struct connection *connection, const struct control_welcome *welcome, struct bvhd_error *error);
+enum bvhd_status connection_welcome(struct connection *connection, const struct control_welcome *welcome,
+                                    struct bvhd_error *error);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "counter_list.h"
+#include "client/counter_list.h"
 
-#include "library.h"
+#include "client/library.h"
 
 struct bvhd_counters {
     struct control_counters *message;

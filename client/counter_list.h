@@ -5,7 +5,7 @@
 
 #include <bvhd/bvhd.h>
 
-#include "control.h"
+#include "proto/wire/control.h"
 
 /* Takes the message, from library_memory, also when it fails and returns NULL. */
 struct bvhd_counters *counter_list_create(struct control_counters *message);

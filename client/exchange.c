@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "exchange.h"
+#include "client/exchange.h"
 
-#include "library.h"
+#include "client/library.h"
 
 enum { SLOT_BITS = 16, FIRST_SLOTS = 16, MAX_SLOTS = 1 << SLOT_BITS };
 

@@ -2,17 +2,18 @@
 /*
  * exchange.h - a frame to the daemon and what is still expected of it.
  *
- * An exchange with items (BUILD, GET) ends when every item has its result and, of a BUILD, its PREPARED. It outlives its batch: payloads lie
- * where they lie until the daemon has let go of them. The frame's bytes are kept until the first answer, for the daemon may be BUSY.
+ * An exchange with items (BUILD, GET) ends when every item has its result and, of a BUILD, its PREPARED. It outlives
+ * its batch: payloads lie where they lie until the daemon has let go of them. The frame's bytes are kept until the
+ * first answer, for the daemon may be BUSY.
  */
 #ifndef BVHD_EXCHANGE_H
 #define BVHD_EXCHANGE_H
 
 #include <bvhd/bvhd.h>
 
-#include "counter_list.h"
-#include "frame.h"
-#include "placement.h"
+#include "client/counter_list.h"
+#include "proto/wire/frame.h"
+#include "client/placement.h"
 
 struct exchange_entry {
     uint32_t item; /* of the batch */
@@ -77,7 +78,9 @@ void exchange_table_init(struct exchange_table *table);
 /* The exchanges must have been taken out. */
 void exchange_table_finish(struct exchange_table *table);
 
-/* Gives the exchange a number that is not in use and was not for long. False without memory, or with 65,536 under way. */
+/*
+ * Gives the exchange a number that is not in use and was not for long. False without memory, or with 65,536 under way.
+ */
 bool exchange_table_add(struct exchange_table *table, struct exchange *exchange);
 
 /* NULL when there is none. */

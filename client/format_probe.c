@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "format.h"
+#include "client/format.h"
 
 #include <string.h>
 
-#include "library.h"
-#include "probe.h"
+#include "client/library.h"
+#include "builder/format/probe.h"
 
-enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct bvhd_format *ret_format, struct bvhd_error *ret_error)
+enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct bvhd_format *ret_format,
+                                        struct bvhd_error *ret_error)
 {
     struct probe parts;
     enum target target;
@@ -16,7 +17,8 @@ enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct
         status = probe_match(&parts, &library_memory, &target, &device, ret_error);
     if (status != BVHD_OK)
         return status;
-    struct bvhd_format format = {.struct_size = sizeof format, .target = (enum bvhd_target)target, .variant = device.variant};
+    struct bvhd_format format = {
+        .struct_size = sizeof format, .target = (enum bvhd_target)target, .variant = device.variant};
     memcpy(format.driver_uuid, device.driver_uuid, sizeof format.driver_uuid);
     memcpy(format.compatibility_uuid, device.compatibility_uuid, sizeof format.compatibility_uuid);
     *ret_format = format;

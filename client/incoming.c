@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "incoming.h"
+#include "client/incoming.h"
 
 #include <unistd.h>
 
-#include "client_batch.h"
-#include "client_link.h"
-#include "place.h"
-#include "result_blob.h"
+#include "client/client_batch.h"
+#include "client/client_link.h"
+#include "proto/base/place.h"
+#include "client/result_blob.h"
 
 enum { MIN_RETRY_MS = 1, MAX_RETRY_MS = 2000, POOL_AGAIN_MS = 5000 };
 
@@ -49,7 +49,8 @@ static void refuse_pool(const struct arrival *arrival, uint64_t again)
 static enum bvhd_status take_welcome(const struct arrival *arrival)
 {
     struct control_welcome *welcome;
-    enum bvhd_status status = control_unpack_welcome(arrival->frame->control, &library_memory, &welcome, arrival->error);
+    enum bvhd_status status =
+        control_unpack_welcome(arrival->frame->control, &library_memory, &welcome, arrival->error);
     if (status != BVHD_OK)
         return status;
     status = connection_welcome(arrival->connection, welcome, arrival->error);
@@ -73,8 +74,8 @@ static enum bvhd_status take_last_words(const struct arrival *arrival)
     if (status != BVHD_OK)
         return status;
     status = said->status == BVHD_OK || said->status == BVHD_NO_MEMORY ? BVHD_UNAVAILABLE : said->status;
-    bvhd_error_set(arrival->error, status, said->where[0] ? said->where : "connection", "the daemon ended the connection: %s",
-                   said->text);
+    bvhd_error_set(arrival->error, status, said->where[0] ? said->where : "connection",
+                   "the daemon ended the connection: %s", said->text);
     memory_free(&library_memory, said);
     return status;
 }
@@ -104,7 +105,8 @@ static void fail_entry(struct exchange *exchange, uint32_t index, const struct b
 }
 
 /* The bytes of a result: inline, or behind the frame's descriptor. */
-static enum bvhd_status take_blob(const struct arrival *arrival, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+static enum bvhd_status take_blob(const struct arrival *arrival, uint64_t size, struct bvhd_blob **ret_blob,
+                                  struct bvhd_error *error)
 {
     struct frame *frame = arrival->frame;
     uint32_t descriptors = frame->header.descriptors;
@@ -272,7 +274,8 @@ static enum bvhd_status take_counters(const struct arrival *arrival)
     if (arrival->exchange->type != FRAME_STATS)
         return violation(arrival, "counters that nobody asked for");
     struct control_counters *message;
-    enum bvhd_status status = control_unpack_counters(arrival->frame->control, &library_memory, &message, arrival->error);
+    enum bvhd_status status =
+        control_unpack_counters(arrival->frame->control, &library_memory, &message, arrival->error);
     if (status != BVHD_OK)
         return status;
     struct bvhd_counters *counters = counter_list_create(message);
@@ -331,7 +334,8 @@ static enum bvhd_status take_answer(struct arrival *arrival)
     }
 }
 
-static enum bvhd_status handle(void *context, struct connection *connection, struct frame *frame, struct bvhd_error *error)
+static enum bvhd_status handle(void *context, struct connection *connection, struct frame *frame,
+                               struct bvhd_error *error)
 {
     struct arrival arrival = {context, connection, frame, NULL, connection->heard_at, error};
     enum bvhd_status status = BVHD_OK;

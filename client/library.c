@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "library.h"
+#include "client/library.h"
 
 #include <limits.h>
 
 #include <bvhd/bvhd.h>
 
-#include "key.h"
-#include "status.h"
+#include "proto/base/key.h"
+#include "proto/base/status.h"
 
 _Static_assert((int)BVHD_KEY_SIZE == (int)KEY_SIZE && (int)BVHD_KEY_TEXT_SIZE == (int)KEY_TEXT_SIZE, "one kind of key");
 

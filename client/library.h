@@ -5,8 +5,8 @@
 
 #include <stdint.h>
 
-#include "clock.h"
-#include "memory.h"
+#include "proto/base/clock.h"
+#include "proto/base/memory.h"
 
 /* Without a limit; tests let it fail and count what is left. */
 extern struct memory library_memory;

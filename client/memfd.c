@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "memfd.h"
+#include "client/memfd.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -7,7 +7,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "seal.h"
+#include "proto/base/seal.h"
 
 /* Newer than some C libraries; kernels that do not know it say EINVAL. */
 #ifndef MFD_NOEXEC_SEAL
@@ -72,7 +72,8 @@ enum bvhd_status memfd_writer_init(struct memfd_writer *writer, int descriptor, 
     unsigned char *gathered = memory_alloc(memory, GATHER_SIZE);
     if (!gathered)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "memfd", "no memory for it");
-    *writer = (struct memfd_writer){.memory = memory, .descriptor = descriptor, .offset = offset, .gathered = gathered, .error = error};
+    *writer = (struct memfd_writer){
+        .memory = memory, .descriptor = descriptor, .offset = offset, .gathered = gathered, .error = error};
     return BVHD_OK;
 }
 

@@ -3,13 +3,13 @@
 #ifndef BVHD_MEMFD_H
 #define BVHD_MEMFD_H
 
-#include "bytes.h"
-#include "memory.h"
-#include "status.h"
+#include "proto/base/bytes.h"
+#include "proto/base/memory.h"
+#include "proto/base/status.h"
 
 /*
- * A new memfd of `size` bytes (not 0), close-on-exec, open for sealing, mapped for reading and writing; pages come as they are touched. BVHD_NO_MEMORY,
- * BVHD_IO ("memfd").
+ * A new memfd of `size` bytes (not 0), close-on-exec, open for sealing, mapped for reading and writing; pages come as
+ * they are touched. BVHD_NO_MEMORY, BVHD_IO ("memfd").
  */
 enum bvhd_status memfd_create_mapped(const char *name, uint64_t size, int *ret_descriptor, unsigned char **ret_bytes,
                                      struct bvhd_error *error);
@@ -21,8 +21,8 @@ enum bvhd_status memfd_seal(int descriptor, int seals, struct bvhd_error *error)
 enum bvhd_status memfd_open(const char *name, int *ret_descriptor, struct bvhd_error *error);
 
 /*
- * Fills a part of a memfd, piece after piece. Where pages do not exist yet writing takes half the time of copying into a mapping: what is written whole is
- * not cleared before, and there are no faults. Small pieces are gathered.
+ * Fills a part of a memfd, piece after piece. Where pages do not exist yet writing takes half the time of copying into
+ * a mapping: what is written whole is not cleared before, and there are no faults. Small pieces are gathered.
  */
 struct memfd_writer {
     struct memory *memory;
@@ -40,7 +40,10 @@ enum bvhd_status memfd_writer_init(struct memfd_writer *writer, int descriptor, 
 /* BVHD_NO_MEMORY, BVHD_IO. */
 enum bvhd_status memfd_writer_put(struct memfd_writer *writer, struct bytes piece);
 
-/* Writes what is still gathered, unless `status` says that something failed before; the outcome of all. The writer is finished. */
+/*
+ * Writes what is still gathered, unless `status` says that something failed before; the outcome of all. The writer is
+ * finished.
+ */
 enum bvhd_status memfd_writer_finish(struct memfd_writer *writer, enum bvhd_status status);
 
 #endif

@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "outgoing.h"
+#include "client/outgoing.h"
 
-#include "client_batch.h"
-#include "client_link.h"
-#include "incoming.h"
-#include "place.h"
-#include "rows.h"
+#include "client/client_batch.h"
+#include "client/client_link.h"
+#include "client/incoming.h"
+#include "proto/base/place.h"
+#include "proto/wire/rows.h"
 
 enum {
-    INLINE_MAX = 16 * 1024, /* payloads up to this travel inside of frames; from here on a copy less pays for a look at the pool */
+    INLINE_MAX =
+        16 *
+        1024, /* payloads up to this travel inside of frames; from here on a copy less pays for a look at the pool */
     ITEM_CONTROL = 128, /* bytes that an item takes of a control message, at most */
     FRAME_ITEMS = 256, /* more in a frame save nothing */
     FIRST_FRAME_BYTES = 128 << 10, /* the daemon begins while the rest is copied */
@@ -52,7 +54,8 @@ static enum added copy_item(struct bvhd_batch *batch, uint32_t index, uint64_t s
     struct bvhd_error error;
     enum bvhd_status status = BVHD_OK;
     if (size > 0)
-        status = placement_take(&batch->client->placement, input_of(batch, index), size, &batch->items[index].held, &error);
+        status =
+            placement_take(&batch->client->placement, input_of(batch, index), size, &batch->items[index].held, &error);
     if (status == BVHD_BUSY)
         return NO_ROOM;
     if (status != BVHD_OK)
@@ -107,7 +110,8 @@ static void adapt_pool(struct bvhd_client *client, struct connection *connection
         connection->pool = POOL_UNASKED;
         placement_refuse(&client->placement, false);
     }
-    bool is_lent = client->leaving && client->leaving->pool == POOL_ASKED; /* its descriptor may still have to be sent */
+    bool is_lent =
+        client->leaving && client->leaving->pool == POOL_ASKED; /* its descriptor may still have to be sent */
     if (connection->pool == POOL_UNASKED && !is_lent)
         placement_limit(&client->placement, connection->limits.max_pool);
 }
@@ -314,7 +318,8 @@ static bool send_draft(struct draft *draft)
 static uint32_t frame_capacity(const struct bvhd_batch *batch, const struct connection *connection)
 {
     uint32_t by_control = connection->limits.max_control / ITEM_CONTROL, capacity = batch->count - batch->first_unsent;
-    const uint32_t limits[] = {connection->credits, connection->limits.max_items, by_control ? by_control : 1, FRAME_ITEMS};
+    const uint32_t limits[] = {connection->credits, connection->limits.max_items, by_control ? by_control : 1,
+                               FRAME_ITEMS};
     for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++)
         capacity = limits[i] < capacity ? limits[i] : capacity;
     return capacity;

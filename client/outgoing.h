@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* outgoing.h - from queued batches to frames, as credits, memory and the daemon's limits allow. Under the client's lock. */
+/*
+ * outgoing.h - from queued batches to frames, as credits, memory and the daemon's limits allow. Under the client's
+ * lock.
+ */
 #ifndef BVHD_OUTGOING_H
 #define BVHD_OUTGOING_H
 
-#include "client.h"
+#include "client/client.h"
 
 /* Sends and copies what can be sent and copied now. */
 void outgoing_pump(struct bvhd_client *client);

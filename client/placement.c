@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "placement.h"
+#include "client/placement.h"
 
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "frame.h"
-#include "memfd.h"
-#include "rows.h"
+#include "proto/wire/frame.h"
+#include "client/memfd.h"
+#include "proto/wire/rows.h"
 
 enum { WRITE_FROM = 128 * 1024 };
 
@@ -19,7 +19,8 @@ struct source {
 
 void placement_init(struct placement *placement, struct memory *memory, uint64_t pool_size)
 {
-    *placement = (struct placement){.memory = memory, .wanted_size = pool_size, .pool_size = pool_size, .descriptor = -1};
+    *placement =
+        (struct placement){.memory = memory, .wanted_size = pool_size, .pool_size = pool_size, .descriptor = -1};
 }
 
 static void close_pool(struct placement *placement)
@@ -105,16 +106,16 @@ static enum bvhd_status stream(struct memfd_writer *writer, const struct source 
 }
 
 /* Every byte is written, zeros too: the daemon takes no memfd with holes. */
-static enum bvhd_status write_source(int descriptor, uint64_t offset, const struct source *source, uint64_t size, struct memory *memory,
-                                     struct bvhd_error *error)
+static enum bvhd_status write_source(int descriptor, uint64_t offset, const struct source *source, uint64_t size,
+                                     struct memory *memory, struct bvhd_error *error)
 {
     struct memfd_writer writer;
     enum bvhd_status status = memfd_writer_init(&writer, descriptor, offset, memory, error);
     return status == BVHD_OK ? memfd_writer_finish(&writer, stream(&writer, source, size)) : status;
 }
 
-static enum bvhd_status make_memfd(const struct source *source, uint64_t size, struct memory *memory, int *ret_descriptor,
-                                   struct bvhd_error *error)
+static enum bvhd_status make_memfd(const struct source *source, uint64_t size, struct memory *memory,
+                                   int *ret_descriptor, struct bvhd_error *error)
 {
     int descriptor;
     enum bvhd_status status = memfd_open("bvhd-payload", &descriptor, error);
@@ -143,8 +144,8 @@ void placement_unreserve(struct placement *placement)
     placement->memfds--;
 }
 
-static enum bvhd_status fill_reserved(struct memory *memory, const struct source *source, uint64_t size, struct held *ret_held,
-                                      struct bvhd_error *error)
+static enum bvhd_status fill_reserved(struct memory *memory, const struct source *source, uint64_t size,
+                                      struct held *ret_held, struct bvhd_error *error)
 {
     int descriptor;
     enum bvhd_status status = make_memfd(source, size, memory, &descriptor, error);
@@ -153,16 +154,16 @@ static enum bvhd_status fill_reserved(struct memory *memory, const struct source
     return status;
 }
 
-enum bvhd_status placement_fill(struct memory *memory, const struct build_input *input, uint64_t size, struct held *ret_held,
-                                struct bvhd_error *error)
+enum bvhd_status placement_fill(struct memory *memory, const struct build_input *input, uint64_t size,
+                                struct held *ret_held, struct bvhd_error *error)
 {
     struct source source = {.input = input};
     return fill_reserved(memory, &source, size, ret_held, error);
 }
 
 /* While others are out a failure is only a shortage: theirs come back. */
-static enum bvhd_status take_memfd(struct placement *placement, const struct source *source, uint64_t size, struct held *ret_held,
-                                   struct bvhd_error *error)
+static enum bvhd_status take_memfd(struct placement *placement, const struct source *source, uint64_t size,
+                                   struct held *ret_held, struct bvhd_error *error)
 {
     if (!placement_reserve(placement))
         return BVHD_BUSY;
@@ -186,8 +187,8 @@ static void fill_pool(struct placement *placement, const struct build_input *inp
 }
 
 /* What takes up to half of the pool waits for room in it; more than that would wait for too many others. */
-enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size, struct held *ret_held,
-                                struct bvhd_error *error)
+enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size,
+                                struct held *ret_held, struct bvhd_error *error)
 {
     uint64_t offset;
     if (take_from_pool(placement, size, &offset)) {

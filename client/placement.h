@@ -2,16 +2,16 @@
 /*
  * placement.h - where payloads lie until the daemon has read them.
  *
- * Most lie in the pool: one memfd that daemon and client keep mapped, since making pages costs more than copying. What the pool cannot hold gets a
- * memfd of its own. (The smallest travel inside of frames and need no place.) The pool outlives connections: payloads can be placed before there
- * is one.
+ * Most lie in the pool: one memfd that daemon and client keep mapped, since making pages costs more than copying. What
+ * the pool cannot hold gets a memfd of its own. (The smallest travel inside of frames and need no place.) The pool
+ * outlives connections: payloads can be placed before there is one.
  */
 #ifndef BVHD_PLACEMENT_H
 #define BVHD_PLACEMENT_H
 
-#include "arena.h"
-#include "geometry.h"
-#include "status.h"
+#include "client/arena.h"
+#include "proto/base/geometry.h"
+#include "proto/base/status.h"
 
 /* Memfds of their own that may be out at once: each holds a descriptor, and memory as large as a scene. */
 enum { PLACEMENT_MAX_MEMFDS = 8 };
@@ -49,19 +49,19 @@ void placement_refuse(struct placement *placement, bool is_refused);
 bool placement_limit(struct placement *placement, uint64_t size);
 
 /*
- * Copies the payload of a description (rows_write), `size` bytes, not 0. BVHD_BUSY: there is no room until something is released. BVHD_NO_MEMORY, BVHD_IO:
- * it will not get better.
+ * Copies the payload of a description (rows_write), `size` bytes, not 0. BVHD_BUSY: there is no room until something is
+ * released. BVHD_NO_MEMORY, BVHD_IO: it will not get better.
  */
-enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size, struct held *ret_held,
-                                struct bvhd_error *error);
+enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size,
+                                struct held *ret_held, struct bvhd_error *error);
 
 /*
- * A memfd of its own in two steps, so that the copy needs no lock: false when too many are out; then placement_fill, from any thread, and where that fails
- * placement_unreserve.
+ * A memfd of its own in two steps, so that the copy needs no lock: false when too many are out; then placement_fill,
+ * from any thread, and where that fails placement_unreserve.
  */
 bool placement_reserve(struct placement *placement);
-enum bvhd_status placement_fill(struct memory *memory, const struct build_input *input, uint64_t size, struct held *ret_held,
-                                struct bvhd_error *error);
+enum bvhd_status placement_fill(struct memory *memory, const struct build_input *input, uint64_t size,
+                                struct held *ret_held, struct bvhd_error *error);
 void placement_unreserve(struct placement *placement);
 
 /* The bytes of a payload in the pool. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "result_blob.h"
+#include "client/result_blob.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -8,9 +8,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "library.h"
+#include "client/library.h"
 
-/* Mapping the pages of a result that is about to be read costs less at once than one by one; of a large one few may be read. */
+/*
+ * Mapping the pages of a result that is about to be read costs less at once than one by one; of a large one few may be
+ * read.
+ */
 enum { POPULATE_MAX = 4 << 20 };
 
 struct bvhd_blob {
@@ -20,7 +23,8 @@ struct bvhd_blob {
     uint64_t size;
 };
 
-static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bvhd_blob **ret_blob,
+                               struct bvhd_error *error)
 {
     struct bvhd_blob *blob = memory_alloc(&library_memory, sizeof *blob);
     if (!blob)
@@ -35,7 +39,8 @@ enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blo
 {
     void *data = memory_alloc(&library_memory, bytes.size);
     if (!data)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "result", "no memory for %llu bytes", (unsigned long long)bytes.size);
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "result", "no memory for %llu bytes",
+                              (unsigned long long)bytes.size);
     memcpy(data, bytes.data, bytes.size);
     enum bvhd_status status = create(data, bytes.size, false, ret_blob, error);
     if (status != BVHD_OK)
@@ -51,7 +56,8 @@ static enum bvhd_status check(int descriptor, uint64_t size, struct bvhd_error *
     if (seals < 0 || (seals & wanted) != wanted)
         return bvhd_error_set(error, BVHD_CORRUPT, "result.descriptor", "not a sealed memfd");
     if (fstat(descriptor, &file) != 0 || file.st_size < 0 || (uint64_t)file.st_size < size)
-        return bvhd_error_set(error, BVHD_CORRUPT, "result.descriptor", "less than %llu bytes", (unsigned long long)size);
+        return bvhd_error_set(error, BVHD_CORRUPT, "result.descriptor", "less than %llu bytes",
+                              (unsigned long long)size);
     return BVHD_OK;
 }
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "vulkan_input.h"
+#include "client/vulkan_input.h"
 
-#include "handle_table.h"
-#include "request_limits.h"
-#include "place.h"
+#include "proto/base/handle_table.h"
+#include "proto/base/request_limits.h"
+#include "proto/base/place.h"
 
 enum { RECORD_SIZE = sizeof(VkAccelerationStructureInstanceKHR), RECORD_REFERENCE = 56 };
 _Static_assert(RECORD_SIZE == 64, "instance records are read by offset");
@@ -61,10 +61,12 @@ static const struct {
 
 static enum bvhd_status no_memory(const struct entry *entry)
 {
-    return bvhd_error_set(entry->error, BVHD_NO_MEMORY, place("infos[%u]", entry->index).text, "no memory for the description");
+    return bvhd_error_set(entry->error, BVHD_NO_MEMORY, place("infos[%u]", entry->index).text,
+                          "no memory for the description");
 }
 
-static enum bvhd_status check_chain(const struct entry *entry, enum bvhd_vuid vuid, struct place where, const void *chain)
+static enum bvhd_status check_chain(const struct entry *entry, enum bvhd_vuid vuid, struct place where,
+                                    const void *chain)
 {
     if (!chain)
         return BVHD_OK;
@@ -72,11 +74,13 @@ static enum bvhd_status check_chain(const struct entry *entry, enum bvhd_vuid vu
     for (size_t i = 0; i < sizeof foreign_structs / sizeof foreign_structs[0]; i++)
         if ((uint32_t)first->sType == foreign_structs[i].type)
             return bvhd_error_set(entry->error, BVHD_UNSUPPORTED, where.text, "%s", foreign_structs[i].name);
-    return bvhd_error_rule(entry->error, vuid, where.text, "a struct of type %u does not belong here", (unsigned)first->sType);
+    return bvhd_error_rule(entry->error, vuid, where.text, "a struct of type %u does not belong here",
+                           (unsigned)first->sType);
 }
 
 /* sType and pNext of the data of geometry `index`. */
-static enum bvhd_status check_data_head(const struct entry *entry, uint32_t index, const VkAccelerationStructureGeometryKHR *source)
+static enum bvhd_status check_data_head(const struct entry *entry, uint32_t index,
+                                        const VkAccelerationStructureGeometryKHR *source)
 {
     static const struct {
         VkStructureType type;
@@ -98,17 +102,19 @@ static enum bvhd_status check_data_head(const struct entry *entry, uint32_t inde
         return bvhd_error_rule(entry->error, heads[type].type_rule,
                                place("infos[%u].geometries[%u].%s.sType", entry->index, index, heads[type].name).text,
                                "%u instead of %u", (unsigned)head->sType, (unsigned)heads[type].type);
-    return check_chain(entry, heads[type].chain_rule, place("infos[%u].geometries[%u].%s.pNext", entry->index, index, heads[type].name),
-                       head->pNext);
+    return check_chain(entry, heads[type].chain_rule,
+                       place("infos[%u].geometries[%u].%s.pNext", entry->index, index, heads[type].name), head->pNext);
 }
 
-static enum bvhd_status check_geometry_head(const struct entry *entry, uint32_t index, const VkAccelerationStructureGeometryKHR *source)
+static enum bvhd_status check_geometry_head(const struct entry *entry, uint32_t index,
+                                            const VkAccelerationStructureGeometryKHR *source)
 {
     if (source->sType != VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR)
         return bvhd_error_rule(entry->error, BVHD_VUID_Geometry_sType_sType,
-                               place("infos[%u].geometries[%u].sType", entry->index, index).text, "%u", (unsigned)source->sType);
-    enum bvhd_status status =
-        check_chain(entry, BVHD_VUID_Geometry_pNext_pNext, place("infos[%u].geometries[%u].pNext", entry->index, index), source->pNext);
+                               place("infos[%u].geometries[%u].sType", entry->index, index).text, "%u",
+                               (unsigned)source->sType);
+    enum bvhd_status status = check_chain(entry, BVHD_VUID_Geometry_pNext_pNext,
+                                          place("infos[%u].geometries[%u].pNext", entry->index, index), source->pNext);
     return status == BVHD_OK ? check_data_head(entry, index, source) : status;
 }
 
@@ -116,29 +122,31 @@ static enum bvhd_status check_head(const struct entry *entry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
     if (info->sType != VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR)
-        return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_sType_sType, place("infos[%u].sType", entry->index).text, "%u",
-                               (unsigned)info->sType);
-    enum bvhd_status status =
-        check_chain(entry, BVHD_VUID_BuildGeometryInfo_pNext_pNext, place("infos[%u].pNext", entry->index), info->pNext);
+        return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_sType_sType,
+                               place("infos[%u].sType", entry->index).text, "%u", (unsigned)info->sType);
+    enum bvhd_status status = check_chain(entry, BVHD_VUID_BuildGeometryInfo_pNext_pNext,
+                                          place("infos[%u].pNext", entry->index), info->pNext);
     if (status != BVHD_OK || info->geometryCount == 0)
         return status;
     if ((info->pGeometries != NULL) == (info->ppGeometries != NULL))
         return bvhd_error_rule(entry->error, BVHD_VUID_03788, place("infos[%u].pGeometries", entry->index).text,
                                "%s of pGeometries and ppGeometries", info->pGeometries ? "both" : "none");
     if (!entry->call->ranges || !entry->call->ranges[entry->index])
-        return bvhd_error_rule(entry->error, BVHD_VUID_11702, place("ranges[%u]", entry->index).text, "no ranges given");
+        return bvhd_error_rule(entry->error, BVHD_VUID_11702, place("ranges[%u]", entry->index).text,
+                               "no ranges given");
     return BVHD_OK;
 }
 
 /*
- * offset + stride * (count - 1) + size: the bytes that `count` elements need. 0 where none are, or where it does not fit 64 bits; and with a stride that is
- * against the rules, for a program that does not know what it says must not have so much of its memory read.
+ * offset + stride * (count - 1) + size: the bytes that `count` elements need. 0 where none are, or where it does not
+ * fit 64 bits; and with a stride that is against the rules, for a program that does not know what it says must not have
+ * so much of its memory read.
  */
 static uint64_t extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
 {
     uint64_t bytes;
-    if (count == 0 || stride > UINT32_MAX || !bytes_mul(stride, count - 1, &bytes) || !bytes_add(bytes, offset, &bytes) ||
-        !bytes_add(bytes, size, &bytes))
+    if (count == 0 || stride > UINT32_MAX || !bytes_mul(stride, count - 1, &bytes) ||
+        !bytes_add(bytes, offset, &bytes) || !bytes_add(bytes, size, &bytes))
         return 0;
     return bytes;
 }
@@ -151,30 +159,35 @@ static struct bytes bytes_at(const void *address, uint64_t size)
 static uint64_t element_size(uint32_t format)
 {
     switch (format) {
-#define VERTEX_FORMAT(name, value, size, alignment)                                                                                    \
-    case value:                                                                                                                        \
+#define VERTEX_FORMAT(name, value, size, alignment)                                                                    \
+    case value:                                                                                                        \
         return size;
-#include "vertex_formats.def"
+#include "proto/base/vertex_formats.def"
 #undef VERTEX_FORMAT
     default:
         return 0;
     }
 }
 
-/* Indices may name every vertex up to maxVertex, and the array begins at vertex 0; without indices the range says what is read. */
-static uint64_t vertex_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source, const struct geometry_range *range)
+/*
+ * Indices may name every vertex up to maxVertex, and the array begins at vertex 0; without indices the range says what
+ * is read.
+ */
+static uint64_t vertex_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
+                             const struct geometry_range *range)
 {
     uint64_t size = element_size((uint32_t)source->vertexFormat);
     if (range->primitive_count == 0)
         return 0;
     if (source->indexType != VK_INDEX_TYPE_NONE_KHR)
         return extent(0, source->vertexStride, (uint64_t)source->maxVertex + 1, size);
-    return extent(range->primitive_offset, source->vertexStride, (uint64_t)range->first_vertex + (uint64_t)3 * range->primitive_count,
-                  size);
+    return extent(range->primitive_offset, source->vertexStride,
+                  (uint64_t)range->first_vertex + (uint64_t)3 * range->primitive_count, size);
 }
 
 /* Of a type that does not exist nobody knows how much there is: nothing is read, and validate_input says so. */
-static uint64_t index_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source, const struct geometry_range *range)
+static uint64_t index_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
+                            const struct geometry_range *range)
 {
     uint64_t size = source->indexType == VK_INDEX_TYPE_UINT16 ? 2 : source->indexType == VK_INDEX_TYPE_UINT32 ? 4 : 0;
     return size > 0 ? extent(range->primitive_offset, 3 * size, range->primitive_count, 3 * size) : 0;
@@ -191,7 +204,8 @@ static struct geometry_triangles convert_triangles(const VkAccelerationStructure
         .index_type = (uint32_t)source->indexType,
         .vertices = bytes_at(source->vertexData.hostAddress, vertex_bytes(source, range)),
         .indices = bytes_at(indexed ? source->indexData.hostAddress : NULL, index_bytes(source, range)),
-        .transform = bytes_at(source->transformData.hostAddress, extent(range->transform_offset, 0, 1, sizeof(VkTransformMatrixKHR))),
+        .transform = bytes_at(source->transformData.hostAddress,
+                              extent(range->transform_offset, 0, 1, sizeof(VkTransformMatrixKHR))),
     };
 }
 
@@ -215,7 +229,8 @@ static enum bvhd_status gather(const struct entry *entry, const unsigned char *p
         const void *record;
         memcpy(&record, pointers + i * sizeof record, sizeof record);
         if (!record)
-            return bvhd_error_rule(entry->error, BVHD_VUID_03778, place("infos[%u].geometries[0].instances[%u]", entry->index, i).text,
+            return bvhd_error_rule(entry->error, BVHD_VUID_03778,
+                                   place("infos[%u].geometries[0].instances[%u]", entry->index, i).text,
                                    "no record at this pointer");
         memcpy(records + (size_t)i * RECORD_SIZE, record, RECORD_SIZE);
     }
@@ -228,16 +243,19 @@ static enum bvhd_status gather(const struct entry *entry, const unsigned char *p
 static bool are_readable(const struct entry *entry, const struct geometry *geometry)
 {
     return entry->info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR && entry->info->geometryCount == 1 &&
-           !(entry->info->flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV) && geometry->range.primitive_count > 0 &&
-           geometry->range.primitive_count <= LIMIT_MAX_INSTANCES && geometry->range.primitive_offset % 16 == 0;
+           !(entry->info->flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV) &&
+           geometry->range.primitive_count > 0 && geometry->range.primitive_count <= LIMIT_MAX_INSTANCES &&
+           geometry->range.primitive_offset % 16 == 0;
 }
 
-static enum bvhd_status convert_instances(const struct entry *entry, const VkAccelerationStructureGeometryInstancesDataKHR *source,
+static enum bvhd_status convert_instances(const struct entry *entry,
+                                          const VkAccelerationStructureGeometryInstancesDataKHR *source,
                                           struct geometry *geometry)
 {
     const struct geometry_range *range = &geometry->range;
     uint64_t size = extent(range->primitive_offset, RECORD_SIZE, range->primitive_count, RECORD_SIZE);
-    geometry->instances.records = bytes_at(source->data.hostAddress, source->arrayOfPointers ? 0 : size); /* pointers are no records */
+    geometry->instances.records =
+        bytes_at(source->data.hostAddress, source->arrayOfPointers ? 0 : size); /* pointers are no records */
     if (!source->arrayOfPointers || !source->data.hostAddress || !are_readable(entry, geometry))
         return BVHD_OK;
     return gather(entry, source->data.hostAddress, geometry);
@@ -246,11 +264,13 @@ static enum bvhd_status convert_instances(const struct entry *entry, const VkAcc
 static enum bvhd_status convert_geometry(const struct entry *entry, uint32_t index, struct geometry *geometry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
-    const VkAccelerationStructureGeometryKHR *source = info->pGeometries ? &info->pGeometries[index] : info->ppGeometries[index];
+    const VkAccelerationStructureGeometryKHR *source =
+        info->pGeometries ? &info->pGeometries[index] : info->ppGeometries[index];
     const VkAccelerationStructureBuildRangeInfoKHR *range = &entry->call->ranges[entry->index][index];
     if (!source)
         return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_ppGeometries_parameter,
-                               place("infos[%u].ppGeometries[%u]", entry->index, index).text, "no geometry at this pointer");
+                               place("infos[%u].ppGeometries[%u]", entry->index, index).text,
+                               "no geometry at this pointer");
     enum bvhd_status status = check_geometry_head(entry, index, source);
     if (status != BVHD_OK)
         return status;
@@ -289,9 +309,10 @@ static enum bvhd_status mark_named(const struct entry *entry, const struct geome
             continue;
         last = handle;
         if (handle != 0 && is_built_elsewhere(entry, handle))
-            return bvhd_error_rule(entry->error, BVHD_VUID_03407,
-                                   place("infos[%u].geometries[0].instances[%u].accelerationStructureReference", entry->index, i).text,
-                                   "another entry of this call builds this structure");
+            return bvhd_error_rule(
+                entry->error, BVHD_VUID_03407,
+                place("infos[%u].geometries[0].instances[%u].accelerationStructureReference", entry->index, i).text,
+                "another entry of this call builds this structure");
         uint32_t at = handle_find(call->known, call->reference_count, handle);
         if (at != HANDLE_NONE)
             marks[call->known[at].number] = 1;
@@ -299,7 +320,8 @@ static enum bvhd_status mark_named(const struct entry *entry, const struct geome
     return BVHD_OK;
 }
 
-static enum bvhd_status copy_marked(const struct entry *entry, const unsigned char *marks, struct build_input *description)
+static enum bvhd_status copy_marked(const struct entry *entry, const unsigned char *marks,
+                                    struct build_input *description)
 {
     const struct call *call = entry->call;
     uint32_t count = 0;
@@ -431,8 +453,8 @@ static struct vulkan_input *make_empty(struct memory *memory, uint32_t count)
     return input;
 }
 
-enum bvhd_status vulkan_input_create_in(struct memory *memory, const VkAccelerationStructureBuildGeometryInfoKHR *infos, uint32_t count,
-                                        const VkAccelerationStructureBuildRangeInfoKHR *const *ranges,
+enum bvhd_status vulkan_input_create_in(struct memory *memory, const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+                                        uint32_t count, const VkAccelerationStructureBuildRangeInfoKHR *const *ranges,
                                         const struct reference *references, uint32_t reference_count,
                                         const struct build_options *options, struct vulkan_input **ret_input,
                                         struct bvhd_error *ret_errors)
@@ -452,12 +474,14 @@ enum bvhd_status vulkan_input_create_in(struct memory *memory, const VkAccelerat
 }
 
 enum bvhd_status vulkan_input_create(const VkAccelerationStructureBuildGeometryInfoKHR *infos, uint32_t count,
-                                     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges, const struct reference *references,
-                                     uint32_t reference_count, const struct build_options *options, struct vulkan_input **ret_input,
+                                     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges,
+                                     const struct reference *references, uint32_t reference_count,
+                                     const struct build_options *options, struct vulkan_input **ret_input,
                                      struct bvhd_error *ret_errors)
 {
     static struct memory unlimited = {.limit = UINT64_MAX, .fail_after = -1};
-    return vulkan_input_create_in(&unlimited, infos, count, ranges, references, reference_count, options, ret_input, ret_errors);
+    return vulkan_input_create_in(&unlimited, infos, count, ranges, references, reference_count, options, ret_input,
+                                  ret_errors);
 }
 
 const struct build_input *vulkan_input_entries(const struct vulkan_input *input)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "config.h"
+#include "daemon/config.h"
 
 #include <ctype.h>
 #include <errno.h>
@@ -9,7 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "number.h"
+#include "proto/base/number.h"
 
 enum option_kind {
     KIND_FIRST = 256, /* above every character: getopt_long returns both */
@@ -34,15 +34,18 @@ struct option_row {
 
 static const struct option_row option_rows[] = {
     {"socket", "PATH", KIND_SOCKET,
-     "listen there (default: $XDG_RUNTIME_DIR/bvhd.sock; for root,\nand without that variable, /run/bvhd/bvhd.sock); a socket\n"
+     "listen there (default: $XDG_RUNTIME_DIR/bvhd.sock; for root,\nand without that variable, /run/bvhd/bvhd.sock); a "
+     "socket\n"
      "that a service manager hands over comes first"},
     {"workers", "N", KIND_WORKERS, "threads that build (default: one for each processor)"},
     {"memory", "BYTES", KIND_MEMORY,
-     "memory for requests and builds, at least 16M; K, M, G may\nfollow (default: half of the machine's, or of the limit of\nits "
+     "memory for requests and builds, at least 16M; K, M, G may\nfollow (default: half of the machine's, or of the "
+     "limit of\nits "
      "control group)"},
     {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none (default: 1G)"},
     {"cache", "DIR", KIND_CACHE, "taken with a warning: this version keeps results in\nmemory only"},
-    {"max-connections", "N", KIND_CONNECTIONS, "clients at once (default: 1024), of one user at most\nthree quarters of them"},
+    {"max-connections", "N", KIND_CONNECTIONS,
+     "clients at once (default: 1024), of one user at most\nthree quarters of them"},
     {"idle-exit", "SECONDS", KIND_IDLE, "leave after so long without clients (default: 0, never)"},
     {"drain-timeout", "SECONDS", KIND_DRAIN, "after SIGTERM, time to finish what is under way\n(default: 20)"},
     {"log-level", "LEVEL", KIND_LEVEL, "error, warning, info (default) or debug"},
@@ -53,7 +56,8 @@ static const struct option_row option_rows[] = {
 };
 enum { OPTION_ROWS = sizeof option_rows / sizeof *option_rows };
 
-static const char *const level_names[] = {[LOG_ERROR] = "error", [LOG_WARNING] = "warning", [LOG_INFO] = "info", [LOG_DEBUG] = "debug"};
+static const char *const level_names[] = {
+    [LOG_ERROR] = "error", [LOG_WARNING] = "warning", [LOG_INFO] = "info", [LOG_DEBUG] = "debug"};
 
 static enum bvhd_status read_seconds(const char *where, const char *text, uint64_t *ret_ms, struct bvhd_error *error)
 {
@@ -65,7 +69,8 @@ static enum bvhd_status read_seconds(const char *where, const char *text, uint64
     return BVHD_OK;
 }
 
-static enum bvhd_status read_path(const char *where, const char *text, char ret_path[CONFIG_PATH_SIZE], struct bvhd_error *error)
+static enum bvhd_status read_path(const char *where, const char *text, char ret_path[CONFIG_PATH_SIZE],
+                                  struct bvhd_error *error)
 {
     size_t length = strlen(text);
     if (length == 0 || length >= CONFIG_PATH_SIZE)
@@ -74,7 +79,8 @@ static enum bvhd_status read_path(const char *where, const char *text, char ret_
     return BVHD_OK;
 }
 
-static enum bvhd_status read_level(const char *where, const char *text, enum log_level *ret_level, struct bvhd_error *error)
+static enum bvhd_status read_level(const char *where, const char *text, enum log_level *ret_level,
+                                   struct bvhd_error *error)
 {
     for (int i = LOG_ERROR; i <= LOG_DEBUG; i++)
         if (!strcmp(text, level_names[i])) {
@@ -84,16 +90,19 @@ static enum bvhd_status read_level(const char *where, const char *text, enum log
     return bvhd_error_set(error, BVHD_INVALID, where, "not error, warning, info or debug: '%s'", text);
 }
 
-static enum bvhd_status apply(int kind, const char *where, const char *text, struct config *config, struct bvhd_error *error)
+static enum bvhd_status apply(int kind, const char *where, const char *text, struct config *config,
+                              struct bvhd_error *error)
 {
     switch (kind) {
     case KIND_SOCKET:
         config->socket_given = true;
         return read_path(where, text, config->socket, error);
     case KIND_WORKERS:
-        return number_read32(where, text, (struct number_range){1, POOL_MAX_THREADS, false}, &config->service.workers, error);
+        return number_read32(where, text, (struct number_range){1, POOL_MAX_THREADS, false}, &config->service.workers,
+                             error);
     case KIND_MEMORY:
-        return number_read(where, text, (struct number_range){SERVICE_LEAST_MEMORY, UINT64_MAX, true}, &config->service.memory, error);
+        return number_read(where, text, (struct number_range){SERVICE_LEAST_MEMORY, UINT64_MAX, true},
+                           &config->service.memory, error);
     case KIND_CACHE_SIZE:
         return number_read(where, text, (struct number_range){0, UINT64_MAX, true}, &config->service.cache, error);
     case KIND_CACHE:
@@ -122,15 +131,16 @@ static void set_defaults(struct config *config)
     config->max_connections = 1024;
     config->service = service_options_default();
     const char *runtime = geteuid() ? getenv("XDG_RUNTIME_DIR") : NULL;
-    if (!runtime || *runtime != '/' || snprintf(config->socket, sizeof config->socket, "%s/bvhd.sock", runtime) >= CONFIG_PATH_SIZE)
+    if (!runtime || *runtime != '/' ||
+        snprintf(config->socket, sizeof config->socket, "%s/bvhd.sock", runtime) >= CONFIG_PATH_SIZE)
         strcpy(config->socket, "/run/bvhd/bvhd.sock");
 }
 
 static void fill_table(struct option table[OPTION_ROWS + 1])
 {
     for (size_t i = 0; i < OPTION_ROWS; i++)
-        table[i] =
-            (struct option){option_rows[i].name, option_rows[i].argument ? required_argument : no_argument, NULL, option_rows[i].kind};
+        table[i] = (struct option){option_rows[i].name, option_rows[i].argument ? required_argument : no_argument, NULL,
+                                   option_rows[i].kind};
     table[OPTION_ROWS] = (struct option){NULL, 0, NULL, 0};
 }
 
@@ -147,7 +157,8 @@ static enum bvhd_status apply_command_line(int argc, char **argv, struct config 
         if (kind == ':')
             return bvhd_error_set(error, BVHD_INVALID, argv[optind - 1], "needs a value");
         if (kind == '?')
-            return bvhd_error_set(error, BVHD_INVALID, argv[optind > before ? optind - 1 : before], "not an option; see bvhd --help");
+            return bvhd_error_set(error, BVHD_INVALID, argv[optind > before ? optind - 1 : before],
+                                  "not an option; see bvhd --help");
         char where[32];
         snprintf(where, sizeof where, "--%s", index >= 0 ? table[index].name : "help");
         enum bvhd_status status = apply(kind, where, optarg, config, error);

@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* config.h - what the daemon was told to do: by its command line, by a file of "name = value" lines with the same names, by default. */
+/*
+ * config.h - what the daemon was told to do: by its command line, by a file of "name = value" lines with the same
+ * names, by default.
+ */
 #ifndef BVHD_CONFIG_H
 #define BVHD_CONFIG_H
 
-#include "log.h"
-#include "service.h"
+#include "daemon/system/log.h"
+#include "daemon/service/service.h"
 
 enum { CONFIG_PATH_SIZE = 4096 };
 
@@ -24,7 +27,8 @@ struct config {
 };
 
 /*
- * The command line wins over the file. BVHD_INVALID names the option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO a file that cannot be read.
+ * The command line wins over the file. BVHD_INVALID names the option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO
+ * a file that cannot be read.
  */
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error);
 

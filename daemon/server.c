@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "server.h"
+#include "daemon/server.h"
 
 #include <assert.h>
 #include <signal.h>
@@ -7,10 +7,10 @@
 #include <string.h>
 #include <uv.h>
 
-#include "accept.h"
-#include "listen.h"
-#include "notify.h"
-#include "watchdog.h"
+#include "daemon/socket/accept.h"
+#include "daemon/socket/listen.h"
+#include "daemon/system/notify.h"
+#include "daemon/pool/watchdog.h"
 
 struct server {
     const struct config *config;
@@ -43,7 +43,8 @@ static void on_collect(uv_async_t *async)
 static void on_drain_timeout(uv_timer_t *timer)
 {
     struct server *server = timer->data;
-    log_event(LOG_WARNING, "drain_timeout", "pending=%u connections=%u", service_pending(server->service), server->group.count);
+    log_event(LOG_WARNING, "drain_timeout", "pending=%u connections=%u", service_pending(server->service),
+              server->group.count);
     uv_stop(&server->loop);
 }
 
@@ -122,7 +123,8 @@ static enum bvhd_status open_socket(struct server *server, struct bvhd_error *er
     if (count < 0)
         return bvhd_error_set(error, BVHD_INVALID, "socket activation", "%s", strerror(-count));
     if (count > 1)
-        return bvhd_error_set(error, BVHD_INVALID, "socket activation", "%d sockets were handed over instead of one", count);
+        return bvhd_error_set(error, BVHD_INVALID, "socket activation", "%d sockets were handed over instead of one",
+                              count);
     return count ? listen_adopt(NOTIFY_FIRST_SOCKET, &server->listener, error) : bind_socket(server, error);
 }
 
@@ -157,7 +159,8 @@ static enum bvhd_status start_watchdog(struct server *server, struct bvhd_error 
     uint64_t interval = notify_interval_ms();
     if (!interval)
         return BVHD_OK;
-    enum bvhd_status status = watchdog_init(&server->watchdog, service_pool(server->service), WATCHDOG_PATIENCE_MS, error);
+    enum bvhd_status status =
+        watchdog_init(&server->watchdog, service_pool(server->service), WATCHDOG_PATIENCE_MS, error);
     if (!status)
         uv_timer_start(&server->alive, on_alive, interval, interval);
     return status;
@@ -172,7 +175,8 @@ static enum bvhd_status start(struct server *server, struct bvhd_error *error)
     conn_group_init(&server->group, &server->loop, server->service, &limits);
     server->group.changed = on_turn;
     server->group.context = server;
-    status = accept_open(&server->acceptor, &server->group, server->listener.socket, server->config->max_connections, error);
+    status =
+        accept_open(&server->acceptor, &server->group, server->listener.socket, server->config->max_connections, error);
     if (status)
         return status;
     return start_watchdog(server, error);
@@ -183,7 +187,8 @@ static void announce(const struct server *server)
     char status[LISTEN_PATH_SIZE + 32];
     const char *path = server->listener.path;
     snprintf(status, sizeof status, "listening on %s", *path ? path : "the socket handed over");
-    log_event(LOG_INFO, "listening", "socket=%s version=%s", log_quote(*path ? path : "(handed over)").text, BVHD_VERSION);
+    log_event(LOG_INFO, "listening", "socket=%s version=%s", log_quote(*path ? path : "(handed over)").text,
+              BVHD_VERSION);
     if (*server->config->cache)
         log_event(LOG_WARNING, "no_disk_cache", "dir=%s why=%s", log_quote(server->config->cache).text,
                   log_quote("this version keeps results in memory only").text);
@@ -197,7 +202,10 @@ static void close_handle(uv_handle_t *handle, void *context)
         uv_close(handle, NULL);
 }
 
-/* Also after a start that failed half-way. Sessions go before the service, the service before the handle that its threads wake. */
+/*
+ * Also after a start that failed half-way. Sessions go before the service, the service before the handle that its
+ * threads wake.
+ */
 static void finish(struct server *server)
 {
     accept_close(&server->acceptor);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "canonical.h"
+#include "builder/format/canonical.h"
 
 #include <assert.h>
 
@@ -22,7 +22,10 @@ struct canonical_instance canonical_instance(const struct canonical_geometry *ge
 uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primitive)
 {
     assert(primitive < canonical->primitive_count);
-    /* The last geometry that starts at or before the primitive is never an empty one: the next would start at the same place. */
+    /*
+     * The last geometry that starts at or before the primitive is never an empty one: the next would start at the same
+     * place.
+     */
     uint32_t low = 0, high = canonical->geometry_count;
     while (high - low > 1) {
         uint32_t middle = low + (high - low) / 2;

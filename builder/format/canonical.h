@@ -2,19 +2,20 @@
 /*
  * canonical.h - the canonical form of a request: what was asked, reduced to what decides the answer.
  *
- * One block of versioned little-endian bytes (FORMATS.md has the table): header, geometry table, each geometry's arrays, reference
- * table. prepare.h writes it from a description; content_key.h hashes it; the builder reads it through this view; it is also what travels
- * between machines, so prepare_open() treats it as hostile.
+ * One block of versioned little-endian bytes (FORMATS.md has the table): header, geometry table, each geometry's
+ * arrays, reference table. prepare.h writes it from a description; content_key.h hashes it; the builder reads it
+ * through this view; it is also what travels between machines, so prepare_open() treats it as hostile.
  *
- * Triangles: positions are three floats each, after the geometry transform, from the lowest index in use up to the highest
- * index in use; indices are u32 (three a triangle) or absent (triangle i = vertices 3i..3i+2). AABBs: six floats each. Instances: 64-byte
- * records as in Vulkan whose reference field is the 1-based row of the reference table, 0 for an inactive instance.
+ * Triangles: positions are three floats each, after the geometry transform, from the lowest index in use up to the
+ * highest index in use; indices are u32 (three a triangle) or absent (triangle i = vertices 3i..3i+2). AABBs: six
+ * floats each. Instances: 64-byte records as in Vulkan whose reference field is the 1-based row of the reference table,
+ * 0 for an inactive instance.
  */
 #ifndef BVHD_CANONICAL_H
 #define BVHD_CANONICAL_H
 
-#include "geometry.h"
-#include "status.h"
+#include "proto/base/geometry.h"
+#include "proto/base/status.h"
 
 enum { CANONICAL_VERSION = 2 };
 
@@ -27,7 +28,8 @@ struct canonical_geometry {
     uint32_t vertex_count; /* triangles only */
     uint32_t first_vertex; /* sum of vertex_count over the geometries before it */
     const float *positions; /* triangles: vertex_count * 3 */
-    const uint32_t *indices; /* triangles: primitive_count * 3, each < vertex_count; or NULL: vertex_count = 3 * primitive_count */
+    /* triangles: primitive_count * 3, each < vertex_count; or NULL: vertex_count = 3 * primitive_count */
+    const uint32_t *indices;
     const float *boxes; /* AABBs: primitive_count * 6 */
     const unsigned char *instances; /* instances: primitive_count * 64 bytes */
 };
@@ -51,8 +53,10 @@ struct canonical {
     struct canonical_geometry *geometries; /* parsed tables; owned by whoever made the view */
     struct canonical_reference *references;
     unsigned char *owned; /* `bytes` when it belongs to the view, else NULL */
-    bool
-        ignores_slabs; /* of references: a native layout needs boxes of instances as large as the driver's, which are those of the bounds */
+    /*
+     * of references: a native layout needs boxes of instances as large as the driver's, which are those of the bounds
+     */
+    bool ignores_slabs;
 };
 
 /* The Vulkan instance record as fields, bit exact (row F11). */
@@ -69,7 +73,8 @@ struct canonical_instance {
 struct canonical_instance canonical_instance(const struct canonical_geometry *geometry, uint32_t index);
 
 /* The three corners of triangle `index`. */
-static inline void canonical_triangle(const struct canonical_geometry *geometry, uint32_t index, float ret_corners[3][3])
+static inline void canonical_triangle(const struct canonical_geometry *geometry, uint32_t index,
+                                      float ret_corners[3][3])
 {
     for (int k = 0; k < 3; k++) {
         uint32_t vertex = geometry->indices ? geometry->indices[(uint64_t)3 * index + k] : 3 * index + k;
@@ -77,7 +82,10 @@ static inline void canonical_triangle(const struct canonical_geometry *geometry,
     }
 }
 
-/* The geometry that flat primitive id `primitive` belongs to: largest g with first_primitive <= primitive and primitives in it. */
+/*
+ * The geometry that flat primitive id `primitive` belongs to: largest g with first_primitive <= primitive and
+ * primitives in it.
+ */
 uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primitive);
 
 #endif

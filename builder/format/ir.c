@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "ir.h"
+#include "builder/format/ir.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -14,7 +14,8 @@ enum bvhd_status ir_init(struct ir *ir, struct memory *memory, uint32_t nodes, u
     made.refs = refs ? memory_array(memory, refs, sizeof *made.refs) : NULL;
     if ((nodes && !(made.nodes && made.boxes[0])) || (refs && !made.refs)) {
         ir_finish(&made);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for a tree of %u nodes and %u references", nodes, refs);
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for a tree of %u nodes and %u references", nodes,
+                              refs);
     }
     *ir = made;
     return BVHD_OK;
@@ -31,7 +32,10 @@ void ir_finish(struct ir *ir)
     memset(ir, 0, sizeof *ir);
 }
 
-/* What ir_check() knows about the nodes that it has been to. Nodes are visited from the last to the first, children before parents. */
+/*
+ * What ir_check() knows about the nodes that it has been to. Nodes are visited from the last to the first, children
+ * before parents.
+ */
 struct check {
     const struct ir *ir;
     uint32_t primitive_count;
@@ -84,7 +88,8 @@ static enum bvhd_status check_leaf(struct check *check, uint32_t node)
         const struct box *box = check->primitive_boxes ? &check->primitive_boxes[id] : NULL;
         if (box && box_is_empty(box))
             return broken(check, node, "a reference names a primitive that is not in the tree");
-        if (box && !(check->allow_split ? box_overlaps(&ir->boxes[0][node], box) : box_contains(&ir->boxes[0][node], box)))
+        if (box &&
+            !(check->allow_split ? box_overlaps(&ir->boxes[0][node], box) : box_contains(&ir->boxes[0][node], box)))
             return broken(check, node, "the leaf's box does not hold a primitive");
     }
     check->spans[node] = (struct span){leaf.first, leaf.count};
@@ -140,7 +145,8 @@ static enum bvhd_status check_primitives(const struct check *check)
 
 static enum bvhd_status check_empty(const struct check *check)
 {
-    return check->ir->ref_count ? bvhd_error_set(check->error, BVHD_INTERNAL, "refs", "references without a node") : BVHD_OK;
+    return check->ir->ref_count ? bvhd_error_set(check->error, BVHD_INTERNAL, "refs", "references without a node")
+                                : BVHD_OK;
 }
 
 static void *zeroed(struct memory *memory, uint64_t count, uint64_t size)
@@ -149,8 +155,8 @@ static void *zeroed(struct memory *memory, uint64_t count, uint64_t size)
     return block ? memset(block, 0, count * size) : NULL;
 }
 
-enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const struct box *primitive_boxes, bool allow_split,
-                          struct memory *memory, struct bvhd_error *error)
+enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const struct box *primitive_boxes,
+                          bool allow_split, struct memory *memory, struct bvhd_error *error)
 {
     struct check check = {ir, primitive_count, primitive_boxes, allow_split, .error = error};
     if (ir->key_count < 1 || ir->key_count > IR_MAX_KEYS)

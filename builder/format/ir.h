@@ -17,9 +17,9 @@
 
 #include <stdint.h>
 
-#include "box.h"
-#include "memory.h"
-#include "status.h"
+#include "proto/base/box.h"
+#include "proto/base/memory.h"
+#include "proto/base/status.h"
 
 enum { IR_MAX_KEYS = 2 };
 
@@ -50,27 +50,33 @@ enum bvhd_status ir_init(struct ir *ir, struct memory *memory, uint32_t nodes, u
 void ir_finish(struct ir *ir);
 
 /*
- * Checks every invariant above. `primitive_boxes` may be NULL; else primitive_boxes[id] is each primitive's box (empty for one that is
- * not in the tree), leaf boxes must contain (or, with split references, intersect) them, and each non-empty one must be referenced.
- * BVHD_INTERNAL with the node in `where` when broken. O(nodes).
+ * Checks every invariant above. `primitive_boxes` may be NULL; else primitive_boxes[id] is each primitive's box (empty
+ * for one that is not in the tree), leaf boxes must contain (or, with split references, intersect) them, and each
+ * non-empty one must be referenced. BVHD_INTERNAL with the node in `where` when broken. O(nodes).
  */
-enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const struct box *primitive_boxes, bool allow_split,
-                          struct memory *memory, struct bvhd_error *error);
+enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const struct box *primitive_boxes,
+                          bool allow_split, struct memory *memory, struct bvhd_error *error);
 
 /*
- * SAH cost with traversal = intersection = 1: sum over inner nodes of area, over leaves of area * count, divided by the root's area; 0 for an
- * empty tree and for a root without area.
+ * SAH cost with traversal = intersection = 1: sum over inner nodes of area, over leaves of area * count, divided by the
+ * root's area; 0 for an empty tree and for a root without area.
  */
 double ir_sah(const struct ir *ir);
 
 /* The undivided sum over nodes [first, end). */
 double ir_cost(const struct ir *ir, uint32_t first, uint32_t end);
 
-/* Levels of the tree: 0 when empty, 1 for a root that is a leaf; IR_DEPTH_UNKNOWN when `memory` does not give 4 bytes a node. */
+/*
+ * Levels of the tree: 0 when empty, 1 for a root that is a leaf; IR_DEPTH_UNKNOWN when `memory` does not give 4 bytes a
+ * node.
+ */
 #define IR_DEPTH_UNKNOWN UINT32_MAX
 uint32_t ir_depth(const struct ir *ir, struct memory *memory);
 
-/* The same for a tree that is not empty, with ret_levels[node_count] from the caller: the level of each node, 1 for the root. */
+/*
+ * The same for a tree that is not empty, with ret_levels[node_count] from the caller: the level of each node, 1 for the
+ * root.
+ */
 uint32_t ir_levels(const struct ir *ir, uint32_t *ret_levels);
 
 #endif

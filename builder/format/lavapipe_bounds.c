@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "lavapipe_bounds.h"
+#include "builder/format/lavapipe_bounds.h"
 
 enum { NODE_CHUNK = 4096 };
 
@@ -35,7 +35,8 @@ static struct box aabb_box(const struct canonical_geometry *geometry, uint32_t i
 }
 
 /* An empty structure says that its bounds are zeros. */
-static struct box instance_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index)
+static struct box instance_box(const struct canonical *canonical, const struct canonical_geometry *geometry,
+                               uint32_t index)
 {
     struct canonical_instance instance = canonical_instance(geometry, index);
     struct box bounds = canonical->references[instance.reference - 1].bounds, box;
@@ -62,7 +63,7 @@ struct box lavapipe_bounds_leaf(const struct canonical *canonical, uint32_t id)
     return geometry->type == GEOMETRY_AABBS ? aabb_box(geometry, index) : instance_box(canonical, geometry, index);
 }
 
-struct widening {
+struct inflation {
     const struct canonical *canonical;
     struct ir *ir;
     float slack;
@@ -78,7 +79,7 @@ static float largest_side(const struct box *box)
     return largest;
 }
 
-static void widen_part(const struct box *whole, float slack, struct box *part)
+static void inflate_box(const struct box *whole, float slack, struct box *part)
 {
     for (int axis = 0; axis < 3; axis++) {
         float min = part->min[axis] - slack, max = part->max[axis] + slack;
@@ -98,19 +99,19 @@ static void grow_finite(struct box *box, const struct box *other)
     }
 }
 
-static void widen_leaves(void *context, size_t index)
+static void inflate_leaves(void *context, size_t index)
 {
-    const struct widening *widening = context;
-    struct ir *ir = widening->ir;
+    const struct inflation *inflation = context;
+    struct ir *ir = inflation->ir;
     size_t node, end;
     for (parallel_chunk(index, NODE_CHUNK, ir->node_count, &node, &end); node < end; node++) {
         if (!ir_is_leaf(ir, (uint32_t)node))
             continue;
-        struct box drivers = lavapipe_bounds_leaf(widening->canonical, ir->refs[ir->nodes[node].first]);
-        if (widening->canonical->type == STRUCTURE_TOP)
+        struct box drivers = lavapipe_bounds_leaf(inflation->canonical, ir->refs[ir->nodes[node].first]);
+        if (inflation->canonical->type == STRUCTURE_TOP)
             grow_finite(&ir->boxes[0][node], &drivers);
         else
-            widen_part(&drivers, widening->slack, &ir->boxes[0][node]);
+            inflate_box(&drivers, inflation->slack, &ir->boxes[0][node]);
     }
 }
 
@@ -128,11 +129,12 @@ static bool refit(struct ir *ir, const atomic_bool *cancel)
     return true;
 }
 
-bool lavapipe_bounds_widen(const struct canonical *canonical, const struct parallel *parallel, const atomic_bool *cancel, struct ir *ir)
+bool lavapipe_bounds_inflate(const struct canonical *canonical, const struct parallel *parallel,
+                             const atomic_bool *cancel, struct ir *ir)
 {
     if (ir->node_count == 0)
         return true;
-    struct widening widening = {canonical, ir, largest_side(&ir->boxes[0][0]) * 0x1p-16f};
+    struct inflation inflation = {canonical, ir, largest_side(&ir->boxes[0][0]) * 0x1p-16f};
     size_t chunks = ((size_t)ir->node_count + NODE_CHUNK - 1) / NODE_CHUNK;
-    return parallel_for_until(parallel, cancel, chunks, widen_leaves, &widening) && refit(ir, cancel);
+    return parallel_for_until(parallel, cancel, chunks, inflate_leaves, &inflation) && refit(ir, cancel);
 }

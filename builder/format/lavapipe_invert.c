@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "lavapipe.h"
+#include "builder/format/lavapipe.h"
 
 #include <math.h>
 #include <stdbool.h>
 
 /*
- * The driver inverts a general 4x4 matrix by elimination with a pivot a column, and hands it the rows of the instance's matrix as columns. So what is
- * eliminated here is the transpose of the 4x4 matrix whose last row is 0 0 0 1, beside a unit matrix. The products that are left out
- * there are left out here: a product of zero and infinity is not zero.
+ * The driver inverts a general 4x4 matrix by elimination with a pivot a column, and hands it the rows of the instance's
+ * matrix as columns. So what is eliminated here is the transpose of the 4x4 matrix whose last row is 0 0 0 1, beside a
+ * unit matrix. The products that are left out there are left out here: a product of zero and infinity is not zero.
  */
 struct row {
     float left[4], right[4];

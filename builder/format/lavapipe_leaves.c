@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "lavapipe_leaves.h"
+#include "builder/format/lavapipe_leaves.h"
 
 #include <inttypes.h>
 
@@ -36,7 +36,8 @@ static void number_instances(struct lavapipe_leaves *leaves)
             *place++ = is_null(&canonical->geometries[g], i) ? LAVAPIPE_NONE : next++;
 }
 
-static enum bvhd_status init_instances(struct lavapipe_leaves *leaves, const atomic_bool *cancel, struct bvhd_error *error)
+static enum bvhd_status init_instances(struct lavapipe_leaves *leaves, const atomic_bool *cancel,
+                                       struct bvhd_error *error)
 {
     uint32_t all = leaves->canonical->primitive_count;
     leaves->count = leaves->handle_count = count_instances(leaves->canonical, cancel);
@@ -51,12 +52,18 @@ static enum bvhd_status init_instances(struct lavapipe_leaves *leaves, const ato
     return BVHD_OK;
 }
 
-enum bvhd_status lavapipe_leaves_init(struct lavapipe_leaves *leaves, const struct layout_input *input, struct bvhd_error *error)
+enum bvhd_status lavapipe_leaves_init(struct lavapipe_leaves *leaves, const struct layout_input *input,
+                                      struct bvhd_error *error)
 {
     const struct canonical *canonical = input->canonical;
-    *leaves = (struct lavapipe_leaves){
-        .canonical = canonical, .memory = input->memory, .kind = kind_of(canonical), .count = canonical->primitive_count};
-    /* The earlier driver multiplies every triangle by a matrix, which leaves no -0; the later one only where there is a matrix. */
+    *leaves = (struct lavapipe_leaves){.canonical = canonical,
+                                       .memory = input->memory,
+                                       .kind = kind_of(canonical),
+                                       .count = canonical->primitive_count};
+    /*
+     * The earlier driver multiplies every triangle by a matrix, which leaves no -0; the later one only where there is a
+     * matrix.
+     */
     leaves->unsigned_zeros = leaves->kind == LAVAPIPE_TRIANGLE && input->device->variant == LAVAPIPE_PLAIN;
     return leaves->kind == LAVAPIPE_INSTANCE ? init_instances(leaves, input->cancel, error) : BVHD_OK;
 }
@@ -70,13 +77,15 @@ void lavapipe_leaves_finish(struct lavapipe_leaves *leaves)
 
 static uint32_t geometry_and_flags(const struct canonical *canonical, const struct canonical_geometry *geometry)
 {
-    return (uint32_t)(geometry - canonical->geometries) | (geometry->flags & GEOMETRY_OPAQUE ? LAVAPIPE_GEOMETRY_OPAQUE : 0);
+    return (uint32_t)(geometry - canonical->geometries) |
+           (geometry->flags & GEOMETRY_OPAQUE ? LAVAPIPE_GEOMETRY_OPAQUE : 0);
 }
 
-static void write_triangle(const struct lavapipe_leaves *leaves, const struct canonical_geometry *geometry, uint32_t index,
-                           unsigned char *at)
+static void write_triangle(const struct lavapipe_leaves *leaves, const struct canonical_geometry *geometry,
+                           uint32_t index, unsigned char *at)
 {
-    struct lavapipe_triangle leaf = {.primitive = index, .geometry_and_flags = geometry_and_flags(leaves->canonical, geometry)};
+    struct lavapipe_triangle leaf = {.primitive = index,
+                                     .geometry_and_flags = geometry_and_flags(leaves->canonical, geometry)};
     canonical_triangle(geometry, index, leaf.corners);
     for (int k = 0; leaves->unsigned_zeros && k < 9; k++)
         leaf.corners[k / 3][k % 3] += 0.0f;
@@ -86,7 +95,8 @@ static void write_triangle(const struct lavapipe_leaves *leaves, const struct ca
 static void write_aabb(const struct lavapipe_leaves *leaves, const struct canonical_geometry *geometry, uint32_t index,
                        unsigned char *at)
 {
-    struct lavapipe_aabb leaf = {.primitive = index, .geometry_and_flags = geometry_and_flags(leaves->canonical, geometry)};
+    struct lavapipe_aabb leaf = {.primitive = index,
+                                 .geometry_and_flags = geometry_and_flags(leaves->canonical, geometry)};
     const float *box = geometry->boxes + (uint64_t)6 * index;
     memcpy(leaf.min, box, sizeof leaf.min);
     memcpy(leaf.max, box + 3, sizeof leaf.max);
@@ -103,7 +113,8 @@ static uint32_t sbt_and_flags(const struct canonical_instance *instance)
 }
 
 /* The address is what the handle is, until a loader sets both. */
-static void write_instance(const struct canonical_geometry *geometry, uint32_t index, unsigned char *at, unsigned char *handle)
+static void write_instance(const struct canonical_geometry *geometry, uint32_t index, unsigned char *at,
+                           unsigned char *handle)
 {
     struct canonical_instance instance = canonical_instance(geometry, index);
     struct lavapipe_instance leaf = {
@@ -133,8 +144,8 @@ static void write_one(const struct lavapipe_leaves *leaves, const struct canonic
         write_instance(geometry, index, at, handles + (uint64_t)8 * place);
 }
 
-void lavapipe_leaves_write(const struct lavapipe_leaves *leaves, uint32_t begin, uint32_t end, unsigned char *body_leaves,
-                           unsigned char *handles)
+void lavapipe_leaves_write(const struct lavapipe_leaves *leaves, uint32_t begin, uint32_t end,
+                           unsigned char *body_leaves, unsigned char *handles)
 {
     const struct canonical *canonical = leaves->canonical;
     const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, begin)];

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "lavapipe.h"
+#include "builder/format/lavapipe.h"
 
 #include <inttypes.h>
 
-#include "place.h"
-#include "serialized.h"
+#include "proto/base/place.h"
+#include "builder/format/serialized.h"
 
 enum { BOX = sizeof(struct lavapipe_box), KIND_MASK = 3 };
 
@@ -42,7 +42,8 @@ uint32_t lavapipe_leaf_size(enum lavapipe_kind kind)
 
 uint32_t lavapipe_leaf_index(const struct lavapipe_view *view, uint32_t reference)
 {
-    return ((reference & ~(uint32_t)KIND_MASK) - view->leaf_offset) / lavapipe_leaf_size((enum lavapipe_kind)(reference & KIND_MASK));
+    return ((reference & ~(uint32_t)KIND_MASK) - view->leaf_offset) /
+           lavapipe_leaf_size((enum lavapipe_kind)(reference & KIND_MASK));
 }
 
 struct lavapipe_box lavapipe_box_at(const struct lavapipe_view *view, uint32_t offset)
@@ -134,10 +135,14 @@ static uint32_t box_count(const struct lavapipe_view *view)
     return (view->leaf_offset - LAVAPIPE_HEADER) / BOX;
 }
 
-/* The end is padded in one variant: there is never more than one leaf for each child of a box, where boxes are as many as the driver makes. */
+/*
+ * The end is padded in one variant: there is never more than one leaf for each child of a box, where boxes are as many
+ * as the driver makes.
+ */
 static uint32_t count_leaves(const struct lavapipe_view *view, enum lavapipe_kind kind)
 {
-    uint32_t room = (uint32_t)((view->body_size - view->leaf_offset) / lavapipe_leaf_size(kind)), boxes = box_count(view);
+    uint32_t room = (uint32_t)((view->body_size - view->leaf_offset) / lavapipe_leaf_size(kind)),
+             boxes = box_count(view);
     return room < boxes + 1 ? room : boxes + 1;
 }
 
@@ -152,10 +157,11 @@ struct walk {
     struct bvhd_error *error;
 };
 
-static enum bvhd_status bad_child(const struct walk *walk, uint32_t box, int child, uint32_t reference, const char *what)
+static enum bvhd_status bad_child(const struct walk *walk, uint32_t box, int child, uint32_t reference,
+                                  const char *what)
 {
-    return bvhd_error_set(walk->error, BVHD_CORRUPT, place("node[%" PRIu32 "].children[%d]", box, child).text, "0x%" PRIx32 " %s",
-                          reference, what);
+    return bvhd_error_set(walk->error, BVHD_CORRUPT, place("node[%" PRIu32 "].children[%d]", box, child).text,
+                          "0x%" PRIx32 " %s", reference, what);
 }
 
 static enum bvhd_status check_leaf(struct walk *walk, uint32_t box, int child, uint32_t reference)
@@ -186,8 +192,8 @@ static enum bvhd_status enter_box(struct walk *walk, uint32_t box, int child, ui
     if (walk->met[next / 8] >> next % 8 & 1)
         return bad_child(walk, box, child, reference, "was met before: boxes form no tree");
     if (level > LAVAPIPE_MAX_LEVELS)
-        return bvhd_error_set(walk->error, BVHD_INCOMPATIBLE, place("node[%" PRIu32 "]", box).text, "more than %d levels of boxes",
-                              LAVAPIPE_MAX_LEVELS);
+        return bvhd_error_set(walk->error, BVHD_INCOMPATIBLE, place("node[%" PRIu32 "]", box).text,
+                              "more than %d levels of boxes", LAVAPIPE_MAX_LEVELS);
     walk->met[next / 8] |= (unsigned char)(1u << next % 8);
     walk->view->levels = level > walk->view->levels ? level : walk->view->levels;
     walk->waiting[walk->waiting_count].box = next;
@@ -215,7 +221,10 @@ static enum bvhd_status walk_boxes(struct walk *walk)
     return status;
 }
 
-/* The leaves of a top level that no box refers to are there too; of a bottom level without references nobody knows what they are. */
+/*
+ * The leaves of a top level that no box refers to are there too; of a bottom level without references nobody knows what
+ * they are.
+ */
 static enum bvhd_status check_instances(struct lavapipe_view *view, struct bvhd_error *error)
 {
     if (view->handle_count == 0)
@@ -227,8 +236,8 @@ static enum bvhd_status check_instances(struct lavapipe_view *view, struct bvhd_
     return BVHD_OK;
 }
 
-enum bvhd_status lavapipe_open(struct bytes blob, enum lavapipe_variant variant, struct memory *memory, struct lavapipe_view *ret_view,
-                               struct bvhd_error *error)
+enum bvhd_status lavapipe_open(struct bytes blob, enum lavapipe_variant variant, struct memory *memory,
+                               struct lavapipe_view *ret_view, struct bvhd_error *error)
 {
     struct lavapipe_view view;
     enum bvhd_status status = read_headers(blob, variant, &view, error);
@@ -259,7 +268,8 @@ static bool looks_compacted(struct bytes blob)
     return blob.size - body_offset >= LAVAPIPE_HEADER && bytes_get32(blob.data + body_offset + 28) == blob.size;
 }
 
-enum bvhd_status lavapipe_open_any(struct bytes blob, struct memory *memory, struct lavapipe_view *ret_view, struct bvhd_error *error)
+enum bvhd_status lavapipe_open_any(struct bytes blob, struct memory *memory, struct lavapipe_view *ret_view,
+                                   struct bvhd_error *error)
 {
     return lavapipe_open(blob, looks_compacted(blob) ? LAVAPIPE_COMPACTED : LAVAPIPE_PLAIN, memory, ret_view, error);
 }

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "lavapipe_topology.h"
+#include "builder/format/lavapipe_topology.h"
 
 #include <inttypes.h>
 
-#include "lavapipe_bounds.h"
-#include "lavapipe_write.h"
-#include "place.h"
+#include "builder/format/lavapipe_bounds.h"
+#include "builder/format/lavapipe_write.h"
+#include "proto/base/place.h"
 
 enum { KIND_MASK = 3, BOX = sizeof(struct lavapipe_box) };
 
@@ -32,11 +32,14 @@ static enum bvhd_status identify(const struct reading *reading, uint32_t referen
     if (id >= canonical->primitive_count)
         return differs(reading, place("leaf[%" PRIu32 "]", leaf).text, "is not one of the request's primitives");
     const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, id)];
-    static const uint8_t kinds[] = {
-        [GEOMETRY_TRIANGLES] = LAVAPIPE_TRIANGLE, [GEOMETRY_AABBS] = LAVAPIPE_AABB, [GEOMETRY_INSTANCES] = LAVAPIPE_INSTANCE};
-    bool null = geometry->type == GEOMETRY_INSTANCES && canonical_instance(geometry, id - geometry->first_primitive).reference == 0;
+    static const uint8_t kinds[] = {[GEOMETRY_TRIANGLES] = LAVAPIPE_TRIANGLE,
+                                    [GEOMETRY_AABBS] = LAVAPIPE_AABB,
+                                    [GEOMETRY_INSTANCES] = LAVAPIPE_INSTANCE};
+    bool null = geometry->type == GEOMETRY_INSTANCES &&
+                canonical_instance(geometry, id - geometry->first_primitive).reference == 0;
     if (kinds[geometry->type] != reading->view->kind || null)
-        return differs(reading, place("leaf[%" PRIu32 "]", leaf).text, "is of another kind than the request's primitive");
+        return differs(reading, place("leaf[%" PRIu32 "]", leaf).text,
+                       "is of another kind than the request's primitive");
     *ret_id = id;
     return BVHD_OK;
 }
@@ -126,7 +129,8 @@ static enum bvhd_status check_places(const struct reading *reading)
     uint32_t room = lavapipe_box_room(reading->canonical->primitive_count), inner = ir->node_count / 2;
     for (uint32_t node = 0; node < ir->node_count; node++)
         if (!ir_is_leaf(ir, node) && reading->places[node] >= (room > inner ? room : inner))
-            return differs(reading, place("node[%" PRIu32 "]", reading->places[node]).text, "lies beyond the boxes of the request");
+            return differs(reading, place("node[%" PRIu32 "]", reading->places[node]).text,
+                           "lies beyond the boxes of the request");
     return BVHD_OK;
 }
 
@@ -140,8 +144,9 @@ static enum bvhd_status read_tree(struct reading *reading)
     return check_places(reading);
 }
 
-enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const struct canonical *canonical, struct memory *memory,
-                                        struct lavapipe_topology *ret_topology, struct bvhd_error *error)
+enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const struct canonical *canonical,
+                                        struct memory *memory, struct lavapipe_topology *ret_topology,
+                                        struct bvhd_error *error)
 {
     /* Each box is met once, so there are at most twice as many children, and the root. */
     uint32_t boxes = (view->leaf_offset - LAVAPIPE_HEADER) / BOX;
@@ -150,7 +155,8 @@ enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const 
     if (status != BVHD_OK)
         return status;
     topology.places = memory_array(memory, 2 * (uint64_t)boxes + 1, sizeof *topology.places);
-    struct reading reading = {.view = view, .canonical = canonical, .ir = &topology.ir, .places = topology.places, .error = error};
+    struct reading reading = {
+        .view = view, .canonical = canonical, .ir = &topology.ir, .places = topology.places, .error = error};
     topology.ir.key_count = 1;
     if (topology.places)
         status = read_tree(&reading);

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "lavapipe_write.h"
+#include "builder/format/lavapipe_write.h"
 
 #include <inttypes.h>
 #include <math.h>
 
-#include "lavapipe.h"
-#include "lavapipe_bounds.h"
-#include "lavapipe_leaves.h"
-#include "serialized.h"
+#include "builder/format/lavapipe.h"
+#include "builder/format/lavapipe_bounds.h"
+#include "builder/format/lavapipe_leaves.h"
+#include "builder/format/serialized.h"
 
 enum { BOX_CHUNK = 4096, LEAF_CHUNK = 8192, PREFETCH_AHEAD = 12, BOX = sizeof(struct lavapipe_box) };
 
@@ -40,8 +40,8 @@ static enum bvhd_status report_cancelled(struct bvhd_error *error)
 }
 
 /*
- * Box nodes in the order of a walk that goes down the first child first: the box node of the first child follows its parent's. Counts below each node on
- * the way up, places on the way down, in one array.
+ * Box nodes in the order of a walk that goes down the first child first: the box node of the first child follows its
+ * parent's. Counts below each node on the way up, places on the way down, in one array.
  */
 static bool place_depth_first(const struct ir *ir, const atomic_bool *cancel, uint32_t *ret_places)
 {
@@ -89,9 +89,11 @@ static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
 {
     const struct canonical *canonical = w->input->canonical;
     if (canonical->primitive_count > LAVAPIPE_MAX_PRIMITIVES)
-        return bvhd_error_set(error, BVHD_TOO_LARGE, "primitives", "%" PRIu32 " do not fit into 24 bits", canonical->primitive_count);
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "primitives", "%" PRIu32 " do not fit into 24 bits",
+                              canonical->primitive_count);
     if (canonical->geometry_count > LAVAPIPE_MAX_PRIMITIVES)
-        return bvhd_error_set(error, BVHD_TOO_LARGE, "geometries", "%" PRIu32 " do not fit into 24 bits", canonical->geometry_count);
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "geometries", "%" PRIu32 " do not fit into 24 bits",
+                              canonical->geometry_count);
     w->variant = (enum lavapipe_variant)w->input->device->variant;
     enum bvhd_status status = lavapipe_leaves_init(&w->leaves, w->input, error);
     return status == BVHD_OK ? place_sections(w, error) : status;
@@ -125,7 +127,7 @@ static void load_bounds(const struct writing *w, uint32_t node, float ret_bounds
         ret_bounds[k] = bounds[k] + zero;
 }
 
-/* As the later driver widens every box that it stores, against rays that would slip through between them. */
+/* As the later driver inflates every box that it stores, against rays that would slip through between them. */
 static void pad_bounds(float bounds[6])
 {
     for (int k = 0; k < 6; k++) {
@@ -208,7 +210,8 @@ static void write_leaves(void *context, size_t index)
     const struct writing *w = context;
     size_t begin, end;
     parallel_chunk(index, LEAF_CHUNK, w->input->canonical->primitive_count, &begin, &end);
-    lavapipe_leaves_write(&w->leaves, (uint32_t)begin, (uint32_t)end, w->body + w->leaf_offset, w->blob + SERIALIZED_HANDLES);
+    lavapipe_leaves_write(&w->leaves, (uint32_t)begin, (uint32_t)end, w->body + w->leaf_offset,
+                          w->blob + SERIALIZED_HANDLES);
 }
 
 /* What lies between boxes and leaves, and behind those. */
@@ -288,8 +291,8 @@ enum bvhd_status lavapipe_write_at(const struct layout_input *input, const uint3
     return status;
 }
 
-static enum bvhd_status lavapipe_write(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
-                                       struct bvhd_error *error)
+static enum bvhd_status lavapipe_write(const struct layout_input *input, unsigned char **ret_blob,
+                                       struct layout_sizes *ret_sizes, struct bvhd_error *error)
 {
     const struct ir *ir = input->ir;
     if (ir->node_count < 2)
@@ -314,6 +317,6 @@ const struct layout layout_lavapipe = {
     .leaf_max = 1,
     .depth_limit = LAVAPIPE_MAX_LEVELS + 1,
     .variants = LAVAPIPE_VARIANTS,
-    .widen = lavapipe_bounds_widen,
+    .inflate_boxes = lavapipe_bounds_inflate,
     .write = lavapipe_write,
 };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "layout.h"
+#include "builder/format/layout.h"
 
 static const struct layout *const layouts[] = {&layout_portable, &layout_lavapipe};
 

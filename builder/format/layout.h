@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * layout.h - writers of serialized structures, by target. A layout states what it needs of the tree; the builder provides it.
+ * layout.h - writers of serialized structures, by target. A layout states what it needs of the tree; the builder
+ * provides it.
  */
 #ifndef BVHD_LAYOUT_H
 #define BVHD_LAYOUT_H
 
 #include <stdatomic.h>
 
-#include "canonical.h"
-#include "ir.h"
-#include "output.h"
-#include "parallel.h"
-#include "wide.h"
+#include "builder/format/canonical.h"
+#include "builder/format/ir.h"
+#include "builder/format/output.h"
+#include "proto/base/parallel.h"
+#include "builder/format/wide.h"
 
 /* Where the bytes of a blob go. */
 struct layout_sizes {
@@ -42,17 +43,19 @@ struct layout {
     uint32_t variants; /* device_format.variant is 1 .. variants; 0: the layout leaves nothing open */
 
     /*
-     * Lets the boxes of a tree grow to what those who trace it need. Asked for trees whose leaf boxes are not those of whole primitives: with split references, or over
-     * instances. NULL: nothing is needed. False when cancelled.
+     * Lets the boxes of a tree grow to what those who trace it need. Asked for trees whose leaf boxes are not those of
+     * whole primitives: with split references, or over instances. NULL: nothing is needed. False when cancelled.
      */
-    bool (*widen)(const struct canonical *canonical, const struct parallel *parallel, const atomic_bool *cancel, struct ir *ir);
+    bool (*inflate_boxes)(const struct canonical *canonical, const struct parallel *parallel, const atomic_bool *cancel,
+                          struct ir *ir);
 
     /*
-     * Writes the whole blob: *ret_blob from input->output, or from input->memory (64-byte aligned, the caller frees it). The same input
-     * gives the same bytes for any number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED, BVHD_TOO_LARGE (a section passes 32-bit ids).
+     * Writes the whole blob: *ret_blob from input->output, or from input->memory (64-byte aligned, the caller frees
+     * it). The same input gives the same bytes for any number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED,
+     * BVHD_TOO_LARGE (a section passes 32-bit ids).
      */
-    enum bvhd_status (*write)(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
-                              struct bvhd_error *error);
+    enum bvhd_status (*write)(const struct layout_input *input, unsigned char **ret_blob,
+                              struct layout_sizes *ret_sizes, struct bvhd_error *error);
 };
 
 /* Takes back what write() gave, or was about to give. */

@@ -1,21 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * portable.h - the portable layout, version 1: its bytes as structs, its reader. FORMATS.md has the tables and the reasons.
+ * portable.h - the portable layout, version 1: its bytes as structs, its reader. FORMATS.md has the tables and the
+ * reasons.
  *
- * A blob is Vulkan's serialized header, zeros up to a multiple of 64, then the body; offsets in the body count from its start. Nodes are
- * 8-wide, quantised, 80 bytes (Ylitie 2017), root first. What leaves hold stands in one array of records, 16-byte aligned: indexed
- * triangles (16 bytes) over one array of exact vertices, or fast triangles (48), AABBs (32), instances (128).
+ * A blob is Vulkan's serialized header, zeros up to a multiple of 64, then the body; offsets in the body count from its
+ * start. Nodes are 8-wide, quantised, 80 bytes (Ylitie 2017), root first. What leaves hold stands in one array of
+ * records, 16-byte aligned: indexed triangles (16 bytes) over one array of exact vertices, or fast triangles (48),
+ * AABBs (32), instances (128).
  */
 #ifndef BVHD_PORTABLE_H
 #define BVHD_PORTABLE_H
 
 #include <stdint.h>
 
-#include "box.h"
-#include "bytes.h"
-#include "geometry.h"
-#include "memory.h"
-#include "status.h"
+#include "proto/base/box.h"
+#include "proto/base/bytes.h"
+#include "proto/base/geometry.h"
+#include "proto/base/memory.h"
+#include "proto/base/status.h"
 
 enum {
     PORTABLE_VERSION = 1,
@@ -60,16 +62,17 @@ struct portable_header {
 };
 
 /*
- * Child s has box, per axis a, [origin[a] + lo[a][s] * 2^(exponent[a] - 127), origin[a] + hi[a][s] * 2^(exponent[a] - 127)]; exponent 0
- * means a scale of zero (all boxes flat at the origin). The boxes hold with 1/64 of a step to spare on each side (where the scale is not
- * zero), so that a reader may round.
+ * Child s has box, per axis a, [origin[a] + lo[a][s] * 2^(exponent[a] - 127), origin[a] + hi[a][s] * 2^(exponent[a] -
+ * 127)]; exponent 0 means a scale of zero (all boxes flat at the origin). The boxes hold with 1/64 of a step to spare
+ * on each side (where the scale is not zero), so that a reader may round.
  *
- * Bits 0, 1, 2 of a slot's number stand for +x, +y, +z: children are put where their centres lie, so that slots in the order s ^ (mask of the
- * ray's negative directions) come about front to back.
+ * Bits 0, 1, 2 of a slot's number stand for +x, +y, +z: children are put where their centres lie, so that slots in the
+ * order s ^ (mask of the ray's negative directions) come about front to back.
  *
- * meta[s]: 0 = empty, with lo 255 and hi 0. Inner child: 0x20 | (24 + s), its node = first_child + number of inner children in lower slots.
- * Leaf: bits 7..5 the count in unary (001, 011, 111), bits 4..0 the first record, from first_record on (0 .. 23). inner_mask bit s: slot s is
- * inner. Records stand in the order of nodes and slots, without gaps: first_record = the number of records of all nodes before.
+ * meta[s]: 0 = empty, with lo 255 and hi 0. Inner child: 0x20 | (24 + s), its node = first_child + number of inner
+ * children in lower slots. Leaf: bits 7..5 the count in unary (001, 011, 111), bits 4..0 the first record, from
+ * first_record on (0 .. 23). inner_mask bit s: slot s is inner. Records stand in the order of nodes and slots, without
+ * gaps: first_record = the number of records of all nodes before.
  */
 struct portable_node {
     float origin[3];
@@ -82,7 +85,9 @@ struct portable_node {
     uint8_t hi[3][8];
 };
 
-/* id: bits 28..0 the flat primitive id (primitives of all geometries counted through), bit 31 the geometry is opaque. */
+/*
+ * id: bits 28..0 the flat primitive id (primitives of all geometries counted through), bit 31 the geometry is opaque.
+ */
 enum { PORTABLE_ID_MASK = 0x1fffffff };
 #define PORTABLE_ID_OPAQUE UINT32_C(0x80000000)
 
@@ -130,7 +135,10 @@ _Static_assert(sizeof(struct portable_indexed_triangle) == 16 && sizeof(struct p
 _Static_assert(sizeof(struct portable_aabb) == 32 && sizeof(struct portable_instance) == 128, "layout");
 _Static_assert(sizeof(struct portable_geometry) == 16, "layout");
 
-/* A blob opened for reading. Everything points into the blob, which must be 16-byte aligned, unchanged and outlive the view. */
+/*
+ * A blob opened for reading. Everything points into the blob, which must be 16-byte aligned, unchanged and outlive the
+ * view.
+ */
 struct portable_view {
     const struct portable_header *header;
     const struct portable_node *nodes;
@@ -142,12 +150,13 @@ struct portable_view {
 };
 
 /*
- * Opens a hostile blob: checks the header and every section's place, every node (children follow their parent and have one parent each,
- * records have one owner each, depth is bounded), every record's ids and indices, so that traverse.h can read without another check and
- * ends. O(size). BVHD_CORRUPT or BVHD_INCOMPATIBLE with the place, e.g. "nodes[17].firstChild". `memory` is for a bitmap that is freed
- * before return.
+ * Opens a hostile blob: checks the header and every section's place, every node (children follow their parent and have
+ * one parent each, records have one owner each, depth is bounded), every record's ids and indices, so that traverse.h
+ * can read without another check and ends. O(size). BVHD_CORRUPT or BVHD_INCOMPATIBLE with the place, e.g.
+ * "nodes[17].firstChild". `memory` is for a bitmap that is freed before return.
  */
-enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view, struct bvhd_error *error);
+enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view,
+                               struct bvhd_error *error);
 
 /* The geometry that a flat primitive id lies in. */
 uint32_t portable_geometry_of(const struct portable_view *view, uint32_t id);

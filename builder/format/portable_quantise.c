@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "portable_quantise.h"
+#include "builder/format/portable_quantise.h"
 
 #include <float.h>
 
@@ -67,7 +67,10 @@ static struct grid fit_grid(float low, float high)
     }
 }
 
-/* Truncation rounds down what is not negative, and up when counted from the other end. Both versions do the same operations in double. */
+/*
+ * Truncation rounds down what is not negative, and up when counted from the other end. Both versions do the same
+ * operations in double.
+ */
 #ifdef USE_SSE2
 
 /* Of 8 coordinates: trunc(offset + sign * ((value - origin) / step)), as 16-bit integers. */
@@ -89,7 +92,8 @@ static inline void store_bytes(__m128i words, uint8_t ret[8])
     _mm_storel_epi64((__m128i *)(void *)ret, _mm_packus_epi16(words, words));
 }
 
-static inline void quantise(const float min[8], const float max[8], const struct grid *grid, uint8_t ret_lo[8], uint8_t ret_hi[8])
+static inline void quantise(const float min[8], const float max[8], const struct grid *grid, uint8_t ret_lo[8],
+                            uint8_t ret_hi[8])
 {
     store_bytes(in_steps(min, grid, -MARGIN, _mm_setzero_pd()), ret_lo);
     store_bytes(_mm_sub_epi16(_mm_set1_epi16(256), in_steps(max, grid, 256 - MARGIN, _mm_set1_pd(-0.0))), ret_hi);
@@ -97,7 +101,8 @@ static inline void quantise(const float min[8], const float max[8], const struct
 
 #else
 
-static void quantise(const float min[8], const float max[8], const struct grid *grid, uint8_t ret_lo[8], uint8_t ret_hi[8])
+static void quantise(const float min[8], const float max[8], const struct grid *grid, uint8_t ret_lo[8],
+                     uint8_t ret_hi[8])
 {
     double origin = grid->origin, inverse = grid->inverse;
     for (int slot = 0; slot < 8; slot++) {
@@ -132,7 +137,8 @@ static inline float greatest_of(const float values[8])
     float greatest[4];
     for (int i = 0; i < 4; i++)
         greatest[i] = values[i] > values[i + 4] ? values[i] : values[i + 4];
-    float a = greatest[0] > greatest[2] ? greatest[0] : greatest[2], b = greatest[1] > greatest[3] ? greatest[1] : greatest[3];
+    float a = greatest[0] > greatest[2] ? greatest[0] : greatest[2],
+          b = greatest[1] > greatest[3] ? greatest[1] : greatest[3];
     return a > b ? a : b;
 }
 

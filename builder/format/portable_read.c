@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "portable.h"
+#include "builder/format/portable.h"
 
 #include <assert.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 
-#include "portable_records.h"
-#include "serialized.h"
+#include "builder/format/portable_records.h"
+#include "builder/format/serialized.h"
 
 struct reading {
     struct bytes body;
@@ -16,7 +16,8 @@ struct reading {
     struct bvhd_error *error;
 };
 
-static enum bvhd_status corrupt_at(const struct reading *r, const char *section, uint32_t row, const char *field, const char *reason)
+static enum bvhd_status corrupt_at(const struct reading *r, const char *section, uint32_t row, const char *field,
+                                   const char *reason)
 {
     char where[64];
     snprintf(where, sizeof where, "%s[%" PRIu32 "]%s%s", section, row, *field ? "." : "", field);
@@ -36,8 +37,8 @@ static enum bvhd_status check_counts(const struct reading *r)
     if (h->magic != PORTABLE_MAGIC)
         return corrupt(r, "body.magic", "this is no portable structure");
     if (h->version != PORTABLE_VERSION)
-        return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "body.version", "version %" PRIu32 ", known is %d", h->version,
-                              PORTABLE_VERSION);
+        return bvhd_error_set(r->error, BVHD_INCOMPATIBLE, "body.version", "version %" PRIu32 ", known is %d",
+                              h->version, PORTABLE_VERSION);
     if (h->content > PORTABLE_INSTANCES)
         return corrupt(r, "body.content", "unknown content");
     if (h->primitive_count > PORTABLE_ID_MASK)
@@ -86,7 +87,8 @@ static enum bvhd_status find_sections(struct reading *r)
         return corrupt(r, "body.bodySize", "not what follows the header");
     if (h->node_offset % 64 != 0 || !take_section(r, h->node_offset, h->node_count, sizeof(struct portable_node), &end))
         return corrupt(r, "body.nodeOffset", "nodes are misplaced");
-    if (!take_section(r, h->record_offset, h->record_count, portable_record_size((enum portable_content)h->content), &end))
+    if (!take_section(r, h->record_offset, h->record_count, portable_record_size((enum portable_content)h->content),
+                      &end))
         return corrupt(r, "body.recordOffset", "records are misplaced");
     if (!take_section(r, h->vertex_offset, h->vertex_count, 12, &end))
         return corrupt(r, "body.vertexOffset", "vertices are misplaced");
@@ -216,9 +218,11 @@ static bool record_is_sound(const struct reading *r, uint32_t i)
     const struct portable_header *h = r->view.header;
     switch ((enum portable_content)h->content) {
     case PORTABLE_INDEXED_TRIANGLES: {
-        const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)r->view.records + i;
+        const struct portable_indexed_triangle *triangle =
+            (const struct portable_indexed_triangle *)r->view.records + i;
         const uint32_t *v = triangle->vertices;
-        return v[0] < h->vertex_count && v[1] < h->vertex_count && v[2] < h->vertex_count && id_is_sound(h, triangle->id);
+        return v[0] < h->vertex_count && v[1] < h->vertex_count && v[2] < h->vertex_count &&
+               id_is_sound(h, triangle->id);
     }
     case PORTABLE_TRIANGLES: {
         const struct portable_triangle *triangle = (const struct portable_triangle *)r->view.records + i;
@@ -231,7 +235,8 @@ static bool record_is_sound(const struct reading *r, uint32_t i)
     }
     case PORTABLE_INSTANCES: {
         const struct portable_instance *instance = (const struct portable_instance *)r->view.records + i;
-        uint32_t reserved = instance->reserved[0] | instance->reserved[1] | instance->reserved[2] | instance->reserved[3];
+        uint32_t reserved =
+            instance->reserved[0] | instance->reserved[1] | instance->reserved[2] | instance->reserved[3];
         return instance->instance < h->primitive_count && instance->handle < r->view.handle_count && reserved == 0;
     }
     }
@@ -284,7 +289,8 @@ static enum bvhd_status check_tree(struct reading *r, struct memory *memory)
     return status;
 }
 
-enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view, struct bvhd_error *error)
+enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view,
+                               struct bvhd_error *error)
 {
     assert((uintptr_t)blob.data % 16 == 0);
     struct reading r = {.error = error};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "portable_records.h"
+#include "builder/format/portable_records.h"
 
 #include <assert.h>
 #include <float.h>
@@ -21,7 +21,10 @@ static uint32_t id_of(const struct canonical_geometry *geometry, uint32_t primit
     return primitive | (geometry->flags & GEOMETRY_OPAQUE ? PORTABLE_ID_OPAQUE : 0);
 }
 
-/* What the loops need of a geometry of triangles. A copy: stores of bytes might change the original, as far as compilers know. */
+/*
+ * What the loops need of a geometry of triangles. A copy: stores of bytes might change the original, as far as
+ * compilers know.
+ */
 struct corners {
     const uint32_t *indices;
     uint32_t first_primitive, primitive_count, first_vertex;
@@ -29,7 +32,8 @@ struct corners {
 
 static struct corners corners_of(const struct canonical_geometry *geometry)
 {
-    return (struct corners){geometry->indices, geometry->first_primitive, geometry->primitive_count, geometry->first_vertex};
+    return (struct corners){geometry->indices, geometry->first_primitive, geometry->primitive_count,
+                            geometry->first_vertex};
 }
 
 static inline bool is_inside(const struct corners *corners, uint32_t primitive)
@@ -53,7 +57,8 @@ static inline struct vertices vertices_of(const struct corners *corners, uint32_
 }
 
 /* Two halves into their place: a struct that is filled in pieces and copied as a whole waits for its pieces. */
-static void write_indexed_triangles(const struct portable_records *writer, const uint32_t *refs, uint32_t count, unsigned char *record)
+static void write_indexed_triangles(const struct portable_records *writer, const uint32_t *refs, uint32_t count,
+                                    unsigned char *record)
 {
     const struct canonical_geometry *geometry = writer->canonical->geometries;
     const uint32_t *remap = writer->remap;
@@ -165,7 +170,8 @@ void portable_records_mark_range(const struct canonical *canonical, uint32_t fir
 {
     while (count > 0) {
         const struct canonical_geometry *geometry = &canonical->geometries[canonical_geometry_of(canonical, first)];
-        uint32_t left = geometry->primitive_count - (first - geometry->first_primitive), here = count < left ? count : left;
+        uint32_t left = geometry->primitive_count - (first - geometry->first_primitive),
+                 here = count < left ? count : left;
         mark_triangles(geometry, first, here, used);
         first += here;
         count -= here;

@@ -1,18 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "portable.h"
+#include "builder/format/portable.h"
 
 #include <inttypes.h>
 
-#include "layout.h"
-#include "portable_quantise.h"
-#include "portable_records.h"
-#include "serialized.h"
+#include "builder/format/layout.h"
+#include "builder/format/portable_quantise.h"
+#include "builder/format/portable_records.h"
+#include "builder/format/serialized.h"
 
 const uint8_t portable_driver_uuid[16] = "bvhd portable";
 const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', 'o', 'r',
                                                  't', 'a', 'b', 'l', 'e', 0,   0,   PORTABLE_VERSION};
 
-/* What takes a few microseconds is not worth waking a thread for: those who count vertices do more at once than those who copy them. */
+/*
+ * What takes a few microseconds is not worth waking a thread for: those who count vertices do more at once than those
+ * who copy them.
+ */
 enum { NODE_CHUNK = 256, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, COPY_CHUNK = 8192, MARK_CHUNK = 8192 };
 
 struct writing {
@@ -21,7 +24,7 @@ struct writing {
     uint64_t body_offset;
     unsigned char *blob, *body;
     struct portable_records records;
-    bool wide; /* by wide registers */
+    bool avx2; /* the AVX2 version may be used */
     uint32_t *first_kept; /* of each chunk of vertices: how many are kept before it; then their sum */
     uint8_t *used; /* of each vertex: whether a record names it */
     uint32_t *remap; /* of each vertex: where it is kept; NULL when all are */
@@ -50,8 +53,8 @@ static void place_sections(struct portable_header *header)
 {
     header->node_offset = sizeof *header;
     header->record_offset = header->node_offset + (uint64_t)header->node_count * sizeof(struct portable_node);
-    header->vertex_offset =
-        header->record_offset + (uint64_t)header->record_count * portable_record_size((enum portable_content)header->content);
+    header->vertex_offset = header->record_offset + (uint64_t)header->record_count *
+                                                        portable_record_size((enum portable_content)header->content);
     header->geometry_offset = bytes_align(header->vertex_offset + (uint64_t)header->vertex_count * 12, 16);
     header->body_size = header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry);
 }
@@ -62,7 +65,8 @@ static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
     const struct wide *wide = w->input->wide;
     enum portable_content content = content_of(canonical, w->input->layout_flags);
     if (canonical->primitive_count > PORTABLE_ID_MASK)
-        return bvhd_error_set(error, BVHD_TOO_LARGE, "primitives", "%" PRIu32 " do not fit into 29 bits", canonical->primitive_count);
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "primitives", "%" PRIu32 " do not fit into 29 bits",
+                              canonical->primitive_count);
     if (wide->depth > PORTABLE_MAX_DEPTH)
         return bvhd_error_set(error, BVHD_TOO_LARGE, "depth", "%" PRIu32 " levels of nodes, at most %d", wide->depth,
                               PORTABLE_MAX_DEPTH);
@@ -145,7 +149,7 @@ static void write_node(const struct writing *w, const struct wide_node *wide, st
         uint32_t own = wide->slots[slot].node; /* 0 in an empty slot */
         boxes[slot] = box_of(w->input->ir, own | (filler & mask_of(!(occupied >> slot & 1))), &storage[slot]);
     }
-    portable_quantise_boxes(boxes, occupied, w->wide, node);
+    portable_quantise_boxes(boxes, occupied, w->avx2, node);
     memcpy(node->meta, meta, sizeof meta);
     node->inner_mask = (uint8_t)inner;
     node->first_child = wide->first_child;
@@ -202,8 +206,8 @@ static uint32_t names_to_mark(const struct writing *w)
 }
 
 /*
- * The chunk of a task: those that run at once are a thread's share apart. Neighbours name the same vertices, and processors would take the lines of
- * marks from each other.
+ * The chunk of a task: those that run at once are a thread's share apart. Neighbours name the same vertices, and
+ * processors would take the lines of marks from each other.
  */
 static size_t chunk_apart(size_t task, size_t chunks, size_t threads)
 {
@@ -424,10 +428,10 @@ static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
     return BVHD_OK;
 }
 
-static enum bvhd_status portable_write(const struct layout_input *input, unsigned char **ret_blob, struct layout_sizes *ret_sizes,
-                                       struct bvhd_error *error)
+static enum bvhd_status portable_write(const struct layout_input *input, unsigned char **ret_blob,
+                                       struct layout_sizes *ret_sizes, struct bvhd_error *error)
 {
-    struct writing w = {.input = input, .wide = portable_has_wide()};
+    struct writing w = {.input = input, .avx2 = portable_has_avx2()};
     enum bvhd_status status = plan(&w, error);
     if (status != BVHD_OK)
         return status;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "probe.h"
+#include "builder/format/probe.h"
 
 #include <inttypes.h>
 
-#include "place.h"
+#include "proto/base/place.h"
 
 static const char magic[8] = "bvhdprob";
 
@@ -25,12 +25,12 @@ static enum bvhd_status check_size(uint64_t size, int index, enum bvhd_status st
 {
     if (size > 0 && size <= PROBE_MAX_STRUCTURE)
         return BVHD_OK;
-    return bvhd_error_set(error, status, place("probe.structures[%d]", index).text, "%" PRIu64 " bytes, not 1 to %d", size,
-                          (int)PROBE_MAX_STRUCTURE);
+    return bvhd_error_set(error, status, place("probe.structures[%d]", index).text, "%" PRIu64 " bytes, not 1 to %d",
+                          size, (int)PROBE_MAX_STRUCTURE);
 }
 
-enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, unsigned char **ret_data, uint64_t *ret_size,
-                            struct bvhd_error *error)
+enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, unsigned char **ret_data,
+                            uint64_t *ret_size, struct bvhd_error *error)
 {
     uint64_t size = HEADER;
     for (int i = 0; i < PROBE_COUNT; i++) {
@@ -93,14 +93,17 @@ static enum bvhd_status read_header(struct bytes data, struct probe *probe, stru
         return bvhd_error_set(error, BVHD_CORRUPT, "probe", "%" PRIu64 " bytes are too few", data.size);
     uint32_t version = bytes_get32(data.data + 8), count = bytes_get32(data.data + 12);
     if (version != VERSION)
-        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "probe.version", "%" PRIu32 ", but this is version %d", version, VERSION);
+        return bvhd_error_set(error, BVHD_INCOMPATIBLE, "probe.version", "%" PRIu32 ", but this is version %d", version,
+                              VERSION);
     if (count != PROBE_COUNT)
-        return bvhd_error_set(error, BVHD_CORRUPT, "probe.structures", "%" PRIu32 " structures, not %d", count, PROBE_COUNT);
+        return bvhd_error_set(error, BVHD_CORRUPT, "probe.structures", "%" PRIu32 " structures, not %d", count,
+                              PROBE_COUNT);
     if (bytes_get64(data.data + 16) != data.size)
         return bvhd_error_set(error, BVHD_CORRUPT, "probe.size", "says %" PRIu64 " bytes, but there are %" PRIu64,
                               bytes_get64(data.data + 16), data.size);
     enum bvhd_status status = read_name(data.data + NAMES, "probe.device", probe->device, error);
-    return status == BVHD_OK ? read_name(data.data + NAMES + PROBE_NAME_SIZE, "probe.driver", probe->driver, error) : status;
+    return status == BVHD_OK ? read_name(data.data + NAMES + PROBE_NAME_SIZE, "probe.driver", probe->driver, error)
+                             : status;
 }
 
 enum bvhd_status probe_unpack(struct bytes data, struct probe *ret_probe, struct bvhd_error *error)

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "probe.h"
+#include "builder/format/probe.h"
 
 #include <inttypes.h>
 #include <math.h>
 
-#include "lavapipe.h"
-#include "lavapipe_topology.h"
-#include "lavapipe_write.h"
-#include "serialized.h"
+#include "builder/format/lavapipe.h"
+#include "builder/format/lavapipe_topology.h"
+#include "builder/format/lavapipe_write.h"
+#include "builder/format/serialized.h"
 
 /* How far a layout came: structures that it reproduces, bytes of the next one. */
 struct attempt {
@@ -36,8 +36,8 @@ static void set_addresses(const struct probe *probe, const struct lavapipe_view 
 }
 
 /*
- * Whoever bounds an instance rounds as it likes: some multiply and add at once, some round outward. What differs by no more than such roundings
- * is taken over.
+ * Whoever bounds an instance rounds as it likes: some multiply and add at once, some round outward. What differs by no
+ * more than such roundings is taken over.
  */
 static void take_over_rounding(const unsigned char *theirs, unsigned char *ours, int count)
 {
@@ -65,9 +65,11 @@ static uint64_t compare(struct bytes theirs, const unsigned char *ours, uint64_t
     return at;
 }
 
-/* Writes the structure again, with the device's topology. *ret_byte: how far both are equal; UINT64_MAX when they are. */
-static enum bvhd_status reproduce(const struct probe *probe, int structure, const struct lavapipe_view *view, struct memory *memory,
-                                  uint64_t *ret_byte, struct bvhd_error *error)
+/*
+ * Writes the structure again, with the device's topology. *ret_byte: how far both are equal; UINT64_MAX when they are.
+ */
+static enum bvhd_status reproduce(const struct probe *probe, int structure, const struct lavapipe_view *view,
+                                  struct memory *memory, uint64_t *ret_byte, struct bvhd_error *error)
 {
     struct probe_request request;
     struct lavapipe_topology topology;
@@ -78,8 +80,11 @@ static enum bvhd_status reproduce(const struct probe *probe, int structure, cons
     enum bvhd_status status = lavapipe_topology_read(view, &request.canonical, memory, &topology, error);
     if (status != BVHD_OK)
         return status;
-    const struct layout_input input = {
-        .canonical = &request.canonical, .ir = &topology.ir, .device = &view->device, .memory = memory, .parallel = &parallel_serial};
+    const struct layout_input input = {.canonical = &request.canonical,
+                                       .ir = &topology.ir,
+                                       .device = &view->device,
+                                       .memory = memory,
+                                       .parallel = &parallel_serial};
     status = lavapipe_write_at(&input, topology.places, &ours, &sizes, error);
     if (status == BVHD_OK) {
         /* Without the sizes in common, no place in one is that place in the other. */

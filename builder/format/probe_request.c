@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "probe.h"
+#include "builder/format/probe.h"
 
 /*
- * Chosen so that a layout shows what it does: coordinates whose products and sums are exact in float, so that no order of operations hides it; negative
- * zeros inside of the bounds; counts, flags, masks and offsets that are all different; a matrix that shears, mirrors and does not scale evenly,
- * whose inverse is not exact.
+ * Chosen so that a layout shows what it does: coordinates whose products and sums are exact in float, so that no order
+ * of operations hides it; negative zeros inside of the bounds; counts, flags, masks and offsets that are all different;
+ * a matrix that shears, mirrors and does not scale evenly, whose inverse is not exact.
  */
 enum { TRIANGLES = 5, OPAQUE_TRIANGLES = 3, AABBS = 4, OPAQUE_AABBS = 1, INSTANCES = 2 };
 
@@ -13,8 +13,10 @@ static const float positions[3 * TRIANGLES][3] = {
     {1.5f, 2.5f, -0.0f}, {4, 4, 4},         {5, 3.5f, 4.5f}, {4.5f, 5, 3},      {-0.0f, 6, -2},
     {0.75f, 7, -1.5f},   {-0.5f, 6.5f, 1},  {8, -4, 0.125f}, {7, -3, 0},        {7.5f, -3.5f, -4},
 };
-static const float boxes[AABBS][6] = {
-    {-1, -2, -3, 0.5f, -0.0f, 1}, {2, 2, -1, 3.5f, 2, 4}, {-6, 0.25f, -0.0f, -5, 8, 0.75f}, {10, -1.5f, 2, 10.25f, 1, 16}};
+static const float boxes[AABBS][6] = {{-1, -2, -3, 0.5f, -0.0f, 1},
+                                      {2, 2, -1, 3.5f, 2, 4},
+                                      {-6, 0.25f, -0.0f, -5, 8, 0.75f},
+                                      {10, -1.5f, 2, 10.25f, 1, 16}};
 
 static const struct box bounds[] = {
     [PROBE_TRIANGLES] = {{-3, -4, -4}, {8, 7, 4.5f}},
@@ -45,8 +47,11 @@ static void add_geometry(struct probe_request *request, uint32_t type, uint32_t 
     struct canonical *canonical = &request->canonical;
     struct canonical_geometry *geometry = &request->geometries[canonical->geometry_count++];
     uint32_t first = canonical->primitive_count, vertices = type == GEOMETRY_TRIANGLES ? 3 * primitives : 0;
-    *geometry = (struct canonical_geometry){
-        .type = type, .flags = flags, .primitive_count = primitives, .first_primitive = first, .vertex_count = vertices};
+    *geometry = (struct canonical_geometry){.type = type,
+                                            .flags = flags,
+                                            .primitive_count = primitives,
+                                            .first_primitive = first,
+                                            .vertex_count = vertices};
     if (type == GEOMETRY_TRIANGLES)
         geometry->positions = positions[3 * first];
     else if (type == GEOMETRY_AABBS)

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "serialized.h"
+#include "builder/format/serialized.h"
 
 #include <inttypes.h>
 
 enum bvhd_status serialized_read(struct bytes blob, struct serialized_header *ret_header, struct bvhd_error *error)
 {
     if (blob.size < SERIALIZED_HANDLES)
-        return bvhd_error_set(error, BVHD_CORRUPT, "header", "%" PRIu64 " bytes are too few for a serialized structure", blob.size);
+        return bvhd_error_set(error, BVHD_CORRUPT, "header", "%" PRIu64 " bytes are too few for a serialized structure",
+                              blob.size);
 
     struct serialized_header header;
     memcpy(header.driver_uuid, blob.data, SERIALIZED_UUID_SIZE);
@@ -16,13 +17,13 @@ enum bvhd_status serialized_read(struct bytes blob, struct serialized_header *re
     header.handle_count = bytes_get64(blob.data + 48);
 
     if (header.serialized_size != blob.size)
-        return bvhd_error_set(error, BVHD_CORRUPT, "header.serializedSize", "says %" PRIu64 " bytes, but there are %" PRIu64,
-                              header.serialized_size, blob.size);
+        return bvhd_error_set(error, BVHD_CORRUPT, "header.serializedSize",
+                              "says %" PRIu64 " bytes, but there are %" PRIu64, header.serialized_size, blob.size);
     if (header.handle_count >> 32 == 0xffffffff)
         return bvhd_error_set(error, BVHD_INCOMPATIBLE, "header.handleCount", "blocks of micromaps are not supported");
     if (header.handle_count > (blob.size - SERIALIZED_HANDLES) / 8)
-        return bvhd_error_set(error, BVHD_CORRUPT, "header.handleCount", "%" PRIu64 " handles do not fit into %" PRIu64 " bytes",
-                              header.handle_count, blob.size);
+        return bvhd_error_set(error, BVHD_CORRUPT, "header.handleCount",
+                              "%" PRIu64 " handles do not fit into %" PRIu64 " bytes", header.handle_count, blob.size);
     *ret_header = header;
     return BVHD_OK;
 }

@@ -2,15 +2,15 @@
 /*
  * serialized.h - the header with which every serialized acceleration structure begins (rows F23, F45).
  *
- * Offsets, little-endian: 0 driver UUID, 16 compatibility UUID, 32 u64 serialized size (all bytes of the blob), 40 u64 deserialized
- * size (what to create), 48 u64 handle count N, 56 N u64 handles, then the layout's own bytes. The block form of newer headers (high
- * half of the count all ones: micromap blocks) is reserved and refused.
+ * Offsets, little-endian: 0 driver UUID, 16 compatibility UUID, 32 u64 serialized size (all bytes of the blob), 40 u64
+ * deserialized size (what to create), 48 u64 handle count N, 56 N u64 handles, then the layout's own bytes. The block
+ * form of newer headers (high half of the count all ones: micromap blocks) is reserved and refused.
  */
 #ifndef BVHD_SERIALIZED_H
 #define BVHD_SERIALIZED_H
 
-#include "bytes.h"
-#include "status.h"
+#include "proto/base/bytes.h"
+#include "proto/base/status.h"
 
 enum { SERIALIZED_UUID_SIZE = 16, SERIALIZED_HANDLES = 56 };
 
@@ -23,8 +23,9 @@ struct serialized_header {
 };
 
 /*
- * Reads and checks the header of a hostile blob of any alignment: the size it says is the blob's, the handles lie inside. BVHD_CORRUPT names
- * the field ("header.serializedSize"), BVHD_INCOMPATIBLE is the block form. The UUIDs and the deserialized size are the layout's to check.
+ * Reads and checks the header of a hostile blob of any alignment: the size it says is the blob's, the handles lie
+ * inside. BVHD_CORRUPT names the field ("header.serializedSize"), BVHD_INCOMPATIBLE is the block form. The UUIDs and
+ * the deserialized size are the layout's to check.
  */
 enum bvhd_status serialized_read(struct bytes blob, struct serialized_header *ret_header, struct bvhd_error *error);
 

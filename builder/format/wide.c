@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "wide.h"
+#include "builder/format/wide.h"
 
 #include <stddef.h>
 

@@ -1,27 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * wide.h - a wide tree over an ir: which of its boxes are the up to 8 children of each wide node, in the order in which a layout writes them.
- * Layouts map node i to their node i.
+ * wide.h - a wide tree over an ir: which of its boxes are the up to 8 children of each wide node, in the order in which
+ * a layout writes them. Layouts map node i to their node i.
  *
- * Node 0 is the root (count 0 for an empty structure). Slots are octants: the child in slot s lies towards +x when bit 0 of s is set,
- * +y for bit 1, +z for bit 2, as far as the assignment that minimises the sum over children could have it; slots may be empty.
- * Inner children of a node are adjacent in the array, in slot order, from first_child on, and follow their parent: first_child > index.
- * The refs of a node's leaf children are written adjacently, in slot order, from first_leaf on; those blocks follow each other in node
- * order, so that first_leaf of node i + 1 = first_leaf of node i plus the refs of node i's leaf children. The order is depth first: a block of
- * inner children, then the subtree of each.
+ * Node 0 is the root (count 0 for an empty structure). Slots are octants: the child in slot s lies towards +x when bit
+ * 0 of s is set, +y for bit 1, +z for bit 2, as far as the assignment that minimises the sum over children could have
+ * it; slots may be empty. Inner children of a node are adjacent in the array, in slot order, from first_child on, and
+ * follow their parent: first_child > index. The refs of a node's leaf children are written adjacently, in slot order,
+ * from first_leaf on; those blocks follow each other in node order, so that first_leaf of node i + 1 = first_leaf of
+ * node i plus the refs of node i's leaf children. The order is depth first: a block of inner children, then the subtree
+ * of each.
  */
 #ifndef BVHD_WIDE_H
 #define BVHD_WIDE_H
 
 #include <stdint.h>
 
-#include "memory.h"
+#include "proto/base/memory.h"
 
 enum { WIDE_ARITY = 8, WIDE_NONE = 0 };
 
 /*
- * A child that is a leaf covers refs[first_ref .. first_ref + ref_count) of the ir; an inner child has ref_count 0. An ir of one leaf gives one
- * wide node with one child: node 0, and a ref_count. An empty slot is all zeros.
+ * A child that is a leaf covers refs[first_ref .. first_ref + ref_count) of the ir; an inner child has ref_count 0. An
+ * ir of one leaf gives one wide node with one child: node 0, and a ref_count. An empty slot is all zeros.
  */
 struct wide_child {
     uint32_t node; /* number of the ir's box that bounds the child; WIDE_NONE in an empty slot */

@@ -2,15 +2,15 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "assemble.h"
-#include "backend_local.h"
-#include "backend_service.h"
-#include "clock.h"
-#include "commands.h"
-#include "depfile.h"
-#include "files.h"
-#include "manifest.h"
-#include "probe_source.h"
+#include "client/bvhctl/scene/assemble.h"
+#include "client/bvhctl/service/backend_local.h"
+#include "client/bvhctl/service/backend_service.h"
+#include "proto/base/clock.h"
+#include "client/bvhctl/commands.h"
+#include "client/bvhctl/base/depfile.h"
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/manifest.h"
+#include "client/bvhctl/gpu/probe_source.h"
 
 struct failure {
     char *what;
@@ -112,15 +112,15 @@ static const char *origin_note(enum bvhd_origin origin)
 static void print_structure(const struct bvhd_result *item, const char *file, bool is_top)
 {
     uint64_t count = is_top ? item->instances : item->primitives;
-    printf("%-40s %9llu %-9s %8.2f MB  %5.1f B each  SAH %6.2f  depth %2u  %8.1f ms  %s %s%s\n", file, (unsigned long long)count,
-           is_top ? "instances" : "triangles", (double)item->size / 1e6, count ? (double)item->size / (double)count : 0.0, item->sah,
-           item->depth, item->prepare_ms + item->build_ms, manifest_quality_name(item->quality), item->method ? item->method : "",
-           origin_note(item->origin));
+    printf("%-40s %9llu %-9s %8.2f MB  %5.1f B each  SAH %6.2f  depth %2u  %8.1f ms  %s %s%s\n", file,
+           (unsigned long long)count, is_top ? "instances" : "triangles", (double)item->size / 1e6,
+           count ? (double)item->size / (double)count : 0.0, item->sah, item->depth, item->prepare_ms + item->build_ms,
+           manifest_quality_name(item->quality), item->method ? item->method : "", origin_note(item->origin));
 }
 
 /* Writes the file, and its entry everywhere. */
-static enum bvhd_status keep_structure(struct run *run, const struct assembly *assembly, uint32_t index, char *const *files,
-                                       struct bvhd_error *error)
+static enum bvhd_status keep_structure(struct run *run, const struct assembly *assembly, uint32_t index,
+                                       char *const *files, struct bvhd_error *error)
 {
     const struct bvhd_result *item = &assembly->items[index];
     char *path = files_join(&run->memory, run->options->output, files[index]);
@@ -248,8 +248,9 @@ static enum bvhd_status check_names(const struct options *options, struct memory
             status = bvhd_error_set(error, BVHD_NO_MEMORY, options->operands[count], "no memory for its name");
         for (int i = 0; i < count && !status; i++)
             if (!strcmp(names[i], names[count]))
-                status = bvhd_error_set(error, BVHD_INVALID, options->operands[count],
-                                        "another scene has the name '%s', too: give them different directories", names[i]);
+                status =
+                    bvhd_error_set(error, BVHD_INVALID, options->operands[count],
+                                   "another scene has the name '%s', too: give them different directories", names[i]);
     }
     for (int i = 0; i < count; i++)
         memory_free(memory, names[i]);
@@ -268,7 +269,8 @@ static enum bvhd_status write_manifest(struct run *run, struct bvhd_error *error
     if (!path || json->failed)
         status = bvhd_error_set(error, BVHD_NO_MEMORY, MANIFEST_NAME, "no memory for the manifest");
     else
-        status = files_write(path, (struct bytes){(const unsigned char *)json->data, json->size}, &run->notes, NULL, error);
+        status =
+            files_write(path, (struct bytes){(const unsigned char *)json->data, json->size}, &run->notes, NULL, error);
     memory_free(&run->notes, path);
     return status;
 }
@@ -409,7 +411,8 @@ enum exit_code command_build(const struct options *options, const atomic_bool *c
     if (check_names(options, &run.notes, &error)) {
         report_failure(options->json, "build", &error);
         code = error.status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED;
-    } else if (find_format(&run, &error) || open_backend(&run, &error) || files_make_directory(options->output, &error)) {
+    } else if (find_format(&run, &error) || open_backend(&run, &error) ||
+               files_make_directory(options->output, &error)) {
         code = report_failure(options->json, "build", &error);
     } else {
         code = build_scenes(&run);

@@ -2,11 +2,11 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "commands.h"
-#include "import.h"
-#include "local.h"
-#include "rays.h"
-#include "structures.h"
+#include "client/bvhctl/commands.h"
+#include "client/bvhctl/scene/import.h"
+#include "client/bvhctl/service/local.h"
+#include "client/bvhctl/oracle/rays.h"
+#include "client/bvhctl/scene/structures.h"
 
 enum { DEFAULT_RAYS = 4000 };
 
@@ -60,8 +60,9 @@ static enum bvhd_status ask_oracle(struct run *run, struct bvhd_error *error)
         return no_memory(error);
     rays_make(run->meshes, run->mesh_count, run->options->seed, run->ray_count, run->rays);
     progress_begin(&run->local.progress, "brute force over", run->import.name);
-    enum bvhd_status status = oracle_trace(run->meshes, run->mesh_count, run->rays, run->ray_count, memory, run->local.parallel,
-                                           progress_update, &run->local.progress, run->answers, error);
+    enum bvhd_status status =
+        oracle_trace(run->meshes, run->mesh_count, run->rays, run->ray_count, memory, run->local.parallel,
+                     progress_update, &run->local.progress, run->answers, error);
     progress_end(&run->local.progress);
     run->answered = !status;
     return status;
@@ -113,7 +114,8 @@ static bool print_tally(struct run *run, const struct tally *tally)
 {
     uint64_t wrong = tally->wrong_miss + tally->wrong_hit + tally->wrong_primitive;
     if (!run->options->json) {
-        printf("%s: %u rays, %llu hits, %llu uncertain, %llu wrong (%llu missed, %llu hit nothing there, %llu another primitive), "
+        printf("%s: %u rays, %llu hits, %llu uncertain, %llu wrong (%llu missed, %llu hit nothing there, %llu another "
+               "primitive), "
                "t within %.2g\n",
                run->import.name, run->ray_count, (unsigned long long)tally->hits, (unsigned long long)tally->uncertain,
                (unsigned long long)wrong, (unsigned long long)tally->wrong_miss, (unsigned long long)tally->wrong_hit,

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <stdio.h>
 
-#include "commands.h"
-#include "gpu.h"
-#include "probe_source.h"
+#include "client/bvhctl/commands.h"
+#include "client/bvhctl/gpu/gpu.h"
+#include "client/bvhctl/gpu/probe_source.h"
 
 /* A device, and what it loads natively as far as a probe tells. */
 struct found {
-    struct gpu_facts facts;
+    struct gpu_properties properties;
     const char *native; /* a target's name; NULL: none */
     struct bvhd_error why_not; /* when there is none */
 };
@@ -39,7 +39,7 @@ static void probe(struct found *found, struct memory *memory)
 {
     struct gpu *gpu;
     struct bvhd_format format;
-    if (gpu_open(found->facts.number, memory, &gpu, &found->why_not))
+    if (gpu_open(found->properties.number, memory, &gpu, &found->why_not))
         return;
     if (!probe_source_ask(gpu, &format, &found->why_not))
         found->native = bvhd_target_name(format.target);
@@ -49,9 +49,9 @@ static void probe(struct found *found, struct memory *memory)
 /* That there is no device is an answer. */
 static enum bvhd_status find(struct list *list, struct bvhd_error *error)
 {
-    struct gpu_facts *facts = NULL;
+    struct gpu_properties *properties = NULL;
     uint32_t count = 0;
-    enum bvhd_status status = gpu_list(&list->memory, &facts, &count, &list->missing);
+    enum bvhd_status status = gpu_list(&list->memory, &properties, &count, &list->missing);
     if (status) {
         *error = list->missing;
         return status == BVHD_UNAVAILABLE ? BVHD_OK : status;
@@ -60,26 +60,27 @@ static enum bvhd_status find(struct list *list, struct bvhd_error *error)
     if (!list->devices)
         status = bvhd_error_set(error, BVHD_NO_MEMORY, "devices", "no memory for the list of devices");
     for (uint32_t i = 0; i < count && !status; i++) {
-        list->devices[i] = (struct found){.facts = facts[i]};
+        list->devices[i] = (struct found){.properties = properties[i]};
         probe(&list->devices[i], &list->memory);
     }
     list->count = status ? 0 : count;
-    memory_free(&list->memory, facts);
+    memory_free(&list->memory, properties);
     return status;
 }
 
 static void write_device(const struct found *found, struct json *json)
 {
-    const struct gpu_facts *facts = &found->facts;
+    const struct gpu_properties *properties = &found->properties;
     char version[32];
-    snprintf(version, sizeof version, "%u.%u", VK_API_VERSION_MAJOR(facts->api_version), VK_API_VERSION_MINOR(facts->api_version));
+    snprintf(version, sizeof version, "%u.%u", VK_API_VERSION_MAJOR(properties->api_version),
+             VK_API_VERSION_MINOR(properties->api_version));
     json_object(json, NULL);
-    json_text(json, "name", facts->name);
-    json_text(json, "number", facts->number);
-    json_text(json, "kind", kind_of(facts->type));
-    json_text(json, "driver", facts->driver);
+    json_text(json, "name", properties->name);
+    json_text(json, "number", properties->number);
+    json_text(json, "kind", kind_of(properties->type));
+    json_text(json, "driver", properties->driver);
     json_text(json, "vulkan", version);
-    json_integer(json, "memory", facts->memory);
+    json_integer(json, "memory", properties->memory);
     json_array(json, "targets");
     json_text(json, NULL, "portable");
     if (found->native)
@@ -89,11 +90,11 @@ static void write_device(const struct found *found, struct json *json)
         json_null(json, "not_native");
     else
         json_text(json, "not_native", found->why_not.text);
-    json_bool(json, "acceleration_structures", facts->has_acceleration_structure);
-    json_bool(json, "ray_queries", facts->has_ray_query);
-    json_bool(json, "ray_pipelines", facts->has_ray_pipeline);
-    json_bool(json, "buffer_addresses", facts->has_buffer_address);
-    json_integer(json, "subgroup_size", facts->subgroup_size);
+    json_bool(json, "acceleration_structures", properties->has_acceleration_structure);
+    json_bool(json, "ray_queries", properties->has_ray_query);
+    json_bool(json, "ray_pipelines", properties->has_ray_pipeline);
+    json_bool(json, "buffer_addresses", properties->has_buffer_address);
+    json_integer(json, "subgroup_size", properties->subgroup_size);
     json_object_end(json);
 }
 
@@ -119,18 +120,18 @@ static bool print_json(struct list *list)
 
 static void print_device(const struct found *found)
 {
-    const struct gpu_facts *facts = &found->facts;
-    printf("%s\n", facts->name);
-    printf("  number    %s\n", facts->number);
-    printf("  kind      %s, %.1f GB, Vulkan %u.%u\n", kind_of(facts->type), (double)facts->memory / 1e9,
-           VK_API_VERSION_MAJOR(facts->api_version), VK_API_VERSION_MINOR(facts->api_version));
-    printf("  driver    %s\n", facts->driver);
+    const struct gpu_properties *properties = &found->properties;
+    printf("%s\n", properties->name);
+    printf("  number    %s\n", properties->number);
+    printf("  kind      %s, %.1f GB, Vulkan %u.%u\n", kind_of(properties->type), (double)properties->memory / 1e9,
+           VK_API_VERSION_MAJOR(properties->api_version), VK_API_VERSION_MINOR(properties->api_version));
+    printf("  driver    %s\n", properties->driver);
     if (found->native)
         printf("  loads     portable, %s\n", found->native);
     else
         printf("  loads     portable (nothing natively: %s)\n", found->why_not.text);
-    printf("  rays      queries: %s; ray-tracing pipelines: %s\n", facts->has_ray_query ? "yes" : "no",
-           facts->has_ray_pipeline ? "yes" : "no");
+    printf("  rays      queries: %s; ray-tracing pipelines: %s\n", properties->has_ray_query ? "yes" : "no",
+           properties->has_ray_pipeline ? "yes" : "no");
 }
 
 static bool print_text(const struct list *list)

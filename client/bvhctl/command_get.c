@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <stdio.h>
 
-#include "commands.h"
-#include "connect.h"
-#include "files.h"
+#include "client/bvhctl/commands.h"
+#include "client/bvhctl/service/connect.h"
+#include "client/bvhctl/base/files.h"
 
 static const char *origin_name(enum bvhd_origin origin)
 {
@@ -43,7 +43,8 @@ static bool print_result(const struct options *options, const struct bvhd_result
 }
 
 /* The key's bytes into the file. */
-static enum bvhd_status fetch(const struct options *options, struct bvhd_batch *batch, struct memory *memory, struct bvhd_error *error)
+static enum bvhd_status fetch(const struct options *options, struct bvhd_batch *batch, struct memory *memory,
+                              struct bvhd_error *error)
 {
     bvhd_batch_wait(batch, -1);
     const struct bvhd_result *result = bvhd_batch_result(batch, 0);

@@ -2,13 +2,13 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "commands.h"
-#include "files.h"
-#include "inspect_probe.h"
-#include "layout.h"
-#include "serialized.h"
-#include "structures.h"
-#include "survey.h"
+#include "client/bvhctl/commands.h"
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/gpu/inspect_probe.h"
+#include "builder/format/layout.h"
+#include "builder/format/serialized.h"
+#include "client/bvhctl/scene/structures.h"
+#include "client/bvhctl/scene/survey.h"
 
 enum { GEOMETRY_LINES = 16 }; /* most geometries that the text shows */
 
@@ -172,7 +172,8 @@ static uint32_t records_of(const struct structure *structure)
 static void print_leaves(const struct structure *structure, const struct survey *survey)
 {
     uint64_t referred = records_of(structure) - survey->unreferred_records;
-    printf("  leaves from byte %u of the body on: %llu that no box refers to, %llu references beyond the first; room for %llu boxes "
+    printf("  leaves from byte %u of the body on: %llu that no box refers to, %llu references beyond the first; room "
+           "for %llu boxes "
            "more\n",
            structure->view.lavapipe.leaf_offset, (unsigned long long)survey->unreferred_records,
            (unsigned long long)(survey->leaf_children - referred), (unsigned long long)survey->unused_nodes);
@@ -181,17 +182,19 @@ static void print_leaves(const struct structure *structure, const struct survey 
 static void print_tree(const struct structure *structure, const struct survey *survey)
 {
     uint64_t children = survey->inner_children + survey->leaf_children;
-    bool is_wide = survey->arity == 8;
+    bool is_eight_wide = survey->arity == 8;
     if (survey->depth == 0) {
         printf("  empty\n");
         return;
     }
-    printf("  %u-wide tree: %u levels, %.2f children a node", survey->arity, survey->depth, (double)children / (double)survey->nodes);
-    if (is_wide)
-        printf(", %.2f records a leaf", survey->leaf_children ? structure->record_count / (double)survey->leaf_children : 0.0);
+    printf("  %u-wide tree: %u levels, %.2f children a node", survey->arity, survey->depth,
+           (double)children / (double)survey->nodes);
+    if (is_eight_wide)
+        printf(", %.2f records a leaf",
+               survey->leaf_children ? structure->record_count / (double)survey->leaf_children : 0.0);
     printf(", SAH %.2f\n", survey->sah);
     print_counts("nodes by children", survey->node_children, 1, survey->arity + 1);
-    if (is_wide)
+    if (is_eight_wide)
         print_counts("leaves by records", survey->leaf_records, 1, PORTABLE_LEAF_MAX + 1);
     else
         print_leaves(structure, survey);
@@ -200,7 +203,9 @@ static void print_tree(const struct structure *structure, const struct survey *s
 
 static const char *level_name(const struct structure *structure)
 {
-    return structure->content == CONTENT_UNKNOWN ? "top or bottom" : structure->content == CONTENT_INSTANCES ? "top" : "bottom";
+    return structure->content == CONTENT_UNKNOWN     ? "top or bottom"
+           : structure->content == CONTENT_INSTANCES ? "top"
+                                                     : "bottom";
 }
 
 static void print_title(const struct inspected *inspected)
@@ -213,10 +218,11 @@ static void print_title(const struct inspected *inspected)
     add_letters(serialized->compatibility_uuid, uuid);
     printf("%s: %s level, %s %s %u, %u %s of %u primitives, %llu bytes\n", inspected->path, level_name(structure),
            layout_find(structure->target)->name, is_portable ? "version" : "variant",
-           is_portable ? structure->view.portable.header->version : structure->view.lavapipe.device.variant, structure->record_count,
-           survey_content_name(structure), structure->primitive_count, (unsigned long long)structure->blob.size);
-    printf("  compatibility %s, %llu bytes when created, %llu handles", uuid, (unsigned long long)serialized->deserialized_size,
-           (unsigned long long)serialized->handle_count);
+           is_portable ? structure->view.portable.header->version : structure->view.lavapipe.device.variant,
+           structure->record_count, survey_content_name(structure), structure->primitive_count,
+           (unsigned long long)structure->blob.size);
+    printf("  compatibility %s, %llu bytes when created, %llu handles", uuid,
+           (unsigned long long)serialized->deserialized_size, (unsigned long long)serialized->handle_count);
     if (is_portable)
         printf(", build flags 0x%x", structure->view.portable.header->build_flags);
     printf("\n");
@@ -242,7 +248,8 @@ static void print_file(const struct inspected *inspected)
     structure_bounds(structure, bounds);
     print_title(inspected);
     if (inspected->survey.depth)
-        printf("  bounds (%g, %g, %g) to (%g, %g, %g)\n", bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]);
+        printf("  bounds (%g, %g, %g) to (%g, %g, %g)\n", bounds[0], bounds[1], bounds[2], bounds[3], bounds[4],
+               bounds[5]);
     print_sections(structure, &inspected->survey);
     print_tree(structure, &inspected->survey);
     print_geometries(structure);
@@ -253,7 +260,8 @@ static void fail(struct run *run, const struct bvhd_error *error)
     if (run->code == EXIT_DONE)
         run->first_error = *error;
     report_line("inspect", error);
-    enum exit_code code = error->status == BVHD_CORRUPT || error->status == BVHD_INCOMPATIBLE ? EXIT_WRONG : EXIT_FAILED;
+    enum exit_code code =
+        error->status == BVHD_CORRUPT || error->status == BVHD_INCOMPATIBLE ? EXIT_WRONG : EXIT_FAILED;
     run->code = run->code == EXIT_FAILED ? EXIT_FAILED : code;
 }
 
@@ -279,7 +287,8 @@ static enum bvhd_status inspect_probe(struct run *run, const char *path, struct 
 }
 
 /* A file that is no structure may be a probe. */
-static enum bvhd_status inspect_other(struct run *run, const char *path, enum bvhd_status status, struct bvhd_error *error)
+static enum bvhd_status inspect_other(struct run *run, const char *path, enum bvhd_status status,
+                                      struct bvhd_error *error)
 {
     struct bvhd_error of_probe;
     if (status != BVHD_CORRUPT && status != BVHD_INCOMPATIBLE)

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <stdio.h>
 
-#include "commands.h"
-#include "files.h"
-#include "gpu.h"
+#include "client/bvhctl/commands.h"
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/gpu/gpu.h"
 
 /* One call of `bvhctl probe`. */
 struct call {
@@ -47,8 +47,8 @@ static bool print_json(struct call *call)
     json_init(&json, &call->memory, false);
     json_object(&json, NULL);
     json_integer(&json, "schema", 1);
-    json_text(&json, "device", call->gpu->facts.name);
-    json_text(&json, "driver", call->gpu->facts.driver);
+    json_text(&json, "device", call->gpu->properties.name);
+    json_text(&json, "driver", call->gpu->properties.driver);
     json_text(&json, "file", call->options->output);
     json_integer(&json, "bytes", call->size);
     if (call->target)
@@ -67,7 +67,7 @@ static bool print_json(struct call *call)
 
 static bool print_text(const struct call *call)
 {
-    printf("%s: %s, %s\n", call->options->output, call->gpu->facts.name, call->gpu->facts.driver);
+    printf("%s: %s, %s\n", call->options->output, call->gpu->properties.name, call->gpu->properties.driver);
     if (call->target)
         printf("it loads %s structures: bvhctl build --probe %s\n", call->target, call->options->output);
     else

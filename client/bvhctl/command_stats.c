@@ -2,8 +2,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "commands.h"
-#include "connect.h"
+#include "client/bvhctl/commands.h"
+#include "client/bvhctl/service/connect.h"
 
 static void write_counters(const struct bvhd_counters *counters, struct json *json)
 {
@@ -32,15 +32,18 @@ static double megabytes(const struct bvhd_counters *counters, const char *name)
 static void print_summary(const struct bvhd_counters *counters)
 {
     uint64_t hits = value_of(counters, "hits_memory") + value_of(counters, "hits_disk");
-    uint64_t coalesced = value_of(counters, "coalesced"), misses = value_of(counters, "misses"), all = hits + coalesced + misses;
+    uint64_t coalesced = value_of(counters, "coalesced"), misses = value_of(counters, "misses"),
+             all = hits + coalesced + misses;
     printf("hits     %.1f %% of %llu structures; %llu waited for another's build, %llu were new\n",
            all ? 100 * (double)hits / (double)all : 0, (unsigned long long)all, (unsigned long long)coalesced,
            (unsigned long long)misses);
     printf("queue    %llu under way, %llu builds running, %llu workers, %llu connections\n",
-           (unsigned long long)value_of(counters, "queue_depth"), (unsigned long long)value_of(counters, "builds_running"),
-           (unsigned long long)value_of(counters, "workers"), (unsigned long long)value_of(counters, "connections"));
+           (unsigned long long)value_of(counters, "queue_depth"),
+           (unsigned long long)value_of(counters, "builds_running"), (unsigned long long)value_of(counters, "workers"),
+           (unsigned long long)value_of(counters, "connections"));
     printf("memory   %.1f of %.1f MB; kept results %.1f of %.1f MB\n\n", megabytes(counters, "memory_live"),
-           megabytes(counters, "memory_limit"), megabytes(counters, "cache_bytes"), megabytes(counters, "cache_budget"));
+           megabytes(counters, "memory_limit"), megabytes(counters, "cache_bytes"),
+           megabytes(counters, "cache_budget"));
 }
 
 static bool print_counters(const struct options *options, const struct bvhd_counters *counters, struct memory *memory)
@@ -49,7 +52,8 @@ static bool print_counters(const struct options *options, const struct bvhd_coun
     if (!options->json) {
         print_summary(counters);
         for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
-            printf("%-24s %llu\n", bvhd_counters_name(counters, i), (unsigned long long)bvhd_counters_value(counters, i));
+            printf("%-24s %llu\n", bvhd_counters_name(counters, i),
+                   (unsigned long long)bvhd_counters_value(counters, i));
         return report_flush();
     }
     json_init(&json, memory, false);
@@ -87,7 +91,9 @@ enum exit_code command_stats(const struct options *options)
 /* Whose daemon has answered; one that had to be started shows that none did. */
 static const char *whose(const struct connect *connect)
 {
-    return connect->is_started ? ": a private daemon, started now, for none answered" : connect->is_private ? ": a private daemon" : "";
+    return connect->is_started   ? ": a private daemon, started now, for none answered"
+           : connect->is_private ? ": a private daemon"
+                                 : "";
 }
 
 static bool print_ping(const struct options *options, const struct connect *connect, double ms, struct memory *memory)

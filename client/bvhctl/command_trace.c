@@ -2,15 +2,17 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "agreement.h"
-#include "clock.h"
-#include "command_trace.h"
-#include "commands.h"
-#include "layout.h"
-#include "local.h"
-#include "picture.h"
+#include "client/bvhctl/picture/agreement.h"
+#include "proto/base/clock.h"
+#include "client/bvhctl/command_trace.h"
+#include "client/bvhctl/commands.h"
+#include "builder/format/layout.h"
+#include "client/bvhctl/service/local.h"
+#include "client/bvhctl/picture/picture.h"
 
-/* On the CPU, camera rays that are compared with brute force: at most so many, and so many pairs of ray and triangle. */
+/*
+ * On the CPU, camera rays that are compared with brute force: at most so many, and so many pairs of ray and triangle.
+ */
 enum { CHECKED_RAYS = 1024, CHECKED_SIDE = 32 };
 static const double checked_pairs = 4e8;
 
@@ -36,8 +38,8 @@ struct run {
 };
 
 /*
- * Scenes in which boxes tell nothing apart - the same triangle many times, coordinates near the smallest floats - have every ray test every triangle.
- * Better say so than draw for days.
+ * Scenes in which boxes tell nothing apart - the same triangle many times, coordinates near the smallest floats - have
+ * every ray test every triangle. Better say so than draw for days.
  */
 static enum bvhd_status check_cost(const struct run *run, struct bvhd_error *error)
 {
@@ -83,8 +85,8 @@ static void make_checked_rays(const struct run *run, uint32_t count, struct ray 
     double step = (double)CHECKED_RAYS / count;
     for (uint32_t i = 0; i < count; i++) {
         uint32_t cell = (uint32_t)(i * step);
-        struct vector direction =
-            camera_direction(&run->camera, (cell % CHECKED_SIDE + 0.5) / CHECKED_SIDE, (cell / CHECKED_SIDE + 0.5) / CHECKED_SIDE);
+        struct vector direction = camera_direction(&run->camera, (cell % CHECKED_SIDE + 0.5) / CHECKED_SIDE,
+                                                   (cell / CHECKED_SIDE + 0.5) / CHECKED_SIDE);
         rays[i] = stage_ray(run->camera.origin, direction);
     }
 }
@@ -154,10 +156,10 @@ static bool print_text(const struct run *run)
 {
     const struct agreement *agreement = &run->agreement;
     printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; %llu of them %s: %llu wrong, %llu uncertain\n",
-           run->options->output, run->picture.width, run->picture.height, run->structures.name, (double)run->picture.rays / 1e6,
-           run->choice.tracer->device, mrays_s(run), (unsigned long long)agreement->checked,
-           run->choice.is_cpu ? "checked" : "compared with the CPU", (unsigned long long)agreement->mismatches,
-           (unsigned long long)agreement->uncertain);
+           run->options->output, run->picture.width, run->picture.height, run->structures.name,
+           (double)run->picture.rays / 1e6, run->choice.tracer->device, mrays_s(run),
+           (unsigned long long)agreement->checked, run->choice.is_cpu ? "checked" : "compared with the CPU",
+           (unsigned long long)agreement->mismatches, (unsigned long long)agreement->uncertain);
     return report_flush();
 }
 

@@ -3,9 +3,9 @@
 #ifndef BVHCTL_COMMAND_TRACE_H
 #define BVHCTL_COMMAND_TRACE_H
 
-#include "options.h"
-#include "report.h"
-#include "tracer_choice.h"
+#include "client/bvhctl/base/options.h"
+#include "client/bvhctl/base/report.h"
+#include "client/bvhctl/trace/tracer_choice.h"
 
 /* `choose` gets the device that the options name. */
 enum exit_code command_trace_by(const struct options *options, tracer_chooser choose);

@@ -5,8 +5,8 @@
 
 #include <stdatomic.h>
 
-#include "options.h"
-#include "report.h"
+#include "client/bvhctl/base/options.h"
+#include "client/bvhctl/base/report.h"
 
 /* `cancel` is set when the user interrupts. */
 enum exit_code command_build(const struct options *options, const atomic_bool *cancel);

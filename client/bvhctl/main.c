@@ -4,7 +4,7 @@
 #include <signal.h>
 #include <stdio.h>
 
-#include "commands.h"
+#include "client/bvhctl/commands.h"
 
 static atomic_bool cancelled;
 
@@ -24,8 +24,8 @@ static void watch_signals(void)
 }
 
 /*
- * A standard descriptor that the caller closed would be the next file's that is opened, and messages would land in that. What was closed for output is
- * opened for reading only: writing to it fails, as before.
+ * A standard descriptor that the caller closed would be the next file's that is opened, and messages would land in
+ * that. What was closed for output is opened for reading only: writing to it fails, as before.
  */
 static void fill_standard_descriptors(void)
 {

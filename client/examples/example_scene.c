@@ -37,7 +37,8 @@ static struct bvhd_batch *build_bottoms(struct bvhd_client *client, const struct
 {
     static const float square[] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0}, half[] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
     static const uint16_t square_indices[] = {0, 1, 2, 0, 2, 3}, half_indices[] = {0, 1, 2};
-    const VkAccelerationStructureBuildRangeInfoKHR counts[EXAMPLE_BOTTOMS] = {{.primitiveCount = 2}, {.primitiveCount = 1}};
+    const VkAccelerationStructureBuildRangeInfoKHR counts[EXAMPLE_BOTTOMS] = {{.primitiveCount = 2},
+                                                                              {.primitiveCount = 1}};
     const VkAccelerationStructureBuildRangeInfoKHR *const ranges[EXAMPLE_BOTTOMS] = {&counts[0], &counts[1]};
     VkAccelerationStructureGeometryKHR geometries[EXAMPLE_BOTTOMS];
     VkAccelerationStructureBuildGeometryInfoKHR infos[EXAMPLE_BOTTOMS];
@@ -55,11 +56,11 @@ static struct bvhd_batch *build_bottoms(struct bvhd_client *client, const struct
                                    .maxVertex = i == 0 ? 3 : 2,
                                    .indexType = VK_INDEX_TYPE_UINT16,
                                    .indexData.hostAddress = i == 0 ? square_indices : half_indices}};
-        const VkAccelerationStructureBuildGeometryInfoKHR info = {.sType =
-                                                                      VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
-                                                                  .type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
-                                                                  .geometryCount = 1,
-                                                                  .pGeometries = &geometries[i]};
+        const VkAccelerationStructureBuildGeometryInfoKHR info = {
+            .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
+            .type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+            .geometryCount = 1,
+            .pGeometries = &geometries[i]};
         geometries[i] = geometry;
         infos[i] = info;
     }
@@ -67,7 +68,8 @@ static struct bvhd_batch *build_bottoms(struct bvhd_client *client, const struct
 }
 
 /* What instances name is a number of the program's own choice; the service hears which structure each stands for. */
-static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvhd_format *format, struct bvhd_batch *bottoms)
+static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvhd_format *format,
+                                    struct bvhd_batch *bottoms)
 {
     VkAccelerationStructureInstanceKHR instances[INSTANCES];
     struct bvhd_reference references[EXAMPLE_BOTTOMS];
@@ -76,10 +78,11 @@ static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvh
         .geometryType = VK_GEOMETRY_TYPE_INSTANCES_KHR,
         .geometry.instances = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_INSTANCES_DATA_KHR,
                                .data.hostAddress = instances}};
-    const VkAccelerationStructureBuildGeometryInfoKHR info = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
-                                                              .type = VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
-                                                              .geometryCount = 1,
-                                                              .pGeometries = &geometry};
+    const VkAccelerationStructureBuildGeometryInfoKHR info = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
+        .type = VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
+        .geometryCount = 1,
+        .pGeometries = &geometry};
     const VkAccelerationStructureBuildRangeInfoKHR count = {.primitiveCount = INSTANCES}, *const range = &count;
     struct bvhd_build build = {.info_count = 1,
                                .infos = &info,
@@ -95,7 +98,8 @@ static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvh
         memcpy(references[i].bounds, result->bounds, sizeof result->bounds);
         memcpy(references[i].slabs, result->slabs, sizeof result->slabs);
     }
-    for (i = 0; i < INSTANCES; i++) { /* at (0, 0, 0), (2, 0, 1), (0, 2, 2), (2, 2, 3), a square and a triangle by turns */
+    for (i = 0; i < INSTANCES;
+         i++) { /* at (0, 0, 0), (2, 0, 1), (0, 2, 2), (2, 2, 3), a square and a triangle by turns */
         const VkAccelerationStructureInstanceKHR instance = {
             .transform = {{{1, 0, 0, (float)(2 * (i % 2))}, {0, 1, 0, (float)(2 * (i / 2))}, {0, 0, 1, (float)i}}},
             .mask = 0xff,
@@ -112,7 +116,10 @@ void example_build(struct example_build *build, const struct bvhd_format *format
     example_must(bvhd_client_create(NULL, &build->client, &error), &error);
     build->bottoms = build_bottoms(build->client, format);
     build->top = build_top(build->client, format, build->bottoms);
-    /* Rows are in the order in which instances first name structures: here the order of the references (else: bvhd_vulkan_rows). */
+    /*
+     * Rows are in the order in which instances first name structures: here the order of the references (else:
+     * bvhd_vulkan_rows).
+     */
     for (i = 0; i < EXAMPLE_BOTTOMS; i++)
         build->results[i] = bvhd_batch_result(build->bottoms, (uint32_t)i);
     build->results[EXAMPLE_BOTTOMS] = bvhd_batch_result(build->top, 0);

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* example_scene.h - a small scene, built by the service: a square and a triangle, and a top level over two instances of each. */
+/*
+ * example_scene.h - a small scene, built by the service: a square and a triangle, and a top level over two instances of
+ * each.
+ */
 #ifndef EXAMPLE_SCENE_H
 #define EXAMPLE_SCENE_H
 

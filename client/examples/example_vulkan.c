@@ -17,7 +17,8 @@ void example_check(const char *what, VkResult result)
 
 /* ---- the device ---- */
 
-static const char *const ray_extensions[] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME, VK_KHR_RAY_QUERY_EXTENSION_NAME,
+static const char *const ray_extensions[] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME,
+                                             VK_KHR_RAY_QUERY_EXTENSION_NAME,
                                              VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME};
 enum { RAY_EXTENSIONS = sizeof ray_extensions / sizeof ray_extensions[0] };
 
@@ -102,8 +103,10 @@ static void create_device(struct example_vulkan *vulkan, enum example_device wan
 
 void example_open(struct example_vulkan *vulkan, enum example_device wanted)
 {
-    const VkApplicationInfo application = {.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .apiVersion = VK_API_VERSION_1_2};
-    const VkInstanceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO, .pApplicationInfo = &application};
+    const VkApplicationInfo application = {.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO,
+                                           .apiVersion = VK_API_VERSION_1_2};
+    const VkInstanceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO,
+                                       .pApplicationInfo = &application};
     VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
     VkResult result = vkCreateInstance(&info, NULL, &vulkan->instance);
     if (result == VK_ERROR_INCOMPATIBLE_DRIVER) {
@@ -146,7 +149,8 @@ struct example_buffer example_buffer(const struct example_vulkan *vulkan, VkDevi
     const VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO, .size = size, .usage = usage};
     const VkMemoryAllocateFlagsInfo flags = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO,
                                              .flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT};
-    VkMemoryAllocateInfo allocation = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, .pNext = has_address ? &flags : NULL};
+    VkMemoryAllocateInfo allocation = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
+                                       .pNext = has_address ? &flags : NULL};
     VkMemoryRequirements needed;
     example_check("vkCreateBuffer", vkCreateBuffer(vulkan->device, &info, NULL, &buffer.buffer));
     vkGetBufferMemoryRequirements(vulkan->device, buffer.buffer, &needed);
@@ -155,9 +159,11 @@ struct example_buffer example_buffer(const struct example_vulkan *vulkan, VkDevi
     example_check("vkAllocateMemory", vkAllocateMemory(vulkan->device, &allocation, NULL, &buffer.memory));
     example_check("vkBindBufferMemory", vkBindBufferMemory(vulkan->device, buffer.buffer, buffer.memory, 0));
     if (properties & VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT)
-        example_check("vkMapMemory", vkMapMemory(vulkan->device, buffer.memory, 0, VK_WHOLE_SIZE, 0, (void **)&buffer.mapped));
+        example_check("vkMapMemory",
+                      vkMapMemory(vulkan->device, buffer.memory, 0, VK_WHOLE_SIZE, 0, (void **)&buffer.mapped));
     if (has_address) {
-        const VkBufferDeviceAddressInfo which = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = buffer.buffer};
+        const VkBufferDeviceAddressInfo which = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO,
+                                                 .buffer = buffer.buffer};
         buffer.address = vkGetBufferDeviceAddress(vulkan->device, &which);
     }
     return buffer;
@@ -182,7 +188,8 @@ VkCommandBuffer example_begin(const struct example_vulkan *vulkan)
 
 void example_submit(const struct example_vulkan *vulkan, VkCommandBuffer commands)
 {
-    const VkSubmitInfo submit = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &commands};
+    const VkSubmitInfo submit = {
+        .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &commands};
     example_check("vkEndCommandBuffer", vkEndCommandBuffer(commands));
     example_check("vkQueueSubmit", vkQueueSubmit(vulkan->queue, 1, &submit, VK_NULL_HANDLE));
     example_check("vkQueueWaitIdle", vkQueueWaitIdle(vulkan->queue));
@@ -209,15 +216,18 @@ static void create_pipeline(VkDevice device, const uint32_t *code, size_t size, 
                                                .pSetLayouts = &kernel->set_layout,
                                                .pushConstantRangeCount = 1,
                                                .pPushConstantRanges = &push};
-    const VkShaderModuleCreateInfo shader = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = size, .pCode = code};
-    VkComputePipelineCreateInfo pipeline = {
-        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
-        .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO, .stage = VK_SHADER_STAGE_COMPUTE_BIT, .pName = "main"}};
+    const VkShaderModuleCreateInfo shader = {
+        .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = size, .pCode = code};
+    VkComputePipelineCreateInfo pipeline = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
+                                            .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                                                      .stage = VK_SHADER_STAGE_COMPUTE_BIT,
+                                                      .pName = "main"}};
     example_check("vkCreatePipelineLayout", vkCreatePipelineLayout(device, &layout, NULL, &kernel->layout));
     example_check("vkCreateShaderModule", vkCreateShaderModule(device, &shader, NULL, &module));
     pipeline.stage.module = module;
     pipeline.layout = kernel->layout;
-    example_check("vkCreateComputePipelines", vkCreateComputePipelines(device, VK_NULL_HANDLE, 1, &pipeline, NULL, &kernel->pipeline));
+    example_check("vkCreateComputePipelines",
+                  vkCreateComputePipelines(device, VK_NULL_HANDLE, 1, &pipeline, NULL, &kernel->pipeline));
     vkDestroyShaderModule(device, module, NULL);
 }
 
@@ -226,18 +236,21 @@ static void create_set(VkDevice device, VkBuffer distances, const struct example
 {
     const VkDescriptorType scene_type =
         scene->structure ? VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR : VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
-    const VkDescriptorSetLayoutBinding bindings[2] = {{0, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL},
-                                                      {1, scene_type, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL}};
+    const VkDescriptorSetLayoutBinding bindings[2] = {
+        {0, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL},
+        {1, scene_type, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL}};
     const uint32_t count = scene->structure || scene->buffer ? 2 : 1;
     const VkDescriptorSetLayoutCreateInfo layout = {
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO, .bindingCount = count, .pBindings = bindings};
-    const VkDescriptorPoolSize sizes[2] = {{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 2}, {VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1}};
+    const VkDescriptorPoolSize sizes[2] = {{VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 2},
+                                           {VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1}};
     const VkDescriptorPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
                                              .maxSets = 1,
                                              .poolSizeCount = scene->structure ? 2 : 1,
                                              .pPoolSizes = sizes};
-    VkDescriptorSetAllocateInfo set = {
-        .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO, .descriptorSetCount = 1, .pSetLayouts = &kernel->set_layout};
+    VkDescriptorSetAllocateInfo set = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
+                                       .descriptorSetCount = 1,
+                                       .pSetLayouts = &kernel->set_layout};
     const VkDescriptorBufferInfo buffers[2] = {{distances, 0, VK_WHOLE_SIZE}, {scene->buffer, 0, VK_WHOLE_SIZE}};
     const VkWriteDescriptorSetAccelerationStructureKHR structure = {
         .sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET_ACCELERATION_STRUCTURE_KHR,
@@ -245,7 +258,8 @@ static void create_set(VkDevice device, VkBuffer distances, const struct example
         .pAccelerationStructures = &scene->structure};
     VkWriteDescriptorSet writes[2];
     uint32_t i;
-    example_check("vkCreateDescriptorSetLayout", vkCreateDescriptorSetLayout(device, &layout, NULL, &kernel->set_layout));
+    example_check("vkCreateDescriptorSetLayout",
+                  vkCreateDescriptorSetLayout(device, &layout, NULL, &kernel->set_layout));
     example_check("vkCreateDescriptorPool", vkCreateDescriptorPool(device, &pool, NULL, &kernel->pool));
     set.descriptorPool = kernel->pool;
     example_check("vkAllocateDescriptorSets", vkAllocateDescriptorSets(device, &set, &kernel->set));
@@ -274,13 +288,15 @@ static void print_distances(const float *distances)
     printf("%u of %u rays hit something, after %.3f in all\n", (unsigned)hits, (unsigned)RAYS, sum);
 }
 
-void example_trace(const struct example_vulkan *vulkan, const uint32_t *code, size_t size, const struct example_scene *scene)
+void example_trace(const struct example_vulkan *vulkan, const uint32_t *code, size_t size,
+                   const struct example_scene *scene)
 {
     const VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
                                      .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT,
                                      .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
-    struct example_buffer distances = example_buffer(vulkan, RAYS * sizeof(float), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT,
-                                                     VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
+    struct example_buffer distances =
+        example_buffer(vulkan, RAYS * sizeof(float), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT,
+                       VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
     struct kernel kernel = {.bindings = 0};
     VkCommandBuffer commands;
     create_set(vulkan->device, distances.buffer, scene, &kernel);
@@ -290,7 +306,8 @@ void example_trace(const struct example_vulkan *vulkan, const uint32_t *code, si
     vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.layout, 0, 1, &kernel.set, 0, NULL);
     vkCmdPushConstants(commands, kernel.layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof scene->root, &scene->root);
     vkCmdDispatch(commands, RAYS / GROUP, 1, 1);
-    vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0, NULL, 0, NULL);
+    vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0,
+                         NULL, 0, NULL);
     example_submit(vulkan, commands);
     print_distances((const float *)(const void *)distances.mapped);
     vkDestroyPipeline(vulkan->device, kernel.pipeline, NULL);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * example_vulkan.h - what every Vulkan program has somewhere: a device, buffers, a kernel. Nothing of it is about bvhd. Failures end
- * the program.
+ * example_vulkan.h - what every Vulkan program has somewhere: a device, buffers, a kernel. Nothing of it is about bvhd.
+ * Failures end the program.
  */
 #ifndef EXAMPLE_VULKAN_H
 #define EXAMPLE_VULKAN_H
@@ -47,6 +47,7 @@ struct example_scene {
 };
 
 /* Runs it, and prints how many rays hit something, and how far they went together. */
-void example_trace(const struct example_vulkan *vulkan, const uint32_t *code, size_t size, const struct example_scene *scene);
+void example_trace(const struct example_vulkan *vulkan, const uint32_t *code, size_t size,
+                   const struct example_scene *scene);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_native.c - structures of the device's own format, with buffers of the program's own: the driver's ray queries run on them. Asks
- * the device what it loads, has the scene built for it, uploads it, traces.
+ * load_native.c - structures of the device's own format, with buffers of the program's own: the driver's ray queries
+ * run on them. Asks the device what it loads, has the scene built for it, uploads it, traces.
  */
 #include <stdio.h>
 
@@ -32,8 +32,8 @@ static struct bvhd_vulkan_device *create_device(const struct example_vulkan *vul
 }
 
 /*
- * What the driver loads: takes milliseconds, and stays the same until the driver is updated. BVHD_UNSUPPORTED means: use the portable
- * target.
+ * What the driver loads: takes milliseconds, and stays the same until the driver is updated. BVHD_UNSUPPORTED means:
+ * use the portable target.
  */
 static struct bvhd_format find_format(struct bvhd_vulkan_device *device, const struct example_vulkan *vulkan)
 {
@@ -55,8 +55,9 @@ struct loaded {
     struct example_buffer storage, staging;
 };
 
-static struct loaded upload(struct bvhd_vulkan_device *device, const struct example_vulkan *vulkan, VkCommandBuffer commands,
-                            const struct bvhd_format *format, const struct bvhd_result *result, const uint64_t *references)
+static struct loaded upload(struct bvhd_vulkan_device *device, const struct example_vulkan *vulkan,
+                            VkCommandBuffer commands, const struct bvhd_format *format,
+                            const struct bvhd_result *result, const uint64_t *references)
 {
     struct loaded loaded;
     struct bvhd_error error;
@@ -64,11 +65,12 @@ static struct loaded upload(struct bvhd_vulkan_device *device, const struct exam
     VkDeviceSize offset;
     example_must(bvhd_vulkan_check(device, format, result->data, result->size, &error), &error);
     example_must(bvhd_vulkan_requirements(device, result->data, result->size, &needed, &error), &error);
-    loaded.storage = example_buffer(vulkan, needed.storage_size, needed.storage_usage, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    loaded.storage =
+        example_buffer(vulkan, needed.storage_size, needed.storage_usage, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     loaded.staging = example_buffer(vulkan, needed.staging_size + needed.staging_alignment, needed.staging_usage,
                                     VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
-    offset =
-        align(loaded.staging.address, needed.staging_alignment) - loaded.staging.address; /* it is the address that has to be aligned */
+    offset = align(loaded.staging.address, needed.staging_alignment) -
+             loaded.staging.address; /* it is the address that has to be aligned */
     const struct bvhd_vulkan_upload what = {.struct_size = sizeof what,
                                             .data = result->data,
                                             .size = result->size,
@@ -95,7 +97,10 @@ int main(void)
     const struct bvhd_format format = find_format(device, &vulkan);
     example_build(&build, &format);
 
-    /* Bottom levels first, since the top level names their addresses; in one command buffer, with one barrier behind all. */
+    /*
+     * Bottom levels first, since the top level names their addresses; in one command buffer, with one barrier behind
+     * all.
+     */
     VkCommandBuffer commands = example_begin(&vulkan);
     for (i = 0; i < EXAMPLE_BLOBS; i++) {
         loaded[i] = upload(device, &vulkan, commands, &format, build.results[i], addresses);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_portable.c - portable structures in a storage buffer, with buffers of the program's own: works on any device with compute
- * shaders. One buffer for the whole scene, and locations are offsets in it.
+ * load_portable.c - portable structures in a storage buffer, with buffers of the program's own: works on any device
+ * with compute shaders. One buffer for the whole scene, and locations are offsets in it.
  */
 #include <stdio.h>
 
@@ -54,9 +54,11 @@ int main(void)
         storage_size = places[i] + needed[i].storage_size;
         staging_size = sources[i] + needed[i].staging_size;
     }
-    struct example_buffer storage = example_buffer(&vulkan, storage_size, needed[0].storage_usage, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
-    struct example_buffer staging = example_buffer(&vulkan, staging_size, needed[0].staging_usage,
-                                                   VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
+    struct example_buffer storage =
+        example_buffer(&vulkan, storage_size, needed[0].storage_usage, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    struct example_buffer staging =
+        example_buffer(&vulkan, staging_size, needed[0].staging_usage,
+                       VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
 
     /* All uploads go into one command buffer, with one barrier behind them. */
     VkCommandBuffer commands = example_begin(&vulkan);

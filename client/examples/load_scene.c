@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_scene.c - the short way: bvhd_vulkan_scene_create allocates, uploads and waits. Portable structures, found by their addresses,
- * traversed by a compute shader; any device with buffer addresses will do.
+ * load_scene.c - the short way: bvhd_vulkan_scene_create allocates, uploads and waits. Portable structures, found by
+ * their addresses, traversed by a compute shader; any device with buffer addresses will do.
  */
 #include <stdio.h>
 

@@ -2,18 +2,20 @@
 /*
  * bvhd_box.glsl - a ray against the eight children of a node. Never misses a box that the ray meets (Ize 2013).
  *
- * Child planes lie at origin + q * step and are met at t = offset + q * scale, with offset = (origin - o) / d and scale = step / d. With
- * u = 2^-24, a division of 5u (Vulkan allows 2.5 ulp) and everything else rounded once, offset is wrong by at most 7u |offset|, by 2u more where the ray is
- * an instance's, whose direction is rounded, and the sum by u of its terms. So 16u |offset| on each side cover all that
- * does not shrink with the node. What does, at most some 12u * 1279 |scale| (1279: see below), is 1/1000 of a step, and writers leave 1/64 to spare.
- * The slack, in units of t, covers what neither covers: an instance's origin, rounded to float; underflow; and axes along which the
- * ray hardly moves.
+ * Child planes lie at origin + q * step and are met at t = offset + q * scale, with offset = (origin - o) / d and scale
+ * = step / d. With u = 2^-24, a division of 5u (Vulkan allows 2.5 ulp) and everything else rounded once, offset is
+ * wrong by at most 7u |offset|, by 2u more where the ray is an instance's, whose direction is rounded, and the sum by u
+ * of its terms. So 16u |offset| on each side cover all that does not shrink with the node. What does, at most some 12u
+ * * 1279 |scale| (1279: see below), is 1/1000 of a step, and writers leave 1/64 to spare. The slack, in units of t,
+ * covers what neither covers: an instance's origin, rounded to float; underflow; and axes along which the ray hardly
+ * moves.
  *
- * Such an axis (below 2^-30 of the longest direction) is given a small movement, of 2^-30 of the longest. Within the structure's bounds that
- * moves the ray by less than float rounds positions at that distance, and the slack of that axis covers it.
+ * Such an axis (below 2^-30 of the longest direction) is given a small movement, of 2^-30 of the longest. Within the
+ * structure's bounds that moves the ray by less than float rounds positions at that distance, and the slack of that
+ * axis covers it.
  *
- * Bytes become floats through half precision: 0x6400 | byte are the bits of 1024 + byte, and the 1024 are taken out of the offset. With
- * BVHD_PLAIN_BYTES true they are converted as they are.
+ * Bytes become floats through half precision: 0x6400 | byte are the bits of 1024 + byte, and the 1024 are taken out of
+ * the offset. With BVHD_PLAIN_BYTES true they are converted as they are.
  */
 #ifndef BVHD_BOX_GLSL
 #define BVHD_BOX_GLSL
@@ -41,8 +43,8 @@ float bvhdLargest(vec3 value)
 }
 
 /*
- * A ray in a structure's space, for the structure with these bounds. originLow: what the origin has been rounded by. False when nothing can be hit: a
- * direction of zero, or something that is not finite.
+ * A ray in a structure's space, for the structure with these bounds. originLow: what the origin has been rounded by.
+ * False when nothing can be hit: a direction of zero, or something that is not finite.
  */
 bool bvhdBoxRayInit(vec3 origin, vec3 originLow, vec3 direction, float tmin, BvhdExtent extent, out BvhdBoxRay ray)
 {
@@ -81,8 +83,8 @@ vec4 bvhdWiden(uint bytes)
 }
 
 /*
- * Four slots: their meta bytes, where their planes are met first and last. Distances are compared as integers, which is right as long as the
- * interval's start is not negative.
+ * Four slots: their meta bytes, where their planes are met first and last. Distances are compared as integers, which is
+ * right as long as the interval's start is not negative.
  */
 uint bvhdFourHits(uint meta, uvec3 nearBytes, uvec3 farBytes, vec3 scale, vec3 first, vec3 last, int tmin, int tmax)
 {
@@ -96,7 +98,8 @@ uint bvhdFourHits(uint meta, uvec3 nearBytes, uvec3 farBytes, vec3 scale, vec3 f
 }
 
 /*
- * A node's five rows against the ray in [tmin, tmax]. Bits 31 .. 24: inner children in slots 7 .. 0; bits 23 .. 0: records, from the node's first record on.
+ * A node's five rows against the ray in [tmin, tmax]. Bits 31 .. 24: inner children in slots 7 .. 0; bits 23 .. 0:
+ * records, from the node's first record on.
  */
 uint bvhdNodeHits(BvhdBoxRay ray, float tmax, uvec4 head, uvec4 meta, uvec4 planes0, uvec4 planes1, uvec4 planes2)
 {

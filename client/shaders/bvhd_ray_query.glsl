@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * bvhd_ray_query.glsl - ray queries over portable structures, for any shader of any device: the life cycle of GL_EXT_ray_query with names of its own.
+ * bvhd_ray_query.glsl - ray queries over portable structures, for any shader of any device: the life cycle of
+ * GL_EXT_ray_query with names of its own.
  *
  *     #version 450
  *     #extension GL_GOOGLE_include_directive : require
@@ -20,16 +21,17 @@
  *
  * The root is the location of a top level's body, or of a bottom level's alone.
  *
- * Vulkan's semantics: opaque triangles are committed by themselves, others and AABBs are candidates; triangles are hit for tmin < t < tmax,
- * AABBs may be for tmin <= t <= tmax; facing is that of object space. A candidate could be the answer when it is offered. With split
- * references one may be offered more than once, unless its geometry says NO_DUPLICATE_ANY_HIT. Of equal t, the lowest (instance, geometry, primitive)
- * wins. The same answers as on the CPU (traverse.h) but for rays that a last bit decides.
+ * Vulkan's semantics: opaque triangles are committed by themselves, others and AABBs are candidates; triangles are hit
+ * for tmin < t < tmax, AABBs may be for tmin <= t <= tmax; facing is that of object space. A candidate could be the
+ * answer when it is offered. With split references one may be offered more than once, unless its geometry says
+ * NO_DUPLICATE_ANY_HIT. Of equal t, the lowest (instance, geometry, primitive) wins. The same answers as on the CPU
+ * (traverse.h) but for rays that a last bit decides.
  *
- * Coordinates and directions lie within 2^-60 .. 2^60 (or are 0) and tmin is not negative; otherwise hits may be missed. A direction of zero, and an
- * origin or direction that is not finite, hit nothing.
+ * Coordinates and directions lie within 2^-60 .. 2^60 (or are 0) and tmin is not negative; otherwise hits may be
+ * missed. A direction of zero, and an origin or direction that is not finite, hit nothing.
  *
- * The stack is a private array of the invocation. When a query begins while another one is under way, BVHD_QUERIES is defined as how many there may be, and each begins
- * with bvhdRayQueryInitializeAt and a number of its own below that.
+ * The stack is a private array of the invocation. When a query begins while another one is under way, BVHD_QUERIES is
+ * defined as how many there may be, and each begins with bvhdRayQueryInitializeAt and a number of its own below that.
  */
 #ifndef BVHD_RAY_QUERY_GLSL
 #define BVHD_RAY_QUERY_GLSL
@@ -89,8 +91,8 @@ struct BvhdRayQuery {
     uvec2 root;
     BvhdIntersection committed, candidate;
     /*
-     * The committed distance lies in near .. far. While traversal goes on it may be a guess, with nothing but record, instance and type known; guesses that overlap
-     * are decided exactly, and so is the last one when traversal ends.
+     * The committed distance lies in near .. far. While traversal goes on it may be a guess, with nothing but record,
+     * instance and type known; guesses that overlap are decided exactly, and so is the last one when traversal ends.
      */
     bool isGuess;
     float near, far;
@@ -151,8 +153,8 @@ float bvhdResidual(vec2 sum, vec3 row, vec3 x)
 }
 
 /*
- * The ray in an instance's object space, as pairs. The stored inverse, rounded to float, is not enough for rays to meet at shared edges what the exact
- * ray meets: its answer is corrected by what the instance's own matrix makes of it.
+ * The ray in an instance's object space, as pairs. The stored inverse, rounded to float, is not enough for rays to meet
+ * at shared edges what the exact ray meets: its answer is corrected by what the instance's own matrix makes of it.
  */
 void bvhdToObject(inout BvhdTriangleRay ray, BvhdBody top, uint record)
 {

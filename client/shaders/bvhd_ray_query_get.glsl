@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * bvhd_ray_query_get.glsl - the part of bvhd_ray_query.glsl, which includes it, that tells what was met. As rayQueryGet...EXT: `committed` false asks for the candidate,
- * between Proceed and the next one.
+ * bvhd_ray_query_get.glsl - the part of bvhd_ray_query.glsl, which includes it, that tells what was met. As
+ * rayQueryGet...EXT: `committed` false asks for the candidate, between Proceed and the next one.
  */
 #ifndef BVHD_RAY_QUERY_GET_GLSL
 #define BVHD_RAY_QUERY_GET_GLSL

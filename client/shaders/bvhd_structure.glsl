@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * bvhd_structure.glsl - portable structures in a shader: where their sections lie, and what their rows say. FORMATS.md, chapter 2, has the bytes.
+ * bvhd_structure.glsl - portable structures in a shader: where their sections lie, and what their rows say. FORMATS.md,
+ * chapter 2, has the bytes.
  *
  * The including shader says where structures are, before it includes this:
  *
@@ -15,8 +16,9 @@
  *     #define BVHD_STORAGE_ROWS scene_rows
  *     #define BVHD_STORAGE_WORDS scene_words
  *
- * A location is 64 bits in a uvec2, low half first: the device address of a structure's body, or the byte offset of the body in the buffer.
- * Of an instance's bottom level it stands in the instance's record, where the loader has put it; all ones are none.
+ * A location is 64 bits in a uvec2, low half first: the device address of a structure's body, or the byte offset of the
+ * body in the buffer. Of an instance's bottom level it stands in the instance's record, where the loader has put it;
+ * all ones are none.
  */
 #ifndef BVHD_STRUCTURE_GLSL
 #define BVHD_STRUCTURE_GLSL

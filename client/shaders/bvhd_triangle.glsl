@@ -2,19 +2,22 @@
 /*
  * bvhd_triangle.glsl - the watertight ray-triangle test, with the accuracy of nearly double but without float64.
  *
- * It has two parts. bvhdTriangleMayHit is cheap, in float, and knows how wrong it may be: it drops what is missed beyond doubt, and says what is hit beyond
- * doubt, and about where. bvhdTriangleHit decides what is left, and finds the exact place: for about one triangle a ray.
+ * It has two parts. bvhdTriangleMayHit is cheap, in float, and knows how wrong it may be: it drops what is missed
+ * beyond doubt, and says what is hit beyond doubt, and about where. bvhdTriangleHit decides what is left, and finds the
+ * exact place: for about one triangle a ray.
  *
- * bvhdTriangleHit is Woop's test (2013) in pairs of floats. Vertices are moved so that the ray starts at the origin, and sheared so that it runs along
- * its main axis; that is done to some 2^-44 and the two coordinates across the ray are then rounded to float. So a vertex is shifted by at most half an
- * ulp of its distance from the ray, by less than the ray itself is known to, and by the same shift for all triangles that share it. The edge functions of these
- * rounded places have exact signs: the difference of two products is compared with the products' rounding errors. An edge function that is 0 takes its
- * sign from the edge's direction, as if the ray were moved by (e, e * e) for an infinitely small e. So of the triangles around an edge or a closed fan
- * exactly one is hit: no ray slips through, none hits twice. t and the barycentrics come from the pairs, rounded once.
+ * bvhdTriangleHit is Woop's test (2013) in pairs of floats. Vertices are moved so that the ray starts at the origin,
+ * and sheared so that it runs along its main axis; that is done to some 2^-44 and the two coordinates across the ray
+ * are then rounded to float. So a vertex is shifted by at most half an ulp of its distance from the ray, by less than
+ * the ray itself is known to, and by the same shift for all triangles that share it. The edge functions of these
+ * rounded places have exact signs: the difference of two products is compared with the products' rounding errors. An
+ * edge function that is 0 takes its sign from the edge's direction, as if the ray were moved by (e, e * e) for an
+ * infinitely small e. So of the triangles around an edge or a closed fan exactly one is hit: no ray slips through, none
+ * hits twice. t and the barycentrics come from the pairs, rounded once.
  *
- * Rounding errors of products are found by splitting factors into halves, which needs no fused operation. Where fma() is known to round once, as on most
- * GPUs, BVHD_FUSED_FMA true is faster and the answers are the same. Vulkan does not promise it, and lavapipe does not do it: there distances lose their last bits
- * and rays leak through edges.
+ * Rounding errors of products are found by splitting factors into halves, which needs no fused operation. Where fma()
+ * is known to round once, as on most GPUs, BVHD_FUSED_FMA true is faster and the answers are the same. Vulkan does not
+ * promise it, and lavapipe does not do it: there distances lose their last bits and rays leak through edges.
  */
 #ifndef BVHD_TRIANGLE_GLSL
 #define BVHD_TRIANGLE_GLSL
@@ -106,10 +109,11 @@ struct BvhdTriangleGuess {
 };
 
 /*
- * Möller and Trumbore's volumes (1997). With D the longest component of d, S, E the sums of the sizes of the components of s and of both edges, u = 2^-24
- * and l what the origin is rounded by: each component of d x e is wrong by at most 4u of D E, a volume by 8u D E S + 3 l D E, the third one by the sum of all. So
- * 12u (S + E) + 4 l, times D E, covers them and what bvhdTriangleHit moves vertices by; and the numerator of t, with E * E for D E. The last term is
- * for underflow. False: missed, or not within tmin .. tmax.
+ * Möller and Trumbore's volumes (1997). With D the longest component of d, S, E the sums of the sizes of the components
+ * of s and of both edges, u = 2^-24 and l what the origin is rounded by: each component of d x e is wrong by at most 4u
+ * of D E, a volume by 8u D E S + 3 l D E, the third one by the sum of all. So 12u (S + E) + 4 l, times D E, covers them
+ * and what bvhdTriangleHit moves vertices by; and the numerator of t, with E * E for D E. The last term is for
+ * underflow. False: missed, or not within tmin .. tmax.
  */
 bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, vec3 v1, vec3 v2, out BvhdTriangleGuess guess)
 {
@@ -194,7 +198,8 @@ bool bvhdIsFlat(vec3 v0, vec3 v1, vec3 v2)
 }
 
 /*
- * Whether the line of the ray meets the triangle, at any t, behind the origin too. Never for triangles of zero area and those seen edge-on.
+ * Whether the line of the ray meets the triangle, at any t, behind the origin too. Never for triangles of zero area and
+ * those seen edge-on.
  */
 bool bvhdTriangleHit(BvhdTriangleRay ray, vec3 v0, vec3 v1, vec3 v2, out BvhdTriangleHit hit)
 {

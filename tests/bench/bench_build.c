@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_build - how fast structures are built, beside rtcBuildBVH in the same run (MEDIUM, and LOW with eight-wide nodes), and what they are worth.
+ * bench_build - how fast structures are built, beside rtcBuildBVH in the same run (MEDIUM, and LOW with eight-wide
+ * nodes), and what they are worth.
  *
  *     bench_build [--quality fast|balanced|high] [--runs N] SCENE.ply...
  *
- * For 2 threads and for 1, per scene: medians of N runs (5), ours and Embree's taking turns. "build" is what build() takes: boxes, splitting,
- * pieces, joining, depth, collapse and the writing of the layout; prepare stands apart. SAH of binary trees by the same formula, beside MEDIUM's
- * and that of a full sweep. Ratios of rates by the clock, and by processor time, which says more where others use the machine too.
+ * For 2 threads and for 1, per scene: medians of N runs (5), ours and Embree's taking turns. "build" is what build()
+ * takes: boxes, splitting, pieces, joining, depth, collapse and the writing of the layout; prepare stands apart. SAH of
+ * binary trees by the same formula, beside MEDIUM's and that of a full sweep. Ratios of rates by the clock, and by
+ * processor time, which says more where others use the machine too.
  */
 #include <math.h>
 #include <stdio.h>
@@ -14,17 +16,32 @@
 #include <string.h>
 #include <time.h>
 
-#include "build.h"
-#include "ply_input.h"
-#include "prepare.h"
-#include "primitive.h"
-#include "reference_builder.h"
-#include "workers.h"
+#include "builder/build.h"
+#include "tests/bench/ply_input.h"
+#include "builder/input/prepare.h"
+#include "builder/input/primitive.h"
+#include "tests/bench/reference_builder.h"
+#include "builder/workers.h"
 
 enum { MAX_RUNS = 101, VALUES = 14, MAX_SCENES = 64 };
 
 /* The columns of times, ms. */
-enum { PREPARE, BOXES, SPLIT, PIECES, JOIN, DEPTH, COLLAPSE, WRITE, BUILD, BUILD_CPU, MEDIUM, MEDIUM_CPU, LOW, LOW_CPU };
+enum {
+    PREPARE,
+    BOXES,
+    SPLIT,
+    PIECES,
+    JOIN,
+    DEPTH,
+    COLLAPSE,
+    WRITE,
+    BUILD,
+    BUILD_CPU,
+    MEDIUM,
+    MEDIUM_CPU,
+    LOW,
+    LOW_CPU
+};
 
 struct options {
     enum build_quality quality;
@@ -104,7 +121,8 @@ static void run_references(struct bench *bench, const struct build_input *input,
     struct primitive_refs refs;
     struct reference_result results[REFERENCE_METHODS];
     if (prepare(input, 0, &limits, &context, &canonical, &error) != BVHD_OK ||
-        primitive_collect_blocks(&canonical, NULL, &context, &refs, &error) != BVHD_OK || !primitive_close_gaps(&refs, &context))
+        primitive_collect_blocks(&canonical, NULL, &context, &refs, &error) != BVHD_OK ||
+        !primitive_close_gaps(&refs, &context))
         fail(row->name, &error);
     for (int kind = 0; kind < REFERENCE_METHODS; kind++)
         if (!reference_build((enum reference_method)kind, refs.refs, refs.count, bench->threads, &results[kind]))
@@ -155,15 +173,18 @@ static void print_row(const struct row *row)
     for (int i = PREPARE; i <= BUILD; i++)
         printf(" %7.2f", row->ms[i]);
     const struct layout_sizes *sizes = &row->stats.sizes;
-    printf(" | %6.2f %6.2f %6.2f %5.2f %5.2f | %5.2f %5.2f | %7.2f %7.2f %7.2f | %5.1f %5.1f %5.1f %5.1f | %3u %s\n", rate(row, BUILD),
-           rate(row, MEDIUM), rate(row, LOW), rate(row, BUILD) / rate(row, MEDIUM), rate(row, BUILD) / rate(row, LOW),
-           row->ms[MEDIUM_CPU] / row->ms[BUILD_CPU], row->ms[LOW_CPU] / row->ms[BUILD_CPU], row->sah, row->medium_sah, row->sweep_sah,
-           (double)sizes->nodes / row->triangles, (double)sizes->records / row->triangles, (double)sizes->vertices / row->triangles,
-           (double)sizes->total / row->triangles, row->stats.depth, row->stats.method);
+    printf(" | %6.2f %6.2f %6.2f %5.2f %5.2f | %5.2f %5.2f | %7.2f %7.2f %7.2f | %5.1f %5.1f %5.1f %5.1f | %3u %s\n",
+           rate(row, BUILD), rate(row, MEDIUM), rate(row, LOW), rate(row, BUILD) / rate(row, MEDIUM),
+           rate(row, BUILD) / rate(row, LOW), row->ms[MEDIUM_CPU] / row->ms[BUILD_CPU],
+           row->ms[LOW_CPU] / row->ms[BUILD_CPU], row->sah, row->medium_sah, row->sweep_sah,
+           (double)sizes->nodes / row->triangles, (double)sizes->records / row->triangles,
+           (double)sizes->vertices / row->triangles, (double)sizes->total / row->triangles, row->stats.depth,
+           row->stats.method);
 }
 
 /* Geometric mean of a figure and the scene where it is worst. */
-static void print_mean(const char *what, const struct row *rows, int count, double (*figure)(const struct row *row), bool low_is_bad)
+static void print_mean(const char *what, const struct row *rows, int count, double (*figure)(const struct row *row),
+                       bool low_is_bad)
 {
     double sum = 0;
     int worst = 0;
@@ -235,11 +256,13 @@ static void bench_threads(const struct options *options, unsigned threads, char 
     if (workers_create(threads, &workers, &error) != BVHD_OK)
         fail("start", &error);
     bench.parallel = workers_parallel(workers);
-    printf("%u thread%s, %s; times in ms, rates in million triangles a second, bytes a triangle\n", threads, threads == 1 ? "" : "s",
-           build_quality_name(options->quality));
-    printf("%-18s %8s | %7s %7s %7s %7s %7s %7s %7s %7s %7s | %6s %6s %6s %5s %5s | %5s %5s | %7s %7s %7s | %5s %5s %5s %5s | %s\n",
-           "scene", "tris", "prepare", "boxes", "split", "pieces", "join", "depth", "collaps", "write", "build", "rate", "MEDIUM",
-           "LOW8", "/MED", "/LOW8", "cpu/M", "cpu/L", "SAH", "MEDIUM", "sweep", "nodes", "recs", "verts", "all", "depth, method");
+    printf("%u thread%s, %s; times in ms, rates in million triangles a second, bytes a triangle\n", threads,
+           threads == 1 ? "" : "s", build_quality_name(options->quality));
+    printf("%-18s %8s | %7s %7s %7s %7s %7s %7s %7s %7s %7s | %6s %6s %6s %5s %5s | %5s %5s | %7s %7s %7s | %5s %5s "
+           "%5s %5s | %s\n",
+           "scene", "tris", "prepare", "boxes", "split", "pieces", "join", "depth", "collaps", "write", "build", "rate",
+           "MEDIUM", "LOW8", "/MED", "/LOW8", "cpu/M", "cpu/L", "SAH", "MEDIUM", "sweep", "nodes", "recs", "verts",
+           "all", "depth, method");
     for (int i = 0; i < count; i++) {
         rows[i] = measure(&bench, paths[i]);
         print_row(&rows[i]);

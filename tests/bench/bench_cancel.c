@@ -4,10 +4,11 @@
  *
  *     bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads N] [--seconds N] SCENE.ply
  *
- * The scene is repeated side by side until it has N triangles (2,000,000). One build, with preparation and key, runs to its end; then 200 are
- * cancelled, at moments spread evenly over that time, and what passes between the flag and the return with nothing held is printed. Two threads,
- * each quality unless one is named, at most 60 s for each quality: what is done by then is spread evenly too. The processor time that all threads
- * spent meanwhile is printed beside it: on a machine that has other things to do it says more.
+ * The scene is repeated side by side until it has N triangles (2,000,000). One build, with preparation and key, runs to
+ * its end; then 200 are cancelled, at moments spread evenly over that time, and what passes between the flag and the
+ * return with nothing held is printed. Two threads, each quality unless one is named, at most 60 s for each quality:
+ * what is done by then is spread evenly too. The processor time that all threads spent meanwhile is printed beside it:
+ * on a machine that has other things to do it says more.
  */
 #include <pthread.h>
 #include <stdio.h>
@@ -15,11 +16,11 @@
 #include <string.h>
 #include <time.h>
 
-#include "build.h"
-#include "content_key.h"
-#include "ply_input.h"
-#include "prepare.h"
-#include "workers.h"
+#include "builder/build.h"
+#include "builder/content_key.h"
+#include "tests/bench/ply_input.h"
+#include "builder/input/prepare.h"
+#include "builder/workers.h"
 
 struct options {
     long quality; /* 0: each */
@@ -79,8 +80,8 @@ static struct ply *repeat(struct ply *ply, uint32_t triangles)
         many->positions[i] = ply->positions[own] + (own % 3 == 0 ? (float)copy * (most - least) : 0);
     }
     for (size_t i = 0; i < (size_t)many->triangle_count * 3; i++)
-        many->indices[i] =
-            ply->indices[i % ((size_t)ply->triangle_count * 3)] + (uint32_t)(i / ((size_t)ply->triangle_count * 3)) * ply->vertex_count;
+        many->indices[i] = ply->indices[i % ((size_t)ply->triangle_count * 3)] +
+                           (uint32_t)(i / ((size_t)ply->triangle_count * 3)) * ply->vertex_count;
     ply_free(ply);
     return many;
 }
@@ -116,7 +117,8 @@ static enum bvhd_status run_all(const struct build_input *input, const struct bu
 }
 
 /* Returns false when the build was done before. */
-static bool cancel_once(const struct build_input *input, struct build_context *context, double after, struct sample *ret_sample)
+static bool cancel_once(const struct build_input *input, struct build_context *context, double after,
+                        struct sample *ret_sample)
 {
     struct cancelling cancelling = {.after = after};
     pthread_t thread;
@@ -153,8 +155,8 @@ static void print(const struct ply *ply, enum build_quality quality, double whol
     if (count > 0) {
         const long p99 = (count * 99 + 99) / 100 - 1;
         qsort(samples, (size_t)count, sizeof *samples, by_latency);
-        printf("\n    returned after %.2f ms (p50), %.2f (p99), %.2f (most)", samples[count / 2].latency, samples[p99].latency,
-               samples[count - 1].latency);
+        printf("\n    returned after %.2f ms (p50), %.2f (p99), %.2f (most)", samples[count / 2].latency,
+               samples[p99].latency, samples[count - 1].latency);
         qsort(samples, (size_t)count, sizeof *samples, by_cpu);
         printf("\n    processor time %.2f ms (p50), %.2f (p99), most:", samples[count / 2].cpu, samples[p99].cpu);
         for (long i = count - 1; i >= 0 && i >= count - 6; i--)
@@ -240,7 +242,8 @@ int main(int argc, char **argv)
     int first = read_options(argc, argv, &options);
     if (first + 1 != argc || options.triangles < 1 || options.triangles > 100000000 || options.cancels < 1 ||
         options.cancels > 1000000 || options.threads < 1 || options.threads > 1024) {
-        fprintf(stderr, "usage: bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads N] [--seconds N] "
+        fprintf(stderr, "usage: bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads "
+                        "N] [--seconds N] "
                         "SCENE.ply\n");
         return 2;
     }

@@ -21,8 +21,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "pool.h"
-#include "processor.h"
+#include "daemon/pool/pool.h"
+#include "proto/base/processor.h"
 
 enum { JOBS = 640, RUNS = 5, SMALL_SAMPLES = 100, START_SAMPLES = 1000, LARGE = 4000000, SMALL = 2000 };
 
@@ -211,8 +211,8 @@ static void bench_scaling(unsigned threads)
         plain[i] = plain_span(1) / plain_span(threads) / threads;
     }
     double usual = quantile(pool, RUNS, 0.5), plain_usual = quantile(plain, RUNS, 0.5);
-    printf("scaling: %.3f with %u threads (least %.3f), which are in jobs for %.4f of the time; plain threads %.3f\n", usual, threads,
-           pool[0], quantile(busy, RUNS, 0.5), plain_usual);
+    printf("scaling: %.3f with %u threads (least %.3f), which are in jobs for %.4f of the time; plain threads %.3f\n",
+           usual, threads, pool[0], quantile(busy, RUNS, 0.5), plain_usual);
 }
 
 static double small_job(struct bench *bench)
@@ -252,7 +252,8 @@ static void bench_beside(unsigned threads)
     stop(&bench);
     double usual = quantile(quiet, SMALL_SAMPLES, 0.5), limit = 2 * usual > usual + 5 ? 2 * usual : usual + 5;
     double median = quantile(beside, SMALL_SAMPLES, 0.5), late = quantile(beside, SMALL_SAMPLES, 0.9);
-    printf("beside: quiet %.2f ms, beside 25 ms tasks median %.2f p90 %.2f most %.2f ms; median / max(2 x quiet, quiet + 5 ms) %.3f\n",
+    printf("beside: quiet %.2f ms, beside 25 ms tasks median %.2f p90 %.2f most %.2f ms; median / max(2 x quiet, quiet "
+           "+ 5 ms) %.3f\n",
            usual, median, late, beside[SMALL_SAMPLES - 1], median / limit);
 }
 
@@ -302,8 +303,8 @@ static void bench_share(unsigned threads)
     collect_until_done(&bench, &large);
     stop(&bench);
     free(works);
-    printf("share: one large job has %.3f of the time beside a flood of small ones (%.0f ms, %.2f threads busy)\n", 1 - small / all,
-           wall, all / wall);
+    printf("share: one large job has %.3f of the time beside a flood of small ones (%.0f ms, %.2f threads busy)\n",
+           1 - small / all, wall, all / wall);
 }
 
 int main(int argc, char **argv)

@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "service_bench.h"
+#include "tests/bench/service_bench.h"
 
 static const struct section {
     const char *name;
@@ -40,7 +40,9 @@ static int find_section(const char *name)
 int main(int argc, char **argv)
 {
     if (argc < 2 || argv[1][0] == '-') {
-        fputs("usage: bench_service BVHD [--runs N] [--workers N] [cost|hits|many|small|cancel|death ...] [SCENE.ply ...]\n", stderr);
+        fputs("usage: bench_service BVHD [--runs N] [--workers N] [cost|hits|many|small|cancel|death ...] [SCENE.ply "
+              "...]\n",
+              stderr);
         return 2;
     }
     struct bench bench = {.program = argv[1], .runs = 15};

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_trace.c - rays a second through a portable structure, against Embree's rtcIntersect1 and rtcOccluded1 on its own robust scene of the same triangles.
+ * bench_trace.c - rays a second through a portable structure, against Embree's rtcIntersect1 and rtcOccluded1 on its
+ * own robust scene of the same triangles.
  *
  *   bench_trace [--size N] [--seconds S] [--fast-triangles] SCENE.ply...
  *
- * One thread, its processor time. Primary rays of an N x N picture (in tiles), from what those hit (in the same order) diffuse rays and shadow rays to a light
- * above, and random ones through the box. Shadow rays end at any hit. Rates are those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
+ * One thread, its processor time. Primary rays of an N x N picture (in tiles), from what those hit (in the same order)
+ * diffuse rays and shadow rays to a light above, and random ones through the box. Shadow rays end at any hit. Rates are
+ * those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
  */
 #include <float.h>
 #include <math.h>
@@ -14,11 +16,11 @@
 #include <string.h>
 #include <time.h>
 
-#include "batch.h"
-#include "embree_ray.h"
-#include "ply.h"
-#include "random.h"
-#include "traverse.h"
+#include "builder/batch.h"
+#include "tests/bench/embree_ray.h"
+#include "tests/support/scene/ply.h"
+#include "tests/support/random.h"
+#include "builder/traverse/traverse.h"
 
 enum { TILE = 8 };
 
@@ -182,8 +184,10 @@ static RTCScene build_embree(RTCDevice device, const struct ply *ply)
 {
     RTCScene scene = rtcNewScene(device);
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    void *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, ply->vertex_count);
-    void *indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, ply->triangle_count);
+    void *vertices =
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, ply->vertex_count);
+    void *indices =
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, ply->triangle_count);
     memcpy(vertices, ply->positions, (size_t)12 * ply->vertex_count);
     memcpy(indices, ply->indices, (size_t)12 * ply->triangle_count);
     rtcCommitGeometry(geometry);
@@ -245,8 +249,8 @@ static uint32_t run_portable(const struct scene *scene, const struct ray *rays, 
     return hits;
 }
 
-static void measure(const struct subject *subject, const struct settings *settings, enum kind kind, const struct ray *rays,
-                    uint32_t count, struct totals *totals)
+static void measure(const struct subject *subject, const struct settings *settings, enum kind kind,
+                    const struct ray *rays, uint32_t count, struct totals *totals)
 {
     double best[2] = {DBL_MAX, DBL_MAX}, start = now();
     uint32_t hits[2] = {0, 0};
@@ -267,7 +271,8 @@ static void measure(const struct subject *subject, const struct settings *settin
     for (uint32_t i = 0; i < count; i++)
         traverse(&subject->scene, &rays[i], NULL, &hit, &counters);
     double embree = 1e-6 * count / best[0], portable = 1e-6 * count / best[1], ratio = portable / embree;
-    printf("  %-8s %7u rays, hits %6.2f %% (embree %+d): embree %6.2f, portable %6.2f Mray/s, ratio %5.3f; a ray: %5.1f nodes, %5.1f "
+    printf("  %-8s %7u rays, hits %6.2f %% (embree %+d): embree %6.2f, portable %6.2f Mray/s, ratio %5.3f; a ray: "
+           "%5.1f nodes, %5.1f "
            "triangles\n",
            kind_names[kind], count, 100.0 * hits[1] / count, (int)hits[0] - (int)hits[1], embree, portable, ratio,
            (double)counters.nodes / count, (double)counters.triangles / count);
@@ -282,7 +287,8 @@ static void measure_all(struct subject *subject, const struct settings *settings
     for (int kind = 0; kind < KINDS; kind++)
         rays[kind] = need(pixels * sizeof *rays[kind]);
     counts[PRIMARY] = make_primary(subject, settings->size, rays[PRIMARY]);
-    counts[DIFFUSE] = counts[SHADOW] = make_secondary(subject, rays[PRIMARY], counts[PRIMARY], rays[DIFFUSE], rays[SHADOW]);
+    counts[DIFFUSE] = counts[SHADOW] =
+        make_secondary(subject, rays[PRIMARY], counts[PRIMARY], rays[DIFFUSE], rays[SHADOW]);
     counts[RANDOM] = make_random(subject, pixels, rays[RANDOM]);
     for (int kind = 0; kind < KINDS; kind++) {
         measure(subject, settings, (enum kind)kind, rays[kind], counts[kind], totals);
@@ -325,10 +331,11 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
         fprintf(stderr, "bench_trace: %s does not build\n", path);
         exit(1);
     }
-    struct subject subject = {.ply = ply, .scene = {.bottoms = bottoms, .bottom_count = 1}, .embree = build_embree(device, ply)};
+    struct subject subject = {
+        .ply = ply, .scene = {.bottoms = bottoms, .bottom_count = 1}, .embree = build_embree(device, ply)};
     memcpy(subject.bounds, view.header->bounds, sizeof subject.bounds);
-    printf("%s: %u triangles, %.1f MiB, %s, SAH %.2f\n", path, ply->triangle_count, (double)item.size / 1048576, item.stats.method,
-           item.stats.sah);
+    printf("%s: %u triangles, %.1f MiB, %s, SAH %.2f\n", path, ply->triangle_count, (double)item.size / 1048576,
+           item.stats.method, item.stats.sah);
     measure_all(&subject, settings, totals);
     rtcReleaseScene(subject.embree);
     batch_finish(&item, 1, &memory);

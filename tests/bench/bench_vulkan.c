@@ -1,30 +1,34 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_vulkan.c - rays a second on a Vulkan device: through our structures, and through those that the driver builds of the same triangles. See --help.
+ * bench_vulkan.c - rays a second on a Vulkan device: through our structures, and through those that the driver builds
+ * of the same triangles. See --help.
  */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "agreement.h"
-#include "bench_vulkan_busy.h"
-#include "bench_vulkan_kernel.h"
-#include "bench_vulkan_rays.h"
-#include "bench_vulkan_scene.h"
-#include "build.h"
-#include "json.h"
-#include "ray_pipeline.h"
-#include "surface.h"
-#include "tracer_closest.h"
-#include "workers.h"
+#include "client/bvhctl/picture/agreement.h"
+#include "tests/bench/bench_vulkan_busy.h"
+#include "tests/bench/bench_vulkan_kernel.h"
+#include "tests/bench/bench_vulkan_rays.h"
+#include "tests/bench/bench_vulkan_scene.h"
+#include "builder/build.h"
+#include "client/bvhctl/base/json.h"
+#include "tests/support/driver/ray_pipeline.h"
+#include "client/bvhctl/picture/surface.h"
+#include "client/bvhctl/trace/tracer_closest.h"
+#include "builder/workers.h"
 
 static const char help[] =
     "usage: bench_vulkan [OPTION]... DIR...\n"
-    "Traces the same rays through the structures in each DIR (of `bvhctl build`, target portable) and through what the driver builds "
+    "Traces the same rays through the structures in each DIR (of `bvhctl build`, target portable) and through what the "
+    "driver builds "
     "of the same\n"
-    "triangles (PREFER_FAST_TRACE, compacted), in turns, and prints medians in millions of rays a second by the device's clock.\n"
-    "Ratios are to the driver's ray queries where it has them, else to its ray-tracing pipeline; of the answers, how many of the rays "
+    "triangles (PREFER_FAST_TRACE, compacted), in turns, and prints medians in millions of rays a second by the "
+    "device's clock.\n"
+    "Ratios are to the driver's ray queries where it has them, else to its ray-tracing pipeline; of the answers, how "
+    "many of the rays "
     "are the same in all\n"
     "of t, u, v, primitive, geometry, instance, and custom index; tied: equal t of another primitive; other: neither.\n"
     "  --device NAME      which device; default: the best\n"
@@ -41,7 +45,8 @@ static const char help[] =
     "  --check            compares with the CPU traversal, and asks brute force about differences\n"
     "  --statistics       prints what the driver says of each --kernel: registers, spills (needs "
     "VK_KHR_pipeline_executable_properties)\n"
-    "  --bottom           leaves out top levels of one instance: portable structures without one, the driver's under one of its own\n"
+    "  --bottom           leaves out top levels of one instance: portable structures without one, the driver's under "
+    "one of its own\n"
     "  --threads N        of this process; default: one for each processor\n"
     "  --json FILE        writes the figures there\n";
 
@@ -158,13 +163,14 @@ static void add_driver(struct bench *bench)
 {
     struct bvhd_error error;
     must(bench_driver_build(bench->gpu, &bench->scene, &bench->memory, &bench->driver, &error), &error);
-    if (bench->gpu->facts.has_ray_query) {
+    if (bench->gpu->properties.has_ray_query) {
         struct contestant *query = add(bench, "driver, ray query", true, bench->driver.bytes);
         must(tracer_query_create(bench->gpu, bench->driver.top.handle, &bench->memory, &query->tracer, &error), &error);
     }
-    if (bench->gpu->facts.has_ray_pipeline) {
+    if (bench->gpu->properties.has_ray_pipeline) {
         struct contestant *pipeline = add(bench, "driver, pipeline", true, bench->driver.bytes);
-        must(ray_pipeline_create(bench->gpu, bench->driver.top.handle, &bench->memory, &pipeline->tracer, &error), &error);
+        must(ray_pipeline_create(bench->gpu, bench->driver.top.handle, &bench->memory, &pipeline->tracer, &error),
+             &error);
     }
 }
 
@@ -190,8 +196,8 @@ static void add_ours(struct bench *bench)
     }
     for (uint32_t i = 0; i < settings->kernel_count; i++) {
         struct contestant *one = add(bench, settings->kernels[i], portable->has_top, bytes_of(portable));
-        must(bench_kernel_create(bench->gpu, settings->kernels[i], settings->has_statistics, portable, &bench->memory, &one->tracer,
-                                 &error),
+        must(bench_kernel_create(bench->gpu, settings->kernels[i], settings->has_statistics, portable, &bench->memory,
+                                 &one->tracer, &error),
              &error);
         one->name = one->tracer->device;
     }
@@ -208,9 +214,9 @@ static void run_all(struct bench *bench, const struct ray *rays, uint32_t count)
     struct bvhd_error error;
     double unused;
     for (uint32_t i = 0; i < bench->contestant_count; i++)
-        must(
-            bench->contestants[i].tracer->trace(bench->contestants[i].tracer, rays, count, bench->contestants[i].hits, &unused, &error),
-            &error);
+        must(bench->contestants[i].tracer->trace(bench->contestants[i].tracer, rays, count, bench->contestants[i].hits,
+                                                 &unused, &error),
+             &error);
     for (uint32_t run = 0; run < bench->settings.runs; run++)
         for (uint32_t i = 0; i < bench->contestant_count; i++) {
             struct contestant *one = &bench->contestants[i];
@@ -245,7 +251,8 @@ static struct comparison compare(const struct contestant *one, const struct cont
     return all;
 }
 
-static void check(struct bench *bench, const struct contestant *one, const struct ray *rays, uint32_t count, const char *kind)
+static void check(struct bench *bench, const struct contestant *one, const struct ray *rays, uint32_t count,
+                  const char *kind)
 {
     struct bvhd_error error;
     struct surfaces surfaces;
@@ -255,9 +262,9 @@ static void check(struct bench *bench, const struct contestant *one, const struc
     agreement.camera_stride = agreement.other_stride = 1;
     must(agreement_watch(&agreement, true, rays, one->hits, count, &error), &error);
     must(agreement_judge(&agreement, NULL, NULL, &error), &error);
-    printf("  %-8s %-20s against the CPU: %llu rays, %llu differ, %llu of them uncertain, %llu wrong\n", kind, one->name,
-           (unsigned long long)agreement.checked, (unsigned long long)agreement.differing, (unsigned long long)agreement.uncertain,
-           (unsigned long long)agreement.mismatches);
+    printf("  %-8s %-20s against the CPU: %llu rays, %llu differ, %llu of them uncertain, %llu wrong\n", kind,
+           one->name, (unsigned long long)agreement.checked, (unsigned long long)agreement.differing,
+           (unsigned long long)agreement.uncertain, (unsigned long long)agreement.mismatches);
     bench->mismatches += agreement.mismatches;
     agreement_finish(&agreement);
     surfaces_finish(&surfaces);
@@ -272,8 +279,8 @@ static void count_ratio(struct bench *bench, uint32_t index, double ratio)
     totals->count++;
 }
 
-static void write_row(struct bench *bench, const char *kind, uint32_t count, const struct contestant *one, double rate, double ratio,
-                      const struct comparison *same)
+static void write_row(struct bench *bench, const char *kind, uint32_t count, const struct contestant *one, double rate,
+                      double ratio, const struct comparison *same)
 {
     struct json *json = &bench->json;
     json_object(json, NULL);
@@ -300,9 +307,10 @@ static void report(struct bench *bench, const char *kind, uint32_t count)
         const struct contestant *one = &bench->contestants[i];
         struct comparison same = compare(one, first, count);
         double rate = count / one->seconds[middle] * 1e-6, ratio = first->seconds[middle] / one->seconds[middle];
-        printf("  %-8s %-20s %9.3f Mray/s (%.3f - %.3f)  ratio %6.3f  %6.1f MiB  same %llu, tied %llu, other %llu\n", kind, one->name,
-               rate, count / one->seconds[runs - 1] * 1e-6, count / one->seconds[0] * 1e-6, ratio, (double)one->bytes / 1048576,
-               (unsigned long long)same.same, (unsigned long long)same.tied, (unsigned long long)same.other);
+        printf("  %-8s %-20s %9.3f Mray/s (%.3f - %.3f)  ratio %6.3f  %6.1f MiB  same %llu, tied %llu, other %llu\n",
+               kind, one->name, rate, count / one->seconds[runs - 1] * 1e-6, count / one->seconds[0] * 1e-6, ratio,
+               (double)one->bytes / 1048576, (unsigned long long)same.same, (unsigned long long)same.tied,
+               (unsigned long long)same.other);
         count_ratio(bench, i, ratio);
         write_row(bench, kind, count, one, rate, ratio, &same);
     }
@@ -317,8 +325,9 @@ static void print_work(const struct bench *bench, const char *kind, const struct
     struct ray_hit hit;
     for (uint32_t i = 0; i < count; i += step, counted++)
         hits += structures_trace_counted(portable_of(bench), &rays[i], NULL, &hit, &all);
-    printf("  %-8s %u rays; of the portable structure a ray takes %.1f nodes, %.1f triangles, %.1f instances; %.0f %% hit\n", kind,
-           count, (double)all.nodes / counted, (double)all.triangles / counted, (double)all.instances / counted,
+    printf("  %-8s %u rays; of the portable structure a ray takes %.1f nodes, %.1f triangles, %.1f instances; %.0f %% "
+           "hit\n",
+           kind, count, (double)all.nodes / counted, (double)all.triangles / counted, (double)all.instances / counted,
            100.0 * hits / counted);
 }
 
@@ -350,7 +359,8 @@ static void run_scene(struct bench *bench, const char *directory)
     add_driver(bench);
     add_ours(bench);
     printf("%s: %llu triangles%s; the driver's build took %.1f ms\n", bench->scene.given.name,
-           (unsigned long long)bench->scene.triangle_count, bench->settings.is_shuffled ? ", shuffled" : "", bench->driver.build_ms);
+           (unsigned long long)bench->scene.triangle_count, bench->settings.is_shuffled ? ", shuffled" : "",
+           bench->driver.build_ms);
     measure(bench);
     for (uint32_t i = 0; i < bench->contestant_count; i++) {
         tracer_destroy(bench->contestants[i].tracer);
@@ -373,7 +383,8 @@ static void summarise(struct bench *bench)
     for (uint32_t i = 0; i < MAX_CONTESTANTS && bench->totals[i].count; i++) {
         struct totals *totals = &bench->totals[i];
         double mean = exp(totals->log_ratio / totals->count);
-        printf("%-20s geometric mean of ratios %.3f, worst %.3f, of %u\n", totals->name, mean, totals->worst, totals->count);
+        printf("%-20s geometric mean of ratios %.3f, worst %.3f, of %u\n", totals->name, mean, totals->worst,
+               totals->count);
         json_object(json, NULL);
         json_text(json, "tracer", totals->name);
         json_number(json, "mean", mean);
@@ -389,7 +400,8 @@ static void write_json(struct bench *bench)
     json_newline(&bench->json);
     FILE *file = bench->settings.json ? fopen(bench->settings.json, "w") : NULL;
     if (bench->settings.json &&
-        (!file || bench->json.failed || fwrite(bench->json.data, 1, bench->json.size, file) != bench->json.size || fclose(file)))
+        (!file || bench->json.failed || fwrite(bench->json.data, 1, bench->json.size, file) != bench->json.size ||
+         fclose(file)))
         die(bench->settings.json, "cannot be written");
     json_finish(&bench->json);
 }
@@ -482,8 +494,11 @@ static int take_options(struct settings *settings, int argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    static struct bench bench = {
-        .settings = {.device = "auto", .rays = 65536, .runs = 5, .kinds = {true, true, true, true}, .quality = QUALITY_BALANCED}};
+    static struct bench bench = {.settings = {.device = "auto",
+                                              .rays = 65536,
+                                              .runs = 5,
+                                              .kinds = {true, true, true, true},
+                                              .quality = QUALITY_BALANCED}};
     struct bvhd_error error;
     int at = take_options(&bench.settings, argc, argv);
     setvbuf(stdout, NULL, _IOLBF, 0);
@@ -495,10 +510,10 @@ int main(int argc, char **argv)
     json_init(&bench.json, &bench.memory, true);
     json_object(&bench.json, NULL);
     json_integer(&bench.json, "schema", 1);
-    json_text(&bench.json, "device", bench.gpu->facts.name);
-    json_text(&bench.json, "driver", bench.gpu->facts.driver);
+    json_text(&bench.json, "device", bench.gpu->properties.name);
+    json_text(&bench.json, "driver", bench.gpu->properties.driver);
     json_array(&bench.json, "results");
-    printf("%s, %s\n", bench.gpu->facts.name, bench.gpu->facts.driver);
+    printf("%s, %s\n", bench.gpu->properties.name, bench.gpu->properties.driver);
     for (; at < argc; at++)
         run_scene(&bench, argv[at]);
     summarise(&bench);

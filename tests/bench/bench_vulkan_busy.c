@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "bench_vulkan_busy.h"
+#include "tests/bench/bench_vulkan_busy.h"
 
-#include "busy_comp.h"
-#include "clock.h"
+#include "tests/bench/busy_comp.h"
+#include "proto/base/clock.h"
 
 enum { GROUPS = 4096, FIRST_ROUNDS = 256 };
 
@@ -32,13 +32,16 @@ static enum bvhd_status calibrate(struct bench_busy *busy, double milliseconds, 
     return status;
 }
 
-enum bvhd_status bench_busy_init(struct bench_busy *busy, struct gpu *gpu, double milliseconds, struct bvhd_error *error)
+enum bvhd_status bench_busy_init(struct bench_busy *busy, struct gpu *gpu, double milliseconds,
+                                 struct bvhd_error *error)
 {
     *busy = (struct bench_busy){.gpu = gpu};
-    if (gpu->facts.type == VK_PHYSICAL_DEVICE_TYPE_CPU)
+    if (gpu->properties.type == VK_PHYSICAL_DEVICE_TYPE_CPU)
         return BVHD_OK;
-    struct gpu_kernel_options options = {.code = busy_comp, .size = sizeof busy_comp, .bindings = 1, .push_size = sizeof busy->rounds};
-    enum bvhd_status status = gpu_buffer_create(gpu, 256, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, GPU_DEVICE, &busy->buffer, error);
+    struct gpu_kernel_options options = {
+        .code = busy_comp, .size = sizeof busy_comp, .bindings = 1, .push_size = sizeof busy->rounds};
+    enum bvhd_status status =
+        gpu_buffer_create(gpu, 256, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, GPU_DEVICE, &busy->buffer, error);
     if (!status)
         status = gpu_kernel_create(gpu, &options, &busy->kernel, error);
     if (!status) {

@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bench_vulkan_busy.h - keeps a device busy before something short is measured, so that its clock is what it is under load. */
+/*
+ * bench_vulkan_busy.h - keeps a device busy before something short is measured, so that its clock is what it is under
+ * load.
+ */
 #ifndef BVHD_BENCH_VULKAN_BUSY_H
 #define BVHD_BENCH_VULKAN_BUSY_H
 
-#include "gpu.h"
+#include "client/bvhctl/gpu/gpu.h"
 
 struct bench_busy {
     struct gpu *gpu;
@@ -13,7 +16,8 @@ struct bench_busy {
 };
 
 /* Measures how much work takes `milliseconds`. End with bench_busy_finish. */
-enum bvhd_status bench_busy_init(struct bench_busy *busy, struct gpu *gpu, double milliseconds, struct bvhd_error *error);
+enum bvhd_status bench_busy_init(struct bench_busy *busy, struct gpu *gpu, double milliseconds,
+                                 struct bvhd_error *error);
 void bench_busy_finish(struct bench_busy *busy);
 
 /* Works, and waits for it. */

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "bench_vulkan_kernel.h"
+#include "tests/bench/bench_vulkan_kernel.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "device_ray.h"
-#include "files.h"
+#include "client/bvhctl/trace/device_ray.h"
+#include "client/bvhctl/base/files.h"
 
 enum { MAX_RAYS = 1 << 22, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056 };
 
@@ -63,7 +63,8 @@ static enum bvhd_status parse(struct bench_kernel *self, const char *text, struc
     return BVHD_OK;
 }
 
-static enum bvhd_status load_pass(struct bench_kernel *self, struct pass *pass, bool statistics, struct bvhd_error *error)
+static enum bvhd_status load_pass(struct bench_kernel *self, struct pass *pass, bool statistics,
+                                  struct bvhd_error *error)
 {
     unsigned char *code;
     uint64_t size;
@@ -91,18 +92,21 @@ static enum bvhd_status load_kernels(struct bench_kernel *self, bool statistics,
     return status;
 }
 
-static enum bvhd_status load_scene(struct bench_kernel *self, const struct structures *structures, struct bvhd_error *error)
+static enum bvhd_status load_scene(struct bench_kernel *self, const struct structures *structures,
+                                   struct bvhd_error *error)
 {
     struct bvhd_vulkan_bytes *blobs = memory_array(self->memory, structures->file_count, sizeof *blobs);
     if (!blobs)
         return bvhd_error_set(error, BVHD_NO_MEMORY, self->name, "no memory for the list of structures");
     for (uint32_t i = 0; i < structures->file_count; i++)
         blobs[i] = (struct bvhd_vulkan_bytes){structures->blobs[i].data, structures->blobs[i].size};
-    struct bvhd_vulkan_scene_options options = {.struct_size = sizeof options,
-                                                .blobs = blobs,
-                                                .blob_count = structures->file_count,
-                                                .flags = self->gpu->facts.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0};
-    enum bvhd_status status = bvhd_vulkan_scene_create(self->gpu->library, &self->gpu->queue, &options, &self->scene, error);
+    struct bvhd_vulkan_scene_options options = {
+        .struct_size = sizeof options,
+        .blobs = blobs,
+        .blob_count = structures->file_count,
+        .flags = self->gpu->properties.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0};
+    enum bvhd_status status =
+        bvhd_vulkan_scene_create(self->gpu->library, &self->gpu->queue, &options, &self->scene, error);
     memory_free(self->memory, blobs);
     uint32_t root = structures->has_top ? structures->file_count - 1 : 0;
     struct bvhd_vulkan_span span;
@@ -133,8 +137,8 @@ static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_er
     if (!status)
         status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
     if (!status)
-        status =
-            gpu_buffer_create(self->gpu, WORK_WORDS * 4 + self->most_rays * WORK_EACH, bound | to, GPU_DEVICE, &self->counter, error);
+        status = gpu_buffer_create(self->gpu, WORK_WORDS * 4 + self->most_rays * WORK_EACH, bound | to, GPU_DEVICE,
+                                   &self->counter, error);
     if (!status)
         status = gpu_timer_create(self->gpu, &self->timer, error);
     return status;
@@ -145,7 +149,8 @@ static void barrier(struct bench_kernel *self, VkCommandBuffer commands)
     VkMemoryBarrier memory = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
                               .srcAccessMask = VK_ACCESS_MEMORY_WRITE_BIT,
                               .dstAccessMask = VK_ACCESS_MEMORY_READ_BIT | VK_ACCESS_MEMORY_WRITE_BIT};
-    VkPipelineStageFlags stages = VK_PIPELINE_STAGE_TRANSFER_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_HOST_BIT;
+    VkPipelineStageFlags stages =
+        VK_PIPELINE_STAGE_TRANSFER_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_HOST_BIT;
     self->gpu->vk.CmdPipelineBarrier(commands, stages, stages, 0, 1, &memory, 0, NULL, 0, NULL);
 }
 
@@ -171,8 +176,8 @@ static void record(struct bench_kernel *self, VkCommandBuffer commands, uint32_t
     barrier(self, commands);
 }
 
-static enum bvhd_status trace_portion(struct bench_kernel *self, const struct ray *rays, uint32_t count, struct tracer_hit *ret_hits,
-                                      double *seconds, struct bvhd_error *error)
+static enum bvhd_status trace_portion(struct bench_kernel *self, const struct ray *rays, uint32_t count,
+                                      struct tracer_hit *ret_hits, double *seconds, struct bvhd_error *error)
 {
     VkCommandBuffer commands;
     device_rays_put(rays, count, self->upload.mapped);
@@ -188,15 +193,15 @@ static enum bvhd_status trace_portion(struct bench_kernel *self, const struct ra
     return BVHD_OK;
 }
 
-static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uint64_t count, struct tracer_hit *ret_hits,
-                              double *ret_seconds, struct bvhd_error *error)
+static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uint64_t count,
+                              struct tracer_hit *ret_hits, double *ret_seconds, struct bvhd_error *error)
 {
     struct bench_kernel *self = (struct bench_kernel *)tracer;
     double seconds = 0;
     enum bvhd_status status = BVHD_OK;
     for (uint64_t at = 0; at < count && !status; at += self->most_rays)
-        status = trace_portion(self, rays + at, (uint32_t)(count - at < self->most_rays ? count - at : self->most_rays), ret_hits + at,
-                               &seconds, error);
+        status = trace_portion(self, rays + at, (uint32_t)(count - at < self->most_rays ? count - at : self->most_rays),
+                               ret_hits + at, &seconds, error);
     if (!status && ret_seconds)
         *ret_seconds = seconds;
     return status;
@@ -216,15 +221,16 @@ static void destroy(struct tracer *tracer)
     memory_free(self->memory, self);
 }
 
-enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, bool statistics, const struct structures *structures,
-                                     struct memory *memory, struct tracer **ret_tracer, struct bvhd_error *error)
+enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, bool statistics,
+                                     const struct structures *structures, struct memory *memory,
+                                     struct tracer **ret_tracer, struct bvhd_error *error)
 {
     struct bench_kernel *self = memory_alloc(memory, sizeof *self);
     if (!self)
         return bvhd_error_set(error, BVHD_NO_MEMORY, text, "no memory");
-    *self =
-        (struct bench_kernel){.tracer = {.target = TARGET_PORTABLE, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory};
-    self->most_rays = gpu->facts.max_storage_range / sizeof(struct device_ray);
+    *self = (struct bench_kernel){
+        .tracer = {.target = TARGET_PORTABLE, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory};
+    self->most_rays = gpu->properties.max_storage_range / sizeof(struct device_ray);
     if (self->most_rays > MAX_RAYS)
         self->most_rays = MAX_RAYS;
     enum bvhd_status status = parse(self, text, error);

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "bench_vulkan_rays.h"
+#include "tests/bench/bench_vulkan_rays.h"
 
 #include <float.h>
 #include <math.h>
 
-#include "bench_vulkan_surface.h"
-#include "camera.h"
-#include "random.h"
+#include "tests/bench/bench_vulkan_surface.h"
+#include "client/bvhctl/picture/camera.h"
+#include "tests/support/random.h"
 
 enum { TILE_WIDTH = 8, TILE_HEIGHT = 4, CHUNK = 4096 };
 
@@ -31,7 +31,8 @@ static void task_primary(void *context, size_t index)
         uint32_t tile = (uint32_t)i / (TILE_WIDTH * TILE_HEIGHT), pixel = (uint32_t)i % (TILE_WIDTH * TILE_HEIGHT);
         double x = (tile % columns) * TILE_WIDTH + pixel % TILE_WIDTH + 0.5,
                y = (tile / columns) * TILE_HEIGHT + pixel / TILE_WIDTH + 0.5;
-        making->rays->rays[RAYS_PRIMARY][i] = stage_ray(making->camera.origin, camera_direction(&making->camera, x / side, y / side));
+        making->rays->rays[RAYS_PRIMARY][i] =
+            stage_ray(making->camera.origin, camera_direction(&making->camera, x / side, y / side));
     }
 }
 
@@ -141,8 +142,9 @@ static void make_diffuse(struct making *making, const struct parallel *parallel)
     parallel_for(parallel, chunks_of(making, RAYS_DIFFUSE), task_diffuse, making);
 }
 
-static enum bvhd_status make(struct making *making, const struct bench_scene *scene, const struct bench_rays_options *options,
-                             const struct parallel *parallel, struct memory *memory, struct bvhd_error *error)
+static enum bvhd_status make(struct making *making, const struct bench_scene *scene,
+                             const struct bench_rays_options *options, const struct parallel *parallel,
+                             struct memory *memory, struct bvhd_error *error)
 {
     struct bench_rays *rays = making->rays;
     enum bvhd_status status = allocate(making, options, memory, error);
@@ -154,8 +156,8 @@ static enum bvhd_status make(struct making *making, const struct bench_scene *sc
         make_diffuse(making, parallel);
     make_random(making);
     if (rays->count[RAYS_SURFACE])
-        status = bench_surface_rays(scene, (float)(1e-5 * making->stage->size), rays->count[RAYS_SURFACE], rays->rays[RAYS_SURFACE],
-                                    &rays->count[RAYS_SURFACE], error);
+        status = bench_surface_rays(scene, (float)(1e-5 * making->stage->size), rays->count[RAYS_SURFACE],
+                                    rays->rays[RAYS_SURFACE], &rays->count[RAYS_SURFACE], error);
     return status;
 }
 

@@ -3,8 +3,8 @@
 #ifndef BVHD_BENCH_VULKAN_RAYS_H
 #define BVHD_BENCH_VULKAN_RAYS_H
 
-#include "bench_vulkan_scene.h"
-#include "parallel.h"
+#include "tests/bench/bench_vulkan_scene.h"
+#include "proto/base/parallel.h"
 
 enum bench_rays_kind { RAYS_PRIMARY, RAYS_DIFFUSE, RAYS_SURFACE, RAYS_RANDOM, RAYS_KINDS };
 
@@ -22,10 +22,11 @@ struct bench_rays_options {
 };
 
 /*
- * Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit (found on the CPU), in
- * the same order, and from the first again after the last; cosine-distributed, tmin a little above 0. Surface: from random points of all
- * surfaces (bench_vulkan_surface.h), in random order. Random: origins in the bounds of the scene's bulk, directions evenly. The rays of a kind
- * do not depend on which others are wanted. End with bench_rays_finish.
+ * Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit
+ * (found on the CPU), in the same order, and from the first again after the last; cosine-distributed, tmin a little
+ * above 0. Surface: from random points of all surfaces (bench_vulkan_surface.h), in random order. Random: origins in
+ * the bounds of the scene's bulk, directions evenly. The rays of a kind do not depend on which others are wanted. End
+ * with bench_rays_finish.
  */
 enum bvhd_status bench_rays_make(const struct bench_scene *scene, const struct bench_rays_options *options,
                                  const struct parallel *parallel, struct memory *memory, struct bench_rays *ret_rays,

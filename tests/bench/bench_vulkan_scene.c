@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "bench_vulkan_scene.h"
+#include "tests/bench/bench_vulkan_scene.h"
 
 #include <stdio.h>
 #include <string.h>
 
-#include "build.h"
-#include "clock.h"
-#include "outline.h"
-#include "prepare.h"
-#include "random.h"
+#include "builder/build.h"
+#include "proto/base/clock.h"
+#include "builder/input/outline.h"
+#include "builder/input/prepare.h"
+#include "tests/support/random.h"
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
 {
@@ -31,7 +31,8 @@ static void collect_triangles(const struct portable_view *view, struct bench_mes
                 mesh->indices[3 * (size_t)primitive + k] = 3 * primitive + k;
             }
         } else {
-            const struct portable_indexed_triangle *triangle = (const struct portable_indexed_triangle *)view->records + row;
+            const struct portable_indexed_triangle *triangle =
+                (const struct portable_indexed_triangle *)view->records + row;
             memcpy(mesh->indices + 3 * (size_t)(triangle->id & PORTABLE_ID_MASK), triangle->vertices, 12);
         }
     }
@@ -66,8 +67,9 @@ static void shuffle(uint32_t *indices, uint32_t count, struct random *random)
     }
 }
 
-static enum bvhd_status prepare_input(const struct build_input *input, struct memory *memory, const struct parallel *parallel,
-                                      struct canonical *ret_canonical, struct bvhd_error *error)
+static enum bvhd_status prepare_input(const struct build_input *input, struct memory *memory,
+                                      const struct parallel *parallel, struct canonical *ret_canonical,
+                                      struct bvhd_error *error)
 {
     struct limits limits = limits_default();
     struct build_context context = {.memory = memory, .parallel = parallel};
@@ -90,16 +92,16 @@ static enum bvhd_status open_bottom(struct bench_scene *scene, uint32_t row, con
         uint32_t *indices = mesh->indices + 3 * (size_t)from->first_primitive;
         if (options->is_shuffled)
             shuffle(indices, from->primitive_count, &random);
-        geometries[i] =
-            (struct geometry){.type = GEOMETRY_TRIANGLES,
-                              .flags = from->flags,
-                              .triangles = {.vertex_format = VK_FORMAT_R32G32B32_SFLOAT,
-                                            .max_vertex = mesh->vertex_count,
-                                            .vertex_stride = 12,
-                                            .index_type = INDEX_UINT32,
-                                            .vertices = {(unsigned char *)mesh->positions, 12 * ((uint64_t)mesh->vertex_count + 1)},
-                                            .indices = {(unsigned char *)indices, (uint64_t)12 * from->primitive_count}},
-                              .range.primitive_count = from->primitive_count};
+        geometries[i] = (struct geometry){
+            .type = GEOMETRY_TRIANGLES,
+            .flags = from->flags,
+            .triangles = {.vertex_format = VK_FORMAT_R32G32B32_SFLOAT,
+                          .max_vertex = mesh->vertex_count,
+                          .vertex_stride = 12,
+                          .index_type = INDEX_UINT32,
+                          .vertices = {(unsigned char *)mesh->positions, 12 * ((uint64_t)mesh->vertex_count + 1)},
+                          .indices = {(unsigned char *)indices, (uint64_t)12 * from->primitive_count}},
+            .range.primitive_count = from->primitive_count};
     }
     struct build_input input = {.type = STRUCTURE_BOTTOM,
                                 .flags = BUILD_PREFER_FAST_TRACE | BUILD_ALLOW_COMPACTION,
@@ -189,7 +191,8 @@ static enum bvhd_status take_apart(struct bench_scene *scene, const struct bench
     uint32_t count = scene->given.bottom_count;
     enum bvhd_status status = BVHD_OK;
     if (scene->given.target != TARGET_PORTABLE)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, options->directory, "a directory of the portable target is needed");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, options->directory,
+                              "a directory of the portable target is needed");
     scene->bottoms = memory_array(scene->memory, (uint64_t)count + 1, sizeof *scene->bottoms);
     scene->meshes = memory_array(scene->memory, (uint64_t)count + 1, sizeof *scene->meshes);
     if (!scene->bottoms || !scene->meshes)
@@ -203,8 +206,9 @@ static enum bvhd_status take_apart(struct bench_scene *scene, const struct bench
     return status;
 }
 
-enum bvhd_status bench_scene_open(const struct bench_scene_options *options, struct memory *memory, const struct parallel *parallel,
-                                  struct bench_scene *ret_scene, struct bvhd_error *error)
+enum bvhd_status bench_scene_open(const struct bench_scene_options *options, struct memory *memory,
+                                  const struct parallel *parallel, struct bench_scene *ret_scene,
+                                  struct bvhd_error *error)
 {
     struct bench_scene scene = {.memory = memory};
     enum bvhd_status status = structures_open(options->directory, NULL, memory, &scene.given, error);
@@ -240,7 +244,8 @@ void bench_scene_close(struct bench_scene *scene)
 /* ---- Ours, again ---- */
 
 static enum bvhd_status build_file(const struct canonical *canonical, const struct build_options *options,
-                                   const struct build_context *context, struct structure_file *file, struct bvhd_error *error)
+                                   const struct build_context *context, struct structure_file *file,
+                                   struct bvhd_error *error)
 {
     struct build_stats stats;
     enum bvhd_status status = build(canonical, options, context, &file->data, &stats, error);
@@ -255,9 +260,13 @@ static enum bvhd_status build_file(const struct canonical *canonical, const stru
     return status;
 }
 
-/* The rows of a top level that was prepared again are those of the given one: both are in the order in which instances name them. */
+/*
+ * The rows of a top level that was prepared again are those of the given one: both are in the order in which instances
+ * name them.
+ */
 enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct build_options *options,
-                                   const struct build_context *context, struct structures *ret_structures, struct bvhd_error *error)
+                                   const struct build_context *context, struct structures *ret_structures,
+                                   struct bvhd_error *error)
 {
     uint32_t count = scene->given.bottom_count + scene->given.has_top;
     struct structures structures = {.memory = context->memory, .has_top = scene->given.has_top};
@@ -268,8 +277,8 @@ enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct
         strcpy(structures.name, scene->given.name);
     for (uint32_t i = 0; i < count && !status; i++) {
         structures.files[i] = (struct structure_file){0};
-        status =
-            build_file(i < scene->given.bottom_count ? &scene->bottoms[i] : &scene->top, options, context, &structures.files[i], error);
+        status = build_file(i < scene->given.bottom_count ? &scene->bottoms[i] : &scene->top, options, context,
+                            &structures.files[i], error);
         structures.file_count += !status;
     }
     if (!status)
@@ -290,14 +299,16 @@ static enum bvhd_status build_bottom(struct bench_driver *driver, const struct c
     enum bvhd_status status = driver_structure_build(driver->gpu, canonical, NULL, driver->memory, &loose, error);
     if (status)
         return status;
-    status = driver_structure_copy(driver->gpu, &loose, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR, ret_structure, error);
+    status = driver_structure_copy(driver->gpu, &loose, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR, ret_structure,
+                                   error);
     driver_structure_destroy(driver->gpu, &loose);
     if (!status)
         driver->bytes += ret_structure->size;
     return status;
 }
 
-static enum bvhd_status build_top(struct bench_driver *driver, const struct bench_scene *scene, struct bvhd_error *error)
+static enum bvhd_status build_top(struct bench_driver *driver, const struct bench_scene *scene,
+                                  struct bvhd_error *error)
 {
     if (!scene->given.has_top)
         return driver_structure_top_of(driver->gpu, driver->bottoms[0].address, &driver->top, error);
@@ -309,7 +320,8 @@ static enum bvhd_status build_top(struct bench_driver *driver, const struct benc
         memcpy(&name, &scene->top.references[i].key, sizeof name);
         addresses[i] = driver->bottoms[name - 1].address;
     }
-    enum bvhd_status status = driver_structure_build(driver->gpu, &scene->top, addresses, driver->memory, &driver->top, error);
+    enum bvhd_status status =
+        driver_structure_build(driver->gpu, &scene->top, addresses, driver->memory, &driver->top, error);
     memory_free(driver->memory, addresses);
     return status;
 }

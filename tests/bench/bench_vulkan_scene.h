@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_vulkan_scene.h - a scene that `bvhctl build` wrote for the portable target, taken apart again: so that the driver gets what our structures were built from.
+ * bench_vulkan_scene.h - a scene that `bvhctl build` wrote for the portable target, taken apart again: so that the
+ * driver gets what our structures were built from.
  */
 #ifndef BVHD_BENCH_VULKAN_SCENE_H
 #define BVHD_BENCH_VULKAN_SCENE_H
 
 #include "bvhd/bvhd.h"
-#include "canonical.h"
-#include "context.h"
-#include "driver_structure.h"
-#include "structures.h"
+#include "builder/format/canonical.h"
+#include "builder/context.h"
+#include "tests/support/driver/driver_structure.h"
+#include "client/bvhctl/scene/structures.h"
 
 /* Triangles of one bottom level, as a request has them. */
 struct bench_mesh {
@@ -35,13 +36,15 @@ struct bench_scene_options {
 };
 
 /* Triangles and instances only. BVHD_UNSUPPORTED for AABBs and for other targets. End with bench_scene_close. */
-enum bvhd_status bench_scene_open(const struct bench_scene_options *options, struct memory *memory, const struct parallel *parallel,
-                                  struct bench_scene *ret_scene, struct bvhd_error *error);
+enum bvhd_status bench_scene_open(const struct bench_scene_options *options, struct memory *memory,
+                                  const struct parallel *parallel, struct bench_scene *ret_scene,
+                                  struct bvhd_error *error);
 void bench_scene_close(struct bench_scene *scene);
 
 /* Builds it again in this process. The caller ends it with structures_close. */
 enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct build_options *options,
-                                   const struct build_context *context, struct structures *ret_structures, struct bvhd_error *error);
+                                   const struct build_context *context, struct structures *ret_structures,
+                                   struct bvhd_error *error);
 
 /* The driver's own: PREFER_FAST_TRACE, bottom levels compacted. */
 struct bench_driver {

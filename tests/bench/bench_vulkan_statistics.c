@@ -2,7 +2,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 
-#include "bench_vulkan_kernel.h"
+#include "tests/bench/bench_vulkan_kernel.h"
 
 enum { MAX_STATISTICS = 64, MAX_EXECUTABLES = 4 };
 
@@ -23,7 +23,8 @@ static void print_executable(struct gpu *gpu, VkPipeline pipeline, uint32_t inde
     VkPipelineExecutableStatisticKHR statistics[MAX_STATISTICS];
     uint32_t count = MAX_STATISTICS;
     for (uint32_t i = 0; i < MAX_STATISTICS; i++)
-        statistics[i] = (VkPipelineExecutableStatisticKHR){.sType = VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_STATISTIC_KHR};
+        statistics[i] =
+            (VkPipelineExecutableStatisticKHR){.sType = VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_STATISTIC_KHR};
     VkPipelineExecutableInfoKHR info = {
         .sType = VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_INFO_KHR, .pipeline = pipeline, .executableIndex = index};
     if (gpu->vk.GetPipelineExecutableStatisticsKHR(gpu->device, &info, &count, statistics) < 0)
@@ -38,7 +39,8 @@ void bench_statistics_print(struct gpu *gpu, const char *name, VkPipeline pipeli
     uint32_t count = MAX_EXECUTABLES;
     VkPipelineInfoKHR info = {.sType = VK_STRUCTURE_TYPE_PIPELINE_INFO_KHR, .pipeline = pipeline};
     for (uint32_t i = 0; i < MAX_EXECUTABLES; i++)
-        executables[i] = (VkPipelineExecutablePropertiesKHR){.sType = VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_PROPERTIES_KHR};
+        executables[i] =
+            (VkPipelineExecutablePropertiesKHR){.sType = VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_PROPERTIES_KHR};
     if (gpu->vk.GetPipelineExecutablePropertiesKHR(gpu->device, &info, &count, executables) < 0)
         return;
     for (uint32_t i = 0; i < count; i++) {
@@ -48,17 +50,20 @@ void bench_statistics_print(struct gpu *gpu, const char *name, VkPipeline pipeli
     }
 }
 
-void bench_statistics_of(struct gpu *gpu, const char *name, const struct gpu_kernel_options *options, VkPipelineLayout layout)
+void bench_statistics_of(struct gpu *gpu, const char *name, const struct gpu_kernel_options *options,
+                         VkPipelineLayout layout)
 {
     VkSpecializationMapEntry entries[32];
     for (uint32_t i = 0; i < options->constant_count; i++)
         entries[i] = (VkSpecializationMapEntry){i, (uint32_t)(i * sizeof(uint32_t)), sizeof(uint32_t)};
-    VkSpecializationInfo constants = {options->constant_count, entries, options->constant_count * sizeof(uint32_t), options->constants};
+    VkSpecializationInfo constants = {options->constant_count, entries, options->constant_count * sizeof(uint32_t),
+                                      options->constants};
     VkShaderModuleCreateInfo module_info = {
         .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = options->size, .pCode = options->code};
     VkShaderModule module;
     VkPipeline pipeline;
-    if (!gpu->vk.GetPipelineExecutablePropertiesKHR || gpu->vk.CreateShaderModule(gpu->device, &module_info, NULL, &module))
+    if (!gpu->vk.GetPipelineExecutablePropertiesKHR ||
+        gpu->vk.CreateShaderModule(gpu->device, &module_info, NULL, &module))
         return;
     VkComputePipelineCreateInfo info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
                                         .flags = VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR,

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "bench_vulkan_surface.h"
+#include "tests/bench/bench_vulkan_surface.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "random.h"
-#include "stage.h"
-#include "vector.h"
+#include "tests/support/random.h"
+#include "client/bvhctl/picture/stage.h"
+#include "client/bvhctl/picture/vector.h"
 
 struct place {
     const struct bench_mesh *mesh;
@@ -47,7 +47,10 @@ static void add_place(struct surface *surface, const struct bench_mesh *mesh, co
     surface->triangle_count += mesh->triangle_count;
 }
 
-/* By position in the request, so that the places do not depend on the tree. Rows of a top level name bottom levels by `handle`. */
+/*
+ * By position in the request, so that the places do not depend on the tree. Rows of a top level name bottom levels by
+ * `handle`.
+ */
 static void find_places(struct surface *surface, const struct bench_scene *scene, const struct portable_instance **rows)
 {
     if (!scene->given.has_top) {
@@ -120,7 +123,8 @@ static uint64_t triangle_at(const struct surface *surface, double area)
 static uint64_t draw_triangle(const struct surface *surface, bool is_by_area, struct random *random)
 {
     uint64_t count = surface->triangle_count;
-    return is_by_area ? triangle_at(surface, random_between(random, 0, surface->areas[count - 1])) : random_next(random) % count;
+    return is_by_area ? triangle_at(surface, random_between(random, 0, surface->areas[count - 1]))
+                      : random_next(random) % count;
 }
 
 static const struct place *place_of(const struct surface *surface, uint64_t triangle)
@@ -146,7 +150,8 @@ static struct vector random_in_sphere(struct random *random)
 }
 
 /* false: the triangle has no area, or another direction is needed. */
-static bool make_ray(const struct surface *surface, uint64_t triangle, float tmin, struct random *random, struct ray *ret_ray)
+static bool make_ray(const struct surface *surface, uint64_t triangle, float tmin, struct random *random,
+                     struct ray *ret_ray)
 {
     struct vector corners[3];
     corners_of(place_of(surface, triangle), triangle, corners);
@@ -163,8 +168,8 @@ static bool make_ray(const struct surface *surface, uint64_t triangle, float tmi
     return true;
 }
 
-enum bvhd_status bench_surface_rays(const struct bench_scene *scene, float tmin, uint32_t count, struct ray *rays, uint32_t *ret_count,
-                                    struct bvhd_error *error)
+enum bvhd_status bench_surface_rays(const struct bench_scene *scene, float tmin, uint32_t count, struct ray *rays,
+                                    uint32_t *ret_count, struct bvhd_error *error)
 {
     struct surface surface;
     struct random random = {3};
@@ -174,7 +179,8 @@ enum bvhd_status bench_surface_rays(const struct bench_scene *scene, float tmin,
     double area = surface.triangle_count ? surface.areas[surface.triangle_count - 1] : 0;
     uint32_t made = 0;
     while (area > 0 && made < count) {
-        bool is_by_area = random_next(&random) & 1; /* one toss a ray: triangles without area must not change the halves */
+        bool is_by_area =
+            random_next(&random) & 1; /* one toss a ray: triangles without area must not change the halves */
         while (!make_ray(&surface, draw_triangle(&surface, is_by_area, &random), tmin, &random, &rays[made]))
             continue;
         made++;

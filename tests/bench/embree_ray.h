@@ -3,8 +3,8 @@
 #ifndef BVHD_BENCH_EMBREE_RAY_H
 #define BVHD_BENCH_EMBREE_RAY_H
 
-#include "embree_version.h"
-#include "traverse.h"
+#include "tests/bench/embree_version.h"
+#include "builder/traverse/traverse.h"
 
 static inline struct RTCRay embree_ray(const struct ray *ray)
 {

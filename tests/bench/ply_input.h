@@ -3,8 +3,8 @@
 #ifndef BVHD_PLY_INPUT_H
 #define BVHD_PLY_INPUT_H
 
-#include "geometry.h"
-#include "ply.h"
+#include "proto/base/geometry.h"
+#include "tests/support/scene/ply.h"
 
 /* Both the mesh and *geometry must live as long as the description. */
 static inline struct build_input ply_input(const struct ply *ply, enum build_quality quality, struct geometry *geometry)

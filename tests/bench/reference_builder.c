@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "reference_builder.h"
+#include "tests/bench/reference_builder.h"
 
 #include <stddef.h>
 #include <stdio.h>
@@ -7,12 +7,15 @@
 #include <string.h>
 #include <time.h>
 
-#include "embree_version.h"
+#include "tests/bench/embree_version.h"
 
 _Static_assert(sizeof(struct RTCBuildPrimitive) == sizeof(struct primitive_ref), "refs go to Embree as they are");
-_Static_assert(offsetof(struct RTCBuildPrimitive, lower_x) == offsetof(struct primitive_ref, min), "refs go to Embree as they are");
-_Static_assert(offsetof(struct RTCBuildPrimitive, upper_x) == offsetof(struct primitive_ref, max), "refs go to Embree as they are");
-_Static_assert(offsetof(struct RTCBuildPrimitive, primID) == offsetof(struct primitive_ref, id), "refs go to Embree as they are");
+_Static_assert(offsetof(struct RTCBuildPrimitive, lower_x) == offsetof(struct primitive_ref, min),
+               "refs go to Embree as they are");
+_Static_assert(offsetof(struct RTCBuildPrimitive, upper_x) == offsetof(struct primitive_ref, max),
+               "refs go to Embree as they are");
+_Static_assert(offsetof(struct RTCBuildPrimitive, primID) == offsetof(struct primitive_ref, id),
+               "refs go to Embree as they are");
 
 enum { WIDEST = 8 };
 
@@ -49,7 +52,8 @@ static void set_bounds(void *at, const struct RTCBounds **bounds, unsigned count
 }
 
 /* The ids follow the count. */
-static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count, void *context)
+static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count,
+                         void *context)
 {
     (void)context;
     uint32_t *leaf = rtcThreadLocalAlloc(allocator, (count + 1) * sizeof *leaf, 16);
@@ -63,18 +67,20 @@ static double cost_below(const struct node *node, const struct box *box)
 {
     if (node->count)
         return box_half_area(box) * node->count;
-    return box_half_area(box) + cost_below(node->children[0], &node->boxes[0]) + cost_below(node->children[1], &node->boxes[1]);
+    return box_half_area(box) + cost_below(node->children[0], &node->boxes[0]) +
+           cost_below(node->children[1], &node->boxes[1]);
 }
 
 static double tree_sah(const struct node *root, const struct primitive_ref *refs, uint32_t count)
 {
     struct box bounds, centroids;
-    primitive_bounds(refs, count, &bounds, &centroids);
+    primitive_ref_bounds(refs, count, &bounds, &centroids);
     double area = box_half_area(&bounds);
     return area > 0 ? cost_below(root, &bounds) / area : 0;
 }
 
-static struct RTCBuildArguments arguments_for(enum reference_method kind, RTCBVH bvh, struct primitive_ref *refs, uint32_t count)
+static struct RTCBuildArguments arguments_for(enum reference_method kind, RTCBVH bvh, struct primitive_ref *refs,
+                                              uint32_t count)
 {
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
     arguments.buildQuality = kind == REFERENCE_MEDIUM ? RTC_BUILD_QUALITY_MEDIUM : RTC_BUILD_QUALITY_LOW;

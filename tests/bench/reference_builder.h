@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * reference_builder.h - what our builds are measured against: rtcBuildBVH as a user of Embree alone would call it, with nodes from Embree's own
- * allocator, and the SAH of a tree by full sweeps.
+ * reference_builder.h - what our builds are measured against: rtcBuildBVH as a user of Embree alone would call it, with
+ * nodes from Embree's own allocator, and the SAH of a tree by full sweeps.
  */
 #ifndef BVHD_REFERENCE_BUILDER_H
 #define BVHD_REFERENCE_BUILDER_H
 
-#include "primitive.h"
+#include "builder/input/primitive.h"
 
 enum reference_method {
     REFERENCE_MEDIUM, /* two-wide, defaults */
@@ -21,15 +21,15 @@ struct reference_result {
 };
 
 /*
- * Builds over a copy of the refs on `threads` threads. The device lives for this call alone: while it does, it decides on the number of threads
- * of every Embree device of the process. False, and a line on stderr, when Embree fails.
+ * Builds over a copy of the refs on `threads` threads. The device lives for this call alone: while it does, it decides
+ * on the number of threads of every Embree device of the process. False, and a line on stderr, when Embree fails.
  */
 bool reference_build(enum reference_method kind, const struct primitive_ref *refs, uint32_t count, unsigned threads,
                      struct reference_result *ret_result);
 
 /*
- * As ir_sah, of the tree in which each node is divided at the best of all places along the three axes, and is a leaf where that is no dearer.
- * Takes seconds for a million. 0 without area or memory.
+ * As ir_sah, of the tree in which each node is divided at the best of all places along the three axes, and is a leaf
+ * where that is no dearer. Takes seconds for a million. 0 without area or memory.
  */
 double reference_sweep_sah(const struct primitive_ref *refs, uint32_t count);
 

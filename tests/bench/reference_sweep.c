@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "reference_builder.h"
+#include "tests/bench/reference_builder.h"
 
 /* Refs in the order of their centroids along each axis; each node has the same range in all three. */
 struct sweep {
@@ -130,7 +130,7 @@ double reference_sweep_sah(const struct primitive_ref *refs, uint32_t count)
             sweep.orders[axis] = indices + axis * count;
         sweep.other = indices + (uint64_t)3 * count;
         struct box bounds, centroids;
-        primitive_bounds(refs, count, &bounds, &centroids);
+        primitive_ref_bounds(refs, count, &bounds, &centroids);
         double area = box_half_area(&bounds);
         if (area > 0 && sort(&sweep, count))
             sah = sum_of_costs(&sweep, count) / area;

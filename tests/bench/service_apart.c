@@ -1,14 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* service_apart.c - what the machine itself allows: the work of a batch in processes that share nothing but the machine. */
+/*
+ * service_apart.c - what the machine itself allows: the work of a batch in processes that share nothing but the
+ * machine.
+ */
 #include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "build.h"
-#include "content_key.h"
-#include "prepare.h"
-#include "service_bench.h"
-#include "vulkan_input.h"
+#include "builder/build.h"
+#include "builder/content_key.h"
+#include "builder/input/prepare.h"
+#include "tests/bench/service_bench.h"
+#include "client/vulkan_input.h"
 
 /* What a worker does for a mesh, on this thread alone. */
 static void build_mesh(struct memory *memory, const struct terrain *mesh)
@@ -24,7 +27,8 @@ static void build_mesh(struct memory *memory, const struct terrain *mesh)
     unsigned char *blob;
     if (vulkan_input_create(&mesh->info, 1, &mesh->ranges, NULL, 0, &options, &input, &error) ||
         prepare(vulkan_input_entries(input), 0, &limits, &context, &canonical, &error) ||
-        content_key(&canonical, &options, &context, &key, &error) || build(&canonical, &options, &context, &blob, &stats, &error))
+        content_key(&canonical, &options, &context, &key, &error) ||
+        build(&canonical, &options, &context, &blob, &stats, &error))
         bench_fail("%s: %s", error.where, error.text);
     memory_free(memory, blob);
     prepare_finish(&canonical, memory);
@@ -32,7 +36,8 @@ static void build_mesh(struct memory *memory, const struct terrain *mesh)
 }
 
 /* Every `step`-th mesh, from `first` on. */
-static void build_part(struct memory *memory, const struct terrain *meshes, unsigned count, unsigned first, unsigned step)
+static void build_part(struct memory *memory, const struct terrain *meshes, unsigned count, unsigned first,
+                       unsigned step)
 {
     for (unsigned i = first; i < count; i += step)
         build_mesh(memory, &meshes[i]);
@@ -53,7 +58,8 @@ static void await(int descriptor)
 }
 
 /* The first round is for caches and heaps. */
-static void be_process(const struct terrain *meshes, unsigned count, unsigned index, unsigned processes, int go, int done)
+static void be_process(const struct terrain *meshes, unsigned count, unsigned index, unsigned processes, int go,
+                       int done)
 {
     struct memory memory;
     memory_keep();

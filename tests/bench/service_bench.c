@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "service_bench.h"
+#include "tests/bench/service_bench.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -100,7 +100,8 @@ void bench_finish(struct bvhd_batch *batch)
     for (uint32_t i = 0; i < bvhd_batch_count(batch); i++) {
         const struct bvhd_result *result = bvhd_batch_result(batch, i);
         if (result->error.status)
-            bench_fail("item %u: %s: %s: %s", i, bvhd_status_name(result->error.status), result->error.where, result->error.text);
+            bench_fail("item %u: %s: %s: %s", i, bvhd_status_name(result->error.status), result->error.where,
+                       result->error.text);
         for (uint64_t at = 0; at < result->size; at += PAGE)
             sink = ((const unsigned char *)result->data)[at];
     }

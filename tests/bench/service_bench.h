@@ -1,12 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* service_bench.h - what the parts of bench_service share: clock, medians, clients, one-line calls that end the program when they fail. */
+/*
+ * service_bench.h - what the parts of bench_service share: clock, medians, clients, one-line calls that end the program
+ * when they fail.
+ */
 #ifndef BVHD_SERVICE_BENCH_H
 #define BVHD_SERVICE_BENCH_H
 
 #include <bvhd/bvhd.h>
 
-#include "service_process.h"
-#include "terrain.h"
+#include "tests/support/daemon/service_process.h"
+#include "tests/support/scene/terrain.h"
 
 struct bench {
     const char *program; /* bvhd */
@@ -44,7 +47,10 @@ struct bvhd_batch *bench_submit(struct bvhd_client *client, const struct terrain
 /* Waits; ends the program unless every item is well. Reads one byte of each page. */
 void bench_finish(struct bvhd_batch *batch);
 
-/* Milliseconds that the builds of these meshes take in as many processes that share nothing, an equal number of meshes each. */
+/*
+ * Milliseconds that the builds of these meshes take in as many processes that share nothing, an equal number of meshes
+ * each.
+ */
 double bench_apart(const struct terrain *meshes, unsigned count, unsigned processes);
 
 /* The value of one of the service's counters; ends the program when there is none of that name. */

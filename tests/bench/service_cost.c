@@ -3,12 +3,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "build.h"
-#include "ply.h"
-#include "prepare.h"
-#include "service_bench.h"
-#include "vulkan_input.h"
-#include "workers.h"
+#include "builder/build.h"
+#include "tests/support/scene/ply.h"
+#include "builder/input/prepare.h"
+#include "tests/bench/service_bench.h"
+#include "client/vulkan_input.h"
+#include "builder/workers.h"
 
 /* What builds in this process. */
 struct local {
@@ -80,7 +80,8 @@ static void cost_of(const struct bench *bench, struct bvhd_client *client, struc
     }
     double s = bench_quantile(service, bench->runs, 0.5), a = bench_quantile(alone, bench->runs, 0.5);
     bench_line(name,
-               "service %.1f ms, in process %.1f ms: ratio %.3f, %+.1f ms (mean in the service: queued %.1f, prepare and key %.1f, "
+               "service %.1f ms, in process %.1f ms: ratio %.3f, %+.1f ms (mean in the service: queued %.1f, prepare "
+               "and key %.1f, "
                "build %.1f)",
                s, a, s / a, s - a, queued, prepared, built);
     free(service);
@@ -170,7 +171,8 @@ static void hits_by_geometry(struct bvhd_client *client, uint32_t triangles)
         us[i] = (bench_now() - begin) * 1e3;
     }
     double p99 = bench_quantile(us, TIMES, 0.99), p50 = bench_quantile(us, TIMES, 0.5);
-    bench_line("hit by geometry", "%.1f KiB: p50 %.0f us, p99 %.0f us; prepare and key %.0f us of it (goal: p50 1,000 us)",
+    bench_line("hit by geometry",
+               "%.1f KiB: p50 %.0f us, p99 %.0f us; prepare and key %.0f us of it (goal: p50 1,000 us)",
                (double)size / 1024, p50, p99, prepared * 1e3);
     terrain_finish(&terrain);
 }

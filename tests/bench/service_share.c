@@ -7,7 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "service_bench.h"
+#include "tests/bench/service_bench.h"
 
 static void sleep_us(long us)
 {
@@ -82,8 +82,10 @@ static void crew_stop(struct crew *crew)
     const struct share_times *times = &crew->best;
     char what[40];
     snprintf(what, sizeof what, "640 meshes, %u workers", crew->workers);
-    bench_line(what, "first job to last %.1f ms, workers busy %.3f of it, client waits %.1f ms; as many processes apart %.1f ms",
-               times->active, times->busy / times->active / crew->workers, times->wall, crew->apart);
+    bench_line(
+        what,
+        "first job to last %.1f ms, workers busy %.3f of it, client waits %.1f ms; as many processes apart %.1f ms",
+        times->active, times->busy / times->active / crew->workers, times->wall, crew->apart);
     bvhd_client_destroy(crew->client);
     bench_stop(&crew->process);
 }
@@ -107,7 +109,8 @@ void bench_many(const struct bench *bench)
     crew_stop(&one);
     crew_stop(&all);
     bench_line("640 meshes, rates",
-               "%.3f times that of %u single workers (goal: 0.85), as clients see it %.3f; processes apart %.3f times that of as many "
+               "%.3f times that of %u single workers (goal: 0.85), as clients see it %.3f; processes apart %.3f times "
+               "that of as many "
                "alone",
                one.best.active / all.best.active / workers, workers, one.best.wall / all.best.wall / workers,
                one.apart / all.apart / workers);
@@ -115,7 +118,9 @@ void bench_many(const struct bench *bench)
         terrain_finish(&meshes[i]);
 }
 
-/* Fills ret_ms with the times of small builds, each of another mesh; stops early when `big` is done. Returns how many. */
+/*
+ * Fills ret_ms with the times of small builds, each of another mesh; stops early when `big` is done. Returns how many.
+ */
 static int time_small(struct bvhd_client *client, struct bvhd_batch *big, uint32_t seed, double *ret_ms, int count)
 {
     int done = 0;
@@ -144,14 +149,16 @@ void bench_small(const struct bench *bench)
     for (int i = 0; i < 5 && beside_count < TIMES; i++) {
         struct bvhd_batch *big = bench_submit(other, &terrain);
         bvhd_batch_wait_copied(big, -1);
-        beside_count += time_small(client, big, 2000 + (uint32_t)beside_count, beside + beside_count, TIMES - beside_count);
+        beside_count +=
+            time_small(client, big, 2000 + (uint32_t)beside_count, beside + beside_count, TIMES - beside_count);
         bvhd_batch_destroy(big);
     }
     terrain_finish(&terrain);
     double q50 = bench_quantile(quiet, quiet_count, 0.5), b50 = bench_quantile(beside, beside_count, 0.5);
     double q99 = bench_quantile(quiet, quiet_count, 0.99), b99 = bench_quantile(beside, beside_count, 0.99);
-    bench_line("small job", "quiet p50 %.2f ms, p99 %.2f; beside 4 M triangles p50 %.2f ms, p99 %.2f, of %d (goal: p50 %.2f ms)", q50,
-               q99, b50, b99, beside_count, 2 * q50 > q50 + 5 ? 2 * q50 : q50 + 5);
+    bench_line("small job",
+               "quiet p50 %.2f ms, p99 %.2f; beside 4 M triangles p50 %.2f ms, p99 %.2f, of %d (goal: p50 %.2f ms)",
+               q50, q99, b50, b99, beside_count, 2 * q50 > q50 + 5 ? 2 * q50 : q50 + 5);
     bvhd_client_destroy(client);
     bvhd_client_destroy(other);
     bench_stop(&process);
@@ -171,7 +178,8 @@ enum { CANCELS = 200 };
 
 static void print_cancels(const char *what, double *ms, const char *goal)
 {
-    double p99 = bench_quantile(ms, CANCELS, 0.99), most = bench_quantile(ms, CANCELS, 1), p50 = bench_quantile(ms, CANCELS, 0.5);
+    double p99 = bench_quantile(ms, CANCELS, 0.99), most = bench_quantile(ms, CANCELS, 1),
+           p50 = bench_quantile(ms, CANCELS, 0.5);
     bench_line(what, "p50 %.3f ms, p99 %.3f ms, most %.3f ms of %d (goal: p99 %s)", p50, p99, most, CANCELS, goal);
 }
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * fuzz.h - what a fuzz target is: one function that takes any bytes, and samples to start from. README.md says how they are run.
+ * fuzz.h - what a fuzz target is: one function that takes any bytes, and samples to start from. README.md says how they
+ * are run.
  */
 #ifndef BVHD_FUZZ_H
 #define BVHD_FUZZ_H
@@ -19,12 +20,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes);
 
 /* What must hold, in every build. */
-#define FUZZ_CHECK(condition)                                                                                                          \
-    do {                                                                                                                               \
-        if (!(condition)) {                                                                                                            \
-            fprintf(stderr, "%s:%d: does not hold: %s\n", __FILE__, __LINE__, #condition);                                             \
-            abort();                                                                                                                   \
-        }                                                                                                                              \
+#define FUZZ_CHECK(condition)                                                                                          \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            fprintf(stderr, "%s:%d: does not hold: %s\n", __FILE__, __LINE__, #condition);                             \
+            abort();                                                                                                   \
+        }                                                                                                              \
     } while (0)
 
 #endif

@@ -1,17 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Control messages, and what a daemon does with a BUILD: unpack, rows of each payload, validation, the canonical copy and its view.
+ * Control messages, and what a daemon does with a BUILD: unpack, rows of each payload, validation, the canonical copy
+ * and its view.
  *
- * Input: a byte for the kind, two for the control message's size, the message, the bytes that payloads lie in. What is unpacked and packed again has
- * to be the same from then on. Payloads are copied to blocks of their exact size, so that a sanitizer sees a byte too far.
+ * Input: a byte for the kind, two for the control message's size, the message, the bytes that payloads lie in. What is
+ * unpacked and packed again has to be the same from then on. Payloads are copied to blocks of their exact size, so that
+ * a sanitizer sees a byte too far.
  */
-#include "fuzz.h"
+#include "tests/fuzz/fuzz.h"
 
-#include "inputs.h"
-#include "messages.h"
-#include "prepare.h"
-#include "rows.h"
-#include "validate.h"
+#include "tests/support/builder/inputs.h"
+#include "tests/support/proto/messages.h"
+#include "builder/input/prepare.h"
+#include "proto/wire/rows.h"
+#include "builder/input/validate.h"
 
 enum { HEAD = 3, MOST_ITEMS = 8, BUDGET = 64 << 20 };
 
@@ -20,7 +22,8 @@ static struct memory memory = {.limit = BUDGET, .fail_after = -1};
 /* Limits of a small service: what passes them is quick. */
 static struct limits small_limits(void)
 {
-    return (struct limits){.max_geometries = 100, .max_instances = 1000, .max_primitives = 1000, .max_canonical_bytes = 1 << 20};
+    return (struct limits){
+        .max_geometries = 100, .max_instances = 1000, .max_primitives = 1000, .max_canonical_bytes = 1 << 20};
 }
 
 static void try_prepare(const struct build_input *input, uint32_t index)
@@ -51,7 +54,8 @@ static void try_payload(const struct control_item *item, uint32_t index, struct 
                     .device = item->device,
                     .rays_per_primitive = item->rays_per_primitive},
     };
-    struct rows_shape shape = {item->geometry_count, item->geometry_size, item->reference_count, item->reference_size, NULL};
+    struct rows_shape shape = {item->geometry_count, item->geometry_size, item->reference_count, item->reference_size,
+                               NULL};
     struct limits limits = small_limits();
     struct bvhd_error error;
     if (rows_read(payload, &shape, index, &memory, &input, &error) != BVHD_OK)
@@ -140,7 +144,8 @@ static size_t build_sample(uint8_t kind, const struct build_input *const *inputs
         end += size;
     }
     struct bytes control;
-    FUZZ_CHECK(control_pack_build(&build, &memory, &control, NULL) == BVHD_OK && HEAD + control.size + end <= FUZZ_ROOM);
+    FUZZ_CHECK(control_pack_build(&build, &memory, &control, NULL) == BVHD_OK &&
+               HEAD + control.size + end <= FUZZ_ROOM);
     uint16_t control_size = (uint16_t)control.size;
     ret_bytes[0] = kind;
     memcpy(ret_bytes + 1, &control_size, sizeof control_size);
@@ -183,5 +188,6 @@ size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
     index -= MESSAGES_KINDS;
     if (index >= 16)
         return 0;
-    return index % 4 < 3 ? build_sample(build_kind(), &all[index % 4], 1, ret_bytes) : build_sample(build_kind(), all, 3, ret_bytes);
+    return index % 4 < 3 ? build_sample(build_kind(), &all[index % 4], 1, ret_bytes)
+                         : build_sample(build_kind(), all, 3, ret_bytes);
 }

@@ -1,16 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bytes into the parser of frames: whole, in portions, in portions with descriptors. Portions must not matter, and no descriptor may be lost.
+ * Bytes into the parser of frames: whole, in portions, in portions with descriptors. Portions must not matter, and no
+ * descriptor may be lost.
  *
  * Input: a byte that chooses portions and descriptors, then what comes from the socket.
  */
-#include "fuzz.h"
+#include "tests/fuzz/fuzz.h"
 
 #include <fcntl.h>
 #include <unistd.h>
 
-#include "frame.h"
-#include "random.h"
+#include "proto/wire/frame.h"
+#include "tests/support/random.h"
 
 enum { MOST_DESCRIPTORS = 256, MAX_CONTROL = 2000, MAX_INLINE = 3000 };
 
@@ -92,7 +93,10 @@ static uint64_t feed_some(struct run *run, const uint8_t *data, size_t size)
     return some;
 }
 
-/* The same number may stand for a later descriptor, so those that are still open are looked for at the end, when none may be. */
+/*
+ * The same number may stand for a later descriptor, so those that are still open are looked for at the end, when none
+ * may be.
+ */
 static void finish(struct run *run)
 {
     frame_parser_finish(&run->parser);

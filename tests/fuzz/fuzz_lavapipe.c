@@ -4,14 +4,14 @@
  *
  * Input: a byte whose lowest bit is the variant, and whose next one has sizes repaired; then the structure.
  */
-#include "fuzz.h"
+#include "tests/fuzz/fuzz.h"
 
 #include <math.h>
 
-#include "lavapipe_traverse.h"
-#include "probe.h"
-#include "repair.h"
-#include "synthetic_probe.h"
+#include "builder/traverse/lavapipe_traverse.h"
+#include "builder/format/probe.h"
+#include "tests/fuzz/repair.h"
+#include "tests/support/builder/synthetic_probe.h"
 
 static void shoot(const struct lavapipe_view *view)
 {
@@ -20,7 +20,8 @@ static void shoot(const struct lavapipe_view *view)
     bool is_top = view->handle_count > 0;
     const struct lavapipe_scene scene = {is_top ? view : NULL, bottoms, is_top ? 0 : 1};
     for (size_t i = 0; i < sizeof directions / sizeof directions[0]; i++) {
-        struct ray ray = {.origin = {-directions[i][0] * 20, 0.5f, -directions[i][2] * 20}, .tmax = INFINITY, .cull_mask = 0xff};
+        struct ray ray = {
+            .origin = {-directions[i][0] * 20, 0.5f, -directions[i][2] * 20}, .tmax = INFINITY, .cull_mask = 0xff};
         struct ray_hit hit;
         memcpy(ray.direction, directions[i], sizeof ray.direction);
         if (lavapipe_traverse(&scene, &ray, NULL, &hit, NULL))

@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A probe's block from anywhere: what it says of a device is either an error with a place, or a format that a build may have.
+ * A probe's block from anywhere: what it says of a device is either an error with a place, or a format that a build may
+ * have.
  *
  * Input: a byte, 0, or the variant under which the structures' sizes are repaired; then the block.
  */
-#include "fuzz.h"
+#include "tests/fuzz/fuzz.h"
 
-#include "layout.h"
-#include "probe.h"
-#include "repair.h"
-#include "synthetic_probe.h"
+#include "builder/format/layout.h"
+#include "builder/format/probe.h"
+#include "tests/fuzz/repair.h"
+#include "tests/support/builder/synthetic_probe.h"
 
 static void check_format(const struct probe *probe, enum target target, const struct device_format *format)
 {
@@ -19,7 +20,8 @@ static void check_format(const struct probe *probe, enum target target, const st
         struct serialized_header header;
         FUZZ_CHECK(serialized_read(probe->structures[i], &header, NULL) == BVHD_OK);
         FUZZ_CHECK(memcmp(header.driver_uuid, format->driver_uuid, sizeof header.driver_uuid) == 0);
-        FUZZ_CHECK(memcmp(header.compatibility_uuid, format->compatibility_uuid, sizeof header.compatibility_uuid) == 0);
+        FUZZ_CHECK(memcmp(header.compatibility_uuid, format->compatibility_uuid, sizeof header.compatibility_uuid) ==
+                   0);
     }
 }
 

@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* repair.h - makes sizes in a mutated native structure agree with each other, so that readers come to what lies behind their check. */
+/*
+ * repair.h - makes sizes in a mutated native structure agree with each other, so that readers come to what lies behind
+ * their check.
+ */
 #ifndef BVHD_FUZZ_REPAIR_H
 #define BVHD_FUZZ_REPAIR_H
 
-#include "lavapipe.h"
-#include "serialized.h"
+#include "builder/format/lavapipe.h"
+#include "builder/format/serialized.h"
 
 enum { REPAIR_SMALLEST = LAVAPIPE_HEADER + sizeof(struct lavapipe_box), REPAIR_HANDLES = 64 };
 
@@ -13,7 +16,8 @@ static inline void repair_structure(uint8_t *blob, uint64_t size, uint32_t varia
 {
     if (size < SERIALIZED_HANDLES + REPAIR_SMALLEST)
         return;
-    uint64_t most = (size - SERIALIZED_HANDLES - REPAIR_SMALLEST) / 8, handles = bytes_get64(blob + 48) % REPAIR_HANDLES;
+    uint64_t most = (size - SERIALIZED_HANDLES - REPAIR_SMALLEST) / 8,
+             handles = bytes_get64(blob + 48) % REPAIR_HANDLES;
     handles = handles < most ? handles : most;
     uint8_t *body = blob + SERIALIZED_HANDLES + 8 * handles, *at = body + 24;
     uint64_t body_size = size - SERIALIZED_HANDLES - 8 * handles;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A fuzz target without libFuzzer: the samples, mutations of them, files. See usage below and README.md. */
-#include "fuzz.h"
+#include "tests/fuzz/fuzz.h"
 
 #include <dirent.h>
 #include <stdbool.h>
 #include <string.h>
 #include <sys/stat.h>
 
-#include "random.h"
+#include "tests/support/random.h"
 
 enum { MOST_SAMPLES = 64, MOST_STEPS = 8, STRETCH = 64 };
 
@@ -22,7 +22,8 @@ static uint32_t sample_count;
 static int usage(void)
 {
     fputs("usage: replay [--mutations N] [--seed S] [--only N] [--verbose] [--write DIR] [FILE | DIR]...\n"
-          "Runs the files, or without any the samples and N mutations of them. --only runs mutation N alone, --verbose says which one\n"
+          "Runs the files, or without any the samples and N mutations of them. --only runs mutation N alone, --verbose "
+          "says which one\n"
           "comes next, --write puts the samples into a folder, for a fuzzer to start from.\n",
           stderr);
     return 2;

@@ -1,18 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * determinism [COUNT [SEED]] - the same request gives the same bytes: with 1, 2 and 8 threads, and written in other strides, offsets and index widths.
- * determinism --digest [COUNT [SEED]] - prints nothing but one digest over all keys and blobs, to be compared between compilers and machines.
+ * determinism [COUNT [SEED]] - the same request gives the same bytes: with 1, 2 and 8 threads, and written in other
+ * strides, offsets and index widths. determinism --digest [COUNT [SEED]] - prints nothing but one digest over all keys
+ * and blobs, to be compared between compilers and machines.
  *
- * Random requests, and generated meshes large enough to be cut into several pieces. Ends with status 1 if anything differs.
+ * Random requests, and generated meshes large enough to be cut into several pieces. Ends with status 1 if anything
+ * differs.
  */
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "batch.h"
-#include "lavapipe.h"
-#include "random_input.h"
-#include "random_top.h"
-#include "workers.h"
+#include "builder/batch.h"
+#include "builder/format/lavapipe.h"
+#include "tests/support/builder/random_input.h"
+#include "tests/support/builder/random_top.h"
+#include "builder/workers.h"
 
 enum { TEAMS = 3, GRID = 260 }; /* 135,200 triangles: three pieces at least */
 
@@ -38,7 +40,8 @@ static void fail(struct run *run, const char *what, const char *how)
     run->failures++;
 }
 
-static bool build_one(struct run *run, const struct build_input *input, int team, const char *what, struct batch_item *ret_item)
+static bool build_one(struct run *run, const struct build_input *input, int team, const char *what,
+                      struct batch_item *ret_item)
 {
     struct build_context context = {.memory = &run->memory, .parallel = workers_parallel(run->workers[team])};
     struct limits limits = limits_default();
@@ -59,7 +62,8 @@ static bool items_equal(const struct batch_item *a, const struct batch_item *b)
 }
 
 /* One request with every team. False if it could not be built; else the caller ends *ret_first. */
-static bool build_with_all(struct run *run, const struct build_input *input, const char *what, struct batch_item *ret_first)
+static bool build_with_all(struct run *run, const struct build_input *input, const char *what,
+                           struct batch_item *ret_first)
 {
     if (!build_one(run, input, 0, what, ret_first))
         return false;
@@ -232,11 +236,12 @@ static struct geometry write_mesh(const struct mesh *mesh, const struct writing 
     return geometry;
 }
 
-static void run_writing(struct run *run, const struct mesh *mesh, const struct writing *writing, const struct build_options *options,
-                        const struct batch_item *first)
+static void run_writing(struct run *run, const struct mesh *mesh, const struct writing *writing,
+                        const struct build_options *options, const struct batch_item *first)
 {
     struct geometry geometry = write_mesh(mesh, writing);
-    struct build_input input = {.type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry, .options = *options};
+    struct build_input input = {
+        .type = STRUCTURE_BOTTOM, .geometry_count = 1, .geometries = &geometry, .options = *options};
     struct batch_item item;
     if (build_one(run, &input, 1, writing->name, &item)) {
         if (!items_equal(first, &item))

@@ -1,18 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Candidates that a driver reports of our structures with split references, counted in the loop of a ray query: Vulkan lets a primitive come twice, unless its geometry says
- * NO_DUPLICATE_ANY_HIT, and then it never does; none is left out. Skipped (77) where no device loads our structures.
+ * Candidates that a driver reports of our structures with split references, counted in the loop of a ray query: Vulkan
+ * lets a primitive come twice, unless its geometry says NO_DUPLICATE_ANY_HIT, and then it never does; none is left out.
+ * Skipped (77) where no device loads our structures.
  */
-#include "unit.h"
+#include "tests/support/unit.h"
 
 #include <math.h>
 
-#include "driver_scene.h"
-#include "gpu_bed.h"
-#include "lavapipe.h"
-#include "prepare.h"
-#include "query_bed.h"
-#include "random.h"
+#include "tests/support/driver/driver_scene.h"
+#include "tests/support/driver/gpu_bed.h"
+#include "builder/format/lavapipe.h"
+#include "builder/input/prepare.h"
+#include "tests/support/driver/query_bed.h"
+#include "tests/support/random.h"
 
 #define MUST(call) driver_scene_must((call), &error)
 
@@ -65,13 +66,16 @@ static void prepare_bottom(const float *corners, uint32_t flags, struct canonica
 static void prepare_top(struct canonical *ret_canonical)
 {
     static const VkAccelerationStructureInstanceKHR instance = {
-        .transform = {.matrix = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}}, .mask = 0xff, .accelerationStructureReference = 1};
+        .transform = {.matrix = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}},
+        .mask = 0xff,
+        .accelerationStructureReference = 1};
     struct reference reference = {
         .kind = REFERENCE_BLAS, .handle = 1, .has_key = true, .bounds = {{-1.1f, -1.1f, -1.1f}, {1.1f, 1.1f, 1.1f}}};
     const uint64_t number = 1;
     memcpy(&reference.key, &number, sizeof number);
-    const struct geometry geometry = {
-        .type = GEOMETRY_INSTANCES, .instances = {{(const unsigned char *)&instance, sizeof instance}}, .range.primitive_count = 1};
+    const struct geometry geometry = {.type = GEOMETRY_INSTANCES,
+                                      .instances = {{(const unsigned char *)&instance, sizeof instance}},
+                                      .range.primitive_count = 1};
     const struct build_input input = {.type = STRUCTURE_TOP,
                                       .geometry_count = 1,
                                       .geometries = &geometry,
@@ -100,7 +104,8 @@ static struct ray *make_rays(void)
 }
 
 struct count {
-    uint64_t reported, different; /* candidates of all rays, and how many of them are different primitives of their ray */
+    uint64_t reported,
+        different; /* candidates of all rays, and how many of them are different primitives of their ray */
     uint64_t missing; /* that the driver's own has, and ours has not */
 };
 
@@ -112,8 +117,8 @@ static bool is_among(const struct query_id *ids, uint32_t count, uint32_t primit
     return false;
 }
 
-static void count_ray(const struct query_id *ours, uint32_t our_count, const struct query_id *theirs, uint32_t their_count,
-                      struct count *count)
+static void count_ray(const struct query_id *ours, uint32_t our_count, const struct query_id *theirs,
+                      uint32_t their_count, struct count *count)
 {
     assert_true(our_count <= LISTED && their_count <= LISTED);
     count->reported += our_count;
@@ -137,7 +142,8 @@ static struct count count_candidates(const struct driver_scene *scene)
     work.top = scene->top.handle;
     query_bed_trace(bed, &work, theirs, their_ids);
     for (uint32_t i = 0; i < RAYS; i++)
-        count_ray(our_ids + (size_t)i * LISTED, ours[i].candidates, their_ids + (size_t)i * LISTED, theirs[i].candidates, &count);
+        count_ray(our_ids + (size_t)i * LISTED, ours[i].candidates, their_ids + (size_t)i * LISTED,
+                  theirs[i].candidates, &count);
     query_bed_destroy(bed);
     free(their_ids);
     free(our_ids);
@@ -154,10 +160,12 @@ static uint32_t count_references(const struct bvhd_vulkan_bytes *blob)
     struct lavapipe_view view;
     uint32_t count = 0;
     MUST(lavapipe_open_any((struct bytes){blob->data, blob->size}, &memory, &view, &error));
-    for (uint32_t at = LAVAPIPE_HEADER; at + sizeof(struct lavapipe_box) <= view.leaf_offset; at += sizeof(struct lavapipe_box)) {
+    for (uint32_t at = LAVAPIPE_HEADER; at + sizeof(struct lavapipe_box) <= view.leaf_offset;
+         at += sizeof(struct lavapipe_box)) {
         struct lavapipe_box box = lavapipe_box_at(&view, at);
         for (int c = 0; c < 2; c++)
-            count += box.children[c] != LAVAPIPE_NONE && (box.children[c] & 3) == LAVAPIPE_TRIANGLE && box.children[c] != 0;
+            count +=
+                box.children[c] != LAVAPIPE_NONE && (box.children[c] & 3) == LAVAPIPE_TRIANGLE && box.children[c] != 0;
     }
     return count;
 }
@@ -180,8 +188,8 @@ static struct count count_of(enum build_quality quality, uint32_t flags, uint32_
     driver_scene_init(&scene, &options);
     struct count count = count_candidates(&scene);
     *ret_references = count_references(&scene.blobs[0]);
-    print_message("%u references to %u triangles: %llu candidates, %llu of them different ones\n", *ret_references, TRIANGLES,
-                  (unsigned long long)count.reported, (unsigned long long)count.different);
+    print_message("%u references to %u triangles: %llu candidates, %llu of them different ones\n", *ret_references,
+                  TRIANGLES, (unsigned long long)count.reported, (unsigned long long)count.different);
     driver_scene_finish(&scene);
     prepare_finish(&top, &memory);
     prepare_finish(&bottom, &memory);

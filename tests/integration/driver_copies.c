@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Our structures, copied by a driver: cloned, compacted, serialized and loaded again, one after the other in both orders, bottom levels, top levels, and both. Every copy is traced
- * as the scene that it comes from is, and serialized again it gives the bytes that we wrote, apart from addresses. Skipped (77) where no device loads our structures.
+ * Our structures, copied by a driver: cloned, compacted, serialized and loaded again, one after the other in both
+ * orders, bottom levels, top levels, and both. Every copy is traced as the scene that it comes from is, and serialized
+ * again it gives the bytes that we wrote, apart from addresses. Skipped (77) where no device loads our structures.
  */
-#include "unit.h"
+#include "tests/support/unit.h"
 
-#include "driver_judge.h"
-#include "driver_world.h"
-#include "gpu_bed.h"
-#include "lavapipe.h"
-#include "serialized.h"
+#include "tests/support/driver/driver_judge.h"
+#include "tests/support/driver/driver_world.h"
+#include "tests/support/driver/gpu_bed.h"
+#include "builder/format/lavapipe.h"
+#include "builder/format/serialized.h"
 
 #define MUST(call) driver_scene_must((call), &error)
 
@@ -18,7 +19,8 @@ enum { RAYS = 200, MOST_ROWS = DRIVER_WORLD_BOTTOMS };
 /* One way to copy, and sequences of them. */
 enum way { CLONE, COMPACT, RELOAD, WAYS };
 
-static const enum way sequences[][WAYS] = {{CLONE, COMPACT, RELOAD}, {RELOAD, COMPACT, CLONE}, {RELOAD, RELOAD, RELOAD}};
+static const enum way sequences[][WAYS] = {
+    {CLONE, COMPACT, RELOAD}, {RELOAD, COMPACT, CLONE}, {RELOAD, RELOAD, RELOAD}};
 enum { SEQUENCES = sizeof sequences / sizeof *sequences };
 
 static struct memory memory;
@@ -61,9 +63,10 @@ static struct driver_structure copy(const struct driver_structure *from, enum wa
     unsigned char *data;
     uint64_t size;
     if (way != RELOAD) {
-        MUST(driver_structure_copy(
-            gpu, from, way == CLONE ? VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR : VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR,
-            &to, &error));
+        MUST(driver_structure_copy(gpu, from,
+                                   way == CLONE ? VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR
+                                                : VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR,
+                                   &to, &error));
         return to;
     }
     MUST(driver_structure_serialize(gpu, from, &memory, &data, &size, &error));
@@ -181,7 +184,8 @@ static void bottom_levels_are_copied(void **state)
             addresses[row] = bottoms[row].address;
             assert_bytes_again(&bottoms[row], row, NULL);
         }
-        struct driver_structure top = driver_scene_top_over(&scene, addresses), copied = copy_in_turn(&top, sequences[s]);
+        struct driver_structure top = driver_scene_top_over(&scene, addresses),
+                                copied = copy_in_turn(&top, sequences[s]);
         assert_bytes_again(&copied, scene.row_count, addresses);
         driver_structure_destroy(gpu, &top);
         assert_traced_the_same(copied.handle);

@@ -1,20 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The lavapipe layout against the driver itself: it builds, and our writer, fed with the driver's topology and our own geometry, gives the bytes that the
- * driver serializes. Then what our builder makes of the same request is loaded into the driver, which gives the same bytes back.
+ * The lavapipe layout against the driver itself: it builds, and our writer, fed with the driver's topology and our own
+ * geometry, gives the bytes that the driver serializes. Then what our builder makes of the same request is loaded into
+ * the driver, which gives the same bytes back.
  *
- * Not compared are empty structures, whose serialized size the driver says to be 0. Skipped (77) where no device loads this layout.
+ * Not compared are empty structures, whose serialized size the driver says to be 0. Skipped (77) where no device loads
+ * this layout.
  */
-#include "unit.h"
+#include "tests/support/unit.h"
 
-#include "build.h"
-#include "driver_structure.h"
-#include "lavapipe.h"
-#include "lavapipe_topology.h"
-#include "lavapipe_write.h"
-#include "prepare.h"
-#include "random.h"
-#include "serialized.h"
+#include "builder/build.h"
+#include "tests/support/driver/driver_structure.h"
+#include "builder/format/lavapipe.h"
+#include "builder/format/lavapipe_topology.h"
+#include "builder/format/lavapipe_write.h"
+#include "builder/input/prepare.h"
+#include "tests/support/random.h"
+#include "builder/format/serialized.h"
 
 enum { SKIPPED = 77, BOTTOMS = 3 };
 
@@ -64,14 +66,14 @@ static void assert_equal(const char *name, struct bytes driver, struct bytes our
     uint64_t size = driver.size < ours.size ? driver.size : ours.size;
     for (uint64_t i = 0; i < size; i++)
         if (driver.data[i] != ours.data[i])
-            fail_msg("%s: byte %llu of %llu is %02x, the driver's %02x", name, (unsigned long long)i, (unsigned long long)size,
-                     ours.data[i], driver.data[i]);
+            fail_msg("%s: byte %llu of %llu is %02x, the driver's %02x", name, (unsigned long long)i,
+                     (unsigned long long)size, ours.data[i], driver.data[i]);
     assert_int_equal(driver.size, ours.size);
 }
 
 /* The driver's tree over our canonical copy. */
-static void write_again(const struct canonical *canonical, const struct lavapipe_view *view, const struct parallel *parallel,
-                        struct bytes *ret_blob)
+static void write_again(const struct canonical *canonical, const struct lavapipe_view *view,
+                        const struct parallel *parallel, struct bytes *ret_blob)
 {
     struct bvhd_error error;
     struct lavapipe_topology topology;
@@ -130,8 +132,12 @@ static void collect_boxes(struct bytes blob, struct box *ret_boxes)
     }
 }
 
-/* The driver computes boxes of instances in float, ours are rounded outward from double and contain the driver's: what it hits, ours hits. */
-static void assert_instance_boxes_contain(const struct canonical *canonical, struct bytes driver, const uint64_t *addresses)
+/*
+ * The driver computes boxes of instances in float, ours are rounded outward from double and contain the driver's: what
+ * it hits, ours hits.
+ */
+static void assert_instance_boxes_contain(const struct canonical *canonical, struct bytes driver,
+                                          const uint64_t *addresses)
 {
     struct bytes ours = build_ours(canonical, addresses);
     struct box *theirs = allocate(canonical->primitive_count * sizeof *theirs),
@@ -146,7 +152,8 @@ static void assert_instance_boxes_contain(const struct canonical *canonical, str
         assert_true(box_contains(&own[i], &theirs[i]));
         larger += !box_contains(&theirs[i], &own[i]);
     }
-    print_message("boxes of %u instances: %u are larger than the driver's, the others equal\n", view.leaf_count, larger);
+    print_message("boxes of %u instances: %u are larger than the driver's, the others equal\n", view.leaf_count,
+                  larger);
     memory_free(&memory, own);
     memory_free(&memory, theirs);
     memory_free(&memory, (void *)(uintptr_t)ours.data);
@@ -248,7 +255,8 @@ static void triangles_are_equal(void **state)
 static void geometries_are_equal(void **state)
 {
     (void)state;
-    static const uint32_t counts[] = {7, 0, 1, 300, 12}, flags[] = {0, 1, GEOMETRY_OPAQUE, GEOMETRY_NO_DUPLICATE_ANY_HIT, 3};
+    static const uint32_t counts[] = {7, 0, 1, 300, 12},
+                          flags[] = {0, 1, GEOMETRY_OPAQUE, GEOMETRY_NO_DUPLICATE_ANY_HIT, 3};
     struct geometry geometries[5];
     float *vertices = random_floats(11, 9 * 320 + 3);
     for (uint32_t i = 0, first = 0; i < 5; first += counts[i++])
@@ -281,11 +289,11 @@ static void aabbs_are_equal(void **state)
         for (uint32_t k = 0; k < 2 * counts[i]; k++)
             order_corners(boxes + 6 * (size_t)k);
         for (uint32_t g = 0; g < 2; g++)
-            geometries[g] =
-                (struct geometry){.type = GEOMETRY_AABBS,
-                                  .flags = g ? GEOMETRY_OPAQUE : 0,
-                                  .aabbs = {24, {(const unsigned char *)(boxes + 6 * (size_t)g * counts[i]), 24 * (uint64_t)counts[i]}},
-                                  .range = {.primitive_count = counts[i]}};
+            geometries[g] = (struct geometry){
+                .type = GEOMETRY_AABBS,
+                .flags = g ? GEOMETRY_OPAQUE : 0,
+                .aabbs = {24, {(const unsigned char *)(boxes + 6 * (size_t)g * counts[i]), 24 * (uint64_t)counts[i]}},
+                .range = {.primitive_count = counts[i]}};
         struct build_input input = bottom_of(geometries, counts[i] > 1 ? 2 : 1);
         snprintf(name, sizeof name, "%u boxes", counts[i]);
         check_input(name, &input, NULL);
@@ -317,7 +325,8 @@ static void make_world(struct world *world)
         MUST(driver_structure_build(gpu, &canonical, NULL, &memory, &world->bottoms[i], &error));
         MUST(driver_structure_serialize(gpu, &world->bottoms[i], &memory, &data, &size, &error));
         MUST(open_as_device((struct bytes){data, size}, &view, &error));
-        world->references[i] = (struct reference){.kind = REFERENCE_BLAS, .handle = world->addresses[i] = world->bottoms[i].address};
+        world->references[i] =
+            (struct reference){.kind = REFERENCE_BLAS, .handle = world->addresses[i] = world->bottoms[i].address};
         memcpy(&world->references[i].bounds, view.bounds, sizeof view.bounds);
         memory_free(&memory, data);
         prepare_finish(&canonical, &memory);
@@ -369,8 +378,9 @@ static void check_top(const char *name, const struct world *world, uint32_t coun
     unsigned char *records = allocate(64 * (size_t)count);
     for (uint32_t i = 0; i < count; i++)
         fill_record(&random, world, null_step && i % null_step == 0, records + 64 * (size_t)i);
-    struct geometry geometry = {
-        .type = GEOMETRY_INSTANCES, .instances = {{records, 64 * (uint64_t)count}}, .range = {.primitive_count = count}};
+    struct geometry geometry = {.type = GEOMETRY_INSTANCES,
+                                .instances = {{records, 64 * (uint64_t)count}},
+                                .range = {.primitive_count = count}};
     struct build_input input = bottom_of(&geometry, 1);
     input.type = STRUCTURE_TOP;
     input.references = world->references;
@@ -407,9 +417,9 @@ static bool open_device(void)
         fprintf(stderr, "skipped: %s: %s\n", error.where, error.text);
         return false;
     }
-    if (gpu->facts.has_acceleration_structure)
+    if (gpu->properties.has_acceleration_structure)
         return true;
-    fprintf(stderr, "skipped: %s builds no acceleration structures\n", gpu->facts.name);
+    fprintf(stderr, "skipped: %s builds no acceleration structures\n", gpu->properties.name);
     gpu_close(gpu);
     return false;
 }

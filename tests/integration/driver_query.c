@@ -1,25 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * driver_query [--rays N] [--seed S] [--quality NAME] [--cases LIST] [DIR...] - our structures in a driver against the driver's own of the same scene: the same rays by ray queries and by ray-tracing
- * pipelines, with all flags, masks, and fates of candidates. Of every ray all that the driver tells is equal to the last bit, or it is a tie: the same t, which both primitives
- * have, each traced alone in the other structure.
+ * driver_query [--rays N] [--seed S] [--quality NAME] [--cases LIST] [DIR...] - our structures in a driver against the
+ * driver's own of the same scene: the same rays by ray queries and by ray-tracing pipelines, with all flags, masks, and
+ * fates of candidates. Of every ray all that the driver tells is equal to the last bit, or it is a tie: the same t,
+ * which both primitives have, each traced alone in the other structure.
  *
- * Without a DIR: generated scenes. A DIR is one of `bvhctl build` of the portable target, whose scene is built again for the device.
+ * Without a DIR: generated scenes. A DIR is one of `bvhctl build` of the portable target, whose scene is built again
+ * for the device.
  *
- * Prints a line a scene, a line a case for those of a DIR. Ends with status 3 when there is a difference, 77 where there is no device that loads our structures.
+ * Prints a line a scene, a line a case for those of a DIR. Ends with status 3 when there is a difference, 77 where
+ * there is no device that loads our structures.
  */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "bench_vulkan_rays.h"
-#include "bench_vulkan_scene.h"
-#include "build.h"
-#include "driver_judge.h"
-#include "driver_world.h"
-#include "gpu_bed.h"
-#include "workers.h"
+#include "tests/bench/bench_vulkan_rays.h"
+#include "tests/bench/bench_vulkan_scene.h"
+#include "builder/build.h"
+#include "tests/support/driver/driver_judge.h"
+#include "tests/support/driver/driver_world.h"
+#include "tests/support/driver/gpu_bed.h"
+#include "builder/workers.h"
 
 #define MUST(call) driver_scene_must((call), &error)
 
@@ -49,8 +52,8 @@ static bool is_chosen(const struct run *run, const char *name)
 
 static void print_tally(const char *scene, const char *what, const struct driver_tally *tally)
 {
-    printf("%-14s %-36s rays %8" PRIu64 " hits %8" PRIu64 " same %8" PRIu64 " tied %6" PRIu64 " another %6" PRIu64 " lost %3" PRIu64
-           " wrong %" PRIu64,
+    printf("%-14s %-36s rays %8" PRIu64 " hits %8" PRIu64 " same %8" PRIu64 " tied %6" PRIu64 " another %6" PRIu64
+           " lost %3" PRIu64 " wrong %" PRIu64,
            scene, what, tally->rays, tally->hits, tally->same, tally->tied, tally->another, tally->lost, tally->other);
     if (tally->candidates)
         printf(", candidates %" PRIu64 ", repeated %" PRIu64, tally->candidates, tally->repeated);
@@ -135,11 +138,13 @@ static void run_generated(struct run *run)
 
 /* ---- Scenes of files ---- */
 
-typedef void (*judge_function)(struct driver_judge *, const char *, const struct driver_case *, const struct ray *, uint32_t);
+typedef void (*judge_function)(struct driver_judge *, const char *, const struct driver_case *, const struct ray *,
+                               uint32_t);
 
 /* One case, one kind of rays, by queries or by pipelines; nothing where these do not apply. */
 static void judge_some(struct driver_judge *judge, const char *scene, const char *what, judge_function function,
-                       const struct driver_case *shared, const struct ray *rays, uint32_t count, struct driver_tally *sum)
+                       const struct driver_case *shared, const struct ray *rays, uint32_t count,
+                       struct driver_tally *sum)
 {
     judge->tally = (struct driver_tally){0};
     function(judge, what, shared, rays, count);
@@ -181,7 +186,8 @@ static void run_files(struct run *run, const char *directory)
         fprintf(stderr, "driver_query: %s: no top level\n", directory);
         exit(1);
     }
-    const struct bench_rays_options wanted = {.count = run->rays, .kinds = {[RAYS_PRIMARY] = true, [RAYS_RANDOM] = true}};
+    const struct bench_rays_options wanted = {.count = run->rays,
+                                              .kinds = {[RAYS_PRIMARY] = true, [RAYS_RANDOM] = true}};
     MUST(bench_rays_make(&files, &wanted, parallel, &run->memory, &rays, &error));
     const struct driver_scene_options options = {.gpu = run->gpu,
                                                  .format = &run->format,
@@ -204,7 +210,8 @@ static void run_files(struct run *run, const char *directory)
 
 static void usage(void)
 {
-    fprintf(stderr, "usage: driver_query [--rays N] [--seed S] [--quality fast|balanced|high] [--cases LIST] [DIR...]\n");
+    fprintf(stderr,
+            "usage: driver_query [--rays N] [--seed S] [--quality fast|balanced|high] [--cases LIST] [DIR...]\n");
     exit(2);
 }
 

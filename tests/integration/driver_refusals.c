@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Structures that are offered to a device which cannot load them are refused before the driver sees a byte, and the text says what the device needs instead: another driver, another
- * version, another layout of the same version, another target, a device without acceleration structures. Skipped (77) where no device loads our structures.
+ * Structures that are offered to a device which cannot load them are refused before the driver sees a byte, and the
+ * text says what the device needs instead: another driver, another version, another layout of the same version, another
+ * target, a device without acceleration structures. Skipped (77) where no device loads our structures.
  */
-#include "unit.h"
+#include "tests/support/unit.h"
 
-#include "driver_scene.h"
-#include "gpu_bed.h"
-#include "lavapipe.h"
-#include "serialized.h"
-#include "vulkan_bed.h"
+#include "tests/support/driver/driver_scene.h"
+#include "tests/support/driver/gpu_bed.h"
+#include "builder/format/lavapipe.h"
+#include "builder/format/serialized.h"
+#include "tests/support/client/vulkan/vulkan_bed.h"
 
 enum { BOTTOMS = 2, INSTANCES = 5 };
 
@@ -28,8 +29,8 @@ static void build_for(struct vulkan_bed *bed, enum target target, const struct d
 /* What the driver itself says of a structure's header. */
 static bool driver_takes(const struct bvhd_vulkan_bytes *blob)
 {
-    const VkAccelerationStructureVersionInfoKHR version = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_VERSION_INFO_KHR,
-                                                           .pVersionData = blob->data};
+    const VkAccelerationStructureVersionInfoKHR version = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_VERSION_INFO_KHR, .pVersionData = blob->data};
     VkAccelerationStructureCompatibilityKHR answer;
     gpu->vk.GetDeviceAccelerationStructureCompatibilityKHR(gpu->device, &version, &answer);
     return answer == VK_ACCELERATION_STRUCTURE_COMPATIBILITY_COMPATIBLE_KHR;
@@ -47,7 +48,8 @@ static enum bvhd_status load(struct bvhd_vulkan_device *on, const struct bvhd_vu
 }
 
 /* By the check, and by whoever loads a scene of it. */
-static void assert_refused(struct bvhd_vulkan_device *on, const struct vulkan_bed *bed, enum bvhd_status expected, const char *text)
+static void assert_refused(struct bvhd_vulkan_device *on, const struct vulkan_bed *bed, enum bvhd_status expected,
+                           const char *text)
 {
     struct bvhd_error error = {.status = BVHD_OK};
     for (uint32_t i = 0; i < bed->count; i++) {
@@ -68,7 +70,8 @@ static void its_own_are_taken(void **state)
     build_for(&bed, TARGET_LAVAPIPE, &device);
     for (uint32_t i = 0; i < bed.count; i++) {
         assert_true(driver_takes(&bed.blobs[i]));
-        assert_int_equal(bvhd_vulkan_check(gpu->library, &format, bed.blobs[i].data, bed.blobs[i].size, &error), BVHD_OK);
+        assert_int_equal(bvhd_vulkan_check(gpu->library, &format, bed.blobs[i].data, bed.blobs[i].size, &error),
+                         BVHD_OK);
     }
     assert_int_equal(load(gpu->library, bed.blobs, bed.count, &error), BVHD_OK);
     vulkan_bed_finish(&bed);
@@ -127,8 +130,9 @@ static void portable_ones_do_not_become_native(void **state)
     build_for(&native, TARGET_LAVAPIPE, &device);
     for (uint32_t i = 0; i < portable.count; i++) {
         assert_false(driver_takes(&portable.blobs[i]));
-        assert_int_equal(bvhd_vulkan_requirements(gpu->library, portable.blobs[i].data, portable.blobs[i].size, &needed, &error),
-                         BVHD_OK);
+        assert_int_equal(
+            bvhd_vulkan_requirements(gpu->library, portable.blobs[i].data, portable.blobs[i].size, &needed, &error),
+            BVHD_OK);
         assert_int_equal(needed.target, BVHD_TARGET_PORTABLE);
     }
     /* A native top level over portable bottom levels, and the other way round. */

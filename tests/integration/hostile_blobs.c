@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_blobs [FLIPS [SEED]] - portable structures that were cut, overwritten or flipped: opening one gives a status, and where it opens, rays
- * through it end. Reads outside are found by the address sanitizer: every blob lies in a block of exactly its size.
+ * hostile_blobs [FLIPS [SEED]] - portable structures that were cut, overwritten or flipped: opening one gives a status,
+ * and where it opens, rays through it end. Reads outside are found by the address sanitizer: every blob lies in a block
+ * of exactly its size.
  */
 #include <float.h>
 #include <inttypes.h>
@@ -9,9 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "portable.h"
-#include "test_blob.h"
-#include "traverse.h"
+#include "builder/format/portable.h"
+#include "tests/support/builder/test_blob.h"
+#include "builder/traverse/traverse.h"
 
 enum { RAYS = 3, SUBJECTS = 7, WAYS = 4 };
 
@@ -21,7 +22,8 @@ static const struct {
 } subjects[SUBJECTS] = {
     {{.type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 40, .size = 10, .detail = 0.1, .inactive = 6}, 0},
     {{.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 60, .size = 1e-30, .detail = 0.1}, 0},
-    {{.type = GEOMETRY_TRIANGLES, .geometries = 3, .primitives = 20, .size = 10, .detail = 0.1}, PORTABLE_FAST_TRIANGLES},
+    {{.type = GEOMETRY_TRIANGLES, .geometries = 3, .primitives = 20, .size = 10, .detail = 0.1},
+     PORTABLE_FAST_TRIANGLES},
     {{.type = GEOMETRY_AABBS, .geometries = 2, .primitives = 30, .size = 10, .detail = 0.1}, 0},
     {{.type = GEOMETRY_INSTANCES, .geometries = 1, .primitives = 40, .size = 10, .detail = 0.1}, 0},
     {{.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 1, .size = 1, .detail = 1}, 0},
@@ -72,7 +74,8 @@ static void trace(const struct portable_view *view, struct random *random, doubl
     for (int i = 0; i < RAYS; i++) {
         struct ray ray = random_ray(random, size);
         for (int way = 0; way < WAYS; way++) {
-            const struct traverse_options options = {.narrow_only = way == 1, .exact_only = way == 2, .flip_order = way == 3};
+            const struct traverse_options options = {
+                .baseline_only = way == 1, .exact_only = way == 2, .flip_order = way == 3};
             struct ray_hit hit;
             float corners[3][3];
             if (!traverse(&scene, &ray, &options, &hit, NULL))
@@ -84,7 +87,8 @@ static void trace(const struct portable_view *view, struct random *random, doubl
     }
 }
 
-static void try_open(const unsigned char *data, uint64_t size, struct random *random, double extent, struct tally *tally)
+static void try_open(const unsigned char *data, uint64_t size, struct random *random, double extent,
+                     struct tally *tally)
 {
     struct bytes bytes = {data, size};
     struct portable_view view;
@@ -161,8 +165,8 @@ static void damage(unsigned char *blob, uint64_t size, struct random *random)
     }
 }
 
-static void flip(unsigned char *blob, const unsigned char *original, uint64_t size, uint64_t flips, struct random *random,
-                 double extent, struct tally *tally)
+static void flip(unsigned char *blob, const unsigned char *original, uint64_t size, uint64_t flips,
+                 struct random *random, double extent, struct tally *tally)
 {
     for (uint64_t i = 0; i < flips; i++) {
         memcpy(blob, original, size);
@@ -174,7 +178,8 @@ static void flip(unsigned char *blob, const unsigned char *original, uint64_t si
 
 static void report(const char *what, const struct tally *tally)
 {
-    printf("%-12s %9" PRIu64 " refused %9" PRIu64 " opened %9" PRIu64 " hits\n", what, tally->refused, tally->opened, tally->hits);
+    printf("%-12s %9" PRIu64 " refused %9" PRIu64 " opened %9" PRIu64 " hits\n", what, tally->refused, tally->opened,
+           tally->hits);
 }
 
 static void run(uint64_t flips, uint64_t seed)
@@ -202,7 +207,8 @@ static void run(uint64_t flips, uint64_t seed)
 int main(int argc, char **argv)
 {
     uint64_t flips = argc > 1 ? strtoull(argv[1], NULL, 10) : 100000, seed = argc > 2 ? strtoull(argv[2], NULL, 10) : 1;
-    static const struct test_shape shape = {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 20, .size = 1, .detail = 0.5};
+    static const struct test_shape shape = {
+        .type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 20, .size = 1, .detail = 0.5};
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
     struct bytes blob = test_blob_make(&shape, seed, 0);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_clients BVHD [CASE...] - clients that break every rule of the protocol, against a real daemon on a real socket. After each of them the daemon
- * serves somebody else, and has back what the hostile one held.
+ * hostile_clients BVHD [CASE...] - clients that break every rule of the protocol, against a real daemon on a real
+ * socket. After each of them the daemon serves somebody else, and has back what the hostile one held.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -12,10 +12,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "hostile.h"
-#include "random.h"
+#include "tests/support/daemon/hostile.h"
+#include "tests/support/random.h"
 
-enum { SEALS_POOL = F_SEAL_SHRINK | F_SEAL_GROW, SEALS_ONCE = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL };
+enum {
+    SEALS_POOL = F_SEAL_SHRINK | F_SEAL_GROW,
+    SEALS_ONCE = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL
+};
 
 static struct hostile hostile;
 
@@ -87,19 +90,21 @@ static void send_flood(enum frame_type type, struct bytes control, const char *w
 
 static void case_floods(void)
 {
-    static const enum frame_type types[] = {FRAME_HELLO, FRAME_POOL, FRAME_BUILD, FRAME_GET, FRAME_CANCEL, FRAME_STATS, FRAME_PING};
+    static const enum frame_type types[] = {FRAME_HELLO,  FRAME_POOL,  FRAME_BUILD, FRAME_GET,
+                                            FRAME_CANCEL, FRAME_STATS, FRAME_PING};
     unsigned char *control = calloc(1, FRAME_MAX_CONTROL);
     uint64_t before = service_process_resident(&hostile.service);
     for (size_t t = 0; t < sizeof types / sizeof *types; t++) {
         for (int field = 1; field <= 15; field++)
-            send_flood(types[t], (struct bytes){control, fill_empty_messages(control, FRAME_MAX_CONTROL, field)}, "empty messages");
+            send_flood(types[t], (struct bytes){control, fill_empty_messages(control, FRAME_MAX_CONTROL, field)},
+                       "empty messages");
         send_flood(types[t], (struct bytes){control, fill_nested(control, 40 * 1024)}, "nesting");
         memset(control, 0xff, FRAME_MAX_CONTROL);
         send_flood(types[t], (struct bytes){control, FRAME_MAX_CONTROL}, "ones");
     }
     uint64_t after = service_process_resident(&hostile.service);
-    hostile_expect(after < before + 32 * 1024 * 1024, "floods: grew from %llu to %llu bytes", (unsigned long long)before,
-                   (unsigned long long)after);
+    hostile_expect(after < before + 32 * 1024 * 1024, "floods: grew from %llu to %llu bytes",
+                   (unsigned long long)before, (unsigned long long)after);
     free(control);
 }
 
@@ -220,7 +225,8 @@ static void expect_refusal(struct raw_client *client, const char *what, const ch
     bool closed = false, refused = false;
     while (!refused && !closed && raw_receive(client, 5000, &frame, &closed)) {
         struct control_result *result = raw_result(client, &frame);
-        refused = frame.header.type == FRAME_ERROR || frame.header.type == FRAME_BUSY || (result && result->error.status != BVHD_OK);
+        refused = frame.header.type == FRAME_ERROR || frame.header.type == FRAME_BUSY ||
+                  (result && result->error.status != BVHD_OK);
         bool wrong = (result && result->error.status == BVHD_OK) || frame.header.type == FRAME_DONE;
         hostile_expect(!wrong, "%s that is %s was taken", what, name);
         memory_free(&client->memory, result);
@@ -292,17 +298,20 @@ static void send_counts(uint8_t declared, uint32_t sent)
     for (int i = 0; i < FRAME_MAX_DESCRIPTORS; i++)
         sizes[i] = payload_size;
     struct control_item item = raw_item(0, payload_size, SOURCE_MEMFD);
-    struct control_build build = {
-        .memfd_count = declared > FRAME_MAX_DESCRIPTORS ? FRAME_MAX_DESCRIPTORS : declared, .item_count = 1, .items = &item};
+    struct control_build build = {.memfd_count = declared > FRAME_MAX_DESCRIPTORS ? FRAME_MAX_DESCRIPTORS : declared,
+                                  .item_count = 1,
+                                  .items = &item};
     memcpy(build.memfd_sizes, sizes, sizeof sizes);
     connect_well(&client);
-    struct raw_frame frame = {
-        .header = {.type = FRAME_BUILD, .request = 1, .descriptors = declared}, .descriptors = descriptors, .descriptor_count = sent};
+    struct raw_frame frame = {.header = {.type = FRAME_BUILD, .request = 1, .descriptors = declared},
+                              .descriptors = descriptors,
+                              .descriptor_count = sent};
     control_pack_build(&build, &client.memory, &frame.control, NULL);
     raw_send_frame(&client, &frame);
     struct raw_frame ping = {.header = {.type = FRAME_PING, .request = 2}};
     raw_send_frame(&client, &ping);
-    hostile_expect(raw_await_close(&client, 5000, NULL), "%u descriptors declared, %u sent: the connection lives", declared, sent);
+    hostile_expect(raw_await_close(&client, 5000, NULL), "%u descriptors declared, %u sent: the connection lives",
+                   declared, sent);
     memory_free(&client.memory, (void *)(uintptr_t)frame.control.data);
     for (uint32_t i = 0; i < sent; i++)
         close(descriptors[i]);
@@ -311,7 +320,8 @@ static void send_counts(uint8_t declared, uint32_t sent)
 
 static void case_counts(void)
 {
-    static const uint8_t pairs[][2] = {{1, 0}, {0, 1}, {2, 1}, {1, 2}, {4, 3}, {0, 4}, {5, 5}, {255, 0}, {0, 40}, {1, 40}};
+    static const uint8_t pairs[][2] = {{1, 0}, {0, 1}, {2, 1},   {1, 2},  {4, 3},
+                                       {0, 4}, {5, 5}, {255, 0}, {0, 40}, {1, 40}};
     for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++)
         send_counts(pairs[i][0], pairs[i][1]);
 }
@@ -330,7 +340,8 @@ static void case_middle(void)
     struct raw_frame second = {.header = {.type = FRAME_BUILD, .request = 2, .descriptors = 1}};
     control_pack_build(&build, &client.memory, &second.control, NULL);
     size_t ping_size, second_size;
-    unsigned char *first_bytes = raw_frame_bytes(&ping, &ping_size), *second_bytes = raw_frame_bytes(&second, &second_size);
+    unsigned char *first_bytes = raw_frame_bytes(&ping, &ping_size),
+                  *second_bytes = raw_frame_bytes(&second, &second_size);
     unsigned char *both = malloc(ping_size + second_size);
     memcpy(both, first_bytes, ping_size);
     memcpy(both + ping_size, second_bytes, second_size);
@@ -365,8 +376,9 @@ static void case_garbage(void)
         else if (!raw_connect(&client, hostile.service.socket))
             break;
         if (i % 2) { /* a frame that is right as far as its header goes */
-            struct raw_frame frame = {.header = {.type = (uint16_t)(random_next(&random) % 12), .request = random_next(&random) % 3},
-                                      .control = {bytes, size}};
+            struct raw_frame frame = {
+                .header = {.type = (uint16_t)(random_next(&random) % 12), .request = random_next(&random) % 3},
+                .control = {bytes, size}};
             raw_send_frame(&client, &frame);
         } else {
             raw_send(&client, bytes, size, NULL, 0);

@@ -2,8 +2,8 @@
 /*
  * hostile_fuzz BVHD [SECONDS [SEED]] - processes that send requests with one thing wrong, and are killed at any moment.
  *
- * Meanwhile an honest client builds the same meshes again and again: each time it has to get the bytes of the first time, soon. In the end
- * the daemon has nothing left of anybody's.
+ * Meanwhile an honest client builds the same meshes again and again: each time it has to get the bytes of the first
+ * time, soon. In the end the daemon has nothing left of anybody's.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -13,8 +13,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "hostile.h"
-#include "wrong_frames.h"
+#include "tests/support/daemon/hostile.h"
+#include "tests/support/daemon/wrong_frames.h"
 
 enum { VANDALS = 5, LINES = 4, FRAMES = 400, MESHES = 4, TRIANGLES = 300, PATIENCE_MS = 20000 };
 
@@ -99,7 +99,8 @@ static double build_honestly(struct mesh *mesh)
         done = frame.header.type == FRAME_RESULT;
     }
     struct control_result *result = done ? raw_result(&client, &frame) : NULL;
-    hostile_expect(result && result->error.status == BVHD_OK, "an honest build failed: %s", result ? result->error.text : "no answer");
+    hostile_expect(result && result->error.status == BVHD_OK, "an honest build failed: %s",
+                   result ? result->error.text : "no answer");
     if (result && result->error.status == BVHD_OK)
         keep_or_compare(mesh, &frame.inline_bytes);
     memory_free(&client.memory, result);
@@ -149,7 +150,8 @@ int main(int argc, char **argv)
     for (int i = 0; i < VANDALS; i++)
         kill_vandal(vandals[i]);
     hostile_expect_clean(&hostile, "wrong frames", 10000);
-    printf("%llu honest builds, the slowest took %.0f ms; %llu clients killed; the daemon holds %.0f MiB, %llu protocol errors\n",
+    printf("%llu honest builds, the slowest took %.0f ms; %llu clients killed; the daemon holds %.0f MiB, %llu "
+           "protocol errors\n",
            (unsigned long long)builds, longest, (unsigned long long)killed,
            (double)service_process_resident(&hostile.service) / 1048576.0,
            (unsigned long long)hostile_counter(&hostile, "protocol_errors"));

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_limits BVHD - what happens at the edges: no descriptors left, too many connections, other versions of the protocol, frames of the future.
+ * hostile_limits BVHD - what happens at the edges: no descriptors left, too many connections, other versions of the
+ * protocol, frames of the future.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,7 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "hostile.h"
+#include "tests/support/daemon/hostile.h"
 
 enum { FEW_DESCRIPTORS = 64 };
 
@@ -44,8 +45,8 @@ static bool still_answers(struct raw_client *client)
 }
 
 /*
- * In a process of its own, whose limit the daemon inherits. The daemon keeps some descriptors for what it needs, so that those who are connected are served
- * while others wait at the door.
+ * In a process of its own, whose limit the daemon inherits. The daemon keeps some descriptors for what it needs, so
+ * that those who are connected are served while others wait at the door.
  */
 static int crowd_out(const char *program)
 {
@@ -69,7 +70,8 @@ static int crowd_out(const char *program)
     raw_close(&old);
     hostile_serves(&hostile, "descriptors are back", 5000);
     hostile_expect_clean(&hostile, "descriptors are back", 5000);
-    printf("short of descriptors: %d connections were tried, the daemon had %u of %d open\n", open, used, FEW_DESCRIPTORS);
+    printf("short of descriptors: %d connections were tried, the daemon had %u of %d open\n", open, used,
+           FEW_DESCRIPTORS);
     return hostile_end(&hostile);
 }
 
@@ -121,9 +123,11 @@ static void check_versions(void)
 {
     struct bvhd_error error = {0};
     uint32_t version = 0;
-    hostile_expect(say_hello(CONTROL_VERSION, CONTROL_VERSION + 1, &error, &version) == FRAME_WELCOME && version == CONTROL_VERSION,
+    hostile_expect(say_hello(CONTROL_VERSION, CONTROL_VERSION + 1, &error, &version) == FRAME_WELCOME &&
+                       version == CONTROL_VERSION,
                    "a newer client that speaks this version, too, is not welcome");
-    hostile_expect(say_hello(CONTROL_VERSION - 1, CONTROL_VERSION, &error, &version) == FRAME_WELCOME && version == CONTROL_VERSION,
+    hostile_expect(say_hello(CONTROL_VERSION - 1, CONTROL_VERSION, &error, &version) == FRAME_WELCOME &&
+                       version == CONTROL_VERSION,
                    "an older client that speaks this version, too, is not welcome");
     hostile_expect(say_hello(CONTROL_VERSION + 1, CONTROL_VERSION + 1, &error, &version) == FRAME_ERROR &&
                        error.status == BVHD_INCOMPATIBLE,
@@ -150,7 +154,8 @@ static void check_future(void)
     struct bvhd_error *error = NULL;
     bool answered = raw_await(&client, FRAME_ERROR, 2000, &frame) && frame.header.request == client.last_request &&
                     !control_unpack_error(frame.control, &client.memory, &error, NULL);
-    hostile_expect(answered && error->status == BVHD_UNSUPPORTED, "an unknown frame type is not answered with UNSUPPORTED");
+    hostile_expect(answered && error->status == BVHD_UNSUPPORTED,
+                   "an unknown frame type is not answered with UNSUPPORTED");
     memory_free(&client.memory, error);
     hostile_expect(still_answers(&client), "an unknown frame type ends the connection");
 
@@ -161,10 +166,12 @@ static void check_future(void)
         return;
     memcpy(control, packed.data, packed.size);
     memcpy(control + packed.size, "\xfa\x3e\x02hi", 5); /* field 1007, two bytes */
-    struct raw_frame longer = {.header = {.type = FRAME_GET, .request = ++client.last_request}, .control = {control, packed.size + 5}};
+    struct raw_frame longer = {.header = {.type = FRAME_GET, .request = ++client.last_request},
+                               .control = {control, packed.size + 5}};
     raw_send_frame(&client, &longer);
     struct control_result *result = raw_await(&client, FRAME_RESULT, 2000, &frame) ? raw_result(&client, &frame) : NULL;
-    hostile_expect(result && result->error.status == BVHD_NOT_FOUND, "a message with a field of the future is not understood");
+    hostile_expect(result && result->error.status == BVHD_NOT_FOUND,
+                   "a message with a field of the future is not understood");
     memory_free(&client.memory, result);
     memory_free(&client.memory, (void *)(uintptr_t)packed.data);
     raw_close(&client);

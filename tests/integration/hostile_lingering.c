@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_lingering BVHD - clients send sockets whose closing takes a minute, at every place where the daemon would let go of them, and keep no descriptor
- * themselves. The daemon goes on serving others meanwhile.
+ * hostile_lingering BVHD - clients send sockets whose closing takes a minute, at every place where the daemon would let
+ * go of them, and keep no descriptor themselves. The daemon goes on serving others meanwhile.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -10,14 +10,16 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "hostile.h"
-#include "test_lingering.h"
+#include "tests/support/daemon/hostile.h"
+#include "tests/support/daemon/test_lingering.h"
 
 enum { MANY = 20 };
 
 static struct hostile hostile;
 
-/* While it stops the daemon closes nothing: who sends a descriptor closes its own first, and the daemon's is the last. */
+/*
+ * While it stops the daemon closes nothing: who sends a descriptor closes its own first, and the daemon's is the last.
+ */
 static void stop_daemon(void)
 {
     int status;

@@ -2,8 +2,9 @@
 /*
  * hostile_memory BVHD [TRIES] - a client that writes into its payloads while the daemon prepares them.
  *
- * The pool holds mesh A, and a thread keeps writing A and B over each other. Whatever the daemon reads becomes a private copy with a key of its own, so:
- * the daemon lives; a result under A's key has A's bytes, under B's key B's; and so does what an honest client gets under these keys afterwards.
+ * The pool holds mesh A, and a thread keeps writing A and B over each other. Whatever the daemon reads becomes a
+ * private copy with a key of its own, so: the daemon lives; a result under A's key has A's bytes, under B's key B's;
+ * and so does what an honest client gets under these keys afterwards.
  */
 #include <fcntl.h>
 #include <pthread.h>
@@ -12,7 +13,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "hostile.h"
+#include "tests/support/daemon/hostile.h"
 
 enum { TRIANGLES = 200, SLOTS = 64, BATCH = 64 };
 
@@ -42,7 +43,8 @@ static void build_honestly(struct mesh_bytes *mesh, bool first)
     }
     raw_hello(&client);
     raw_build(&client, &item, 1, (struct bytes){mesh->payload, payload_size}, NULL, NULL, 0);
-    struct control_result *result = raw_await(&client, FRAME_RESULT, 20000, &frame) ? raw_result(&client, &frame) : NULL;
+    struct control_result *result =
+        raw_await(&client, FRAME_RESULT, 20000, &frame) ? raw_result(&client, &frame) : NULL;
     hostile_expect(result && result->error.status == BVHD_OK, "an honest build failed");
     if (result && first) {
         mesh->key = result->key;
@@ -58,7 +60,9 @@ static void build_honestly(struct mesh_bytes *mesh, bool first)
     raw_close(&client);
 }
 
-/* Rows stay as they are most of the time, so that most requests come through to the build; data changes all the time. */
+/*
+ * Rows stay as they are most of the time, so that most requests come through to the build; data changes all the time.
+ */
 static void *scribble(void *unused)
 {
     (void)unused;
@@ -99,7 +103,8 @@ static void open_pool(struct raw_client *client)
     struct control_pool message = {slot_size * SLOTS};
     struct frame frame;
     int descriptor = memfd_create("scribbled", MFD_CLOEXEC | MFD_ALLOW_SEALING);
-    if (descriptor < 0 || ftruncate(descriptor, (off_t)message.size) || fcntl(descriptor, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW))
+    if (descriptor < 0 || ftruncate(descriptor, (off_t)message.size) ||
+        fcntl(descriptor, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW))
         hostile_expect(false, "no pool");
     pool = mmap(NULL, message.size, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
     for (int slot = 0; slot < SLOTS; slot++)
@@ -168,8 +173,8 @@ int main(int argc, char **argv)
     build_honestly(&meshes[1], false);
     hostile_expect_clean(&hostile, "scribbling", 2000);
     hostile_expect(other_keys > 0, "nothing was ever mixed: the test shows nothing");
-    printf("%ld tries: %llu results under the two keys, %llu mixed or refused, %.0f ms\n", tries, (unsigned long long)equal_results,
-           (unsigned long long)other_keys, hostile_now() - begin);
+    printf("%ld tries: %llu results under the two keys, %llu mixed or refused, %.0f ms\n", tries,
+           (unsigned long long)equal_results, (unsigned long long)other_keys, hostile_now() - begin);
     munmap(pool, slot_size * SLOTS);
     int failures = hostile_end(&hostile);
     for (int i = 0; i < 2; i++) {

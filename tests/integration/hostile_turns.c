@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_turns BVHD [CASE...] - clients that ask for much, or let things lie: others have their turn in the meantime, and memory stays within bounds.
+ * hostile_turns BVHD [CASE...] - clients that ask for much, or let things lie: others have their turn in the meantime,
+ * and memory stays within bounds.
  */
 #include <fcntl.h>
 #include <signal.h>
@@ -13,7 +14,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "hostile.h"
+#include "tests/support/daemon/hostile.h"
 
 /* The thread sanitizer makes a thread that others wake all the time some twenty times as slow. */
 #if defined(__SANITIZE_THREAD__)
@@ -62,11 +63,15 @@ static double counter_mib(const char *name)
     return (double)hostile_counter(&hostile, name) / MIB;
 }
 
-/* That many boxes in 120 bytes: with a stride of 0 all are the same one. Different for each seed; `times`: items, all the same. */
+/*
+ * That many boxes in 120 bytes: with a stride of 0 all are the same one. Different for each seed; `times`: items, all
+ * the same.
+ */
 static void ask_for_boxes(struct raw_client *client, uint32_t count, uint32_t seed, uint32_t times)
 {
     unsigned char payload[ROWS_GEOMETRY_SIZE + 6 * sizeof(float)] = {0};
-    struct geometry_row row = {.type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
+    struct geometry_row row = {
+        .type = GEOMETRY_AABBS, .primitive_count = count, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}};
     float box[6] = {0, 0, 0, 1, 1, 1 + (float)seed};
     memcpy(payload, &row, sizeof row);
     memcpy(payload + sizeof row, box, sizeof box);
@@ -89,7 +94,8 @@ static bool wait_for(const char *counter, uint64_t least)
 static enum bvhd_status status_of(struct raw_client *client, int timeout_ms)
 {
     struct frame frame;
-    struct control_result *result = raw_await(client, FRAME_RESULT, timeout_ms, &frame) ? raw_result(client, &frame) : NULL;
+    struct control_result *result =
+        raw_await(client, FRAME_RESULT, timeout_ms, &frame) ? raw_result(client, &frame) : NULL;
     enum bvhd_status status = result ? result->error.status : BVHD_UNAVAILABLE;
     for (int i = 0; result && i < frame.header.descriptors; i++)
         close(frame.descriptors[i]);
@@ -97,7 +103,10 @@ static enum bvhd_status status_of(struct raw_client *client, int timeout_ms)
     return status;
 }
 
-/* A request of 120 bytes wants nearly all memory, and so has to wait for a build that takes its time. Nobody else has to. */
+/*
+ * A request of 120 bytes wants nearly all memory, and so has to wait for a build that takes its time. Nobody else has
+ * to.
+ */
 static void case_giants(void)
 {
     struct raw_client builder, giant;
@@ -106,7 +115,8 @@ static void case_giants(void)
     ask_for_boxes(&builder, 700000, 1, 1);
     hostile_expect(wait_for("builds_running", 1), "no build runs");
     ask_for_boxes(&giant, 3500000, 1, 1);
-    hostile_expect(wait_for("prepares_waiting", 1) || hostile_counter(&hostile, "builds_running") == 0, "the giant does not wait");
+    hostile_expect(wait_for("prepares_waiting", 1) || hostile_counter(&hostile, "builds_running") == 0,
+                   "the giant does not wait");
     double longest = 0;
     uint32_t beside = 0;
     while (hostile_counter(&hostile, "prepares_waiting") > 0) {
@@ -126,7 +136,8 @@ static void case_unfinished(void)
 {
     static struct raw_client clients[UNFINISHED];
     unsigned char bytes[FRAME_HEADER_SIZE];
-    struct frame_header header = {.type = FRAME_GET, .control_size = FRAME_MAX_CONTROL, .inline_size = FRAME_MAX_INLINE, .request = 1};
+    struct frame_header header = {
+        .type = FRAME_GET, .control_size = FRAME_MAX_CONTROL, .inline_size = FRAME_MAX_INLINE, .request = 1};
     frame_header_write(&header, bytes);
     for (int i = 0; i < UNFINISHED; i++) {
         connect_well(&clients[i]);
@@ -136,8 +147,8 @@ static void case_unfinished(void)
     for (int i = 0; i < UNFINISHED; i++)
         raw_send(&clients[i], "more", 4, NULL, 0);
     sleep_ms(100);
-    hostile_expect(counter_mib("memory_live") < 16, "%d unfinished frames hold %.0f MiB of %d", UNFINISHED, counter_mib("memory_live"),
-                   MEMORY);
+    hostile_expect(counter_mib("memory_live") < 16, "%d unfinished frames hold %.0f MiB of %d", UNFINISHED,
+                   counter_mib("memory_live"), MEMORY);
     struct raw_client client;
     connect_well(&client);
     ask_for_boxes(&client, 200000, 2, 1);
@@ -210,8 +221,8 @@ static void ping_for(double ms, const char *when)
         worst = took > worst ? took : worst;
         sleep_ms(2);
     }
-    hostile_expect(sum <= PING_MEAN_MS * count && worst <= PING_WORST_MS, "%s: PONG after %.1f ms, worst %.0f ms", when, sum / count,
-                   worst);
+    hostile_expect(sum <= PING_MEAN_MS * count && worst <= PING_WORST_MS, "%s: PONG after %.1f ms, worst %.0f ms", when,
+                   sum / count, worst);
     printf("%s: PONG after %.1f ms, worst %.1f ms\n", when, sum / count, worst);
     raw_close(&client);
 }
@@ -276,8 +287,9 @@ static int make_rows(uint64_t *ret_size)
         return -1;
     struct geometry_row *rows = mmap(NULL, size, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor, 0);
     for (uint32_t i = 0; i < ROWS; i++)
-        rows[i] = (struct geometry_row){
-            .type = GEOMETRY_AABBS, .primitive_count = 1, .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}}; /* whatever lies there */
+        rows[i] = (struct geometry_row){.type = GEOMETRY_AABBS,
+                                        .primitive_count = 1,
+                                        .data = {ROWS_GEOMETRY_SIZE, 6 * sizeof(float)}}; /* whatever lies there */
     munmap(rows, size);
     fcntl(descriptor, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL);
     *ret_size = size;

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# house_rules.sh ROOT - the rules of the house that no compiler checks: includes point one way, each foreign library has its door, every
-# source says its licence, no file grows too long, ARCHITECTURE.md names every header. Prints what breaks them; status 1 when anything does.
+# house_rules.sh ROOT - the rules of the house that no compiler checks: includes are paths from the root and point one way, each foreign
+# library has its door, every source says its licence, no line has more than 120 columns and no file 600 lines or more, and every header
+# is named by the README of its folder. Prints what breaks them; status 1 when anything does.
 # house_rules.sh --self-test - breaks each rule in a scratch tree and fails unless that is found.
 # shellcheck disable=SC2016 # awk's dollars are not the shell's
 set -eu
@@ -17,71 +18,131 @@ complain()
     echo x >>"$scratch/complaints"
 }
 
-# "FILE HEADER" for each include in quotes or brackets.
+# "FILE HEADER quoted|bracketed" for each include.
 includes()
 {
     sources | xargs awk '
         /^[ \t]*#[ \t]*include[ \t]*[<"]/ {
+            kind = /^[^<]*"/ ? "quoted" : "bracketed"
             sub(/^[^<"]*[<"]/, "")
             sub(/[>"].*/, "")
-            print FILENAME, $0
+            print FILENAME, $0, kind
         }'
 }
 
-# Which room of the house may include which, and the only files that may include the headers of a foreign library.
+# The folders, and what each may include beside itself. A name that ends in ".h" is one header of a folder whose other headers stay closed.
+# Lower rows know upper ones; a folder that is missing here is a complaint.
+folders()
+{
+    cat <<'END'
+proto/base
+proto/wire                  proto/base
+builder/format              proto/base
+builder/traverse            proto/base builder/format
+builder/kernel              proto/base builder/format
+builder/input               proto/base builder/format builder/kernel builder/context.h
+builder/piece               proto/base builder/format builder/kernel
+builder/wide                proto/base builder/format
+builder/top                 proto/base builder/format builder/kernel builder/input builder/piece builder/wide
+builder                     proto/base builder/format builder/kernel builder/input builder/piece builder/wide builder/top
+daemon/system               proto/base
+daemon/pool                 proto/base
+daemon/service              proto/base proto/wire builder/format builder/input builder daemon/system daemon/pool
+daemon/session              proto/base proto/wire builder/input builder daemon/system daemon/service
+daemon/socket               proto/base proto/wire daemon/system daemon/service daemon/session
+daemon                      proto/base daemon/system daemon/pool daemon/service daemon/socket
+client                      proto/base proto/wire builder/format
+client/vulkan               proto/base builder/format client
+client/examples             client
+client/bvhctl/kernels
+client/bvhctl/base          proto/base
+client/bvhctl/oracle        proto/base builder/traverse client/bvhctl/base
+client/bvhctl/service       proto/base builder client client/bvhctl/base
+client/bvhctl/gpu           proto/base builder/format client/vulkan client/bvhctl/base client/bvhctl/kernels
+client/bvhctl/scene         proto/base builder/format builder/traverse builder/input client/bvhctl/base client/bvhctl/oracle client/bvhctl/service
+client/bvhctl/trace         proto/base builder/format builder/traverse client/bvhctl/base client/bvhctl/gpu client/bvhctl/scene client/bvhctl/kernels
+client/bvhctl/picture       proto/base client/bvhctl/base client/bvhctl/oracle client/bvhctl/scene client/bvhctl/trace
+client/bvhctl               proto/base builder/format client/bvhctl/base client/bvhctl/oracle client/bvhctl/service client/bvhctl/gpu client/bvhctl/scene client/bvhctl/trace client/bvhctl/picture
+END
+}
+
+# The only files that may include the headers of a foreign library: a pattern of headers, and how the paths of its users begin.
+doors()
+{
+    cat <<'END'
+embree[0-9]/ tests/bench/
+openssl/ builder/content_key.c
+assimp/|png.h|cjson/|cJSON.h client/bvhctl/
+vulkan/ client/
+uv.h|uv/ daemon/
+systemd/ daemon/
+protobuf-c/|[a-z_/]*[.]pb-c[.]h proto/wire/control
+END
+}
+
+# Includes in quotes are paths from the root; the examples are compiled elsewhere, by others, and include what is beside them. Headers in
+# <bvhd/> are public: proto/include is for everybody, client/include for the client.
 check_includes()
 {
-    { sources | sed 's/^/source /'; includes | sed 's/^/include /'; } | awk '
-        BEGIN {
-            may["proto"] = "proto"
-            may["format"] = "proto format"
-            may["builder"] = "proto format builder"
-            may["client"] = "proto format client"
-            may["daemon"] = "proto format builder daemon"
-            may["bvhctl"] = "proto format builder client bvhctl"
-            door["embree[0-9]/"] = "tests/bench/"
-            door["openssl/"] = "builder/content_key.c"
-            door["assimp/|png.h|cjson/|cJSON.h"] = "client/bvhctl/"
-            door["vulkan/"] = "client/"
-            door["uv.h|uv/"] = "daemon/"
-            door["systemd/"] = "daemon/"
-            door["protobuf-c/|[a-z_]*[.]pb-c[.]h"] = "proto/control"
-        }
-        function room(file) {
-            if (file ~ /^builder\/format\//) return "format"
-            if (file ~ /^client\/bvhctl\//) return "bvhctl"
-            sub(/\/.*/, "", file)
-            return file
-        }
-        function base(path) {
-            sub(/.*\//, "", path)
+    { folders | sed 's/^/folder /'; doors | sed 's/^/door /'; sources | sed 's/^/source /'; includes | sed 's/^/include /'; } | awk '
+        function folder_of(path) {
+            sub(/[/][^/]*$/, "", path)
             return path
         }
-        $1 == "source" { places[base($2)] = places[base($2)] " " $2 }
+        $1 == "folder" {
+            known[$2] = 1
+            for (i = 3; i <= NF; i++)
+                may[$2, $i] = 1
+        }
+        $1 == "door" { door[$2] = $3 }
+        $1 == "source" {
+            exists[$2] = 1
+            if (!(folder_of($2) in known) && $2 !~ /[/]include[/]/)
+                print $2 ": its folder is not in the table of folders"
+        }
         $1 == "include" {
             for (library in door)
                 if ($3 ~ "^(" library ")" && index($2, door[library]) != 1)
                     print $2 ": " $3 " may be included by " door[library] " only"
-            count = split(places[base($3)], found, " ")
-            for (i = 1; i <= count; i++)
-                if (substr(found[i], length(found[i]) - length($3) + 1) == $3 && index(" " may[room($2)] " ", " " room(found[i]) " ") == 0)
-                    print $2 ": includes " found[i] ", against the direction"
+            from = folder_of($2)
+            if ($3 ~ /^bvhd[/]/) {
+                if ("client/include/" $3 in exists && from !~ /^client/)
+                    print $2 ": includes " $3 ", which is the client\047s"
+            } else if ($4 == "quoted" && from != "client/examples") {
+                to = folder_of($3)
+                if (!($3 in exists) && !(to in known) && to !~ /^client[/](bvhctl|shaders)/)
+                    print $2 ": " $3 " is no path from the root"
+                else if (to != from && !((from, to) in may) && !((from, $3) in may) && !(from ~ /^proto[/]include/))
+                    print $2 ": includes " $3 ", against the direction"
+            }
         }' >"$scratch/includes"
     while read -r line; do
         complain "$line"
     done <"$scratch/includes"
 }
 
+# Everything that is written by hand and read by people as code.
+written()
+{
+    sources
+    find tests -name '*.[ch]'
+    find client tests -name '*.glsl' -o -name '*.comp' -o -name '*.r[gchaim]*' | grep -E '\.(glsl|comp|rgen|rmiss|rchit|rahit|rint)$'
+    find . -path ./build -prune -o \( -name '*.sh' -o -name meson.build \) -print | sed 's|^\./||'
+    find . -maxdepth 1 \( -name check -o -name demo \) | sed 's|^\./||'
+}
+
 check_files()
 {
-    { sources; find tests -name '*.[ch]'; } | xargs awk '
+    written | xargs awk '
         function finish() { if (lines >= 600) print file ": 600 lines or more" }
         FNR == 1 {
             finish()
             file = FILENAME
-            if ($0 !~ /SPDX-License-Identifier: Apache-2.0/) print file ": no SPDX line at its head"
+            if (FILENAME ~ /[.][ch]$/ && $0 !~ /SPDX-License-Identifier: Apache-2.0/)
+                print file ": no SPDX line at its head"
         }
         / $/ { print file ":" FNR ": a space at the end of the line" }
+        length > 120 { print file ":" FNR ": more than 120 columns" }
         { lines = FNR }
         END { finish() }' >"$scratch/files"
     while read -r line; do
@@ -89,15 +150,19 @@ check_files()
     done <"$scratch/files"
 }
 
-# A header is named by itself, or belongs to a module whose name it begins with: `bins` stands for bins_kernels.h too.
+# A header is named by the README of its folder, by itself or by the module whose name it begins with: `bins` stands for bins_kernels.h
+# too.
 check_headers()
 {
-    sources | sed -n 's|.*/\(.*\)\.h$|\1|p' | while read -r header; do
+    sources | grep '\.h$' | while read -r path; do
+        header=$(basename "$path" .h)
+        readme=$(dirname "$path")/README.md
+        [ -f "$readme" ] || { complain "$path: its folder has no README.md"; continue; }
         module=$header
-        until grep -q "\`$module\(\.h\)\{0,1\}\`" ARCHITECTURE.md; do
+        until grep -q "\`$module\(\.h\)\{0,1\}\`" "$readme"; do
             case $module in
             *_*) module=${module%_*} ;;
-            *) complain "$header.h: ARCHITECTURE.md does not name it"; break ;;
+            *) complain "$path: $readme does not name it"; break ;;
             esac
         done
     done
@@ -126,40 +191,75 @@ must_fail()
     (check_house "$tree") || { echo "found after it had gone: $1"; exit 1; }
 }
 
+# plant FILE INCLUDE - a file of the scratch tree with one include, as it is written.
+plant()
+{
+    printf '%s\n#include %s\n' "$spdx" "$2" >"$tree/$1"
+}
+
+# must_refuse WHAT FILE INCLUDE
+must_refuse()
+{
+    plant "$2" "$3"
+    must_fail "$1" "$2"
+}
+
+# Of all pairs of folders those are refused that the table does not allow, and no others. The examples include what is beside them.
+test_pairs()
+{
+    : >"$tree/expected"
+    folders | grep -v '^client/examples' | while read -r from may; do
+        folders | while read -r to rest; do
+            planted=$from/to_$(echo "$to" | tr / _).c
+            [ "$from" = "$to" ] || plant "$planted" "\"$to/low.h\""
+            case " $from $may " in
+            *" $to "*) ;;
+            *) echo "$planted: includes $to/low.h, against the direction" >>"$tree/expected" ;;
+            esac
+        done
+    done
+    (check_house "$tree" || :) | sort >"$tree/refused"
+    sort "$tree/expected" | diff - "$tree/refused" || { echo "the table of folders does not hold"; exit 1; }
+    find "$tree" -name 'to_*.c' -exec rm {} +
+}
+
 self_test()
 {
     tree=$(mktemp -d)
     trap 'rm -rf "$tree"' EXIT
     spdx='/* SPDX-License-Identifier: Apache-2.0 */'
-    mkdir -p "$tree/proto" "$tree/builder/format" "$tree/client/bvhctl" "$tree/daemon" "$tree/tests"
-    # shellcheck disable=SC2016 # these are quotation marks of the text
-    echo '`low` `middle` `high.h` `beside` `a`' >"$tree/ARCHITECTURE.md"
-    for place in proto/low builder/format/middle builder/high client/beside; do
-        echo "$spdx" >"$tree/$place.h"
+    for folder in $(folders | sed 's/ .*//'); do
+        mkdir -p "$tree/$folder"
+        echo '`low` `a`' >"$tree/$folder/README.md"
+        echo "$spdx" >"$tree/$folder/low.h"
     done
-    printf '%s\n#include "low.h"\n#include "middle.h"\n#include <openssl/evp.h>\n' "$spdx" >"$tree/builder/content_key.c"
+    mkdir -p "$tree/tests"
+    plant builder/content_key.c '<openssl/evp.h>'
     (check_house "$tree") || { echo "a good tree was refused"; exit 1; }
-    printf '%s\n#include "middle.h"\n' "$spdx" >"$tree/proto/a.c" && must_fail 'proto to format' proto/a.c
-    printf '%s\n# include "high.h"\n' "$spdx" >"$tree/builder/format/a.c" && must_fail 'format to builder' builder/format/a.c
-    printf '%s\n#include "beside.h"\n' "$spdx" >"$tree/builder/a.c" && must_fail 'builder to client' builder/a.c
-    printf '%s\n#include "high.h"\n' "$spdx" >"$tree/client/a.c" && must_fail 'client to builder' client/a.c
-    printf '%s\n#include "middle.h"\n' "$spdx" >"$tree/client/a.c"
-    (check_house "$tree") || { echo "client to format was refused"; exit 1; }
-    printf '%s\n#include "beside.h"\n' "$spdx" >"$tree/builder/format/a.c" && must_fail 'format to client' builder/format/a.c
-    printf '%s\n#include "beside.h"\n' "$spdx" >"$tree/daemon/a.c" && must_fail 'daemon to client' daemon/a.c
-    printf '%s\n#include <embree3/rtcore.h>\n' "$spdx" >"$tree/builder/a.c" && must_fail "Embree's door" builder/a.c
-    printf '%s\n#include <openssl/evp.h>\n' "$spdx" >"$tree/builder/a.c" && must_fail "OpenSSL's door" builder/a.c
-    printf '%s\n#include <vulkan/vulkan_core.h>\n' "$spdx" >"$tree/builder/a.c" && must_fail "Vulkan's door" builder/a.c
-    printf '%s\n#include <png.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "libpng's door" client/a.c
-    printf '%s\n#include <uv.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "libuv's door" client/a.c
-    printf '%s\n#include <systemd/sd-daemon.h>\n' "$spdx" >"$tree/client/a.c" && must_fail "systemd's door" client/a.c
-    printf '%s\n#include <protobuf-c/protobuf-c.h>\n' "$spdx" >"$tree/proto/a.c" && must_fail "protobuf-c's door" proto/a.c
-    printf '%s\n#include "bvhd.pb-c.h"\n' "$spdx" >"$tree/daemon/a.c" && must_fail 'the door of generated messages' daemon/a.c
+    test_pairs
+    plant builder/input/a.c '"builder/context.h"'
+    echo "$spdx" >"$tree/builder/context.h" && echo '`low` `context`' >"$tree/builder/README.md"
+    (check_house "$tree") || { echo "the one open header was refused"; exit 1; }
+    rm "$tree/builder/input/a.c"
+    must_refuse 'wire to the client' proto/wire/a.c '"client/low.h"'
+    must_refuse 'an include without its path' proto/base/a.c '"low.h"'
+    must_refuse "Embree's door" builder/a.c '<embree3/rtcore.h>'
+    must_refuse "OpenSSL's door" builder/a.c '<openssl/evp.h>'
+    must_refuse "Vulkan's door" builder/a.c '<vulkan/vulkan_core.h>'
+    must_refuse "libpng's door" client/a.c '<png.h>'
+    must_refuse "libuv's door" client/a.c '<uv.h>'
+    must_refuse "systemd's door" client/a.c '<systemd/sd-daemon.h>'
+    must_refuse "protobuf-c's door" proto/base/a.c '<protobuf-c/protobuf-c.h>'
+    must_refuse 'the door of generated messages' daemon/session/a.c '"proto/wire/bvhd.pb-c.h"'
+    mkdir "$tree/builder/new" && echo "$spdx" >"$tree/builder/new/a.c" && must_fail 'an unknown folder' builder/new/a.c
     echo 'int x;' >"$tree/tests/a.c" && must_fail 'no licence' tests/a.c
-    { echo "$spdx" && yes 'int x;' | head -n 600; } >"$tree/proto/a.c" && must_fail 'a long file' proto/a.c
-    echo "$spdx" >"$tree/proto/b.h" && must_fail 'a header that is not described' proto/b.h
-    echo "$spdx" >"$tree/proto/low_part.h" && (check_house "$tree") && rm "$tree/proto/low_part.h"
-    printf '%s\nint x; \n' "$spdx" >"$tree/proto/a.c" && must_fail 'a space at the end' proto/a.c
+    { echo "$spdx" && yes 'int x;' | head -n 600; } >"$tree/proto/base/a.c" && must_fail 'a long file' proto/base/a.c
+    echo "$spdx" >"$tree/proto/base/b.h" && must_fail 'a header that is not described' proto/base/b.h
+    echo "$spdx" >"$tree/proto/base/low_part.h" && (check_house "$tree") && rm "$tree/proto/base/low_part.h"
+    printf '%s\nint x; \n' "$spdx" >"$tree/proto/base/a.c" && must_fail 'a space at the end' proto/base/a.c
+    for name in tests/a.c tests/a.sh tests/meson.build client/a.glsl; do
+        { echo "$spdx" && printf '%0121d\n' 0; } >"$tree/$name" && must_fail "a line of 121 columns: $name" "$name"
+    done
 }
 
 case ${1-} in

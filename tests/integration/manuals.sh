@@ -63,9 +63,9 @@ for command in $commands; do
 done
 page client/bvhctl/bvhctl.1 "$bvhctl" bvhctl.help
 
-cat "$source"/daemon/*.c | grep -o 'log_event([^"]*"[a-z_]*"' | sed 's/.*"\(.*\)"/\1/' >events.list
+find "$source/daemon" -name "*.c" -exec cat {} + | grep -o 'log_event([^"]*"[a-z_]*"' | sed 's/.*"\(.*\)"/\1/' >events.list
 all_terms 'events of the log' daemon/bvhd.8 <events.list
-sed -n 's/^    X(\([a-z_]*\)).*/\1/p' "$source/daemon/counters.h" >counters.list
+sed -n 's/^    X(\([a-z_]*\)).*/\1/p' "$source/daemon/service/counters.h" >counters.list
 all_terms counters client/bvhctl/bvhctl.1 <counters.list
 
 # completes WORDS WHAT - bash is offered that for the last of the words.

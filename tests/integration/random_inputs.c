@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * random_inputs [COUNT [SEED]] - random correct requests through the whole pipeline, rays through the result, each answer against brute force over
- * what the request means by the test's own decoding; then as many requests again with something broken, which must give a status each.
+ * random_inputs [COUNT [SEED]] - random correct requests through the whole pipeline, rays through the result, each
+ * answer against brute force over what the request means by the test's own decoding; then as many requests again with
+ * something broken, which must give a status each.
  *
  * Prints each failure with the call that repeats it. Ends with status 1 if there was any.
  */
@@ -10,13 +11,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "batch.h"
-#include "broken_input.h"
-#include "candidates.h"
-#include "portable.h"
-#include "random_input.h"
-#include "random_top.h"
-#include "rays.h"
+#include "builder/batch.h"
+#include "tests/support/builder/broken_input.h"
+#include "tests/support/builder/candidates.h"
+#include "builder/format/portable.h"
+#include "tests/support/builder/random_input.h"
+#include "tests/support/builder/random_top.h"
+#include "client/bvhctl/oracle/rays.h"
 
 enum { RAYS = 64, MOST_PRIMITIVES = 3000, MOST_BELOW_TOP = 400, FAILURES_SHOWN = 20 };
 
@@ -68,11 +69,13 @@ static void align_with_axis(struct random *random, struct ray *ray)
         ray->direction[i] = i != axis ? 0 : random_chance(random, 0.5) ? 1 : -1.0f;
 }
 
-static void make_rays(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random, struct ray rays[RAYS])
+static void make_rays(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random,
+                      struct ray rays[RAYS])
 {
     rays_make(meshes, mesh_count, random_next(random), RAYS, rays);
     static const uint32_t flags[] = {0, 0, 0, RAY_CULL_BACK_FACING, RAY_CULL_FRONT_FACING};
-    uint32_t culling = flags[random_below(random, 5)], mask = random_chance(random, 0.5) ? 0xff : random_below(random, 256);
+    uint32_t culling = flags[random_below(random, 5)],
+             mask = random_chance(random, 0.5) ? 0xff : random_below(random, 256);
     for (uint32_t i = 0; i < RAYS; i++) {
         rays[i].flags = culling;
         rays[i].cull_mask = (uint8_t)mask;
@@ -96,10 +99,11 @@ static bool hits_equal(const struct ray_hit *a, const struct ray_hit *b)
 }
 
 /* Everything that must not change the answer. */
-static void check_variants(struct run *run, const struct scene *scene, const struct ray *ray, bool is_hit, const struct ray_hit *hit)
+static void check_variants(struct run *run, const struct scene *scene, const struct ray *ray, bool is_hit,
+                           const struct ray_hit *hit)
 {
-    const struct traverse_options variants[] = {{.flip_order = true}, {.narrow_only = true}, {.exact_only = true}};
-    static const char *const names[] = {"flip_order", "narrow_only", "exact_only"};
+    const struct traverse_options variants[] = {{.flip_order = true}, {.baseline_only = true}, {.exact_only = true}};
+    static const char *const names[] = {"flip_order", "baseline_only", "exact_only"};
     struct ray_hit other;
     for (int i = 0; i < 3; i++) {
         bool is_other = traverse(scene, ray, &variants[i], &other, NULL);
@@ -121,7 +125,8 @@ static bool is_beyond_floats(const struct ray *ray, long double t)
     return false;
 }
 
-static void judge_ray(struct run *run, const struct scene *scene, const struct ray *ray, const struct oracle_answer *answer)
+static void judge_ray(struct run *run, const struct scene *scene, const struct ray *ray,
+                      const struct oracle_answer *answer)
 {
     static const char *const names[] = {"right", "undecided", "wrong miss", "wrong hit", "wrong primitive"};
     struct ray_hit hit = {0};
@@ -131,15 +136,18 @@ static void judge_ray(struct run *run, const struct scene *scene, const struct r
     run->hits += is_hit;
     run->uncertain += verdict == ORACLE_UNDECIDED;
     if (verdict > ORACLE_UNDECIDED && !is_beyond_floats(ray, answer->t_end))
-        fail(run, "%s: t %.9g instead of %.9g [%.9g, %.9g], primitive %u.%u.%u, ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x",
-             names[verdict], (double)hit.t, answer->t, answer->t_low, answer->t_end, hit.instance, hit.geometry, hit.primitive,
-             (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2], (double)ray->direction[0],
-             (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin, (double)ray->tmax, ray->flags);
+        fail(run,
+             "%s: t %.9g instead of %.9g [%.9g, %.9g], primitive %u.%u.%u, ray (%a %a %a) + t (%a %a %a), %a .. %a, "
+             "flags %x",
+             names[verdict], (double)hit.t, answer->t, answer->t_low, answer->t_end, hit.instance, hit.geometry,
+             hit.primitive, (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2],
+             (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin,
+             (double)ray->tmax, ray->flags);
     check_variants(run, scene, ray, is_hit, &hit);
 }
 
-static void judge_rays(struct run *run, const struct scene *scene, const struct oracle_mesh *meshes, uint32_t mesh_count,
-                       struct ray rays[RAYS])
+static void judge_rays(struct run *run, const struct scene *scene, const struct oracle_mesh *meshes,
+                       uint32_t mesh_count, struct ray rays[RAYS])
 {
     struct oracle_answer answers[RAYS];
     for (uint32_t i = 0; i < RAYS; i++)
@@ -160,7 +168,8 @@ static bool same_position(float a, float b, bool moved)
 }
 
 /* The stored corners of what is hit are those that the request means. */
-static void check_positions(struct run *run, const struct scene *scene, const struct random_meaning *meanings, const struct ray *ray)
+static void check_positions(struct run *run, const struct scene *scene, const struct random_meaning *meanings,
+                            const struct ray *ray)
 {
     struct ray_hit hit;
     float corners[3][3];
@@ -222,7 +231,9 @@ static const char *wrong_candidate(const struct box_check *check, const float bo
     if (seen || !candidates_surely_meet(ray, ends, check->slack))
         return NULL;
     candidates_meet(ray, ends, 0, &near, &far);
-    return is_beyond_floats(check->world, near) || is_beyond_floats(check->world, far) ? NULL : "no candidate though it is met";
+    return is_beyond_floats(check->world, near) || is_beyond_floats(check->world, far)
+               ? NULL
+               : "no candidate though it is met";
 }
 
 static void check_box(struct run *run, const struct box_check *check, const float box[6], bool seen)
@@ -231,13 +242,14 @@ static void check_box(struct run *run, const struct box_check *check, const floa
     const char *wrong = wrong_candidate(check, box, seen);
     run->boxes++;
     if (wrong)
-        fail(run, "%s: box (%a %a %a .. %a %a %a) is %s, ray (%La %La %La) + t (%La %La %La), %La .. %La", check->what, (double)box[0],
-             (double)box[1], (double)box[2], (double)box[3], (double)box[4], (double)box[5], wrong, ray->origin[0], ray->origin[1],
-             ray->origin[2], ray->direction[0], ray->direction[1], ray->direction[2], ray->tmin, ray->tmax);
+        fail(run, "%s: box (%a %a %a .. %a %a %a) is %s, ray (%La %La %La) + t (%La %La %La), %La .. %La", check->what,
+             (double)box[0], (double)box[1], (double)box[2], (double)box[3], (double)box[4], (double)box[5], wrong,
+             ray->origin[0], ray->origin[1], ray->origin[2], ray->direction[0], ray->direction[1], ray->direction[2],
+             ray->tmin, ray->tmax);
 }
 
-static void check_boxes(struct run *run, const struct scene *scene, const struct random_input *bottom, const struct ray *ray,
-                        uint32_t instance, const float *matrix)
+static void check_boxes(struct run *run, const struct scene *scene, const struct random_input *bottom,
+                        const struct ray *ray, uint32_t instance, const float *matrix)
 {
     uint32_t first[RANDOM_INPUT_GEOMETRIES + 1] = {0};
     for (uint32_t g = 0; g < bottom->input.geometry_count; g++)
@@ -281,7 +293,8 @@ static bool build_one(struct run *run, const struct build_input *input, struct b
         return false;
     }
     if (ret_item->status)
-        fail(run, "refused: %s at %s: %s", bvhd_vuid_string(ret_item->error.vuid), ret_item->error.where, ret_item->error.text);
+        fail(run, "refused: %s at %s: %s", bvhd_vuid_string(ret_item->error.vuid), ret_item->error.where,
+             ret_item->error.text);
     return !ret_item->status;
 }
 
@@ -295,7 +308,8 @@ static bool open_one(struct run *run, const struct batch_item *item, struct port
     return true;
 }
 
-static void trace_bottom(struct run *run, const struct random_input *bottom, const struct scene *scene, struct random *random)
+static void trace_bottom(struct run *run, const struct random_input *bottom, const struct scene *scene,
+                         struct random *random)
 {
     struct oracle_mesh meshes[RANDOM_INPUT_GEOMETRIES];
     struct ray rays[RAYS];
@@ -303,8 +317,12 @@ static void trace_bottom(struct run *run, const struct random_input *bottom, con
     bool boxes = count && bottom->geometries[0].type == GEOMETRY_AABBS;
     for (uint32_t g = 0; g < count; g++)
         meshes[g] = boxes ? boxes_as_triangles(&bottom->meanings[g])
-                          : (struct oracle_mesh){
-                                (const float *)bottom->meanings[g].corners, NULL, bottom->meanings[g].count, NULL, RAY_NO_INSTANCE, g};
+                          : (struct oracle_mesh){(const float *)bottom->meanings[g].corners,
+                                                 NULL,
+                                                 bottom->meanings[g].count,
+                                                 NULL,
+                                                 RAY_NO_INSTANCE,
+                                                 g};
     make_rays(meshes, count, random, rays);
     if (!boxes)
         judge_rays(run, scene, meshes, count, rays);
@@ -350,14 +368,16 @@ static void trace_top(struct run *run, struct random_top *top, const struct scen
     for (uint32_t i = 0; i < top->instance_count; i++) {
         const struct random_instance *instance = &top->instances[i];
         const struct random_input *bottom = instance->bottom < 0 ? NULL : &top->bottoms[instance->bottom];
-        if (!bottom || !(instance->mask & mask) || !bottom->input.geometry_count || bottom->geometries[0].type != GEOMETRY_AABBS)
+        if (!bottom || !(instance->mask & mask) || !bottom->input.geometry_count ||
+            bottom->geometries[0].type != GEOMETRY_AABBS)
             continue;
         for (uint32_t k = i % 8; k < RAYS; k += 8)
             check_boxes(run, scene, bottom, &rays[k], i, instance->transform);
     }
 }
 
-static bool build_bottoms(struct run *run, struct random_top *top, struct batch_item *items, struct portable_view *views)
+static bool build_bottoms(struct run *run, struct random_top *top, struct batch_item *items,
+                          struct portable_view *views)
 {
     for (uint32_t i = 0; i < top->bottom_count; i++) {
         if (!build_one(run, &top->bottoms[i].input, &items[i]))
@@ -424,9 +444,10 @@ static void check_status(struct run *run, const struct batch_item *item, const c
     run->refused++;
     if ((unsigned)item->status >= BVHD_STATUS_COUNT || item->status == BVHD_INTERNAL || item->status == BVHD_CORRUPT)
         fail(run, "%s: status %s", what, bvhd_status_name(item->status));
-    if (item->error.status != item->status || !item->error.text[0] || (!item->error.where[0] && item->status != BVHD_NO_MEMORY))
-        fail(run, "%s: status %s with place \"%s\" and text \"%s\"", what, bvhd_status_name(item->status), item->error.where,
-             item->error.text);
+    if (item->error.status != item->status || !item->error.text[0] ||
+        (!item->error.where[0] && item->status != BVHD_NO_MEMORY))
+        fail(run, "%s: status %s with place \"%s\" and text \"%s\"", what, bvhd_status_name(item->status),
+             item->error.where, item->error.text);
     if (item->blob)
         fail(run, "%s: a blob although it failed", what);
 }
@@ -486,9 +507,10 @@ int main(int argc, char **argv)
         run_case(&run, i, i % 4 ? run_bottom : run_top);
         run_case(&run, i, run_broken);
     }
-    printf("%llu cases, %llu rays: %llu hits, %llu uncertain; %llu boxes; %llu refused; %llu wrong\n", (unsigned long long)run.cases,
-           (unsigned long long)run.rays, (unsigned long long)run.hits, (unsigned long long)run.uncertain, (unsigned long long)run.boxes,
-           (unsigned long long)run.refused, (unsigned long long)run.failures);
+    printf("%llu cases, %llu rays: %llu hits, %llu uncertain; %llu boxes; %llu refused; %llu wrong\n",
+           (unsigned long long)run.cases, (unsigned long long)run.rays, (unsigned long long)run.hits,
+           (unsigned long long)run.uncertain, (unsigned long long)run.boxes, (unsigned long long)run.refused,
+           (unsigned long long)run.failures);
     /* A test that asks too little shows nothing. */
     bool thin = count >= 100 && (run.hits < run.rays / 5 || run.uncertain > run.rays / 2 || run.refused < count / 4);
     if (thin)

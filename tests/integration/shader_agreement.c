@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shader_agreement [--device NAME] [COUNT [SEED]] - ray queries of the shaders over random structures and instances: every combination of ray flags, masks,
- * opacities and facings, AABBs, candidates that are accepted, ignored, accepted in part or end the query; through a storage buffer and through addresses. Ray by ray
- * against the CPU traversal, and where they differ against references.
+ * shader_agreement [--device NAME] [COUNT [SEED]] - ray queries of the shaders over random structures and instances:
+ * every combination of ray flags, masks, opacities and facings, AABBs, candidates that are accepted, ignored, accepted
+ * in part or end the query; through a storage buffer and through addresses. Ray by ray against the CPU traversal, and
+ * where they differ against references.
  *
  * Ends with status 1 when something is wrong, 77 without a device.
  */
@@ -12,10 +13,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "batch.h"
-#include "random_top.h"
-#include "rays.h"
-#include "shader_candidates.h"
+#include "builder/batch.h"
+#include "tests/support/builder/random_top.h"
+#include "client/bvhctl/oracle/rays.h"
+#include "tests/support/shader/shader_candidates.h"
 
 enum { RAYS = 256, CASES = 4, MOST_PRIMITIVES = 2000, MOST_BELOW_TOP = 300 };
 
@@ -30,7 +31,10 @@ struct run {
 
 /* ---- rays ---- */
 
-/* What Vulkan lets be combined: at most one of the four of opacity, at most one of the three of culling by facing and skipping triangles. */
+/*
+ * What Vulkan lets be combined: at most one of the four of opacity, at most one of the three of culling by facing and
+ * skipping triangles.
+ */
 static struct shader_case random_case(struct random *random)
 {
     static const uint32_t opacities[] = {0, 0, RAY_OPAQUE, RAY_NO_OPAQUE, RAY_CULL_OPAQUE, RAY_CULL_NO_OPAQUE};
@@ -68,7 +72,8 @@ static void align_with_axis(struct random *random, struct ray *ray)
         ray->direction[i] = i != axis ? 0 : random_chance(random, 0.5) ? 1 : -1.0f;
 }
 
-static void make_rays(const struct shader_meshes *aims, const struct shader_case *shared, struct random *random, struct ray *rays)
+static void make_rays(const struct shader_meshes *aims, const struct shader_case *shared, struct random *random,
+                      struct ray *rays)
 {
     rays_make(aims->meshes, aims->count, random_next(random), RAYS, rays);
     for (uint32_t i = 0; i < RAYS; i++) {
@@ -102,7 +107,10 @@ static bool is_in_range(const float *values, int count)
     return largest == 0 || largest >= 0x1p-60f;
 }
 
-/* Shaders promise nothing about other magnitudes, nor about a small primitive in a large structure. Corners that are NaN are those of none. */
+/*
+ * Shaders promise nothing about other magnitudes, nor about a small primitive in a large structure. Corners that are
+ * NaN are those of none.
+ */
 static bool is_promised(const struct scene *scene, const struct shader_meshes *aims)
 {
     for (uint32_t i = 0; i < scene->bottom_count; i++)
@@ -115,13 +123,13 @@ static bool is_promised(const struct scene *scene, const struct shader_meshes *a
     return !scene->top || !scene->top->header->node_count || is_in_range(scene->top->header->bounds, 6);
 }
 
-static void trace_case(struct run *run, struct shader_bed *bed, const struct scene *scene, const struct shader_case *shared,
-                       const struct ray *rays)
+static void trace_case(struct run *run, struct shader_bed *bed, const struct scene *scene,
+                       const struct shader_case *shared, const struct ray *rays)
 {
     char what[80];
     struct shader_answer answers[RAYS];
-    snprintf(what, sizeof what, "shader_agreement 1 %llu (flags %x, policy %d)", (unsigned long long)run->seed, shared->flags,
-             shared->policy);
+    snprintf(what, sizeof what, "shader_agreement 1 %llu (flags %x, policy %d)", (unsigned long long)run->seed,
+             shared->flags, shared->policy);
     shader_bed_trace(bed, rays, RAYS, shared->policy, answers);
     shader_judge(what, scene, shared, rays, RAYS, answers, &parallel_serial, &run->memory, &run->tally);
     shader_bed_trace_fully(bed, rays, RAYS, shared->policy, run->answers);
@@ -149,7 +157,8 @@ static void trace_scene(struct run *run, const struct scene *scene, struct rando
     shader_meshes_finish(&aims);
 }
 
-static void build_one(struct run *run, const struct build_input *input, struct batch_item *ret_item, struct portable_view *ret_view)
+static void build_one(struct run *run, const struct build_input *input, struct batch_item *ret_item,
+                      struct portable_view *ret_view)
 {
     struct bvhd_error error = {0};
     struct limits limits = limits_default();
@@ -215,16 +224,18 @@ static void print_tally(const struct run *run)
 {
     const struct shader_tally *tally = &run->tally;
     const struct shader_candidate_tally *candidates = &run->candidates;
-    printf("%s: %llu scenes, %llu rays: %llu hits, %llu with other bits of t; %llu differ: %llu ties, %llu uncertain, %llu about "
+    printf("%s: %llu scenes, %llu rays: %llu hits, %llu with other bits of t; %llu differ: %llu ties, %llu uncertain, "
+           "%llu about "
            "boxes, %llu "
            "wrong\n",
            shader_bed_device(run->beds[0]), (unsigned long long)run->scenes, (unsigned long long)tally->rays,
            (unsigned long long)tally->hits, (unsigned long long)tally->other_bits, (unsigned long long)tally->differing,
            (unsigned long long)tally->right, (unsigned long long)tally->uncertain, (unsigned long long)tally->boxes,
            (unsigned long long)tally->certain);
-    printf("candidates of %llu rays: %llu, %llu differ, %llu wrong; %llu wrong details\n", (unsigned long long)candidates->rays,
-           (unsigned long long)candidates->candidates, (unsigned long long)candidates->differing,
-           (unsigned long long)candidates->defects, (unsigned long long)run->defects);
+    printf("candidates of %llu rays: %llu, %llu differ, %llu wrong; %llu wrong details\n",
+           (unsigned long long)candidates->rays, (unsigned long long)candidates->candidates,
+           (unsigned long long)candidates->differing, (unsigned long long)candidates->defects,
+           (unsigned long long)run->defects);
 }
 
 int main(int argc, char **argv)
@@ -236,7 +247,8 @@ int main(int argc, char **argv)
         device = argv[2];
         next = 3;
     }
-    uint64_t count = argc > next ? strtoull(argv[next], NULL, 10) : 60, seed = argc > next + 1 ? strtoull(argv[next + 1], NULL, 10) : 1;
+    uint64_t count = argc > next ? strtoull(argv[next], NULL, 10) : 60,
+             seed = argc > next + 1 ? strtoull(argv[next + 1], NULL, 10) : 1;
     memory_init(&run.memory, UINT64_C(1) << 32);
     run.answers = calloc(RAYS, sizeof *run.answers);
     if (!run.answers)
@@ -251,8 +263,10 @@ int main(int argc, char **argv)
     }
     print_tally(&run);
     /* A test that asks too little shows nothing. */
-    bool thin = count >= 30 && (run.tally.hits < run.tally.rays / 10 || run.candidates.candidates < run.candidates.rays / 10);
-    bool is_wrong = run.tally.certain || run.candidates.defects || run.defects || run.tally.boxes * 200 > run.tally.rays;
+    bool thin =
+        count >= 30 && (run.tally.hits < run.tally.rays / 10 || run.candidates.candidates < run.candidates.rays / 10);
+    bool is_wrong =
+        run.tally.certain || run.candidates.defects || run.defects || run.tally.boxes * 200 > run.tally.rays;
     shader_bed_destroy(run.beds[0]);
     shader_bed_destroy(run.beds[1]);
     free(run.answers);

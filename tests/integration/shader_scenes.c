@@ -1,23 +1,25 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] SCENE... - ray queries of the shaders over whole scenes, ray by ray against the CPU
- * traversal, and where they differ against brute force in double. A SCENE is a PLY file, a directory of `bvhctl build`, or the name of an adversarial scene of
- * make_scene. Half of the rays aim at triangles from outside, half are random ones inside.
+ * shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] SCENE... - ray queries of the
+ * shaders over whole scenes, ray by ray against the CPU traversal, and where they differ against brute force in double.
+ * A SCENE is a PLY file, a directory of `bvhctl build`, or the name of an adversarial scene of make_scene. Half of the
+ * rays aim at triangles from outside, half are random ones inside.
  *
- * Prints a line a scene. Ends with status 3 when a ray is certainly wrong or more than 1 of 10,000 differ, 77 without such a device.
+ * Prints a line a scene. Ends with status 3 when a ray is certainly wrong or more than 1 of 10,000 differ, 77 without
+ * such a device.
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
-#include "adversarial.h"
-#include "batch.h"
-#include "local.h"
-#include "ply_input.h"
-#include "rays.h"
-#include "shader_judge.h"
-#include "structures.h"
+#include "tests/support/scene/adversarial.h"
+#include "builder/batch.h"
+#include "client/bvhctl/service/local.h"
+#include "tests/bench/ply_input.h"
+#include "client/bvhctl/oracle/rays.h"
+#include "tests/support/shader/shader_judge.h"
+#include "client/bvhctl/scene/structures.h"
 
 enum { ADVERSARIAL_SIZE = 4000, MOST_OF_A_CALL = 1 << 20 };
 
@@ -45,11 +47,13 @@ static void must(enum bvhd_status status, const struct bvhd_error *error)
 
 static void print_tally(const char *name, const struct shader_tally *tally)
 {
-    printf("%-24s rays %8llu hits %8llu other bits of t %7llu differing %5llu: ties %5llu uncertain %5llu boxes %llu certain %llu "
+    printf("%-24s rays %8llu hits %8llu other bits of t %7llu differing %5llu: ties %5llu uncertain %5llu boxes %llu "
+           "certain %llu "
            "(%.1e of all differ)\n",
-           name, (unsigned long long)tally->rays, (unsigned long long)tally->hits, (unsigned long long)tally->other_bits,
-           (unsigned long long)tally->differing, (unsigned long long)tally->right, (unsigned long long)tally->uncertain,
-           (unsigned long long)tally->boxes, (unsigned long long)tally->certain, (double)tally->differing / (double)tally->rays);
+           name, (unsigned long long)tally->rays, (unsigned long long)tally->hits,
+           (unsigned long long)tally->other_bits, (unsigned long long)tally->differing,
+           (unsigned long long)tally->right, (unsigned long long)tally->uncertain, (unsigned long long)tally->boxes,
+           (unsigned long long)tally->certain, (double)tally->differing / (double)tally->rays);
     fflush(stdout);
 }
 
@@ -155,10 +159,9 @@ static struct arguments parse(int argc, char **argv)
             options.scene = argc;
     }
     if (options.scene >= argc || options.rays == 0) {
-        fprintf(
-            stderr,
-            "usage: shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] [--plain-bytes] [--fused-fma] "
-            "SCENE...\n");
+        fprintf(stderr, "usage: shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] "
+                        "[--plain-bytes] [--fused-fma] "
+                        "SCENE...\n");
         exit(2);
     }
     return options;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shared_work BVHD - equal work is done once, whoever asks: many client processes at once, and clients that leave while others wait for the same.
+ * shared_work BVHD - equal work is done once, whoever asks: many client processes at once, and clients that leave while
+ * others wait for the same.
  */
 #include <signal.h>
 #include <stdarg.h>
@@ -13,8 +14,8 @@
 
 #include <bvhd/bvhd.h>
 
-#include "service_process.h"
-#include "terrain.h"
+#include "tests/support/daemon/service_process.h"
+#include "tests/support/scene/terrain.h"
 
 enum { PROCESSES = 8, BUILDS = 1000 };
 
@@ -140,7 +141,8 @@ static void many_at_once(const struct terrain *terrain)
     close(answers[0]);
     close(answers[1]);
     struct bvhd_client *client = connect_client();
-    uint64_t started = counter(client, "builds_started"), shared = counter(client, "coalesced"), hits = counter(client, "hits_memory");
+    uint64_t started = counter(client, "builds_started"), shared = counter(client, "coalesced"),
+             hits = counter(client, "hits_memory");
     printf("%d identical builds from %d processes: %llu started, %llu coalesced, %llu from memory\n", BUILDS, PROCESSES,
            (unsigned long long)started, (unsigned long long)shared, (unsigned long long)hits);
     expect(started == 1, "%llu builds were started", (unsigned long long)started);
@@ -196,8 +198,8 @@ static void first_leaves(const struct terrain *terrain, enum way way, long after
     await_start(stays, started);
     expect(bvhd_batch_wait(batch, 60000) == BVHD_OK, "the other one waits for ever");
     const struct bvhd_result *result = bvhd_batch_result(batch, 0);
-    expect(result->error.status == BVHD_OK && result->size > 0, "way %d after %ld ms: the other one got: %s", way, after_ms,
-           result->error.text);
+    expect(result->error.status == BVHD_OK && result->size > 0, "way %d after %ld ms: the other one got: %s", way,
+           after_ms, result->error.text);
     waitpid(leaver, NULL, 0);
     bvhd_batch_destroy(batch);
     bvhd_client_destroy(stays);

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * That the validation layers, which all tests of the suite "vulkan" want to be silent, would speak: mistakes made on purpose are counted. Skipped (77), and it says so, unless
- * $BVHD_VALIDATE is 1.
+ * That the validation layers, which all tests of the suite "vulkan" want to be silent, would speak: mistakes made on
+ * purpose are counted. Skipped (77), and it says so, unless $BVHD_VALIDATE is 1.
  */
-#include "unit.h"
+#include "tests/support/unit.h"
 
-#include "gpu_bed.h"
+#include "tests/support/driver/gpu_bed.h"
 
 static struct memory memory;
 static struct gpu *gpu;

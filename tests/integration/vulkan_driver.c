@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_driver.c - bvhd_vulkan.h on the Vulkan device of this machine: what the probe says, structures of its native target loaded
- * both ways and traced by the driver's own ray queries, portable ones read back, and that nothing of it is left. Skipped where there is
- * no such device.
+ * vulkan_driver.c - bvhd_vulkan.h on the Vulkan device of this machine: what the probe says, structures of its native
+ * target loaded both ways and traced by the driver's own ray queries, portable ones read back, and that nothing of it
+ * is left. Skipped where there is no such device.
  */
-#include "unit.h"
+#include "tests/support/unit.h"
 
 #include <malloc.h>
 #include <math.h>
 
-#include "driver_structure.h"
-#include "gpu_bed.h"
-#include "random.h"
-#include "tracer.h"
-#include "vulkan_bed.h"
+#include "tests/support/driver/driver_structure.h"
+#include "tests/support/driver/gpu_bed.h"
+#include "tests/support/random.h"
+#include "client/bvhctl/trace/tracer.h"
+#include "tests/support/client/vulkan/vulkan_bed.h"
 
 static struct memory memory;
 static struct gpu *gpu;
@@ -45,7 +45,8 @@ static void VKAPI_CALL release(void *user, void *block)
     free(block);
 }
 
-static void *VKAPI_CALL reallocate(void *user, void *block, size_t size, size_t alignment, VkSystemAllocationScope scope)
+static void *VKAPI_CALL reallocate(void *user, void *block, size_t size, size_t alignment,
+                                   VkSystemAllocationScope scope)
 {
     if (size == 0) {
         release(user, block);
@@ -60,7 +61,8 @@ static void *VKAPI_CALL reallocate(void *user, void *block, size_t size, size_t 
     return moved;
 }
 
-static const VkAllocationCallbacks callbacks = {.pfnAllocation = allocate, .pfnReallocation = reallocate, .pfnFree = release};
+static const VkAllocationCallbacks callbacks = {
+    .pfnAllocation = allocate, .pfnReallocation = reallocate, .pfnFree = release};
 
 /* lavapipe ends the process when memory is short while commands are recorded, so then it never is. */
 static PFN_vkGetDeviceProcAddr get_device_proc_addr;
@@ -120,8 +122,8 @@ static int open_device(void **state)
         .instance = gpu->instance,
         .physical_device = gpu->physical,
         .device = gpu->device,
-        .has_acceleration_structure = gpu->facts.has_acceleration_structure,
-        .has_buffer_device_address = gpu->facts.has_buffer_address,
+        .has_acceleration_structure = gpu->properties.has_acceleration_structure,
+        .has_buffer_device_address = gpu->properties.has_buffer_address,
         .allocator = &callbacks,
     };
     return bvhd_vulkan_device_create(&options, &device, &error) ? -1 : 0;
@@ -144,9 +146,9 @@ static void the_probe_tells_what_the_device_loads(void **state)
     assert_int_equal(bvhd_vulkan_probe(device, &gpu->queue, &probe, &size, &error), BVHD_OK);
     enum bvhd_status status = bvhd_format_from_probe(probe, size, &format, &error);
     is_native = status == BVHD_OK;
-    printf("%s: %s\n", gpu->facts.name, is_native ? bvhd_target_name(format.target) : error.text);
+    printf("%s: %s\n", gpu->properties.name, is_native ? bvhd_target_name(format.target) : error.text);
     assert_true(is_native || status == BVHD_UNSUPPORTED);
-    if (strstr(gpu->facts.name, "llvmpipe"))
+    if (strstr(gpu->properties.name, "llvmpipe"))
         assert_int_equal(format.target, BVHD_TARGET_LAVAPIPE);
     assert_int_equal(bvhd_vulkan_probe(device, &gpu->queue, &again, &size_again, &error), BVHD_OK);
     assert_int_equal(size_again, size);
@@ -284,7 +286,8 @@ static void own_buffers_are_filled(void **state)
 }
 
 /* What lies in the scene's buffer: the bodies, with locations in the instances. */
-static void check_portable(const struct vulkan_bed *bed, const struct bvhd_vulkan_scene *scene, const unsigned char *bytes)
+static void check_portable(const struct vulkan_bed *bed, const struct bvhd_vulkan_scene *scene,
+                           const unsigned char *bytes)
 {
     for (uint32_t i = 0; i < bed->count; i++) {
         struct bvhd_vulkan_span span;
@@ -312,7 +315,7 @@ static void check_portable(const struct vulkan_bed *bed, const struct bvhd_vulka
 static void portable_scenes_arrive(void **state)
 {
     (void)state;
-    for (uint32_t flags = 0; flags <= (gpu->facts.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0); flags++) {
+    for (uint32_t flags = 0; flags <= (gpu->properties.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0); flags++) {
         struct vulkan_bed bed;
         struct bvhd_error error = {0};
         struct bvhd_vulkan_scene *scene = NULL;
@@ -326,7 +329,8 @@ static void portable_scenes_arrive(void **state)
         const struct bvhd_vulkan_scene_options options = scene_options(&bed, flags);
         assert_int_equal(bvhd_vulkan_scene_create(device, &gpu->queue, &options, &scene, &error), BVHD_OK);
         assert_int_equal(bvhd_vulkan_scene_storage(scene, bed.count - 1, &span, &whole), BVHD_OK);
-        assert_int_equal(gpu_buffer_create(gpu, whole, VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_READBACK, &copy, NULL), BVHD_OK);
+        assert_int_equal(gpu_buffer_create(gpu, whole, VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_READBACK, &copy, NULL),
+                         BVHD_OK);
         assert_int_equal(gpu_begin(gpu, &commands, NULL), BVHD_OK);
         const VkBufferCopy region = {0, 0, whole};
         gpu->vk.CmdCopyBuffer(commands, span.buffer, copy.buffer, 1, &region);
@@ -375,14 +379,18 @@ static void failing_allocations_leave_nothing(void **state)
 static struct driver_structure borrow(const struct vulkan_bed *bed, const struct bvhd_vulkan_scene *scene, uint32_t row)
 {
     struct bvhd_vulkan_requirements needed;
-    assert_int_equal(bvhd_vulkan_requirements(device, bed->blobs[row].data, bed->blobs[row].size, &needed, NULL), BVHD_OK);
+    assert_int_equal(bvhd_vulkan_requirements(device, bed->blobs[row].data, bed->blobs[row].size, &needed, NULL),
+                     BVHD_OK);
     return (struct driver_structure){.handle = bvhd_vulkan_scene_structure(scene, row),
                                      .type = needed.type,
                                      .address = bvhd_vulkan_scene_location(scene, row),
                                      .size = needed.storage_size};
 }
 
-/* Serialized again it is the bytes that it came from, with addresses for handles; and what these are loaded to traces the same. */
+/*
+ * Serialized again it is the bytes that it came from, with addresses for handles; and what these are loaded to traces
+ * the same.
+ */
 static void serialize_again(const struct vulkan_bed *bed, const struct driver_structure *structure, uint32_t row,
                             const uint64_t *addresses)
 {
@@ -458,7 +466,10 @@ static void tamper(struct random *random, unsigned char *data, uint64_t size)
     }
 }
 
-/* Loads what passes, and traces rays through it: their answers do not matter, but the driver goes on. False when it was refused. */
+/*
+ * Loads what passes, and traces rays through it: their answers do not matter, but the driver goes on. False when it was
+ * refused.
+ */
 static bool load_and_trace(const struct vulkan_bed *bed)
 {
     struct bvhd_vulkan_scene *scene = NULL;
@@ -478,7 +489,9 @@ static bool load_and_trace(const struct vulkan_bed *bed)
             rays[i].direction[axis] = (float)random_between(&random, -1, 1);
         }
     }
-    assert_int_equal(tracer_query_create(gpu, bvhd_vulkan_scene_structure(scene, bed->count - 1), &memory, &tracer, &error), BVHD_OK);
+    assert_int_equal(
+        tracer_query_create(gpu, bvhd_vulkan_scene_structure(scene, bed->count - 1), &memory, &tracer, &error),
+        BVHD_OK);
     assert_int_equal(tracer->trace(tracer, rays, COUNT, hits, NULL, &error), BVHD_OK);
     tracer_destroy(tracer);
     bvhd_vulkan_scene_destroy(scene);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * closest.glsl - the closest triangle for rays without flags. It answers as a query does (bvhd_ray_query.glsl), but asks nobody on its way: triangles
- * that are hit beyond doubt are remembered with bounds on their t, those in doubt are put by until the end, and only then are pairs of floats computed. What is put
- * by goes to memory, for the kernel after this one: to decide here would make the loops keep everything that deciding takes.
+ * closest.glsl - the closest triangle for rays without flags. It answers as a query does (bvhd_ray_query.glsl), but
+ * asks nobody on its way: triangles that are hit beyond doubt are remembered with bounds on their t, those in doubt are
+ * put by until the end, and only then are pairs of floats computed. What is put by goes to memory, for the kernel after
+ * this one: to decide here would make the loops keep everything that deciding takes.
  *
  * State lies in private variables: one ray an invocation. closest_settle.glsl has the end.
  */
@@ -86,8 +87,9 @@ void set_order()
 }
 
 /*
- * Of a structure's points from a ray and from 0, in lengths and in t. Steps are taken 2^24 times as large (widen) and are no larger than coordinates (tracer_closest.c
- * looks): that has to stay a float. Rays for which it might not are left to the query.
+ * Of a structure's points from a ray and from 0, in lengths and in t. Steps are taken 2^24 times as large (widen) and
+ * are no larger than coordinates (tracer_closest.c looks): that has to stay a float. Rays for which it might not are
+ * left to the query.
  */
 const float FARTHEST = 1.0e31;
 
@@ -113,9 +115,9 @@ vec3 box_error(vec3 offset)
 }
 
 /*
- * bvhdBoxRayInit's slack is no less along any axis, for |inverse| * 2^-29 * longest is 2 where the ray hardly moves and 2^-29 at least where it does; with what a
- * direction that is off by `low_direction` moves the ray by within the structure. Rays that miss its bounds are sent away here, as at a node: before anything is put by
- * for them.
+ * bvhdBoxRayInit's slack is no less along any axis, for |inverse| * 2^-29 * longest is 2 where the ray hardly moves and
+ * 2^-29 at least where it does; with what a direction that is off by `low_direction` moves the ray by within the
+ * structure. Rays that miss its bounds are sent away here, as at a node: before anything is put by for them.
  */
 Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float low_direction)
 {
@@ -225,9 +227,9 @@ void leave_instance()
 }
 
 /*
- * The ray goes to object space in float. With u = 2^-24, the difference is wrong by u, the inverse matrix by u for each of its entries and each product and sum by
- * u again, and the matrix itself is told to no better than that: 12u of the sum of the sizes cover it.
- * All rows are asked for before any is looked at.
+ * The ray goes to object space in float. With u = 2^-24, the difference is wrong by u, the inverse matrix by u for each
+ * of its entries and each product and sum by u again, and the matrix itself is told to no better than that: 12u of the
+ * sum of the sizes cover it. All rows are asked for before any is looked at.
  */
 void visit_instance(uint record)
 {
@@ -258,8 +260,9 @@ void visit_instance(uint record)
 }
 
 /*
- * Four bytes as floats: 2^-24 of each, which is what its bits say as a half. Those are denormal: with `plain_bytes`, where a device may take them for 0 or is quicker without,
- * bytes are converted as they are. No constant is OR'ed in, as bvhd_box.glsl does: that took 24 operations a node more.
+ * Four bytes as floats: 2^-24 of each, which is what its bits say as a half. Those are denormal: with `plain_bytes`,
+ * where a device may take them for 0 or is quicker without, bytes are converted as they are. No constant is OR'ed in,
+ * as bvhd_box.glsl does: that took 24 operations a node more.
  */
 vec4 widen(uint bytes)
 {
@@ -278,8 +281,9 @@ vec3 step_of(uint exponents)
 #define AS_INT floatBitsToInt
 
 /*
- * Shifts in a bit for each of four slots, the last one's first: 1 where the ray misses it. Distances are compared as integers, which is right as long as
- * the interval's start is not negative; what is between the first and the last one says by its sign whether there is anything.
+ * Shifts in a bit for each of four slots, the last one's first: 1 where the ray misses it. Distances are compared as
+ * integers, which is right as long as the interval's start is not negative; what is between the first and the last one
+ * says by its sign whether there is anything.
  */
 void look_at_slots(uvec3 near_bytes, uvec3 far_bytes, vec3 scale, vec3 first, vec3 last, inout uint missed)
 {
@@ -377,7 +381,8 @@ float square(vec3 a)
 }
 
 /*
- * The longer one's length, or more. Sums of the components' sizes take fewer operations and leave more in doubt: that pays for rays that meet many triangles.
+ * The longer one's length, or more. Sums of the components' sizes take fewer operations and leave more in doubt: that
+ * pays for rays that meet many triangles.
  */
 float longer_of(vec3 a, vec3 b)
 {
@@ -420,13 +425,15 @@ void doubt(Sight sight, uint record)
 }
 
 /*
- * Volumes of the ray with the edges from v0. Differences are off by u, a component of a product of two vectors by 3u of the sum of the sizes of its two products,
- * and the volume by 7u of the sum of its six, which is at most 1.155 of the product of the three lengths. What is left of the determinant is off by no more than
- * those of all three and 2u of each: with s the distance of the origin, d the direction's length and e the longer edge, 20.2u d e (s + e) are as much. An origin
- * off by o moves it by 3.5 d e o at most, a direction off by l by 3.5 l e (s + e).
+ * Volumes of the ray with the edges from v0. Differences are off by u, a component of a product of two vectors by 3u of
+ * the sum of the sizes of its two products, and the volume by 7u of the sum of its six, which is at most 1.155 of the
+ * product of the three lengths. What is left of the determinant is off by no more than those of all three and 2u of
+ * each: with s the distance of the origin, d the direction's length and e the longer edge, 20.2u d e (s + e) are as
+ * much. An origin off by o moves it by 3.5 d e o at most, a direction off by l by 3.5 l e (s + e).
  *
- * t: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the sums that it goes into, by 8u of what
- * they are with `spread` in its place. On a long floor along the axes, which rays start from, t is nearly exact then.
+ * t: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the
+ * sums that it goes into, by 8u of what they are with `spread` in its place. On a long floor along the axes, which rays
+ * start from, t is nearly exact then.
  *
  * `is_own`: this lane's ray looks, and takes at once what it sees.
  */

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * closest_exact.glsl - bvhd_triangle.glsl's and bvhd_ray_query.glsl's last word in doubles, for devices that are quick with these: the same steps, which it explains. A
- * vertex's place across the ray is rounded to float as there, so that a side is decided by exact products: those of floats fit doubles. What is
- * `precise` has to come out the same for all triangles that share it, and flat triangles as 0.
+ * closest_exact.glsl - bvhd_triangle.glsl's and bvhd_ray_query.glsl's last word in doubles, for devices that are quick
+ * with these: the same steps, which it explains. A vertex's place across the ray is rounded to float as there, so that
+ * a side is decided by exact products: those of floats fit doubles. What is `precise` has to come out the same for all
+ * triangles that share it, and flat triangles as 0.
  */
 #ifndef CLOSEST_EXACT_GLSL
 #define CLOSEST_EXACT_GLSL

@@ -47,8 +47,9 @@ uint place_of(uint in_instance)
 }
 
 /*
- * What lanes of a subgroup ask of each other: a record, its instance, the ray and which of the lanes asks; and what they are told: t, the id and these bits. A subgroup's
- * questions stand from the place of the first lane on that is here.
+ * What lanes of a subgroup ask of each other: a record, its instance, the ray and which of the lanes asks; and what
+ * they are told: t, the id and these bits. A subgroup's questions stand from the place of the first lane on that is
+ * here.
  */
 shared uvec4 questions[gl_WorkGroupSize.x], answers[gl_WorkGroupSize.x];
 const uint IS_MET = 1u, IS_FRONT = 2u;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * closest_teams.glsl - triangles of few lanes, looked at by all lanes of a subgroup: each lane that has some gets a team of four or eight, who look at one each and tell what
- * they have seen. For one structure, without instances, and where all lanes of the subgroup come along, those without a ray too.
+ * closest_teams.glsl - triangles of few lanes, looked at by all lanes of a subgroup: each lane that has some gets a
+ * team of four or eight, who look at one each and tell what they have seen. For one structure, without instances, and
+ * where all lanes of the subgroup come along, those without a ray too.
  */
 #ifndef CLOSEST_TEAMS_GLSL
 #define CLOSEST_TEAMS_GLSL

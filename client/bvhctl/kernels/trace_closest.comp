@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled thirteen times: with
- * BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is binding 2; and
+ * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled thirteen
+ * times: with BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is
+ * binding 2; and
  *
  *   for rays that go together   a thread a ray; with WAIT records are looked at when enough lanes have some: that pays where many of them are instances, or
  *                               triangles so small that neighbours meet others;
@@ -14,7 +15,8 @@
  *   with TEAMS, too             one structure alone. Of rays that go together, where its triangles are small, few lanes' triangles are looked at by all; with REFILL those
  *                               of the last rays, and each subgroup decides on its doubts when it has no more rays.
  *
- * All need subgroup operations (ballot; with TEAMS shuffle and vote, and subgroups of 32 lanes at most, of which none is missing).
+ * All need subgroup operations (ballot; with TEAMS shuffle and vote, and subgroups of 32 lanes at most, of which none
+ * is missing).
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -293,9 +295,9 @@ void visit_records()
 }
 
 /*
- * The ray that is begun at this place of a portion (a picture or a part of one): from a quarter on to the last, then those
- * before. What a picture shows is in its middle, and takes longest; begun late, it would go on when most lanes have nothing left to do. Whole
- * workgroups are skipped, so that rays stay beside those that they go with.
+ * The ray that is begun at this place of a portion (a picture or a part of one): from a quarter on to the last, then
+ * those before. What a picture shows is in its middle, and takes longest; begun late, it would go on when most lanes
+ * have nothing left to do. Whole workgroups are skipped, so that rays stay beside those that they go with.
  */
 uint ray_at(uint place)
 {

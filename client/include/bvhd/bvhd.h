@@ -2,8 +2,9 @@
 /*
  * bvhd.h - acceleration structures built by a service: the client library.
  *
- * A program describes what it wants in Vulkan's own structs, with host addresses, and gets serialized acceleration structures. The service does
- * equal work once, so asking again is cheap; and whoever has kept a key gets the bytes without sending geometry.
+ * A program describes what it wants in Vulkan's own structs, with host addresses, and gets serialized acceleration
+ * structures. The service does equal work once, so asking again is cheap; and whoever has kept a key gets the bytes
+ * without sending geometry.
  *
  *     struct bvhd_client *client;
  *     bvhd_client_create(NULL, &client, &error);
@@ -13,21 +14,26 @@
  *     bvhd_batch_destroy(batch);
  *     bvhd_client_destroy(client);
  *
- * Threads: every function may be called from any thread, on any object, at any time, with one exception: the one that ends an object must be the last
- * call on it. Several threads may wait at once. The library starts no threads: work moves on inside of its calls (wait, dispatch, submit, ...), and
- * nowhere else. No function but those named "wait", "connect", "ping" and "counters" blocks; but geometry is copied inside of submit, dispatch and wait, which
- * takes its time.
+ * Threads: every function may be called from any thread, on any object, at any time, with one exception: the one that
+ * ends an object must be the last call on it. Several threads may wait at once. The library starts no threads: work
+ * moves on inside of its calls (wait, dispatch, submit, ...), and nowhere else. No function but those named "wait",
+ * "connect", "ping" and "counters" blocks; but geometry is copied inside of submit, dispatch and wait, which takes its
+ * time.
  *
- * Errors: a status, and in *ret_error (may be NULL) the rule and the place. Functions that fail leave their results untouched and hold nothing.
+ * Errors: a status, and in *ret_error (may be NULL) the rule and the place. Functions that fail leave their results
+ * untouched and hold nothing.
  *
- * A daemon that is gone: when its process ends, the socket says so, and everything under way fails with BVHD_UNAVAILABLE at the next call, or at once
- * for who waits or watches bvhd_client_descriptor. A daemon that is there but says nothing at all while it owes an answer is given up after
- * `lost_after_ms`. A submission without a daemon fails after `connect_timeout_ms`. The next submission after a loss connects anew, so a restarted daemon
- * is found. A daemon that announces its end finishes what it has; what is submitted from then on goes to the next one. Whoever gets BVHD_UNAVAILABLE can
- * fall back to the device's own build, or submit again. The other way round a daemon gives up a program that leaves what it sends unread for 30 s: whoever
- * asks for much and then does something else for long should dispatch meanwhile.
+ * A daemon that is gone: when its process ends, the socket says so, and everything under way fails with
+ * BVHD_UNAVAILABLE at the next call, or at once for who waits or watches bvhd_client_descriptor. A daemon that is there
+ * but says nothing at all while it owes an answer is given up after `lost_after_ms`. A submission without a daemon
+ * fails after `connect_timeout_ms`. The next submission after a loss connects anew, so a restarted daemon is found. A
+ * daemon that announces its end finishes what it has; what is submitted from then on goes to the next one. Whoever gets
+ * BVHD_UNAVAILABLE can fall back to the device's own build, or submit again. The other way round a daemon gives up a
+ * program that leaves what it sends unread for 30 s: whoever asks for much and then does something else for long should
+ * dispatch meanwhile.
  *
- * The process may fork; the child must not use the parent's objects. No signal is raised or handled. Descriptors are close-on-exec.
+ * The process may fork; the child must not use the parent's objects. No signal is raised or handled. Descriptors are
+ * close-on-exec.
  */
 #ifndef BVHD_BVHD_H
 #define BVHD_BVHD_H
@@ -69,13 +75,14 @@ BVHD_API enum bvhd_status bvhd_key_from_text(const char *text, struct bvhd_key *
 struct bvhd_client_options {
     size_t struct_size; /* sizeof(struct bvhd_client_options): it may grow */
     /*
-     * Path of the daemon's socket. NULL: $BVHD_SOCKET; without that $XDG_RUNTIME_DIR/bvhd.sock, and where nobody answers there
-     * /run/bvhd/bvhd.sock.
+     * Path of the daemon's socket. NULL: $BVHD_SOCKET; without that $XDG_RUNTIME_DIR/bvhd.sock, and where nobody
+     * answers there /run/bvhd/bvhd.sock.
      */
     const char *socket_path;
     uint32_t connect_timeout_ms; /* how long a daemon is looked for; 0: 5,000 */
     uint32_t lost_after_ms; /* silence of a daemon that owes an answer; 0: 10,000 */
-    uint64_t pool_size; /* bytes of memory shared with the daemon, allocated as needed and then kept; 0: 64 MiB, the most */
+    /* bytes of memory shared with the daemon, allocated as needed and then kept; 0: 64 MiB, the most */
+    uint64_t pool_size;
 };
 
 /* Does not connect yet. `options` may be NULL: all 0. */
@@ -85,12 +92,15 @@ BVHD_API enum bvhd_status bvhd_client_create(const struct bvhd_client_options *o
 /* Its batches must be destroyed before, and no thread may be in a call; blobs and counters live on. NULL-safe. */
 BVHD_API void bvhd_client_destroy(struct bvhd_client *client);
 
-/* Waits until the daemon has answered. Not needed before a submission. BVHD_UNAVAILABLE after `connect_timeout_ms`, BVHD_INCOMPATIBLE. */
+/*
+ * Waits until the daemon has answered. Not needed before a submission. BVHD_UNAVAILABLE after `connect_timeout_ms`,
+ * BVHD_INCOMPATIBLE.
+ */
 BVHD_API enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error);
 
 /*
- * A descriptor for event loops, the same for the client's whole life and owned by it: when it is readable, call bvhd_client_dispatch. (It is an epoll
- * descriptor; timeouts and a change of connection are behind it, too.)
+ * A descriptor for event loops, the same for the client's whole life and owned by it: when it is readable, call
+ * bvhd_client_dispatch. (It is an epoll descriptor; timeouts and a change of connection are behind it, too.)
  */
 BVHD_API int bvhd_client_descriptor(const struct bvhd_client *client);
 
@@ -112,7 +122,10 @@ enum bvhd_target {
     BVHD_TARGET_LAVAPIPE = 2, /* Mesa's CPU driver, natively; needs bvhd_build.format */
 };
 
-/* What a device's driver loads natively: found by a probe (bvhd_vulkan.h, or `bvhctl probe`), given to builds. Plain values: copy, keep and compare them freely. */
+/*
+ * What a device's driver loads natively: found by a probe (bvhd_vulkan.h, or `bvhctl probe`), given to builds. Plain
+ * values: copy, keep and compare them freely.
+ */
 struct bvhd_format {
     size_t struct_size; /* sizeof(struct bvhd_format) */
     enum bvhd_target target;
@@ -122,8 +135,9 @@ struct bvhd_format {
 };
 
 /*
- * The format of the device that a probe came from; struct_size is set, too. The probe may come from anywhere, at any alignment. BVHD_UNSUPPORTED: none that this library
- * knows reproduces the probe, so that the device takes the portable target alone. BVHD_CORRUPT: this is no probe. BVHD_INCOMPATIBLE: one of another version.
+ * The format of the device that a probe came from; struct_size is set, too. The probe may come from anywhere, at any
+ * alignment. BVHD_UNSUPPORTED: none that this library knows reproduces the probe, so that the device takes the portable
+ * target alone. BVHD_CORRUPT: this is no probe. BVHD_INCOMPATIBLE: one of another version.
  */
 BVHD_API enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct bvhd_format *ret_format,
                                                  struct bvhd_error *ret_error);
@@ -150,7 +164,8 @@ struct bvhd_reference {
 struct bvhd_build {
     size_t struct_size; /* sizeof(struct bvhd_build) */
     uint32_t info_count; /* any number, 0 included */
-    const VkAccelerationStructureBuildGeometryInfoKHR *infos; /* addresses are host addresses; handles are numbers, compared only */
+    /* addresses are host addresses; handles are numbers, compared only */
+    const VkAccelerationStructureBuildGeometryInfoKHR *infos;
     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges; /* ranges[i]: infos[i].geometryCount of them */
     const struct bvhd_reference *references; /* what instances of any info may name */
     uint32_t reference_count;
@@ -158,26 +173,32 @@ struct bvhd_build {
     enum bvhd_target target; /* 0: the format's, without one portable */
     uint32_t layout_flags;
     enum bvhd_priority priority;
-    const struct bvhd_format *format; /* what the device loads, of the same target; needed for a native one, NULL for portable */
+    /* what the device loads, of the same target; needed for a native one, NULL for portable */
+    const struct bvhd_format *format;
     /*
-     * How many rays each structure will meet in its life, for each of its primitives: AUTO then makes building and tracing together take as little as it can. Counted as
-     * one thread of a processor traces them: for a device that is a hundred times as fast, say a hundredth. 0: not said; finite and not negative.
+     * How many rays each structure will meet in its life, for each of its primitives: AUTO then makes building and
+     * tracing together take as little as it can. Counted as one thread of a processor traces them: for a device that is
+     * a hundred times as fast, say a hundredth. 0: not said; finite and not negative.
      */
     float rays_per_primitive;
     uint32_t reserved; /* 0 */
 };
 
 /*
- * Asks for infos[0 .. info_count). Everything the structs point to but geometry memory is copied before this returns. Geometry memory (vertices, indices,
- * boxes, transforms, instances) must stay readable and unchanged until bvhd_batch_is_copied, which for batches that fit into the shared memory is
- * true on return, also without a daemon. Rules that an info breaks are its result's error. A daemon of a version that does not know the
- * target, or that takes no rays_per_primitive but 0 where it would count, says BVHD_UNSUPPORTED in each result. Fails as a whole only for lack of memory (BVHD_NO_MEMORY), or where
- * the struct bvhd_build itself is wrong (BVHD_INVALID).
+ * Asks for infos[0 .. info_count). Everything the structs point to but geometry memory is copied before this returns.
+ * Geometry memory (vertices, indices, boxes, transforms, instances) must stay readable and unchanged until
+ * bvhd_batch_is_copied, which for batches that fit into the shared memory is true on return, also without a daemon.
+ * Rules that an info breaks are its result's error. A daemon of a version that does not know the target, or that takes
+ * no rays_per_primitive but 0 where it would count, says BVHD_UNSUPPORTED in each result. Fails as a whole only for
+ * lack of memory (BVHD_NO_MEMORY), or where the struct bvhd_build itself is wrong (BVHD_INVALID).
  */
-BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build, struct bvhd_batch **ret_batch,
-                                            struct bvhd_error *ret_error);
+BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
+                                            struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
 
-/* Asks for results by key, without geometry. BVHD_NOT_FOUND for a key that the service does not have (any more); one that is being built is waited for. */
+/*
+ * Asks for results by key, without geometry. BVHD_NOT_FOUND for a key that the service does not have (any more); one
+ * that is being built is waited for.
+ */
 BVHD_API enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,
                                            struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
 
@@ -189,17 +210,26 @@ BVHD_API int bvhd_batch_is_copied(struct bvhd_batch *batch);
 /* Every item has its result. */
 BVHD_API int bvhd_batch_is_done(struct bvhd_batch *batch);
 
-/* Waits until every item has its result, at most `timeout_ms` (< 0: for ever, which the client's timeouts bound): BVHD_OK or BVHD_PENDING. */
+/*
+ * Waits until every item has its result, at most `timeout_ms` (< 0: for ever, which the client's timeouts bound):
+ * BVHD_OK or BVHD_PENDING.
+ */
 BVHD_API enum bvhd_status bvhd_batch_wait(struct bvhd_batch *batch, int timeout_ms);
 
 /* The same, until the geometry memory is free again. */
 BVHD_API enum bvhd_status bvhd_batch_wait_copied(struct bvhd_batch *batch, int timeout_ms);
 
-/* Items that have no result yet end with BVHD_CANCELLED, on return; the service stops working on them. Their geometry memory is free. */
+/*
+ * Items that have no result yet end with BVHD_CANCELLED, on return; the service stops working on them. Their geometry
+ * memory is free.
+ */
 BVHD_API void bvhd_batch_cancel(struct bvhd_batch *batch);
 BVHD_API void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t item);
 
-/* Cancels what is not done; the caller's geometry memory is free. Results end with it, their blobs only when nobody else holds a ref. NULL-safe. */
+/*
+ * Cancels what is not done; the caller's geometry memory is free. Results end with it, their blobs only when nobody
+ * else holds a ref. NULL-safe.
+ */
 BVHD_API void bvhd_batch_destroy(struct bvhd_batch *batch);
 
 /* Where a result came from. */
@@ -212,10 +242,13 @@ enum bvhd_origin {
 };
 
 struct bvhd_result {
-    struct bvhd_error
-        error; /* status BVHD_PENDING: not there yet; BVHD_OK: the rest is set; where: as "infos[3].flags", by the call's own count */
+    /*
+     * status BVHD_PENDING: not there yet; BVHD_OK: the rest is set; where: as "infos[3].flags", by the call's own count
+     */
+    struct bvhd_error error;
     struct bvhd_key key;
-    const void *data; /* the serialized acceleration structure: read only, 64-byte aligned, as long as `blob` or the batch lives */
+    /* the serialized acceleration structure: read only, 64-byte aligned, as long as `blob` or the batch lives */
+    const void *data;
     uint64_t size;
     struct bvhd_blob *blob; /* the batch's ref */
     enum bvhd_origin origin;
@@ -234,8 +267,8 @@ struct bvhd_result {
 };
 
 /*
- * An item's result, which lives as long as the batch and never changes. Before the item is done it is another one, with error.status BVHD_PENDING: ask
- * again. NULL when there is no such item.
+ * An item's result, which lives as long as the batch and never changes. Before the item is done it is another one, with
+ * error.status BVHD_PENDING: ask again. NULL when there is no such item.
  */
 BVHD_API const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, uint32_t item);
 
@@ -250,11 +283,12 @@ BVHD_API uint64_t bvhd_blob_size(const struct bvhd_blob *blob);
 
 /* Waits for an answer. *ret_ms (may be NULL): how long it took, connecting included. BVHD_UNAVAILABLE when none comes within `timeout_ms` (< 0: as long as the
  * client's timeouts take). */
-BVHD_API enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms, struct bvhd_error *ret_error);
+BVHD_API enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms,
+                                           struct bvhd_error *ret_error);
 
 /* Waits for the service's counters: names and values, in a fixed order. Fails as ping. */
-BVHD_API enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms, struct bvhd_counters **ret_counters,
-                                               struct bvhd_error *ret_error);
+BVHD_API enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms,
+                                               struct bvhd_counters **ret_counters, struct bvhd_error *ret_error);
 BVHD_API uint32_t bvhd_counters_count(const struct bvhd_counters *counters);
 BVHD_API const char *bvhd_counters_name(const struct bvhd_counters *counters, uint32_t index);
 BVHD_API uint64_t bvhd_counters_value(const struct bvhd_counters *counters, uint32_t index);

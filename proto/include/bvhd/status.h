@@ -2,13 +2,13 @@
 /*
  * status.h - how every part of bvhd says that something went wrong.
  *
- * The numbers are wire ABI: they never change and are never used again for something else. An error is a plain value of fixed
- * size: it can be copied, stored and sent, and owns nothing.
+ * The numbers are wire ABI: they never change and are never used again for something else. An error is a plain value of
+ * fixed size: it can be copied, stored and sent, and owns nothing.
  */
 #ifndef BVHD_PUBLIC_STATUS_H
 #define BVHD_PUBLIC_STATUS_H
 
-#include "vuid.h"
+#include "proto/include/bvhd/vuid.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -37,7 +37,8 @@ enum { BVHD_WHERE_SIZE = 120, BVHD_TEXT_SIZE = 200 };
 struct bvhd_error {
     enum bvhd_status status;
     enum bvhd_vuid vuid; /* BVHD_VUID_NONE where the rule is not Vulkan's */
-    char where[BVHD_WHERE_SIZE]; /* a path such as "infos[2].geometries[3].triangles.vertexStride"; never NULL, may be "" */
+    char where
+        [BVHD_WHERE_SIZE]; /* a path such as "infos[2].geometries[3].triangles.vertexStride"; never NULL, may be "" */
     char text[BVHD_TEXT_SIZE]; /* the reason, in words, without a newline */
 };
 

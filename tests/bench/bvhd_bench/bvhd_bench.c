@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bvhd-bench - every method and target beside Embree's own, in one run; and which of them survive what. README.md says more.
+ * bvhd-bench - every method and target beside Embree's own, in one run; and which of them survive what. README.md says
+ * more.
  *
  *     bvhd-bench SCENE... -o DIR
  *     bvhd-bench --stability [NAME...] -o DIR
@@ -10,12 +11,12 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "calibrate.h"
-#include "chart.h"
-#include "choice.h"
-#include "files.h"
-#include "memory.h"
-#include "report.h"
+#include "tests/bench/bvhd_bench/calibrate.h"
+#include "tests/bench/bvhd_bench/chart.h"
+#include "tests/bench/bvhd_bench/choice.h"
+#include "client/bvhctl/base/files.h"
+#include "proto/base/memory.h"
+#include "tests/bench/bvhd_bench/report.h"
 
 enum { EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_WRONG = 3 };
 
@@ -30,20 +31,22 @@ struct options {
 
 static void print_usage(FILE *file)
 {
-    fprintf(file, "usage: bvhd-bench SCENE... -o DIR [OPTION...]\n"
-                  "       bvhd-bench --stability [NAME...] -o DIR [OPTION...]\n"
-                  "       bvhd-bench --calibrate SCENE... [OPTION...]\n"
-                  "SCENE: a binary little-endian PLY file, or the name of a generated scene, also NAME@SEED and NAME@SEED@SIZE\n"
-                  "  --runs N         repetitions, interleaved (7)\n"
-                  "  --patience S     seconds of builds or rays of one method and scene after which 3 runs are enough (3)\n"
-                  "  --threads N      of the first crew (all processors)\n"
-                  "  --picture N      rays of N x N pixels (256)\n"
-                  "  --rays N         against brute force: a scene (2000), a cell of the map (1000)\n"
-                  "  --calibrate      times alone, and what the constants of builder/tier.c should be\n"
-                  "  --seed N         of those rays, and of generated scenes (1)\n"
-                  "  --methods A,B    only these\n"
-                  "  --size N         triangles of a generated scene (100000), of one of the map (5000)\n"
-                  "  --time-limit S   of a cell of the map (30)\n");
+    fprintf(
+        file,
+        "usage: bvhd-bench SCENE... -o DIR [OPTION...]\n"
+        "       bvhd-bench --stability [NAME...] -o DIR [OPTION...]\n"
+        "       bvhd-bench --calibrate SCENE... [OPTION...]\n"
+        "SCENE: a binary little-endian PLY file, or the name of a generated scene, also NAME@SEED and NAME@SEED@SIZE\n"
+        "  --runs N         repetitions, interleaved (7)\n"
+        "  --patience S     seconds of builds or rays of one method and scene after which 3 runs are enough (3)\n"
+        "  --threads N      of the first crew (all processors)\n"
+        "  --picture N      rays of N x N pixels (256)\n"
+        "  --rays N         against brute force: a scene (2000), a cell of the map (1000)\n"
+        "  --calibrate      times alone, and what the constants of builder/tier.c should be\n"
+        "  --seed N         of those rays, and of generated scenes (1)\n"
+        "  --methods A,B    only these\n"
+        "  --size N         triangles of a generated scene (100000), of one of the map (5000)\n"
+        "  --time-limit S   of a cell of the map (30)\n");
 }
 
 /* True when the list is one of names of methods. */
@@ -122,8 +125,9 @@ static struct options defaults(void)
     uint32_t count;
     const struct method *methods = method_all(&count);
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
-    struct options options = {.measure = {.runs = 7, .patience = 3, .picture = 256, .size = 100000, .check_rays = 2000, .seed = 1},
-                              .cells = {.size = 5000, .rays = 1000, .seed = 1, .seconds = 30}};
+    struct options options = {
+        .measure = {.runs = 7, .patience = 3, .picture = 256, .size = 100000, .check_rays = 2000, .seed = 1},
+        .cells = {.size = 5000, .rays = 1000, .seed = 1, .seconds = 30}};
     options.measure.threads = processors > 0 ? (unsigned)processors : 1;
     for (uint32_t i = 0; i < count && i < MEASURE_METHODS; i++)
         options.measure.methods[options.measure.method_count++] = &methods[i];
@@ -138,9 +142,11 @@ static void print_floors(const struct results *results)
         struct mean mean = mean_of(results, floors[i].method, floors[i].peer, floors[i].figure);
         if (mean.count > 0)
             printf("%-24s %-17s %s%-26s %7.3f  %s %.2f: %s (aim %.2f), worst %.3f (%s)\n", floors[i].method,
-                   figure_name(floors[i].figure), floors[i].peer ? "/ " : "  ", floors[i].peer ? floors[i].peer : "", mean.value,
-                   floors[i].at_least ? ">=" : "<=", floors[i].floor, floor_is_met(&floors[i], &mean) ? "met" : "NOT met",
-                   floors[i].aim, floors[i].at_least ? mean.least : mean.most, floors[i].at_least ? mean.least_scene : mean.most_scene);
+                   figure_name(floors[i].figure), floors[i].peer ? "/ " : "  ", floors[i].peer ? floors[i].peer : "",
+                   mean.value, floors[i].at_least ? ">=" : "<=", floors[i].floor,
+                   floor_is_met(&floors[i], &mean) ? "met" : "NOT met", floors[i].aim,
+                   floors[i].at_least ? mean.least : mean.most,
+                   floors[i].at_least ? mean.least_scene : mean.most_scene);
     }
 }
 
@@ -155,10 +161,11 @@ static void print_choices(const struct results *results)
             count++;
             good += choice.is_good;
             if (!choice.is_good)
-                printf("auto, %g rays a primitive, %s: %.2f ms, %s would take %.2f\n", choice_rays(hint), results->scenes[i].name,
-                       choice.auto_ms, choice.best, choice.best_ms);
+                printf("auto, %g rays a primitive, %s: %.2f ms, %s would take %.2f\n", choice_rays(hint),
+                       results->scenes[i].name, choice.auto_ms, choice.best, choice.best_ms);
         }
-        printf("auto, %g rays a primitive: as good as the best tier on %u of %u scenes\n", choice_rays(hint), good, count);
+        printf("auto, %g rays a primitive: as good as the best tier on %u of %u scenes\n", choice_rays(hint), good,
+               count);
     }
 }
 
@@ -188,11 +195,13 @@ static int map_stability(struct options *options)
     struct stability *stability = tree_need(1, sizeof *stability);
     options->cells.scenes = options->names;
     options->cells.scene_count = options->name_count;
-    bool good = stability_run(&options->cells, stability) && report_stability(stability, &options->cells, options->directory) &&
+    bool good = stability_run(&options->cells, stability) &&
+                report_stability(stability, &options->cells, options->directory) &&
                 chart_stability(stability, options->directory);
     uint32_t failures = stability_own_failures(stability);
     if (good)
-        printf("%u methods, %u scenes; %u cells of our own are not clean\n", stability->row_count, stability->column_count, failures);
+        printf("%u methods, %u scenes; %u cells of our own are not clean\n", stability->row_count,
+               stability->column_count, failures);
     free(stability);
     return !good ? EXIT_FAILED : failures > 0 ? EXIT_WRONG : 0;
 }

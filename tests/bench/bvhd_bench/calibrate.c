@@ -1,17 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "calibrate.h"
+#include "tests/bench/bvhd_bench/calibrate.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "build.h"
-#include "choice.h"
-#include "tier.h"
+#include "builder/build.h"
+#include "tests/bench/bvhd_bench/choice.h"
+#include "builder/tier.h"
 
 enum { TIERS = 3, BASE = 1, KINDS = 2 };
 
-/* The weight, in scenes, of the belief that a term has no effect: on balanced, and on the quotient of another tier to it, which varies less than what disturbs both. */
+/*
+ * The weight, in scenes, of the belief that a term has no effect: on balanced, and on the quotient of another tier to
+ * it, which varies less than what disturbs both.
+ */
 #define HELD 1
 #define HELD_QUOTIENT 3
 
@@ -21,14 +24,18 @@ struct model {
     double constants[TIERS][KINDS][TIER_TERMS]; /* of building, of rays */
 };
 
-/* Of the run that was disturbed least: nanoseconds a primitive to build, a ray to trace. False when they were not measured. */
+/*
+ * Of the run that was disturbed least: nanoseconds a primitive to build, a ray to trace. False when they were not
+ * measured.
+ */
 static bool measured(const struct results *results, uint32_t scene, int tier, struct tier_cost *ret_cost)
 {
     const struct scene_figures *figures = &results->scenes[scene];
     for (uint32_t i = 0; i < results->options->method_count; i++) {
         const struct figures *own = &figures->methods[i];
         double ms = statistic_least(&own->ms[1]), rate = statistic_most(&own->mrays[RAYS_DIFFUSE]);
-        if (strcmp(results->options->methods[i]->name, build_quality_name(qualities[tier])) != 0 || !(ms > 0) || !(rate > 0))
+        if (strcmp(results->options->methods[i]->name, build_quality_name(qualities[tier])) != 0 || !(ms > 0) ||
+            !(rate > 0))
             continue;
         *ret_cost = (struct tier_cost){ms * 1e6 / figures->triangles, 1e3 / rate};
         return true;
@@ -70,8 +77,12 @@ static bool is_like(const char *name, const char *other)
     return strcspn(other, "@") == length && strncmp(name, other, length) == 0;
 }
 
-/* Of balanced, or of another tier in relation to it; by scenes that are not like `left_out` (NULL: by all). Of how many scenes it was. */
-static uint32_t fit_one(const struct results *results, const char *left_out, int tier, int kind, double ret_constants[TIER_TERMS])
+/*
+ * Of balanced, or of another tier in relation to it; by scenes that are not like `left_out` (NULL: by all). Of how many
+ * scenes it was.
+ */
+static uint32_t fit_one(const struct results *results, const char *left_out, int tier, int kind,
+                        double ret_constants[TIER_TERMS])
 {
     double rows[TIER_TERMS][TIER_TERMS + 1] = {{0}};
     uint32_t count = 0;
@@ -105,7 +116,8 @@ static bool fit(const struct results *results, const char *left_out, struct mode
                 return false;
     for (int tier = 0; tier < TIERS; tier++)
         for (int k = 0; k < KINDS * TIER_TERMS && tier != BASE; k++)
-            ret_model->constants[tier][k / TIER_TERMS][k % TIER_TERMS] += ret_model->constants[BASE][k / TIER_TERMS][k % TIER_TERMS];
+            ret_model->constants[tier][k / TIER_TERMS][k % TIER_TERMS] +=
+                ret_model->constants[BASE][k / TIER_TERMS][k % TIER_TERMS];
     return true;
 }
 
@@ -143,14 +155,15 @@ static void add_loss(struct tally *tally, double loss)
 
 static void print_tally(const char *title, const struct tally *tally)
 {
-    printf("%-46s %4u of %4u lose more than 10 %%, the worst %.0f %%; beyond 5 %% all together %.2f\n", title, tally->bad,
-           tally->choices, 100 * tally->most, tally->beyond);
+    printf("%-46s %4u of %4u lose more than 10 %%, the worst %.0f %%; beyond 5 %% all together %.2f\n", title,
+           tally->bad, tally->choices, 100 * tally->most, tally->beyond);
 }
 
 enum { FITTED, LEFT_OUT, IN_USE, MODELS };
 
 /* Of a model that was fitted to all, of one that has not seen the like, of the one in tier.c. */
-static void add_scene(const struct results *results, const struct model *fitted, uint32_t scene, struct tally tallies[MODELS])
+static void add_scene(const struct results *results, const struct model *fitted, uint32_t scene,
+                      struct tally tallies[MODELS])
 {
     const struct facts *facts = &results->scenes[scene].facts;
     struct tier_cost costs[TIERS];
@@ -159,13 +172,14 @@ static void add_scene(const struct results *results, const struct model *fitted,
     for (int tier = 0; tier < TIERS; tier++)
         if (!measured(results, scene, tier, &costs[tier]))
             return;
-    printf("%-22s %8u %8.2f %7.4f %4.2f | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name, facts->primitives,
-           facts->crossings, facts->thickness, facts->unevenness, costs[0].build_ns, costs[1].build_ns, costs[2].build_ns,
-           costs[0].ray_ns, costs[1].ray_ns, costs[2].ray_ns);
+    printf("%-22s %8u %8.2f %7.4f %4.2f | %5.0f %5.0f %6.0f | %5.0f %5.0f %5.0f |", results->scenes[scene].name,
+           facts->primitives, facts->crossings, facts->thickness, facts->unevenness, costs[0].build_ns,
+           costs[1].build_ns, costs[2].build_ns, costs[0].ray_ns, costs[1].ray_ns, costs[2].ray_ns);
     for (int hint = 0; hint < CHOICE_HINTS; hint++) {
         double rays = choice_rays(hint), least = INFINITY, each[TIERS];
-        int best = 0, chosen[MODELS] = {choose_by(fitted, facts, rays), has_others ? choose_by(&left_out, facts, rays) : 0,
-                                        (int)tier_choose(facts, (float)rays) - QUALITY_FAST};
+        int best = 0,
+            chosen[MODELS] = {choose_by(fitted, facts, rays), has_others ? choose_by(&left_out, facts, rays) : 0,
+                              (int)tier_choose(facts, (float)rays) - QUALITY_FAST};
         for (int tier = 0; tier < TIERS; tier++) {
             each[tier] = costs[tier].build_ns + rays * costs[tier].ray_ns;
             best = each[tier] < least ? tier : best;
@@ -207,7 +221,8 @@ bool calibrate_print(const struct results *results)
         return false;
     }
     print_table(&model);
-    printf("scene, primitives, crossings, thickness, unevenness | build ns: fast, balanced, high | ray ns | for 0.1, 1, 10, 100 rays: "
+    printf("scene, primitives, crossings, thickness, unevenness | build ns: fast, balanced, high | ray ns | for 0.1, "
+           "1, 10, 100 rays: "
            "best; chosen by "
            "this table and what it loses, by one that is fitted without scenes of this kind, by the one in use\n");
     for (uint32_t i = 0; i < results->scene_count; i++)

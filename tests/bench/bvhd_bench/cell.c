@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cell.h"
+#include "tests/bench/bvhd_bench/cell.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -13,8 +13,8 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "clock.h"
-#include "scene_source.h"
+#include "proto/base/clock.h"
+#include "tests/bench/bvhd_bench/scene_source.h"
 
 enum { TRACE_MS = 40 };
 
@@ -70,8 +70,8 @@ static double trace_rate(const struct subject *subject, const struct trial *tria
     return 1e-6 * (double)count / spent;
 }
 
-static void judge(struct bench *bench, const struct ply *mesh, const struct cell_request *request, const struct subject *subject,
-                  struct cell_result *result)
+static void judge(struct bench *bench, const struct ply *mesh, const struct cell_request *request,
+                  const struct subject *subject, struct cell_result *result)
 {
     struct trial trial = trial_make(bench, mesh, request->seed, request->rays);
     result->verdicts = verdicts_of(&trial, subject);
@@ -79,8 +79,8 @@ static void judge(struct bench *bench, const struct ply *mesh, const struct cell
     trial_finish(&trial);
 }
 
-static void measure(struct bench *bench, const struct method *method, const struct ply *mesh, const struct cell_request *request,
-                    struct cell_result *result)
+static void measure(struct bench *bench, const struct method *method, const struct ply *mesh,
+                    const struct cell_request *request, struct cell_result *result)
 {
     struct subject subject;
     bool traces = request->rays > 0 && method_traces(method);
@@ -128,7 +128,8 @@ static void become(const struct cell_request *request, int descriptor)
     snprintf(rays, sizeof rays, "%" PRIu32, request->rays);
     setrlimit(RLIMIT_CORE, &none);
     if (dup2(descriptor, STDOUT_FILENO) >= 0 && freopen("/dev/null", "w", stderr))
-        execl("/proc/self/exe", "bvhd-bench", "--cell", request->method, request->scene, size, seed, rays, (char *)NULL);
+        execl("/proc/self/exe", "bvhd-bench", "--cell", request->method, request->scene, size, seed, rays,
+              (char *)NULL);
     _exit(127);
 }
 

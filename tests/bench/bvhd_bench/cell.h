@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * cell.h - one method and one scene in a process of their own, because some methods abort, hang or take all memory on some scenes.
+ * cell.h - one method and one scene in a process of their own, because some methods abort, hang or take all memory on
+ * some scenes.
  *
  * The process is this program again, with `--cell`.
  */
 #ifndef BVHD_BENCH_CELL_H
 #define BVHD_BENCH_CELL_H
 
-#include "verdicts.h"
+#include "tests/bench/bvhd_bench/verdicts.h"
 
 struct cell_request {
     const char *method;

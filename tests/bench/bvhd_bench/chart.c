@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "chart.h"
+#include "tests/bench/bvhd_bench/chart.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "plot.h"
+#include "tests/bench/bvhd_bench/plot.h"
 
 enum { POINTS_MAX = MEASURE_METHODS, LABEL_CHOICES = 26, NEAR_CHOICES = 8 };
 
@@ -44,7 +44,9 @@ static enum family family_of(const struct method *method)
     if (is_choice(method))
         return FAMILY_AUTO;
     if (method->kind == METHOD_OWN)
-        return method->target == TARGET_LAVAPIPE ? FAMILY_LAVAPIPE : method->layout_flags ? FAMILY_FAST_TRIANGLES : FAMILY_INDEXED;
+        return method->target == TARGET_LAVAPIPE ? FAMILY_LAVAPIPE
+               : method->layout_flags            ? FAMILY_FAST_TRIANGLES
+                                                 : FAMILY_INDEXED;
     if (method->kind == METHOD_SWEEP)
         return FAMILY_OTHER;
     return method->robust ? FAMILY_EMBREE_ROBUST : FAMILY_EMBREE;
@@ -136,14 +138,16 @@ static struct area area_of_label(const struct scatter *scatter, const struct poi
                                                    {0.012, 0.027}, {0.012, -0.027}, {-1.012, 0.027}, {-1.012, -0.027}};
     double width = 0.0083 * (double)strlen(point->label), height = 0.026;
     int far = choice - NEAR_CHOICES;
-    double aside = far < 0 ? places[choice][0] : 0.004, up = far < 0 ? places[choice][1] : (far % 2 ? -0.028 : 0.028) * (far / 2 + 2);
+    double aside = far < 0 ? places[choice][0] : 0.004,
+           up = far < 0 ? places[choice][1] : (far % 2 ? -0.028 : 0.028) * (far / 2 + 2);
     double x = share(point->x, scatter->x_range), y = share(point->y, scatter->y_range) + up;
     double left = aside <= -1 ? x - width + aside + 1 : aside < 0 ? x - width / 2 : x + aside;
     return (struct area){left, y - height / 2, left + width, y + height / 2};
 }
 
 /* Where the label hides least of what is there already. Nobody can read what lies outside. */
-static struct area place_label(const struct scatter *scatter, uint32_t index, const struct area *placed, uint32_t placed_count)
+static struct area place_label(const struct scatter *scatter, uint32_t index, const struct area *placed,
+                               uint32_t placed_count)
 {
     enum { OUTSIDE = 2 * POINTS_MAX };
     struct area best = {0};
@@ -166,9 +170,11 @@ static struct area place_label(const struct scatter *scatter, uint32_t index, co
 }
 
 /* A thin line to a label that is not beside its point. */
-static void draw_leader(const struct scatter *scatter, const struct point *point, const struct area *label, FILE *script)
+static void draw_leader(const struct scatter *scatter, const struct point *point, const struct area *label,
+                        FILE *script)
 {
-    double x = share(point->x, scatter->x_range), y = share(point->y, scatter->y_range), to = (label->bottom + label->top) / 2;
+    double x = share(point->x, scatter->x_range), y = share(point->y, scatter->y_range),
+           to = (label->bottom + label->top) / 2;
     if (fabs(to - y) > 0.04)
         fprintf(script, "set arrow from graph %.4f,%.4f to graph %.4f,%.4f nohead lw 0.6 lc rgb \"%s\"\n", x, y, x, to,
                 families[point->family].colour);
@@ -221,30 +227,35 @@ static void draw_scatter(const void *context, FILE *script)
     plot_text(script, scatter->x_label);
     fprintf(script, "\nset ylabel ");
     plot_text(script, scatter->y_label);
-    fprintf(script, "\nset logscale xy\nset xrange [%.6g:%.6g]\nset yrange [%.6g:%.6g]\n", scatter->x_range[0], scatter->x_range[1],
-            scatter->y_range[0], scatter->y_range[1]);
-    fprintf(script, "set grid xtics ytics mxtics mytics lc rgb \"#d8d8d8\" lw 1, lc rgb \"#ececec\" lw 1\nset bmargin 6\nset key at "
+    fprintf(script, "\nset logscale xy\nset xrange [%.6g:%.6g]\nset yrange [%.6g:%.6g]\n", scatter->x_range[0],
+            scatter->x_range[1], scatter->y_range[0], scatter->y_range[1]);
+    fprintf(script, "set grid xtics ytics mxtics mytics lc rgb \"#d8d8d8\" lw 1, lc rgb \"#ececec\" lw 1\nset bmargin "
+                    "6\nset key at "
                     "screen 0.5,0.03 center horizontal samplen 1 maxrows 2 font \",10\"\n"
                     "set border 3 lc rgb \"#606060\"\nset tics nomirror\n");
     fprintf(script, "set xtics (0.02,0.05,0.1,0.2,0.5,1,2,3,5,7,10,15,20,30,40,50,70,100,150,200)\n");
     if (scatter->y_has_zero)
         fprintf(script, "set ytics (\"0\" %.6g, 10, 100, 1000, 1e4, 1e5, 1e6)\n", scatter->y_zero);
     else
-        fprintf(script, "set ytics (0.01,0.02,0.05,0.1,0.2,0.3,0.5,0.7,0.8,0.9,1,1.1,1.2,1.3,1.5,1.7,2,2.5,3,3.5,4,5,7,10,15,20)\n");
+        fprintf(script,
+                "set ytics "
+                "(0.01,0.02,0.05,0.1,0.2,0.3,0.5,0.7,0.8,0.9,1,1.1,1.2,1.3,1.5,1.7,2,2.5,3,3.5,4,5,7,10,15,20)\n");
     draw_labels(scatter, script);
-    fprintf(script, "plot $front with lines lc rgb \"#b0b0b0\" lw 2 dt 2 title \"Pareto front\", $front with points pt 6 ps 2.2 lw 1.5 "
+    fprintf(script, "plot $front with lines lc rgb \"#b0b0b0\" lw 2 dt 2 title \"Pareto front\", $front with points pt "
+                    "6 ps 2.2 lw 1.5 "
                     "lc rgb \"#707070\" notitle");
     for (int family = 0; family < FAMILIES; family++)
         if (has_family(scatter, family))
-            fprintf(script, ", $family%d with points pt %d ps 1.3 lc rgb \"%s\" title \"%s\"", family, families[family].shape,
-                    families[family].colour, families[family].name);
+            fprintf(script, ", $family%d with points pt %d ps 1.3 lc rgb \"%s\" title \"%s\"", family,
+                    families[family].shape, families[family].colour, families[family].name);
     fprintf(script, "\n");
 }
 
 static void add_point(struct scatter *scatter, const struct method *method, double x, double y)
 {
     if (scatter->count < POINTS_MAX && x > 0 && y > 0)
-        scatter->points[scatter->count++] = (struct point){.x = x, .y = y, .label = method->label, .family = family_of(method)};
+        scatter->points[scatter->count++] =
+            (struct point){.x = x, .y = y, .label = method->label, .family = family_of(method)};
 }
 
 static bool finish_scatter(struct scatter *scatter, const char *directory)
@@ -263,15 +274,16 @@ static bool finish_scatter(struct scatter *scatter, const char *directory)
     return plot_run(&plot, draw_scatter, scatter);
 }
 
-static bool chart_figures(const struct results *results, const char *directory, struct scatter *scatter, enum figure x, enum figure y)
+static bool chart_figures(const struct results *results, const char *directory, struct scatter *scatter, enum figure x,
+                          enum figure y)
 {
     for (uint32_t i = 0; i < results->options->method_count; i++) {
         const struct method *method = results->options->methods[i];
         struct mean along = mean_of(results, method->name, NULL, x), up = mean_of(results, method->name, NULL, y);
-        bool is_wide = method->arity == 8;
+        bool is_eight_wide = method->arity == 8;
         if (is_choice(method) && scatter->tiers_alone)
             continue;
-        if (along.count > 0 && up.count > 0 && !(y == FIGURE_WORK && (is_wide || method->layout_flags)))
+        if (along.count > 0 && up.count > 0 && !(y == FIGURE_WORK && (is_eight_wide || method->layout_flags)))
             add_point(scatter, method, along.value, up.value);
     }
     return finish_scatter(scatter, directory);
@@ -331,6 +343,6 @@ bool chart_results(const struct results *results, const char *directory)
                             .tiers_alone = true};
     return chart_figures(results, directory, &speed, FIGURE_RATE_ONE, FIGURE_DIFFUSE) &&
            chart_figures(results, directory, &work, FIGURE_RATE_ONE, FIGURE_WORK) &&
-           chart_figures(results, directory, &bytes, FIGURE_BYTES, FIGURE_DIFFUSE) && chart_errors(results, directory) &&
-           chart_scenes(results, directory);
+           chart_figures(results, directory, &bytes, FIGURE_BYTES, FIGURE_DIFFUSE) &&
+           chart_errors(results, directory) && chart_scenes(results, directory);
 }

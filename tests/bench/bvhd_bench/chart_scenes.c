@@ -2,9 +2,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "chart.h"
-#include "choice.h"
-#include "plot.h"
+#include "tests/bench/bvhd_bench/chart.h"
+#include "tests/bench/bvhd_bench/choice.h"
+#include "tests/bench/bvhd_bench/plot.h"
 
 enum { TIERS = 3, PANELS = 2, ROW_PIXELS = 34, ABOVE_PIXELS = 90, BELOW_PIXELS = 80 };
 
@@ -79,8 +79,8 @@ static void draw_panel(const struct results *results, int panel, FILE *script)
     fprintf(script, ")\nset %s\n", has_points(results, panel) ? "autoscale x" : "xrange [0.5:2]");
     fprintf(script, "set arrow 1 from 1,graph 0 to 1,graph 1 nohead lw 1.5 lc rgb \"#808080\"\nplot ");
     for (int tier = 0; tier < TIERS; tier++)
-        fprintf(script, "%s$p%dt%d with points pt %d ps 1.5 lw 2 lc rgb \"%s\" title \"%s\"", tier ? ", " : "", panel, tier,
-                tiers[tier].shape, tiers[tier].colour, tiers[tier].method);
+        fprintf(script, "%s$p%dt%d with points pt %d ps 1.5 lw 2 lc rgb \"%s\" title \"%s\"", tier ? ", " : "", panel,
+                tier, tiers[tier].shape, tiers[tier].colour, tiers[tier].method);
     fprintf(script, "\n");
 }
 
@@ -105,7 +105,8 @@ static void draw_choice_data(const struct results *results, int tier, FILE *scri
 static void draw_choices(FILE *script)
 {
     fprintf(script,
-            "set title \"auto, by rays a triangle (red: what it loses)\" font \",10\"\nunset arrow 1\nunset logscale x\nset xrange "
+            "set title \"auto, by rays a triangle (red: what it loses)\" font \",10\"\nunset arrow 1\nunset logscale "
+            "x\nset xrange "
             "[-0.6:%d.8]\n"
             "set offsets 0, 0, 0, 0\nset xtics (",
             CHOICE_HINTS - 1);
@@ -113,7 +114,8 @@ static void draw_choices(FILE *script)
         fprintf(script, "%s\"%g\" %d", hint ? ", " : "", choice_rays(hint), hint);
     fprintf(script, ")\nplot ");
     for (int tier = 0; tier < TIERS; tier++)
-        fprintf(script, "$c%d with points pt %d ps 1.5 lw 2 lc rgb \"%s\" notitle, ", tier, tiers[tier].shape, tiers[tier].colour);
+        fprintf(script, "$c%d with points pt %d ps 1.5 lw 2 lc rgb \"%s\" notitle, ", tier, tiers[tier].shape,
+                tiers[tier].colour);
     fprintf(script, "$c%d using 1:2:3 with labels offset 3.4,0 font \",8\" tc rgb \"#c00000\" notitle\n", TIERS);
 }
 
@@ -125,13 +127,15 @@ static void draw(const void *context, FILE *script)
     for (int tier = 0; tier <= TIERS; tier++)
         draw_choice_data(results, tier, script);
     fprintf(script,
-            "set multiplot layout 1,3 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins 0.12,0.98,%.4f,%.4f "
+            "set multiplot layout 1,3 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins "
+            "0.12,0.98,%.4f,%.4f "
             "spacing 0.03\n",
             BELOW_PIXELS / height, 1 - ABOVE_PIXELS / height);
-    fprintf(script, "set border 1 lc rgb \"#606060\"\nset grid lc rgb \"#e0e0e0\"\nset tics nomirror\nset logscale x\nset autoscale x\n"
+    fprintf(script, "set border 1 lc rgb \"#606060\"\nset grid lc rgb \"#e0e0e0\"\nset tics nomirror\nset logscale "
+                    "x\nset autoscale x\n"
                     "set offsets graph 0.05, graph 0.05, 0, 0\nset xtics (0.02,0.05,0.1,0.2,0.5,1,2,5,10,20)\n");
-    fprintf(script, "set yrange [0.4:%u.6]\nset key at screen 0.5,%.4f center horizontal samplen 1 maxrows 1\n", results->scene_count,
-            20 / height);
+    fprintf(script, "set yrange [0.4:%u.6]\nset key at screen 0.5,%.4f center horizontal samplen 1 maxrows 1\n",
+            results->scene_count, 20 / height);
     for (int panel = 0; panel < PANELS; panel++)
         draw_panel(results, panel, script);
     draw_choices(script);

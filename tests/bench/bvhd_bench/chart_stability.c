@@ -2,8 +2,8 @@
 #include <inttypes.h>
 #include <stdio.h>
 
-#include "chart.h"
-#include "plot.h"
+#include "tests/bench/bvhd_bench/chart.h"
+#include "tests/bench/bvhd_bench/plot.h"
 
 enum { ROW_PIXELS = 26, COLUMN_PIXELS = 46, MARGIN_LEFT = 315, MARGIN_TOP = 150, MARGIN_BOTTOM = 60 };
 
@@ -39,10 +39,10 @@ static void draw_cell(FILE *script, const struct stability *stability, uint32_t 
 {
     struct look look = look_of(stability, row, column);
     double y = stability->row_count - 1 - row;
-    fprintf(script, "set object rectangle from %u,%.0f to %u,%.0f fc rgb \"%s\" fs solid border lc rgb \"#ffffff\"\n", column, y,
-            column + 1, y + 1, look.fill);
-    fprintf(script, "set label \"%s\" at %.1f,%.1f center front font \",8\" textcolor rgb \"%s\"\n", look.text, column + 0.5, y + 0.5,
-            look.ink);
+    fprintf(script, "set object rectangle from %u,%.0f to %u,%.0f fc rgb \"%s\" fs solid border lc rgb \"#ffffff\"\n",
+            column, y, column + 1, y + 1, look.fill);
+    fprintf(script, "set label \"%s\" at %.1f,%.1f center front font \",8\" textcolor rgb \"%s\"\n", look.text,
+            column + 0.5, y + 0.5, look.ink);
 }
 
 static void draw_names(FILE *script, const struct stability *stability)
@@ -61,16 +61,21 @@ static void draw(const void *context, FILE *script)
     const struct stability *stability = context;
     unsigned width = MARGIN_LEFT + 40 + COLUMN_PIXELS * stability->column_count;
     unsigned height = MARGIN_TOP + MARGIN_BOTTOM + ROW_PIXELS * stability->row_count;
-    fprintf(script, "set lmargin at screen %.4f\nset rmargin at screen %.4f\nset tmargin at screen %.4f\nset bmargin at screen %.4f\n",
-            (double)MARGIN_LEFT / width, 1 - 40.0 / width, 1 - (double)MARGIN_TOP / height, (double)MARGIN_BOTTOM / height);
-    fprintf(script, "set xrange [0:%u]\nset x2range [0:%u]\nset yrange [0:%u]\nunset border\nunset key\n", stability->column_count,
-            stability->column_count, stability->row_count);
     fprintf(script,
-            "set label \"Stability: methods (ours above, Embree below) on scenes at which methods fail\" at screen 0.01,%.4f left font "
+            "set lmargin at screen %.4f\nset rmargin at screen %.4f\nset tmargin at screen %.4f\nset bmargin at screen "
+            "%.4f\n",
+            (double)MARGIN_LEFT / width, 1 - 40.0 / width, 1 - (double)MARGIN_TOP / height,
+            (double)MARGIN_BOTTOM / height);
+    fprintf(script, "set xrange [0:%u]\nset x2range [0:%u]\nset yrange [0:%u]\nunset border\nunset key\n",
+            stability->column_count, stability->column_count, stability->row_count);
+    fprintf(script,
+            "set label \"Stability: methods (ours above, Embree below) on scenes at which methods fail\" at screen "
+            "0.01,%.4f left font "
             "\",14\"\n",
             1 - 20.0 / height);
     fprintf(script,
-            "set label \"blue: no wrong answer, rays a second as a share of the column's fastest;  orange: so many wrong answers;  "
+            "set label \"blue: no wrong answer, rays a second as a share of the column's fastest;  orange: so many "
+            "wrong answers;  "
             "dark: no "
             "answer at all\" at screen 0.01,%.4f left font \",10\"\n",
             20.0 / height);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "choice.h"
+#include "tests/bench/bvhd_bench/choice.h"
 
 #include <math.h>
 #include <string.h>
@@ -30,9 +30,10 @@ static bool cost_of(const struct results *results, uint32_t scene, const char *n
         if (strcmp(results->options->methods[i]->name, name) != 0 || build->count == 0 || !(rate > 0))
             continue;
         double rays_ms = rays * figures->triangles / rate;
-        *ret_cost = (struct cost){statistic_median(build) + rays_ms,
-                                  3 * (statistic_mad(build) + rays_ms * statistic_mad(traced) / statistic_median(traced)),
-                                  figures->methods[i].stats.quality};
+        *ret_cost =
+            (struct cost){statistic_median(build) + rays_ms,
+                          3 * (statistic_mad(build) + rays_ms * statistic_mad(traced) / statistic_median(traced)),
+                          figures->methods[i].stats.quality};
         return true;
     }
     return false;

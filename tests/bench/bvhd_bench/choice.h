@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* choice.h - whether auto is as good a choice as the best tier, when a build and the rays through it are paid together. */
+/*
+ * choice.h - whether auto is as good a choice as the best tier, when a build and the rays through it are paid together.
+ */
 #ifndef BVHD_BENCH_CHOICE_H
 #define BVHD_BENCH_CHOICE_H
 
-#include "summary.h"
+#include "tests/bench/bvhd_bench/summary.h"
 
 enum { CHOICE_HINTS = 4 };
 

@@ -6,8 +6,8 @@
 #include <stdatomic.h>
 #include <stdio.h>
 
-#include "../embree_version.h"
-#include "method.h"
+#include "tests/bench/embree_version.h"
+#include "tests/bench/bvhd_bench/method.h"
 
 /* Counts what the device holds, in *live. NULL when there is no device. */
 static inline RTCDevice embree_api_device(unsigned threads, RTCMemoryMonitorFunction monitor, atomic_llong *live)
@@ -29,7 +29,9 @@ static inline bool embree_api_count(void *live, ssize_t bytes, bool post)
 
 static inline enum RTCBuildQuality embree_api_quality(enum method_effort effort)
 {
-    return effort == EFFORT_LOW ? RTC_BUILD_QUALITY_LOW : effort == EFFORT_HIGH ? RTC_BUILD_QUALITY_HIGH : RTC_BUILD_QUALITY_MEDIUM;
+    return effort == EFFORT_LOW    ? RTC_BUILD_QUALITY_LOW
+           : effort == EFFORT_HIGH ? RTC_BUILD_QUALITY_HIGH
+                                   : RTC_BUILD_QUALITY_MEDIUM;
 }
 
 #endif

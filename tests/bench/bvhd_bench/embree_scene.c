@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "embree_scene.h"
+#include "tests/bench/bvhd_bench/embree_scene.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "embree_api.h"
-#include "../embree_ray.h"
-#include "stopwatch.h"
-#include "tree.h"
+#include "tests/bench/bvhd_bench/embree_api.h"
+#include "tests/bench/embree_ray.h"
+#include "tests/bench/bvhd_bench/stopwatch.h"
+#include "tests/bench/bvhd_bench/tree.h"
 
 enum { WARM_UP = 20000 };
 
@@ -20,11 +20,13 @@ struct embree_scene {
 };
 
 /* Of the first `triangles` of the mesh. */
-static RTCScene describe(const struct embree_scene *self, const struct method *method, const struct ply *mesh, uint32_t triangles)
+static RTCScene describe(const struct embree_scene *self, const struct method *method, const struct ply *mesh,
+                         uint32_t triangles)
 {
     RTCScene scene = rtcNewScene(self->device);
     RTCGeometry geometry = rtcNewGeometry(self->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    void *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, mesh->vertex_count);
+    void *vertices =
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, mesh->vertex_count);
     void *indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, triangles);
     if (vertices && indices) {
         memcpy(vertices, mesh->positions, (size_t)12 * mesh->vertex_count);
@@ -110,7 +112,8 @@ bool embree_scene_trace(const struct embree_scene *scene, const struct ray *ray,
 {
     if (ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
         return occluded(scene->scene, ray);
-    struct RTCRayHit own = {.ray = embree_ray(ray), .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    struct RTCRayHit own = {.ray = embree_ray(ray),
+                            .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
 #if RTC_VERSION_MAJOR >= 4
     struct RTCIntersectArguments arguments;
     rtcInitIntersectArguments(&arguments);

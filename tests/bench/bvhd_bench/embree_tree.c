@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "embree_tree.h"
+#include "tests/bench/bvhd_bench/embree_tree.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "embree_api.h"
-#include "stopwatch.h"
+#include "tests/bench/bvhd_bench/embree_api.h"
+#include "tests/bench/bvhd_bench/stopwatch.h"
 
 enum { WARM_UP = 20000 };
 
@@ -48,7 +48,8 @@ static void set_bounds(void *at, const struct RTCBounds **bounds, unsigned count
 }
 
 /* The ids follow the count. */
-static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count, void *context)
+static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count,
+                         void *context)
 {
     (void)context;
     uint32_t *leaf = rtcThreadLocalAlloc(allocator, (count + 1) * sizeof *leaf, 16);
@@ -60,7 +61,8 @@ static void *create_leaf(RTCThreadLocalAllocator allocator, const struct RTCBuil
 
 static void add(struct RTCBounds *bounds, const float point[3])
 {
-    struct box box = {{bounds->lower_x, bounds->lower_y, bounds->lower_z}, {bounds->upper_x, bounds->upper_y, bounds->upper_z}};
+    struct box box = {{bounds->lower_x, bounds->lower_y, bounds->lower_z},
+                      {bounds->upper_x, bounds->upper_y, bounds->upper_z}};
     box_add_point(&box, point);
     *bounds = (struct RTCBounds){.lower_x = box.min[0],
                                  .lower_y = box.min[1],
@@ -97,7 +99,8 @@ static void split(const struct RTCBuildPrimitive *primitive, unsigned axis, floa
                                 .upper_z = empty.max[2]};
     *left = *right = nothing;
     for (int k = 0; k < 3; k++) {
-        const float *a = mesh->positions + (size_t)3 * corners[k], *b = mesh->positions + (size_t)3 * corners[(k + 1) % 3];
+        const float *a = mesh->positions + (size_t)3 * corners[k],
+                    *b = mesh->positions + (size_t)3 * corners[(k + 1) % 3];
         if (a[axis] <= position)
             add(left, a);
         if (a[axis] >= position)
@@ -146,7 +149,8 @@ static void copy_below(const struct node *node, uint32_t index, struct tree *tre
     if (node->count) {
         copy->first = tree->ref_count;
         copy->refs = node->count;
-        memcpy(tree->refs + tree->ref_count, (const uint32_t *)(const void *)node + 1, node->count * sizeof *tree->refs);
+        memcpy(tree->refs + tree->ref_count, (const uint32_t *)(const void *)node + 1,
+               node->count * sizeof *tree->refs);
         tree->ref_count += node->count;
         return;
     }
@@ -214,16 +218,19 @@ static const char *run(struct task *task, struct embree_tree_result *result)
     return root ? NULL : "no tree";
 }
 
-const char *embree_tree_build(const struct method *method, const struct ply *mesh, const struct primitive_refs *refs, unsigned threads,
-                              bool want_tree, struct embree_tree_result *ret_result)
+const char *embree_tree_build(const struct method *method, const struct ply *mesh, const struct primitive_refs *refs,
+                              unsigned threads, bool want_tree, struct embree_tree_result *ret_result)
 {
     struct embree_tree_result result = {0};
-    struct task task = {
-        .arguments = arguments_for(method, mesh, refs->count), .refs = refs, .threads = threads, .want_tree = want_tree};
+    struct task task = {.arguments = arguments_for(method, mesh, refs->count),
+                        .refs = refs,
+                        .threads = threads,
+                        .want_tree = want_tree};
     if (refs->count == 0)
         return "nothing to build over";
     task.device = embree_api_device(threads, embree_api_count, &task.live);
-    task.arguments.primitives = aligned_alloc(64, (task.arguments.primitiveArrayCapacity * sizeof *refs->refs + 63) & ~(size_t)63);
+    task.arguments.primitives =
+        aligned_alloc(64, (task.arguments.primitiveArrayCapacity * sizeof *refs->refs + 63) & ~(size_t)63);
     const char *failure = "no device";
     if (task.device && task.arguments.primitives)
         failure = run(&task, &result);

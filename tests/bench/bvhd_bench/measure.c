@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "measure.h"
+#include "tests/bench/bvhd_bench/measure.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
-#include "cell.h"
-#include "scene_source.h"
+#include "tests/bench/bvhd_bench/cell.h"
+#include "tests/bench/bvhd_bench/scene_source.h"
 
 enum { FEWEST_RUNS = 3, OVERLAP_SAMPLES = 20000, WORK_RAYS = 20000, CELL_SECONDS = 120 };
 
@@ -24,7 +24,8 @@ struct session {
 
 const char *measure_stage_name(int stage)
 {
-    static const char *const names[MEASURE_STAGES] = {"prepare", "boxes", "split", "pieces", "join", "depth", "collapse", "write"};
+    static const char *const names[MEASURE_STAGES] = {"prepare", "boxes", "split",    "pieces",
+                                                      "join",    "depth", "collapse", "write"};
     return names[stage];
 }
 
@@ -113,7 +114,8 @@ static bool time_builds(struct session *session, int crew)
 static bool make_rays(struct session *session, struct bench *bench)
 {
     struct subject subject;
-    bool is_built = subject_build(bench, method_find("balanced"), session->mesh, (struct subject_wants){.tracer = true}, &subject);
+    bool is_built =
+        subject_build(bench, method_find("balanced"), session->mesh, (struct subject_wants){.tracer = true}, &subject);
     if (is_built) {
         session->rays = ray_sets_make(&subject, session->mesh, session->options->picture);
         memcpy(session->scene->ray_counts, session->rays.counts, sizeof session->rays.counts);
@@ -210,7 +212,8 @@ static void count_steps(struct session *session, uint32_t index)
 {
     struct ray_hit hit;
     for (uint32_t i = 0; i < session->rays.counts[RAYS_DIFFUSE]; i++)
-        subject_trace(&session->subjects[index], &session->rays.rays[RAYS_DIFFUSE][i], &hit, &session->scene->methods[index].counters);
+        subject_trace(&session->subjects[index], &session->rays.rays[RAYS_DIFFUSE][i], &hit,
+                      &session->scene->methods[index].counters);
 }
 
 static void judge_all(struct session *session, struct bench *bench)

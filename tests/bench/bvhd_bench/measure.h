@@ -3,17 +3,20 @@
 #ifndef BVHD_BENCH_MEASURE_H
 #define BVHD_BENCH_MEASURE_H
 
-#include "facts.h"
-#include "ray_sets.h"
-#include "statistic.h"
-#include "verdicts.h"
+#include "builder/facts.h"
+#include "tests/bench/bvhd_bench/ray_sets.h"
+#include "tests/bench/bvhd_bench/statistic.h"
+#include "tests/bench/bvhd_bench/verdicts.h"
 
 enum { MEASURE_METHODS = 32, MEASURE_STAGES = 8, MEASURE_CREWS = 2 };
 
 struct measure_options {
     int runs; /* of builds and of rays, interleaved */
-    double
-        patience; /* seconds of builds of one method, scene and number of threads, or of rays of one kind, after which 3 have to be enough */
+    /*
+     * seconds of builds of one method, scene and number of threads, or of rays of one kind, after which 3 have to be
+     * enough
+     */
+    double patience;
     uint32_t picture; /* rays of size x size */
     uint32_t size; /* triangles of a generated scene */
     uint32_t check_rays; /* against brute force; 0: none */

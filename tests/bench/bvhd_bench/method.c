@@ -1,32 +1,33 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "method.h"
+#include "tests/bench/bvhd_bench/method.h"
 
 #include <string.h>
 
-#define OWN(quality_, name_)                                                                                                           \
-    {.name = name_, .label = name_, .kind = METHOD_OWN, .quality = quality_, .target = TARGET_PORTABLE},                               \
-        {.name = name_ "/fast-triangles",                                                                                              \
-         .label = name_ " 48 B",                                                                                                       \
-         .kind = METHOD_OWN,                                                                                                           \
-         .quality = quality_,                                                                                                          \
-         .target = TARGET_PORTABLE,                                                                                                    \
-         .layout_flags = PORTABLE_FAST_TRIANGLES},                                                                                     \
-    {                                                                                                                                  \
-        .name = name_ "/lavapipe", .label = name_ " lavapipe", .kind = METHOD_OWN, .quality = quality_, .target = TARGET_LAVAPIPE      \
+#define OWN(quality_, name_)                                                                                           \
+    {.name = name_, .label = name_, .kind = METHOD_OWN, .quality = quality_, .target = TARGET_PORTABLE},               \
+        {.name = name_ "/fast-triangles",                                                                              \
+         .label = name_ " 48 B",                                                                                       \
+         .kind = METHOD_OWN,                                                                                           \
+         .quality = quality_,                                                                                          \
+         .target = TARGET_PORTABLE,                                                                                    \
+         .layout_flags = PORTABLE_FAST_TRIANGLES},                                                                     \
+    {                                                                                                                  \
+        .name = name_ "/lavapipe", .label = name_ " lavapipe", .kind = METHOD_OWN, .quality = quality_,                \
+        .target = TARGET_LAVAPIPE                                                                                      \
     }
-#define AUTO(rays_, text_)                                                                                                             \
-    {                                                                                                                                  \
-        .name = "auto-" text_, .label = "auto " text_, .kind = METHOD_OWN, .quality = QUALITY_AUTO, .target = TARGET_PORTABLE,         \
-        .rays_per_primitive = rays_                                                                                                    \
+#define AUTO(rays_, text_)                                                                                             \
+    {                                                                                                                  \
+        .name = "auto-" text_, .label = "auto " text_, .kind = METHOD_OWN, .quality = QUALITY_AUTO,                    \
+        .target = TARGET_PORTABLE, .rays_per_primitive = rays_                                                         \
     }
-#define BVH(effort_, arity_, name_)                                                                                                    \
-    {                                                                                                                                  \
-        .name = "embree/bvh-" name_, .label = "BVH " name_, .kind = METHOD_BVH, .effort = effort_, .arity = arity_                     \
+#define BVH(effort_, arity_, name_)                                                                                    \
+    {                                                                                                                  \
+        .name = "embree/bvh-" name_, .label = "BVH " name_, .kind = METHOD_BVH, .effort = effort_, .arity = arity_     \
     }
-#define SCENE(effort_, robust_, compact_, name_)                                                                                       \
-    {                                                                                                                                  \
-        .name = "embree/scene-" name_, .label = "Embree " name_, .kind = METHOD_SCENE, .effort = effort_, .robust = robust_,           \
-        .compact = compact_                                                                                                            \
+#define SCENE(effort_, robust_, compact_, name_)                                                                       \
+    {                                                                                                                  \
+        .name = "embree/scene-" name_, .label = "Embree " name_, .kind = METHOD_SCENE, .effort = effort_,              \
+        .robust = robust_, .compact = compact_                                                                         \
     }
 
 static const struct method methods[] = {

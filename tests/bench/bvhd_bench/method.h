@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#include "geometry.h"
+#include "proto/base/geometry.h"
 
 enum method_kind {
     METHOD_OWN, /* a tier and a target */

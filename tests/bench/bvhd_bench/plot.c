@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "plot.h"
+#include "tests/bench/bvhd_bench/plot.h"
 
 #include <errno.h>
 #include <spawn.h>
@@ -23,8 +23,10 @@ static void write_output(FILE *script, const struct plot *plot, const char *term
 {
     char path[4200];
     snprintf(path, sizeof path, "%s/%s.%s", plot->directory, plot->name, ending);
-    fprintf(script, "reset\nset terminal %s size %u,%u font \"DejaVu Sans,11\" background rgb \"white\" noenhanced\nset output ",
-            terminal, plot->width, plot->height);
+    fprintf(
+        script,
+        "reset\nset terminal %s size %u,%u font \"DejaVu Sans,11\" background rgb \"white\" noenhanced\nset output ",
+        terminal, plot->width, plot->height);
     plot_text(script, path);
     fputc('\n', script);
 }

@@ -11,7 +11,10 @@ struct plot {
     unsigned width, height; /* pixels */
 };
 
-/* Writes the script, by calling draw(context, script) once for each terminal, and runs gnuplot on it. Without gnuplot: a line on stderr, true. */
+/*
+ * Writes the script, by calling draw(context, script) once for each terminal, and runs gnuplot on it. Without gnuplot:
+ * a line on stderr, true.
+ */
 bool plot_run(const struct plot *plot, void (*draw)(const void *context, FILE *script), const void *context);
 
 /* In double quotes, with what gnuplot would take for more than a letter escaped. */

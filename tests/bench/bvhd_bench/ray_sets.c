@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "ray_sets.h"
+#include "tests/bench/bvhd_bench/ray_sets.h"
 
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
 
-#include "surface.h"
+#include "tests/bench/bvhd_bench/surface.h"
 
 enum { TILE = 8 };
 
@@ -115,7 +115,8 @@ static uint32_t make_diffuse(const struct ply *mesh, double size, uint32_t count
     struct random random = {7};
     uint32_t made = 0;
     while (made < count && surface.count > 0) {
-        struct surface_point from = toss(&random) ? surface_draw(&surface, &random) : surface_draw_triangle(&surface, &random);
+        struct surface_point from =
+            toss(&random) ? surface_draw(&surface, &random) : surface_draw_triangle(&surface, &random);
         double side = toss(&random) ? 1 : -1, normal[3], direction[3];
         surface_normal(mesh, from.triangle, normal);
         random_on_sphere(&random, direction);

@@ -2,9 +2,10 @@
 /*
  * ray_sets.h - the rays that are timed: of a picture, from its points to a light, and diffuse ones from anywhere.
  *
- * A diffuse ray starts at a random point of the surface, half of them drawn by area, the other half one triangle like another, and goes in a cosine-distributed
- * direction to a random side. What a camera outside sees is no place to start from: most rays from there leave the scene at once, after one step of a
- * stadium's tree, and tell next to nothing about it. By area alone one large ground would be all there is; small triangles are looked at more than their area
+ * A diffuse ray starts at a random point of the surface, half of them drawn by area, the other half one triangle like
+ * another, and goes in a cosine-distributed direction to a random side. What a camera outside sees is no place to start
+ * from: most rays from there leave the scene at once, after one step of a stadium's tree, and tell next to nothing
+ * about it. By area alone one large ground would be all there is; small triangles are looked at more than their area
  * tells. To a random side, since meshes have no reliable front.
  *
  * Through any subject, so that all are sent the same ones. Shadow rays end at the first hit.
@@ -12,7 +13,7 @@
 #ifndef BVHD_BENCH_RAY_SETS_H
 #define BVHD_BENCH_RAY_SETS_H
 
-#include "subject.h"
+#include "tests/bench/bvhd_bench/subject.h"
 
 enum ray_kind { RAYS_PRIMARY, RAYS_DIFFUSE, RAYS_SHADOW, RAY_KINDS };
 

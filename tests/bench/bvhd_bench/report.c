@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "report.h"
+#include "tests/bench/bvhd_bench/report.h"
 
 #include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "choice.h"
-#include "embree_api.h"
-#include "json.h"
+#include "tests/bench/bvhd_bench/choice.h"
+#include "tests/bench/bvhd_bench/embree_api.h"
+#include "client/bvhctl/base/json.h"
 
 enum { SCHEMA = 1 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "scene_model.h"
+#include "tests/bench/bvhd_bench/scene_model.h"
 
 #include <math.h>
 #include <string.h>
@@ -54,11 +54,13 @@ static void make_rooms(struct mesh *mesh, uint32_t size, struct random *random)
         double x = wide * (room % side), z = wide * (room / side);
         add_block(mesh, &(struct stand){x, 0, z, 0}, wide / 2, high, wide / 2, 0);
         for (uint32_t i = 0; i < columns; i++)
-            add_column(mesh, x + wide * (i % 2 ? 0.3 : -0.3), z + wide * (i / 2 / (columns / 2.0) - 0.4), 0.25, high, sides);
+            add_column(mesh, x + wide * (i % 2 ? 0.3 : -0.3), z + wide * (i / 2 / (columns / 2.0) - 0.4), 0.25, high,
+                       sides);
         for (int i = 0; i < 30; i++) {
-            struct stand stand = {x + random_between(random, -0.4, 0.4) * wide, 0, z + random_between(random, -0.4, 0.4) * wide,
-                                  random_between(random, 0, 6.3)};
-            add_block(mesh, &stand, log_between(random, 0.05, 1), log_between(random, 0.05, 1.5), log_between(random, 0.05, 1), 0);
+            struct stand stand = {x + random_between(random, -0.4, 0.4) * wide, 0,
+                                  z + random_between(random, -0.4, 0.4) * wide, random_between(random, 0, 6.3)};
+            add_block(mesh, &stand, log_between(random, 0.05, 1), log_between(random, 0.05, 1.5),
+                      log_between(random, 0.05, 1), 0);
         }
         double centre[3] = {x, high / 3, z};
         mesh_add_sphere(mesh, centre, high / 9, 2, NULL, NULL);
@@ -107,9 +109,11 @@ static void make_town(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double waves[4][4], scale = 2 / sqrt(size / 16.0);
     draw_waves(random, waves);
-    add_hills(mesh, (uint32_t)sqrt(size * random_between(random, 0.05, 0.2)) + 2, 0.2, (const double(*)[4])waves, random);
+    add_hills(mesh, (uint32_t)sqrt(size * random_between(random, 0.05, 0.2)) + 2, 0.2, (const double(*)[4])waves,
+              random);
     while (mesh->triangle_count < size) {
-        struct stand stand = {random_between(random, -2, 2), 0, random_between(random, -2, 2), random_between(random, 0, 6.3)};
+        struct stand stand = {random_between(random, -2, 2), 0, random_between(random, -2, 2),
+                              random_between(random, 0, 6.3)};
         stand.y = hill_at((const double(*)[4])waves, stand.x, stand.z);
         double x = scale * log_between(random, 0.3, 2);
         add_block(mesh, &stand, x, scale * log_between(random, 0.5, 4), x * random_between(random, 0.3, 1), 0.5 * x);

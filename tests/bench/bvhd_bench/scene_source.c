@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "scene_source.h"
+#include "tests/bench/bvhd_bench/scene_source.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "adversarial.h"
-#include "scene_model.h"
-#include "scene_variety.h"
-#include "tree.h"
+#include "tests/support/scene/adversarial.h"
+#include "tests/bench/bvhd_bench/scene_model.h"
+#include "tests/bench/bvhd_bench/scene_variety.h"
+#include "tests/bench/bvhd_bench/tree.h"
 
 enum { SOURCES_MAX = 64 };
 

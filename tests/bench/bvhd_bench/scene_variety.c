@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "scene_variety.h"
+#include "tests/bench/bvhd_bench/scene_variety.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>
 
-#include "scene_model.h"
+#include "tests/bench/bvhd_bench/scene_model.h"
 
 /* Where a part of a scene stands: axes[i] is where its i-th axis points, with its scale. */
 struct frame {
@@ -21,7 +21,8 @@ static double log_between(struct random *random, double low, double high)
 static struct frame frame_at(const double origin[3], double scale, double turn, double tilt)
 {
     double c = scale * cos(turn), s = scale * sin(turn), ct = cos(tilt), st = sin(tilt);
-    return (struct frame){{origin[0], origin[1], origin[2]}, {{c, s * st, s * ct}, {0, scale * ct, -scale * st}, {-s, c * st, c * ct}}};
+    return (struct frame){{origin[0], origin[1], origin[2]},
+                          {{c, s * st, s * ct}, {0, scale * ct, -scale * st}, {-s, c * st, c * ct}}};
 }
 
 /* Of any direction. */
@@ -34,8 +35,8 @@ static struct frame any_frame(struct random *random, const double origin[3], dou
 static void place(const struct frame *frame, const double at[3], double ret_point[3])
 {
     for (int axis = 0; axis < 3; axis++)
-        ret_point[axis] =
-            frame->origin[axis] + at[0] * frame->axes[0][axis] + at[1] * frame->axes[1][axis] + at[2] * frame->axes[2][axis];
+        ret_point[axis] = frame->origin[axis] + at[0] * frame->axes[0][axis] + at[1] * frame->axes[1][axis] +
+                          at[2] * frame->axes[2][axis];
 }
 
 static uint32_t add_at(struct mesh *mesh, const struct frame *frame, double x, double y, double z)
@@ -69,7 +70,8 @@ static void turn_whole(struct mesh *mesh, struct random *random)
 
 static void add_box(struct mesh *mesh, const struct frame *frame, double x, double y, double z)
 {
-    static const unsigned char sides[6][4] = {{0, 1, 3, 2}, {4, 6, 7, 5}, {0, 4, 5, 1}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 5, 7, 3}};
+    static const unsigned char sides[6][4] = {{0, 1, 3, 2}, {4, 6, 7, 5}, {0, 4, 5, 1},
+                                              {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 5, 7, 3}};
     uint32_t first = mesh->vertex_count;
     for (int i = 0; i < 8; i++)
         add_at(mesh, frame, i & 1 ? x : -x, i & 2 ? y : -y, i & 4 ? z : -z);
@@ -78,7 +80,8 @@ static void add_box(struct mesh *mesh, const struct frame *frame, double x, doub
 }
 
 /* Upright, in its frame. */
-static void add_lathe(struct mesh *mesh, const struct frame *frame, const double (*profile)[2], uint32_t count, uint32_t sides)
+static void add_lathe(struct mesh *mesh, const struct frame *frame, const double (*profile)[2], uint32_t count,
+                      uint32_t sides)
 {
     uint32_t first = mesh->vertex_count;
     mesh_add_lathe(mesh, profile, count, sides);
@@ -96,7 +99,10 @@ static void add_sheet(struct mesh *mesh, const struct frame *frame, uint32_t sid
     mesh_add_rows(mesh, first, side, side, 0);
 }
 
-/* A flat disc as programs cut it: all from one corner, or from side to side. Long thin triangles that lie across each other's boxes. */
+/*
+ * A flat disc as programs cut it: all from one corner, or from side to side. Long thin triangles that lie across each
+ * other's boxes.
+ */
 static void add_disc(struct mesh *mesh, const struct frame *frame, double radius, double y, uint32_t sides, bool zigzag)
 {
     uint32_t first = mesh->vertex_count;
@@ -114,7 +120,8 @@ static void add_disc(struct mesh *mesh, const struct frame *frame, double radius
 /* A courtyard: floors and walls of few triangles, columns and arches of long ones, draperies and pots of small ones. */
 static void make_atrium(struct mesh *mesh, uint32_t size, struct random *random)
 {
-    uint32_t sides = 10 + random_next(random) % 20, fine = 8 + random_next(random) % 16, storeys = 1 + random_next(random) % 3;
+    uint32_t sides = 10 + random_next(random) % 20, fine = 8 + random_next(random) % 16,
+             storeys = 1 + random_next(random) % 3;
     static const double shaft[6][2] = {{0.3, 0}, {0.3, 0.2}, {0.2, 0.3}, {0.17, 3}, {0.3, 3.2}, {0.3, 3.5}};
     for (uint32_t bay = 0; mesh->triangle_count < size; bay++) {
         double x = 3.0 * (bay / 2 / storeys), y = 4.2 * (bay / 2 % storeys), z = bay % 2 ? 5 : -5;
@@ -150,19 +157,22 @@ static void make_fixture(struct mesh *mesh, uint32_t size, struct random *random
         double origin[3], radius = log_between(random, 0.01, 0.3), height = radius * log_between(random, 0.1, 10);
         random_point(random, origin);
         origin[1] *= 0.4;
-        struct frame frame = frame_at(origin, 1, random_next(random) % 3 * M_PI / 4 * spread, random_next(random) % 3 * M_PI / 2);
+        struct frame frame =
+            frame_at(origin, 1, random_next(random) % 3 * M_PI / 4 * spread, random_next(random) % 3 * M_PI / 2);
         bool zigzag = random_next(random) % 2;
         for (int end = 0; end < 2; end++)
             add_disc(mesh, &frame, radius, end * height, sides, zigzag);
         add_lathe(mesh, &frame, (const double[2][2]){{radius, 0}, {radius, height}}, 2, sides);
         for (uint32_t i = 0; i < random_next(random) % 6; i++) {
             struct frame bolt = frame;
-            place(&frame, (double[3]){random_between(random, -1, 1) * radius, height, random_between(random, -1, 1) * radius},
+            place(&frame,
+                  (double[3]){random_between(random, -1, 1) * radius, height, random_between(random, -1, 1) * radius},
                   bolt.origin);
-            add_lathe(mesh, &bolt,
-                      (const double[4][2]){
-                          {0, 0.1 * radius}, {0.08 * radius, 0.1 * radius}, {0.1 * radius, 0.08 * radius}, {0.1 * radius, 0}},
-                      4, sides / 2);
+            add_lathe(
+                mesh, &bolt,
+                (const double[4][2]){
+                    {0, 0.1 * radius}, {0.08 * radius, 0.1 * radius}, {0.1 * radius, 0.08 * radius}, {0.1 * radius, 0}},
+                4, sides / 2);
         }
         if (random_next(random) % 4 == 0)
             add_box(mesh, &frame, radius * 2, 0.1 * radius, radius);
@@ -180,8 +190,8 @@ static void make_bricks(struct mesh *mesh, uint32_t size, struct random *random)
         random_point(random, origin);
         for (int axis = 0; axis < 3; axis++)
             origin[axis] = round(extent * origin[axis]);
-        struct frame frame =
-            frame_at(origin, 1, random_next(random) % 4 * M_PI / 2, random_next(random) % 8 ? 0 : random_between(random, 0, 1.5));
+        struct frame frame = frame_at(origin, 1, random_next(random) % 4 * M_PI / 2,
+                                      random_next(random) % 8 ? 0 : random_between(random, 0, 1.5));
         int x = 1 + (int)(random_next(random) % 3), z = 1 + (int)(random_next(random) % 2);
         add_box(mesh, &frame, 0.5 * x, 0.5 * high, 0.5 * z);
         add_box(mesh, &frame, 0.5 * x - 0.1, 0.5 * high - 0.1, 0.5 * z - 0.1);
@@ -219,7 +229,8 @@ static double bumps_at(const double direction[3], const void *context)
     const double *waves = context;
     double sum = 0;
     for (int i = 0; i < 4; i++)
-        sum += waves[0] / (1 << i) * sin(waves[i + 1] * (2 << i) * direction[i % 3] + waves[4 - i] * (3 << i) * direction[(i + 1) % 3]);
+        sum += waves[0] / (1 << i) *
+               sin(waves[i + 1] * (2 << i) * direction[i % 3] + waves[4 - i] * (3 << i) * direction[(i + 1) % 3]);
     return sum;
 }
 
@@ -234,8 +245,8 @@ static void make_scan(struct mesh *mesh, uint32_t size, struct random *random)
     while (level < 9 && (UINT64_C(20) * wanted << 2 * (level + 1)) < size * 3 / 2)
         level++;
     for (; mesh->triangle_count < size; figures++)
-        mesh_add_sphere(mesh, (double[3]){2.0 * (figures % 3), 0, 2.0 * (figures / 3)}, random_between(random, 0.3, 1), level, bumps_at,
-                        waves);
+        mesh_add_sphere(mesh, (double[3]){2.0 * (figures % 3), 0, 2.0 * (figures / 3)}, random_between(random, 0.3, 1),
+                        level, bumps_at, waves);
     if (random_next(random) % 2)
         add_box(mesh, &(struct frame){{2, -1, 2}, {{4, 0, 0}, {0, 0.1, 0}, {0, 0, 4}}}, 1, 1, 1);
     turn_whole(mesh, random);
@@ -254,7 +265,8 @@ static void make_shells(struct mesh *mesh, uint32_t size, struct random *random)
 /* Trees on hills: trunks and boughs of long triangles, many small leaves. */
 static void make_forest(struct mesh *mesh, uint32_t size, struct random *random)
 {
-    double leaf = log_between(random, 0.01, 0.08), share = random_between(random, 0.1, 0.5), extent = sqrt(size / 1500.0);
+    double leaf = log_between(random, 0.01, 0.08), share = random_between(random, 0.1, 0.5),
+           extent = sqrt(size / 1500.0);
     struct frame ground = frame_at((double[3]){0, 0, 0}, extent, 0, 0);
     add_sheet(mesh, &ground, (uint32_t)sqrt(size * share / 4) + 2, 0.1, 6);
     while (mesh->triangle_count < size) {
@@ -288,7 +300,8 @@ static void make_cloth(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t layers = 1 + random_next(random) % 12;
     uint32_t side = (uint32_t)sqrt(size / 2.0 / layers) + 2;
-    double height = log_between(random, 0.02, 0.4), waves = random_between(random, 3, 20), gap = log_between(random, 0.002, 0.1);
+    double height = log_between(random, 0.02, 0.4), waves = random_between(random, 3, 20),
+           gap = log_between(random, 0.002, 0.1);
     for (uint32_t i = 0; i < layers; i++) {
         struct frame frame = frame_at((double[3]){0, i * gap, 0}, 1, random_between(random, 0, 0.2) * i, 0);
         add_sheet(mesh, &frame, side, height, waves);
@@ -310,7 +323,8 @@ static void make_scaffold(struct mesh *mesh, uint32_t size, struct random *rando
         if (random_between(random, 0, 1) < across)
             frame = any_frame(random, origin, 1.0 / cells);
         else
-            frame = frame_at(origin, 1.0 / cells, random_next(random) % 2 * M_PI / 2, random_next(random) % 2 * M_PI / 2);
+            frame =
+                frame_at(origin, 1.0 / cells, random_next(random) % 2 * M_PI / 2, random_next(random) % 2 * M_PI / 2);
         add_box(mesh, &frame, thin, thin, log_between(random, 0.5, 3));
     }
     turn_whole(mesh, random);
@@ -319,7 +333,8 @@ static void make_scaffold(struct mesh *mesh, uint32_t size, struct random *rando
 /* Loose triangles of many sizes and proportions. */
 static void make_soup(struct mesh *mesh, uint32_t size, struct random *random)
 {
-    double largest = log_between(random, 0.5, 8) / cbrt(size), range = log_between(random, 1, 100), thin = log_between(random, 1, 30);
+    double largest = log_between(random, 0.5, 8) / cbrt(size), range = log_between(random, 1, 100),
+           thin = log_between(random, 1, 30);
     for (uint32_t i = 0; i < size; i++) {
         double origin[3], length = largest / log_between(random, 1, range);
         random_point(random, origin);
@@ -364,7 +379,8 @@ static void make_park(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double share = random_between(random, 0.5, 0.98);
     struct frame ground = frame_at((double[3]){0, 0, 0}, 1, 0, 0);
-    add_sheet(mesh, &ground, (uint32_t)sqrt(size * share / 2) + 2, log_between(random, 0.01, 0.3), random_between(random, 2, 30));
+    add_sheet(mesh, &ground, (uint32_t)sqrt(size * share / 2) + 2, log_between(random, 0.01, 0.3),
+              random_between(random, 2, 30));
     while (mesh->triangle_count < size) {
         double centre[3], radius = log_between(random, 0.01, 0.2);
         random_point(random, centre);

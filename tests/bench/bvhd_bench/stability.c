@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "stability.h"
+#include "tests/bench/bvhd_bench/stability.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* stability.h - which methods survive which scenes, and what they get wrong there: each cell in a process of its own. */
+/*
+ * stability.h - which methods survive which scenes, and what they get wrong there: each cell in a process of its own.
+ */
 #ifndef BVHD_BENCH_STABILITY_H
 #define BVHD_BENCH_STABILITY_H
 
-#include "cell.h"
-#include "scene_source.h"
+#include "tests/bench/bvhd_bench/cell.h"
+#include "tests/bench/bvhd_bench/scene_source.h"
 
 enum { STABILITY_ROWS = 32, STABILITY_COLUMNS = 64 };
 

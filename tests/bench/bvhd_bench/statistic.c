@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "statistic.h"
+#include "tests/bench/bvhd_bench/statistic.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * stopwatch.h - what a build takes: of several threads the time on the wall, of one the processor's, which others on the machine hardly
- * disturb and which is the same as long as nothing waits.
+ * stopwatch.h - what a build takes: of several threads the time on the wall, of one the processor's, which others on
+ * the machine hardly disturb and which is the same as long as nothing waits.
  */
 #ifndef BVHD_BENCH_STOPWATCH_H
 #define BVHD_BENCH_STOPWATCH_H

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "subject.h"
+#include "tests/bench/bvhd_bench/subject.h"
 
 #include <stdio.h>
 #include <string.h>
 
-#include "embree_tree.h"
-#include "lavapipe.h"
-#include "../ply_input.h"
-#include "prepare.h"
-#include "primitive.h"
-#include "stopwatch.h"
-#include "sweep.h"
+#include "tests/bench/bvhd_bench/embree_tree.h"
+#include "builder/format/lavapipe.h"
+#include "tests/bench/ply_input.h"
+#include "builder/input/prepare.h"
+#include "builder/input/primitive.h"
+#include "tests/bench/bvhd_bench/stopwatch.h"
+#include "tests/bench/bvhd_bench/sweep.h"
 
 bool bench_start(unsigned threads, struct bench *ret_bench)
 {
@@ -51,8 +51,8 @@ static bool open_blob(struct subject *subject, struct bvhd_error *error)
     return status == BVHD_OK || refused(subject, "open", error);
 }
 
-static bool look_at_tree(const struct canonical *canonical, const struct build_options *options, const struct build_context *context,
-                         struct subject *subject, struct bvhd_error *error)
+static bool look_at_tree(const struct canonical *canonical, const struct build_options *options,
+                         const struct build_context *context, struct subject *subject, struct bvhd_error *error)
 {
     struct ir ir;
     struct build_stats stats;
@@ -110,7 +110,8 @@ static bool build_own(struct bench *bench, const struct ply *mesh, struct subjec
     return is_built;
 }
 
-static bool build_scene(struct bench *bench, const struct ply *mesh, struct subject_wants wants, struct subject *subject)
+static bool build_scene(struct bench *bench, const struct ply *mesh, struct subject_wants wants,
+                        struct subject *subject)
 {
     subject->scene = embree_scene_build(subject->method, mesh, bench->threads);
     if (!subject->scene) {
@@ -128,8 +129,8 @@ static bool build_scene(struct bench *bench, const struct ply *mesh, struct subj
     return true;
 }
 
-static bool build_bvh(struct bench *bench, const struct ply *mesh, const struct primitive_refs *refs, struct subject_wants wants,
-                      struct subject *subject)
+static bool build_bvh(struct bench *bench, const struct ply *mesh, const struct primitive_refs *refs,
+                      struct subject_wants wants, struct subject *subject)
 {
     struct embree_tree_result result;
     const char *failure = embree_tree_build(subject->method, mesh, refs, bench->threads, wants.tree, &result);
@@ -166,7 +167,8 @@ static bool build_tree(struct bench *bench, const struct ply *mesh, struct subje
     struct build_input input = ply_input(mesh, QUALITY_BALANCED, &geometry);
     if (prepare(&input, 0, &limits, &context, &canonical, &error) != BVHD_OK)
         return refused(subject, "prepare", &error);
-    if (primitive_collect_blocks(&canonical, NULL, &context, &refs, &error) != BVHD_OK || !primitive_close_gaps(&refs, &context)) {
+    if (primitive_collect_blocks(&canonical, NULL, &context, &refs, &error) != BVHD_OK ||
+        !primitive_close_gaps(&refs, &context)) {
         prepare_finish(&canonical, &bench->memory);
         return refused(subject, "boxes", &error);
     }
@@ -201,7 +203,8 @@ void subject_finish(struct subject *subject)
     subject->scene = NULL;
 }
 
-bool subject_trace(const struct subject *subject, const struct ray *ray, struct ray_hit *ret_hit, struct traverse_counters *counters)
+bool subject_trace(const struct subject *subject, const struct ray *ray, struct ray_hit *ret_hit,
+                   struct traverse_counters *counters)
 {
     if (subject->scene)
         return embree_scene_trace(subject->scene, ray, ret_hit);

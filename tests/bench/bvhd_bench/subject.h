@@ -3,13 +3,13 @@
 #ifndef BVHD_BENCH_SUBJECT_H
 #define BVHD_BENCH_SUBJECT_H
 
-#include "build.h"
-#include "embree_scene.h"
-#include "facts.h"
-#include "lavapipe_traverse.h"
-#include "method.h"
-#include "tree.h"
-#include "workers.h"
+#include "builder/build.h"
+#include "tests/bench/bvhd_bench/embree_scene.h"
+#include "builder/facts.h"
+#include "builder/traverse/lavapipe_traverse.h"
+#include "tests/bench/bvhd_bench/method.h"
+#include "tests/bench/bvhd_bench/tree.h"
+#include "builder/workers.h"
 
 /* What builds run with. */
 struct bench {
@@ -51,6 +51,7 @@ bool subject_build(struct bench *bench, const struct method *method, const struc
 void subject_finish(struct subject *subject);
 
 /* As traverse(). `counters` only from METHOD_OWN. */
-bool subject_trace(const struct subject *subject, const struct ray *ray, struct ray_hit *ret_hit, struct traverse_counters *counters);
+bool subject_trace(const struct subject *subject, const struct ray *ray, struct ray_hit *ret_hit,
+                   struct traverse_counters *counters);
 
 #endif

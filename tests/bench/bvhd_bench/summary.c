@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "summary.h"
+#include "tests/bench/bvhd_bench/summary.h"
 
 #include <math.h>
 #include <string.h>
 
 const char *figure_name(enum figure figure)
 {
-    static const char *const names[FIGURES] = {"rate_all_threads", "rate_one_thread", "sah",   "work", "overlap", "refs", "bytes",
-                                               "primary",          "diffuse",         "shadow"};
+    static const char *const names[FIGURES] = {
+        "rate_all_threads", "rate_one_thread", "sah",   "work", "overlap", "refs", "bytes",
+        "primary",          "diffuse",         "shadow"};
     return names[figure];
 }
 
@@ -28,7 +29,10 @@ static double work_of(const struct figures *figures)
 static double tree_figure(const struct figures *own, const struct figures *sweep, enum figure figure)
 {
     double value = figure == FIGURE_SAH ? own->sah : figure == FIGURE_WORK ? work_of(own) : own->overlap;
-    double base = !sweep ? 0 : figure == FIGURE_SAH ? sweep->sah : figure == FIGURE_WORK ? work_of(sweep) : sweep->overlap;
+    double base = !sweep                  ? 0
+                  : figure == FIGURE_SAH  ? sweep->sah
+                  : figure == FIGURE_WORK ? work_of(sweep)
+                                          : sweep->overlap;
     return base > 0 ? value / base : 0;
 }
 
@@ -54,8 +58,8 @@ bool figure_of(const struct results *results, uint32_t scene, uint32_t method, e
     if (*own->failure)
         return false;
     bool is_relative = figure == FIGURE_SAH || figure == FIGURE_WORK || figure == FIGURE_OVERLAP;
-    double value =
-        is_relative ? tree_figure(own, sweep_of(results, scene), figure) : plain_figure(&results->scenes[scene], own, figure);
+    double value = is_relative ? tree_figure(own, sweep_of(results, scene), figure)
+                               : plain_figure(&results->scenes[scene], own, figure);
     if (!(value > 0))
         return false;
     *ret_value = value;

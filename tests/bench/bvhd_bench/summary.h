@@ -3,7 +3,7 @@
 #ifndef BVHD_BENCH_SUMMARY_H
 #define BVHD_BENCH_SUMMARY_H
 
-#include "measure.h"
+#include "tests/bench/bvhd_bench/measure.h"
 
 struct results {
     const struct measure_options *options;
@@ -36,7 +36,10 @@ struct mean {
     double least, most;
     const char *least_scene, *most_scene;
 };
-/* Of a figure of one method, or of its ratio to a peer's; `peer` NULL: as it is. Methods that are not measured have no mean. */
+/*
+ * Of a figure of one method, or of its ratio to a peer's; `peer` NULL: as it is. Methods that are not measured have no
+ * mean.
+ */
 struct mean mean_of(const struct results *results, const char *method, const char *peer, enum figure figure);
 
 /* Something that has to hold. */

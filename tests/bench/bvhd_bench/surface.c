@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "surface.h"
+#include "tests/bench/bvhd_bench/surface.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "tree.h"
+#include "tests/bench/bvhd_bench/tree.h"
 
 /* As long as twice the triangle's area. */
 static double perpendicular(const struct ply *mesh, uint32_t triangle, double ret_normal[3])
@@ -64,7 +64,8 @@ static struct surface_point draw_from(const struct ply *mesh, uint32_t triangle,
     }
     const uint32_t *corners = mesh->indices + (size_t)3 * triangle;
     for (int axis = 0; axis < 3; axis++) {
-        double a = mesh->positions[(size_t)3 * corners[0] + (size_t)axis], b = mesh->positions[(size_t)3 * corners[1] + (size_t)axis];
+        double a = mesh->positions[(size_t)3 * corners[0] + (size_t)axis],
+               b = mesh->positions[(size_t)3 * corners[1] + (size_t)axis];
         double c = mesh->positions[(size_t)3 * corners[2] + (size_t)axis], value = (1 - u - v) * a + u * b + v * c;
         /* Rounding must not take it out of the triangle's own box. */
         point.position[axis] = fmin(fmax(value, fmin(fmin(a, b), c)), fmax(fmax(a, b), c));

@@ -7,8 +7,8 @@
 #ifndef BVHD_BENCH_SURFACE_H
 #define BVHD_BENCH_SURFACE_H
 
-#include "ply.h"
-#include "random.h"
+#include "tests/support/scene/ply.h"
+#include "tests/support/random.h"
 
 struct surface {
     const struct ply *mesh; /* the caller's, while the surface lives */

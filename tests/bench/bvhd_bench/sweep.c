@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "sweep.h"
+#include "tests/bench/bvhd_bench/sweep.h"
 
 #include <stdlib.h>
 #include <string.h>

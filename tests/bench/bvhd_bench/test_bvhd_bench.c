@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What bvhd-bench computes, on cases small enough to be known. */
-#include "unit.h"
+#include "tests/support/unit.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "choice.h"
-#include "scene_source.h"
-#include "surface.h"
-#include "sweep.h"
+#include "tests/bench/bvhd_bench/choice.h"
+#include "tests/bench/bvhd_bench/scene_source.h"
+#include "tests/bench/bvhd_bench/surface.h"
+#include "tests/bench/bvhd_bench/sweep.h"
 
 /* Two right triangles of side 1 in the plane z = 0, ten apart. */
 static float positions[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 10, 0, 0, 11, 0, 0, 10, 1, 0};
@@ -61,7 +61,9 @@ static void test_sweep_ties(void **state)
     tree_finish(&tree);
 }
 
-/* The second is a hundred times as large as the first; a line, and one with a corner that is no number, have no points. */
+/*
+ * The second is a hundred times as large as the first; a line, and one with a corner that is no number, have no points.
+ */
 static void test_surface(void **state)
 {
     float corners[] = {0,  0, 0, 1,  0, 0, 0,  1, 0, 20, 0, 0, 30,  0, 0, 20, 10, 0,

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "tree.h"
+#include "tests/bench/bvhd_bench/tree.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "surface.h"
+#include "tests/bench/bvhd_bench/surface.h"
 
 void *tree_need(size_t count, size_t size)
 {
@@ -72,7 +72,8 @@ static bool holds(const struct box *box, const double point[3])
 }
 
 /* The cost of the nodes below and at `index` that the sample lies in without belonging there. */
-static double overlap_below(const struct tree *tree, uint32_t index, const struct surface_point *sample, bool *ret_belongs)
+static double overlap_below(const struct tree *tree, uint32_t index, const struct surface_point *sample,
+                            bool *ret_belongs)
 {
     const struct tree_node *node = &tree->nodes[index];
     double cost = 0;

@@ -2,14 +2,15 @@
 /*
  * tree.h - a tree of anybody's, by which builders are compared: of any arity, with boxes in float.
  *
- * Node 0 is the root; children of a node are adjacent and follow it. Figures count 1 for an inner node and 1 for a triangle.
+ * Node 0 is the root; children of a node are adjacent and follow it. Figures count 1 for an inner node and 1 for a
+ * triangle.
  */
 #ifndef BVHD_BENCH_TREE_H
 #define BVHD_BENCH_TREE_H
 
-#include "ir.h"
-#include "ply.h"
-#include "traverse.h"
+#include "builder/format/ir.h"
+#include "tests/support/scene/ply.h"
+#include "builder/traverse/traverse.h"
 
 struct tree_node {
     struct box box;
@@ -38,8 +39,9 @@ uint32_t tree_depth(const struct tree *tree);
 double tree_sah(const struct tree *tree);
 
 /*
- * End-point overlap (Aila 2013): how much is spent at a point of the surface on nodes that it lies in but whose subtree it does not belong to.
- * Estimated at `samples` points, uniform over the surface; the same ones for every tree of a mesh.
+ * End-point overlap (Aila 2013): how much is spent at a point of the surface on nodes that it lies in but whose subtree
+ * it does not belong to. Estimated at `samples` points, uniform over the surface; the same ones for every tree of a
+ * mesh.
  */
 double tree_overlap(const struct tree *tree, const struct ply *mesh, uint32_t samples);
 

@@ -2,8 +2,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "tree.h"
-#include "triangle.h"
+#include "tests/bench/bvhd_bench/tree.h"
+#include "builder/traverse/triangle.h"
 
 struct visit {
     double near;
@@ -21,7 +21,10 @@ struct walk {
     struct tree_work work;
 };
 
-/* Where the ray enters; infinite when it does not before `best`. NaNs of rays within a plane leave the other bound as it is. */
+/*
+ * Where the ray enters; infinite when it does not before `best`. NaNs of rays within a plane leave the other bound as
+ * it is.
+ */
 static double entry(const struct walk *walk, const struct box *box)
 {
     double near = walk->tmin, far = walk->best;
@@ -40,8 +43,8 @@ static void test_leaf(struct walk *walk, const struct tree_node *leaf)
         const uint32_t *corners = walk->mesh->indices + (size_t)3 * walk->tree->refs[leaf->first + k];
         struct triangle_hit hit;
         const float *positions = walk->mesh->positions;
-        if (triangle_intersect(&walk->triangle_ray, positions + (size_t)3 * corners[0], positions + (size_t)3 * corners[1],
-                               positions + (size_t)3 * corners[2], &hit) &&
+        if (triangle_intersect(&walk->triangle_ray, positions + (size_t)3 * corners[0],
+                               positions + (size_t)3 * corners[1], positions + (size_t)3 * corners[2], &hit) &&
             hit.t > walk->tmin && hit.t < walk->best)
             walk->best = hit.t;
     }

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "verdicts.h"
+#include "tests/bench/bvhd_bench/verdicts.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "rays.h"
+#include "client/bvhctl/oracle/rays.h"
 
 /* A random triangle with finite corners; false when none is found. */
 static bool pick(const struct ply *mesh, uint64_t *state, const float *ret_corners[3])
@@ -58,13 +58,16 @@ struct trial trial_make(struct bench *bench, const struct ply *mesh, uint64_t se
 {
     struct bvhd_error error;
     struct trial trial = {.count = rays, .memory = &bench->memory};
-    const struct oracle_mesh own = {
-        .positions = mesh->positions, .indices = mesh->indices, .triangle_count = mesh->triangle_count, .instance = RAY_NO_INSTANCE};
+    const struct oracle_mesh own = {.positions = mesh->positions,
+                                    .indices = mesh->indices,
+                                    .triangle_count = mesh->triangle_count,
+                                    .instance = RAY_NO_INSTANCE};
     trial.rays = tree_need(rays, sizeof *trial.rays);
     trial.answers = tree_need(rays, sizeof *trial.answers);
     rays_make(&own, 1, seed, rays, trial.rays);
     aim_at_edges(mesh, seed, &trial);
-    if (oracle_trace(&own, 1, trial.rays, rays, &bench->memory, bench->parallel, NULL, NULL, trial.answers, &error) != BVHD_OK) {
+    if (oracle_trace(&own, 1, trial.rays, rays, &bench->memory, bench->parallel, NULL, NULL, trial.answers, &error) !=
+        BVHD_OK) {
         fprintf(stderr, "bvhd-bench: brute force: %s\n", error.text);
         exit(1);
     }

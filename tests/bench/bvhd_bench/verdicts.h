@@ -3,12 +3,12 @@
 #ifndef BVHD_BENCH_VERDICTS_H
 #define BVHD_BENCH_VERDICTS_H
 
-#include "oracle.h"
-#include "subject.h"
+#include "client/bvhctl/oracle/oracle.h"
+#include "tests/bench/bvhd_bench/subject.h"
 
 /*
- * Rays, and what they should meet: half as `bvhctl check` sends them, half from outside at corners and edges of random triangles, where
- * traversals that are not watertight lose them.
+ * Rays, and what they should meet: half as `bvhctl check` sends them, half from outside at corners and edges of random
+ * triangles, where traversals that are not watertight lose them.
  */
 struct trial {
     uint32_t count;

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/input/canonical_form.h"
+
+#include <math.h>
+
+uint64_t form_bytes(const struct form_geometry *row, enum form_part part)
+{
+    uint64_t primitives = row->primitive_count;
+    if (part == FORM_POSITIONS)
+        return row->type == GEOMETRY_TRIANGLES ? (uint64_t)row->vertex_count * 3 * sizeof(float) : 0;
+    switch (row->type) {
+    case GEOMETRY_TRIANGLES:
+        return row->indexed ? primitives * 3 * sizeof(uint32_t) : 0;
+    case GEOMETRY_AABBS:
+        return primitives * 6 * sizeof(float);
+    default:
+        return primitives * FORM_RECORD_SIZE;
+    }
+}
+
+uint64_t *form_offset(struct form_geometry *row, enum form_part part)
+{
+    if (row->type != GEOMETRY_TRIANGLES)
+        return part == FORM_PRIMITIVES ? &row->data_offset : NULL;
+    return part == FORM_PRIMITIVES ? &row->index_offset : &row->data_offset;
+}
+
+bool form_place(struct form_geometry *rows, uint32_t count, enum form_part part, uint64_t at, uint64_t *ret_end)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        uint64_t *offset = form_offset(&rows[i], part), size = form_bytes(&rows[i], part), end;
+        if (!offset)
+            continue;
+        *offset = size ? at : 0;
+        if (!bytes_add(at, size, &end) || !bytes_add(end, FORM_ALIGNMENT, &end))
+            return false;
+        at = bytes_align(end - FORM_ALIGNMENT, FORM_ALIGNMENT);
+    }
+    *ret_end = at;
+    return true;
+}
+
+static struct canonical_geometry geometry_view(const unsigned char *block, const struct form_geometry *row)
+{
+    struct canonical_geometry geometry = {
+        .type = row->type,
+        .flags = row->flags,
+        .primitive_count = row->primitive_count,
+        .vertex_count = row->vertex_count,
+    };
+    const void *data = row->data_offset ? block + row->data_offset : NULL;
+    if (row->type == GEOMETRY_TRIANGLES)
+        geometry.positions = data;
+    else if (row->type == GEOMETRY_AABBS)
+        geometry.boxes = data;
+    else
+        geometry.instances = data;
+    if (row->indexed)
+        geometry.indices = (const void *)(block + row->index_offset);
+    return geometry;
+}
+
+static void view_references(const unsigned char *block, const struct form_header *header, struct canonical *view)
+{
+    const struct form_reference *rows = (const void *)(block + header->reference_offset);
+    for (uint32_t i = 0; i < header->reference_count; i++)
+        view->references[i] = (struct canonical_reference){rows[i].kind, rows[i].key, rows[i].bounds, rows[i].slabs};
+}
+
+void form_view(const unsigned char *block, struct canonical *view)
+{
+    const struct form_header *header = (const void *)block;
+    const struct form_geometry *rows = (const void *)(block + sizeof *header);
+    uint32_t primitives = 0, vertices = 0;
+
+    view->bytes = block;
+    view->size = header->size;
+    view->type = header->type;
+    view->flags = header->flags;
+    view->geometry_count = header->geometry_count;
+    view->reference_count = header->reference_count;
+    view->primitive_count = header->primitive_count;
+    view->vertex_count = header->vertex_count;
+    for (uint32_t i = 0; i < header->geometry_count; i++) {
+        view->geometries[i] = geometry_view(block, &rows[i]);
+        view->geometries[i].first_primitive = primitives;
+        view->geometries[i].first_vertex = vertices;
+        primitives += rows[i].primitive_count;
+        vertices += rows[i].vertex_count;
+    }
+    view_references(block, header, view);
+}
+
+bool form_bounds_valid(const struct box *bounds)
+{
+    struct box empty = box_empty();
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(bounds->min[axis]) || !isfinite(bounds->max[axis]))
+            return false;
+    return !box_is_empty(bounds) || memcmp(bounds, &empty, sizeof empty) == 0;
+}
+
+bool form_slabs_valid(const struct slabs *slabs, const struct box *bounds)
+{
+    static const struct slabs none;
+    if (!slabs_are_known(slabs))
+        return memcmp(slabs, &none, sizeof none) == 0;
+    return slabs_are_valid(slabs) && !box_is_empty(bounds);
+}

@@ -1,0 +1,356 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/input/outline.h"
+
+#include <math.h>
+
+#include "builder/kernel/vec4.h"
+
+/* Directions by lanes: sums and differences of an axis and the next, and the corners. */
+enum { SUMS = 0, DIFFERENCES = 3, CORNERS = 6, GROUPS = 3 };
+
+/* Shares of the work are few, so that they need no memory, and are the same whoever does them. */
+enum { MOST_SHARES = 64, LEAST_SHARE = 16384, LOOK = 8192 };
+
+/* Fours of vertices that stay in the first cache for another look. */
+enum { NEAR = 256 };
+
+struct reach {
+    vec4 min[GROUPS], max[GROUPS];
+};
+
+static struct reach reach_empty(void)
+{
+    struct reach reach;
+    for (int group = 0; group < GROUPS; group++) {
+        reach.min[group] = vec4_all(FLT_MAX);
+        reach.max[group] = vec4_all(-FLT_MAX);
+    }
+    return reach;
+}
+
+/* Lanes that are NaN count as nothing. */
+static inline void reach_add(struct reach *reach, int group, vec4 min, vec4 max)
+{
+    reach->min[group] = vec4_min(min, reach->min[group]);
+    reach->max[group] = vec4_max(max, reach->max[group]);
+}
+
+/* x + y, y + z, z + x, x + y */
+static inline vec4 sums_of(vec4 v)
+{
+    vec4 sums = v + vec4_rotate(v);
+    return __builtin_shufflevector(sums, sums, 0, 1, 2, 0);
+}
+
+/* What the sums lack of the corners: -z, -x, -y of one end, and z of the other. */
+static inline vec4 rest_of(vec4 away, vec4 along)
+{
+    return __builtin_shufflevector(-away, along, 2, 0, 1, 6);
+}
+
+static inline void add_box(struct reach *reach, vec4 min, vec4 max)
+{
+    vec4 low = sums_of(min), high = sums_of(max);
+    reach_add(reach, 0, low, high);
+    reach_add(reach, 1, min - vec4_rotate(max), max - vec4_rotate(min));
+    reach_add(reach, 2, low + rest_of(max, min), high + rest_of(min, max));
+}
+
+struct finding {
+    const struct canonical *canonical;
+    size_t count; /* of vertices or boxes, of all geometries */
+    const atomic_bool *cancel;
+    struct reach shares[MOST_SHARES];
+    size_t share_size;
+};
+
+static bool is_of_boxes(const struct canonical *canonical)
+{
+    return canonical->geometries[0].type == GEOMETRY_AABBS;
+}
+
+static size_t first_of(const struct canonical *canonical, uint32_t geometry)
+{
+    const struct canonical_geometry *found = &canonical->geometries[geometry];
+    return is_of_boxes(canonical) ? found->first_primitive : found->first_vertex;
+}
+
+/* The last geometry that begins at or before the element: the one that it is in. */
+static uint32_t geometry_of(const struct canonical *canonical, size_t element)
+{
+    uint32_t low = 0, high = canonical->geometry_count;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        if (first_of(canonical, middle) <= element)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Of each direction four vertices at a time. */
+struct lanes {
+    vec4 min[SLABS_COUNT], max[SLABS_COUNT];
+};
+
+static inline vec4 load(const float at[4])
+{
+    return *(const vec4_loose *)at;
+}
+
+/* x, y and z of four vertices that follow each other. */
+static inline void load_four(const float at[12], vec4 *ret_x, vec4 *ret_y, vec4 *ret_z)
+{
+    vec4 a = load(at), b = load(at + 4), c = load(at + 8);
+    vec4 upper = __builtin_shufflevector(b, c, 2, 3, 5, 6), lower = __builtin_shufflevector(a, b, 1, 2, 4, 5);
+    *ret_x = __builtin_shufflevector(a, upper, 0, 3, 4, 6);
+    *ret_y = __builtin_shufflevector(lower, upper, 0, 2, 5, 7);
+    *ret_z = __builtin_shufflevector(lower, c, 1, 3, 4, 7);
+}
+
+static inline void lanes_add(struct lanes *lanes, int slab, vec4 value)
+{
+    lanes->min[slab] = vec4_min(value, lanes->min[slab]);
+    lanes->max[slab] = vec4_max(value, lanes->max[slab]);
+}
+
+/* Half of the directions, for which there are registers enough. */
+static void add_first_half(const float *positions, size_t fours, struct lanes *lanes)
+{
+    struct lanes own = *lanes;
+    for (size_t i = 0; i < fours; i++) {
+        vec4 x, y, z;
+        load_four(positions + 12 * i, &x, &y, &z);
+        lanes_add(&own, SUMS, x + y);
+        lanes_add(&own, SUMS + 1, y + z);
+        lanes_add(&own, CORNERS, x + y - z);
+        lanes_add(&own, CORNERS + 1, y + z - x);
+        lanes_add(&own, CORNERS + 3, x + y + z);
+    }
+    *lanes = own;
+}
+
+static void add_second_half(const float *positions, size_t fours, struct lanes *lanes)
+{
+    struct lanes own = *lanes;
+    for (size_t i = 0; i < fours; i++) {
+        vec4 x, y, z;
+        load_four(positions + 12 * i, &x, &y, &z);
+        lanes_add(&own, SUMS + 2, z + x);
+        lanes_add(&own, DIFFERENCES, x - y);
+        lanes_add(&own, DIFFERENCES + 1, y - z);
+        lanes_add(&own, DIFFERENCES + 2, z - x);
+        lanes_add(&own, CORNERS + 2, z + x - y);
+    }
+    *lanes = own;
+}
+
+static void reach_add_lanes(struct reach *reach, const struct lanes *lanes)
+{
+    for (int slab = 0; slab < SLABS_COUNT; slab++) {
+        int group = slab / 3 < 2 ? slab / 3 : 2, lane = slab - 3 * group;
+        for (int k = 0; k < 4; k++) {
+            reach->min[group][lane] = fminf(reach->min[group][lane], lanes->min[slab][k]);
+            reach->max[group][lane] = fmaxf(reach->max[group][lane], lanes->max[slab][k]);
+        }
+    }
+}
+
+static void add_vertices(const float *positions, size_t count, struct reach *reach)
+{
+    struct lanes lanes;
+    for (int slab = 0; slab < SLABS_COUNT; slab++) {
+        lanes.min[slab] = vec4_all(FLT_MAX);
+        lanes.max[slab] = vec4_all(-FLT_MAX);
+    }
+    while (count >= 4) {
+        size_t fours = count / 4 < NEAR ? count / 4 : NEAR;
+        add_first_half(positions, fours, &lanes);
+        add_second_half(positions, fours, &lanes);
+        positions += 12 * fours;
+        count -= 4 * fours;
+    }
+    for (; count > 0; count--, positions += 3) {
+        vec4 point = vec4_load3(positions);
+        add_box(reach, point, point);
+    }
+    reach_add_lanes(reach, &lanes);
+}
+
+static void add_boxes(const float *boxes, size_t count, struct reach *reach)
+{
+    for (size_t i = 0; i < count; i++, boxes += 6)
+        if (!isnan(boxes[0]))
+            add_box(reach, vec4_load3(boxes), vec4_load3(boxes + 3));
+}
+
+/* Elements [begin, end) of all geometries. */
+static void add_elements(const struct canonical *canonical, size_t begin, size_t end, struct reach *reach)
+{
+    while (begin < end) {
+        uint32_t geometry = geometry_of(canonical, begin);
+        size_t first = first_of(canonical, geometry);
+        const struct canonical_geometry *found = &canonical->geometries[geometry];
+        size_t last = first + (is_of_boxes(canonical) ? found->primitive_count : found->vertex_count), count;
+        count = (last < end ? last : end) - begin;
+        if (is_of_boxes(canonical))
+            add_boxes(found->boxes + 6 * (begin - first), count, reach);
+        else
+            add_vertices(found->positions + 3 * (begin - first), count, reach);
+        begin += count;
+    }
+}
+
+static void find_share(void *context, size_t index)
+{
+    struct finding *finding = context;
+    size_t begin, end;
+    parallel_chunk(index, finding->share_size, finding->count, &begin, &end);
+    struct reach reach = reach_empty();
+    for (; begin < end && !parallel_cancelled(finding->cancel); begin += LOOK)
+        add_elements(finding->canonical, begin, end - begin < LOOK ? end : begin + LOOK, &reach);
+    finding->shares[index] = reach;
+}
+
+static float round_down(double value)
+{
+    float rounded = (float)value;
+    return (double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded + 0.0f;
+}
+
+static float round_up(double value)
+{
+    float rounded = (float)value;
+    return (double)rounded < value ? nextafterf(rounded, INFINITY) : rounded + 0.0f;
+}
+
+/* A sum or a difference is rounded once, a corner at its sum of two and again: 2^-23 of both is more than that. */
+static void put(struct slabs *slabs, int slab, float min, float max, double sum)
+{
+    slabs->min[slab] = round_down(min - (fabs((double)min) + sum) * 0x1p-23);
+    slabs->max[slab] = round_up(max + (fabs((double)max) + sum) * 0x1p-23);
+}
+
+/* What overflows, and what is empty, comes out as slabs that are not valid. */
+static struct slabs slabs_of(const struct reach *reach)
+{
+    struct slabs slabs;
+    double sum = 0;
+    for (int lane = 0; lane < 3; lane++) {
+        sum = fmax(sum, fmax(fabs((double)reach->min[0][lane]), fabs((double)reach->max[0][lane])));
+        put(&slabs, SUMS + lane, reach->min[0][lane], reach->max[0][lane], 0);
+        put(&slabs, DIFFERENCES + lane, reach->min[1][lane], reach->max[1][lane], 0);
+    }
+    for (int lane = 0; lane < 4; lane++)
+        put(&slabs, CORNERS + lane, reach->min[2][lane], reach->max[2][lane], sum);
+    return slabs_are_valid(&slabs) ? slabs : (struct slabs){.min = {0}};
+}
+
+bool outline_find(const struct canonical *canonical, const struct build_context *context, struct slabs *ret_slabs)
+{
+    struct finding finding = {.canonical = canonical, .cancel = context->cancel};
+    struct reach reach = reach_empty();
+    if (canonical->geometry_count > 0)
+        finding.count = is_of_boxes(canonical) ? canonical->primitive_count : canonical->vertex_count;
+    finding.share_size = finding.count / MOST_SHARES + 1;
+    finding.share_size = finding.share_size < LEAST_SHARE ? LEAST_SHARE : finding.share_size;
+    size_t shares = (finding.count + finding.share_size - 1) / finding.share_size;
+    if (!parallel_for_until(context->parallel, context->cancel, shares, find_share, &finding) ||
+        parallel_cancelled(context->cancel))
+        return false;
+    for (size_t i = 0; i < shares; i++)
+        for (int group = 0; group < GROUPS; group++)
+            reach_add(&reach, group, finding.shares[i].min[group], finding.shares[i].max[group]);
+    *ret_slabs = slabs_of(&reach);
+    return true;
+}
+
+/* ---- The box of an instance ---- */
+
+/* A sum of axes, some of them negative. */
+struct direction {
+    int sign[3]; /* -1, 0, 1 */
+};
+
+/* The slab of two or three axes, and whether the direction is the opposite one. */
+static int slab_of(const struct direction *direction, bool *ret_is_opposite)
+{
+    const int *sign = direction->sign;
+    for (int axis = 0; axis < 3; axis++) {
+        int next = (axis + 1) % 3, last = (axis + 2) % 3;
+        if (sign[last] == 0) {
+            *ret_is_opposite = sign[axis] < 0;
+            return sign[axis] == sign[next] ? SUMS + axis : DIFFERENCES + axis;
+        }
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        int next = (axis + 1) % 3, last = (axis + 2) % 3;
+        if (sign[axis] == sign[next] && sign[last] != sign[axis]) {
+            *ret_is_opposite = sign[axis] < 0;
+            return CORNERS + axis;
+        }
+    }
+    *ret_is_opposite = sign[0] < 0;
+    return CORNERS + 3;
+}
+
+/* How far the structure reaches in that direction. */
+static double reach_along(const struct direction *direction, int axes, int first, const struct box *bounds,
+                          const struct slabs *slabs)
+{
+    bool is_opposite = direction->sign[first] < 0;
+    if (axes == 1)
+        return is_opposite ? -(double)bounds->min[first] : bounds->max[first];
+    int slab = slab_of(direction, &is_opposite);
+    return is_opposite ? -(double)slabs->min[slab] : slabs->max[slab];
+}
+
+/* Axes by the size of their components, the largest first. */
+static void sort_axes(const double size[3], int ret_axes[3])
+{
+    int a = size[0] >= size[1] ? 0 : 1, b = 1 - a;
+    ret_axes[0] = size[2] > size[a] ? 2 : a;
+    ret_axes[1] = size[2] > size[a] ? a : size[2] > size[b] ? 2 : b;
+    ret_axes[2] = 3 - ret_axes[0] - ret_axes[1];
+}
+
+/*
+ * No point of the structure lies farther along `row`, times `sign`, than this, a little more than exact arithmetic
+ * gives. With components a >= b >= c >= 0, the row is (a - b) times an axis, (b - c) times the sum of two and c times
+ * that of all three; and what reaches along a sum is at most the sum of what reaches along each.
+ */
+static double reach_of(const float row[3], int sign, const struct box *bounds, const struct slabs *slabs)
+{
+    struct direction direction = {{0, 0, 0}};
+    double size[3], reach = 0, magnitude = 0;
+    int axes[3];
+    for (int axis = 0; axis < 3; axis++)
+        size[axis] = fabs((double)row[axis]);
+    sort_axes(size, axes);
+    for (int k = 0; k < 3; k++) {
+        direction.sign[axes[k]] = row[axes[k]] < 0 ? -sign : sign;
+        double along = reach_along(&direction, k + 1, axes[0], bounds, slabs);
+        reach += (k < 2 ? size[axes[k]] - size[axes[k + 1]] : size[axes[k]]) * along;
+        magnitude += size[axes[0]] * fabs(along);
+    }
+    return reach + magnitude * 0x1p-48;
+}
+
+void outline_narrow(const float matrix[12], const struct box *bounds, const struct slabs *slabs, struct box *box)
+{
+    if (!slabs_are_known(slabs))
+        return;
+    for (int axis = 0; axis < 3; axis++) {
+        const float *row = matrix + 4 * axis;
+        double slack = fabs((double)row[3]) * 0x1p-48;
+        float low = round_down(row[3] - reach_of(row, -1, bounds, slabs) - slack);
+        float high = round_up(row[3] + reach_of(row, 1, bounds, slabs) + slack);
+        low = low > box->min[axis] ? low : box->min[axis];
+        high = high < box->max[axis] ? high : box->max[axis];
+        if (low > high)
+            continue;
+        box->min[axis] = low;
+        box->max[axis] = high;
+    }
+}

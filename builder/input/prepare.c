@@ -1,0 +1,258 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/input/prepare.h"
+
+#include "builder/input/canonical_form.h"
+#include "builder/input/fetch.h"
+#include "proto/base/place.h"
+#include "builder/input/reference_rows.h"
+#include "builder/input/validate.h"
+
+/*
+ * The block grows once: first header, geometry rows and the arrays of primitives, whose sizes are known; then, with the
+ * highest index of each geometry, positions and reference rows.
+ */
+struct work {
+    const struct build_input *input;
+    uint32_t index;
+    uint64_t max_bytes;
+    const struct build_context *context;
+    struct memory *memory; /* the context's */
+    struct bvhd_error *error;
+    struct fetch fetch; /* its view becomes the result */
+    unsigned char *block;
+    uint64_t size; /* of the parts that are placed */
+    uint64_t room; /* in the block */
+    struct reference_rows references;
+};
+
+static struct form_geometry *rows_of(const struct work *work)
+{
+    return (void *)(work->block + sizeof(struct form_header));
+}
+
+static enum bvhd_status no_memory(const struct work *work, uint64_t size)
+{
+    return bvhd_error_set(work->error, BVHD_NO_MEMORY, place("infos[%u]", work->index).text, "%llu bytes",
+                          (unsigned long long)size);
+}
+
+static enum bvhd_status too_large(const struct work *work, const char *what)
+{
+    return bvhd_error_set(work->error, BVHD_TOO_LARGE, place("infos[%u]", work->index).text, "%s", what);
+}
+
+/* Room for `size` bytes; keeps what is there. */
+static enum bvhd_status grow(struct work *work, uint64_t size)
+{
+    if (size > work->max_bytes)
+        return too_large(work, "the canonical copy is over the limit");
+    if (size > work->room) {
+        unsigned char *block = memory_resize(work->memory, work->block, size);
+        if (!block)
+            return no_memory(work, size);
+        work->block = block;
+        work->room = size;
+    }
+    work->size = size;
+    return BVHD_OK;
+}
+
+static bool is_update(const struct build_input *input)
+{
+    return input->flags & BUILD_ALLOW_UPDATE;
+}
+
+static struct form_geometry make_row(const struct geometry *geometry, bool update)
+{
+    struct form_geometry row = {
+        .type = geometry->type,
+        .flags = geometry->flags,
+        .primitive_count = geometry->range.primitive_count,
+    };
+    if (geometry->type != GEOMETRY_TRIANGLES)
+        return row;
+    const struct geometry_triangles *triangles = &geometry->triangles;
+    row.indexed = row.primitive_count > 0 && (triangles->index_type != INDEX_NONE || triangles->vertex_stride == 0);
+    if (update) {
+        row.update = FORM_UPDATE_RECORDED | (triangles->transform.data ? FORM_UPDATE_TRANSFORM : 0);
+        row.vertex_format = triangles->vertex_format;
+        row.max_vertex = triangles->max_vertex;
+        row.index_type = triangles->index_type;
+    }
+    return row;
+}
+
+/* The gap between an array and the next part is 0, and its bytes are the block's last unwritten ones. */
+static void clear_gap(unsigned char *block, uint64_t offset, uint64_t size)
+{
+    uint64_t end = offset + size;
+    memset(block + end, 0, bytes_align(end, FORM_ALIGNMENT) - end);
+}
+
+static void clear_gaps(struct work *work, enum form_part part)
+{
+    struct form_geometry *rows = rows_of(work);
+    for (uint32_t i = 0; i < work->input->geometry_count; i++) {
+        uint64_t *offset = form_offset(&rows[i], part);
+        if (offset && *offset)
+            clear_gap(work->block, *offset, form_bytes(&rows[i], part));
+    }
+}
+
+/* Between steps that do not look by themselves: with millions of rows each takes a while. */
+static enum bvhd_status look_at_cancel(const struct work *work)
+{
+    if (!context_cancelled(work->context))
+        return BVHD_OK;
+    return bvhd_error_set(work->error, BVHD_CANCELLED, place("infos[%u]", work->index).text, "cancelled");
+}
+
+/* Ends early when cancelled. */
+static void make_rows(struct work *work)
+{
+    const struct build_input *input = work->input;
+    for (uint32_t i = 0; i < input->geometry_count && !parallel_cancelled_at(work->context->cancel, i); i++)
+        rows_of(work)[i] = make_row(&input->geometries[i], is_update(input));
+}
+
+/* The first part of the block: rows, and places of the arrays that fetch_primitives will fill. */
+static enum bvhd_status place_primitives(struct work *work)
+{
+    const struct build_input *input = work->input;
+    uint64_t tables = sizeof(struct form_header) + (uint64_t)input->geometry_count * sizeof(struct form_geometry), end;
+    enum bvhd_status status = grow(work, tables);
+    if (status != BVHD_OK)
+        return status;
+    make_rows(work);
+    status = look_at_cancel(work);
+    if (status != BVHD_OK)
+        return status;
+    if (!form_place(rows_of(work), input->geometry_count, FORM_PRIMITIVES, tables, &end))
+        return too_large(work, "the canonical copy is over 2^64 bytes");
+    status = grow(work, end);
+    if (status == BVHD_OK)
+        clear_gaps(work, FORM_PRIMITIVES);
+    return status;
+}
+
+/* The second part: positions, now that their numbers are known, and reference rows. */
+static enum bvhd_status place_positions(struct work *work)
+{
+    uint32_t count = work->input->geometry_count;
+    uint64_t end, references = (uint64_t)work->references.count * sizeof(struct form_reference);
+    for (uint32_t i = 0; i < count; i++)
+        rows_of(work)[i].vertex_count = work->fetch.view.geometries[i].vertex_count;
+    if (!form_place(rows_of(work), count, FORM_POSITIONS, work->size, &end) || !bytes_add(end, references, &end))
+        return too_large(work, "the canonical copy is over 2^64 bytes");
+    enum bvhd_status status = look_at_cancel(work);
+    if (status == BVHD_OK)
+        status = grow(work, end);
+    if (status == BVHD_OK)
+        clear_gaps(work, FORM_POSITIONS);
+    return status;
+}
+
+static void write_header(struct work *work)
+{
+    const struct canonical *view = &work->fetch.view;
+    uint64_t references = (uint64_t)work->references.count * sizeof(struct form_reference);
+    struct form_header header = {
+        .version = CANONICAL_VERSION,
+        .type = work->input->type,
+        .flags = work->input->flags,
+        .geometry_count = view->geometry_count,
+        .reference_count = work->references.count,
+        .primitive_count = view->primitive_count,
+        .vertex_count = view->vertex_count,
+        .size = work->size,
+        .reference_offset = references ? work->size - references : 0,
+    };
+    memcpy(header.magic, form_magic, sizeof header.magic);
+    memcpy(work->block, &header, sizeof header);
+    if (references)
+        memcpy(work->block + header.reference_offset, work->references.rows, references);
+}
+
+static enum bvhd_status make_references(struct work *work)
+{
+    struct canonical_geometry *geometry = work->fetch.view.geometries;
+    if (work->input->type != STRUCTURE_TOP)
+        return BVHD_OK;
+    return reference_rows_make(work->block + rows_of(work)->data_offset, geometry->primitive_count,
+                               work->input->references, work->input->reference_count, work->context, &work->references,
+                               work->error);
+}
+
+/* Hands block and tables over to the result. */
+static enum bvhd_status finish_view(struct work *work)
+{
+    struct canonical *view = &work->fetch.view;
+    if (work->references.count > 0) {
+        view->references = memory_array(work->memory, work->references.count, sizeof *view->references);
+        if (!view->references)
+            return no_memory(work, (uint64_t)work->references.count * sizeof *view->references);
+    }
+    form_view(work->block, view);
+    return work->fetch.suspect ? validate_canonical(view, work->index, work->context->cancel, work->error) : BVHD_OK;
+}
+
+static enum bvhd_status run(struct work *work)
+{
+    enum bvhd_status status = look_at_cancel(work);
+    if (status == BVHD_OK)
+        status = place_primitives(work);
+    if (status == BVHD_OK)
+        status = look_at_cancel(work);
+    if (status == BVHD_OK)
+        status = fetch_primitives(&work->fetch, work->block, work->context, work->error);
+    if (status == BVHD_OK)
+        status = make_references(work);
+    if (status == BVHD_OK)
+        status = place_positions(work);
+    if (status == BVHD_OK)
+        status = look_at_cancel(work);
+    if (status == BVHD_OK)
+        status = fetch_positions(&work->fetch, work->block, work->context, work->error);
+    if (status != BVHD_OK)
+        return status;
+    write_header(work);
+    return finish_view(work);
+}
+
+enum bvhd_status prepare(const struct build_input *input, uint32_t index, const struct limits *limits,
+                         const struct build_context *context, struct canonical *ret_canonical, struct bvhd_error *error)
+{
+    struct memory *memory = context->memory;
+    struct work work = {.input = input,
+                        .index = index,
+                        .max_bytes = limits->max_canonical_bytes,
+                        .context = context,
+                        .memory = memory,
+                        .error = error};
+    enum bvhd_status status = validate_input_until(input, index, limits, context->cancel, error);
+    if (status == BVHD_OK)
+        status = fetch_init(&work.fetch, input, index, context, error);
+    if (status != BVHD_OK)
+        return status;
+
+    status = run(&work);
+    memory_free(memory, work.references.rows);
+    struct canonical view = work.fetch.view;
+    fetch_finish(&work.fetch, memory);
+    view.owned = work.block;
+    if (status == BVHD_OK)
+        *ret_canonical = view;
+    else
+        prepare_finish(&view, memory);
+    return status;
+}
+
+void prepare_finish(struct canonical *canonical, struct memory *memory)
+{
+    if (!canonical)
+        return;
+    memory_free(memory, canonical->owned);
+    memory_free(memory, canonical->geometries);
+    memory_free(memory, canonical->references);
+    *canonical = (struct canonical){0};
+}

@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/input/reference_rows.h"
+
+#include "proto/base/place.h"
+
+static bool is_good(const struct reference *reference)
+{
+    bool good = reference->kind == REFERENCE_BLAS && reference->handle != 0;
+    for (int axis = 0; axis < 3; axis++)
+        good =
+            good && __builtin_isfinite(reference->bounds.min[axis]) && __builtin_isfinite(reference->bounds.max[axis]);
+    return good && slabs_are_valid(&reference->slabs);
+}
+
+static enum bvhd_status refuse(const struct reference *reference, struct place where, struct bvhd_error *error)
+{
+    if (reference->kind != REFERENCE_BLAS)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "reference kind %u", (unsigned)reference->kind);
+    if (reference->handle == 0)
+        return bvhd_error_set(error, BVHD_INVALID, where.text, "handle 0 names nothing");
+    if (!slabs_are_valid(&reference->slabs))
+        return bvhd_error_set(error, BVHD_INVALID, where.text, "slabs are not finite, or turned round");
+    return bvhd_error_set(error, BVHD_INVALID, where.text, "bounds are not finite");
+}
+
+static enum bvhd_status cancelled(uint32_t index, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", index).text, "cancelled");
+}
+
+static enum bvhd_status check_references(const struct build_input *input, uint32_t index, const atomic_bool *cancel,
+                                         struct bvhd_error *error)
+{
+    if (input->reference_count > 0 && !input->references)
+        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references", index).text, "no references given");
+    for (uint32_t i = 0; i < input->reference_count; i++) {
+        if (parallel_cancelled_at(cancel, i))
+            return cancelled(index, error);
+        if (!is_good(&input->references[i]))
+            return refuse(&input->references[i], place("infos[%u].references[%u]", index, i), error);
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_unique(const struct handle_entry *entries, uint32_t count, uint32_t index,
+                                     struct bvhd_error *error)
+{
+    for (uint32_t i = 1; i < count; i++)
+        if (entries[i].handle == entries[i - 1].handle)
+            return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].references[%u]", index, entries[i].number).text,
+                                  "the same handle as references[%u]", entries[i - 1].number);
+    return BVHD_OK;
+}
+
+/* False when cancelled. */
+static bool list_references(const struct build_input *input, const atomic_bool *cancel, struct handle_entry *entries)
+{
+    uint32_t count = input->reference_count;
+    for (uint32_t i = 0; i < count; i++) {
+        if (parallel_cancelled_at(cancel, i))
+            return false;
+        entries[i] = (struct handle_entry){input->references[i].handle, i};
+    }
+    return handle_sort_until(entries, entries + count, count, cancel);
+}
+
+enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index,
+                                       const struct build_context *context, struct reference_lookup *ret_lookup,
+                                       struct bvhd_error *error)
+{
+    uint32_t count = input->reference_count;
+    enum bvhd_status status = check_references(input, index, context->cancel, error);
+    if (status != BVHD_OK || count == 0) {
+        if (status == BVHD_OK)
+            *ret_lookup = (struct reference_lookup){NULL, 0};
+        return status;
+    }
+    struct handle_entry *entries = memory_array(context->memory, count, 2 * sizeof *entries);
+    if (!entries)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, place("infos[%u].references", index).text, "%u references", count);
+    bool listed = list_references(input, context->cancel, entries);
+    status = listed ? check_unique(entries, count, index, error) : cancelled(index, error);
+    if (status == BVHD_OK)
+        *ret_lookup = (struct reference_lookup){entries, count};
+    else
+        memory_free(context->memory, entries);
+    return status;
+}
+
+void reference_lookup_finish(struct reference_lookup *lookup, struct memory *memory)
+{
+    if (!lookup)
+        return;
+    memory_free(memory, lookup->entries);
+    *lookup = (struct reference_lookup){NULL, 0};
+}
+
+uint64_t reference_lookup_find(const struct reference_lookup *lookup, uint64_t handle)
+{
+    uint32_t at = handle_find(lookup->entries, lookup->count, handle);
+    return at == HANDLE_NONE ? 0 : (uint64_t)lookup->entries[at].number + 1;
+}
+
+static struct form_reference row_of(const struct reference *reference)
+{
+    struct form_reference row = {.kind = reference->kind};
+    if (reference->has_key)
+        row.key = reference->key;
+    row.bounds = box_is_empty(&reference->bounds) ? box_empty() : reference->bounds;
+    if (slabs_are_known(&reference->slabs) && !box_is_empty(&reference->bounds))
+        row.slabs = reference->slabs;
+    return row;
+}
+
+/* Every few thousand records. */
+static bool is_cancelled(const struct build_context *context, uint32_t record)
+{
+    return record % 8192 == 0 && context_cancelled(context);
+}
+
+/*
+ * Numbers what is named in the order of first use: a row for each, and the records say which. Returns how many, less
+ * when cancelled.
+ */
+static uint32_t number_references(unsigned char *records, uint32_t record_count, const struct reference *references,
+                                  const struct build_context *context, uint32_t *row_of_reference,
+                                  struct form_reference *rows)
+{
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < record_count && !is_cancelled(context, i); i++) {
+        unsigned char *field = records + (uint64_t)FORM_RECORD_SIZE * i + FORM_RECORD_REFERENCE;
+        uint64_t reference = bytes_get64(field);
+        if (reference == 0)
+            continue;
+        uint32_t *row = &row_of_reference[reference - 1];
+        if (*row == 0) {
+            rows[count] = row_of(&references[reference - 1]);
+            *row = ++count;
+        }
+        bytes_put64(field, *row);
+    }
+    return count;
+}
+
+/* False without memory. Of no use when it is cancelled on the way. */
+static bool make(unsigned char *records, uint32_t record_count, const struct reference *references,
+                 uint32_t reference_count, const struct build_context *context, struct reference_rows *rows)
+{
+    uint32_t capacity = reference_count < record_count ? reference_count : record_count;
+    uint32_t *numbers = memory_array(context->memory, reference_count, sizeof *numbers);
+    rows->rows = memory_array(context->memory, capacity, sizeof *rows->rows);
+    bool ready = numbers && rows->rows;
+    if (ready) {
+        memset(numbers, 0, reference_count * sizeof *numbers);
+        rows->count = number_references(records, record_count, references, context, numbers, rows->rows);
+    }
+    memory_free(context->memory, numbers);
+    return ready;
+}
+
+enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,
+                                     uint32_t reference_count, const struct build_context *context,
+                                     struct reference_rows *ret_rows, struct bvhd_error *error)
+{
+    struct reference_rows made = {NULL, 0};
+    enum bvhd_status status = BVHD_OK;
+    if (reference_count > 0 && record_count > 0 &&
+        !make(records, record_count, references, reference_count, context, &made))
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, "references", "%u references", reference_count);
+    else if (context_cancelled(context))
+        status = bvhd_error_set(error, BVHD_CANCELLED, "references", "cancelled");
+    if (status == BVHD_OK)
+        *ret_rows = made;
+    else
+        memory_free(context->memory, made.rows);
+    return status;
+}

@@ -1,0 +1,182 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/kernel/leaves.h"
+
+#include <math.h>
+#include <string.h>
+
+/*
+ * A ref of each part: what follows from the ref before is a long chain of operations, but four parts go along it
+ * together.
+ */
+struct lanes {
+    vec4 min[3], max[3];
+    vec4_int primitives;
+};
+
+static inline void transpose(vec4 a, vec4 b, vec4 c, vec4 d, vec4 ret_columns[4])
+{
+    vec4 xy = __builtin_shufflevector(a, b, 0, 4, 1, 5), xy2 = __builtin_shufflevector(c, d, 0, 4, 1, 5);
+    vec4 zw = __builtin_shufflevector(a, b, 2, 6, 3, 7), zw2 = __builtin_shufflevector(c, d, 2, 6, 3, 7);
+    ret_columns[0] = __builtin_shufflevector(xy, xy2, 0, 1, 4, 5);
+    ret_columns[1] = __builtin_shufflevector(xy, xy2, 2, 3, 6, 7);
+    ret_columns[2] = __builtin_shufflevector(zw, zw2, 0, 1, 4, 5);
+    ret_columns[3] = __builtin_shufflevector(zw, zw2, 2, 3, 6, 7);
+}
+
+static inline struct lanes load_lanes(const struct primitive_ref *const refs[LEAVES_PARTS])
+{
+    struct lanes lanes;
+    struct vec4_box a = vec4_box_load(refs[0]), b = vec4_box_load(refs[1]), c = vec4_box_load(refs[2]),
+                    d = vec4_box_load(refs[3]);
+    vec4 min[4], max[4];
+    transpose(a.min, b.min, c.min, d.min, min);
+    transpose(a.max, b.max, c.max, d.max, max);
+    memcpy(lanes.min, min, sizeof lanes.min);
+    memcpy(lanes.max, max, sizeof lanes.max);
+    lanes.primitives = (vec4_int)min[3] + 1; /* behind a ref's minimum stands how many primitives follow its first */
+    return lanes;
+}
+
+static inline void grow(struct lanes *lanes, const struct lanes *other)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        lanes->min[axis] = vec4_min(lanes->min[axis], other->min[axis]);
+        lanes->max[axis] = vec4_max(lanes->max[axis], other->max[axis]);
+    }
+    lanes->primitives += other->primitives;
+}
+
+static inline vec4 half_areas(const struct lanes *lanes)
+{
+    vec4 x = lanes->max[0] - lanes->min[0], y = lanes->max[1] - lanes->min[1], z = lanes->max[2] - lanes->min[2];
+    return x * y + y * z + z * x;
+}
+
+/*
+ * Of the row so far: its last ref, the last two, and by how much the least cost of all before these two, and three, is
+ * above that of all.
+ */
+struct rows {
+    struct lanes last, last_two;
+    vec4 last_area, before_two, before_three;
+};
+
+static inline vec4 leaf_cost(vec4 area, vec4_int primitives, vec4_int most)
+{
+    return vec4_select(primitives > most, vec4_all(INFINITY), area * __builtin_convertvector(primitives, vec4));
+}
+
+/*
+ * Goes on by a ref in each part; returns the lengths of the last leaves. Sums that are no numbers are less than
+ * nothing.
+ */
+static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_int most, float cut_cost)
+{
+    struct lanes two = *one, three = *one;
+    grow(&two, &rows->last);
+    grow(&three, &rows->last_two);
+    vec4 area = half_areas(one), area_two = half_areas(&two);
+    vec4 cut = cut_cost * vec4_min(area_two, 2 * vec4_min(area, rows->last_area));
+    vec4 first = cut + area * __builtin_convertvector(one->primitives, vec4);
+    vec4 second = rows->before_two + leaf_cost(area_two, two.primitives, most);
+    vec4 third = rows->before_three + leaf_cost(half_areas(&three), three.primitives, most);
+    vec4 longer = vec4_min(third, second), least = vec4_min(longer, first);
+    vec4_int is_third = third < second, is_longer = longer < first;
+    *rows = (struct rows){*one, two, area, cut - least, rows->before_two - least};
+    return 1 - is_longer - (is_longer & is_third);
+}
+
+static uint32_t part_length(uint32_t count)
+{
+    return count / LEAVES_PARTS + (count % LEAVES_PARTS != 0);
+}
+
+/*
+ * Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. Parts that are shorter than the
+ * first go on with their last ref.
+ */
+static void choose(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options,
+                   uint8_t *ret_lengths)
+{
+    const uint32_t length = part_length(count);
+    const int32_t limit = options->leaf_max < INT8_MAX ? (int32_t)options->leaf_max : INT8_MAX;
+    const vec4_int most = {limit, limit, limit, limit};
+    struct rows rows = {.before_two = vec4_all(INFINITY), .before_three = vec4_all(INFINITY)};
+    for (uint32_t i = 0; i < length; i++) {
+        const struct primitive_ref *own[LEAVES_PARTS];
+        uint8_t *to[LEAVES_PARTS], nobody;
+        for (uint32_t part = 0; part < LEAVES_PARTS; part++) {
+            uint64_t at = (uint64_t)part * length + i;
+            own[part] = &refs[at < count ? at : count - 1];
+            to[part] = at < count ? &ret_lengths[at] : &nobody;
+        }
+        struct lanes one = load_lanes(own);
+        if (i == 0)
+            rows.last = rows.last_two = one;
+        vec4_int lengths = go_on(&rows, &one, most, options->cut_cost);
+        for (uint32_t part = 0; part < LEAVES_PARTS; part++)
+            *to[part] = (uint8_t)lengths[part];
+    }
+}
+
+/*
+ * A part on the way from its end to its begin; no leaf is in two. Lengths go from where they were chosen to its end, of
+ * which the choices are behind us.
+ */
+struct walk {
+    const uint8_t *begin, *at;
+    uint8_t *to;
+};
+
+static inline void walk_on(struct walk *walk)
+{
+    const uint8_t length = walk->at[-1];
+    *--walk->to = length;
+    walk->at -= length;
+}
+
+/* Each step waits for the one before, but those of four parts go on together. */
+static void walk_together(struct walk walks[LEAVES_PARTS], size_t steps)
+{
+    struct walk own[LEAVES_PARTS];
+    memcpy(own, walks, sizeof own);
+    for (; steps > 0; steps--)
+        for (int part = 0; part < LEAVES_PARTS; part++)
+            walk_on(&own[part]);
+    memcpy(walks, own, sizeof own);
+}
+
+/* How many steps even the part with the least left has before it. */
+static size_t steps_for_all(const struct walk walks[LEAVES_PARTS])
+{
+    size_t least = SIZE_MAX;
+    for (int part = 0; part < LEAVES_PARTS; part++) {
+        size_t left = (size_t)(walks[part].at - walks[part].begin);
+        least = left < least ? left : least;
+    }
+    return least / LEAVES_REFS_MAX;
+}
+
+uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options,
+                    uint8_t *ret_lengths)
+{
+    uint8_t *bounds[LEAVES_PARTS + 1], *next = ret_lengths;
+    struct walk walks[LEAVES_PARTS];
+    size_t steps;
+    choose(refs, count, options, ret_lengths);
+    for (uint64_t part = 0; part <= LEAVES_PARTS; part++)
+        bounds[part] = ret_lengths + (part * part_length(count) < count ? part * part_length(count) : count);
+    for (int part = 0; part < LEAVES_PARTS; part++)
+        walks[part] = (struct walk){bounds[part], bounds[part + 1], bounds[part + 1]};
+    while ((steps = steps_for_all(walks)) > 0)
+        walk_together(walks, steps);
+    for (int part = 0; part < LEAVES_PARTS; part++) {
+        struct walk *walk = &walks[part];
+        while (walk->at > walk->begin)
+            walk_on(walk);
+        size_t leaves = (size_t)(bounds[part + 1] - walk->to);
+        memmove(next, walk->to, leaves);
+        next += leaves;
+    }
+    return (uint32_t)(next - ret_lengths);
+}

@@ -1,0 +1,201 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/piece/spatial.h"
+
+#include "builder/kernel/bins.h"
+#include "proto/base/parallel.h"
+#include "builder/kernel/spatial_bins.h"
+
+/*
+ * A node on its way to being split. Its refs lie anywhere in its room in one of two arrays; its children get their
+ * rooms in the other.
+ */
+struct part {
+    struct vec4_box bounds, centroids;
+    const struct primitive_ref *refs;
+    struct primitive_ref *room, *other; /* `capacity` each */
+    uint32_t node, count, capacity;
+};
+
+uint32_t spatial_capacity(uint32_t count)
+{
+    uint64_t capacity = (uint64_t)count + (uint64_t)count * 2 / 5;
+    return capacity <= UINT32_MAX / 2 ? (uint32_t)capacity : count;
+}
+
+/* How cuts did in nodes of one size, by powers of two. */
+struct experience {
+    uint32_t tried, cut, passed_over;
+};
+
+struct builder {
+    const struct spatial_request *request;
+    struct experience experience[32];
+};
+
+/* How a part's refs would be divided as they are. */
+struct division {
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    struct vec4_box centroids[2]; /* when halved */
+    bool halved;
+};
+
+static void share_room(const struct part *part, const struct spatial_side sides[2], struct part ret_children[2])
+{
+    uint32_t left = spatial_share_room(part->capacity, sides);
+    for (int i = 0; i < 2; i++)
+        ret_children[i] = (struct part){
+            .bounds = sides[i].bounds,
+            .centroids = sides[i].centroids,
+            .refs = i ? part->other + part->capacity - sides[1].count : part->other,
+            .room = part->other + (i ? left : 0),
+            .other = part->room + (i ? left : 0),
+            .count = sides[i].count,
+            .capacity = i ? part->capacity - left : left,
+        };
+}
+
+/*
+ * False where of many tries fewer than one in RARELY has led to a cut, but for one time in AGAIN: meshes without
+ * overlaps are not to pay for them.
+ */
+static bool is_promising(struct experience *experience)
+{
+    enum { ENOUGH = 16, RARELY = 16, AGAIN = 16 };
+    bool rare = experience->tried >= ENOUGH && experience->cut < experience->tried / RARELY;
+    return !rare || ++experience->passed_over % AGAIN == 0;
+}
+
+/* Cuts where that is cheaper than the best division of whole refs; false leaves the part's refs as they are. */
+static bool cut(struct builder *builder, const struct part *part, const struct bins_plane *division,
+                struct spatial_side ret_sides[2])
+{
+    const struct spatial_request *request = builder->request;
+    struct experience *experience = &builder->experience[31 - __builtin_clz(part->count)];
+    struct spatial_grid grid;
+    struct spatial_bins bins;
+    struct spatial_plane plane;
+    if (!spatial_worth_a_try(division, part->count, part->capacity - part->count, request->price) ||
+        !is_promising(experience))
+        return false;
+    experience->tried++;
+    spatial_grid_lay(&part->bounds, &grid);
+    spatial_grid_narrow(&part->bounds, division->axis, &grid);
+    spatial_bins_clear(&bins);
+    if (!spatial_bins_add(&bins, request->canonical, &grid, part->refs, part->count, request->cancel) ||
+        !spatial_bins_choose(&bins, &grid, part->capacity, &plane) ||
+        !spatial_is_better(&plane, division, part->count, request->price))
+        return false;
+    experience->cut++;
+    spatial_partition(request->canonical, &grid, &plane, part->refs, part->count, part->other,
+                      part->other + part->capacity, ret_sides);
+    return true;
+}
+
+static void carry_out(const struct part *part, const struct division *division, struct spatial_side ret_sides[2])
+{
+    uint32_t left_count = division->plane.left_count, right_count = part->count - left_count;
+    struct primitive_ref *right = part->other + part->capacity - right_count;
+    struct vec4_box centroids[2] = {division->centroids[0], division->centroids[1]};
+    if (division->halved) {
+        memcpy(part->other, part->refs, left_count * sizeof *right);
+        memcpy(right, part->refs + left_count, right_count * sizeof *right);
+    } else {
+        bins_partition(&division->mapping, &division->plane, part->refs, part->count, part->other, right, centroids);
+    }
+    ret_sides[0] = (struct spatial_side){division->plane.left, centroids[0], left_count};
+    ret_sides[1] = (struct spatial_side){division->plane.right, centroids[1], right_count};
+}
+
+static void divide(struct builder *builder, const struct part *part, struct part ret_children[2])
+{
+    struct division division = {.halved = false};
+    struct bins_plane *plane = &division.plane;
+    struct spatial_side sides[2];
+    division.halved = !bins_find(part->refs, part->count, &part->centroids, &division.mapping, plane);
+    if (division.halved)
+        bins_halve(part->refs, part->count, plane, division.centroids);
+    if (division.halved || !cut(builder, part, plane, sides))
+        carry_out(part, &division, sides);
+    share_room(part, sides, ret_children);
+}
+
+static void make_leaf(struct ir *ir, const struct part *part)
+{
+    ir->nodes[part->node] = (struct ir_node){ir->ref_count, 1};
+    ir->refs[ir->ref_count++] = part->refs->id;
+}
+
+/* A part whose sibling is being split. */
+struct waiting {
+    struct part part;
+    uint32_t both; /* capacity of the two */
+    uint32_t refs_before; /* of the tree, without either */
+    bool is_right;
+};
+
+/* What the sibling left of the room that both had is the part's now. */
+static struct part resume(const struct waiting *waiting, uint32_t ref_count)
+{
+    struct part part = waiting->part;
+    uint32_t capacity = waiting->both - (ref_count - waiting->refs_before), more = capacity - part.capacity;
+    part.room -= waiting->is_right ? more : 0;
+    part.other -= waiting->is_right ? more : 0;
+    part.capacity = capacity;
+    return part;
+}
+
+/* Nodes of more refs look at the cancel flag: below one there is about a millisecond's work. */
+enum { LOOK_ABOVE = 512 };
+
+/* The child with more room waits while the other is split to the end, so that at most 32 wait. */
+static enum bvhd_status split_to_end(struct builder *builder, struct ir *ir, struct part part)
+{
+    struct waiting waiting[33];
+    struct part children[2];
+    uint32_t waiting_count = 0;
+    for (;;) {
+        ir->boxes[0][part.node] = vec4_box_get(part.bounds);
+        if (part.count == 1) {
+            make_leaf(ir, &part);
+            if (waiting_count == 0)
+                return BVHD_OK;
+            part = resume(&waiting[--waiting_count], ir->ref_count);
+            continue;
+        }
+        if (part.count > LOOK_ABOVE && parallel_cancelled(builder->request->cancel))
+            return BVHD_CANCELLED;
+        divide(builder, &part, children);
+        ir->nodes[part.node] = (struct ir_node){.first = ir->node_count};
+        children[0].node = ir->node_count;
+        children[1].node = ir->node_count + 1;
+        ir->node_count += 2;
+        bool right_first = children[1].capacity < children[0].capacity;
+        waiting[waiting_count++] = (struct waiting){children[!right_first], part.capacity, ir->ref_count, !right_first};
+        part = children[right_first];
+    }
+}
+
+enum bvhd_status spatial_build(const struct spatial_request *request, struct memory *memory, struct ir *ret_ir,
+                               struct bvhd_error *error)
+{
+    struct ir ir;
+    enum bvhd_status status = ir_init(&ir, memory, 2 * request->capacity - 1, request->capacity, error);
+    if (status != BVHD_OK)
+        return status;
+    struct part root = {.refs = request->refs,
+                        .room = request->refs,
+                        .other = request->scratch,
+                        .count = request->count,
+                        .capacity = request->capacity};
+    bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
+    ir.node_count = 1;
+    struct builder builder = {.request = request};
+    status = split_to_end(&builder, &ir, root);
+    if (status == BVHD_OK) {
+        *ret_ir = ir;
+        return BVHD_OK;
+    }
+    ir_finish(&ir);
+    return bvhd_error_set(error, status, "", "cancelled");
+}

@@ -1,0 +1,354 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/top/pieces.h"
+
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "builder/piece/binned.h"
+#include "builder/piece/ploc.h"
+#include "builder/piece/reinsertion.h"
+#include "builder/piece/spatial.h"
+
+struct piece {
+    uint32_t node; /* of the split tree */
+    uint32_t first, count, capacity; /* refs of the split, and for how many there is room */
+    struct ir ir;
+    struct wide_piece wide; /* instead of the ir, when that is wanted */
+    uint32_t depth;
+    double cost; /* ir_cost */
+    enum bvhd_status status;
+    uint32_t node_base, ref_base; /* in the joined tree: of the ir's node 1, of its ref 0 */
+};
+
+struct build {
+    const struct pieces_request *request;
+    struct memory *memory;
+    struct piece *pieces;
+    uint32_t *order; /* largest first, so that threads end together */
+    uint64_t total;
+    _Atomic uint64_t done;
+};
+
+/* Large nodes first, so that small ones find their places once those are right; a third pass hardly pays. */
+static enum bvhd_status reinsert(const struct build *build, struct ir *ir, struct piece *piece)
+{
+    const struct reinsertion_request reinsertion = {.ir = ir,
+                                                    .leaf_max = build->request->leaf_max,
+                                                    .passes = 2,
+                                                    .share = 0.25f,
+                                                    .last_share = 1,
+                                                    .cancel = build->request->cancel};
+    return reinsertion_run(&reinsertion, build->memory, &piece->ir, NULL);
+}
+
+static enum bvhd_status build_spatial(const struct build *build, struct piece *piece)
+{
+    const struct pieces_request *request = build->request;
+    struct spatial_request spatial = {
+        .canonical = request->canonical,
+        .refs = request->refs + piece->first,
+        .scratch = request->scratch + piece->first,
+        .count = piece->count,
+        .capacity = piece->capacity,
+        .cancel = request->cancel,
+        .price = request->price,
+    };
+    struct ir ir;
+    enum bvhd_status status = spatial_build(&spatial, build->memory, &ir, NULL);
+    if (status != BVHD_OK)
+        return status;
+    status = reinsert(build, &ir, piece);
+    ir_finish(&ir);
+    return status;
+}
+
+static enum bvhd_status build_clusters(const struct build *build, struct piece *piece)
+{
+    const struct pieces_request *request = build->request;
+    const bool ploc = request->method == PIECES_PLOC;
+    struct cluster_request clusters = {
+        .refs = request->refs + piece->first,
+        .scratch = request->scratch + piece->first,
+        .count = piece->count,
+        .leaf_max = request->leaf_max,
+        .cut_cost = request->cut_cost,
+        .fills_leaves = ploc,
+        .cancel = request->cancel,
+    };
+    enum bvhd_status status = cluster_tree_build(&clusters, ploc ? ploc_join : binned_join, build->memory, &piece->ir,
+                                                 &piece->depth, &piece->cost, NULL);
+    if (status == BVHD_OK && request->collapse_at_once)
+        status = wide_piece_make(&piece->ir, request->collapse_at_once, build->memory, &piece->wide);
+    return status;
+}
+
+static enum bvhd_status build_piece(const struct build *build, struct piece *piece)
+{
+    return build->request->method == PIECES_SPATIAL ? build_spatial(build, piece) : build_clusters(build, piece);
+}
+
+/* The piece's part of the scratch array is 32 bytes a ref, two levels a node fit. With splits they may not. */
+static enum bvhd_status measure(const struct build *build, struct piece *piece)
+{
+    uint32_t *levels = (uint32_t *)(void *)(build->request->scratch + piece->first);
+    bool fits =
+        (uint64_t)piece->ir.node_count * sizeof *levels <= (uint64_t)piece->count * sizeof(struct primitive_ref);
+    piece->depth = fits ? ir_levels(&piece->ir, levels) : ir_depth(&piece->ir, build->memory);
+    piece->cost = ir_cost(&piece->ir, 0, piece->ir.node_count);
+    return piece->depth == IR_DEPTH_UNKNOWN ? BVHD_NO_MEMORY : BVHD_OK;
+}
+
+static void run_piece(void *context, size_t index)
+{
+    struct build *build = context;
+    struct piece *piece = &build->pieces[build->order[index]];
+    const struct pieces_request *request = build->request;
+    piece->status = parallel_cancelled(request->cancel) ? BVHD_CANCELLED : build_piece(build, piece);
+    if (piece->status == BVHD_OK && request->method == PIECES_SPATIAL)
+        piece->status = measure(build, piece);
+    uint64_t done = atomic_fetch_add_explicit(&build->done, piece->count, memory_order_relaxed) + piece->count;
+    if (request->progress && piece->status == BVHD_OK)
+        request->progress(request->progress_context, done * request->progress_total / build->total,
+                          request->progress_total);
+}
+
+static int by_first(const void *a, const void *b)
+{
+    uint32_t x = ((const struct piece *)a)->first, y = ((const struct piece *)b)->first;
+    return (x > y) - (x < y);
+}
+
+static int by_size(const void *a, const void *b, void *context)
+{
+    const struct piece *pieces = context;
+    uint32_t i = *(const uint32_t *)a, k = *(const uint32_t *)b;
+    if (pieces[i].count != pieces[k].count)
+        return pieces[i].count < pieces[k].count ? 1 : -1;
+    return (i > k) - (i < k);
+}
+
+static void list_pieces(struct build *build, uint32_t count)
+{
+    const struct split_tree *tree = build->request->tree;
+    for (uint32_t node = 0, i = 0; node < tree->node_count; node++)
+        if (tree->nodes[node].child == 0)
+            build->pieces[i++] =
+                (struct piece){.node = node, .first = tree->nodes[node].first, .count = tree->nodes[node].count};
+    qsort(build->pieces, count, sizeof *build->pieces, by_first);
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t end = i + 1 < count ? build->pieces[i + 1].first : build->request->capacity;
+        build->pieces[i].capacity = end - build->pieces[i].first;
+        build->order[i] = i;
+    }
+    qsort_r(build->order, count, sizeof *build->order, by_size, build->pieces);
+}
+
+/* The first failure in the order of the pieces, a shortage before a cancellation. */
+static enum bvhd_status worst(const struct build *build, uint32_t count)
+{
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < count; i++)
+        if (build->pieces[i].status != BVHD_OK && (status == BVHD_OK || status == BVHD_CANCELLED))
+            status = build->pieces[i].status;
+    return status;
+}
+
+enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory,
+                              const struct parallel *parallel, struct pieces *ret_pieces, struct bvhd_error *error)
+{
+    struct pieces pieces = {.count = request->tree->piece_count,
+                            .tree = request->tree,
+                            .collapse_at_once = request->collapse_at_once,
+                            .cancel = request->cancel,
+                            .memory = memory};
+    struct build build = {.request = request, .memory = memory, .total = request->tree->nodes[0].count};
+    pieces.pieces = build.pieces = memory_array(memory, pieces.count, sizeof *pieces.pieces);
+    build.order = memory_array(memory, pieces.count, sizeof *build.order);
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    if (build.pieces && build.order) {
+        list_pieces(&build, pieces.count);
+        parallel_for(parallel, pieces.count, run_piece, &build);
+        status = worst(&build, pieces.count);
+    } else {
+        pieces.count = 0;
+    }
+    memory_free(memory, build.order);
+    if (status != BVHD_OK) {
+        pieces_finish(&pieces);
+        return bvhd_error_set(error, status, "", status == BVHD_CANCELLED ? "cancelled" : "no memory to build a tree");
+    }
+    *ret_pieces = pieces;
+    return BVHD_OK;
+}
+
+void pieces_finish(struct pieces *pieces)
+{
+    if (!pieces || !pieces->memory)
+        return;
+    for (uint32_t i = 0; i < pieces->count; i++) {
+        ir_finish(&pieces->pieces[i].ir);
+        wide_piece_finish(&pieces->pieces[i].wide);
+    }
+    memory_free(pieces->memory, pieces->pieces);
+    memset(pieces, 0, sizeof *pieces);
+}
+
+struct join {
+    const struct pieces *pieces;
+    struct ir ir;
+};
+
+static void copy_piece(void *context, size_t index)
+{
+    const struct join *join = context;
+    const struct piece *piece = &join->pieces->pieces[index];
+    const struct ir *from = &piece->ir, *to = &join->ir;
+    for (uint32_t i = 0; i < from->node_count; i++) {
+        struct ir_node node = from->nodes[i];
+        node.first += node.count ? piece->ref_base : piece->node_base - 1;
+        to->nodes[i ? piece->node_base + i - 1 : piece->node] = node;
+    }
+    to->boxes[0][piece->node] = from->boxes[0][0];
+    memcpy(to->boxes[0] + piece->node_base, from->boxes[0] + 1, (from->node_count - 1) * sizeof *to->boxes[0]);
+    memcpy(to->refs + piece->ref_base, from->refs, from->ref_count * sizeof *to->refs);
+}
+
+/*
+ * The nodes above the pieces keep their places; their boxes follow from those of their children, which come behind
+ * them.
+ */
+static void make_top(const struct split_tree *tree, struct ir *ir)
+{
+    for (uint32_t i = tree->node_count; i-- > 0;) {
+        uint32_t child = tree->nodes[i].child;
+        if (child == 0)
+            continue;
+        struct box box = ir->boxes[0][child];
+        box_grow(&box, &ir->boxes[0][child + 1]);
+        ir->nodes[i] = (struct ir_node){.first = child};
+        ir->boxes[0][i] = box;
+    }
+}
+
+static void sum_up(const struct pieces *pieces, const struct ir *ir, uint32_t *levels, uint32_t *ret_depth,
+                   double *ret_cost)
+{
+    const struct split_tree *tree = pieces->tree;
+    uint32_t depth = 0;
+    double cost = 0;
+    levels[0] = 1;
+    for (uint32_t i = 0; i < tree->node_count; i++)
+        if (tree->nodes[i].child) {
+            levels[tree->nodes[i].child] = levels[tree->nodes[i].child + 1] = levels[i] + 1;
+            cost += box_half_area(&ir->boxes[0][i]);
+        }
+    for (uint32_t i = 0; i < pieces->count; i++) {
+        const struct piece *piece = &pieces->pieces[i];
+        uint32_t lowest = levels[piece->node] + piece->depth - 1;
+        depth = lowest > depth ? lowest : depth;
+        cost += piece->cost;
+    }
+    *ret_depth = depth;
+    *ret_cost = cost;
+}
+
+/* Numbers the nodes and refs of all pieces through. */
+static void place_pieces(const struct pieces *pieces, uint64_t *ret_nodes, uint64_t *ret_refs)
+{
+    uint64_t nodes = pieces->tree->node_count, refs = 0;
+    for (uint32_t i = 0; i < pieces->count; i++) {
+        struct piece *piece = &pieces->pieces[i];
+        piece->node_base = (uint32_t)nodes;
+        piece->ref_base = (uint32_t)refs;
+        nodes += piece->ir.node_count - 1;
+        refs += piece->ir.ref_count;
+    }
+    *ret_nodes = nodes;
+    *ret_refs = refs;
+}
+
+/* As ir_init, with nodes and boxes in the spare blocks if they fit. */
+static enum bvhd_status make_room(struct ir *ir, struct pieces_spare *spare, struct memory *memory, uint32_t nodes,
+                                  uint32_t refs, struct bvhd_error *error)
+{
+    uint64_t room = (uint64_t)spare->count * sizeof *spare->refs;
+    if ((uint64_t)nodes * sizeof *ir->boxes[0] > room)
+        return ir_init(ir, memory, nodes, refs, error);
+    enum bvhd_status status = ir_init(ir, memory, 0, refs, error);
+    if (status != BVHD_OK)
+        return status;
+    ir->nodes = (struct ir_node *)(void *)spare->refs;
+    ir->boxes[0] = (struct box *)(void *)spare->scratch;
+    spare->refs = spare->scratch = NULL;
+    return BVHD_OK;
+}
+
+enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *spare, const struct parallel *parallel,
+                             struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error)
+{
+    struct join join = {.pieces = pieces};
+    uint64_t nodes, refs;
+    place_pieces(pieces, &nodes, &refs);
+    if (nodes > UINT32_MAX || refs > UINT32_MAX)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "", "more references than 32 bits can name");
+    uint32_t *levels = memory_array(pieces->memory, pieces->tree->node_count, sizeof *levels);
+    if (!levels)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to join a tree");
+    enum bvhd_status status = make_room(&join.ir, spare, pieces->memory, (uint32_t)nodes, (uint32_t)refs, error);
+    if (status == BVHD_OK) {
+        join.ir.node_count = (uint32_t)nodes;
+        join.ir.ref_count = (uint32_t)refs;
+        if (parallel_for_until(parallel, pieces->cancel, pieces->count, copy_piece, &join)) {
+            make_top(pieces->tree, &join.ir);
+            sum_up(pieces, &join.ir, levels, ret_depth, ret_cost);
+            *ret_ir = join.ir;
+        } else {
+            ir_finish(&join.ir);
+            status = bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
+        }
+    }
+    memory_free(pieces->memory, levels);
+    return status;
+}
+
+/* The tree above the pieces: each of them is a leaf, of which the one ref is its number. */
+static void fill_top(const struct pieces *pieces, const struct wide_piece **list, struct ir *top)
+{
+    top->node_count = pieces->tree->node_count;
+    top->ref_count = pieces->count;
+    for (uint32_t i = 0; i < pieces->count; i++) {
+        const struct piece *piece = &pieces->pieces[i];
+        list[i] = &piece->wide;
+        top->refs[i] = i;
+        top->nodes[piece->node] = (struct ir_node){i, 1};
+        top->boxes[0][piece->node] = piece->wide.bounds;
+    }
+    make_top(pieces->tree, top);
+}
+
+enum bvhd_status pieces_join_wide(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir,
+                                  struct wide *ret_wide, uint32_t *ret_depth, double *ret_cost,
+                                  struct bvhd_error *error)
+{
+    struct ir top;
+    enum bvhd_status status = ir_init(&top, pieces->memory, pieces->tree->node_count, pieces->count, error);
+    if (status != BVHD_OK)
+        return status;
+    const struct wide_piece **list = memory_array(pieces->memory, pieces->count, sizeof *list);
+    uint32_t *levels = memory_array(pieces->memory, pieces->tree->node_count, sizeof *levels);
+    if (list && levels) {
+        const struct wide_join request = {&top,           list,    pieces->count, pieces->collapse_at_once,
+                                          pieces->memory, parallel};
+        fill_top(pieces, list, &top);
+        status = wide_pieces_join(&request, ret_ir, ret_wide, error);
+        if (status == BVHD_OK)
+            sum_up(pieces, &top, levels, ret_depth, ret_cost);
+    } else {
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to join trees");
+    }
+    memory_free(pieces->memory, levels);
+    memory_free(pieces->memory, list);
+    ir_finish(&top);
+    return status;
+}

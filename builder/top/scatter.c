@@ -1,0 +1,345 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/top/scatter.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "builder/input/primitive.h"
+#include "builder/top/scatter_plan.h"
+
+/* The sample: every SAMPLE_STEP-th ref, or as many as are enough for the few planes. */
+enum { SAMPLE_STEP = 8, SAMPLE_MAX = 16384 };
+
+/* Refs of a task. */
+enum { CHUNK = PRIMITIVE_BLOCK };
+
+/* Of the root's half area: who has as much is met by most rays that meet the root. */
+static const float outsize_share = 0.5f;
+
+struct scatter {
+    const struct split_request *request;
+    struct memory *memory;
+    const struct parallel *parallel;
+    struct scatter_plan plan;
+    float outsize; /* half area from which on refs go to the last piece; infinite when none do */
+    uint16_t *pieces; /* of each place of a ref */
+    uint32_t *places; /* of each chunk: how many refs of each piece, then where the next one goes */
+    uint32_t chunk_count;
+};
+
+/* The places of a chunk that hold refs. */
+static void chunk_range(const struct scatter *s, size_t chunk, size_t *ret_begin, size_t *ret_end)
+{
+    const struct split_request *request = s->request;
+    *ret_begin = chunk * CHUNK;
+    size_t rest = request->count - *ret_begin;
+    *ret_end = *ret_begin + (request->blocks ? request->blocks[chunk] : rest < CHUNK ? rest : CHUNK);
+}
+
+static inline vec4 centroid_of(const struct primitive_ref *ref)
+{
+    struct vec4_box box = vec4_box_load(ref);
+    return vec4_xyz(box.min + box.max);
+}
+
+static inline float half_area_of(const struct primitive_ref *ref)
+{
+    return vec4_box_half_area(vec4_box_load(ref));
+}
+
+/* Every step-th ref of all, of those the ones that are not outsize. Returns how many were looked at. */
+static uint32_t take_sample(const struct scatter *s, uint32_t step, float outsize, struct primitive_ref *ret_sample,
+                            uint32_t *ret_count)
+{
+    uint32_t looked = 0, count = 0;
+    size_t skip = 0, i, end;
+    for (uint32_t chunk = 0; chunk < s->chunk_count; chunk++) {
+        chunk_range(s, chunk, &i, &end);
+        for (i += skip; i < end; i += step, looked++) {
+            ret_sample[count] = s->request->refs[i];
+            count += half_area_of(&ret_sample[count]) < outsize;
+        }
+        skip = i - end;
+    }
+    *ret_count = count;
+    return looked;
+}
+
+/* Takes the sample without the outsize ones, if those are few, and finds the planes on it. */
+static enum bvhd_status find_planes(struct scatter *s)
+{
+    const struct split_request *request = s->request;
+    uint32_t step = SAMPLE_STEP;
+    while (request->count / step > SAMPLE_MAX)
+        step *= 2;
+    uint32_t size = request->count / step, count = 0;
+    if (size == 0) {
+        s->outsize = INFINITY;
+        scatter_plan_make(NULL, 0, 0, s->parallel, &s->plan);
+        return BVHD_OK;
+    }
+    struct primitive_ref *sample = memory_array(s->memory, (uint64_t)size + 1, sizeof *sample);
+    if (!sample)
+        return BVHD_NO_MEMORY;
+    size = take_sample(s, step, s->outsize, sample, &count);
+    if (size - count > size / 8) {
+        s->outsize = INFINITY;
+        take_sample(s, step, INFINITY, sample, &count);
+    }
+    uint32_t enough = request->piece_size / step;
+    scatter_plan_make(sample, count, enough > 16 ? enough : 16, s->parallel, &s->plan);
+    memory_free(s->memory, sample);
+    return BVHD_OK;
+}
+
+static uint32_t piece_at(const struct scatter *s, vec4 at)
+{
+    float centroid[4];
+    memcpy(centroid, &at, sizeof centroid);
+    uint32_t node = 0;
+    for (uint32_t level = 0; level < s->plan.levels; level++) {
+        const struct scatter_node *n = &s->plan.nodes[node];
+        node = n->child + (centroid[n->axis] >= n->threshold);
+    }
+    return s->plan.nodes[node].piece;
+}
+
+static inline bool is_inside(const struct scatter_cell *cell, vec4 at)
+{
+    return vec4_bits((at >= cell->low) & (at < cell->high)) == 15;
+}
+
+static uint32_t *places_of(const struct scatter *s, size_t chunk)
+{
+    return s->places + chunk * (s->plan.piece_count + 1);
+}
+
+/*
+ * Refs of one loop, and how many of them may go elsewhere than the one before them for the next loop to count on that.
+ */
+enum { STEP = 256, STEP_CHANGES = STEP / 8 };
+
+/*
+ * What a loop leaves to the next one: the piece of its last ref, and how many refs went elsewhere than the one before.
+ */
+struct step {
+    uint32_t piece, changes;
+};
+
+/*
+ * Gives places [i, end) their pieces. With `together` the piece of the ref before is tried before the way down. Where
+ * neighbours in the request mostly go to different pieces that could not be foreseen, and the way down, which is the
+ * same for all, is shorter.
+ */
+static inline __attribute__((always_inline)) struct step assign_step(const struct scatter *s, size_t i, size_t end,
+                                                                     bool together, uint32_t piece, uint32_t *counts)
+{
+    const struct primitive_ref *refs = s->request->refs;
+    const struct scatter_cell *cells = s->plan.cells;
+    const float outsize = s->outsize;
+    const uint32_t apart = s->plan.piece_count;
+    uint16_t *pieces = s->pieces;
+    struct scatter_cell cell = cells[piece];
+    uint32_t changes = 0;
+    for (; i < end; i++) {
+        const vec4 at = centroid_of(&refs[i]);
+        if (!together || !is_inside(&cell, at)) {
+            const uint32_t own = piece_at(s, at);
+            changes += own != piece;
+            piece = own;
+            cell = cells[piece];
+        }
+        const uint32_t to = half_area_of(&refs[i]) < outsize ? piece : apart;
+        pieces[i] = (uint16_t)to;
+        counts[to]++;
+    }
+    return (struct step){piece, changes};
+}
+
+/* Tasks count on their own stacks: rows of `places` share cache lines, which processors would take from each other. */
+static void assign_chunk(void *context, size_t index)
+{
+    const struct scatter *s = context;
+    uint32_t counts[SCATTER_PIECES_MAX + 1] = {0};
+    struct step step = {0, 0};
+    size_t i, end, stop;
+    for (chunk_range(s, index, &i, &end); i < end; i = stop) {
+        stop = end - i < STEP ? end : i + STEP;
+        if (step.changes < STEP_CHANGES)
+            step = assign_step(s, i, stop, true, step.piece, counts);
+        else
+            step = assign_step(s, i, stop, false, step.piece, counts);
+    }
+    memcpy(places_of(s, index), counts, (s->plan.piece_count + 1) * sizeof *counts);
+}
+
+static void move_chunk(void *context, size_t index)
+{
+    const struct scatter *s = context;
+    uint32_t places[SCATTER_PIECES_MAX + 1];
+    size_t i, end;
+    memcpy(places, places_of(s, index), (s->plan.piece_count + 1) * sizeof *places);
+    for (chunk_range(s, index, &i, &end); i < end; i++)
+        vec4_box_store(&s->request->scratch[places[s->pieces[i]]++], vec4_box_load(&s->request->refs[i]));
+}
+
+/* From counts to places; ret_firsts[piece_count + 2]. */
+static void place_pieces(struct scatter *s, uint32_t *ret_firsts)
+{
+    uint32_t sum = 0;
+    for (uint32_t piece = 0; piece <= s->plan.piece_count; piece++) {
+        ret_firsts[piece] = sum;
+        for (uint32_t chunk = 0; chunk < s->chunk_count; chunk++) {
+            uint32_t *place = &places_of(s, chunk)[piece], count = *place;
+            *place = sum;
+            sum += count;
+        }
+    }
+    ret_firsts[s->plan.piece_count + 1] = sum;
+}
+
+static enum bvhd_status move(struct scatter *s, uint32_t *ret_firsts)
+{
+    const struct split_request *request = s->request;
+    if (!parallel_for_until(s->parallel, request->cancel, s->chunk_count, assign_chunk, s))
+        return BVHD_CANCELLED;
+    place_pieces(s, ret_firsts);
+    return parallel_for_until(s->parallel, request->cancel, s->chunk_count, move_chunk, s) ? BVHD_OK : BVHD_CANCELLED;
+}
+
+/* The planes' nodes as those of a tree, from `at` on. */
+static void fill_tree(const struct scatter *s, const uint32_t *firsts, uint32_t at, struct split_node *nodes)
+{
+    for (uint32_t i = 0; i < s->plan.node_count; i++) {
+        const struct scatter_node *node = &s->plan.nodes[i];
+        bool leaf = node->child == i;
+        nodes[at + i] = (struct split_node){.child = leaf ? 0 : at + node->child};
+        if (leaf) {
+            nodes[at + i].first = firsts[node->piece];
+            nodes[at + i].count = firsts[node->piece + 1] - firsts[node->piece];
+        }
+    }
+}
+
+/*
+ * Where an outsize piece hangs beside all others there is one more level. Children's places follow from pairs: theirs
+ * are odd.
+ */
+static void make_tree(const struct scatter *s, const uint32_t *firsts, struct split_tree *tree)
+{
+    const struct split_request *request = s->request;
+    uint32_t outsize = firsts[s->plan.piece_count + 1] - firsts[s->plan.piece_count];
+    tree->piece_count = s->plan.piece_count;
+    tree->node_count = s->plan.node_count;
+    if (outsize == 0) {
+        fill_tree(s, firsts, 0, tree->nodes);
+    } else {
+        fill_tree(s, firsts, 2, tree->nodes);
+        tree->nodes[1] = tree->nodes[2];
+        tree->nodes[2] = (struct split_node){.first = firsts[s->plan.piece_count], .count = outsize};
+        tree->nodes[0] = (struct split_node){.child = 1};
+        tree->piece_count++;
+        tree->node_count += 2;
+    }
+    tree->nodes[0].bounds = request->bounds;
+    tree->nodes[0].first = 0;
+    tree->nodes[0].count = request->count;
+}
+
+/* Sets the bounds of all refs. False when cancelled. */
+static bool bound(struct split_request *request)
+{
+    request->bounds = request->centroids = box_empty();
+    for (uint32_t first = 0, count; first < request->count; first += count) {
+        struct box bounds, centroids;
+        if (parallel_cancelled(request->cancel))
+            return false;
+        count = request->count - first < CHUNK ? request->count - first : CHUNK;
+        primitive_ref_bounds(request->refs + first, count, &bounds, &centroids);
+        box_grow(&request->bounds, &bounds);
+        box_grow(&request->centroids, &centroids);
+    }
+    return true;
+}
+
+/* Cuts the piece at a node by split_refs, and hangs the tree in its place. */
+static enum bvhd_status cut_piece(const struct scatter *s, struct split_tree *tree, uint32_t node)
+{
+    const struct split_node piece = tree->nodes[node];
+    struct split_request request = *s->request;
+    struct split_tree cut;
+    request.refs = s->request->scratch + piece.first;
+    request.scratch = s->request->refs + piece.first;
+    request.count = piece.count;
+    if (!bound(&request))
+        return BVHD_CANCELLED;
+    enum bvhd_status status = split_refs(&request, s->memory, s->parallel, &cut, NULL);
+    if (status != BVHD_OK)
+        return status;
+    uint64_t count = (uint64_t)tree->node_count + cut.node_count - 1;
+    struct split_node *nodes = count > UINT32_MAX ? NULL : memory_resize(s->memory, tree->nodes, count * sizeof *nodes);
+    if (nodes) {
+        uint32_t shift = tree->node_count - 1;
+        tree->nodes = nodes;
+        for (uint32_t i = 0; i < cut.node_count; i++) {
+            struct split_node *to = &nodes[i ? shift + i : node];
+            *to = cut.nodes[i];
+            to->first += piece.first;
+            to->child += to->child ? shift : 0;
+        }
+        tree->node_count = (uint32_t)count;
+        tree->piece_count += cut.piece_count - 1;
+    }
+    memory_free(s->memory, cut.nodes);
+    return nodes ? BVHD_OK : BVHD_NO_MEMORY;
+}
+
+static enum bvhd_status cut_large_pieces(const struct scatter *s, struct split_tree *tree)
+{
+    enum bvhd_status status = BVHD_OK;
+    uint32_t count = tree->node_count;
+    for (uint32_t i = 0; i < count && status == BVHD_OK; i++)
+        if (tree->nodes[i].child == 0 && tree->nodes[i].count / 2 > s->request->piece_size)
+            status = cut_piece(s, tree, i);
+    return status;
+}
+
+static enum bvhd_status scatter(struct scatter *s, struct split_tree *tree)
+{
+    uint32_t firsts[SCATTER_PIECES_MAX + 2];
+    uint32_t count = s->request->count;
+    s->outsize = outsize_share * (float)box_half_area(&s->request->bounds);
+    s->outsize = s->outsize > 0 ? s->outsize : INFINITY;
+    s->chunk_count = s->request->blocks ? s->request->block_count : (uint32_t)(((uint64_t)count + CHUNK - 1) / CHUNK);
+    enum bvhd_status status = find_planes(s);
+    if (status != BVHD_OK)
+        return status;
+    s->pieces = memory_array(s->memory, (uint64_t)s->chunk_count * CHUNK, sizeof *s->pieces);
+    s->places = memory_array(s->memory, (uint64_t)s->chunk_count * (s->plan.piece_count + 1), sizeof *s->places);
+    tree->nodes = memory_array(s->memory, (uint64_t)s->plan.node_count + 2, sizeof *tree->nodes);
+    if (!s->pieces || !s->places || !tree->nodes)
+        return BVHD_NO_MEMORY;
+    status = move(s, firsts);
+    if (status != BVHD_OK)
+        return status;
+    make_tree(s, firsts, tree);
+    return cut_large_pieces(s, tree);
+}
+
+enum bvhd_status scatter_refs(const struct split_request *request, struct memory *memory,
+                              const struct parallel *parallel, struct split_tree *ret_tree, struct bvhd_error *error)
+{
+    struct scatter s = {.request = request, .memory = memory, .parallel = parallel};
+    struct split_tree tree = {0};
+    enum bvhd_status status = scatter(&s, &tree);
+    memory_free(memory, s.pieces);
+    memory_free(memory, s.places);
+    if (status == BVHD_OK) {
+        *ret_tree = tree;
+        return BVHD_OK;
+    }
+    memory_free(memory, tree.nodes);
+    if (status == BVHD_CANCELLED)
+        return bvhd_error_set(error, status, "", "cancelled");
+    return bvhd_error_set(error, status, "", "no memory to split %u primitives", request->count);
+}

@@ -1,0 +1,164 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/top/scatter_plan.h"
+
+#include <math.h>
+
+#include "builder/kernel/bins.h"
+
+/* Parts of this many are worth another thread. */
+enum { APART = 2048 };
+
+/* A part of the sample on its way to being divided. */
+struct part {
+    struct primitive_ref *refs;
+    uint32_t node, count;
+};
+
+/* Nodes come in the order in which threads make them, and pieces have no numbers yet. */
+struct planning {
+    struct scatter_node nodes[SCATTER_NODES_MAX];
+    const struct parallel *parallel;
+    uint32_t enough;
+    _Atomic uint32_t node_count;
+    atomic_bool full; /* there would be more nodes */
+};
+
+/* Moves refs below the threshold to the front, keeps no order. */
+static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis, float threshold)
+{
+    uint32_t left = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        const struct vec4_box ref = vec4_box_load(&refs[i]);
+        const vec4 centroid = ref.min + ref.max;
+        vec4_box_store(&refs[i], vec4_box_load(&refs[left]));
+        vec4_box_store(&refs[left], ref);
+        left += centroid[axis] < threshold;
+    }
+    return left;
+}
+
+/* False where there is no plane with refs on both sides, or no room for two more nodes. */
+static bool split_part(struct planning *planning, const struct part *part, struct part ret_children[2])
+{
+    const struct vec4_box centroids = bins_centroids(part->refs, part->count);
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    if (!bins_find(part->refs, part->count, &centroids, &mapping, &plane))
+        return false;
+    float threshold = mapping.base[plane.axis] + (float)plane.bin / mapping.scale[plane.axis];
+    uint32_t left = divide(part->refs, part->count, plane.axis, threshold);
+    if (left == 0 || left == part->count)
+        return false;
+    uint32_t child = atomic_fetch_add_explicit(&planning->node_count, 2, memory_order_relaxed);
+    if (child + 2 > SCATTER_NODES_MAX) {
+        atomic_store_explicit(&planning->full, true, memory_order_relaxed);
+        return false;
+    }
+    planning->nodes[part->node] = (struct scatter_node){threshold, plane.axis, child, 0};
+    ret_children[0] = (struct part){part->refs, child, left};
+    ret_children[1] = (struct part){part->refs + left, child + 1, part->count - left};
+    return true;
+}
+
+/* Divides a part if it has to be. */
+static bool go_on(struct planning *planning, const struct part *part, struct part ret_children[2])
+{
+    if (part->count > planning->enough && split_part(planning, part, ret_children))
+        return true;
+    planning->nodes[part->node] = (struct scatter_node){INFINITY, 0, part->node, 0};
+    return false;
+}
+
+/* Left children first, so that where there is no room for all nodes it is known which there are. */
+static void plan_in_order(struct planning *planning, struct part part)
+{
+    struct part waiting[SCATTER_PIECES_MAX], children[2];
+    uint32_t waiting_count = 0;
+    for (;;) {
+        if (go_on(planning, &part, children)) {
+            waiting[waiting_count++] = children[1];
+            part = children[0];
+            continue;
+        }
+        if (waiting_count == 0)
+            return;
+        part = waiting[--waiting_count];
+    }
+}
+
+struct branch {
+    struct planning *planning;
+    struct part parts[2];
+};
+
+static void plan_branch(void *context, size_t index);
+
+/* Both children at once where both are large; else the smaller one first, so that there are few levels of calls. */
+static void plan_part(struct planning *planning, struct part part)
+{
+    struct branch branch = {.planning = planning};
+    while (go_on(planning, &part, branch.parts)) {
+        bool left_first = branch.parts[0].count <= branch.parts[1].count;
+        if (branch.parts[!left_first].count >= APART) {
+            parallel_for(planning->parallel, 2, plan_branch, &branch);
+            return;
+        }
+        plan_part(planning, branch.parts[!left_first]);
+        part = branch.parts[left_first];
+    }
+}
+
+static void plan_branch(void *context, size_t index)
+{
+    const struct branch *branch = context;
+    plan_part(branch->planning, branch->parts[index]);
+}
+
+/* A node of the planning, and where it goes. */
+struct placing {
+    uint32_t from, to, level;
+    struct scatter_cell cell;
+};
+
+/* Gives nodes the order of plan_in_order, and pieces their numbers. */
+static void place(const struct scatter_node *nodes, struct scatter_plan *plan)
+{
+    struct placing waiting[SCATTER_PIECES_MAX], at = {0, 0, 0, {vec4_all(-INFINITY), vec4_all(INFINITY)}};
+    uint32_t waiting_count = 0;
+    plan->node_count = 1;
+    plan->piece_count = plan->levels = 0;
+    for (;;) {
+        struct scatter_node *to = &plan->nodes[at.to];
+        *to = nodes[at.from];
+        if (to->child != at.from) {
+            struct placing left = {to->child, plan->node_count, at.level + 1, at.cell}, right = left;
+            right.from++, right.to++;
+            left.cell.high[to->axis] = right.cell.low[to->axis] = to->threshold;
+            to->child = plan->node_count;
+            plan->node_count += 2;
+            waiting[waiting_count++] = right;
+            at = left;
+            continue;
+        }
+        plan->cells[plan->piece_count] = at.cell;
+        to->child = at.to;
+        to->piece = plan->piece_count++;
+        plan->levels = at.level > plan->levels ? at.level : plan->levels;
+        if (waiting_count == 0)
+            return;
+        at = waiting[--waiting_count];
+    }
+}
+
+void scatter_plan_make(struct primitive_ref *sample, uint32_t count, uint32_t enough, const struct parallel *parallel,
+                       struct scatter_plan *ret_plan)
+{
+    struct planning planning = {.parallel = parallel, .enough = enough, .node_count = 1};
+    const struct part all = {sample, 0, count};
+    plan_part(&planning, all);
+    if (planning.full) {
+        planning.node_count = 1;
+        plan_in_order(&planning, all);
+    }
+    place(planning.nodes, ret_plan);
+}

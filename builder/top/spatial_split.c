@@ -1,0 +1,428 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/top/spatial_split.h"
+
+#include <string.h>
+
+#include "builder/kernel/bins.h"
+#include "builder/kernel/spatial_bins.h"
+
+/* Refs of a task. */
+enum { CHUNK = 4096 };
+
+/*
+ * Of the root's half area: who has as much is met by most rays that meet the root. No more than one ref in OUTSIZE_RARE
+ * is set apart.
+ */
+static const float outsize_share = 0.5f;
+enum { OUTSIZE_RARE = 8 };
+
+/*
+ * A node on its way to being split. Its refs lie anywhere in its room in one of both arrays; its children get their
+ * rooms in the other.
+ */
+struct part {
+    struct vec4_box bounds, centroids;
+    uint32_t node, first, count, room, capacity;
+    bool in_scratch;
+};
+
+/* A chunk of the part that is being split. */
+struct chunk {
+    struct bins bins;
+    struct spatial_bins parts;
+    uint32_t counts[2], places[2]; /* by side: how many refs go there, and where */
+    double areas[2]; /* of the root, by side: half areas of its refs */
+    struct spatial_side sides[2];
+};
+
+struct splitter {
+    const struct spatial_split_request *request;
+    struct memory *memory;
+    const struct parallel *parallel;
+    struct split_tree tree;
+    uint32_t node_capacity;
+    float whole; /* half area of the root, without the outsize refs */
+    float price; /* spatial_price */
+    struct part part; /* the one that is being split */
+    struct chunk *chunks;
+    uint8_t *sides; /* of each ref of the part, as spatial_assign says, or 0 and 1 */
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    struct spatial_grid grid;
+    struct spatial_plane cut;
+};
+
+static struct primitive_ref *array_of(const struct splitter *s, bool scratch)
+{
+    return scratch ? s->request->scratch : s->request->refs;
+}
+
+static const struct primitive_ref *part_refs(const struct splitter *s)
+{
+    return array_of(s, s->part.in_scratch) + s->part.first;
+}
+
+static struct primitive_ref *target(const struct splitter *s)
+{
+    return array_of(s, !s->part.in_scratch) + s->part.room;
+}
+
+static uint32_t chunk_count(const struct splitter *s)
+{
+    return (s->part.count - 1) / CHUNK + 1;
+}
+
+static bool each_chunk(struct splitter *s, parallel_task task)
+{
+    return parallel_for_until(s->parallel, s->request->cancel, chunk_count(s), task, s);
+}
+
+static void bin_chunk(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
+    bins_clear(&chunk->bins, &s->mapping);
+    bins_add(&chunk->bins, &s->mapping, part_refs(s) + begin, (uint32_t)(end - begin));
+}
+
+static void bin_chunk_parts(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
+    spatial_bins_clear(&chunk->parts);
+    spatial_bins_add(&chunk->parts, s->request->canonical, &s->grid, part_refs(s) + begin, (uint32_t)(end - begin),
+                     s->request->cancel);
+}
+
+static void partition_chunk(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    struct primitive_ref *to = target(s);
+    struct vec4_box centroids[2];
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
+    bins_partition(&s->mapping, &s->plane, part_refs(s) + begin, (uint32_t)(end - begin), to + chunk->places[0],
+                   to + chunk->places[1], centroids);
+    for (int side = 0; side < 2; side++)
+        chunk->sides[side] =
+            (struct spatial_side){side ? s->plane.right : s->plane.left, centroids[side], chunk->counts[side]};
+}
+
+static void assign_chunk(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
+    spatial_assign(&s->grid, &s->cut, part_refs(s) + begin, (uint32_t)(end - begin), s->sides + begin, chunk->counts);
+}
+
+static void cut_chunk(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    struct primitive_ref *to = target(s);
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
+    spatial_send(s->request->canonical, &s->grid, &s->cut, part_refs(s) + begin, s->sides + begin,
+                 (uint32_t)(end - begin), to + chunk->places[0], to + chunk->places[1], chunk->sides);
+}
+
+/* Left refs from the room's beginning on, right ones up to its end. */
+static void place_chunks(struct splitter *s)
+{
+    uint32_t left = 0, right = s->part.capacity;
+    for (uint32_t i = 0; i < chunk_count(s); i++)
+        right -= s->chunks[i].counts[1];
+    for (uint32_t i = 0; i < chunk_count(s); i++) {
+        struct chunk *chunk = &s->chunks[i];
+        chunk->places[0] = left;
+        chunk->places[1] = right;
+        left += chunk->counts[0];
+        right += chunk->counts[1];
+    }
+}
+
+static void sum_sides(const struct splitter *s, struct spatial_side ret_sides[2])
+{
+    for (int side = 0; side < 2; side++) {
+        ret_sides[side] = (struct spatial_side){vec4_box_empty(), vec4_box_empty(), 0};
+        for (uint32_t i = 0; i < chunk_count(s); i++) {
+            const struct spatial_side *from = &s->chunks[i].sides[side];
+            vec4_box_grow(&ret_sides[side].bounds, from->bounds.min, from->bounds.max);
+            vec4_box_grow(&ret_sides[side].centroids, from->centroids.min, from->centroids.max);
+            ret_sides[side].count += from->count;
+        }
+    }
+}
+
+static void assign_halves(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    const uint32_t left = s->part.count / 2;
+    size_t i, end;
+    parallel_chunk(index, CHUNK, s->part.count, &i, &end);
+    chunk->counts[0] = chunk->counts[1] = 0;
+    for (; i < end; i++) {
+        s->sides[i] = i >= left;
+        chunk->counts[s->sides[i]]++;
+    }
+}
+
+/* As they were assigned: to the left, to the right or cut. False when cancelled. */
+static bool move_refs(struct splitter *s, struct spatial_side ret_sides[2])
+{
+    place_chunks(s);
+    if (!each_chunk(s, cut_chunk))
+        return false;
+    sum_sides(s, ret_sides);
+    return true;
+}
+
+/* Where nothing separates the refs. False when cancelled. */
+static bool halve(struct splitter *s, struct spatial_side ret_sides[2])
+{
+    return each_chunk(s, assign_halves) && move_refs(s, ret_sides);
+}
+
+static bool carry_out(struct splitter *s, struct spatial_side ret_sides[2])
+{
+    for (uint32_t i = 0; i < chunk_count(s); i++) {
+        struct chunk *chunk = &s->chunks[i];
+        size_t begin, end;
+        parallel_chunk(i, CHUNK, s->part.count, &begin, &end);
+        chunk->counts[0] = bins_left_count(&chunk->bins, &s->plane);
+        chunk->counts[1] = (uint32_t)(end - begin) - chunk->counts[0];
+    }
+    place_chunks(s);
+    if (!each_chunk(s, partition_chunk))
+        return false;
+    sum_sides(s, ret_sides);
+    return true;
+}
+
+/*
+ * Sets *ret_better when there is a plane that cuts triangles and costs less than the best division of whole refs. False
+ * when cancelled.
+ */
+static bool look_for_cut(struct splitter *s, bool *ret_better)
+{
+    const struct part *part = &s->part;
+    *ret_better = false;
+    if (!spatial_worth_a_try(&s->plane, part->count, part->capacity - part->count, s->price))
+        return true;
+    spatial_grid_lay(&part->bounds, &s->grid);
+    if (!each_chunk(s, bin_chunk_parts))
+        return false;
+    for (uint32_t i = 1; i < chunk_count(s); i++)
+        spatial_bins_merge(&s->chunks[0].parts, &s->chunks[i].parts);
+    *ret_better = spatial_bins_choose(&s->chunks[0].parts, &s->grid, part->capacity, &s->cut) &&
+                  spatial_is_better(&s->cut, &s->plane, part->count, s->price);
+    return true;
+}
+
+/* Neither side is left without refs: where all that cross the plane would be better whole on one side, they are cut. */
+static bool carry_out_cut(struct splitter *s, struct spatial_side ret_sides[2])
+{
+    if (!each_chunk(s, assign_chunk))
+        return false;
+    uint64_t counts[2] = {0, 0};
+    for (uint32_t i = 0; i < chunk_count(s); i++)
+        for (int side = 0; side < 2; side++)
+            counts[side] += s->chunks[i].counts[side];
+    if (counts[0] == 0 || counts[1] == 0) {
+        s->cut.cut_all = true;
+        if (!each_chunk(s, assign_chunk))
+            return false;
+    }
+    return move_refs(s, ret_sides);
+}
+
+/* False when cancelled. */
+static bool divide(struct splitter *s, struct spatial_side ret_sides[2])
+{
+    bins_map(&s->part.centroids, s->part.count, &s->mapping);
+    if (!each_chunk(s, bin_chunk))
+        return false;
+    struct bins sum;
+    bool better;
+    bins_clear(&sum, &s->mapping);
+    for (uint32_t i = 0; i < chunk_count(s); i++)
+        bins_merge(&sum, &s->mapping, &s->chunks[i].bins);
+    bool halved = !bins_choose(&sum, &s->mapping, s->part.count, &s->plane);
+    if (halved)
+        return halve(s, ret_sides);
+    if (!look_for_cut(s, &better))
+        return false;
+    return better ? carry_out_cut(s, ret_sides) : carry_out(s, ret_sides);
+}
+
+static bool add_children(struct splitter *s, const struct spatial_side sides[2], uint32_t left,
+                         struct part ret_children[2])
+{
+    struct split_tree *tree = &s->tree;
+    const struct part part = s->part;
+    if (s->node_capacity - tree->node_count < 2) {
+        uint32_t capacity = s->node_capacity * 2;
+        struct split_node *nodes = memory_resize(s->memory, tree->nodes, (uint64_t)capacity * sizeof *nodes);
+        if (!nodes)
+            return false;
+        tree->nodes = nodes;
+        s->node_capacity = capacity;
+    }
+    for (uint32_t side = 0; side < 2; side++)
+        ret_children[side] = (struct part){
+            .bounds = sides[side].bounds,
+            .centroids = sides[side].centroids,
+            .node = tree->node_count + side,
+            .first = side ? part.room + part.capacity - sides[1].count : part.room,
+            .count = sides[side].count,
+            .room = part.room + (side ? left : 0),
+            .capacity = side ? part.capacity - left : left,
+            .in_scratch = !part.in_scratch,
+        };
+    tree->nodes[part.node] = (struct split_node){.child = tree->node_count};
+    tree->node_count += 2;
+    return true;
+}
+
+static void finish_piece(struct splitter *s)
+{
+    const struct part *part = &s->part;
+    s->tree.nodes[part->node] = (struct split_node){.first = part->room, .count = part->count};
+    s->tree.piece_count++;
+    struct primitive_ref *to = s->request->refs + part->room;
+    if (part->in_scratch || part->first != part->room)
+        memmove(to, part_refs(s), part->count * sizeof *to);
+}
+
+static void assign_outsize(void *context, size_t index)
+{
+    struct splitter *s = context;
+    struct chunk *chunk = &s->chunks[index];
+    size_t i, end;
+    parallel_chunk(index, CHUNK, s->part.count, &i, &end);
+    chunk->counts[0] = chunk->counts[1] = 0;
+    chunk->areas[0] = chunk->areas[1] = 0;
+    for (; i < end; i++) {
+        float area = vec4_box_half_area(vec4_box_load(&part_refs(s)[i]));
+        s->sides[i] = area >= outsize_share * s->whole;
+        chunk->counts[s->sides[i]]++;
+        chunk->areas[s->sides[i]] += area;
+    }
+}
+
+/*
+ * Refs about as large as the whole would blow up every box on their way down: if they are few, they make a piece of
+ * their own below the root, without room for more. Sets *ret_apart, and the price. False when cancelled.
+ */
+static bool set_apart(struct splitter *s, struct spatial_side ret_sides[2], bool *ret_apart)
+{
+    *ret_apart = false;
+    if (!each_chunk(s, assign_outsize))
+        return false;
+    double areas[2] = {0, 0};
+    uint32_t outsize = 0;
+    for (uint32_t i = 0; i < chunk_count(s); i++) {
+        outsize += s->chunks[i].counts[1];
+        for (int side = 0; side < 2; side++)
+            areas[side] += s->chunks[i].areas[side];
+    }
+    if (outsize == 0 || outsize > s->part.count / OUTSIZE_RARE) {
+        s->price = spatial_price(areas[0] + areas[1], s->whole, s->part.count);
+        return true;
+    }
+    if (!move_refs(s, ret_sides))
+        return false;
+    s->whole = vec4_box_half_area(ret_sides[0].bounds);
+    s->price = spatial_price(areas[0], s->whole, s->part.count - outsize);
+    *ret_apart = true;
+    return true;
+}
+
+/* Makes the part's children; *ret_split is false when it is a piece. */
+static enum bvhd_status split_part(struct splitter *s, struct part ret_children[2], bool *ret_split)
+{
+    struct spatial_side sides[2];
+    bool apart = false;
+    if (s->part.node == 0 && !set_apart(s, sides, &apart))
+        return BVHD_CANCELLED;
+    *ret_split = apart || s->part.count > s->request->piece_size;
+    if (!*ret_split)
+        return BVHD_OK;
+    if (!apart && !divide(s, sides))
+        return BVHD_CANCELLED;
+    uint32_t left = apart ? s->part.capacity - sides[1].count : spatial_share_room(s->part.capacity, sides);
+    return add_children(s, sides, left, ret_children) ? BVHD_OK : BVHD_NO_MEMORY;
+}
+
+/* The child with more room waits while the other is split to the end, so that at most 32 wait. */
+static enum bvhd_status split_to_end(struct splitter *s)
+{
+    struct part waiting[34], children[2];
+    uint32_t waiting_count = 0;
+    bool split;
+    for (;;) {
+        enum bvhd_status status = split_part(s, children, &split);
+        if (status != BVHD_OK)
+            return status;
+        if (!split) {
+            finish_piece(s);
+            if (waiting_count == 0)
+                return BVHD_OK;
+            s->part = waiting[--waiting_count];
+            continue;
+        }
+        bool right_first = children[1].capacity < children[0].capacity;
+        waiting[waiting_count++] = children[!right_first];
+        s->part = children[right_first];
+    }
+}
+
+static enum bvhd_status split(struct splitter *s)
+{
+    const struct spatial_split_request *request = s->request;
+    s->node_capacity = 64;
+    s->tree.nodes = memory_array(s->memory, s->node_capacity, sizeof *s->tree.nodes);
+    s->chunks = memory_array(s->memory, ((uint64_t)request->capacity + CHUNK - 1) / CHUNK, sizeof *s->chunks);
+    s->sides = memory_array(s->memory, request->capacity, sizeof *s->sides);
+    if (!s->tree.nodes || !s->chunks || !s->sides)
+        return BVHD_NO_MEMORY;
+    s->tree.node_count = 1;
+    s->whole = (float)box_half_area(&request->bounds);
+    s->part = (struct part){.bounds = vec4_box_from(&request->bounds),
+                            .centroids = vec4_box_from(&request->centroids),
+                            .count = request->count,
+                            .capacity = request->capacity};
+    enum bvhd_status status = split_to_end(s);
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < s->tree.node_count && status == BVHD_OK; i++)
+        count += s->tree.nodes[i].count;
+    s->tree.nodes[0].count = count;
+    return status;
+}
+
+enum bvhd_status spatial_split(const struct spatial_split_request *request, struct memory *memory,
+                               const struct parallel *parallel, struct split_tree *ret_tree, float *ret_price,
+                               struct bvhd_error *error)
+{
+    struct splitter s = {.request = request, .memory = memory, .parallel = parallel};
+    enum bvhd_status status = split(&s);
+    memory_free(memory, s.chunks);
+    memory_free(memory, s.sides);
+    if (status == BVHD_OK) {
+        *ret_tree = s.tree;
+        *ret_price = s.price;
+        return BVHD_OK;
+    }
+    memory_free(memory, s.tree.nodes);
+    if (status == BVHD_CANCELLED)
+        return bvhd_error_set(error, status, "", "cancelled");
+    return bvhd_error_set(error, status, "", "no memory to split %u triangles", request->count);
+}

@@ -1,0 +1,430 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/top/split.h"
+
+#include <stddef.h>
+
+#include "builder/kernel/bins.h"
+
+/*
+ * Parts of more than LARGE refs are split in rounds: all of a level at once, in chunks that are binned and partitioned
+ * in parallel. What is smaller is split to the end by one task. Refs move between the two arrays; a part lies in one of
+ * them.
+ */
+enum { LARGE = 32768, CHUNK = 4096 };
+
+/* A node on its way to being split. */
+struct part {
+    uint32_t node, first, count;
+    bool in_scratch;
+    struct vec4_box centroids;
+};
+
+/* Nodes as they are made. A list's own root is node 0. */
+struct node_list {
+    struct split_node *nodes;
+    uint32_t count, capacity;
+    uint32_t pieces;
+};
+
+/* A chunk of a large part in one round. */
+struct chunk {
+    uint32_t part; /* in the round */
+    uint32_t first, count;
+    uint32_t left_at, right_at; /* where its refs go */
+    struct vec4_box centroids[2];
+    struct bins bins;
+};
+
+/* How a large part is split in one round. */
+struct division {
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    struct vec4_box centroids[2];
+    bool halved; /* no plane: the refs stay where they are */
+    uint32_t first_chunk, chunk_count;
+};
+
+struct small_task {
+    struct part part;
+    struct node_list list;
+    enum bvhd_status status;
+};
+
+struct splitter {
+    const struct split_request *request;
+    struct memory *memory;
+    const struct parallel *parallel;
+    struct node_list list;
+    struct part *parts; /* of this round */
+    struct division *divisions;
+    uint32_t part_count;
+    struct part *next_parts;
+    uint32_t next_count;
+    struct chunk *chunks;
+    uint32_t chunk_count;
+    struct small_task *tasks;
+    uint32_t task_count, task_capacity;
+};
+
+static bool cancelled(const struct split_request *request)
+{
+    return parallel_cancelled(request->cancel);
+}
+
+static struct primitive_ref *array_of(const struct split_request *request, bool scratch)
+{
+    return scratch ? request->scratch : request->refs;
+}
+
+static bool node_list_grow(struct node_list *list, uint32_t more, struct memory *memory)
+{
+    if (list->capacity - list->count >= more)
+        return true;
+    uint64_t capacity = (uint64_t)list->capacity * 2 + more;
+    struct split_node *nodes =
+        capacity > UINT32_MAX ? NULL : memory_resize(memory, list->nodes, capacity * sizeof *nodes);
+    if (!nodes)
+        return false;
+    list->nodes = nodes;
+    list->capacity = (uint32_t)capacity;
+    return true;
+}
+
+/* Makes the two children of a part, whose list has room for them. */
+static void add_children(struct node_list *list, const struct part *part, const struct bins_plane *plane, bool halved,
+                         const struct vec4_box centroids[2], struct part ret_children[2])
+{
+    uint32_t child = list->count, counts[2] = {plane->left_count, part->count - plane->left_count};
+    list->nodes[part->node].child = child;
+    for (int side = 0; side < 2; side++) {
+        uint32_t first = part->first + (side ? counts[0] : 0);
+        list->nodes[child + side] =
+            (struct split_node){vec4_box_get(side ? plane->right : plane->left), first, counts[side], 0};
+        ret_children[side] =
+            (struct part){child + side, first, counts[side], part->in_scratch != !halved, centroids[side]};
+    }
+    list->count += 2;
+}
+
+static void finish_piece(const struct split_request *request, const struct part *part, struct node_list *list)
+{
+    if (part->in_scratch)
+        memcpy(request->refs + part->first, request->scratch + part->first, part->count * sizeof *request->refs);
+    list->pieces++;
+}
+
+static void split_small(const struct split_request *request, struct node_list *list, const struct part *part,
+                        struct part ret_children[2])
+{
+    const struct primitive_ref *from = array_of(request, part->in_scratch) + part->first;
+    struct primitive_ref *to = array_of(request, !part->in_scratch) + part->first;
+    struct bins_mapping mapping;
+    struct bins_plane plane;
+    struct vec4_box centroids[2];
+    bool halved = !bins_find(from, part->count, &part->centroids, &mapping, &plane);
+    if (halved)
+        bins_halve(from, part->count, &plane, centroids);
+    else
+        bins_partition(&mapping, &plane, from, part->count, to, to + plane.left_count, centroids);
+    add_children(list, part, &plane, halved, centroids, ret_children);
+}
+
+/*
+ * Splits a part to the end on the calling thread. The larger child waits while the smaller is split, so that at most 32
+ * wait.
+ */
+static enum bvhd_status split_to_end(const struct split_request *request, struct node_list *list, struct part part,
+                                     struct memory *memory)
+{
+    struct part waiting[33], children[2];
+    uint32_t waiting_count = 0;
+    for (;;) {
+        if (part.count <= request->piece_size) {
+            finish_piece(request, &part, list);
+            if (waiting_count == 0)
+                return BVHD_OK;
+            part = waiting[--waiting_count];
+            continue;
+        }
+        if (cancelled(request))
+            return BVHD_CANCELLED;
+        if (!node_list_grow(list, 2, memory))
+            return BVHD_NO_MEMORY;
+        split_small(request, list, &part, children);
+        bool right_first = children[1].count < children[0].count;
+        waiting[waiting_count++] = children[!right_first];
+        part = children[right_first];
+    }
+}
+
+static void run_small_task(void *context, size_t index)
+{
+    struct splitter *splitter = context;
+    struct small_task *task = &splitter->tasks[index];
+    task->status = BVHD_NO_MEMORY;
+    if (!node_list_grow(&task->list, 1, splitter->memory))
+        return;
+    struct part part = task->part;
+    task->list.nodes[0] = splitter->list.nodes[part.node];
+    task->list.count = 1;
+    part.node = 0;
+    task->status = split_to_end(splitter->request, &task->list, part, splitter->memory);
+}
+
+static void bin_chunk(void *context, size_t index)
+{
+    struct splitter *splitter = context;
+    struct chunk *chunk = &splitter->chunks[index];
+    const struct part *part = &splitter->parts[chunk->part];
+    const struct bins_mapping *mapping = &splitter->divisions[chunk->part].mapping;
+    if (cancelled(splitter->request))
+        return;
+    bins_clear(&chunk->bins, mapping);
+    bins_add(&chunk->bins, mapping, array_of(splitter->request, part->in_scratch) + chunk->first, chunk->count);
+}
+
+/* As bins_bound, of no use when cancelled on the way. */
+static void bound(const struct split_request *request, const struct primitive_ref *refs, uint32_t count,
+                  struct vec4_box *ret_bounds, struct vec4_box *ret_centroids)
+{
+    *ret_bounds = *ret_centroids = vec4_box_empty();
+    for (size_t begin = 0, end; begin < count && !cancelled(request); begin = end) {
+        struct vec4_box bounds, centroids;
+        parallel_chunk(begin / CHUNK, CHUNK, count, &begin, &end);
+        bins_bound(refs + begin, (uint32_t)(end - begin), &bounds, &centroids);
+        vec4_box_grow(ret_bounds, bounds.min, bounds.max);
+        vec4_box_grow(ret_centroids, centroids.min, centroids.max);
+    }
+}
+
+/* bins_halve for a large part. */
+static void halve(const struct split_request *request, const struct part *part, struct division *division)
+{
+    const struct primitive_ref *refs = array_of(request, part->in_scratch) + part->first;
+    uint32_t left = part->count / 2;
+    division->plane.left_count = left;
+    bound(request, refs, left, &division->plane.left, &division->centroids[0]);
+    bound(request, refs + left, part->count - left, &division->plane.right, &division->centroids[1]);
+}
+
+/* Finds a part's plane and tells its chunks where their refs go. */
+static void divide(void *context, size_t index)
+{
+    struct splitter *splitter = context;
+    const struct part *part = &splitter->parts[index];
+    struct division *division = &splitter->divisions[index];
+    struct chunk *chunks = splitter->chunks + division->first_chunk;
+    struct bins sum;
+    bins_clear(&sum, &division->mapping);
+    for (uint32_t i = 0; i < division->chunk_count; i++)
+        bins_merge(&sum, &division->mapping, &chunks[i].bins);
+    division->halved = !bins_choose(&sum, &division->mapping, part->count, &division->plane);
+    if (division->halved) {
+        halve(splitter->request, part, division);
+        return;
+    }
+    uint32_t left_at = part->first, right_at = part->first + division->plane.left_count;
+    for (uint32_t i = 0; i < division->chunk_count; i++) {
+        uint32_t left = bins_left_count(&chunks[i].bins, &division->plane);
+        chunks[i].left_at = left_at;
+        chunks[i].right_at = right_at;
+        left_at += left;
+        right_at += chunks[i].count - left;
+    }
+}
+
+static void partition_chunk(void *context, size_t index)
+{
+    struct splitter *splitter = context;
+    struct chunk *chunk = &splitter->chunks[index];
+    const struct part *part = &splitter->parts[chunk->part];
+    const struct division *division = &splitter->divisions[chunk->part];
+    if (division->halved || cancelled(splitter->request))
+        return;
+    const struct primitive_ref *from = array_of(splitter->request, part->in_scratch) + chunk->first;
+    struct primitive_ref *to = array_of(splitter->request, !part->in_scratch);
+    bins_partition(&division->mapping, &division->plane, from, chunk->count, to + chunk->left_at, to + chunk->right_at,
+                   chunk->centroids);
+}
+
+static void sum_centroids(struct splitter *splitter, struct division *division)
+{
+    division->centroids[0] = division->centroids[1] = vec4_box_empty();
+    for (uint32_t i = 0; i < division->chunk_count; i++) {
+        const struct chunk *chunk = &splitter->chunks[division->first_chunk + i];
+        for (int side = 0; side < 2; side++)
+            vec4_box_grow(&division->centroids[side], chunk->centroids[side].min, chunk->centroids[side].max);
+    }
+}
+
+/*
+ * A part is for the next round when it is large, else for a task; pieces as well, since they may have to be copied
+ * back.
+ */
+static void assign(struct splitter *splitter, const struct part *part)
+{
+    if (part->count > LARGE && part->count > splitter->request->piece_size)
+        splitter->next_parts[splitter->next_count++] = *part;
+    else
+        splitter->tasks[splitter->task_count++] = (struct small_task){.part = *part};
+}
+
+static void cut_into_chunks(struct splitter *splitter)
+{
+    splitter->chunk_count = 0;
+    for (uint32_t i = 0; i < splitter->part_count; i++) {
+        const struct part *part = &splitter->parts[i];
+        struct division *division = &splitter->divisions[i];
+        bins_map(&part->centroids, part->count, &division->mapping);
+        division->first_chunk = splitter->chunk_count;
+        division->chunk_count = (part->count + CHUNK - 1) / CHUNK;
+        for (uint32_t k = 0; k < division->chunk_count; k++) {
+            struct chunk *chunk = &splitter->chunks[splitter->chunk_count++];
+            size_t begin, end;
+            parallel_chunk(k, CHUNK, part->count, &begin, &end);
+            chunk->part = i;
+            chunk->first = part->first + (uint32_t)begin;
+            chunk->count = (uint32_t)(end - begin);
+        }
+    }
+}
+
+/* Each part becomes two: one more task at most for each. */
+static bool make_room(struct splitter *splitter)
+{
+    uint64_t tasks = (uint64_t)splitter->task_count + 2 * (uint64_t)splitter->part_count;
+    if (tasks > splitter->task_capacity) {
+        uint64_t capacity = 2 * tasks;
+        struct small_task *grown = memory_resize(splitter->memory, splitter->tasks, capacity * sizeof *grown);
+        if (!grown)
+            return false;
+        splitter->tasks = grown;
+        splitter->task_capacity = (uint32_t)capacity;
+    }
+    return node_list_grow(&splitter->list, 2 * splitter->part_count, splitter->memory);
+}
+
+static enum bvhd_status run_round(struct splitter *splitter)
+{
+    if (cancelled(splitter->request))
+        return BVHD_CANCELLED;
+    if (!make_room(splitter))
+        return BVHD_NO_MEMORY;
+    cut_into_chunks(splitter);
+    /* Chunks leave their work undone when they see the flag, which is then seen here too: it is never taken back. */
+    parallel_for(splitter->parallel, splitter->chunk_count, bin_chunk, splitter);
+    if (cancelled(splitter->request))
+        return BVHD_CANCELLED;
+    parallel_for(splitter->parallel, splitter->part_count, divide, splitter);
+    parallel_for(splitter->parallel, splitter->chunk_count, partition_chunk, splitter);
+    if (cancelled(splitter->request))
+        return BVHD_CANCELLED;
+    splitter->next_count = 0;
+    for (uint32_t i = 0; i < splitter->part_count; i++) {
+        struct division *division = &splitter->divisions[i];
+        struct part children[2];
+        if (!division->halved)
+            sum_centroids(splitter, division);
+        add_children(&splitter->list, &splitter->parts[i], &division->plane, division->halved, division->centroids,
+                     children);
+        assign(splitter, &children[0]);
+        assign(splitter, &children[1]);
+    }
+    struct part *swap = splitter->parts;
+    splitter->parts = splitter->next_parts;
+    splitter->next_parts = swap;
+    splitter->part_count = splitter->next_count;
+    return BVHD_OK;
+}
+
+/* Puts a task's nodes behind the others; its root has its place already. */
+static void append(struct node_list *list, const struct small_task *task)
+{
+    const struct node_list *own = &task->list;
+    uint32_t shift = list->count - 1;
+    list->nodes[task->part.node] = own->nodes[0];
+    memcpy(list->nodes + list->count, own->nodes + 1, (own->count - 1) * sizeof *own->nodes);
+    for (uint32_t i = 0; i < own->count; i++) {
+        struct split_node *node = i ? &list->nodes[i + shift] : &list->nodes[task->part.node];
+        node->child += node->child ? shift : 0;
+    }
+    list->count += own->count - 1;
+    list->pieces += own->pieces;
+}
+
+static enum bvhd_status run_tasks(struct splitter *splitter)
+{
+    parallel_for(splitter->parallel, splitter->task_count, run_small_task, splitter);
+    uint64_t nodes = 0;
+    for (uint32_t i = 0; i < splitter->task_count; i++) {
+        if (splitter->tasks[i].status != BVHD_OK)
+            return splitter->tasks[i].status;
+        nodes += splitter->tasks[i].list.count - 1;
+    }
+    if (nodes > UINT32_MAX || !node_list_grow(&splitter->list, (uint32_t)nodes, splitter->memory))
+        return BVHD_NO_MEMORY;
+    for (uint32_t i = 0; i < splitter->task_count; i++)
+        append(&splitter->list, &splitter->tasks[i]);
+    return BVHD_OK;
+}
+
+/* Large parts are disjoint and have more than LARGE refs each, which bounds their number and that of their chunks. */
+static bool allocate(struct splitter *splitter)
+{
+    uint32_t count = splitter->request->count;
+    uint64_t parts = (uint64_t)count / LARGE + 1, chunks = (uint64_t)count / CHUNK + parts + 1;
+    splitter->parts = memory_array(splitter->memory, parts, sizeof *splitter->parts);
+    splitter->next_parts = memory_array(splitter->memory, parts, sizeof *splitter->next_parts);
+    splitter->divisions = memory_array(splitter->memory, parts, sizeof *splitter->divisions);
+    if (count > LARGE && count > splitter->request->piece_size)
+        splitter->chunks = memory_array(splitter->memory, chunks, sizeof *splitter->chunks);
+    splitter->tasks = memory_array(splitter->memory, 1, sizeof *splitter->tasks);
+    splitter->task_capacity = 1;
+    bool rounds = splitter->parts && splitter->next_parts && splitter->divisions;
+    return rounds && splitter->tasks && node_list_grow(&splitter->list, 1, splitter->memory);
+}
+
+static void release(struct splitter *splitter)
+{
+    for (uint32_t i = 0; i < splitter->task_count; i++)
+        memory_free(splitter->memory, splitter->tasks[i].list.nodes);
+    memory_free(splitter->memory, splitter->tasks);
+    memory_free(splitter->memory, splitter->parts);
+    memory_free(splitter->memory, splitter->next_parts);
+    memory_free(splitter->memory, splitter->divisions);
+    memory_free(splitter->memory, splitter->chunks);
+}
+
+static enum bvhd_status split(struct splitter *splitter)
+{
+    const struct split_request *request = splitter->request;
+    if (!allocate(splitter))
+        return BVHD_NO_MEMORY;
+    splitter->list.nodes[0] = (struct split_node){request->bounds, 0, request->count, 0};
+    splitter->list.count = 1;
+    assign(splitter, &(struct part){0, 0, request->count, false, vec4_box_from(&request->centroids)});
+    struct part *swap = splitter->parts;
+    splitter->parts = splitter->next_parts;
+    splitter->next_parts = swap;
+    splitter->part_count = splitter->next_count;
+    enum bvhd_status status = splitter->part_count && !splitter->chunks ? BVHD_NO_MEMORY : BVHD_OK;
+    while (status == BVHD_OK && splitter->part_count > 0)
+        status = run_round(splitter);
+    return status == BVHD_OK ? run_tasks(splitter) : status;
+}
+
+enum bvhd_status split_refs(const struct split_request *request, struct memory *memory, const struct parallel *parallel,
+                            struct split_tree *ret_tree, struct bvhd_error *error)
+{
+    struct splitter splitter = {.request = request, .memory = memory, .parallel = parallel};
+    enum bvhd_status status = split(&splitter);
+    release(&splitter);
+    if (status == BVHD_OK) {
+        *ret_tree = (struct split_tree){splitter.list.nodes, splitter.list.count, splitter.list.pieces};
+        return BVHD_OK;
+    }
+    memory_free(memory, splitter.list.nodes);
+    if (status == BVHD_CANCELLED)
+        return bvhd_error_set(error, status, "", "cancelled");
+    return bvhd_error_set(error, status, "", "no memory to split %u primitives", request->count);
+}

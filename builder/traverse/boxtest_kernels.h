@@ -1,0 +1,216 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * boxtest_kernels.h - the inner part of boxtest.h, to be compiled into the loops that use it: in plain C, in double,
+ * and eight wide.
+ *
+ * Comparisons are written so that a NaN, which only a node that no writer makes can cause, misses.
+ */
+#ifndef BVHD_BOXTEST_KERNELS_H
+#define BVHD_BOXTEST_KERNELS_H
+
+#include <float.h>
+#include <math.h>
+
+#include "builder/traverse/boxtest.h"
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#include <immintrin.h>
+#define BOXTEST_AVX2 __attribute__((target("avx2,fma,bmi,bmi2,popcnt")))
+#endif
+
+#define BOXTEST_INLINE static inline __attribute__((always_inline))
+
+/* For which rays and structures float will do. */
+static const double range_max = 0x1p60, structure_min = 0x1p-60, direction_min = 0x1p-32;
+/*
+ * Axes whose direction is this much below the longest count as parallel: float's rounding of the position is of that
+ * size.
+ */
+static const double parallel_ratio = 0x1p-30;
+static const double corner_error = 0x1p-50, t_error = 0x1p-40, underflow_error = 0x1p-118;
+/* 8u of the distance is 1/64 of 256 steps of this size. */
+static const double wide_share = 0x1p-23;
+
+/* By the signs of the direction: bit a for axis a. */
+extern const struct boxtest_planes boxtest_planes[8];
+
+static const float boxtest_gamma = 0x1p-21f;
+static const double boxtest_gamma_double = 0x1p-49;
+
+/* 2^(exponent - 127), 0 for exponent 0: the bits of a float. */
+BOXTEST_INLINE float boxtest_scale(uint8_t exponent)
+{
+    uint32_t bits = (uint32_t)exponent << 23;
+    float scale;
+    memcpy(&scale, &bits, sizeof scale);
+    return scale;
+}
+
+BOXTEST_INLINE float greater(float a, float b)
+{
+    return a > b ? a : b;
+}
+
+BOXTEST_INLINE float lesser(float a, float b)
+{
+    return a < b ? a : b;
+}
+
+BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
+                                     float ret_near[8])
+{
+    float lo[3], hi[3], step[3];
+    const uint8_t *near_planes[3], *far_planes[3];
+    for (int axis = 0; axis < 3; axis++) {
+        float offset = (node->origin[axis] - ray->origin[axis]) * ray->inverse[axis];
+        step[axis] = boxtest_scale(node->exponent[axis]) * ray->inverse[axis];
+        float error = boxtest_gamma * (fabsf(offset) + 255.0f * fabsf(step[axis])) + ray->slack[axis];
+        lo[axis] = offset - error;
+        hi[axis] = offset + error;
+        near_planes[axis] = (const uint8_t *)node + ray->planes->near[axis];
+        far_planes[axis] = (const uint8_t *)node + ray->planes->far[axis];
+    }
+    unsigned hits = 0;
+    for (unsigned s = 0; s < 8; s++) {
+        float near =
+            greater(greater((float)near_planes[0][s] * step[0] + lo[0], (float)near_planes[1][s] * step[1] + lo[1]),
+                    greater((float)near_planes[2][s] * step[2] + lo[2], ray->tmin));
+        float far = lesser(lesser((float)far_planes[0][s] * step[0] + hi[0], (float)far_planes[1][s] * step[1] + hi[1]),
+                           lesser((float)far_planes[2][s] * step[2] + hi[2], tmax));
+        hits |= (unsigned)(near <= far && node->meta[s] != 0) << s;
+        ret_near[s] = near;
+    }
+    return ray->parallel_axes ? boxtest_beside(ray, node, hits) : hits;
+}
+
+/* Whether child s reaches the ray's position along an axis that it is exactly parallel to. */
+BOXTEST_INLINE bool is_beside(double offset, double lo, double hi, double moved)
+{
+    double slack = boxtest_gamma_double * (fabs(offset) + fabs(lo) + fabs(hi)) + moved;
+    return offset + lo <= slack && offset + hi >= -slack;
+}
+
+BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax,
+                                      double ret_near[8])
+{
+    unsigned hits = 0;
+    for (unsigned s = 0; s < 8; s++) {
+        double near = ray->tmin, far = tmax;
+        bool beside = node->meta[s] != 0;
+        for (int axis = 0; axis < 3; axis++) {
+            double offset = node->origin[axis] - ray->origin[axis], scale = boxtest_scale(node->exponent[axis]);
+            double lo = node->lo[axis][s] * scale, hi = node->hi[axis][s] * scale, inverse = ray->inverse[axis];
+            if (ray->parallel_axes >> axis & 1) {
+                beside = beside && is_beside(offset, lo, hi, ray->parallel_slack[axis]);
+                continue;
+            }
+            double first = (offset + (inverse < 0 ? hi : lo)) * inverse,
+                   last = (offset + (inverse < 0 ? lo : hi)) * inverse;
+            double error = boxtest_gamma_double * ((fabs(offset) + fabs(hi)) * fabs(inverse)) + ray->slack[axis];
+            near = fmax(near, first - error);
+            far = fmin(far, last + error);
+        }
+        hits |= (unsigned)(beside && near <= far) << s;
+        ret_near[s] = near;
+    }
+    return hits;
+}
+
+BOXTEST_INLINE double greater_double(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+BOXTEST_INLINE double lesser_double(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+/*
+ * One box of floats, as nodes of two children have them. Its planes are moved, divided and compared in double: three
+ * roundings, of 2^-53 each, of their distances. Empty and NaN boxes are never met.
+ */
+BOXTEST_INLINE bool kernel_box(const struct boxtest_exact *ray, const float min[3], const float max[3], double tmax,
+                               double *ret_near)
+{
+    double near = ray->tmin, far = tmax;
+    for (int axis = 0; axis < 3; axis++) {
+        if (!(min[axis] <= max[axis]))
+            return false;
+        double lo = min[axis] - ray->origin[axis], hi = max[axis] - ray->origin[axis], inverse = ray->inverse[axis];
+        if (ray->parallel_axes >> axis & 1) {
+            if (!is_beside(0, lo, hi, ray->parallel_slack[axis]))
+                return false;
+            continue;
+        }
+        double first = (inverse < 0 ? hi : lo) * inverse, last = (inverse < 0 ? lo : hi) * inverse;
+        double error = boxtest_gamma_double * (fabs(first) + fabs(last)) + ray->slack[axis];
+        near = greater_double(first - error, near);
+        far = lesser_double(last + error, far);
+    }
+    *ret_near = near;
+    return near <= far;
+}
+
+#ifdef BOXTEST_AVX2
+
+#define BOXTEST_AVX2_INLINE BOXTEST_AVX2 static inline __attribute__((always_inline))
+
+/* Eight quantised planes as floats. */
+BOXTEST_AVX2_INLINE __m256 load_planes(const struct portable_node *node, uint32_t at)
+{
+    return _mm256_cvtepi32_ps(
+        _mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)((const char *)node + at))));
+}
+
+/* One axis' interval of each child; `exponents` are those of the node in each lane. */
+BOXTEST_AVX2_INLINE void span_avx2(const struct boxtest_ray *ray, const struct portable_node *node, int axis,
+                                   __m256i exponents, __m256i *ret_near, __m256i *ret_far)
+{
+    __m256 offset = _mm256_sub_ps(_mm256_broadcast_ss(&node->origin[axis]), _mm256_broadcast_ss(&ray->origin[axis]));
+    __m256 inverse = _mm256_broadcast_ss(&ray->inverse[axis]), slack = _mm256_broadcast_ss(&ray->common_slack[axis]);
+    __m256 lo = _mm256_fmsub_ps(offset, inverse, slack), hi = _mm256_fmadd_ps(offset, inverse, slack);
+    __m256i scale = _mm256_and_si256(_mm256_slli_epi32(exponents, 23 - 8 * axis), _mm256_set1_epi32(0xff << 23));
+    __m256 steps = _mm256_mul_ps(_mm256_castsi256_ps(scale), inverse);
+    *ret_near = _mm256_castps_si256(_mm256_fmadd_ps(load_planes(node, ray->planes->near[axis]), steps, lo));
+    *ret_far = _mm256_castps_si256(_mm256_fmadd_ps(load_planes(node, ray->planes->far[axis]), steps, hi));
+}
+
+/*
+ * As boxtest_avx2(), but empty slots may be among the result, and axes that are parallel are not looked at. Distances
+ * are compared as integers, which is faster: floats have the same order then unless both are negative. Of two negative
+ * ones the larger integer is the lesser float, so that intervals become no shorter.
+ */
+BOXTEST_AVX2_INLINE unsigned kernel_avx2_slots(const struct boxtest_ray *ray, const struct portable_node *node,
+                                               float tmax, float ret_near[8])
+{
+    int exponents = (int)bytes_get32(node->exponent); /* and, in the fourth lane and unused, the mask */
+    __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
+    __m128 is_small =
+        _mm_and_ps(_mm_cmplt_ps(scale, _mm_load_ps(ray->wide_scale)), _mm_cmpgt_ps(scale, _mm_setzero_ps()));
+    if (__builtin_expect(_mm_movemask_ps(is_small), 0))
+        return boxtest_float(ray, node, tmax, ret_near);
+
+    __m256i near_x, near_y, near_z, far_x, far_y, far_z, all = _mm256_set1_epi32(exponents);
+    span_avx2(ray, node, 0, all, &near_x, &far_x);
+    span_avx2(ray, node, 1, all, &near_y, &far_y);
+    span_avx2(ray, node, 2, all, &near_z, &far_z);
+    __m256i near = _mm256_max_epi32(_mm256_max_epi32(near_x, near_y),
+                                    _mm256_max_epi32(near_z, _mm256_castps_si256(_mm256_set1_ps(ray->tmin))));
+    __m256i far = _mm256_min_epi32(_mm256_min_epi32(far_x, far_y),
+                                   _mm256_min_epi32(far_z, _mm256_castps_si256(_mm256_set1_ps(tmax))));
+    _mm256_storeu_si256((__m256i *)(void *)ret_near, near);
+    return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_castsi256_ps(near), _mm256_castsi256_ps(far), _CMP_LE_OQ));
+}
+
+BOXTEST_AVX2_INLINE unsigned kernel_avx2(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
+                                         float ret_near[8])
+{
+    unsigned hits = kernel_avx2_slots(ray, node, tmax, ret_near);
+    __m128i meta = _mm_loadl_epi64((const __m128i *)(const void *)node->meta);
+    hits &= ~(unsigned)_mm_movemask_epi8(_mm_cmpeq_epi8(meta, _mm_setzero_si128()));
+    return __builtin_expect(ray->parallel_axes != 0, 0) ? boxtest_beside(ray, node, hits) : hits;
+}
+
+#endif
+#endif

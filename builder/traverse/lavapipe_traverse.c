@@ -1,0 +1,190 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/traverse/lavapipe_traverse.h"
+
+#include <float.h>
+
+#include "builder/traverse/boxtest_kernels.h"
+#include "builder/traverse/traverse_state.h"
+
+/* A ray on its way. Levels nest by calls, each with a stack of its own. */
+struct walk {
+    struct traverse_state state; /* first: identify() gets it */
+    const struct lavapipe_scene *scene;
+    const struct lavapipe_view *view; /* the bottom level that is being traversed */
+};
+
+/* What to do with the leaf that the ray reached. */
+typedef void (*visit_leaf)(struct walk *walk, uint32_t leaf);
+
+static uint64_t id_of(uint32_t geometry_and_flags, uint32_t primitive)
+{
+    return (uint64_t)(geometry_and_flags & 0xffffff) << 32 | primitive;
+}
+
+static void identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
+                     uint32_t *ret_primitive)
+{
+    (void)state;
+    (void)bottom;
+    *ret_geometry = (uint32_t)(id >> 32);
+    *ret_primitive = (uint32_t)id;
+}
+
+/*
+ * Around all that the structure holds. The bounds in its header are for the driver, and whoever wrote it may have put
+ * anything there.
+ */
+static void bounds_of(const struct lavapipe_box *root, float ret_bounds[6])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        ret_bounds[axis] = FLT_MAX;
+        ret_bounds[3 + axis] = -FLT_MAX;
+        for (int child = 0; child < 2; child++) {
+            if (root->children[child] == LAVAPIPE_NONE)
+                continue;
+            ret_bounds[axis] = lesser(ret_bounds[axis], root->bounds[child].min[axis]);
+            ret_bounds[3 + axis] = greater(ret_bounds[3 + axis], root->bounds[child].max[axis]);
+        }
+    }
+}
+
+/* Children that the ray meets, with where it does at the earliest. */
+struct waiting {
+    uint32_t references[LAVAPIPE_MAX_LEVELS]; /* of each level at most one waits while the other is visited */
+    double distances[LAVAPIPE_MAX_LEVELS];
+    unsigned count;
+};
+
+/* What to visit next of a box: the nearer of the children that are met, the other one has to wait. */
+static uint32_t enter_box(struct walk *walk, const struct boxtest_exact *ray, const struct lavapipe_box *box,
+                          struct waiting *waiting)
+{
+    const struct traverse_state *state = &walk->state;
+    double near[2];
+    bool is_met[2];
+    for (int child = 0; child < 2; child++)
+        is_met[child] = box->children[child] != LAVAPIPE_NONE &&
+                        kernel_box(ray, box->bounds[child].min, box->bounds[child].max, state->tmax, &near[child]);
+    if (!is_met[0] || !is_met[1])
+        return is_met[0] ? box->children[0] : is_met[1] ? box->children[1] : LAVAPIPE_NONE;
+    int later = state->options->flip_order ? near[1] <= near[0] : near[1] >= near[0];
+    waiting->references[waiting->count] = box->children[later];
+    waiting->distances[waiting->count++] = near[later];
+    return box->children[!later];
+}
+
+/* What has waited longest is farthest, or was met before there was a closer hit. */
+static uint32_t next_waiting(const struct walk *walk, struct waiting *waiting)
+{
+    while (waiting->count > 0)
+        if (waiting->distances[--waiting->count] <= walk->state.tmax)
+            return waiting->references[waiting->count];
+    return LAVAPIPE_NONE;
+}
+
+/* Goes through a structure with the ray in the state's origin and direction. */
+static void visit_boxes(struct walk *walk, const struct lavapipe_view *view, visit_leaf leaf)
+{
+    struct traverse_state *state = &walk->state;
+    struct lavapipe_box box = lavapipe_box_at(view, LAVAPIPE_HEADER);
+    uint32_t reference = LAVAPIPE_HEADER | LAVAPIPE_BOX;
+    struct waiting waiting = {.count = 0};
+    struct boxtest_exact ray;
+    float bounds[6];
+    if (!traverse_state_is_usable(state))
+        return;
+    bounds_of(&box, bounds);
+    boxtest_init_exact(state->origin, state->direction, state->ray->tmin, bounds, &ray);
+    while (reference != LAVAPIPE_NONE && !state->is_done) {
+        if ((reference & 3) == LAVAPIPE_BOX) {
+            box = lavapipe_box_at(view, reference & ~UINT32_C(3));
+            state->counters.nodes++;
+            reference = enter_box(walk, &ray, &box, &waiting);
+        } else {
+            leaf(walk, lavapipe_leaf_index(view, reference));
+            reference = LAVAPIPE_NONE;
+        }
+        if (reference == LAVAPIPE_NONE)
+            reference = next_waiting(walk, &waiting);
+    }
+}
+
+static void visit_triangle(struct walk *walk, uint32_t leaf)
+{
+    const struct lavapipe_triangle triangle = lavapipe_triangle_at(walk->view, leaf);
+    const float *const corners[3] = {triangle.corners[0], triangle.corners[1], triangle.corners[2]};
+    walk->state.counters.triangles++;
+    traverse_leaf_triangle(&walk->state, leaf, id_of(triangle.geometry_and_flags, triangle.primitive),
+                           triangle.geometry_and_flags & LAVAPIPE_GEOMETRY_OPAQUE, corners);
+}
+
+static void visit_aabb(struct walk *walk, uint32_t leaf)
+{
+    const struct lavapipe_aabb aabb = lavapipe_aabb_at(walk->view, leaf);
+    traverse_leaf_aabb(&walk->state, leaf, id_of(aabb.geometry_and_flags, aabb.primitive),
+                       aabb.geometry_and_flags & LAVAPIPE_GEOMETRY_OPAQUE, aabb.min, aabb.max);
+}
+
+static void visit_bottom(struct walk *walk, const struct lavapipe_view *view, const struct traverse_instance *instance)
+{
+    bool is_aabbs = view->kind == LAVAPIPE_AABB;
+    if (view->kind == LAVAPIPE_INSTANCE || !traverse_state_enter(&walk->state, instance, is_aabbs))
+        return;
+    walk->view = view;
+    visit_boxes(walk, view, is_aabbs ? visit_aabb : visit_triangle);
+}
+
+uint32_t lavapipe_instance_flags(uint32_t sbt_and_flags)
+{
+    uint32_t flags = sbt_and_flags & LAVAPIPE_CULL_DISABLE ? INSTANCE_CULL_DISABLE : 0;
+    flags |= sbt_and_flags & LAVAPIPE_FLIP_FACING ? INSTANCE_FLIP_FACING : 0;
+    flags |= sbt_and_flags & LAVAPIPE_FORCE_OPAQUE ? INSTANCE_FORCE_OPAQUE : 0;
+    return flags | (sbt_and_flags & LAVAPIPE_NOT_FORCE_NO_OPAQUE ? 0 : INSTANCE_FORCE_NO_OPAQUE);
+}
+
+static void visit_instance(struct walk *walk, uint32_t leaf)
+{
+    const struct lavapipe_scene *scene = walk->scene;
+    const struct lavapipe_instance record = lavapipe_instance_at(scene->top, leaf);
+    uint64_t row = bytes_get64(scene->top->handles + UINT64_C(8) * leaf) - 1;
+    if (!(record.custom_and_mask >> 24 & walk->state.ray->cull_mask) || row >= scene->bottom_count ||
+        !scene->bottoms[row])
+        return;
+    const struct traverse_instance instance = {
+        .custom_and_mask = record.custom_and_mask,
+        .sbt_and_flags = (record.sbt_and_flags & 0xffffff) | lavapipe_instance_flags(record.sbt_and_flags) << 24,
+        .instance = record.instance,
+        .bottom = (uint32_t)row,
+    };
+    traverse_state_to_object(&walk->state, record.object_to_world);
+    walk->state.counters.instances++;
+    visit_bottom(walk, scene->bottoms[row], &instance);
+}
+
+static void visit_scene(struct walk *walk)
+{
+    const struct lavapipe_scene *scene = walk->scene;
+    if (!scene->top && scene->bottom_count && scene->bottoms[0])
+        visit_bottom(walk, scene->bottoms[0], NULL);
+    else if (scene->top && scene->top->kind == LAVAPIPE_INSTANCE)
+        visit_boxes(walk, scene->top, visit_instance);
+}
+
+bool lavapipe_traverse(const struct lavapipe_scene *scene, const struct ray *ray,
+                       const struct traverse_options *options, struct ray_hit *ret_hit,
+                       struct traverse_counters *counters)
+{
+    struct walk walk;
+    if (!traverse_state_start(&walk.state, ray, options))
+        return false;
+    walk.state.identify = identify;
+    walk.scene = scene;
+    visit_scene(&walk);
+    return traverse_state_finish(&walk.state, ret_hit, counters);
+}
+
+void lavapipe_positions(const struct lavapipe_scene *scene, const struct ray_hit *hit, float ret_corners[3][3])
+{
+    const struct lavapipe_triangle triangle = lavapipe_triangle_at(scene->bottoms[hit->handle], hit->record);
+    memcpy(ret_corners, triangle.corners, sizeof triangle.corners);
+}

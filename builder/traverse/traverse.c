@@ -1,0 +1,163 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/traverse/traverse.h"
+
+#include "builder/traverse/traverse_walk.h"
+
+static void identify(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
+                     uint32_t *ret_primitive)
+{
+    const struct traverse_walk *walk = (const struct traverse_walk *)state;
+    const struct portable_view *view = walk->scene->bottoms[bottom];
+    uint32_t geometry = portable_geometry_of(view, (uint32_t)id);
+    *ret_geometry = geometry;
+    *ret_primitive = (uint32_t)id - view->geometries[geometry].first_primitive;
+}
+
+static void visit_triangles(struct traverse_walk *walk, uint32_t first, uint32_t count)
+{
+    struct traverse_state *state = &walk->state;
+    for (uint32_t i = 0; i < count && !state->is_done; i++) {
+        uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
+        const float *corners[3];
+        uint32_t id = traverse_corners(walk->view, record, corners);
+        state->counters.triangles++;
+        traverse_leaf_triangle(state, record, id & PORTABLE_ID_MASK, id & PORTABLE_ID_OPAQUE, corners);
+    }
+}
+
+static void visit_aabbs(struct traverse_walk *walk, uint32_t first, uint32_t count)
+{
+    struct traverse_state *state = &walk->state;
+    for (uint32_t i = 0; i < count && !state->is_done; i++) {
+        uint32_t record = first + (state->options->flip_order ? count - 1 - i : i);
+        const struct portable_aabb *aabb = (const struct portable_aabb *)walk->view->records + record;
+        traverse_leaf_aabb(state, record, aabb->id & PORTABLE_ID_MASK, aabb->id & PORTABLE_ID_OPAQUE, aabb->min,
+                           aabb->max);
+    }
+}
+
+static bool init_avx2(const struct traverse_walk *walk, struct boxtest_ray *ret_ray)
+{
+    const struct ray *ray = walk->state.ray;
+    const float *bounds = walk->view->header->bounds;
+    if (walk->in_world)
+        return boxtest_init_floats(ray->origin, ray->direction, ray->tmin, bounds, ret_ray);
+    return boxtest_init_avx2(walk->state.origin, walk->state.direction, ray->tmin, bounds, ret_ray);
+}
+
+/* Goes through walk->view with the ray in the state's origin and direction. */
+static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
+{
+    const struct portable_header *header = walk->view->header;
+    const double *origin = walk->state.origin, *direction = walk->state.direction;
+    float tmin = walk->state.ray->tmin;
+    struct boxtest_ray ray;
+    struct boxtest_exact exact;
+    if (header->node_count == 0)
+        return;
+    if (walk->avx2 && leaf == visit_triangles && !walk->state.options->flip_order &&
+        traverse_avx2_triangles(&walk->state, walk->view))
+        return;
+    if (walk->avx2 && init_avx2(walk, &ray)) {
+        traverse_loop_avx2(walk, &ray, leaf);
+    } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, header->bounds, &ray)) {
+        traverse_loop_float(walk, &ray, leaf);
+    } else if (traverse_state_is_usable(&walk->state)) {
+        /* What float box tests accept is usable in any case. */
+        boxtest_init_exact(origin, direction, tmin, header->bounds, &exact);
+        traverse_loop_double(walk, &exact, leaf);
+    }
+}
+
+static void visit_bottom(struct traverse_walk *walk, const struct portable_view *view,
+                         const struct traverse_instance *instance)
+{
+    bool is_aabbs = view->header->content == PORTABLE_AABBS;
+    if (view->header->content == PORTABLE_INSTANCES || !traverse_state_enter(&walk->state, instance, is_aabbs))
+        return;
+    walk->view = view;
+    visit_nodes(walk, is_aabbs ? visit_aabbs : visit_triangles);
+}
+
+static void visit_instance(struct traverse_walk *walk, const struct portable_instance *record)
+{
+    const struct scene *scene = walk->scene;
+    if (!(record->custom_and_mask >> 24 & walk->state.ray->cull_mask) || record->handle >= scene->bottom_count)
+        return;
+    const struct portable_view *view = scene->bottoms[record->handle];
+    if (!view)
+        return;
+    const struct traverse_instance instance = {record->custom_and_mask, record->sbt_and_flags, record->instance,
+                                               record->handle};
+    traverse_state_to_object(&walk->state, record->object_to_world);
+    walk->in_world = false;
+    walk->state.counters.instances++;
+    visit_bottom(walk, view, &instance);
+}
+
+static void visit_instances(struct traverse_walk *walk, uint32_t first, uint32_t count)
+{
+    const struct portable_instance *instances = walk->scene->top->records;
+    for (uint32_t i = 0; i < count && !walk->state.is_done; i++)
+        visit_instance(walk, &instances[first + (walk->state.options->flip_order ? count - 1 - i : i)]);
+}
+
+static void visit_scene(struct traverse_walk *walk)
+{
+    const struct scene *scene = walk->scene;
+    traverse_state_to_world(&walk->state);
+    walk->in_world = true;
+    if (!scene->top && scene->bottom_count && scene->bottoms[0]) {
+        visit_bottom(walk, scene->bottoms[0], NULL);
+    } else if (scene->top && scene->top->header->content == PORTABLE_INSTANCES) {
+        walk->view = scene->top;
+        visit_nodes(walk, visit_instances);
+    }
+}
+
+/* One bottom level of triangles in world space, the shortest way. False: it has to be the long one. */
+static inline bool visit_triangles_only(struct traverse_walk *walk)
+{
+    const struct scene *scene = walk->scene;
+    if (!walk->avx2 || walk->state.options->flip_order || scene->top || scene->bottom_count == 0 || !scene->bottoms[0])
+        return false;
+    const struct portable_header *header = scene->bottoms[0]->header;
+    if (header->content > PORTABLE_TRIANGLES || header->node_count == 0)
+        return false;
+    return !traverse_state_settle(&walk->state, NULL, false) || traverse_avx2_world(&walk->state, scene->bottoms[0]);
+}
+
+/* boxtest_has_avx2(), asked once: whoever comes first, or together, finds the same. */
+static inline bool has_avx2(void)
+{
+    enum { UNKNOWN, NO, YES };
+    static unsigned char known;
+    unsigned char is = __atomic_load_n(&known, __ATOMIC_RELAXED);
+    if (__builtin_expect(is == UNKNOWN, 0)) {
+        is = boxtest_has_avx2() ? YES : NO;
+        __atomic_store_n(&known, is, __ATOMIC_RELAXED);
+    }
+    return is == YES;
+}
+
+bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options,
+              struct ray_hit *ret_hit, struct traverse_counters *counters)
+{
+    struct traverse_walk walk;
+    if (!traverse_state_begin(&walk.state, ray, options))
+        return false;
+    walk.state.identify = identify;
+    walk.scene = scene;
+    walk.avx2 = !walk.state.options->baseline_only && !walk.state.options->exact_only && has_avx2();
+    if (!visit_triangles_only(&walk))
+        visit_scene(&walk);
+    return traverse_state_finish(&walk.state, ret_hit, counters);
+}
+
+void traverse_positions(const struct scene *scene, const struct ray_hit *hit, float ret_corners[3][3])
+{
+    const float *corners[3];
+    traverse_corners(scene->bottoms[hit->handle], hit->record, corners);
+    for (int k = 0; k < 3; k++)
+        memcpy(ret_corners[k], corners[k], sizeof ret_corners[k]);
+}

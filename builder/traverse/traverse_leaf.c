@@ -1,0 +1,179 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * traverse_leaf.c - what a ray does at a leaf: intersections, opacity, facing, candidates, and which of two hits is the
+ * answer.
+ */
+#include <float.h>
+#include <math.h>
+
+#include "builder/traverse/traverse_state.h"
+
+void traverse_leaf_describe(const struct traverse_state *state, const struct traverse_found *found,
+                            const struct traverse_instance *instance, struct ray_hit *ret_hit)
+{
+    uint32_t geometry, primitive;
+    state->identify(state, instance->bottom, found->id, &geometry, &primitive);
+    *ret_hit = (struct ray_hit){
+        .t = (float)found->t,
+        .u = (float)found->u,
+        .v = (float)found->v,
+        .instance = instance->instance,
+        .custom_index = instance->custom_and_mask & 0xffffff,
+        .sbt_offset = instance->sbt_and_flags & 0xffffff,
+        .geometry = geometry,
+        .primitive = primitive,
+        .record = found->record,
+        .handle = instance->bottom,
+        .front_face = found->front_face,
+        .is_aabb = found->is_aabb,
+    };
+}
+
+/* The order of equal t: whether it comes before the best so far. */
+static inline bool comes_first(const struct traverse_state *state, uint64_t id)
+{
+    uint32_t instance = state->instance.instance, best = state->best_instance.instance;
+    return instance != best ? instance < best : id < state->best.id;
+}
+
+/*
+ * A distance to 32 significant bits: what is equal there counts as equal. Triangles in one plane are at the same
+ * distance but for the last bits of double, which would choose among them otherwise; and shaders, which know distances
+ * to some 40 bits, would choose others.
+ */
+static inline double round_distance(double t)
+{
+    uint64_t bits;
+    memcpy(&bits, &t, sizeof bits);
+    bits = (bits + (UINT64_C(1) << 20)) & ~((UINT64_C(1) << 21) - 1);
+    memcpy(&t, &bits, sizeof t);
+    return t;
+}
+
+/* Whether it comes before the best so far, if there is one. */
+static inline bool is_closer(const struct traverse_state *state, double t, uint64_t id)
+{
+    if (!state->is_hit)
+        return true;
+    double rounded = round_distance(t), best = round_distance(state->best.t);
+    return rounded == best ? comes_first(state, id) : rounded < best;
+}
+
+/*
+ * Whether `found` could become the answer: triangles within the open interval, AABBs within the closed one, then the
+ * closest.
+ */
+static inline bool is_better(const struct traverse_state *state, const struct traverse_found *found)
+{
+    double t = found->t, tmin = state->ray->tmin, tmax = state->ray->tmax;
+    return (found->is_aabb ? t >= tmin && t <= tmax : t > tmin && t < tmax) && is_closer(state, t, found->id);
+}
+
+/* The interval ends at t. What is beyond by less than what counts as equal may still be the answer. */
+static inline void shorten(struct traverse_state *state, double t)
+{
+    double rounded = round_distance(t), farthest_equal = rounded + 0x1p-31 * fabs(rounded);
+    state->tmax = farthest_equal;
+    /* A float that is not less, without a branch: which way it is rounded nobody can foretell. */
+    state->tmax_above = (float)(farthest_equal + 0x1p-23 * fabs(farthest_equal) + FLT_MIN * FLT_EPSILON);
+    state->best_instance = state->instance;
+    state->is_hit = true;
+    state->is_done = state->is_done || (state->ray->flags & RAY_TERMINATE_ON_FIRST_HIT);
+}
+
+static inline void accept(struct traverse_state *state, struct traverse_found found)
+{
+    state->best = found;
+    shorten(state, found.t);
+}
+
+static bool is_opaque(const struct traverse_state *state, const struct traverse_found *found)
+{
+    return state->opacity == OPACITY_AS_BUILT ? found->is_opaque : state->opacity == OPACITY_OPAQUE;
+}
+
+/* Asks the caller about a candidate. */
+static void offer(struct traverse_state *state, struct traverse_found found)
+{
+    struct ray_hit hit;
+    traverse_leaf_describe(state, &found, &state->instance, &hit);
+    enum candidate_verdict verdict = state->options->candidate(state->options->context, state->ray, &hit);
+    if (verdict == CANDIDATE_IGNORE)
+        return;
+    if (found.is_aabb)
+        found.t = hit.t;
+    if (!is_better(state, &found))
+        return;
+    accept(state, found);
+    state->is_done = state->is_done || verdict == CANDIDATE_ACCEPT_AND_END;
+}
+
+/* Values go by value here: kept in registers, they are stored once. */
+static inline void consider(struct traverse_state *state, struct traverse_found found)
+{
+    bool opaque = is_opaque(state, &found);
+    if (!is_better(state, &found) || state->ray->flags & (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE))
+        return;
+    if (state->options->candidate && (found.is_aabb || !opaque))
+        offer(state, found);
+    else
+        accept(state, found);
+}
+
+/*
+ * What nearly all rays ask for: a triangle that counts whatever its facing and opacity, without anybody to be asked.
+ * Field by field into its place.
+ */
+static inline void take(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque,
+                        const struct triangle_hit *hit)
+{
+    double t = hit->t;
+    if (!(t > state->ray->tmin && t < state->ray->tmax && is_closer(state, t, id)))
+        return;
+    state->best.t = t;
+    state->best.u = hit->u;
+    state->best.v = hit->v;
+    state->best.id = id;
+    state->best.record = record;
+    state->best.is_opaque = is_opaque;
+    state->best.front_face = hit->front != state->is_flipped;
+    state->best.is_aabb = false;
+    shorten(state, t);
+}
+
+void traverse_leaf_hit(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque,
+                       const struct triangle_hit *hit)
+{
+    if (state->is_plain) {
+        take(state, record, id, is_opaque, hit);
+        return;
+    }
+    if (hit->front ? state->cull_front : state->cull_back)
+        return;
+    struct traverse_found found = {
+        .t = hit->t,
+        .u = hit->u,
+        .v = hit->v,
+        .id = id,
+        .record = record,
+        .is_opaque = is_opaque,
+        .front_face = hit->front != state->is_flipped,
+    };
+    consider(state, found);
+}
+
+void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque,
+                            const float *const corners[3])
+{
+    struct triangle_hit hit;
+    if (triangle_intersect(&state->triangle_ray, corners[0], corners[1], corners[2], &hit))
+        traverse_leaf_hit(state, record, id, is_opaque, &hit);
+}
+
+void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
+                        const float max[3])
+{
+    struct traverse_found found = {.id = id, .record = record, .is_opaque = is_opaque, .is_aabb = true};
+    if (boxtest_aabb(state->origin, state->direction, min, max, state->ray->tmin, state->tmax, &found.t))
+        consider(state, found);
+}

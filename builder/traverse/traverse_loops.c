@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* traverse_loops.c - the loops over nodes: with float boxes in plain C and eight wide, and with boxes in double. */
+#include "builder/traverse/boxtest_kernels.h"
+#include "builder/traverse/traverse_walk.h"
+
+/* Each level leaves at most 7 siblings waiting; the last one may add all 8. */
+enum { STACK_SIZE = 7 * PORTABLE_MAX_DEPTH + 1 };
+
+enum { CHILD_COUNT_SHIFT = 30, CHILD_INDEX_MASK = (1 << CHILD_COUNT_SHIFT) - 1 };
+
+_Static_assert(PORTABLE_LEAF_MAX <= 3 && PORTABLE_MAX_ROWS - 1 <= (int)CHILD_INDEX_MASK, "a child fits into 32 bits");
+
+/* The stack entry for what hangs in a slot. */
+BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned slot)
+{
+    uint32_t inner = node->inner_mask, meta = node->meta[slot], unary = meta >> 5;
+    uint32_t leaf = (unary - (unary >> 1) - (unary >> 2)) << CHILD_COUNT_SHIFT | (node->first_record + (meta & 31));
+    uint32_t below = node->first_child + (uint32_t)__builtin_popcount(inner & ((1u << slot) - 1));
+    return inner >> slot & 1 ? below : leaf;
+}
+
+BOXTEST_INLINE size_t record_size(const struct portable_view *view)
+{
+    static const size_t sizes[] = {sizeof(struct portable_indexed_triangle), sizeof(struct portable_triangle),
+                                   sizeof(struct portable_aabb), sizeof(struct portable_instance)};
+    return sizes[view->header->content];
+}
+
+/* What waits on the stack comes into the caches meanwhile. */
+BOXTEST_INLINE void prefetch_child(const struct portable_view *view, size_t size, uint32_t child)
+{
+    uintptr_t index = child & CHILD_INDEX_MASK;
+    uintptr_t node = (uintptr_t)view->nodes + sizeof *view->nodes * index,
+              record = (uintptr_t)view->records + size * index;
+    __builtin_prefetch((const void *)(child >> CHILD_COUNT_SHIFT ? record : node));
+}
+
+#define LOOP_NAME traverse_loop_float
+#define LOOP_TARGET
+#define LOOP_REAL float
+#define LOOP_RAY struct boxtest_ray
+#define LOOP_BOXES kernel_float
+#define LOOP_LIMIT tmax_above
+#define LOOP_LEAF(walk, view, first, count) leaf(walk, first, count)
+#include "builder/traverse/traverse_loop.h"
+
+#define LOOP_NAME traverse_loop_double
+#define LOOP_TARGET
+#define LOOP_REAL double
+#define LOOP_RAY struct boxtest_exact
+#define LOOP_BOXES kernel_double
+#define LOOP_LIMIT tmax
+#define LOOP_LEAF(walk, view, first, count) leaf(walk, first, count)
+#include "builder/traverse/traverse_loop.h"
+
+#ifdef BOXTEST_AVX2
+
+#define LOOP_NAME traverse_loop_avx2
+#define LOOP_TARGET BOXTEST_AVX2
+#define LOOP_REAL float
+#define LOOP_RAY struct boxtest_ray
+#define LOOP_BOXES kernel_avx2
+#define LOOP_LIMIT tmax_above
+#define LOOP_LEAF(walk, view, first, count) leaf(walk, first, count)
+#include "builder/traverse/traverse_loop.h"
+
+#else
+
+void traverse_loop_avx2(struct traverse_walk *walk, const struct boxtest_ray *ray, traverse_leaf leaf)
+{
+    traverse_loop_float(walk, ray, leaf);
+}
+
+#endif

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* traverse_state.c - where a ray begins, how it comes into a bottom level, and what is said in the end. */
+#include "builder/traverse/traverse_state.h"
+
+#include <math.h>
+
+static void cross(const double a[3], const double b[3], double ret_product[3])
+{
+    ret_product[0] = a[1] * b[2] - a[2] * b[1];
+    ret_product[1] = a[2] * b[0] - a[0] * b[2];
+    ret_product[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/*
+ * The matrix is inverted in double (Cramer's rule), once for the visit. The inverses that layouts store are rounded to
+ * float, which is not enough for rays to meet at shared edges what the exact ray meets.
+ */
+void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12])
+{
+    const struct ray *ray = state->ray;
+    double columns[3][3], offset[3], direction[3], rows[3][3];
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            columns[j][i] = object_to_world[4 * i + j];
+        offset[i] = (double)ray->origin[i] - object_to_world[4 * i + 3];
+        direction[i] = ray->direction[i];
+    }
+    cross(columns[1], columns[2], rows[0]);
+    cross(columns[2], columns[0], rows[1]);
+    cross(columns[0], columns[1], rows[2]);
+    double scale = 1 / dot(columns[0], rows[0]);
+    for (int i = 0; i < 3; i++) {
+        state->origin[i] = dot(rows[i], offset) * scale;
+        state->direction[i] = dot(rows[i], direction) * scale;
+    }
+}
+
+bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs)
+{
+    if (!traverse_state_settle(state, instance, is_aabbs))
+        return false;
+    if (!is_aabbs)
+        triangle_ray_init(state->origin, state->direction, &state->triangle_ray);
+    return true;
+}
+
+bool traverse_state_is_usable(const struct traverse_state *state)
+{
+    const double *direction = state->direction;
+    bool is_zero = direction[0] == 0 && direction[1] == 0 && direction[2] == 0;
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(state->origin[axis]) || !isfinite(direction[axis]))
+            return false;
+    return !is_zero;
+}

@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* depfile.h - a rule in make's syntax that says what a result was read from, for build systems. */
+#ifndef BVHCTL_DEPFILE_H
+#define BVHCTL_DEPFILE_H
+
+#include <stdbool.h>
+
+#include "proto/base/memory.h"
+#include "proto/base/status.h"
+
+struct depfile {
+    char *text; /* terminated */
+    uint64_t size, capacity;
+    bool failed;
+    struct memory *memory;
+};
+
+/* Begins a rule for `target`. End with depfile_finish. */
+void depfile_init(struct depfile *depfile, struct memory *memory, const char *target);
+
+/* Blanks, '#', '$' and '\' in front of them are quoted as make wants it. */
+void depfile_add(struct depfile *depfile, const char *path);
+
+/* Writes the rule; an unchanged file keeps its time. */
+enum bvhd_status depfile_write(struct depfile *depfile, const char *path, struct bvhd_error *error);
+
+/* NULL-safe, idempotent. */
+void depfile_finish(struct depfile *depfile);
+
+#endif

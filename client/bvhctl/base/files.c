@@ -1,0 +1,218 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/base/files.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static enum bvhd_status system_error(struct bvhd_error *error, const char *path, int number)
+{
+    enum bvhd_status status = number == ENOENT ? BVHD_NOT_FOUND : number == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO;
+    return bvhd_error_set(error, status, path, "%s", strerror(number));
+}
+
+/* Opens without waiting: what turns out to be a pipe or a device is refused, not read. */
+static enum bvhd_status open_regular(const char *path, int *ret_descriptor, uint64_t *ret_size,
+                                     struct bvhd_error *error)
+{
+    int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (descriptor < 0)
+        return system_error(error, path, errno);
+    struct stat status;
+    if (fstat(descriptor, &status) < 0 || !S_ISREG(status.st_mode)) {
+        close(descriptor);
+        return bvhd_error_set(error, BVHD_IO, path, "not a regular file");
+    }
+    *ret_descriptor = descriptor;
+    *ret_size = (uint64_t)status.st_size;
+    return BVHD_OK;
+}
+
+static bool read_all(int descriptor, unsigned char *data, uint64_t size)
+{
+    for (uint64_t done = 0; done < size;) {
+        ssize_t got = read(descriptor, data + done, size - done);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got == 0)
+            errno = EIO; /* it became shorter meanwhile */
+        if (got <= 0)
+            return false;
+        done += (uint64_t)got;
+    }
+    return true;
+}
+
+static bool write_all(int descriptor, struct bytes content)
+{
+    for (uint64_t done = 0; done < content.size;) {
+        ssize_t put = write(descriptor, content.data + done, content.size - done);
+        if (put < 0 && errno == EINTR)
+            continue;
+        if (put < 0)
+            return false;
+        done += (uint64_t)put;
+    }
+    return true;
+}
+
+enum bvhd_status files_read(const char *path, uint64_t limit, struct memory *memory, unsigned char **ret_data,
+                            uint64_t *ret_size, struct bvhd_error *error)
+{
+    int descriptor;
+    uint64_t size;
+    enum bvhd_status status = open_regular(path, &descriptor, &size, error);
+    if (status)
+        return status;
+    unsigned char *data = NULL;
+    if (size > limit)
+        status = bvhd_error_set(error, BVHD_TOO_LARGE, path, "%llu bytes, at most %llu are read",
+                                (unsigned long long)size, (unsigned long long)limit);
+    else if (size && !(data = memory_alloc(memory, size)))
+        status = bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for %llu bytes", (unsigned long long)size);
+    else if (!read_all(descriptor, data, size))
+        status = system_error(error, path, errno);
+    close(descriptor);
+    if (status) {
+        memory_free(memory, data);
+        return status;
+    }
+    *ret_data = data;
+    *ret_size = size;
+    return BVHD_OK;
+}
+
+static bool has_content(const char *path, struct bytes content)
+{
+    int descriptor = -1;
+    uint64_t size = 0;
+    if (open_regular(path, &descriptor, &size, NULL))
+        return false;
+    bool same = size == content.size;
+    unsigned char part[65536];
+    for (uint64_t done = 0; same && done < size;) {
+        uint64_t step = size - done < sizeof part ? size - done : sizeof part;
+        same = read_all(descriptor, part, step) && !memcmp(part, content.data + done, step);
+        done += step;
+    }
+    close(descriptor);
+    return same;
+}
+
+/* mkstemp makes files that only their owner may read; give what any new file would have. */
+static bool set_default_mode(int descriptor)
+{
+    mode_t mask = umask(0);
+    umask(mask);
+    return fchmod(descriptor, 0666 & ~mask) == 0;
+}
+
+static enum bvhd_status replace(const char *path, char *temporary, struct bytes content, struct bvhd_error *error)
+{
+    int descriptor = mkostemp(temporary, O_CLOEXEC);
+    if (descriptor < 0)
+        return system_error(error, path, errno);
+    int number = set_default_mode(descriptor) && write_all(descriptor, content) ? 0 : errno;
+    if (close(descriptor) < 0 && !number)
+        number = errno;
+    if (!number && rename(temporary, path) < 0)
+        number = errno;
+    if (!number)
+        return BVHD_OK;
+    unlink(temporary);
+    return system_error(error, path, number);
+}
+
+/* Where the content belongs: what is there already must be a file, or a link to one. */
+static enum bvhd_status find_place(const char *path, char ret_place[PATH_MAX], struct bvhd_error *error)
+{
+    struct stat status;
+    int known = lstat(path, &status);
+    if (known < 0 && errno != ENOENT)
+        return system_error(error, path, errno);
+    bool is_link = known == 0 && S_ISLNK(status.st_mode);
+    if (is_link && (!realpath(path, ret_place) || stat(ret_place, &status) < 0))
+        return system_error(error, path, errno);
+    if (known == 0 && !S_ISREG(status.st_mode))
+        return bvhd_error_set(error, BVHD_IO, path, "not a regular file");
+    if (!is_link && snprintf(ret_place, PATH_MAX, "%s", path) >= PATH_MAX)
+        return system_error(error, path, ENAMETOOLONG);
+    return BVHD_OK;
+}
+
+enum bvhd_status files_write(const char *path, struct bytes content, struct memory *memory, bool *ret_changed,
+                             struct bvhd_error *error)
+{
+    char place[PATH_MAX];
+    enum bvhd_status status = find_place(path, place, error);
+    if (status)
+        return status;
+    bool changed = !has_content(place, content);
+    if (changed) {
+        uint64_t size = strlen(place) + sizeof ".XXXXXX";
+        char *temporary = memory_alloc(memory, size);
+        if (!temporary)
+            return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for its name");
+        snprintf(temporary, size, "%s.XXXXXX", place);
+        status = replace(place, temporary, content, error);
+        memory_free(memory, temporary);
+        if (status)
+            return status;
+    }
+    if (ret_changed)
+        *ret_changed = changed;
+    return BVHD_OK;
+}
+
+enum bvhd_status files_make_directory(const char *path, struct bvhd_error *error)
+{
+    char part[4096];
+    size_t length = strlen(path);
+    if (length == 0 || length >= sizeof part)
+        return bvhd_error_set(error, BVHD_IO, path, "not a usable path");
+    memcpy(part, path, length + 1);
+    for (size_t i = 1; i <= length; i++) {
+        if (part[i] != '/' && part[i] != '\0')
+            continue;
+        char end = part[i];
+        part[i] = '\0';
+        if (mkdir(part, 0777) < 0 && errno != EEXIST)
+            return system_error(error, part, errno);
+        part[i] = end;
+    }
+    if (!files_is_directory(path))
+        return bvhd_error_set(error, BVHD_IO, path, "not a directory");
+    return BVHD_OK;
+}
+
+bool files_is_directory(const char *path)
+{
+    struct stat status;
+    return stat(path, &status) == 0 && S_ISDIR(status.st_mode);
+}
+
+char *files_join(struct memory *memory, const char *directory, const char *name)
+{
+    size_t length = strlen(directory);
+    while (length > 0 && directory[length - 1] == '/')
+        length--;
+    uint64_t size = length + strlen(name) + 2;
+    char *path = memory_alloc(memory, size);
+    if (path)
+        snprintf(path, size, "%.*s/%s", (int)length, directory, name);
+    return path;
+}
+
+char *files_copy_text(struct memory *memory, const char *text)
+{
+    uint64_t size = strlen(text) + 1;
+    char *copy = memory_alloc(memory, size);
+    if (copy)
+        memcpy(copy, text, size);
+    return copy;
+}

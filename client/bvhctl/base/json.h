@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * json.h - writing JSON: values are appended in order to a growing text.
+ *
+ * `key` is the member's name inside an object and NULL inside an array or at the top. Failure (no memory) is
+ * remembered: look at `failed` once, at the end. Texts come from files and may be any bytes: what is not UTF-8 is
+ * replaced. Numbers that are not finite become null.
+ */
+#ifndef BVHCTL_JSON_H
+#define BVHCTL_JSON_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "proto/base/memory.h"
+
+struct json {
+    struct memory *memory;
+    char *data; /* not terminated */
+    uint64_t size, capacity;
+    unsigned depth;
+    bool lines; /* one value a line, indented; else all in one line */
+    bool empty; /* nothing yet in the innermost object or array */
+    bool failed;
+};
+
+void json_init(struct json *json, struct memory *memory, bool lines);
+/* NULL-safe, idempotent. */
+void json_finish(struct json *json);
+
+void json_object(struct json *json, const char *key);
+void json_object_end(struct json *json);
+void json_array(struct json *json, const char *key);
+void json_array_end(struct json *json);
+void json_text(struct json *json, const char *key, const char *value);
+void json_integer(struct json *json, const char *key, uint64_t value);
+/* The shortest decimal that reads back as the same double. */
+void json_number(struct json *json, const char *key, double value);
+void json_bool(struct json *json, const char *key, bool value);
+void json_null(struct json *json, const char *key);
+/* The values of another text, written with json_init's `lines` as here, as the next ones of the array that is open. */
+void json_append(struct json *json, const struct json *values);
+/* A final newline. */
+void json_newline(struct json *json);
+
+#endif

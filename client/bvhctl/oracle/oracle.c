@@ -1,0 +1,278 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Two passes. The first compares, for blocks of triangles and each ray, the distance between the ray's line and the
+ * triangle's bounding sphere with a radius that is generous about everything that may move or round; nearly all pairs
+ * end there. The second is oracle_triangle.h. What a ray has met is kept by oracle_pursuit.h. Chunks of rays are
+ * independent: each walks all triangles.
+ */
+#include "client/bvhctl/oracle/oracle.h"
+
+#include <math.h>
+#include <stdatomic.h>
+
+#include "client/bvhctl/oracle/oracle_filter.h"
+#include "client/bvhctl/oracle/oracle_pursuit.h"
+#include "proto/base/status.h"
+
+enum { CHUNK = 512, PROGRESS_BLOCKS = 64 };
+
+struct trace {
+    const struct oracle_mesh *meshes;
+    uint32_t mesh_count;
+    const struct ray *rays;
+    uint32_t ray_count;
+    struct memory *memory;
+    void (*progress)(void *context, uint64_t done, uint64_t total);
+    void *progress_context;
+    uint64_t total;
+    _Atomic uint64_t done;
+    atomic_bool failed;
+    struct oracle_answer *answers;
+};
+
+/* ---- triangles, in blocks over all meshes ---- */
+
+struct block {
+    struct oracle_filter_block filter;
+    struct oracle_triangle triangles[ORACLE_FILTER_BLOCK];
+    struct oracle_triangle_id ids[ORACLE_FILTER_BLOCK];
+};
+
+struct cursor {
+    uint32_t mesh, triangle;
+};
+
+static bool corners_equal(const float a[3], const float b[3])
+{
+    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
+}
+
+/* False for a triangle that no ray can hit. */
+static bool fetch_corners(const struct oracle_mesh *mesh, uint32_t triangle, const float *ret_corners[3])
+{
+    for (int k = 0; k < 3; k++) {
+        uint64_t at = (uint64_t)3 * triangle + k;
+        const float *corner = mesh->positions + (uint64_t)3 * (mesh->indices ? mesh->indices[at] : at);
+        if (!isfinite(corner[0]) || !isfinite(corner[1]) || !isfinite(corner[2]))
+            return false;
+        ret_corners[k] = corner;
+    }
+    return !corners_equal(ret_corners[0], ret_corners[1]) && !corners_equal(ret_corners[1], ret_corners[2]) &&
+           !corners_equal(ret_corners[2], ret_corners[0]);
+}
+
+static void transform_corner(const float *matrix, const float corner[3], struct radial ret_world[3])
+{
+    for (int row = 0; row < 3; row++) {
+        if (!matrix) {
+            ret_world[row] = radial_input(corner[row]);
+            continue;
+        }
+        struct radial sum = radial_input(matrix[4 * row + 3]);
+        for (int column = 0; column < 3; column++)
+            sum = radial_add(sum, radial_mul(radial_input(matrix[4 * row + column]), radial_input(corner[column])));
+        ret_world[row] = sum;
+    }
+}
+
+static bool is_mirroring(const float *m)
+{
+    if (!m)
+        return false;
+    double x = (double)m[5] * m[10] - (double)m[6] * m[9];
+    double y = (double)m[6] * m[8] - (double)m[4] * m[10];
+    double z = (double)m[4] * m[9] - (double)m[5] * m[8];
+    return m[0] * x + m[1] * y + m[2] * z < 0;
+}
+
+static void block_add(struct block *block, const struct oracle_mesh *mesh, bool mirrored, uint32_t primitive)
+{
+    const float *corners[3];
+    if (!fetch_corners(mesh, primitive, corners))
+        return;
+    uint32_t at = block->filter.count;
+    struct oracle_triangle *triangle = &block->triangles[at];
+    triangle->mirrored = mirrored;
+    for (int k = 0; k < 3; k++)
+        transform_corner(mesh->transform, corners[k], triangle->corners[k]);
+    block->ids[at] = (struct oracle_triangle_id){mesh->instance, mesh->geometry, primitive, 1, 0};
+    oracle_filter_add(&block->filter, triangle->corners);
+}
+
+/* The next triangles that can be hit. Returns how many were looked at; 0 at the end. */
+static uint64_t block_fill(const struct trace *trace, struct cursor *cursor, double wobble, struct block *ret_block)
+{
+    uint64_t seen = 0;
+    oracle_filter_begin(&ret_block->filter, wobble);
+    for (; cursor->mesh < trace->mesh_count; cursor->mesh++, cursor->triangle = 0) {
+        const struct oracle_mesh *mesh = &trace->meshes[cursor->mesh];
+        bool mirrored = is_mirroring(mesh->transform);
+        for (; cursor->triangle < mesh->triangle_count; cursor->triangle++, seen++) {
+            if (ret_block->filter.count == ORACLE_FILTER_BLOCK)
+                return seen;
+            block_add(ret_block, mesh, mirrored, cursor->triangle);
+        }
+    }
+    return seen;
+}
+
+/* ---- a chunk of rays against all triangles ---- */
+
+struct chunk {
+    uint32_t count;
+    double wobble; /* the most that any direction may turn */
+    struct oracle_pursuit *pursuits;
+    struct oracle_filter_ray *filters;
+    struct block *block;
+};
+
+static bool chunk_init(struct chunk *chunk, const struct ray *rays, uint32_t count, struct memory *memory)
+{
+    *chunk = (struct chunk){.count = count};
+    chunk->pursuits = memory_array(memory, count, sizeof *chunk->pursuits);
+    chunk->filters = memory_array(memory, count, sizeof *chunk->filters);
+    chunk->block = memory_alloc(memory, sizeof *chunk->block);
+    for (uint32_t i = 0; chunk->pursuits && i < count; i++) {
+        struct oracle_pursuit *pursuit = &chunk->pursuits[i];
+        oracle_pursuit_init(pursuit, &rays[i]);
+        if (pursuit->kind == ORACLE_RAY_GOOD && chunk->filters)
+            chunk->wobble = fmax(chunk->wobble, oracle_filter_ray_init(&chunk->filters[i], &rays[i]));
+    }
+    return chunk->pursuits && chunk->filters && chunk->block;
+}
+
+static void chunk_finish(struct chunk *chunk, struct memory *memory)
+{
+    for (uint32_t i = 0; chunk->pursuits && i < chunk->count; i++)
+        oracle_pursuit_finish(&chunk->pursuits[i], memory);
+    memory_free(memory, chunk->pursuits);
+    memory_free(memory, chunk->filters);
+    memory_free(memory, chunk->block);
+}
+
+static bool chunk_meet_block(struct chunk *chunk, struct memory *memory)
+{
+    struct block *block = chunk->block;
+    uint16_t near[ORACLE_FILTER_BLOCK];
+    for (uint32_t i = 0; i < chunk->count; i++) {
+        struct oracle_pursuit *pursuit = &chunk->pursuits[i];
+        if (pursuit->kind == ORACLE_RAY_VAGUE && block->filter.count)
+            pursuit->doubt_low = -INFINITY;
+        if (pursuit->kind != ORACLE_RAY_GOOD)
+            continue;
+        uint32_t near_count = oracle_filter_scan(&block->filter, &chunk->filters[i], near);
+        for (uint32_t k = 0; k < near_count; k++)
+            if (!oracle_pursuit_meet(pursuit, &block->triangles[near[k]], &block->ids[near[k]], memory))
+                return false;
+    }
+    return true;
+}
+
+static void report(struct trace *trace, uint64_t pairs)
+{
+    uint64_t done = atomic_fetch_add(&trace->done, pairs) + pairs;
+    if (trace->progress && pairs)
+        trace->progress(trace->progress_context, done, trace->total);
+}
+
+static bool chunk_walk(struct chunk *chunk, struct trace *trace)
+{
+    struct cursor cursor = {0};
+    uint64_t seen, pairs = 0;
+    uint32_t blocks = 0;
+    while ((seen = block_fill(trace, &cursor, chunk->wobble, chunk->block))) {
+        if (atomic_load(&trace->failed) || !chunk_meet_block(chunk, trace->memory))
+            return false;
+        pairs += seen * chunk->count;
+        if (++blocks % PROGRESS_BLOCKS == 0) {
+            report(trace, pairs);
+            pairs = 0;
+        }
+    }
+    report(trace, pairs);
+    return true;
+}
+
+static void trace_chunk(void *context, size_t index)
+{
+    struct trace *trace = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, trace->ray_count, &begin, &end);
+    struct chunk chunk;
+    bool done =
+        chunk_init(&chunk, trace->rays + begin, (uint32_t)(end - begin), trace->memory) && chunk_walk(&chunk, trace);
+    for (size_t i = begin; done && i < end; i++)
+        done = oracle_pursuit_answer(&chunk.pursuits[i - begin], trace->memory, &trace->answers[i]);
+    chunk_finish(&chunk, trace->memory);
+    if (!done)
+        atomic_store(&trace->failed, true);
+}
+
+enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_count, const struct ray *rays,
+                              uint32_t ray_count, struct memory *memory, const struct parallel *parallel,
+                              void (*progress)(void *context, uint64_t done, uint64_t total), void *progress_context,
+                              struct oracle_answer *ret_answers, struct bvhd_error *error)
+{
+    struct trace trace = {
+        .meshes = meshes, .mesh_count = mesh_count, .rays = rays, .ray_count = ray_count, .memory = memory};
+    trace.progress = progress;
+    trace.progress_context = progress_context;
+    trace.answers = ret_answers;
+    for (uint32_t i = 0; i < mesh_count; i++)
+        trace.total += (uint64_t)meshes[i].triangle_count * ray_count;
+    for (uint32_t i = 0; i < ray_count; i++)
+        ret_answers[i] = (struct oracle_answer){.kind = ORACLE_MISS};
+    parallel_for(parallel, ((size_t)ray_count + CHUNK - 1) / CHUNK, trace_chunk, &trace);
+    if (!atomic_load(&trace.failed))
+        return BVHD_OK;
+    oracle_finish(ret_answers, ray_count, memory);
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory to trace %u rays by brute force", ray_count);
+}
+
+void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct memory *memory)
+{
+    for (uint32_t i = 0; answers && i < ray_count; i++) {
+        memory_free(memory, answers[i].tied);
+        answers[i] = (struct oracle_answer){.kind = ORACLE_MISS};
+    }
+}
+
+/* ---- judging ---- */
+
+static const struct oracle_triangle_id *find_tied(const struct oracle_answer *answer, const struct ray_hit *hit)
+{
+    for (uint32_t i = 0; i < answer->tied_count; i++) {
+        const struct oracle_triangle_id *id = &answer->tied[i];
+        if (id->instance == hit->instance && id->geometry == hit->geometry &&
+            hit->primitive - id->primitive < id->count)
+            return id;
+    }
+    return NULL;
+}
+
+/* Within the bounds, and what a reader that computes in float may add. */
+static bool is_possible_t(const struct oracle_answer *answer, double t)
+{
+    double slack = 8 * FLT_EPSILON * fmax(fabs(answer->t_low), fabs(answer->t_end)) + FLT_TRUE_MIN;
+    return t >= answer->t_low - slack && t <= answer->t_end + slack;
+}
+
+enum oracle_verdict oracle_judge(const struct oracle_answer *answer, const struct ray_hit *hit, double *ret_t_rel_err)
+{
+    if (ret_t_rel_err)
+        *ret_t_rel_err = 0;
+    if (answer->kind == ORACLE_UNCERTAIN)
+        return ORACLE_UNDECIDED;
+    if (answer->kind == ORACLE_MISS)
+        return hit ? ORACLE_WRONG_HIT : ORACLE_RIGHT;
+    if (!hit)
+        return ORACLE_WRONG_MISS;
+    const struct oracle_triangle_id *tied = hit->is_aabb ? NULL : find_tied(answer, hit);
+    if (!tied)
+        return ORACLE_WRONG_PRIMITIVE;
+    if (!is_possible_t(answer, hit->t))
+        return ORACLE_WRONG_HIT;
+    if (ret_t_rel_err)
+        *ret_t_rel_err = fabs(hit->t - tied->t) / fmax(fabs(tied->t), FLT_TRUE_MIN);
+    return ORACLE_RIGHT;
+}

@@ -1,0 +1,111 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/oracle/oracle_patch.h"
+
+static bool corners_equal(const double a[3], const double b[3])
+{
+    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
+}
+
+/* Edge k of triangle a against edge m of triangle b: 1 the same way, -1 the opposite way, 0 another edge. */
+static int compare_edges(const struct oracle_patch_triangle *a, int k, const struct oracle_patch_triangle *b, int m)
+{
+    const double *from = a->corners[(k + 1) % 3], *to = a->corners[(k + 2) % 3];
+    if (a->instance != b->instance)
+        return 0;
+    if (corners_equal(from, b->corners[(m + 1) % 3]) && corners_equal(to, b->corners[(m + 2) % 3]))
+        return 1;
+    if (corners_equal(from, b->corners[(m + 2) % 3]) && corners_equal(to, b->corners[(m + 1) % 3]))
+        return -1;
+    return 0;
+}
+
+static bool are_neighbours(const struct oracle_patch_triangle *a, const struct oracle_patch_triangle *b)
+{
+    for (int k = 0; k < 3; k++)
+        for (int m = 0; m < 3; m++)
+            if (compare_edges(a, k, b, m))
+                return true;
+    return false;
+}
+
+void oracle_patch_find(const struct oracle_patch_triangle *triangles, uint32_t count,
+                       uint32_t ret_patch[ORACLE_PATCH_MAX])
+{
+    for (uint32_t i = 0; i < count; i++) {
+        ret_patch[i] = i;
+        for (uint32_t k = 0; k < i; k++) {
+            uint32_t mine = ret_patch[i], other = ret_patch[k];
+            if (mine == other || !are_neighbours(&triangles[i], &triangles[k]))
+                continue;
+            uint32_t low = mine < other ? mine : other, high = mine < other ? other : mine;
+            for (uint32_t m = 0; m <= i; m++)
+                ret_patch[m] = ret_patch[m] == high ? low : ret_patch[m];
+        }
+    }
+}
+
+struct patch {
+    const struct oracle_patch_triangle *triangles;
+    uint32_t count;
+    const uint32_t *member_of;
+    uint32_t which;
+    bool by_area; /* triangles count as turned so that all areas are positive, not as they are given */
+};
+
+static int orientation(const struct patch *patch, uint32_t triangle)
+{
+    return patch->by_area && !patch->triangles[triangle].outline.positive ? -1 : 1;
+}
+
+/* How often the patch has this edge, the opposite way counted against it: 0 inside of the patch. */
+static int multiplicity(const struct patch *patch, uint32_t triangle, int edge)
+{
+    int sum = 0;
+    for (uint32_t i = 0; i < patch->count; i++) {
+        if (patch->member_of[i] != patch->which)
+            continue;
+        for (int k = 0; k < 3; k++)
+            sum += orientation(patch, i) * compare_edges(&patch->triangles[triangle], edge, &patch->triangles[i], k);
+    }
+    return sum;
+}
+
+/* What an edge adds to the winding number: whether it crosses the positive x axis, and which way. */
+static int crossing_of(const double from[2], const double to[2])
+{
+    double side = from[0] * to[1] - to[0] * from[1];
+    if (from[1] <= 0)
+        return to[1] > 0 && side > 0;
+    return to[1] <= 0 && side < 0 ? -1 : 0;
+}
+
+/* Of the boundary; 0 also when the boundary may lie on the ray. */
+static int winding_number(const struct patch *patch)
+{
+    int winding = 0;
+    for (uint32_t i = 0; i < patch->count; i++) {
+        if (patch->member_of[i] != patch->which)
+            continue;
+        const struct oracle_outline *outline = &patch->triangles[i].outline;
+        for (int k = 0; k < 3; k++) {
+            if (multiplicity(patch, i, k) == 0)
+                continue;
+            if (!outline->sure[k])
+                return 0;
+            winding +=
+                orientation(patch, i) * crossing_of(outline->corners[(k + 1) % 3], outline->corners[(k + 2) % 3]);
+        }
+    }
+    return winding;
+}
+
+bool oracle_patch_covers(const struct oracle_patch_triangle *triangles, uint32_t count, const uint32_t *patch,
+                         uint32_t which)
+{
+    /*
+     * Meshes whose triangles are turned alike, and soups whose are not. Any choice is right if the winding number is
+     * not 0.
+     */
+    struct patch as_given = {triangles, count, patch, which, false}, by_area = {triangles, count, patch, which, true};
+    return winding_number(&as_given) != 0 || winding_number(&by_area) != 0;
+}

@@ -1,0 +1,411 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/picture/agreement.h"
+
+#include <float.h>
+#include <string.h>
+
+#include "client/bvhctl/oracle/oracle.h"
+#include "client/bvhctl/scene/unpack.h"
+
+enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, RAYS_A_PIXEL = 20, CAMERA_RAYS_A_PIXEL = 4 };
+enum { CASES = 4096, FEWEST_CASES = 256, CHUNK = 256, AROUND = 9 };
+static const double affordable_pairs = 2e10; /* of a ray and a triangle, for the oracle: a minute */
+
+static const double roundings = 8;
+
+/* How two answers to one ray compare. */
+enum {
+    ANSWERS_AGREE,
+    ANSWERS_DIFFER,
+    FACTS_DIFFER /* other than by where the ray goes: of one triangle, not the same is said */
+};
+
+struct agreement_case {
+    struct ray ray;
+    struct tracer_hit device, own;
+    bool is_disputed; /* FACTS_DIFFER */
+};
+
+static uint32_t stride(double rays, double limit)
+{
+    return rays > limit ? (uint32_t)ceil(rays / limit) : 1;
+}
+
+void agreement_init(struct agreement *agreement, const struct surfaces *surfaces, uint64_t pixels,
+                    const struct parallel *parallel, struct memory *memory)
+{
+    *agreement = (struct agreement){.surfaces = surfaces,
+                                    .parallel = parallel,
+                                    .camera_stride = stride((double)pixels * CAMERA_RAYS_A_PIXEL, CAMERA_RAYS),
+                                    .other_stride = stride((double)pixels * RAYS_A_PIXEL, OTHER_RAYS),
+                                    .memory = memory};
+}
+
+void agreement_finish(struct agreement *agreement)
+{
+    if (!agreement || !agreement->memory)
+        return;
+    memory_free(agreement->memory, agreement->cases);
+    memory_free(agreement->memory, agreement->verdicts);
+    *agreement = (struct agreement){0};
+}
+
+/* ---- two answers ---- */
+
+static bool is_miss(const struct tracer_hit *hit)
+{
+    return hit->t == INFINITY;
+}
+
+/* The distance to the triangle's plane, and how far rounding may move it. */
+static void plane_distance(const struct ray *ray, const struct surface *surface, double *ret_t, double *ret_tolerance)
+{
+    struct vector normal = surface_normal(surface);
+    double above = 0, facing = 0, wobble = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double n = vector_component(normal, axis), corner = vector_component(surface->corners[0], axis),
+               farthest = fabs(corner);
+        for (int i = 1; i < 3; i++)
+            farthest = fmax(farthest, fabs(vector_component(surface->corners[i], axis)));
+        above += n * (corner - (double)ray->origin[axis]);
+        facing += n * (double)ray->direction[axis];
+        wobble += fabs(n) * (fabs((double)ray->origin[axis]) + farthest + fabs(vector_component(surface->shift, axis)));
+    }
+    double t = above / facing;
+    for (int axis = 0; axis < 3; axis++)
+        wobble += fabs(vector_component(normal, axis) * t * (double)ray->direction[axis]);
+    *ret_t = t;
+    *ret_tolerance = roundings * FLT_EPSILON * wobble / fabs(facing) + FLT_TRUE_MIN;
+}
+
+/* Whether two distances to the same triangle differ by rounding alone. */
+static bool is_near(const struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
+                    const struct tracer_hit *own)
+{
+    double apart = fabs((double)device->t - (double)own->t), t, tolerance;
+    struct surface surface;
+    if (apart <= roundings * FLT_EPSILON * fabs((double)own->t))
+        return true;
+    if (!isfinite(apart) || !surfaces_find(agreement->surfaces, own, &surface))
+        return false;
+    plane_distance(ray, &surface, &t, &tolerance);
+    return apart <= tolerance;
+}
+
+static bool same_instance(const struct agreement *agreement, const struct tracer_hit *a, const struct tracer_hit *b)
+{
+    return !agreement->surfaces->structures->has_top || a->instance == b->instance;
+}
+
+static int compare(const struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
+                   const struct tracer_hit *own)
+{
+    if (isnan(device->t))
+        return FACTS_DIFFER;
+    if (is_miss(device) || is_miss(own) || ray->flags & RAY_TERMINATE_ON_FIRST_HIT)
+        return is_miss(device) == is_miss(own) ? ANSWERS_AGREE : ANSWERS_DIFFER;
+    if (!same_instance(agreement, device, own) || device->geometry != own->geometry ||
+        device->primitive != own->primitive)
+        return ANSWERS_DIFFER;
+    if (device->flags != own->flags ||
+        (agreement->surfaces->structures->has_top && device->custom_index != own->custom_index))
+        return FACTS_DIFFER;
+    return is_near(agreement, ray, device, own) ? ANSWERS_AGREE : ANSWERS_DIFFER;
+}
+
+/* ---- a wave ---- */
+
+struct wave {
+    const struct agreement *agreement;
+    const struct ray *rays;
+    const struct tracer_hit *hits;
+    uint64_t first, count; /* of the rays that are looked at, and how many they are */
+    uint32_t stride;
+};
+
+static struct tracer_hit trace_own(const struct structures *structures, const struct ray *ray)
+{
+    struct ray_hit hit;
+    return structures_trace(structures, ray, NULL, &hit) ? tracer_hit_of(&hit) : tracer_miss;
+}
+
+static void compare_chunk(void *context, size_t index)
+{
+    const struct wave *wave = context;
+    const struct agreement *agreement = wave->agreement;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, wave->count, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        uint64_t at = wave->first + i * wave->stride;
+        struct tracer_hit own = trace_own(agreement->surfaces->structures, &wave->rays[at]);
+        agreement->verdicts[i] = (unsigned char)compare(agreement, &wave->rays[at], &wave->hits[at], &own);
+    }
+}
+
+static bool has_room(struct agreement *agreement, uint64_t verdicts)
+{
+    if (!agreement->cases)
+        agreement->cases = memory_array(agreement->memory, CASES, sizeof *agreement->cases);
+    if (verdicts > agreement->verdict_capacity) {
+        unsigned char *block = memory_resize(agreement->memory, agreement->verdicts, verdicts);
+        if (!block)
+            return false;
+        agreement->verdicts = block;
+        agreement->verdict_capacity = verdicts;
+    }
+    return agreement->cases;
+}
+
+static void keep_case(struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
+                      const struct tracer_hit *own, int verdict)
+{
+    agreement->differing++;
+    if (agreement->case_count < CASES)
+        agreement->cases[agreement->case_count++] =
+            (struct agreement_case){*ray, *device, *own, verdict == FACTS_DIFFER};
+}
+
+static enum bvhd_status no_memory(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory to compare with the CPU");
+}
+
+/* Every stride-th ray of all waves of its kind; returns the first one in this wave. */
+static uint64_t next_ray(uint64_t *seen, uint64_t count, uint32_t stride)
+{
+    uint64_t first = (stride - *seen % stride) % stride;
+    *seen += count;
+    return first;
+}
+
+enum bvhd_status agreement_watch(void *context, bool is_camera, const struct ray *rays, const struct tracer_hit *hits,
+                                 uint64_t count, struct bvhd_error *error)
+{
+    struct agreement *agreement = context;
+    struct wave wave = {.agreement = agreement, .rays = rays, .hits = hits};
+    wave.stride = is_camera ? agreement->camera_stride : agreement->other_stride;
+    wave.first = next_ray(is_camera ? &agreement->camera_seen : &agreement->other_seen, count, wave.stride);
+    wave.count = wave.first < count ? (count - wave.first - 1) / wave.stride + 1 : 0;
+    if (!has_room(agreement, wave.count))
+        return no_memory(error);
+    parallel_for(agreement->parallel, (wave.count + CHUNK - 1) / CHUNK, compare_chunk, &wave);
+    agreement->checked += wave.count;
+    for (uint64_t i = 0; i < wave.count; i++) {
+        uint64_t at = wave.first + i * wave.stride;
+        if (agreement->verdicts[i] == ANSWERS_AGREE)
+            continue;
+        struct tracer_hit own = trace_own(agreement->surfaces->structures, &rays[at]);
+        keep_case(agreement, &rays[at], &hits[at], &own, agreement->verdicts[i]);
+    }
+    return BVHD_OK;
+}
+
+enum bvhd_status agreement_doubt(struct agreement *agreement, const struct ray *rays, const struct tracer_hit *hits,
+                                 uint32_t count, struct bvhd_error *error)
+{
+    if (!has_room(agreement, 0))
+        return no_memory(error);
+    agreement->checked += count;
+    for (uint32_t i = 0; i < count; i++)
+        keep_case(agreement, &rays[i], &hits[i], &hits[i], ANSWERS_DIFFER);
+    return BVHD_OK;
+}
+
+/* ---- what the oracle says ---- */
+
+/*
+ * An answer as the oracle judges it, which leaves less room for rounding than is given here: within that, the
+ * triangle's own distance stands for t.
+ */
+static enum oracle_verdict judge_hit(const struct agreement *agreement, const struct oracle_answer *answer,
+                                     const struct ray *ray, const struct tracer_hit *hit)
+{
+    struct ray_hit judged = {
+        .t = hit->t, .instance = hit->instance, .geometry = hit->geometry, .primitive = hit->primitive};
+    judged.is_aabb = hit->flags & TRACER_AABB;
+    if (!agreement->surfaces->structures->has_top)
+        judged.instance = RAY_NO_INSTANCE;
+    if (is_miss(hit))
+        return oracle_judge(answer, NULL, NULL);
+    struct surface surface;
+    double t, tolerance;
+    if (surfaces_find(agreement->surfaces, hit, &surface)) {
+        plane_distance(ray, &surface, &t, &tolerance);
+        judged.t = fabs((double)hit->t - t) <= tolerance ? (float)t : hit->t;
+    }
+    return oracle_judge(answer, &judged, NULL);
+}
+
+static bool is_any_hit(const struct agreement_case *one)
+{
+    return one->ray.flags & RAY_TERMINATE_ON_FIRST_HIT;
+}
+
+/* Of a ray that any hit ends, whether there is one. */
+static bool is_right(const struct agreement *agreement, const struct oracle_answer *answer,
+                     const struct agreement_case *one, const struct tracer_hit *hit)
+{
+    if (is_any_hit(one))
+        return is_miss(hit) == (answer->kind == ORACLE_MISS);
+    return judge_hit(agreement, answer, &one->ray, hit) == ORACLE_RIGHT;
+}
+
+/* Puts a case that is not settled to the front of the others. */
+static void leave_open(struct agreement *agreement, const struct agreement_case *one, uint32_t *open_count)
+{
+    agreement->cases[(*open_count)++] = *one;
+}
+
+/* true: one that a driver's inverse or its rounding may explain. */
+static bool judge_case(struct agreement *agreement, const struct agreement_case *one,
+                       const struct oracle_answer *answer)
+{
+    if (answer->kind == ORACLE_UNCERTAIN && !isnan(one->device.t)) {
+        agreement->uncertain++;
+        return false;
+    }
+    bool own_is_right = !one->is_disputed && is_right(agreement, answer, one, &one->own);
+    if (own_is_right && is_right(agreement, answer, one, &one->device))
+        return false;
+    agreement->mismatches++;
+    return own_is_right && !isnan(one->device.t);
+}
+
+/*
+ * `answer` is that of the oracle going by the inverse: its t and the triangle's place are not those that judge_hit
+ * knows.
+ */
+static bool is_explained(const struct agreement *agreement, const struct oracle_answer *answer,
+                         const struct agreement_case *one)
+{
+    struct surface surface;
+    double t, tolerance;
+    if (answer->kind == ORACLE_UNCERTAIN)
+        return true;
+    if (is_any_hit(one) || is_miss(&one->device))
+        return is_miss(&one->device) == (answer->kind == ORACLE_MISS);
+    if (answer->kind == ORACLE_MISS || !surfaces_find(agreement->surfaces, &one->device, &surface))
+        return false;
+    plane_distance(&one->ray, &surface, &t, &tolerance);
+    struct ray_hit judged = {
+        .t = (float)answer->t, .geometry = one->device.geometry, .primitive = one->device.primitive};
+    judged.is_aabb = one->device.flags & TRACER_AABB;
+    judged.instance = agreement->surfaces->structures->has_top ? one->device.instance : RAY_NO_INSTANCE;
+    double device_t = (double)one->device.t;
+    return device_t >= answer->t_low - tolerance && device_t <= answer->t_end + tolerance &&
+           oracle_judge(answer, &judged, NULL) == ORACLE_RIGHT;
+}
+
+/* What the oracle is asked with. */
+struct questions {
+    struct unpacked unpacked;
+    struct ray *rays;
+    struct oracle_answer *answers;
+    void (*progress)(void *context, uint64_t done, uint64_t total);
+    void *progress_context;
+};
+
+static enum bvhd_status ask_oracle(const struct agreement *agreement, const struct questions *questions,
+                                   const struct ray *rays, uint32_t count, struct oracle_answer *ret_answers,
+                                   struct bvhd_error *error)
+{
+    return oracle_trace(questions->unpacked.meshes, questions->unpacked.mesh_count, rays, count, agreement->memory,
+                        agreement->parallel, questions->progress, questions->progress_context, ret_answers, error);
+}
+
+/* The ray of a case, and some beside it by as much as rounding may move it. */
+static void ask_around(const struct agreement_case *one, struct ray rays[AROUND])
+{
+    const struct ray *ray = &one->ray;
+    struct vector direction =
+                      vector_make((double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2]),
+                  side, up;
+    double farthest = 0, t = is_miss(&one->device) ? 0 : (double)one->device.t;
+    vector_basis(vector_unit(direction), &side, &up);
+    for (int axis = 0; axis < 3; axis++) {
+        double from = (double)ray->origin[axis], to = from + t * vector_component(direction, axis);
+        farthest = fmax(farthest, fmax(fabs(from), fabs(to)));
+    }
+    for (int i = 0; i < AROUND; i++) {
+        double distance = roundings * FLT_EPSILON * farthest;
+        rays[i] = *ray;
+        for (int axis = 0; axis < 3; axis++)
+            rays[i].origin[axis] += (float)(distance * ((i % 3 - 1) * vector_component(side, axis) +
+                                                        (i / 3 - 1) * vector_component(up, axis)));
+    }
+}
+
+/*
+ * Of what is wrong, how much a driver's inverses and its rounding account for: its own structures are traced in float,
+ * without knowing its errors.
+ */
+static enum bvhd_status ask_again(struct agreement *agreement, struct questions *questions, uint32_t count,
+                                  struct bvhd_error *error)
+{
+    struct ray rays[AROUND];
+    struct oracle_answer answers[AROUND];
+    unpack_follow_inverses(&questions->unpacked);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct agreement_case *one = &agreement->cases[i];
+        bool is_settled = false;
+        ask_around(one, rays);
+        enum bvhd_status status = ask_oracle(agreement, questions, rays, AROUND, answers, error);
+        if (status)
+            return status;
+        for (int k = 0; k < AROUND; k++)
+            is_settled |= is_explained(agreement, &answers[k], one);
+        oracle_finish(answers, AROUND, agreement->memory);
+        agreement->mismatches -= is_settled;
+        agreement->uncertain += is_settled;
+    }
+    return BVHD_OK;
+}
+
+/* How many of `count` cases the oracle may be asked about, each with so many rays. */
+static uint32_t affordable_cases(const struct unpacked *unpacked, uint32_t count, uint32_t rays)
+{
+    double limit = fmax(affordable_pairs / (double)(unpacked->triangle_count + 1), FEWEST_CASES) / rays;
+    return limit < count ? (uint32_t)limit : count;
+}
+
+static enum bvhd_status ask(struct agreement *agreement, struct questions *questions, uint32_t count,
+                            struct bvhd_error *error)
+{
+    const struct structures *structures = agreement->surfaces->structures;
+    uint32_t open_count = 0;
+    for (uint32_t i = 0; i < count; i++)
+        questions->rays[i] = agreement->cases[i].ray;
+    enum bvhd_status status = ask_oracle(agreement, questions, questions->rays, count, questions->answers, error);
+    if (status)
+        return status;
+    for (uint32_t i = 0; i < count; i++)
+        if (judge_case(agreement, &agreement->cases[i], &questions->answers[i]))
+            leave_open(agreement, &agreement->cases[i], &open_count);
+    oracle_finish(questions->answers, count, agreement->memory);
+    agreement->mismatches += agreement->differing - count;
+    if (structures->target == TARGET_PORTABLE)
+        return BVHD_OK;
+    return ask_again(agreement, questions, affordable_cases(&questions->unpacked, open_count, AROUND), error);
+}
+
+enum bvhd_status agreement_judge(struct agreement *agreement,
+                                 void (*progress)(void *context, uint64_t done, uint64_t total), void *progress_context,
+                                 struct bvhd_error *error)
+{
+    if (agreement->case_count == 0)
+        return BVHD_OK;
+    struct memory *memory = agreement->memory;
+    struct questions questions = {.rays = memory_array(memory, agreement->case_count, sizeof *questions.rays),
+                                  .answers = memory_array(memory, agreement->case_count, sizeof *questions.answers),
+                                  .progress = progress,
+                                  .progress_context = progress_context};
+    enum bvhd_status status = questions.rays && questions.answers ? BVHD_OK : no_memory(error);
+    if (!status)
+        status = unpack_structures(agreement->surfaces->structures, memory, &questions.unpacked, error);
+    if (!status)
+        status = ask(agreement, &questions, affordable_cases(&questions.unpacked, agreement->case_count, 1), error);
+    unpack_finish(&questions.unpacked);
+    memory_free(memory, questions.answers);
+    memory_free(memory, questions.rays);
+    return status;
+}

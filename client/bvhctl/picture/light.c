@@ -1,0 +1,218 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/picture/light.h"
+
+#include "client/bvhctl/oracle/rays.h"
+
+static const double pi = 3.14159265358979323846;
+static const double sun_radius = 0.012,
+                    sun_radius_inside = 0.0045; /* of its disc, in radians: a little softer than the real one */
+static const struct vector sun_light = {2.5, 2.2, 1.8};
+static const struct vector horizon = {0.92, 0.93, 0.95}, zenith = {0.36, 0.55, 0.92};
+static const struct vector floor_albedo = {0.42, 0.415, 0.41};
+static const struct vector floor_bounce = {0.34, 0.32, 0.29}; /* of a floor in the sun, seen from below */
+static const struct vector inside_fill = {0.20, 0.19, 0.18},
+                           outside_fill = {0.16, 0.17, 0.19}; /* light after more than one bounce */
+
+/* Muted, and told apart at a glance. The first one is for all that is there when a scene is one geometry. */
+static const struct vector palette[] = {
+    {0.56, 0.38, 0.25}, {0.30, 0.44, 0.20}, {0.36, 0.48, 0.60}, {0.72, 0.58, 0.28}, {0.62, 0.34, 0.26},
+    {0.52, 0.52, 0.50}, {0.45, 0.36, 0.50}, {0.24, 0.48, 0.46}, {0.70, 0.64, 0.54},
+};
+enum { COLOURS = sizeof palette / sizeof *palette };
+
+static double smooth_step(double low, double high, double value)
+{
+    double part = fmin(fmax((value - low) / (high - low), 0), 1);
+    return part * part * (3 - 2 * part);
+}
+
+void light_init(struct light *light, const struct stage *stage, const struct surfaces *surfaces,
+                const struct camera *camera)
+{
+    *light = (struct light){.stage = stage,
+                            .surfaces = surfaces,
+                            .camera = camera,
+                            .sun = camera_sun(stage, camera),
+                            .has_floor = !camera->is_inside};
+}
+
+static struct vector sky(const struct light *light, struct vector direction)
+{
+    double height = vector_dot(direction, light->stage->up);
+    if (height < 0)
+        return light->has_floor ? floor_bounce : vector_scale(horizon, 0.5);
+    return vector_mix(horizon, zenith, pow(height, 0.6));
+}
+
+/*
+ * What the camera sees behind everything: paler than the sky that gives light, so that it does not compete with the
+ * scene.
+ */
+static struct vector backdrop(const struct light *light, struct vector direction)
+{
+    double height = vector_dot(direction, light->stage->up);
+    if (light->camera->is_inside)
+        return vector_scale(sky(light, direction), 1.4);
+    return vector_mix(vector_make(0.72, 0.77, 0.83), vector_make(0.27, 0.41, 0.62), smooth_step(-0.02, 0.75, height));
+}
+
+/* No real surface takes or gives back all light. */
+static double reflectance(float colour)
+{
+    return 0.03 + 0.82 * (double)colour;
+}
+
+static struct vector surface_albedo(const struct light *light, const struct stage_hit *hit)
+{
+    uint64_t state = hit->instance * UINT64_C(0x9e3779b97f4a7c15) + 1;
+    struct vector albedo = palette[(hit->handle + hit->geometry) % COLOURS];
+    const float *colour = structures_colour(light->stage->structures, hit->handle, hit->geometry);
+    if (colour)
+        albedo = vector_make(reflectance(colour[0]), reflectance(colour[1]), reflectance(colour[2]));
+    if (light->surfaces->instance_count > 1) {
+        double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
+        albedo = vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
+    }
+    if (light->camera->is_inside) /* light that bounces on and on would take too much of the colour */
+        albedo = vector_mix(albedo, vector_make(0.62, 0.59, 0.55), 0.6);
+    /* A hint of where surfaces face, also where no light tells. */
+    struct vector n = hit->normal;
+    return vector_mul(albedo, vector_make(1 + 0.05 * n.x, 1 + 0.05 * n.y, 1 + 0.05 * n.z));
+}
+
+/* A unit vector within the cone or hemisphere around `axis`: x turns, y in [0, 1) goes outward. */
+static struct vector around(struct vector axis, double turn, double sine, double cosine)
+{
+    struct vector a, b;
+    vector_basis(axis, &a, &b);
+    double angle = 2 * pi * turn;
+    return vector_mad(vector_mad(vector_scale(axis, cosine), a, sine * cos(angle)), b, sine * sin(angle));
+}
+
+/*
+ * The sun's light on a surface, from a random point of its disc, when nothing is in the way. `reflected`: what it is
+ * multiplied with.
+ */
+static struct light_shadow sun_on(const struct light *light, struct vector position, struct vector normal, double turn,
+                                  double outward, struct vector reflected)
+{
+    double radius = light->camera->is_inside ? sun_radius_inside : sun_radius;
+    struct vector towards = vector_unit(around(light->sun, turn, radius * sqrt(outward), 1));
+    double cosine = vector_dot(normal, towards);
+    return (struct light_shadow){.is_needed = cosine > 0,
+                                 .from = position,
+                                 .towards = towards,
+                                 .gain = vector_mul(reflected, vector_scale(sun_light, cosine))};
+}
+
+static void shade(const struct light *light, struct vector position, struct vector normal, struct vector albedo,
+                  double share, struct light_sample *sample)
+{
+    double turn = (sample->index % 4 + rays_uniform(&sample->random)) / 4, outward = rays_uniform(&sample->random);
+    sample->albedo = vector_scale(albedo, share);
+    sample->position = position;
+    sample->normal = normal;
+    sample->is_surface = true;
+    sample->shadow = sun_on(light, position, normal, turn, outward, sample->albedo);
+}
+
+/* The distance to the floor along a ray from the camera, INFINITY when it does not come down. */
+static double floor_distance(const struct light *light, struct vector direction)
+{
+    double down = -vector_dot(direction, light->stage->up);
+    double height = vector_dot(light->camera->origin, light->stage->up) - light->stage->floor;
+    return light->has_floor && down > 0 && height > 0 ? height / down : INFINITY;
+}
+
+static void look_at_floor(const struct light *light, double distance, struct light_sample *sample)
+{
+    const struct stage *stage = light->stage;
+    struct vector position = vector_mad(light->camera->origin, sample->direction, distance);
+    struct vector middle = stage_to_world(stage, vector_scale(vector_add(stage->low, stage->high), 0.5));
+    double away = vector_length(vector_sub(position, middle)) / stage->size;
+    double share = 1 - smooth_step(0.7, 2.6, away);
+    sample->backdrop = vector_scale(backdrop(light, sample->direction), 1 - share);
+    if (share > 0)
+        shade(light, vector_mad(position, stage->up, 1e-5 * stage->size), stage->up, floor_albedo, share, sample);
+}
+
+struct ray light_begin(const struct light *light, const struct light_sample *sample)
+{
+    return stage_ray(light->camera->origin, sample->direction);
+}
+
+void light_meet(const struct light *light, const struct ray *ray, const struct tracer_hit *hit,
+                struct light_sample *sample)
+{
+    struct stage_hit met = {.distance = INFINITY};
+    bool is_hit = surfaces_meet(light->surfaces, ray, hit, &met);
+    double to_floor = floor_distance(light, sample->direction);
+    if (is_hit && met.distance <= to_floor)
+        shade(light, stage_leave(light->stage, &met), met.normal, surface_albedo(light, &met), 1, sample);
+    else if (isfinite(to_floor))
+        look_at_floor(light, to_floor, sample);
+    else
+        sample->backdrop = backdrop(light, sample->direction);
+}
+
+/* The hemisphere is shared out among a pixel's samples in squares, so that together they cover it evenly. */
+void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_BOUNCES])
+{
+    for (unsigned i = 0; i < LIGHT_BOUNCES; i++) {
+        unsigned cell = sample->index * LIGHT_BOUNCES + i;
+        double turn = (cell % LIGHT_STRATA + rays_uniform(&sample->random)) / LIGHT_STRATA;
+        double outward = (cell / LIGHT_STRATA % 2 + rays_uniform(&sample->random)) / 2;
+        struct vector direction = vector_unit(around(sample->normal, turn, sqrt(outward), sqrt(1 - outward)));
+        ret_rays[i] = stage_ray(sample->position, direction);
+    }
+}
+
+/* Light that arrives along one ray: from the sky, or from a surface that the sun may shine on. */
+static struct vector arriving(const struct light *light, const struct ray *ray, const struct tracer_hit *hit,
+                              uint64_t *state, struct light_shadow *ret_shadow)
+{
+    struct stage_hit met;
+    *ret_shadow = (struct light_shadow){0};
+    if (!surfaces_meet(light->surfaces, ray, hit, &met))
+        return sky(light, vector_make((double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2]));
+    double turn = rays_uniform(state), outward = rays_uniform(state);
+    struct vector albedo = surface_albedo(light, &met), fill = light->camera->is_inside ? inside_fill : outside_fill;
+    double room =
+        met.distance / (met.distance + 0.03 * light->stage->size); /* corners get less of what bounces on and on */
+    *ret_shadow = sun_on(light, stage_leave(light->stage, &met), met.normal, turn, outward,
+                         vector_scale(albedo, 1.0 / LIGHT_BOUNCES));
+    return vector_mul(albedo, vector_scale(fill, 2 * room));
+}
+
+void light_reflect(const struct light *light, const struct ray rays[LIGHT_BOUNCES],
+                   const struct tracer_hit hits[LIGHT_BOUNCES], struct light_sample *sample)
+{
+    for (unsigned i = 0; i < LIGHT_BOUNCES; i++) {
+        struct vector light_there = arriving(light, &rays[i], &hits[i], &sample->random, &sample->bounced[i]);
+        sample->ambient = vector_mad(sample->ambient, light_there, 1.0 / LIGHT_BOUNCES);
+    }
+}
+
+struct ray light_shadow_ray(const struct light_shadow *shadow)
+{
+    struct ray ray = stage_ray(shadow->from, shadow->towards);
+    ray.flags = RAY_TERMINATE_ON_FIRST_HIT;
+    return ray;
+}
+
+/* A filmic curve: a toe, a nearly straight part, a long shoulder (the fit of Narkowicz 2015). */
+static double film(double value)
+{
+    double x = fmax(value, 0) * 0.55;
+    return fmin(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 1);
+}
+
+static double srgb(double value)
+{
+    return value <= 0.0031308 ? 12.92 * value : 1.055 * pow(value, 1 / 2.4) - 0.055;
+}
+
+struct vector light_display(struct vector colour)
+{
+    return vector_make(srgb(film(colour.x)), srgb(film(colour.y)), srgb(film(colour.z)));
+}

@@ -1,0 +1,335 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/picture/picture.h"
+
+#include <png.h>
+#include <string.h>
+
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/oracle/rays.h"
+#include "client/bvhctl/picture/smooth.h"
+
+enum {
+    GRID = 2,
+    SAMPLES = GRID * GRID,
+    EDGE_GRID = 3,
+    EDGE_SAMPLES = EDGE_GRID * EDGE_GRID
+}; /* pixels on edges get the samples of both grids */
+
+static enum bvhd_status no_memory(const struct picture_options *options, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for a picture of %u x %u", options->width,
+                          options->height);
+}
+
+struct rendering {
+    const struct picture_options *options;
+    struct sampler sampler;
+    struct pixel *pixels;
+    uint8_t *rgb;
+    struct sums *sums; /* of the pixels that are sampled */
+    struct edge *edges; /* of pixels that wait for more samples */
+    uint32_t first, count; /* the pixels that are sampled, unless `edges` are */
+    uint32_t edge_count;
+    double exposure;
+};
+
+static void put_floats(float out[3], struct vector value)
+{
+    out[0] = (float)value.x;
+    out[1] = (float)value.y;
+    out[2] = (float)value.z;
+}
+
+static void set_surface(const struct light *light, struct pixel *pixel, struct vector normal, struct vector position)
+{
+    struct vector seen = vector_scale(vector_sub(position, light->camera->origin), 1 / light->stage->size);
+    put_floats(pixel->normal, vector_unit(normal));
+    put_floats(pixel->position, seen);
+    pixel->depth = (float)fmax(vector_length(seen), 1e-30);
+}
+
+/* What a pixel's samples add up to. */
+struct sums {
+    struct vector backdrop, albedo, direct, ambient, normal, position;
+    unsigned samples, surfaces;
+    double darkest, brightest; /* of what is seen without ambient light: edges of things and of shadows show in it */
+};
+
+struct edge {
+    uint32_t pixel;
+    struct sums sums;
+};
+
+static void add_sample(struct sums *sums, const struct light_sample *sample)
+{
+    struct vector seen = vector_add(sample->backdrop, sample->direct);
+    double brightness = seen.x + seen.y + seen.z;
+    sums->darkest = sums->samples ? fmin(sums->darkest, brightness) : brightness;
+    sums->brightest = sums->samples ? fmax(sums->brightest, brightness) : brightness;
+    sums->backdrop = vector_add(sums->backdrop, sample->backdrop);
+    sums->samples++;
+    if (!sample->is_surface)
+        return;
+    sums->albedo = vector_add(sums->albedo, sample->albedo);
+    sums->direct = vector_add(sums->direct, sample->direct);
+    sums->ambient = vector_add(sums->ambient, sample->ambient);
+    sums->normal = vector_add(sums->normal, sample->normal);
+    sums->position = vector_add(sums->position, sample->position);
+    sums->surfaces++;
+}
+
+static bool is_edge(const struct sums *sums)
+{
+    return sums->brightest - sums->darkest > 0.12 * (sums->brightest + 0.1);
+}
+
+static void finish_pixel(const struct light *light, const struct sums *sums, struct pixel *ret_pixel)
+{
+    struct pixel pixel = {0};
+    put_floats(pixel.backdrop, vector_scale(sums->backdrop, 1.0 / sums->samples));
+    put_floats(pixel.albedo, vector_scale(sums->albedo, 1.0 / sums->samples));
+    put_floats(pixel.direct, vector_scale(sums->direct, 1.0 / sums->samples));
+    if (sums->surfaces) {
+        put_floats(pixel.ambient, vector_scale(sums->ambient, 1.0 / sums->surfaces));
+        set_surface(light, &pixel, sums->normal, vector_scale(sums->position, 1.0 / sums->surfaces));
+    }
+    *ret_pixel = pixel;
+}
+
+/* One sample in each cell of a grid over the pixel. */
+static void place_samples(const struct rendering *rendering, uint32_t pixel, unsigned grid,
+                          struct light_sample *samples)
+{
+    const struct picture_options *options = rendering->options;
+    uint32_t x = pixel % options->width, y = pixel / options->width;
+    uint64_t seed = (uint64_t)y << 32 | x << 8 | grid, state = rays_random(&seed);
+    for (unsigned i = 0; i < grid * grid; i++) {
+        double u = (x + (i % grid + rays_uniform(&state)) / grid) / options->width;
+        double v = (y + (i / grid + rays_uniform(&state)) / grid) / options->height;
+        samples[i].direction = camera_direction(options->light->camera, u, v);
+        samples[i].index = i % SAMPLES;
+        samples[i].random = rays_random(&state);
+    }
+}
+
+/* ---- all pixels, some at a time ---- */
+
+enum { CHUNK = 128 }; /* pixels */
+
+static void place_pixels(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->count, &begin, &end);
+    for (size_t i = begin; i < end; i++)
+        place_samples(rendering, rendering->first + (uint32_t)i, GRID, rendering->sampler.samples + i * SAMPLES);
+}
+
+static void add_pixels(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->count, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        struct sums *sums = &rendering->sums[i];
+        *sums = (struct sums){0};
+        for (int k = 0; k < SAMPLES; k++)
+            add_sample(sums, &rendering->sampler.samples[i * SAMPLES + k]);
+        if (!is_edge(sums))
+            finish_pixel(rendering->options->light, sums, &rendering->pixels[rendering->first + i]);
+    }
+}
+
+static void place_edges(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->edge_count, &begin, &end);
+    for (size_t i = begin; i < end; i++)
+        place_samples(rendering, rendering->edges[i].pixel, EDGE_GRID, rendering->sampler.samples + i * EDGE_SAMPLES);
+}
+
+static void add_edges(void *context, size_t index)
+{
+    const struct rendering *rendering = context;
+    size_t begin, end;
+    parallel_chunk(index, CHUNK, rendering->edge_count, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        struct edge *edge = &rendering->edges[i];
+        for (int k = 0; k < EDGE_SAMPLES; k++)
+            add_sample(&edge->sums, &rendering->sampler.samples[i * EDGE_SAMPLES + k]);
+        finish_pixel(rendering->options->light, &edge->sums, &rendering->pixels[edge->pixel]);
+    }
+}
+
+static void in_chunks(struct rendering *rendering, uint32_t pixels, parallel_task task)
+{
+    parallel_for(rendering->options->parallel, (pixels + CHUNK - 1) / CHUNK, task, rendering);
+}
+
+static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_error *error)
+{
+    in_chunks(rendering, rendering->edge_count, place_edges);
+    enum bvhd_status status = sampler_take(&rendering->sampler, rendering->edge_count * EDGE_SAMPLES, error);
+    if (status)
+        return status;
+    in_chunks(rendering, rendering->edge_count, add_edges);
+    rendering->edge_count = 0;
+    return BVHD_OK;
+}
+
+/* Pixels on edges wait until there are enough of them for a batch. */
+static enum bvhd_status collect_edges(struct rendering *rendering, struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < rendering->count && !status; i++) {
+        if (!is_edge(&rendering->sums[i]))
+            continue;
+        rendering->edges[rendering->edge_count++] = (struct edge){rendering->first + i, rendering->sums[i]};
+        if (rendering->edge_count == rendering->options->batch / EDGE_SAMPLES)
+            status = sample_edges(rendering, error);
+    }
+    return status;
+}
+
+static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_error *error)
+{
+    const struct picture_options *options = rendering->options;
+    uint32_t total = options->width * options->height, step = options->batch / SAMPLES;
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t first = 0; first < total && !status; first += rendering->count) {
+        rendering->first = first;
+        rendering->count = total - first < step ? total - first : step;
+        in_chunks(rendering, rendering->count, place_pixels);
+        status = sampler_take(&rendering->sampler, rendering->count * SAMPLES, error);
+        if (status)
+            return status;
+        in_chunks(rendering, rendering->count, add_pixels);
+        status = collect_edges(rendering, error);
+        if (options->progress)
+            options->progress(options->progress_context, first + rendering->count, total);
+    }
+    return status ? status : sample_edges(rendering, error);
+}
+
+/* ---- development ---- */
+
+static struct vector pixel_colour(const struct pixel *pixel)
+{
+    struct vector reflected = vector_mul(vector_from_floats(pixel->albedo), vector_from_floats(pixel->ambient));
+    return vector_add(vector_add(vector_from_floats(pixel->backdrop), vector_from_floats(pixel->direct)), reflected);
+}
+
+/*
+ * Outdoors the light is known; inside it depends on the windows: the geometric mean of what is seen becomes a middle
+ * grey.
+ */
+static double choose_exposure(const struct rendering *rendering)
+{
+    static const double middle_grey = 0.26;
+    uint64_t count = (uint64_t)rendering->options->width * rendering->options->height;
+    double sum = 0;
+    for (uint64_t i = 0; i < count; i++) {
+        struct vector colour = pixel_colour(&rendering->pixels[i]);
+        sum += log(fmax(0.2126 * colour.x + 0.7152 * colour.y + 0.0722 * colour.z, 1e-3));
+    }
+    double exposure = middle_grey / exp(sum / (double)count);
+    return rendering->options->light->camera->is_inside ? fmin(fmax(exposure, 0.5), 8) : 1;
+}
+
+/* Corners a little darker, as through a lens. */
+static double vignette(const struct rendering *rendering, uint32_t x, uint32_t y)
+{
+    double u = 2 * (x + 0.5) / rendering->options->width - 1, v = 2 * (y + 0.5) / rendering->options->height - 1;
+    return 1 - 0.09 * (u * u + v * v);
+}
+
+static void develop_row(void *context, size_t row)
+{
+    const struct rendering *rendering = context;
+    for (uint32_t x = 0; x < rendering->options->width; x++) {
+        size_t index = row * rendering->options->width + x;
+        struct vector colour = vector_scale(pixel_colour(&rendering->pixels[index]), rendering->exposure);
+        colour = light_display(vector_scale(colour, vignette(rendering, x, (uint32_t)row)));
+        rendering->rgb[3 * index] = (uint8_t)lround(255 * colour.x);
+        rendering->rgb[3 * index + 1] = (uint8_t)lround(255 * colour.y);
+        rendering->rgb[3 * index + 2] = (uint8_t)lround(255 * colour.z);
+    }
+}
+
+static enum bvhd_status prepare(struct rendering *rendering, struct memory *memory, struct bvhd_error *error)
+{
+    const struct picture_options *options = rendering->options;
+    uint64_t count = (uint64_t)options->width * options->height;
+    struct sampler_options sampler = {.light = options->light,
+                                      .tracer = options->tracer,
+                                      .parallel = options->parallel,
+                                      .batch = options->batch,
+                                      .watch = options->watch,
+                                      .watch_context = options->watch_context};
+    rendering->pixels = memory_array(memory, count, sizeof *rendering->pixels);
+    rendering->rgb = memory_array(memory, count, 3);
+    rendering->sums = memory_array(memory, options->batch / SAMPLES, sizeof *rendering->sums);
+    rendering->edges = memory_array(memory, options->batch / EDGE_SAMPLES, sizeof *rendering->edges);
+    if (!rendering->pixels || !rendering->rgb || !rendering->sums || !rendering->edges)
+        return no_memory(options, error);
+    return sampler_init(&rendering->sampler, &sampler, memory, error);
+}
+
+static enum bvhd_status develop(struct rendering *rendering, struct memory *memory, struct bvhd_error *error)
+{
+    const struct picture_options *options = rendering->options;
+    if (!smooth_ambient(rendering->pixels, options->width, options->height, options->parallel, memory))
+        return no_memory(options, error);
+    rendering->exposure = choose_exposure(rendering);
+    parallel_for(options->parallel, options->height, develop_row, rendering);
+    return BVHD_OK;
+}
+
+enum bvhd_status picture_render(const struct picture_options *options, struct memory *memory,
+                                struct picture *ret_picture, struct bvhd_error *error)
+{
+    struct rendering rendering = {.options = options};
+    enum bvhd_status status = prepare(&rendering, memory, error);
+    if (!status)
+        status = sample_pixels(&rendering, error);
+    struct picture picture = {options->width,         options->height,           rendering.rgb,
+                              rendering.sampler.rays, rendering.sampler.seconds, memory};
+    sampler_finish(&rendering.sampler);
+    memory_free(memory, rendering.sums);
+    memory_free(memory, rendering.edges);
+    if (!status)
+        status = develop(&rendering, memory, error);
+    memory_free(memory, rendering.pixels);
+    if (status)
+        memory_free(memory, rendering.rgb);
+    else
+        *ret_picture = picture;
+    return status;
+}
+
+enum bvhd_status picture_write_png(const struct picture *picture, const char *path, struct bvhd_error *error)
+{
+    png_image image = {
+        .version = PNG_IMAGE_VERSION, .width = picture->width, .height = picture->height, .format = PNG_FORMAT_RGB};
+    png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(image);
+    unsigned char *data = memory_alloc(picture->memory, size);
+    if (!data)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the PNG file");
+    enum bvhd_status status = BVHD_OK;
+    if (!png_image_write_to_memory(&image, data, &size, 0, picture->rgb, 0, NULL))
+        status = bvhd_error_set(error, BVHD_INTERNAL, path, "libpng: %s", image.message);
+    else
+        status = files_write(path, (struct bytes){data, size}, picture->memory, NULL, error);
+    png_image_free(&image);
+    memory_free(picture->memory, data);
+    return status;
+}
+
+void picture_finish(struct picture *picture)
+{
+    if (!picture || !picture->memory)
+        return;
+    memory_free(picture->memory, picture->rgb);
+    *picture = (struct picture){0};
+}

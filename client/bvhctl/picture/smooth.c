@@ -1,0 +1,88 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/picture/smooth.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { PASSES = 4, REACH = 2 };
+
+struct rgb {
+    float at[3];
+};
+
+struct pass {
+    const struct pixel *pixels;
+    const struct rgb *from;
+    struct rgb *to;
+    uint32_t width, height, step;
+};
+
+/*
+ * 1 for neighbours on the same plane that face the same way; falls to 0 soon, so that light does not leak around edges.
+ */
+static float likeness(const struct pass *pass, const struct pixel *here, const struct pixel *there)
+{
+    float facing = 0, apart = 0;
+    for (int i = 0; i < 3; i++) {
+        facing += here->normal[i] * there->normal[i];
+        apart += here->normal[i] * (there->position[i] - here->position[i]);
+    }
+    float tolerance = 3.0f * here->depth * (float)pass->step / (float)pass->height;
+    float plane = 1 - fabsf(apart) / tolerance;
+    float turned = 1 - 4 * (1 - facing); /* 0 at about 40 degrees */
+    return plane > 0 && turned > 0 ? plane * turned * turned : 0;
+}
+
+static void smooth_pixel(const struct pass *pass, uint32_t x, uint32_t y)
+{
+    static const float kernel[2 * REACH + 1] = {1, 4, 6, 4, 1};
+    size_t index = (size_t)y * pass->width + x;
+    const struct pixel *here = &pass->pixels[index];
+    struct rgb sum = {{0}};
+    float weights = 0;
+    for (int dy = -REACH; dy <= REACH; dy++)
+        for (int dx = -REACH; dx <= REACH; dx++) {
+            int64_t u = x + (int64_t)dx * pass->step, v = y + (int64_t)dy * pass->step;
+            if (u < 0 || v < 0 || u >= pass->width || v >= pass->height)
+                continue;
+            size_t other = (size_t)v * pass->width + (size_t)u;
+            float weight = kernel[dx + REACH] * kernel[dy + REACH] * likeness(pass, here, &pass->pixels[other]);
+            for (int i = 0; i < 3; i++)
+                sum.at[i] += weight * pass->from[other].at[i];
+            weights += weight;
+        }
+    for (int i = 0; i < 3; i++)
+        pass->to[index].at[i] = weights > 0 ? sum.at[i] / weights : pass->from[index].at[i];
+}
+
+static void smooth_row(void *context, size_t row)
+{
+    const struct pass *pass = context;
+    for (uint32_t x = 0; x < pass->width; x++) {
+        size_t index = row * pass->width + x;
+        if (pass->pixels[index].depth > 0)
+            smooth_pixel(pass, x, (uint32_t)row);
+        else
+            pass->to[index] = pass->from[index];
+    }
+}
+
+bool smooth_ambient(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
+                    struct memory *memory)
+{
+    uint64_t count = (uint64_t)width * height;
+    struct rgb *buffers[2] = {memory_array(memory, count, sizeof **buffers),
+                              memory_array(memory, count, sizeof **buffers)};
+    bool ok = buffers[0] && buffers[1];
+    for (uint64_t i = 0; i < count && ok; i++)
+        memcpy(&buffers[0][i], pixels[i].ambient, sizeof **buffers);
+    for (uint32_t i = 0; i < PASSES && ok; i++) {
+        struct pass pass = {pixels, buffers[i % 2], buffers[1 - i % 2], width, height, 1u << i};
+        parallel_for(parallel, height, smooth_row, &pass);
+    }
+    for (uint64_t i = 0; i < count && ok; i++)
+        memcpy(pixels[i].ambient, &buffers[PASSES % 2][i], sizeof **buffers);
+    memory_free(memory, buffers[0]);
+    memory_free(memory, buffers[1]);
+    return ok;
+}

@@ -1,0 +1,215 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/picture/surface.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define NO_ROW UINT32_MAX
+
+static uint32_t *make_rows(struct memory *memory, uint64_t count)
+{
+    uint32_t *rows = memory_array(memory, count + 1, sizeof *rows);
+    if (rows)
+        memset(rows, 0xff, count * sizeof *rows); /* NO_ROW */
+    return rows;
+}
+
+/* Of split triangles any row will do: all have the same corners. */
+static uint32_t *find_triangles(const struct structure *bottom, struct memory *memory)
+{
+    uint32_t *rows = make_rows(memory, bottom->primitive_count), count = structure_triangle_count(bottom);
+    for (uint32_t row = 0; row < count && rows; row++) {
+        float corners[3][3];
+        uint32_t primitive;
+        structure_triangle(bottom, row, corners, &primitive);
+        if (primitive < bottom->primitive_count)
+            rows[primitive] = row;
+    }
+    return rows;
+}
+
+struct place {
+    const unsigned char *data;
+    uint32_t bottom;
+};
+
+static int compare_places(const void *a, const void *b)
+{
+    const struct place *x = a, *y = b;
+    return x->data != y->data ? (x->data > y->data) - (x->data < y->data)
+                              : (x->bottom > y->bottom) - (x->bottom < y->bottom);
+}
+
+/* One table for each distinct bottom level, though several rows may name it. */
+static bool fill_bottoms(struct surfaces *surfaces, struct place *places)
+{
+    const struct structures *structures = surfaces->structures;
+    uint32_t count = structures->bottom_count;
+    for (uint32_t i = 0; i < count; i++)
+        places[i] = (struct place){structures->files[i].structure.blob.data, i};
+    qsort(places, count, sizeof *places, compare_places);
+    for (uint32_t i = 0; i < count; i++) {
+        bool is_same = i > 0 && places[i].data == places[i - 1].data;
+        uint32_t **rows = &surfaces->triangle_rows[places[i].bottom];
+        surfaces->owners[places[i].bottom] = is_same ? surfaces->owners[places[i - 1].bottom] : places[i].bottom;
+        if (is_same || !places[i].data)
+            continue;
+        *rows = find_triangles(&structures->files[places[i].bottom].structure, surfaces->memory);
+        if (!*rows)
+            return false;
+    }
+    return true;
+}
+
+static bool find_bottoms(struct surfaces *surfaces)
+{
+    struct memory *memory = surfaces->memory;
+    uint64_t count = (uint64_t)surfaces->structures->bottom_count + 1;
+    struct place *places = memory_array(memory, count, sizeof *places);
+    surfaces->triangle_rows = memory_array(memory, count, sizeof *surfaces->triangle_rows);
+    surfaces->owners = memory_array(memory, count, sizeof *surfaces->owners);
+    if (surfaces->triangle_rows)
+        memset(surfaces->triangle_rows, 0, count * sizeof *surfaces->triangle_rows);
+    bool ok = places && surfaces->triangle_rows && surfaces->owners && fill_bottoms(surfaces, places);
+    memory_free(memory, places);
+    return ok;
+}
+
+static bool find_instances(struct surfaces *surfaces)
+{
+    const struct structure *top = structures_top(surfaces->structures);
+    uint32_t rows = top ? structure_instance_count(top) : 0;
+    for (uint32_t row = 0; row < rows; row++) {
+        uint32_t instance = structure_instance(top, row).instance;
+        surfaces->instance_count = instance >= surfaces->instance_count ? instance + 1 : surfaces->instance_count;
+    }
+    surfaces->instance_rows = make_rows(surfaces->memory, surfaces->instance_count);
+    for (uint32_t row = 0; row < rows && surfaces->instance_rows; row++)
+        surfaces->instance_rows[structure_instance(top, row).instance] = row;
+    return surfaces->instance_rows != NULL;
+}
+
+enum bvhd_status surfaces_init(struct surfaces *surfaces, const struct structures *structures, struct memory *memory,
+                               struct bvhd_error *error)
+{
+    *surfaces = (struct surfaces){.structures = structures, .memory = memory};
+    if (find_instances(surfaces) && find_bottoms(surfaces))
+        return BVHD_OK;
+    surfaces_finish(surfaces);
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory to find triangles");
+}
+
+void surfaces_finish(struct surfaces *surfaces)
+{
+    if (!surfaces || !surfaces->memory)
+        return;
+    for (uint32_t i = 0; surfaces->triangle_rows && i < surfaces->structures->bottom_count; i++)
+        memory_free(surfaces->memory, surfaces->triangle_rows[i]);
+    memory_free(surfaces->memory, surfaces->triangle_rows);
+    memory_free(surfaces->memory, surfaces->owners);
+    memory_free(surfaces->memory, surfaces->instance_rows);
+    *surfaces = (struct surfaces){0};
+}
+
+static const struct structure_geometry *find_geometry(const struct structure *bottom, uint32_t geometry)
+{
+    const struct structure_geometry *rows = bottom->geometries;
+    uint32_t low = 0, high = bottom->geometry_count;
+    if (geometry < high && rows[geometry].geometry == geometry)
+        return &rows[geometry]; /* none is left out before it: nearly always */
+    while (low < high) {
+        uint32_t middle = low + (high - low) / 2;
+        if (rows[middle].geometry == geometry)
+            return &rows[middle];
+        if (rows[middle].geometry < geometry)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return NULL;
+}
+
+static bool find_corners(const struct surfaces *surfaces, uint32_t bottom, const struct tracer_hit *hit,
+                         float ret_corners[3][3])
+{
+    const struct structure *structure = &surfaces->structures->files[bottom].structure;
+    const uint32_t *rows = surfaces->triangle_rows[surfaces->owners[bottom]];
+    const struct structure_geometry *geometry = find_geometry(structure, hit->geometry);
+    if (!rows || !geometry || hit->primitive >= geometry->primitive_count)
+        return false;
+    uint32_t row = rows[geometry->first_primitive + hit->primitive], primitive;
+    if (row == NO_ROW)
+        return false;
+    structure_triangle(structure, row, ret_corners, &primitive);
+    return true;
+}
+
+/* *ret_bottom for an AABB's hit, too. */
+static bool find_instance(const struct surfaces *surfaces, const struct tracer_hit *hit,
+                          struct structure_instance *ret_instance)
+{
+    const struct structure *top = structures_top(surfaces->structures);
+    if (!top) {
+        ret_instance->bottom = 0;
+        return true;
+    }
+    if (hit->instance >= surfaces->instance_count || surfaces->instance_rows[hit->instance] == NO_ROW)
+        return false;
+    *ret_instance = structure_instance(top, surfaces->instance_rows[hit->instance]);
+    return ret_instance->bottom < surfaces->structures->bottom_count;
+}
+
+bool surfaces_find(const struct surfaces *surfaces, const struct tracer_hit *hit, struct surface *ret_surface)
+{
+    struct structure_instance instance = {0};
+    float corners[3][3];
+    if (hit->flags & TRACER_AABB || !find_instance(surfaces, hit, &instance) ||
+        !find_corners(surfaces, instance.bottom, hit, corners))
+        return false;
+    *ret_surface = (struct surface){.bottom = instance.bottom};
+    bool has_top = structures_top(surfaces->structures) != NULL;
+    for (int i = 0; i < 3; i++) {
+        struct vector corner = vector_from_floats(corners[i]);
+        ret_surface->corners[i] = has_top ? vector_transform(instance.object_to_world, corner) : corner;
+    }
+    if (has_top)
+        ret_surface->shift = vector_transform(instance.object_to_world, vector_make(0, 0, 0));
+    return true;
+}
+
+struct vector surface_normal(const struct surface *surface)
+{
+    return vector_normal(surface->corners);
+}
+
+/* A box has no side that is known: it looks at who looks at it. */
+static bool find_box(const struct surfaces *surfaces, const struct tracer_hit *hit, uint32_t *ret_bottom)
+{
+    struct structure_instance instance = {0};
+    if (!find_instance(surfaces, hit, &instance))
+        return false;
+    *ret_bottom = instance.bottom;
+    return true;
+}
+
+bool surfaces_meet(const struct surfaces *surfaces, const struct ray *ray, const struct tracer_hit *hit,
+                   struct stage_hit *ret_hit)
+{
+    if (!isfinite(hit->t))
+        return false;
+    struct surface surface;
+    struct vector direction = vector_from_floats(ray->direction), normal = vector_scale(direction, -1);
+    if (surfaces_find(surfaces, hit, &surface))
+        normal = surface_normal(&surface);
+    else if (!(hit->flags & TRACER_AABB) || !find_box(surfaces, hit, &surface.bottom))
+        return false;
+    if (vector_dot(normal, direction) > 0)
+        normal = vector_scale(normal, -1);
+    *ret_hit = (struct stage_hit){.position = vector_mad(vector_from_floats(ray->origin), direction, (double)hit->t),
+                                  .normal = normal,
+                                  .distance = (double)hit->t,
+                                  .instance = structures_top(surfaces->structures) ? hit->instance : 0,
+                                  .handle = surface.bottom,
+                                  .geometry = hit->geometry};
+    return true;
+}

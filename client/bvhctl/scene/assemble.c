@@ -1,0 +1,334 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/scene/assemble.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "builder/format/serialized.h"
+
+/* What both batches share while they are described and built. */
+struct job {
+    const struct import *import;
+    const struct options *options;
+    struct backend *backend;
+    struct bvhd_error *error;
+};
+
+static enum bvhd_status no_memory(const struct job *job)
+{
+    return bvhd_error_set(job->error, BVHD_NO_MEMORY, job->import->name, "no memory to describe the scene");
+}
+
+/* A handle only has to differ from the others: part + 1; one more for the top level. */
+static VkAccelerationStructureKHR make_handle(uint64_t number)
+{
+    VkAccelerationStructureKHR handle;
+    _Static_assert(sizeof handle == sizeof number, "non-dispatchable handles have 64 bits");
+    memcpy(&handle, &number, sizeof handle);
+    return handle;
+}
+
+static uint32_t max_vertex(const struct import_mesh *mesh)
+{
+    return mesh->vertex_count ? mesh->vertex_count - 1 : 0;
+}
+
+static VkAccelerationStructureGeometryKHR describe_mesh(const struct import_mesh *mesh, uint32_t geometry_flags)
+{
+    return (VkAccelerationStructureGeometryKHR){
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
+        .geometryType = VK_GEOMETRY_TYPE_TRIANGLES_KHR,
+        .geometry.triangles = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR,
+                               .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT,
+                               .vertexData.hostAddress = mesh->positions,
+                               .vertexStride = 3 * sizeof(float),
+                               .maxVertex = max_vertex(mesh),
+                               .indexType = VK_INDEX_TYPE_UINT32,
+                               .indexData.hostAddress = mesh->indices},
+        .flags = geometry_flags,
+    };
+}
+
+static VkAccelerationStructureBuildGeometryInfoKHR describe_build(const struct options *options,
+                                                                  VkAccelerationStructureTypeKHR type, uint64_t handle,
+                                                                  uint32_t geometry_count,
+                                                                  const VkAccelerationStructureGeometryKHR *geometries)
+{
+    return (VkAccelerationStructureBuildGeometryInfoKHR){
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
+        .type = type,
+        .flags = options->build_flags,
+        .mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR,
+        .dstAccelerationStructure = make_handle(handle),
+        .geometryCount = geometry_count,
+        .pGeometries = geometries,
+    };
+}
+
+static struct bvhd_build make_request(const struct options *options, uint32_t count,
+                                      const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+                                      const VkAccelerationStructureBuildRangeInfoKHR *const *ranges)
+{
+    return (struct bvhd_build){
+        .struct_size = sizeof(struct bvhd_build),
+        .info_count = count,
+        .infos = infos,
+        .ranges = ranges,
+        .quality = (enum bvhd_quality)options->build.quality,
+        .target = (enum bvhd_target)options->build.target,
+        .layout_flags = options->build.layout_flags,
+        .format = options->format,
+        .rays_per_primitive = (float)options->rays,
+    };
+}
+
+/* The bottom levels' descriptions: geometries and ranges of all parts behind each other. */
+struct bottom_arrays {
+    VkAccelerationStructureBuildGeometryInfoKHR *infos;
+    const VkAccelerationStructureBuildRangeInfoKHR **ranges;
+    VkAccelerationStructureGeometryKHR *geometries;
+    VkAccelerationStructureBuildRangeInfoKHR *range_rows;
+};
+
+static void bottom_arrays_finish(struct bottom_arrays *arrays, struct memory *memory)
+{
+    memory_free(memory, arrays->infos);
+    memory_free(memory, arrays->ranges);
+    memory_free(memory, arrays->geometries);
+    memory_free(memory, arrays->range_rows);
+}
+
+static bool bottom_arrays_init(struct bottom_arrays *arrays, const struct import *import, struct memory *memory)
+{
+    uint64_t geometry_count = 0;
+    for (uint32_t i = 0; i < import->part_count; i++)
+        geometry_count += import->parts[i].mesh_count;
+    arrays->infos = memory_array(memory, import->part_count, sizeof *arrays->infos);
+    arrays->ranges = memory_array(memory, import->part_count, sizeof *arrays->ranges);
+    arrays->geometries = memory_array(memory, geometry_count, sizeof *arrays->geometries);
+    arrays->range_rows = memory_array(memory, geometry_count, sizeof *arrays->range_rows);
+    return arrays->infos && arrays->ranges && arrays->geometries && arrays->range_rows;
+}
+
+static void describe_bottoms(const struct job *job, struct bottom_arrays *arrays)
+{
+    VkAccelerationStructureGeometryKHR *geometries = arrays->geometries;
+    VkAccelerationStructureBuildRangeInfoKHR *ranges = arrays->range_rows;
+    for (uint32_t i = 0; i < job->import->part_count; i++) {
+        const struct import_part *part = &job->import->parts[i];
+        for (uint32_t k = 0; k < part->mesh_count; k++) {
+            const struct import_mesh *mesh = &job->import->meshes[part->meshes[k]];
+            geometries[k] = describe_mesh(mesh, job->options->geometry_flags);
+            ranges[k] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = mesh->triangle_count};
+        }
+        arrays->infos[i] = describe_build(job->options, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+                                          UINT64_C(1) + i, part->mesh_count, geometries);
+        arrays->ranges[i] = ranges;
+        geometries += part->mesh_count;
+        ranges += part->mesh_count;
+    }
+}
+
+static enum bvhd_status build_bottoms(const struct job *job, struct assembly *assembly)
+{
+    struct bottom_arrays arrays = {0};
+    enum bvhd_status status = BVHD_OK;
+    if (!bottom_arrays_init(&arrays, job->import, job->import->memory)) {
+        status = no_memory(job);
+    } else {
+        describe_bottoms(job, &arrays);
+        struct bvhd_build request = make_request(job->options, job->import->part_count, arrays.infos, arrays.ranges);
+        status = job->backend->build(job->backend, &request, assembly->items, &assembly->bottoms, job->error);
+    }
+    bottom_arrays_finish(&arrays, job->import->memory);
+    return status;
+}
+
+struct keyed_part {
+    const struct bvhd_key *key;
+    uint32_t part;
+};
+
+static int compare_parts(const void *a, const void *b)
+{
+    const struct keyed_part *x = a, *y = b;
+    int order = memcmp(x->key, y->key, sizeof *x->key);
+    return order ? order : (x->part > y->part) - (x->part < y->part);
+}
+
+/*
+ * ret_shared[part]: the first part with the same content, so that a scene with equal meshes is loaded with one
+ * structure for them.
+ */
+static enum bvhd_status share_equal_parts(const struct job *job, const struct assembly *assembly, uint32_t *ret_shared)
+{
+    uint32_t count = job->import->part_count, built = 0;
+    struct keyed_part *parts = memory_array(job->import->memory, count, sizeof *parts);
+    if (!parts)
+        return no_memory(job);
+    for (uint32_t i = 0; i < count; i++) {
+        ret_shared[i] = i;
+        if (!assembly->items[i].error.status)
+            parts[built++] = (struct keyed_part){&assembly->items[i].key, i};
+    }
+    qsort(parts, built, sizeof *parts, compare_parts);
+    for (uint32_t i = 1; i < built; i++)
+        if (!memcmp(parts[i].key, parts[i - 1].key, sizeof *parts[i].key))
+            ret_shared[parts[i].part] = ret_shared[parts[i - 1].part];
+    memory_free(job->import->memory, parts);
+    return BVHD_OK;
+}
+
+static VkAccelerationStructureInstanceKHR describe_instance(const struct import_instance *instance,
+                                                            const uint32_t *shared, uint32_t index)
+{
+    VkAccelerationStructureInstanceKHR record = {
+        .instanceCustomIndex = index & 0xffffff,
+        .mask = 0xff,
+        .accelerationStructureReference = instance->skipped ? 0 : UINT64_C(1) + shared[instance->part],
+    };
+    static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    memcpy(record.transform.matrix, instance->skipped ? identity : instance->transform, sizeof record.transform.matrix);
+    return record;
+}
+
+/* The structures that the top level names, each once, in the order in which its instances first name them. */
+static enum bvhd_status collect_references(const struct job *job, struct assembly *assembly, const uint32_t *shared,
+                                           struct bvhd_reference *references, bool *seen,
+                                           struct bvhd_error *ret_failure)
+{
+    const struct import *import = job->import;
+    memset(seen, 0, import->part_count * sizeof *seen);
+    for (uint32_t i = 0; i < import->instance_count; i++) {
+        if (import->instances[i].skipped || seen[shared[import->instances[i].part]])
+            continue;
+        uint32_t part = shared[import->instances[i].part];
+        const struct bvhd_result *item = &assembly->items[part];
+        if (item->error.status)
+            return bvhd_error_set(ret_failure, item->error.status, import->name,
+                                  "bottom level %u, which it needs, was not built", part);
+        seen[part] = true;
+        assembly->handles[assembly->handle_count] = part;
+        struct bvhd_reference *reference = &references[assembly->handle_count++];
+        *reference = (struct bvhd_reference){.handle = UINT64_C(1) + part, .has_key = 1, .key = item->key};
+        memcpy(reference->bounds, item->bounds, sizeof reference->bounds);
+        memcpy(reference->slabs, item->slabs, sizeof reference->slabs);
+    }
+    return BVHD_OK;
+}
+
+/* The rows that the blob's handles name, as parts. False when it is none of this request's. */
+static bool parts_of_handles(struct bytes blob, uint64_t count, const struct assembly *assembly, uint32_t *ret_parts)
+{
+    for (uint64_t i = 0; i < count; i++) {
+        uint64_t row = bytes_get64(blob.data + SERIALIZED_HANDLES + 8 * i) - 1; /* a handle is its row + 1 */
+        if (row >= assembly->handle_count)
+            return false;
+        ret_parts[i] = assembly->handles[row];
+    }
+    return true;
+}
+
+/* Some targets name each row once, others have a handle for each instance. */
+static enum bvhd_status read_handles(const struct job *job, struct assembly *assembly)
+{
+    struct memory *memory = job->import->memory;
+    struct bvhd_result *top = &assembly->items[job->import->part_count];
+    struct bytes blob = {top->data, top->size};
+    struct serialized_header header;
+    if (serialized_read(blob, &header, &top->error) != BVHD_OK)
+        return BVHD_OK; /* it has failed, like others that are not built */
+    uint32_t *parts = memory_array(memory, header.handle_count + 1, sizeof *parts);
+    if (!parts)
+        return no_memory(job);
+    if (header.handle_count > UINT32_MAX || !parts_of_handles(blob, header.handle_count, assembly, parts)) {
+        memory_free(memory, parts);
+        bvhd_error_set(&top->error, BVHD_CORRUPT, "handles", "they name structures that were not asked for");
+        return BVHD_OK;
+    }
+    memory_free(memory, assembly->handles);
+    assembly->handles = parts;
+    assembly->handle_count = (uint32_t)header.handle_count;
+    return BVHD_OK;
+}
+
+static enum bvhd_status build_described_top(const struct job *job, struct assembly *assembly, const uint32_t *shared,
+                                            VkAccelerationStructureInstanceKHR *records,
+                                            const struct bvhd_reference *references)
+{
+    const struct import *import = job->import;
+    for (uint32_t i = 0; i < import->instance_count; i++)
+        records[i] = describe_instance(&import->instances[i], shared, i);
+    VkAccelerationStructureGeometryKHR geometry = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
+        .geometryType = VK_GEOMETRY_TYPE_INSTANCES_KHR,
+        .geometry.instances = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_INSTANCES_DATA_KHR,
+                               .data.hostAddress = records},
+    };
+    VkAccelerationStructureBuildGeometryInfoKHR info = describe_build(
+        job->options, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, UINT64_C(1) + import->part_count, 1, &geometry);
+    VkAccelerationStructureBuildRangeInfoKHR range = {.primitiveCount = import->instance_count};
+    const VkAccelerationStructureBuildRangeInfoKHR *ranges = &range;
+    struct bvhd_build request = make_request(job->options, 1, &info, &ranges);
+    request.references = references;
+    request.reference_count = assembly->handle_count;
+    return job->backend->build(job->backend, &request, &assembly->items[import->part_count], &assembly->top,
+                               job->error);
+}
+
+static enum bvhd_status build_top(const struct job *job, struct assembly *assembly)
+{
+    const struct import *import = job->import;
+    struct memory *memory = import->memory;
+    struct bvhd_error *failure = &assembly->items[import->part_count].error;
+    VkAccelerationStructureInstanceKHR *records = memory_array(memory, import->instance_count, sizeof *records);
+    struct bvhd_reference *references = memory_array(memory, import->part_count, sizeof *references);
+    bool *seen = memory_array(memory, import->part_count, sizeof *seen);
+    uint32_t *shared = memory_array(memory, import->part_count, sizeof *shared);
+    enum bvhd_status status =
+        records && references && seen && shared ? share_equal_parts(job, assembly, shared) : no_memory(job);
+    if (!status && collect_references(job, assembly, shared, references, seen, failure) == BVHD_OK)
+        status = build_described_top(job, assembly, shared, records, references);
+    if (!status && !failure->status)
+        status = read_handles(job, assembly);
+    memory_free(memory, shared);
+    memory_free(memory, seen);
+    memory_free(memory, references);
+    memory_free(memory, records);
+    return status;
+}
+
+enum bvhd_status assemble(const struct import *import, const struct options *options, struct backend *backend,
+                          struct assembly *ret_assembly, struct bvhd_error *error)
+{
+    struct job job = {import, options, backend, error};
+    struct assembly assembly = {.import = import, .backend = backend};
+    uint64_t count = (uint64_t)import->part_count + 1;
+    assembly.items = memory_array(import->memory, count, sizeof *assembly.items);
+    assembly.handles = memory_array(import->memory, count, sizeof *assembly.handles);
+    enum bvhd_status status = BVHD_OK;
+    if (assembly.items)
+        memset(assembly.items, 0, count * sizeof *assembly.items);
+    if (!assembly.items || !assembly.handles)
+        status = no_memory(&job);
+    if (!status)
+        status = build_bottoms(&job, &assembly);
+    if (!status)
+        status = build_top(&job, &assembly);
+    if (status)
+        assembly_finish(&assembly);
+    else
+        *ret_assembly = assembly;
+    return status;
+}
+
+void assembly_finish(struct assembly *assembly)
+{
+    if (!assembly || !assembly->import)
+        return;
+    assembly->backend->release(assembly->backend, assembly->top);
+    assembly->backend->release(assembly->backend, assembly->bottoms);
+    memory_free(assembly->import->memory, assembly->items);
+    memory_free(assembly->import->memory, assembly->handles);
+    *assembly = (struct assembly){0};
+}

@@ -1,0 +1,256 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/scene/import.h"
+
+#include <assimp/cimport.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/import_files.h"
+#include "client/bvhctl/scene/import_nodes.h"
+
+/* One place for "no memory": every allocation here is for the scene as a whole. */
+static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the scene, or more than --memory allows");
+}
+
+static char *copy_name(struct memory *memory, const struct aiString *name)
+{
+    return files_copy_text(memory, name->length < sizeof name->data ? name->data : "");
+}
+
+char *import_name(const char *path, struct memory *memory)
+{
+    const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path, *dot = strrchr(base, '.');
+    size_t length = dot && dot > base ? (size_t)(dot - base) : strlen(base);
+    char *name = memory_alloc(memory, length + 1);
+    if (name) {
+        memcpy(name, base, length);
+        name[length] = '\0';
+    }
+    return name;
+}
+
+static void count_faces(const struct aiMesh *source, struct import_mesh *mesh, struct import_counts *counts)
+{
+    for (unsigned i = 0; i < source->mNumFaces; i++) {
+        unsigned corners = source->mFaces[i].mNumIndices;
+        counts->points += corners == 1;
+        counts->lines += corners == 2;
+        mesh->triangle_count += corners == 3;
+    }
+    counts->skins += source->mNumBones > 0;
+    counts->morphs += source->mNumAnimMeshes;
+}
+
+static bool copy_faces(const struct aiMesh *source, struct import_mesh *mesh)
+{
+    uint32_t *out = mesh->indices;
+    for (unsigned i = 0; i < source->mNumFaces; i++) {
+        const struct aiFace *face = &source->mFaces[i];
+        for (unsigned k = 0; k < 3 && face->mNumIndices == 3; k++) {
+            if (face->mIndices[k] >= mesh->vertex_count)
+                return false;
+            *out++ = face->mIndices[k];
+        }
+    }
+    return true;
+}
+
+static void copy_positions(const struct aiMesh *source, struct import_mesh *mesh)
+{
+    for (unsigned i = 0; i < source->mNumVertices; i++) {
+        mesh->positions[3 * (size_t)i] = (float)source->mVertices[i].x;
+        mesh->positions[3 * (size_t)i + 1] = (float)source->mVertices[i].y;
+        mesh->positions[3 * (size_t)i + 2] = (float)source->mVertices[i].z;
+    }
+}
+
+/* Nameless and default materials have a colour that nobody chose. */
+static void copy_colour(const struct aiMaterial *material, struct import_mesh *mesh)
+{
+    struct aiColor4D colour;
+    if (!*mesh->material || !strcmp(mesh->material, AI_DEFAULT_MATERIAL_NAME))
+        return;
+    if (aiGetMaterialColor(material, AI_MATKEY_BASE_COLOR, &colour) != aiReturn_SUCCESS &&
+        aiGetMaterialColor(material, AI_MATKEY_COLOR_DIFFUSE, &colour) != aiReturn_SUCCESS)
+        return;
+    const float parts[3] = {(float)colour.r, (float)colour.g, (float)colour.b};
+    mesh->has_colour = true;
+    for (int i = 0; i < 3; i++)
+        mesh->colour[i] = parts[i] >= 0 && parts[i] <= 1 ? parts[i] : parts[i] > 1 ? 1.0f : 0.0f;
+}
+
+static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMesh *source, const char *path,
+                                  struct import *import, struct import_mesh *mesh, struct bvhd_error *error)
+{
+    struct aiString name = {0};
+    const struct aiMaterial *material =
+        source->mMaterialIndex < scene->mNumMaterials ? scene->mMaterials[source->mMaterialIndex] : NULL;
+    if (material)
+        aiGetMaterialString(material, AI_MATKEY_NAME, &name);
+    count_faces(source, mesh, &import->counts);
+    mesh->vertex_count = source->mVertices ? source->mNumVertices : 0;
+    mesh->name = copy_name(import->memory, &source->mName);
+    mesh->material = copy_name(import->memory, &name);
+    /* Room for one more, so that a mesh without triangles has an address as well. */
+    mesh->positions = memory_array(import->memory, (uint64_t)mesh->vertex_count + 1, 3 * sizeof *mesh->positions);
+    mesh->indices = memory_array(import->memory, (uint64_t)mesh->triangle_count + 1, 3 * sizeof *mesh->indices);
+    if (!mesh->name || !mesh->material || !mesh->positions || !mesh->indices)
+        return no_memory(path, error);
+    if (material)
+        copy_colour(material, mesh);
+    if (!copy_faces(source, mesh))
+        return bvhd_error_set(error, BVHD_INVALID, path, "mesh '%s' has an index beyond its vertices", mesh->name);
+    if (mesh->vertex_count)
+        copy_positions(source, mesh);
+    import->triangle_count += mesh->triangle_count;
+    return BVHD_OK;
+}
+
+static enum bvhd_status copy_meshes(const struct aiScene *scene, const char *path, struct import *import,
+                                    struct bvhd_error *error)
+{
+    if (scene->mNumMeshes == 0)
+        return BVHD_OK;
+    import->meshes = memory_array(import->memory, scene->mNumMeshes, sizeof *import->meshes);
+    if (!import->meshes)
+        return no_memory(path, error);
+    memset(import->meshes, 0, scene->mNumMeshes * sizeof *import->meshes);
+    import->mesh_count = scene->mNumMeshes;
+    for (uint32_t i = 0; i < import->mesh_count; i++) {
+        enum bvhd_status status = copy_mesh(scene, scene->mMeshes[i], path, import, &import->meshes[i], error);
+        if (status)
+            return status;
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status copy_scene(const struct aiScene *scene, const char *path, struct import *import,
+                                   struct bvhd_error *error)
+{
+    enum bvhd_status status = copy_meshes(scene, path, import, error);
+    if (status)
+        return status;
+    if (import->triangle_count == 0)
+        return bvhd_error_set(error, BVHD_INVALID, path, "no triangles in it");
+    if (!import_nodes(scene, import))
+        return no_memory(path, error);
+    if (import->instance_count == 0)
+        return bvhd_error_set(error, BVHD_INVALID, path, "no node has triangles");
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_scene(const char *path, struct import_files *files, struct import *import,
+                                   struct bvhd_error *error)
+{
+    struct stat file;
+    if (stat(path, &file) < 0)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
+    const struct aiScene *scene = aiImportFileEx(path, aiProcess_Triangulate, &files->io);
+    if (!scene || !scene->mRootNode) {
+        char text[BVHD_TEXT_SIZE];
+        snprintf(text, sizeof text, "%s", aiGetErrorString());
+        text[strcspn(text, "\r\n")] = '\0';
+        aiReleaseImport(scene);
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "%s", *text ? text : "assimp does not read it");
+    }
+    enum bvhd_status status = copy_scene(scene, path, import, error);
+    aiReleaseImport(scene);
+    return status;
+}
+
+enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import,
+                             struct bvhd_error *error)
+{
+    struct import import = {.memory = memory, .name = import_name(path, memory)};
+    if (!import.name)
+        return no_memory(path, error);
+    struct import_files files;
+    import_files_init(&files, memory);
+    enum bvhd_status status = read_scene(path, &files, &import, error);
+    if (!status && files.failed)
+        status = no_memory(path, error);
+    import.files = files.paths;
+    import.file_count = files.count;
+    if (status)
+        import_finish(&import);
+    else
+        *ret_import = import;
+    return status;
+}
+
+static void finish_meshes(struct import *import)
+{
+    for (uint32_t i = 0; i < import->mesh_count; i++) {
+        memory_free(import->memory, import->meshes[i].name);
+        memory_free(import->memory, import->meshes[i].material);
+        memory_free(import->memory, import->meshes[i].positions);
+        memory_free(import->memory, import->meshes[i].indices);
+    }
+    memory_free(import->memory, import->meshes);
+}
+
+void import_finish(struct import *import)
+{
+    if (!import || !import->memory)
+        return;
+    finish_meshes(import);
+    for (uint32_t i = 0; i < import->part_count; i++) {
+        memory_free(import->memory, import->parts[i].name);
+        memory_free(import->memory, import->parts[i].meshes);
+    }
+    for (uint32_t i = 0; i < import->file_count; i++)
+        memory_free(import->memory, import->files[i]);
+    memory_free(import->memory, import->parts);
+    memory_free(import->memory, import->files);
+    memory_free(import->memory, import->instances);
+    memory_free(import->memory, import->name);
+    *import = (struct import){0};
+}
+
+static struct oracle_mesh *add_oracle_meshes(const struct import *import, uint32_t part_index, const float *transform,
+                                             uint32_t instance, struct oracle_mesh *next)
+{
+    const struct import_part *part = &import->parts[part_index];
+    for (uint32_t i = 0; i < part->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[part->meshes[i]];
+        *next++ = (struct oracle_mesh){.positions = mesh->positions,
+                                       .indices = mesh->indices,
+                                       .triangle_count = mesh->triangle_count,
+                                       .transform = transform,
+                                       .instance = instance,
+                                       .geometry = i};
+    }
+    return next;
+}
+
+static uint64_t count_instanced_meshes(const struct import *import)
+{
+    uint64_t count = 0;
+    for (uint32_t i = 0; i < import->instance_count; i++)
+        count += import->instances[i].skipped ? 0 : import->parts[import->instances[i].part].mesh_count;
+    return count;
+}
+
+enum bvhd_status import_oracle_meshes(const struct import *import, bool has_top, struct oracle_mesh **ret_meshes,
+                                      uint32_t *ret_count, struct bvhd_error *error)
+{
+    uint64_t count = has_top ? count_instanced_meshes(import) : import->parts[0].mesh_count;
+    struct oracle_mesh *meshes = count < UINT32_MAX ? memory_array(import->memory, count, sizeof *meshes) : NULL;
+    if (!meshes && count)
+        return no_memory(import->name, error);
+    struct oracle_mesh *next = meshes;
+    if (!has_top)
+        add_oracle_meshes(import, 0, NULL, RAY_NO_INSTANCE, next);
+    for (uint32_t i = 0; has_top && i < import->instance_count; i++)
+        if (!import->instances[i].skipped)
+            next = add_oracle_meshes(import, import->instances[i].part, import->instances[i].transform, i, next);
+    *ret_meshes = meshes;
+    *ret_count = (uint32_t)count;
+    return BVHD_OK;
+}

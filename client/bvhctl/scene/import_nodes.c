@@ -1,0 +1,187 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/scene/import_nodes.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "client/bvhctl/base/files.h"
+#include "builder/input/validate.h"
+
+/* A node yet to be visited, with its parent's place in the world. */
+struct visit {
+    const struct aiNode *node;
+    double parent[12];
+};
+
+struct walk {
+    struct visit *stack;
+    uint64_t depth, capacity;
+    uint32_t *slots; /* hash table of parts by their list of meshes: part + 1, 0 for empty; power of two */
+    uint64_t slot_count;
+    uint64_t part_capacity, instance_capacity;
+};
+
+static bool grow(struct memory *memory, void **array, uint64_t used, uint64_t *capacity, size_t size)
+{
+    if (used < *capacity)
+        return true;
+    uint64_t wanted = *capacity * 2 + 64;
+    void *grown = memory_resize(memory, *array, wanted * size);
+    if (!grown)
+        return false;
+    *array = grown;
+    *capacity = wanted;
+    return true;
+}
+
+static bool push(struct walk *walk, struct memory *memory, const struct aiNode *node, const double parent[12])
+{
+    void *stack = walk->stack;
+    if (!grow(memory, &stack, walk->depth, &walk->capacity, sizeof *walk->stack))
+        return false;
+    walk->stack = stack;
+    struct visit *visit = &walk->stack[walk->depth++];
+    visit->node = node;
+    memcpy(visit->parent, parent, sizeof visit->parent);
+    return true;
+}
+
+static void multiply(const double a[12], const struct aiMatrix4x4 *b, double ret_product[12])
+{
+    const double rows[4][4] = {
+        {b->a1, b->a2, b->a3, b->a4}, {b->b1, b->b2, b->b3, b->b4}, {b->c1, b->c2, b->c3, b->c4}, {0, 0, 0, 1}};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 4; j++) {
+            double sum = 0;
+            for (int k = 0; k < 4; k++)
+                sum += a[4 * i + k] * rows[k][j];
+            ret_product[4 * i + j] = sum;
+        }
+}
+
+static uint64_t hash_list(const unsigned *list, uint32_t count)
+{
+    uint64_t hash = 0xcbf29ce484222325u + count;
+    for (uint32_t i = 0; i < count; i++)
+        hash = (hash ^ list[i]) * 0x100000001b3u;
+    return hash ^ hash >> 29;
+}
+
+static bool same_list(const struct import_part *part, const unsigned *list, uint32_t count)
+{
+    return part->mesh_count == count && !memcmp(part->meshes, list, count * sizeof *list);
+}
+
+/* The slot that holds this list of meshes, or the empty one where it belongs. */
+static uint32_t *find_slot(const struct walk *walk, const struct import *import, const unsigned *list, uint32_t count)
+{
+    for (uint64_t at = hash_list(list, count);; at++) {
+        uint32_t *slot = &walk->slots[at & (walk->slot_count - 1)];
+        if (*slot == 0 || same_list(&import->parts[*slot - 1], list, count))
+            return slot;
+    }
+}
+
+/* Keeps the table at most half full. */
+static bool grow_slots(struct walk *walk, const struct import *import)
+{
+    if (walk->slots && import->part_count * UINT64_C(2) < walk->slot_count)
+        return true;
+    uint64_t slot_count = walk->slot_count ? walk->slot_count * 2 : 64;
+    uint32_t *slots = memory_array(import->memory, slot_count, sizeof *slots);
+    if (!slots)
+        return false;
+    memset(slots, 0, slot_count * sizeof *slots);
+    memory_free(import->memory, walk->slots);
+    walk->slots = slots;
+    walk->slot_count = slot_count;
+    for (uint32_t i = 0; i < import->part_count; i++)
+        *find_slot(walk, import, import->parts[i].meshes, import->parts[i].mesh_count) = i + 1;
+    return true;
+}
+
+static bool add_part(struct walk *walk, struct import *import, const struct aiNode *node)
+{
+    void *parts = import->parts;
+    if (!grow(import->memory, &parts, import->part_count, &walk->part_capacity, sizeof *import->parts))
+        return false;
+    import->parts = parts;
+    struct import_part *part = &import->parts[import->part_count++];
+    *part = (struct import_part){.mesh_count = node->mNumMeshes};
+    const char *mesh_name = import->meshes[node->mMeshes[0]].name;
+    const char *node_name = node->mName.length < sizeof node->mName.data ? node->mName.data : "";
+    part->name = files_copy_text(import->memory, part->mesh_count == 1 && *mesh_name ? mesh_name : node_name);
+    part->meshes = memory_array(import->memory, part->mesh_count, sizeof *part->meshes);
+    if (!part->name || !part->meshes)
+        return false;
+    memcpy(part->meshes, node->mMeshes, part->mesh_count * sizeof *part->meshes);
+    return true;
+}
+
+/* Vulkan asks for an inverse (03799); a translation that is not finite is no place either. */
+static bool is_usable(const float matrix[12])
+{
+    for (int i = 0; i < 12; i++)
+        if (!isfinite(matrix[i]))
+            return false;
+    return validate_invertible(matrix);
+}
+
+static bool add_instance(struct walk *walk, struct import *import, const struct aiNode *node, const double world[12])
+{
+    void *instances = import->instances;
+    if (!grow(import->memory, &instances, import->instance_count, &walk->instance_capacity, sizeof *import->instances))
+        return false;
+    import->instances = instances;
+    uint32_t *slot = find_slot(walk, import, node->mMeshes, node->mNumMeshes);
+    uint32_t part = *slot ? *slot - 1 : import->part_count;
+    if (*slot == 0) {
+        *slot = part + 1;
+        if (!add_part(walk, import, node) || !grow_slots(walk, import))
+            return false;
+    }
+    struct import_instance *instance = &import->instances[import->instance_count++];
+    instance->part = part;
+    for (int i = 0; i < 12; i++)
+        instance->transform[i] = (float)world[i];
+    instance->skipped = !is_usable(instance->transform);
+    import->skipped_instances += instance->skipped;
+    return true;
+}
+
+/* A node with nothing but points and lines would be a bottom level without a triangle. */
+static bool has_triangles(const struct import *import, const struct aiNode *node)
+{
+    uint64_t triangles = 0;
+    for (unsigned i = 0; i < node->mNumMeshes; i++) {
+        if (node->mMeshes[i] >= import->mesh_count)
+            return false; /* a broken importer: assimp promises the range */
+        triangles += import->meshes[node->mMeshes[i]].triangle_count;
+    }
+    return triangles > 0;
+}
+
+static bool visit_next(struct walk *walk, struct import *import)
+{
+    struct visit visit = walk->stack[--walk->depth];
+    double world[12];
+    multiply(visit.parent, &visit.node->mTransformation, world);
+    if (has_triangles(import, visit.node) && !add_instance(walk, import, visit.node, world))
+        return false;
+    for (unsigned i = visit.node->mNumChildren; i-- > 0;) /* the first child is on top */
+        if (!push(walk, import->memory, visit.node->mChildren[i], world))
+            return false;
+    return true;
+}
+
+bool import_nodes(const struct aiScene *scene, struct import *import)
+{
+    static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    struct walk walk = {0};
+    bool ok = grow_slots(&walk, import) && push(&walk, import->memory, scene->mRootNode, identity);
+    while (ok && walk.depth)
+        ok = visit_next(&walk, import);
+    memory_free(import->memory, walk.stack);
+    memory_free(import->memory, walk.slots);
+    return ok;
+}

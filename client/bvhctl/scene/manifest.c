@@ -1,0 +1,160 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/scene/manifest.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { NAME_PART_MAX = 48 }; /* of a mesh's or node's name, in a file name */
+
+static bool is_safe(unsigned char character)
+{
+    return (character >= 'a' && character <= 'z') || (character >= 'A' && character <= 'Z') ||
+           (character >= '0' && character <= '9') || character == '.' || character == '-' || character == '_';
+}
+
+/*
+ * Runs of other characters become one '_', dots only where `dots` allows them; no leading dot, so that nothing is
+ * hidden.
+ */
+static size_t make_safe(const char *name, size_t limit, bool dots, char *ret_safe)
+{
+    size_t size = 0;
+    for (const unsigned char *at = (const unsigned char *)name; *at && size < limit; at++) {
+        bool ok = is_safe(*at) && (dots || *at != '.') && !(size == 0 && (*at == '.' || *at == '-'));
+        if (ok)
+            ret_safe[size++] = (char)*at;
+        else if (size == 0 || ret_safe[size - 1] != '_')
+            ret_safe[size++] = '_';
+    }
+    ret_safe[size] = '\0';
+    return size;
+}
+
+char *manifest_safe_name(const char *name, struct memory *memory)
+{
+    size_t length = strlen(name);
+    char *safe = memory_alloc(memory, length + 2);
+    if (safe && make_safe(name, length, true, safe) == 0)
+        memcpy(safe, "_", 2);
+    return safe;
+}
+
+char *manifest_file_name(const struct import *import, uint32_t index)
+{
+    char part_name[NAME_PART_MAX + 1] = "", part[NAME_PART_MAX + 32];
+    char *scene = manifest_safe_name(import->name, import->memory);
+    if (!scene)
+        return NULL;
+    bool is_top = index == import->part_count;
+    size_t named = is_top ? 0 : make_safe(import->parts[index].name, NAME_PART_MAX, false, part_name);
+    if (is_top)
+        snprintf(part, sizeof part, "tlas");
+    else
+        snprintf(part, sizeof part, "blas-%u%s%s", index, named ? "-" : "", part_name);
+    uint64_t size = strlen(scene) + strlen(part) + sizeof "..as";
+    char *file = memory_alloc(import->memory, size);
+    if (file)
+        snprintf(file, size, "%s.%s.as", scene, part);
+    memory_free(import->memory, scene);
+    return file;
+}
+
+static void write_colour(struct json *json, const float colour[3])
+{
+    json_array(json, "color");
+    for (int i = 0; i < 3; i++)
+        json_number(json, NULL, round((double)colour[i] * 1e4) / 1e4);
+    json_array_end(json);
+}
+
+static void write_geometries(struct json *json, const struct import *import, uint32_t index)
+{
+    json_array(json, "geometries");
+    const struct import_part *part = index < import->part_count ? &import->parts[index] : NULL;
+    for (uint32_t i = 0; part && i < part->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[part->meshes[i]];
+        json_object(json, NULL);
+        json_text(json, "name", mesh->name);
+        json_text(json, "material", mesh->material);
+        json_integer(json, "primitives", mesh->triangle_count);
+        if (mesh->has_colour)
+            write_colour(json, mesh->colour);
+        json_object_end(json);
+    }
+    json_array_end(json);
+}
+
+static void write_handles(struct json *json, const struct assembly *assembly, char *const *all_files)
+{
+    json_array(json, "handles");
+    for (uint32_t i = 0; i < assembly->handle_count; i++)
+        json_text(json, NULL, all_files[assembly->handles[i]]);
+    json_array_end(json);
+}
+
+static void write_times(struct json *json, const struct bvhd_result *item)
+{
+    json_bool(json, "cached", item->origin == BVHD_ORIGIN_MEMORY || item->origin == BVHD_ORIGIN_DISK);
+    json_bool(json, "coalesced", item->origin == BVHD_ORIGIN_COALESCED);
+    json_number(json, "prepare_ms", item->prepare_ms);
+    json_number(json, "build_ms", item->build_ms);
+    json_integer(json, "peak_bytes", item->peak_bytes);
+}
+
+static const char *structure_name(const struct import *import, uint32_t index)
+{
+    bool named = index < import->part_count && *import->parts[index].name;
+    return named ? import->parts[index].name : import->name;
+}
+
+static const char *target_name(const struct bvhd_result *item)
+{
+    const char *name = bvhd_target_name(item->target);
+    return name ? name : "";
+}
+
+const char *manifest_quality_name(enum bvhd_quality quality)
+{
+    static const char *const names[] = {
+        [BVHD_QUALITY_FAST] = "fast", [BVHD_QUALITY_BALANCED] = "balanced", [BVHD_QUALITY_HIGH] = "high"};
+    const char *name = (size_t)quality < sizeof names / sizeof names[0] ? names[quality] : NULL;
+    return name ? name : "";
+}
+
+void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index, const char *file,
+                              char *const *all_files, bool times)
+{
+    const struct import *import = assembly->import;
+    const struct bvhd_result *item = &assembly->items[index];
+    struct key key;
+    char key_text[KEY_TEXT_SIZE];
+    memcpy(&key, &item->key, sizeof key);
+    key_to_text(&key, key_text);
+    bool is_top = index == import->part_count;
+    json_object(json, NULL);
+    json_text(json, "file", file);
+    json_text(json, "type", is_top ? "tlas" : "blas");
+    json_text(json, "scene", import->name);
+    json_text(json, "name", structure_name(import, index));
+    write_geometries(json, import, index);
+    json_integer(json, "primitives", item->primitives);
+    json_integer(json, "triangles", item->triangles);
+    json_integer(json, "instances", item->instances);
+    json_integer(json, "inactive", item->inactive);
+    json_integer(json, "degenerate", item->degenerate);
+    json_integer(json, "skipped", item->skipped);
+    json_integer(json, "bytes", item->size);
+    json_text(json, "key", key_text);
+    if (times)
+        write_times(json, item);
+    json_integer(json, "depth", item->depth);
+    json_number(json, "sah", item->sah);
+    json_integer(json, "refs", item->refs);
+    json_text(json, "method", item->method ? item->method : "");
+    json_text(json, "quality", manifest_quality_name(item->quality));
+    json_text(json, "target", target_name(item));
+    if (is_top)
+        write_handles(json, assembly, all_files);
+    json_object_end(json);
+}

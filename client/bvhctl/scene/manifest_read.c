@@ -1,0 +1,199 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "client/bvhctl/base/files.h"
+#include "builder/format/layout.h"
+#include "client/bvhctl/scene/manifest.h"
+
+enum { MANIFEST_LIMIT = 1 << 30 };
+
+/* Where the reader is, for errors. */
+struct reader {
+    struct memory *memory;
+    struct bvhd_error *error;
+    char path[BVHD_WHERE_SIZE];
+    uint32_t entry;
+};
+
+static enum bvhd_status corrupt(const struct reader *reader, const char *member, const char *text)
+{
+    char where[BVHD_WHERE_SIZE + 64];
+    snprintf(where, sizeof where, "%.60s: structures[%u].%s", reader->path, reader->entry, member);
+    return bvhd_error_set(reader->error, BVHD_CORRUPT, where, "%s", text);
+}
+
+static enum bvhd_status no_memory(const struct reader *reader)
+{
+    return bvhd_error_set(reader->error, BVHD_NO_MEMORY, reader->path, "no memory for the manifest");
+}
+
+/* A name that stays inside its directory. */
+static bool is_plain_name(const char *name)
+{
+    return *name && !strchr(name, '/') && strcmp(name, ".") && strcmp(name, "..");
+}
+
+static enum bvhd_status read_text(const struct reader *reader, const cJSON *object, const char *member, char **ret_text)
+{
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, member);
+    if (!cJSON_IsString(value))
+        return corrupt(reader, member, "not a text");
+    *ret_text = files_copy_text(reader->memory, value->valuestring);
+    return *ret_text ? BVHD_OK : no_memory(reader);
+}
+
+static enum bvhd_status read_handles(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "handles"), *value;
+    if (!cJSON_IsArray(list))
+        return corrupt(reader, "handles", "not a list");
+    int count = cJSON_GetArraySize(list);
+    entry->handles = memory_array(reader->memory, (uint64_t)count + 1, sizeof *entry->handles);
+    if (!entry->handles)
+        return no_memory(reader);
+    cJSON_ArrayForEach(value, list)
+    {
+        if (!cJSON_IsString(value) || !is_plain_name(value->valuestring))
+            return corrupt(reader, "handles", "not a list of file names");
+        char *name = files_copy_text(reader->memory, value->valuestring);
+        if (!name)
+            return no_memory(reader);
+        entry->handles[entry->handle_count++] = name;
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_target(const struct reader *reader, const cJSON *object, enum target *ret_target)
+{
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "target");
+    const struct layout *layout = cJSON_IsString(value) ? layout_find_name(value->valuestring) : NULL;
+    if (!layout)
+        return corrupt(reader, "target", "not a target that this version knows");
+    *ret_target = layout->target;
+    return BVHD_OK;
+}
+
+static struct manifest_colour read_colour(const cJSON *geometry)
+{
+    struct manifest_colour colour;
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(geometry, "color");
+    for (int i = 0; i < 3; i++) {
+        const cJSON *part = cJSON_IsArray(list) ? cJSON_GetArrayItem(list, i) : NULL;
+        bool is_valid = cJSON_IsNumber(part) && part->valuedouble >= 0 && part->valuedouble <= 1;
+        if (!is_valid)
+            return (struct manifest_colour){{-1, -1, -1}};
+        colour.rgb[i] = (float)part->valuedouble;
+    }
+    return colour;
+}
+
+static enum bvhd_status read_colours(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "geometries"), *geometry;
+    if (!cJSON_IsArray(list))
+        return corrupt(reader, "geometries", "not a list");
+    entry->colours = memory_array(reader->memory, (uint64_t)cJSON_GetArraySize(list) + 1, sizeof *entry->colours);
+    if (!entry->colours)
+        return no_memory(reader);
+    cJSON_ArrayForEach(geometry, list) entry->colours[entry->colour_count++] = read_colour(geometry);
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_entry(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
+{
+    enum bvhd_status status = read_text(reader, object, "file", &entry->file);
+    if (!status && !is_plain_name(entry->file))
+        status = corrupt(reader, "file", "not a plain file name");
+    if (!status)
+        status = read_text(reader, object, "scene", &entry->scene);
+    if (!status)
+        status = read_text(reader, object, "name", &entry->name);
+    if (!status)
+        status = read_target(reader, object, &entry->target);
+    if (!status)
+        status = read_colours(reader, object, entry);
+    if (status)
+        return status;
+    const cJSON *type = cJSON_GetObjectItemCaseSensitive(object, "type");
+    entry->is_top = cJSON_IsString(type) && !strcmp(type->valuestring, "tlas");
+    if (!entry->is_top && !(cJSON_IsString(type) && !strcmp(type->valuestring, "blas")))
+        return corrupt(reader, "type", "neither blas nor tlas");
+    return entry->is_top ? read_handles(reader, object, entry) : BVHD_OK;
+}
+
+static enum bvhd_status read_entries(struct reader *reader, const cJSON *root, struct manifest *manifest)
+{
+    const cJSON *schema = cJSON_GetObjectItemCaseSensitive(root, "schema"), *object;
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(root, "structures");
+    if (!cJSON_IsNumber(schema) || schema->valuedouble != 1 || !cJSON_IsArray(list))
+        return bvhd_error_set(reader->error, BVHD_CORRUPT, reader->path, "not a manifest of schema 1");
+    manifest->entries = memory_array(reader->memory, (uint64_t)cJSON_GetArraySize(list) + 1, sizeof *manifest->entries);
+    if (!manifest->entries)
+        return no_memory(reader);
+    cJSON_ArrayForEach(object, list)
+    {
+        reader->entry = manifest->count;
+        struct manifest_entry *entry = &manifest->entries[manifest->count++];
+        *entry = (struct manifest_entry){0};
+        enum bvhd_status status = read_entry(reader, object, entry);
+        if (status)
+            return status;
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_file(struct reader *reader, const char *path, struct manifest *manifest)
+{
+    unsigned char *data = NULL;
+    uint64_t size = 0;
+    enum bvhd_status status = files_read(path, MANIFEST_LIMIT, reader->memory, &data, &size, reader->error);
+    if (status)
+        return status;
+    cJSON *root = size ? cJSON_ParseWithLength((const char *)data, size) : NULL;
+    memory_free(reader->memory, data);
+    status = root ? read_entries(reader, root, manifest)
+                  : bvhd_error_set(reader->error, BVHD_CORRUPT, reader->path, "not JSON, or nested too deep");
+    cJSON_Delete(root);
+    return status;
+}
+
+enum bvhd_status manifest_read(const char *directory, struct memory *memory, struct manifest *ret_manifest,
+                               struct bvhd_error *error)
+{
+    struct manifest manifest = {.memory = memory};
+    struct reader reader = {.memory = memory, .error = error};
+    char *path = files_join(memory, directory, MANIFEST_NAME);
+    if (!path)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, directory, "no memory for the manifest");
+    snprintf(reader.path, sizeof reader.path, "%s", path);
+    enum bvhd_status status = read_file(&reader, path, &manifest);
+    memory_free(memory, path);
+    if (status)
+        manifest_finish(&manifest);
+    else
+        *ret_manifest = manifest;
+    return status;
+}
+
+static void finish_entry(struct manifest_entry *entry, struct memory *memory)
+{
+    memory_free(memory, entry->file);
+    memory_free(memory, entry->scene);
+    memory_free(memory, entry->name);
+    for (uint32_t i = 0; i < entry->handle_count; i++)
+        memory_free(memory, entry->handles[i]);
+    memory_free(memory, entry->handles);
+    memory_free(memory, entry->colours);
+}
+
+void manifest_finish(struct manifest *manifest)
+{
+    if (!manifest || !manifest->memory)
+        return;
+    for (uint32_t i = 0; i < manifest->count; i++)
+        finish_entry(&manifest->entries[i], manifest->memory);
+    memory_free(manifest->memory, manifest->entries);
+    *manifest = (struct manifest){0};
+}

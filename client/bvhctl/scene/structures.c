@@ -1,0 +1,385 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/scene/structures.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "client/bvhctl/base/files.h"
+#include "proto/base/place.h"
+#include "builder/format/serialized.h"
+
+static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, where, "no memory to open it");
+}
+
+/* Puts the file's name before the place inside it. */
+static void prefix_where(struct bvhd_error *error, const char *name)
+{
+    char where[sizeof error->where];
+    snprintf(where, sizeof where, "%s: %.55s", name, error->where);
+    memcpy(error->where, where, sizeof where);
+}
+
+enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file,
+                                 struct bvhd_error *error)
+{
+    struct structure_file file = {0};
+    const char *slash = strrchr(path, '/');
+    snprintf(file.name, sizeof file.name, "%s", slash ? slash + 1 : path);
+    enum bvhd_status status = files_read(path, UINT64_C(1) << 40, memory, &file.data, &file.size, error);
+    if (status)
+        return status;
+    static const unsigned char nothing[16] __attribute__((aligned(16)));
+    struct bytes blob = {file.data ? file.data : nothing, file.size};
+    struct bvhd_error inner = {0};
+    status = structure_open(blob, memory, &file.structure, &inner);
+    if (status) {
+        prefix_where(&inner, file.name);
+        if (error)
+            *error = inner;
+        memory_free(memory, file.data);
+        return status;
+    }
+    *ret_file = file;
+    return BVHD_OK;
+}
+
+void structures_close_file(struct structure_file *file, struct memory *memory)
+{
+    if (!file->is_shared) {
+        structure_close(&file->structure);
+        memory_free(memory, file->data);
+        memory_free(memory, file->colours);
+    }
+    *file = (struct structure_file){0};
+}
+
+static const struct manifest_entry *find_entry(const struct manifest *manifest, const char *scene, bool is_top)
+{
+    for (uint32_t i = 0; i < manifest->count; i++)
+        if (manifest->entries[i].is_top == is_top && !strcmp(manifest->entries[i].scene, scene))
+            return &manifest->entries[i];
+    return NULL;
+}
+
+const float *structures_colour(const struct structures *structures, uint32_t bottom, uint32_t geometry)
+{
+    if (bottom >= structures->bottom_count || geometry >= structures->files[bottom].colour_count)
+        return NULL;
+    const float *rgb = structures->files[bottom].colours[geometry].rgb;
+    return rgb[0] >= 0 ? rgb : NULL;
+}
+
+/* Takes them over from the manifest. */
+static void take_colours(struct manifest *manifest, const char *file, struct structure_file *opened)
+{
+    for (uint32_t i = 0; i < manifest->count; i++) {
+        struct manifest_entry *entry = &manifest->entries[i];
+        if (!entry->colours || strcmp(entry->file, file))
+            continue;
+        opened->colours = entry->colours;
+        opened->colour_count = entry->colour_count;
+        entry->colours = NULL;
+        entry->colour_count = 0;
+        return;
+    }
+}
+
+/* What open_scene reads, and from where. */
+struct reading {
+    struct structures *structures;
+    const char *directory;
+    struct manifest *manifest;
+    struct bvhd_error *error;
+};
+
+static enum bvhd_status corrupt(const struct reading *reading, const char *file, const char *text)
+{
+    return bvhd_error_set(reading->error, BVHD_CORRUPT, file, "%s", text);
+}
+
+static enum bvhd_status read_one(const struct reading *reading, const char *file, bool is_top,
+                                 struct structure_file *ret_file)
+{
+    struct memory *memory = reading->structures->memory;
+    char *path = files_join(memory, reading->directory, file);
+    if (!path)
+        return no_memory(file, reading->error);
+    enum bvhd_status status = structures_read(path, memory, ret_file, reading->error);
+    memory_free(memory, path);
+    if (status)
+        return status;
+    take_colours(reading->manifest, file, ret_file);
+    const struct structure *structure = &ret_file->structure;
+    if (structure->content != CONTENT_UNKNOWN && (structure->content == CONTENT_INSTANCES) != is_top)
+        return corrupt(reading, file,
+                       is_top ? "the manifest says that it is a top level"
+                              : "the manifest says that it is a bottom level");
+    if (structure->target != reading->structures->target)
+        return corrupt(reading, file, "not of the target that the manifest says");
+    return BVHD_OK;
+}
+
+struct named_row {
+    const char *name;
+    uint32_t row;
+};
+
+/* By rows, and of one row those with equal names side by side. */
+static int compare_rows(const void *a, const void *b)
+{
+    const struct named_row *x = a, *y = b;
+    return x->row != y->row ? (x->row > y->row) - (x->row < y->row) : strcmp(x->name, y->name);
+}
+
+static int compare_names(const void *a, const void *b)
+{
+    const struct named_row *x = a, *y = b;
+    int order = strcmp(x->name, y->name);
+    return order ? order : (x->row > y->row) - (x->row < y->row);
+}
+
+/* The file of each row, once. */
+static enum bvhd_status merge_rows(const struct reading *reading, const char *top, struct named_row *rows,
+                                   uint32_t *count)
+{
+    uint32_t kept = 0;
+    qsort(rows, *count, sizeof *rows, compare_rows);
+    for (uint32_t i = 0; i < *count; i++) {
+        if (kept == 0 || rows[i].row != rows[kept - 1].row)
+            rows[kept++] = rows[i];
+        else if (strcmp(rows[i].name, rows[kept - 1].name))
+            return corrupt(reading, top, "the manifest has several files for one of its references");
+    }
+    *count = kept;
+    return BVHD_OK;
+}
+
+/* A file that several rows name is read once. */
+static enum bvhd_status read_rows(const struct reading *reading, const struct named_row *rows, uint32_t count)
+{
+    struct structure_file *files = reading->structures->files;
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0, first = 0; i < count && !status; i++) {
+        if (strcmp(rows[i].name, rows[first].name))
+            first = i;
+        struct structure_file *file = &files[rows[i].row];
+        if (i == first) {
+            status = read_one(reading, rows[i].name, false, file);
+        } else {
+            *file = files[rows[first].row];
+            file->is_shared = true;
+        }
+    }
+    return status;
+}
+
+/*
+ * What each handle of the top level is the row of, and the file that the manifest has for it. Rows are as many as the
+ * handles at most.
+ */
+static enum bvhd_status list_rows(const struct reading *reading, const struct manifest_entry *entry,
+                                  const struct structure *top, struct named_row *ret_rows, uint32_t *ret_row_count)
+{
+    uint64_t highest = 0;
+    for (uint32_t i = 0; i < entry->handle_count; i++) {
+        uint64_t handle = bytes_get64(top->blob.data + SERIALIZED_HANDLES + UINT64_C(8) * i);
+        bool is_row = handle > 0 && handle <= entry->handle_count &&
+                      (top->target != TARGET_PORTABLE || handle == i + UINT64_C(1));
+        if (!is_row)
+            return corrupt(reading, entry->file, "its handles are not what a build writes");
+        ret_rows[i] = (struct named_row){entry->handles[i], (uint32_t)(handle - 1)};
+        highest = handle > highest ? handle : highest;
+    }
+    *ret_row_count = (uint32_t)highest;
+    return BVHD_OK;
+}
+
+static enum bvhd_status make_files(const struct reading *reading, uint32_t count)
+{
+    struct structures *structures = reading->structures;
+    structures->files = memory_array(structures->memory, count, sizeof *structures->files);
+    if (!structures->files)
+        return no_memory(reading->directory, reading->error);
+    memset(structures->files, 0, count * sizeof *structures->files);
+    structures->file_count = count;
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_bottoms(const struct reading *reading, const struct manifest_entry *entry,
+                                     struct structure_file *top, struct named_row *rows)
+{
+    uint32_t row_count = 0, count = entry->handle_count;
+    enum bvhd_status status = list_rows(reading, entry, &top->structure, rows, &row_count);
+    if (!status)
+        status = merge_rows(reading, entry->file, rows, &count);
+    if (!status)
+        status = make_files(reading, row_count + 1);
+    if (status)
+        return status;
+    reading->structures->files[row_count] = *top;
+    *top = (struct structure_file){0};
+    qsort(rows, count, sizeof *rows, compare_names);
+    return read_rows(reading, rows, count);
+}
+
+static enum bvhd_status read_below(const struct reading *reading, const struct manifest_entry *entry,
+                                   struct structure_file *top)
+{
+    struct memory *memory = reading->structures->memory;
+    struct serialized_header header;
+    enum bvhd_status status = serialized_read(top->structure.blob, &header, reading->error);
+    if (status)
+        return status;
+    if (header.handle_count != entry->handle_count)
+        return bvhd_error_set(reading->error, BVHD_CORRUPT, entry->file, "it has %llu handles, the manifest has %u",
+                              (unsigned long long)header.handle_count, entry->handle_count);
+    struct named_row *rows = memory_array(memory, header.handle_count + 1, sizeof *rows);
+    status = rows ? read_bottoms(reading, entry, top, rows) : no_memory(reading->directory, reading->error);
+    memory_free(memory, rows);
+    return status;
+}
+
+/* The top level before any bottom level, so that a manifest cannot have files read that the top level does not name. */
+static enum bvhd_status read_files(const struct reading *reading, const struct manifest_entry *top,
+                                   const struct manifest_entry *bottom)
+{
+    if (!top) {
+        enum bvhd_status status = make_files(reading, 1);
+        return status ? status : read_one(reading, bottom->file, false, &reading->structures->files[0]);
+    }
+    struct structure_file file = {0};
+    enum bvhd_status status = read_one(reading, top->file, true, &file);
+    if (!status)
+        status = read_below(reading, top, &file);
+    structures_close_file(&file, reading->structures->memory);
+    return status;
+}
+
+const struct structure *structures_top(const struct structures *structures)
+{
+    return structures->has_top ? &structures->files[structures->bottom_count].structure : NULL;
+}
+
+/* What instances name is there. */
+static enum bvhd_status check_instances(const struct structures *structures, struct bvhd_error *error)
+{
+    const struct structure *top = structures_top(structures);
+    for (uint32_t i = 0; top && i < structure_instance_count(top); i++) {
+        uint32_t bottom = structure_instance(top, i).bottom;
+        if (bottom >= structures->bottom_count || !structures->files[bottom].structure.blob.data)
+            return bvhd_error_set(error, BVHD_CORRUPT, place("instances[%u]", i).text, "there is no bottom level %u",
+                                  bottom);
+    }
+    return BVHD_OK;
+}
+
+static void make_scene(struct structures *structures)
+{
+    const struct structure *top = structures_top(structures);
+    bool is_portable = structures->target == TARGET_PORTABLE;
+    for (uint32_t i = 0; i < structures->bottom_count; i++) {
+        const struct structure *bottom = &structures->files[i].structure;
+        bool is_there = bottom->blob.data;
+        structures->portable_bottoms[i] = is_there && is_portable ? &bottom->view.portable : NULL;
+        structures->lavapipe_bottoms[i] = is_there && !is_portable ? &bottom->view.lavapipe : NULL;
+    }
+    if (is_portable)
+        structures->scene =
+            (struct scene){top ? &top->view.portable : NULL, structures->portable_bottoms, structures->bottom_count};
+    else
+        structures->lavapipe = (struct lavapipe_scene){top ? &top->view.lavapipe : NULL, structures->lavapipe_bottoms,
+                                                       structures->bottom_count};
+}
+
+enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error)
+{
+    uint32_t count = structures->file_count;
+    struct memory *memory = structures->memory;
+    structures->bottom_count = count - structures->has_top;
+    structures->target = structures->files[count - 1].structure.target;
+    structures->blobs = memory_array(memory, count, sizeof *structures->blobs);
+    structures->portable_bottoms = memory_array(memory, count, sizeof *structures->portable_bottoms);
+    structures->lavapipe_bottoms = memory_array(memory, count, sizeof *structures->lavapipe_bottoms);
+    if (!structures->blobs || !structures->portable_bottoms || !structures->lavapipe_bottoms)
+        return no_memory("structures", error);
+    for (uint32_t i = 0; i < count; i++)
+        structures->blobs[i] = structures->files[i].structure.blob;
+    make_scene(structures);
+    return check_instances(structures, error);
+}
+
+static enum bvhd_status open_scene(struct structures *structures, const char *directory, struct manifest *manifest,
+                                   const char *name, struct bvhd_error *error)
+{
+    if (manifest->count == 0)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no structure");
+    const char *scene = name ? name : manifest->entries[0].scene;
+    const struct manifest_entry *top = find_entry(manifest, scene, true), *bottom = find_entry(manifest, scene, false);
+    if (!top && !bottom)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no scene '%s'", scene);
+    structures->has_top = top != NULL;
+    structures->target = top ? top->target : bottom->target;
+    structures->name = files_copy_text(structures->memory, scene);
+    if (!structures->name)
+        return no_memory(directory, error);
+    struct reading reading = {structures, directory, manifest, error};
+    enum bvhd_status status = read_files(&reading, top, bottom);
+    return status ? status : structures_join(structures, error);
+}
+
+enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory,
+                                 struct structures *ret_structures, struct bvhd_error *error)
+{
+    struct manifest manifest;
+    enum bvhd_status status = manifest_read(directory, memory, &manifest, error);
+    if (status)
+        return status;
+    struct structures structures = {.memory = memory};
+    status = open_scene(&structures, directory, &manifest, name, error);
+    manifest_finish(&manifest);
+    if (status)
+        structures_close(&structures);
+    else
+        *ret_structures = structures;
+    return status;
+}
+
+void structures_close(struct structures *structures)
+{
+    if (!structures || !structures->memory)
+        return;
+    for (uint32_t i = 0; structures->files && i < structures->file_count; i++)
+        structures_close_file(&structures->files[i], structures->memory);
+    memory_free(structures->memory, structures->files);
+    memory_free(structures->memory, structures->blobs);
+    memory_free(structures->memory, structures->portable_bottoms);
+    memory_free(structures->memory, structures->lavapipe_bottoms);
+    memory_free(structures->memory, structures->name);
+    *structures = (struct structures){0};
+}
+
+bool structures_trace_counted(const struct structures *structures, const struct ray *ray,
+                              const struct traverse_options *options, struct ray_hit *ret_hit,
+                              struct traverse_counters *counters)
+{
+    return structures->target == TARGET_PORTABLE
+               ? traverse(&structures->scene, ray, options, ret_hit, counters)
+               : lavapipe_traverse(&structures->lavapipe, ray, options, ret_hit, counters);
+}
+
+bool structures_trace(const struct structures *structures, const struct ray *ray,
+                      const struct traverse_options *options, struct ray_hit *ret_hit)
+{
+    return structures_trace_counted(structures, ray, options, ret_hit, NULL);
+}
+
+void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
+{
+    if (structures->target == TARGET_PORTABLE)
+        traverse_positions(&structures->scene, hit, ret_corners);
+    else
+        lavapipe_positions(&structures->lavapipe, hit, ret_corners);
+}

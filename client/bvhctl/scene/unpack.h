@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * unpack.h - the exact triangles in opened structures, as brute force takes them: to check a picture without the file
+ * it was built from.
+ */
+#ifndef BVHCTL_UNPACK_H
+#define BVHCTL_UNPACK_H
+
+#include "client/bvhctl/oracle/oracle.h"
+#include "client/bvhctl/scene/structures.h"
+
+struct unpacked {
+    struct oracle_mesh *meshes; /* one for each geometry of each instance */
+    uint32_t mesh_count;
+    uint64_t triangle_count; /* over all meshes */
+    float **positions; /* of each bottom level: nine floats a primitive, NaN where it is not in the structure */
+    uint32_t bottom_count;
+    struct structure_instance *instances; /* that meshes take their transforms from */
+    uint32_t instance_count;
+    struct memory *memory;
+};
+
+/* Bottom levels of AABBs have no triangles. End with unpack_finish. */
+enum bvhd_status unpack_structures(const struct structures *structures, struct memory *memory,
+                                   struct unpacked *ret_unpacked, struct bvhd_error *error);
+
+/*
+ * Moves every instance to where lavapipe has it, which takes rays there by an inverse of the matrix that it computes in
+ * float (lavapipe_invert). Where there is none the triangles are left without area.
+ */
+void unpack_follow_inverses(struct unpacked *unpacked);
+
+/* NULL-safe, idempotent. */
+void unpack_finish(struct unpacked *unpacked);
+
+#endif

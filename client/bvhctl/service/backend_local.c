@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/service/backend_local.h"
+
+#include <string.h>
+
+#include "builder/batch.h"
+#include "client/format.h"
+#include "client/vulkan_input.h"
+
+/* What results' bytes live in. */
+struct hold {
+    struct batch_item *items;
+    uint32_t count;
+};
+
+static void release(struct backend *backend, void *context)
+{
+    struct memory *memory = ((struct backend_local *)backend)->context.memory;
+    struct hold *hold = context;
+    if (!hold)
+        return;
+    batch_finish(hold->items, hold->count, memory);
+    memory_free(memory, hold->items);
+    memory_free(memory, hold);
+}
+
+static struct hold *make_hold(uint32_t count, struct memory *memory)
+{
+    struct hold *hold = memory_alloc(memory, sizeof *hold);
+    if (!hold)
+        return NULL;
+    *hold = (struct hold){memory_array(memory, count, sizeof *hold->items), count};
+    if (!hold->items) {
+        memory_free(memory, hold);
+        return NULL;
+    }
+    memset(hold->items, 0, count * sizeof *hold->items);
+    return hold;
+}
+
+static void copy_references(const struct bvhd_build *build, struct reference *references)
+{
+    for (uint32_t i = 0; i < build->reference_count; i++) {
+        const struct bvhd_reference *from = &build->references[i];
+        references[i] = (struct reference){.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key};
+        memcpy(&references[i].key, &from->key, sizeof references[i].key);
+        memcpy(&references[i].bounds, from->bounds, sizeof references[i].bounds);
+        memcpy(&references[i].slabs, from->slabs, sizeof references[i].slabs);
+    }
+}
+
+static void copy_result(const struct batch_item *item, enum target target, struct bvhd_result *ret_result)
+{
+    const struct build_stats *stats = &item->stats;
+    struct bvhd_result result = {
+        .error = item->error,
+        .data = item->blob,
+        .size = item->size,
+        .origin = item->coalesced ? BVHD_ORIGIN_COALESCED : BVHD_ORIGIN_BUILT,
+        .prepare_ms = item->prepare_ms,
+        .build_ms = item->build_ms,
+        .primitives = stats->primitives,
+        .triangles = stats->triangles,
+        .instances = stats->instances,
+        .inactive = stats->inactive,
+        .degenerate = stats->degenerate,
+        .skipped = stats->skipped,
+        .refs = stats->refs,
+        .peak_bytes = item->peak_bytes,
+        .depth = stats->depth,
+        .sah = stats->sah,
+        .original_build_ms = item->build_ms,
+        .method = stats->method,
+        .target = (enum bvhd_target)target,
+        .quality = (enum bvhd_quality)stats->quality,
+    };
+    result.error.status = item->status;
+    memcpy(&result.key, &item->key, sizeof result.key);
+    memcpy(result.bounds, &stats->bounds, sizeof result.bounds);
+    memcpy(result.slabs, &stats->slabs, sizeof result.slabs);
+    *ret_result = result;
+}
+
+/* `errors`: of the rules on Vulkan's structs, said before any building. */
+static void copy_results(const struct hold *hold, const struct bvhd_error *errors, enum target target,
+                         struct bvhd_result *ret_results)
+{
+    for (uint32_t i = 0; i < hold->count; i++) {
+        if (errors[i].status)
+            ret_results[i] = (struct bvhd_result){.error = errors[i]};
+        else
+            copy_result(&hold->items[i], target, &ret_results[i]);
+    }
+}
+
+static enum bvhd_status build_items(const struct backend_local *local, const struct bvhd_build *build,
+                                    const struct build_options *options, const struct reference *references,
+                                    struct bvhd_error *errors, struct hold *hold, struct bvhd_error *error)
+{
+    struct limits limits = limits_default();
+    struct vulkan_input *input = NULL;
+    memset(errors, 0, build->info_count * sizeof *errors);
+    enum bvhd_status status = vulkan_input_create(build->infos, build->info_count, build->ranges, references,
+                                                  build->reference_count, options, &input, errors);
+    if (status)
+        *error = errors[0];
+    else
+        status =
+            batch_build(vulkan_input_entries(input), build->info_count, &limits, &local->context, hold->items, error);
+    vulkan_input_destroy(input);
+    return status;
+}
+
+static enum bvhd_status build_here(struct backend *backend, const struct bvhd_build *build,
+                                   struct bvhd_result *ret_results, void **ret_hold, struct bvhd_error *error)
+{
+    const struct backend_local *local = (const struct backend_local *)backend;
+    struct memory *memory = local->context.memory;
+    struct build_options options;
+    enum bvhd_status status = format_options(build, &options, error);
+    if (status)
+        return status;
+    struct bvhd_error *errors = memory_array(memory, build->info_count, sizeof *errors);
+    struct reference *references = memory_array(memory, (uint64_t)build->reference_count + 1, sizeof *references);
+    struct hold *hold = make_hold(build->info_count, memory);
+    status = BVHD_NO_MEMORY;
+    if (errors && references && hold) {
+        copy_references(build, references);
+        status = build_items(local, build, &options, references, errors, hold, error);
+    } else {
+        bvhd_error_set(error, status, "", "no memory for a batch of %u", build->info_count);
+    }
+    if (!status) {
+        copy_results(hold, errors, options.target, ret_results);
+        *ret_hold = hold;
+    } else {
+        release(backend, hold);
+    }
+    memory_free(memory, references);
+    memory_free(memory, errors);
+    return status;
+}
+
+enum bvhd_status backend_local_open(struct backend_local *local, uint32_t threads, struct memory *memory,
+                                    struct progress *progress, const atomic_bool *cancel, struct bvhd_error *error)
+{
+    *local = (struct backend_local){.backend = {build_here, release}};
+    enum bvhd_status status = workers_create(threads, &local->workers, error);
+    if (status) {
+        backend_local_close(local);
+        return status;
+    }
+    local->context.memory = memory;
+    local->context.parallel = workers_parallel(local->workers);
+    local->context.cancel = cancel;
+    local->context.progress = progress_update;
+    local->context.progress_context = progress;
+    return BVHD_OK;
+}
+
+void backend_local_close(struct backend_local *local)
+{
+    workers_destroy(local->workers);
+    *local = (struct backend_local){0};
+}

@@ -1,0 +1,152 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/service/connect.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "proto/base/clock.h"
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/service/private_daemon.h"
+#include "client/bvhctl/base/report.h"
+
+static const char system_socket[] = "/run/bvhd/bvhd.sock";
+
+/* A daemon may leave between our look and our call: then look again. */
+enum { SHORTEST_CALL_MS = 250, LONGEST_CALL_MS = 1000 };
+
+enum answer { ANSWER_NONE, ANSWER_FORBIDDEN, ANSWER_GIVEN };
+
+static enum answer ask(const char *path)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path)
+        return ANSWER_NONE;
+    memcpy(address.sun_path, path, strlen(path) + 1);
+    int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (descriptor < 0)
+        return ANSWER_NONE;
+    /* EAGAIN: so many wait for it already that it has to be there. */
+    int number = connect(descriptor, (struct sockaddr *)&address, sizeof address) == 0 ? 0 : errno;
+    close(descriptor);
+    return !number || number == EAGAIN ? ANSWER_GIVEN : number == EACCES ? ANSWER_FORBIDDEN : ANSWER_NONE;
+}
+
+bool connect_answers(const char *path)
+{
+    return ask(path) == ANSWER_GIVEN;
+}
+
+static const char *explicit_socket(const struct options *options)
+{
+    const char *named = getenv("BVHD_SOCKET");
+    if (options->socket)
+        return options->socket;
+    return named && *named ? named : NULL;
+}
+
+static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for its name");
+}
+
+/* A client on the socket of `connect`, which it takes, on failure too. */
+static enum bvhd_status attach(struct connect connect, uint32_t timeout_ms, struct connect *ret_connect,
+                               struct bvhd_error *error)
+{
+    struct bvhd_client_options options = {
+        .struct_size = sizeof options, .socket_path = connect.path, .connect_timeout_ms = timeout_ms};
+    enum bvhd_status status = bvhd_client_create(&options, &connect.client, error);
+    if (!status)
+        status = bvhd_client_connect(connect.client, error);
+    if (status == BVHD_UNAVAILABLE)
+        bvhd_error_set(error, status, connect.path, "no daemon answers: %s", error->text);
+    if (status)
+        connect_close(&connect);
+    else
+        *ret_connect = connect;
+    return status;
+}
+
+static enum bvhd_status open_explicit(const char *socket, uint32_t timeout_ms, struct memory *memory,
+                                      struct connect *ret_connect, struct bvhd_error *error)
+{
+    char *path = files_copy_text(memory, socket);
+    return path ? attach((struct connect){.path = path, .memory = memory}, timeout_ms, ret_connect, error)
+                : no_memory(socket, error);
+}
+
+/* What has happened in all looks for a daemon so far. */
+struct search {
+    double deadline;
+    bool is_started; /* one, by us */
+    bool is_refused; /* by the machine's, as has been remarked */
+};
+
+/* The socket of a daemon that answers, started if need be, and whose it is. */
+static enum bvhd_status find_daemon(struct search *search, struct memory *memory, struct connect *ret_found,
+                                    struct bvhd_error *error)
+{
+    struct connect found = {.memory = memory};
+    struct private_place place;
+    enum bvhd_status status = private_daemon_place(memory, &place, error);
+    if (status)
+        return status;
+    found.is_private = place.is_safe && connect_answers(place.socket);
+    enum answer of_system = found.is_private ? ANSWER_NONE : ask(system_socket);
+    if (!found.is_private && of_system != ANSWER_GIVEN) {
+        bool is_new = false;
+        status = private_daemon_start(&place, search->deadline, memory, &is_new, error);
+        found.is_private = true;
+        search->is_started = search->is_started || is_new;
+    }
+    found.is_started = found.is_private && search->is_started;
+    if (!status && of_system == ANSWER_FORBIDDEN && !search->is_refused) {
+        report_note(system_socket,
+                    "not for you: members of its group may use it; a daemon of your own was started, on %s",
+                    place.socket);
+        search->is_refused = true;
+    }
+    if (!status && !(found.path = files_copy_text(memory, found.is_private ? place.socket : system_socket)))
+        status = no_memory(place.socket, error);
+    private_place_finish(&place, memory);
+    if (!status)
+        *ret_found = found;
+    return status;
+}
+
+static uint32_t call_time(double deadline)
+{
+    double left = deadline - clock_ms();
+    return left < SHORTEST_CALL_MS ? SHORTEST_CALL_MS : left > LONGEST_CALL_MS ? LONGEST_CALL_MS : (uint32_t)left;
+}
+
+enum bvhd_status connect_open(const struct options *options, struct memory *memory, struct connect *ret_connect,
+                              struct bvhd_error *error)
+{
+    const char *socket = explicit_socket(options);
+    if (socket)
+        return open_explicit(socket, options->connect_timeout_ms, memory, ret_connect, error);
+    struct search search = {.deadline = clock_ms() + options->connect_timeout_ms};
+    for (;;) {
+        struct connect found;
+        enum bvhd_status status = find_daemon(&search, memory, &found, error);
+        if (status)
+            return status;
+        status = attach(found, call_time(search.deadline), ret_connect, error);
+        if (status != BVHD_UNAVAILABLE || clock_ms() >= search.deadline)
+            return status;
+    }
+}
+
+void connect_close(struct connect *connect)
+{
+    if (!connect || !connect->memory)
+        return;
+    bvhd_client_destroy(connect->client);
+    memory_free(connect->memory, connect->path);
+    *connect = (struct connect){0};
+}

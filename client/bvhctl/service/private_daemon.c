@@ -1,0 +1,319 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/service/private_daemon.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "proto/base/clock.h"
+#include "client/bvhctl/service/connect.h"
+#include "client/bvhctl/base/files.h"
+
+enum { POLL_MS = 5 };
+
+/* How long it stays without work; as bvhd takes it. */
+static char idle_seconds[] = "60";
+
+static enum bvhd_status no_memory(struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NO_MEMORY, "daemon", "no memory to start it");
+}
+
+static void nap(void)
+{
+    nanosleep(&(struct timespec){.tv_nsec = POLL_MS * 1000000L}, NULL);
+}
+
+/* A directory, not a link to one, that belongs to this user and to nobody else. */
+static bool is_safe(const char *path)
+{
+    struct stat status;
+    return lstat(path, &status) == 0 && S_ISDIR(status.st_mode) && status.st_uid == geteuid() &&
+           !(status.st_mode & 077);
+}
+
+/* The directory for the user's sockets, if the session has one. */
+static const char *runtime_directory(void)
+{
+    const char *path = getenv("XDG_RUNTIME_DIR");
+    struct stat status;
+    bool usable =
+        path && *path == '/' && stat(path, &status) == 0 && S_ISDIR(status.st_mode) && status.st_uid == geteuid();
+    return usable ? path : NULL;
+}
+
+static char *own_directory(struct memory *memory)
+{
+    const char *temporary = getenv("TMPDIR");
+    char name[32];
+    snprintf(name, sizeof name, "bvhd-%u", (unsigned)geteuid());
+    return files_join(memory, temporary && *temporary == '/' ? temporary : "/tmp", name);
+}
+
+enum bvhd_status private_daemon_place(struct memory *memory, struct private_place *ret_place, struct bvhd_error *error)
+{
+    const char *runtime = runtime_directory();
+    struct private_place place = {.is_ours = !runtime};
+    place.directory = runtime ? files_copy_text(memory, runtime) : own_directory(memory);
+    if (place.directory)
+        place.socket = files_join(memory, place.directory, "bvhd.sock");
+    if (!place.socket) {
+        private_place_finish(&place, memory);
+        return no_memory(error);
+    }
+    place.is_safe = runtime || is_safe(place.directory);
+    *ret_place = place;
+    return BVHD_OK;
+}
+
+void private_place_finish(struct private_place *place, struct memory *memory)
+{
+    memory_free(memory, place->directory);
+    memory_free(memory, place->socket);
+    *place = (struct private_place){0};
+}
+
+static enum bvhd_status make_safe(struct private_place *place, struct bvhd_error *error)
+{
+    if (!place->is_safe && place->is_ours) {
+        if (mkdir(place->directory, 0700) < 0 && errno != EEXIST)
+            return bvhd_error_set(error, BVHD_UNAVAILABLE, place->directory, "no daemon, and no place for one: %s",
+                                  strerror(errno));
+        place->is_safe = is_safe(place->directory);
+    }
+    if (!place->is_safe)
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, place->directory,
+                              "no daemon, and none is started here: not a directory that is yours alone");
+    return BVHD_OK;
+}
+
+/* The path of the socket with something behind it. */
+static char *beside(const struct private_place *place, const char *suffix, struct memory *memory)
+{
+    uint64_t size = strlen(place->socket) + strlen(suffix) + 1;
+    char *path = memory_alloc(memory, size);
+    if (path)
+        snprintf(path, size, "%s%s", place->socket, suffix);
+    return path;
+}
+
+/* Waits for the lock, or until somebody answers: *ret_descriptor -1. */
+static enum bvhd_status take_lock(const struct private_place *place, const char *path, double deadline,
+                                  int *ret_descriptor, struct bvhd_error *error)
+{
+    int descriptor = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+    if (descriptor < 0)
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, path, "no daemon, and none can be started: %s", strerror(errno));
+    bool answers = false, locked = false;
+    while (!(answers = connect_answers(place->socket)) && !(locked = flock(descriptor, LOCK_EX | LOCK_NB) == 0) &&
+           clock_ms() < deadline)
+        nap();
+    if (locked) {
+        *ret_descriptor = descriptor;
+        return BVHD_OK;
+    }
+    close(descriptor);
+    *ret_descriptor = -1;
+    return answers ? BVHD_OK
+                   : bvhd_error_set(error, BVHD_UNAVAILABLE, place->socket,
+                                    "no daemon answers; another bvhctl has been starting one");
+}
+
+static bool is_program(const char *path)
+{
+    struct stat status;
+    return stat(path, &status) == 0 && S_ISREG(status.st_mode) && access(path, X_OK) == 0;
+}
+
+/* Looks for "DIRECTORY[0 .. length)/name". */
+static bool find_in(const char *directory, size_t length, const char *name, char ret_path[PATH_MAX])
+{
+    char path[PATH_MAX];
+    int size = snprintf(path, sizeof path, "%.*s/%s", (int)length, directory, name);
+    return size > 0 && size < PATH_MAX && is_program(path) && realpath(path, ret_path);
+}
+
+static bool find_in_path(char ret_path[PATH_MAX])
+{
+    const char *at = getenv("PATH");
+    while (at && *at) {
+        size_t length = strcspn(at, ":");
+        if (*at == '/' && find_in(at, length, "bvhd", ret_path))
+            return true;
+        at += length + (at[length] == ':');
+    }
+    return false;
+}
+
+/* Where this program lies in a build folder, bvhd has its place, too; anywhere else that place may be a stranger's. */
+static bool find_built(const char *directory, size_t length, char ret_path[PATH_MAX])
+{
+    static const char built[] = "/client/bvhctl";
+    size_t tail = sizeof built - 1;
+    return length > tail && !memcmp(directory + length - tail, built, tail) &&
+           find_in(directory, length - tail, "daemon/bvhd", ret_path);
+}
+
+/* Beside this program, where both are built, where both are installed, in $PATH. */
+static bool find_program(char ret_path[PATH_MAX])
+{
+    char self[PATH_MAX];
+    ssize_t size = readlink("/proc/self/exe", self, sizeof self - 1);
+    if (size > 0) {
+        self[size] = '\0';
+        size_t length = (size_t)(strrchr(self, '/') - self);
+        if (find_in(self, length, "bvhd", ret_path) || find_built(self, length, ret_path))
+            return true;
+    }
+    return find_in(BVHD_BINDIR, strlen(BVHD_BINDIR), "bvhd", ret_path) || find_in_path(ret_path);
+}
+
+/* What a service manager has told this process is not meant for the daemon. */
+static bool is_passed_on(const char *variable)
+{
+    return strncmp(variable, "NOTIFY_SOCKET=", 14) && strncmp(variable, "WATCHDOG_", 9) &&
+           strncmp(variable, "LISTEN_", 7);
+}
+
+static char **make_environment(struct memory *memory)
+{
+    uint64_t count = 0, kept = 0;
+    while (environ[count])
+        count++;
+    char **environment = memory_array(memory, count + 1, sizeof *environment);
+    for (uint64_t i = 0; environment && i < count; i++)
+        if (is_passed_on(environ[i]))
+            environment[kept++] = environ[i];
+    if (environment)
+        environment[kept] = NULL;
+    return environment;
+}
+
+/* A session of its own, so that an interrupt at the terminal is not for it, and none of our descriptors. */
+static int spawn(char *program, char *socket, const char *log, char **environment, pid_t *ret_child)
+{
+    char option_socket[] = "--socket", option_idle[] = "--idle-exit";
+    char *arguments[] = {program, option_socket, socket, option_idle, idle_seconds, NULL};
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attributes;
+    sigset_t none, all;
+    sigemptyset(&none);
+    sigfillset(&all);
+    int number = posix_spawn_file_actions_init(&actions);
+    if (number)
+        return number;
+    number = posix_spawnattr_init(&attributes);
+    if (number) {
+        posix_spawn_file_actions_destroy(&actions);
+        return number;
+    }
+    if ((number = posix_spawnattr_setflags(&attributes,
+                                           POSIX_SPAWN_SETSID | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK)) == 0 &&
+        (number = posix_spawnattr_setsigdefault(&attributes, &all)) == 0 &&
+        (number = posix_spawnattr_setsigmask(&attributes, &none)) == 0 &&
+        (number = posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0)) == 0 &&
+        (number = posix_spawn_file_actions_addopen(&actions, 1, log, O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW,
+                                                   0600)) == 0 &&
+        (number = posix_spawn_file_actions_adddup2(&actions, 1, 2)) == 0 &&
+        (number = posix_spawn_file_actions_addclosefrom_np(&actions, 3)) == 0 &&
+        (number = posix_spawn_file_actions_addchdir_np(&actions, "/")) == 0)
+        number = posix_spawn(ret_child, program, &actions, &attributes, arguments, environment);
+    posix_spawnattr_destroy(&attributes);
+    posix_spawn_file_actions_destroy(&actions);
+    return number;
+}
+
+/* The last line of its messages, without their end. */
+static void read_last_line(const char *log, char *ret_line, size_t size)
+{
+    char text[4096];
+    FILE *file = fopen(log, "re");
+    size_t length = 0;
+    *ret_line = '\0';
+    if (!file)
+        return;
+    if (fseek(file, -(long)sizeof text, SEEK_END) < 0)
+        rewind(file);
+    length = fread(text, 1, sizeof text - 1, file);
+    fclose(file);
+    while (length && text[length - 1] == '\n')
+        length--;
+    text[length] = '\0';
+    const char *newline = strrchr(text, '\n');
+    snprintf(ret_line, size, "%.*s", (int)size - 1, newline ? newline + 1 : text);
+}
+
+static enum bvhd_status report_end(int status, const char *log, struct bvhd_error *error)
+{
+    char line[160], how[48];
+    read_last_line(log, line, sizeof line);
+    if (WIFEXITED(status))
+        snprintf(how, sizeof how, "status %d", WEXITSTATUS(status));
+    else
+        snprintf(how, sizeof how, "signal %d", WTERMSIG(status));
+    return bvhd_error_set(error, BVHD_UNAVAILABLE, log, "the daemon that was started ended with %s%s%s", how,
+                          *line ? ": " : "", line);
+}
+
+static enum bvhd_status wait_for(pid_t child, const char *socket, const char *log, double deadline,
+                                 struct bvhd_error *error)
+{
+    while (!connect_answers(socket)) {
+        int status;
+        pid_t ended = waitpid(child, &status, WNOHANG);
+        if (ended == child)
+            return report_end(status, log, error);
+        if (clock_ms() >= deadline)
+            return bvhd_error_set(error, BVHD_UNAVAILABLE, log, "the daemon that was started does not answer yet");
+        nap();
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status run_daemon(const struct private_place *place, const char *log, double deadline,
+                                   struct memory *memory, struct bvhd_error *error)
+{
+    char program[PATH_MAX];
+    if (!find_program(program))
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, place->socket, "no daemon, and no program bvhd to start one");
+    char **environment = make_environment(memory);
+    if (!environment)
+        return no_memory(error);
+    pid_t child;
+    int number = spawn(program, place->socket, log, environment, &child);
+    memory_free(memory, environment);
+    if (number)
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, program, "cannot be started: %s", strerror(number));
+    return wait_for(child, place->socket, log, deadline, error);
+}
+
+enum bvhd_status private_daemon_start(struct private_place *place, double deadline, struct memory *memory,
+                                      bool *ret_is_new, struct bvhd_error *error)
+{
+    enum bvhd_status status = make_safe(place, error);
+    if (status)
+        return status;
+    char *lock = beside(place, ".lock", memory), *log = beside(place, ".log", memory);
+    int descriptor = -1;
+    status = lock && log ? take_lock(place, lock, deadline, &descriptor, error) : no_memory(error);
+    bool is_new = !status && descriptor >= 0 && !connect_answers(place->socket);
+    if (is_new)
+        status = run_daemon(place, log, deadline, memory, error);
+    if (descriptor >= 0)
+        close(descriptor);
+    memory_free(memory, log);
+    memory_free(memory, lock);
+    if (!status)
+        *ret_is_new = is_new;
+    return status;
+}

@@ -1,0 +1,216 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/vulkan/vulkan_device.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "client/library.h"
+
+/* What is called before there is a struct bvhd_vulkan_device. */
+struct lookup {
+    const struct bvhd_vulkan_device_options *options;
+    PFN_vkGetDeviceProcAddr get_device_proc_addr;
+    PFN_vkGetPhysicalDeviceProperties2 get_properties;
+    PFN_vkGetPhysicalDeviceMemoryProperties get_memory;
+    PFN_vkEnumerateDeviceExtensionProperties enumerate_extensions;
+    struct bvhd_error *error;
+};
+
+static enum bvhd_status missing(const struct lookup *lookup, const char *name)
+{
+    return bvhd_error_set(lookup->error, BVHD_INVALID, name, "the device has no such function");
+}
+
+static PFN_vkVoidFunction instance_function(const struct lookup *lookup, const char *name)
+{
+    return lookup->options->get_instance_proc_addr(lookup->options->instance, name);
+}
+
+static enum bvhd_status find_instance_functions(struct lookup *lookup)
+{
+    lookup->get_device_proc_addr = (PFN_vkGetDeviceProcAddr)instance_function(lookup, "vkGetDeviceProcAddr");
+    if (!lookup->get_device_proc_addr)
+        return missing(lookup, "vkGetDeviceProcAddr");
+    lookup->get_properties =
+        (PFN_vkGetPhysicalDeviceProperties2)instance_function(lookup, "vkGetPhysicalDeviceProperties2");
+    if (!lookup->get_properties)
+        return missing(lookup, "vkGetPhysicalDeviceProperties2");
+    lookup->get_memory =
+        (PFN_vkGetPhysicalDeviceMemoryProperties)instance_function(lookup, "vkGetPhysicalDeviceMemoryProperties");
+    if (!lookup->get_memory)
+        return missing(lookup, "vkGetPhysicalDeviceMemoryProperties");
+    lookup->enumerate_extensions =
+        (PFN_vkEnumerateDeviceExtensionProperties)instance_function(lookup, "vkEnumerateDeviceExtensionProperties");
+    return lookup->enumerate_extensions ? BVHD_OK : missing(lookup, "vkEnumerateDeviceExtensionProperties");
+}
+
+/*
+ * The extension's name first: a device of Vulkan 1.1 has the function under that one alone, and the other name may lead
+ * to nothing there.
+ */
+static PFN_vkVoidFunction address_function(const struct lookup *lookup, const char *name)
+{
+    char extended[64];
+    snprintf(extended, sizeof extended, "%sKHR", name);
+    PFN_vkVoidFunction function = lookup->get_device_proc_addr(lookup->options->device, extended);
+    return function ? function : lookup->get_device_proc_addr(lookup->options->device, name);
+}
+
+static enum bvhd_status find_device_functions(const struct lookup *lookup, struct bvhd_vulkan_device *device)
+{
+#define FIND(name, wanted, function)                                                                                   \
+    if (wanted) {                                                                                                      \
+        device->vk.name = (PFN_vk##name)(function);                                                                    \
+        if (!device->vk.name)                                                                                          \
+            return missing(lookup, "vk" #name);                                                                        \
+    }
+#define VULKAN_ALWAYS(name) FIND(name, true, lookup->get_device_proc_addr(lookup->options->device, "vk" #name))
+#define VULKAN_ADDRESS(name) FIND(name, device->has_addresses, address_function(lookup, "vk" #name))
+#define VULKAN_STRUCTURE(name)                                                                                         \
+    FIND(name, device->has_structures, lookup->get_device_proc_addr(lookup->options->device, "vk" #name))
+#include "client/vulkan/vulkan_functions.def"
+#undef VULKAN_ALWAYS
+#undef VULKAN_ADDRESS
+#undef VULKAN_STRUCTURE
+#undef FIND
+    return BVHD_OK;
+}
+
+/* Which structs the physical device understands beyond those of Vulkan 1.1. */
+struct extensions {
+    bool buffer_limit, driver;
+};
+
+static enum bvhd_status find_extensions(const struct lookup *lookup, struct extensions *ret_extensions)
+{
+    VkPhysicalDevice physical = lookup->options->physical_device;
+    uint32_t count = 0;
+    VkResult result = lookup->enumerate_extensions(physical, NULL, &count, NULL);
+    if (result != VK_SUCCESS)
+        return vulkan_device_result("vkEnumerateDeviceExtensionProperties", result, lookup->error);
+    memset(ret_extensions, 0, sizeof *ret_extensions);
+    if (count == 0)
+        return BVHD_OK;
+    VkExtensionProperties *list = memory_array(&library_memory, count, sizeof *list);
+    if (!list)
+        return bvhd_error_set(lookup->error, BVHD_NO_MEMORY, "device", "no memory for a list of %u extensions",
+                              (unsigned)count);
+    result = lookup->enumerate_extensions(physical, NULL, &count, list);
+    if (result == VK_SUCCESS || result == VK_INCOMPLETE)
+        for (uint32_t i = 0; i < count; i++) {
+            ret_extensions->buffer_limit |= strcmp(list[i].extensionName, VK_KHR_MAINTENANCE_4_EXTENSION_NAME) == 0;
+            ret_extensions->driver |= strcmp(list[i].extensionName, VK_KHR_DRIVER_PROPERTIES_EXTENSION_NAME) == 0;
+        }
+    memory_free(&library_memory, list);
+    return result < 0 ? vulkan_device_result("vkEnumerateDeviceExtensionProperties", result, lookup->error) : BVHD_OK;
+}
+
+static void read_properties(const struct lookup *lookup, struct extensions extensions,
+                            struct bvhd_vulkan_device *device)
+{
+    VkPhysicalDeviceMaintenance4Properties buffer = {.sType =
+                                                         VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_4_PROPERTIES};
+    VkPhysicalDeviceDriverProperties driver = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_DRIVER_PROPERTIES};
+    VkPhysicalDeviceAccelerationStructurePropertiesKHR structure = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR};
+    VkPhysicalDeviceMaintenance3Properties allocation = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES};
+    VkPhysicalDeviceProperties2 all = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &allocation};
+    void **next = &allocation.pNext;
+    if (extensions.buffer_limit) {
+        *next = &buffer;
+        next = &buffer.pNext;
+    }
+    if (extensions.driver) {
+        *next = &driver;
+        next = &driver.pNext;
+    }
+    if (device->has_structures)
+        *next = &structure;
+    lookup->get_properties(lookup->options->physical_device, &all);
+
+    device->limits = (struct vulkan_limits){
+        .storage_range = all.properties.limits.maxStorageBufferRange,
+        .storage_alignment = all.properties.limits.minStorageBufferOffsetAlignment,
+        .allocation = allocation.maxMemoryAllocationSize,
+        .buffer = extensions.buffer_limit ? buffer.maxBufferSize : UINT64_MAX,
+        .primitives = structure.maxPrimitiveCount,
+        .instances = structure.maxInstanceCount,
+        .scratch_alignment = structure.minAccelerationStructureScratchOffsetAlignment,
+    };
+    snprintf(device->name, sizeof device->name, "%s", all.properties.deviceName);
+    snprintf(device->driver, sizeof device->driver, "%s%s%s", driver.driverName, *driver.driverInfo ? " " : "",
+             driver.driverInfo);
+}
+
+static enum bvhd_status check_options(const struct bvhd_vulkan_device_options *options, struct bvhd_error *error)
+{
+    if (options->struct_size < sizeof *options)
+        return bvhd_error_set(error, BVHD_INVALID, "options.struct_size", "%zu bytes, but %zu are needed",
+                              options->struct_size, sizeof *options);
+    if (!options->get_instance_proc_addr || !options->instance || !options->physical_device || !options->device)
+        return bvhd_error_set(error, BVHD_INVALID, "options", "vkGetInstanceProcAddr and all three handles are needed");
+    return BVHD_OK;
+}
+
+static enum bvhd_status fill_device(const struct bvhd_vulkan_device_options *options, struct bvhd_vulkan_device *device,
+                                    struct bvhd_error *error)
+{
+    struct lookup lookup = {.options = options, .error = error};
+    struct extensions extensions;
+    memset(device, 0, sizeof *device);
+    device->handle = options->device;
+    device->allocator = options->allocator;
+    device->has_addresses = options->has_buffer_device_address;
+    device->has_structures = device->has_addresses && options->has_acceleration_structure;
+    enum bvhd_status status = find_instance_functions(&lookup);
+    if (status == BVHD_OK)
+        status = find_device_functions(&lookup, device);
+    if (status == BVHD_OK)
+        status = find_extensions(&lookup, &extensions);
+    if (status != BVHD_OK)
+        return status;
+    read_properties(&lookup, extensions, device);
+    lookup.get_memory(options->physical_device, &device->memory);
+    return BVHD_OK;
+}
+
+enum bvhd_status bvhd_vulkan_device_create(const struct bvhd_vulkan_device_options *options,
+                                           struct bvhd_vulkan_device **ret_device, struct bvhd_error *ret_error)
+{
+    enum bvhd_status status = check_options(options, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    struct bvhd_vulkan_device *device = memory_alloc(&library_memory, sizeof *device);
+    if (!device)
+        return bvhd_error_set(ret_error, BVHD_NO_MEMORY, "device", "no memory for %zu bytes", sizeof *device);
+    status = fill_device(options, device, ret_error);
+    if (status == BVHD_OK)
+        *ret_device = device;
+    else
+        memory_free(&library_memory, device);
+    return status;
+}
+
+void bvhd_vulkan_device_destroy(struct bvhd_vulkan_device *device)
+{
+    memory_free(&library_memory, device);
+}
+
+enum bvhd_status vulkan_device_result(const char *call, VkResult result, struct bvhd_error *error)
+{
+    switch (result) {
+    case VK_SUCCESS:
+        return BVHD_OK;
+    case VK_ERROR_OUT_OF_HOST_MEMORY:
+        return bvhd_error_set(error, BVHD_NO_MEMORY, call, "the host's memory is used up");
+    case VK_ERROR_OUT_OF_DEVICE_MEMORY:
+    case VK_ERROR_TOO_MANY_OBJECTS:
+    case VK_ERROR_FRAGMENTATION:
+        return bvhd_error_set(error, BVHD_NO_MEMORY, call, "the device's memory is used up");
+    case VK_ERROR_DEVICE_LOST:
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, call, "the device is lost");
+    default:
+        return bvhd_error_set(error, BVHD_INTERNAL, call, "VkResult %d", (int)result);
+    }
+}

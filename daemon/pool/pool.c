@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/pool/pool.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/pool/pool_internal.h"
+#include "proto/base/processor.h"
+
+/*
+ * The lock is held for less than a microsecond, so who finds it closed looks again for a moment; sleeping at once makes
+ * queues of sleepers.
+ */
+static void init_lock(pthread_mutex_t *lock)
+{
+    pthread_mutexattr_t attributes;
+    pthread_mutexattr_init(&attributes);
+    pthread_mutexattr_settype(&attributes, PTHREAD_MUTEX_ADAPTIVE_NP);
+    pthread_mutex_init(lock, &attributes);
+    pthread_mutexattr_destroy(&attributes);
+}
+
+static struct pool *allocate(unsigned threads)
+{
+    struct pool *pool = calloc(1, sizeof *pool + (threads + (size_t)POOL_SPARE_THREADS) * sizeof pool->all_threads[0]);
+    if (!pool)
+        return NULL;
+    init_lock(&pool->lock);
+    pool->threads = threads;
+    pool->ended_end = &pool->ended;
+    return pool;
+}
+
+enum bvhd_status pool_create(unsigned threads, void (*wake)(void *context), void *wake_context, struct pool **ret_pool,
+                             struct bvhd_error *error)
+{
+    if (threads > POOL_MAX_THREADS)
+        return bvhd_error_set(error, BVHD_TOO_LARGE, "threads", "%u threads are more than %d", threads,
+                              POOL_MAX_THREADS);
+    unsigned processors = processor_count();
+    if (threads == 0)
+        threads = processors < POOL_MAX_THREADS ? processors : POOL_MAX_THREADS;
+    struct pool *pool = allocate(threads);
+    if (!pool)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "threads", "out of memory for %u threads", threads);
+    pool->wake = wake;
+    pool->wake_context = wake_context;
+    int failure = pool_threads_start(pool);
+    if (failure) {
+        pool_destroy(pool);
+        return bvhd_error_set(error, BVHD_IO, "threads", "cannot start %u threads: %s", threads, strerror(failure));
+    }
+    *ret_pool = pool;
+    return BVHD_OK;
+}
+
+void pool_destroy(struct pool *pool)
+{
+    if (!pool)
+        return;
+    pool_threads_stop(pool);
+    assert(!pool->first_turn && !pool->ended);
+    pthread_mutex_destroy(&pool->lock);
+    free(pool);
+}
+
+unsigned pool_threads(const struct pool *pool)
+{
+    return pool->threads;
+}
+
+struct pool_turn *pool_turn_create(struct pool *pool)
+{
+    (void)pool;
+    return calloc(1, sizeof(struct pool_turn));
+}
+
+static void free_if_unused(struct pool_turn *turn)
+{
+    if (turn->ended && turn->jobs == 0)
+        free(turn);
+}
+
+void pool_turn_end(struct pool *pool, struct pool_turn *turn)
+{
+    (void)pool;
+    if (!turn)
+        return;
+    turn->ended = true;
+    free_if_unused(turn);
+}
+
+void pool_submit(struct pool *pool, struct pool_job *job)
+{
+    job->turn->jobs++;
+    pool_lock(pool);
+    uint64_t now = clock_ns();
+    job->state = POOL_JOB_QUEUED;
+    job->ran = false;
+    job->submitted_ns = now;
+    job->started_ns = job->ended_ns = 0;
+    job->order = pool->orders++;
+    pool_turns_add_job(pool, job, now);
+    pool_threads_call(pool, 1, now);
+    pool_unlock(pool);
+}
+
+void pool_append_ended(struct pool *pool, struct pool_job *job)
+{
+    pool->to_tell |= !pool->ended;
+    job->state = POOL_JOB_ENDED;
+    job->next = NULL;
+    *pool->ended_end = job;
+    pool->ended_end = &job->next;
+}
+
+void pool_cancel(struct pool *pool, struct pool_job *job)
+{
+    atomic_store_explicit(&job->cancel, true, memory_order_relaxed);
+    pool_lock(pool);
+    if (job->state == POOL_JOB_QUEUED) {
+        pool_turns_take_job(pool, job);
+        pool_turns_close_job(pool, job, clock_ns());
+        pool_append_ended(pool, job);
+    }
+    pool_unlock(pool);
+}
+
+/* The first that have ended. What is left is told of once more. */
+static struct pool_job *take_ended(struct pool *pool, bool *ret_more)
+{
+    pool_lock(pool);
+    struct pool_job *jobs = pool->ended, **end = &pool->ended;
+    for (int i = 0; i < POOL_COLLECT_MOST && *end; i++)
+        end = &(*end)->next;
+    pool->ended = *end;
+    *end = NULL;
+    if (!pool->ended)
+        pool->ended_end = &pool->ended;
+    *ret_more = pool->ended != NULL;
+    pool->to_tell |= *ret_more;
+    pool_unlock(pool);
+    return jobs;
+}
+
+bool pool_collect(struct pool *pool)
+{
+    bool more;
+    for (struct pool_job *job = take_ended(pool, &more), *next; job; job = next) {
+        struct pool_turn *turn = job->turn;
+        next = job->next;
+        job->done(job);
+        turn->jobs--;
+        free_if_unused(turn);
+    }
+    return more;
+}
+
+struct pool_load pool_load(struct pool *pool)
+{
+    pool_lock(pool);
+    uint64_t now = clock_ns();
+    struct pool_load load = {
+        .queued = pool->queued,
+        .running = pool->running,
+        .busy_ns = pool_time_at(&pool->busy, now),
+        .jobs_done = pool->jobs_done,
+        .active_ns = pool_time_at(&pool->open, now),
+    };
+    pool_unlock(pool);
+    return load;
+}

@@ -1,0 +1,258 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/pool/pool_internal.h"
+
+#include <signal.h>
+
+#include "proto/base/processor.h"
+
+static _Thread_local struct pool_thread *self_thread;
+
+struct pool_thread *pool_threads_self(void)
+{
+    return self_thread;
+}
+
+void pool_threads_wake(struct pool *pool, struct pool_thread *thread)
+{
+    thread->next = pool->to_wake;
+    pool->to_wake = thread;
+}
+
+void pool_unlock(struct pool *pool)
+{
+    struct pool_thread *thread = pool->to_wake;
+    bool to_tell = pool->to_tell;
+    pool->to_wake = NULL;
+    pool->to_tell = false;
+    pthread_mutex_unlock(&pool->lock);
+    while (thread) {
+        /* Once it is awake it may be put on other lists. */
+        struct pool_thread *next = thread->next;
+        sem_post(&thread->wake);
+        thread = next;
+    }
+    if (to_tell)
+        pool->wake(pool->wake_context);
+}
+
+void pool_threads_sleep(struct pool *pool, struct pool_thread *self)
+{
+    pool_unlock(pool);
+    while (sem_wait(&self->wake) != 0)
+        continue;
+    pool_lock(pool);
+}
+
+void pool_threads_resume(struct pool *pool, struct pool_turn *turn, uint64_t now)
+{
+    struct pool_time *times[] = {&pool->busy, &turn->time};
+    for (int i = 0; i < 2; i++) {
+        times[i]->base -= now;
+        times[i]->threads++;
+    }
+}
+
+void pool_threads_pause(struct pool *pool, struct pool_turn *turn, uint64_t now)
+{
+    struct pool_time *times[] = {&pool->busy, &turn->time};
+    for (int i = 0; i < 2; i++) {
+        times[i]->base += now;
+        times[i]->threads--;
+    }
+}
+
+/* To spinning threads. */
+static void announce(struct pool *pool)
+{
+    atomic_fetch_add_explicit(&pool->posted, 1, memory_order_relaxed);
+}
+
+/* One more thread to look for work; false when all are at it. */
+static bool call_one(struct pool *pool)
+{
+    if (pool->promised < pool->spinning) {
+        pool->promised++;
+        announce(pool);
+    } else if (pool->idle) {
+        struct pool_thread *thread = pool->idle;
+        pool->idle = thread->next;
+        pool_threads_wake(pool, thread);
+    } else {
+        return false;
+    }
+    pool->coming++;
+    return true;
+}
+
+static void call_spare(struct pool *pool, uint64_t now)
+{
+    unsigned busy = pool->active + pool->coming;
+    if (pool->queued > 0 && busy >= pool->threads && busy < pool->threads + POOL_SPARE_THREADS &&
+        pool_turns_spare_job(pool, now))
+        call_one(pool);
+}
+
+void pool_threads_call(struct pool *pool, size_t count, uint64_t now)
+{
+    while (count > 0 && pool->active + pool->coming < pool->threads && call_one(pool))
+        count--;
+    if (count > 0)
+        call_spare(pool, now);
+}
+
+static void begin(struct pool *pool, struct pool_turn *turn, uint64_t now)
+{
+    pool->active++;
+    pool_threads_resume(pool, turn, now);
+    call_spare(pool, now);
+}
+
+static void end(struct pool *pool, struct pool_turn *turn, uint64_t now)
+{
+    pool->active--;
+    pool_threads_pause(pool, turn, now);
+}
+
+static void link_run(struct pool *pool, struct pool_run *run)
+{
+    run->next = pool->runs;
+    if (run->next)
+        run->next->previous = run;
+    pool->runs = run;
+    pool->running++;
+}
+
+static void unlink_run(struct pool *pool, struct pool_run *run)
+{
+    *(run->previous ? &run->previous->next : &pool->runs) = run->next;
+    if (run->next)
+        run->next->previous = run->previous;
+    pool->running--;
+}
+
+static void mark_running(struct pool *pool, struct pool_job *job, uint64_t now)
+{
+    pool_turns_take_job(pool, job);
+    job->state = POOL_JOB_RUNNING;
+    job->ran = true;
+    job->started_ns = now;
+}
+
+static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
+{
+    struct pool_run run = {.parallel = {pool->threads, pool_calls_for_each}, .pool = pool, .job = job};
+    struct pool_turn *turn = job->turn;
+    mark_running(pool, job, now);
+    link_run(pool, &run);
+    begin(pool, turn, now);
+    pool_unlock(pool);
+
+    job->run(job, &run.parallel);
+
+    pool_lock(pool);
+    job->ended_ns = clock_ns();
+    end(pool, turn, job->ended_ns);
+    unlink_run(pool, &run);
+    pool->jobs_done++;
+    pool_turns_close_job(pool, job, job->ended_ns);
+    pool_append_ended(pool, job);
+}
+
+static void help_call(struct pool *pool, struct pool_call *call, uint64_t now)
+{
+    struct pool_turn *turn = call->run->job->turn;
+    begin(pool, turn, now);
+    pool_calls_help(pool, call, now);
+    end(pool, turn, clock_ns());
+}
+
+static struct pool_work find_work(struct pool *pool, uint64_t now)
+{
+    if (pool->active < pool->threads)
+        return pool_turns_next(pool, now);
+    return (struct pool_work){NULL, pool_turns_spare_job(pool, now)};
+}
+
+/* Looks around for a while, then sleeps. */
+static void rest(struct pool *pool, struct pool_thread *self)
+{
+    unsigned seen = atomic_load_explicit(&pool->posted, memory_order_relaxed);
+    pool->spinning++;
+    pool_unlock(pool);
+    for (int i = 0; i < POOL_SPIN_ROUNDS && atomic_load_explicit(&pool->posted, memory_order_relaxed) == seen; i++)
+        processor_relax();
+    pool_lock(pool);
+    pool->spinning--;
+    if (pool->promised > 0) {
+        pool->promised--;
+        pool->coming--;
+    } else if (!pool->stop) {
+        self->next = pool->idle;
+        pool->idle = self;
+        pool_threads_sleep(pool, self);
+        pool->coming--;
+    }
+}
+
+static void *work_until_stopped(void *argument)
+{
+    struct pool_thread *self = argument;
+    struct pool *pool = self->pool;
+    self_thread = self;
+    pool_lock(pool);
+    while (!pool->stop) {
+        uint64_t now = clock_ns();
+        struct pool_work work = find_work(pool, now);
+        if (work.call)
+            help_call(pool, work.call, now);
+        else if (work.job)
+            run_job(pool, work.job, now);
+        else
+            rest(pool, self);
+    }
+    pool_unlock(pool);
+    return NULL;
+}
+
+static int start_thread(struct pool *pool, struct pool_thread *thread)
+{
+    thread->pool = pool;
+    sem_init(&thread->wake, 0, 0);
+    int failure = pthread_create(&thread->id, NULL, work_until_stopped, thread);
+    if (failure)
+        sem_destroy(&thread->wake);
+    return failure;
+}
+
+/* Signals are for the threads of the program. */
+int pool_threads_start(struct pool *pool)
+{
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    int failure = 0;
+    while (!failure && pool->started < pool->threads + POOL_SPARE_THREADS) {
+        failure = start_thread(pool, &pool->all_threads[pool->started]);
+        pool->started += failure == 0;
+    }
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+    return failure;
+}
+
+void pool_threads_stop(struct pool *pool)
+{
+    pool_lock(pool);
+    pool->stop = true;
+    announce(pool);
+    for (struct pool_thread *thread = pool->idle, *next; thread; thread = next) {
+        next = thread->next;
+        pool_threads_wake(pool, thread);
+        pool->coming++;
+    }
+    pool->idle = NULL;
+    pool_unlock(pool);
+    for (unsigned i = 0; i < pool->started; i++)
+        pthread_join(pool->all_threads[i].id, NULL);
+    for (unsigned i = 0; i < pool->started; i++)
+        sem_destroy(&pool->all_threads[i].wake);
+}

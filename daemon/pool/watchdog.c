@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/pool/watchdog.h"
+
+#include <stddef.h>
+#include <time.h>
+
+static struct watchdog *owner(struct pool_job *job)
+{
+    return (struct watchdog *)(void *)((char *)job - offsetof(struct watchdog, probe));
+}
+
+static void run_probe(struct pool_job *job, const struct parallel *parallel)
+{
+    (void)job;
+    (void)parallel;
+}
+
+static void probe_done(struct pool_job *job)
+{
+    owner(job)->under_way = false;
+}
+
+enum bvhd_status watchdog_init(struct watchdog *watchdog, struct pool *pool, uint64_t patience_ms,
+                               struct bvhd_error *error)
+{
+    struct pool_turn *turn = pool_turn_create(pool);
+    if (!turn)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "watchdog", "no memory for its turn");
+    *watchdog = (struct watchdog){.pool = pool, .patience_ms = patience_ms, .probe.turn = turn};
+    return BVHD_OK;
+}
+
+void watchdog_finish(struct watchdog *watchdog)
+{
+    if (!watchdog || !watchdog->pool)
+        return;
+    if (watchdog->under_way)
+        pool_cancel(watchdog->pool, &watchdog->probe);
+    while (watchdog->under_way) { /* withdrawn, or about to end: it does nothing */
+        pool_collect(watchdog->pool);
+        nanosleep(&(struct timespec){.tv_nsec = 100000}, NULL);
+    }
+    pool_turn_end(watchdog->pool, watchdog->probe.turn);
+    watchdog->pool = NULL;
+}
+
+bool watchdog_is_alive(struct watchdog *watchdog, uint64_t now_ms)
+{
+    if (watchdog->under_way)
+        return now_ms - watchdog->sent_ms < watchdog->patience_ms;
+    watchdog->probe = (struct pool_job){.run = run_probe, .done = probe_done, .turn = watchdog->probe.turn};
+    watchdog->under_way = true;
+    watchdog->sent_ms = now_ms;
+    pool_submit(watchdog->pool, &watchdog->probe);
+    return true;
+}

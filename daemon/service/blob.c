@@ -1,0 +1,236 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/service/blob.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "daemon/system/release.h"
+#include "proto/base/seal.h"
+
+#ifndef MFD_NOEXEC_SEAL
+#define MFD_NOEXEC_SEAL 8U
+#endif
+
+enum { SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL };
+
+void blob_account_init(struct blob_account *account, struct memory *memory, struct descriptors *descriptors)
+{
+    account->memory = memory;
+    account->descriptors = descriptors;
+    atomic_init(&account->live_bytes, 0);
+    atomic_init(&account->live_blobs, 0);
+}
+
+/* Without pages to be had, a file's are refused with ENOSPC where memory may not be overcommitted. */
+static enum bvhd_status refused(struct bvhd_error *error, const char *what)
+{
+    enum bvhd_status status = errno == ENOMEM || errno == ENOSPC ? BVHD_NO_MEMORY : BVHD_IO;
+    return bvhd_error_set(error, status, "blob", "%s: %s", what, strerror(errno));
+}
+
+/*
+ * Not executable, where the kernel knows of that (6.3). Clients with another user id cannot even open it again for
+ * writing.
+ */
+static enum bvhd_status create_file(struct blob_writer *writer, struct bvhd_error *error)
+{
+    int descriptor = memfd_create("bvhd-blob", MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
+    if (descriptor < 0 && errno == EINVAL)
+        descriptor = memfd_create("bvhd-blob", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+    if (descriptor < 0)
+        return refused(error, "memfd_create");
+    writer->descriptor = descriptor;
+    return fchmod(descriptor, S_IRUSR | S_IRGRP | S_IROTH) == 0 ? BVHD_OK : refused(error, "fchmod");
+}
+
+/*
+ * Reserves pages: a fault that gets none ends the process. Clearing them, most of the work, is left to the threads that
+ * write.
+ */
+static enum bvhd_status reserve_pages(int descriptor, uint64_t size, struct bvhd_error *error)
+{
+    while (fallocate(descriptor, 0, 0, (off_t)size) != 0)
+        if (errno != EINTR)
+            return refused(error, "fallocate");
+    return BVHD_OK;
+}
+
+static enum bvhd_status map_file(struct blob_writer *writer, struct bvhd_error *error)
+{
+    enum bvhd_status status = create_file(writer, error);
+    if (status == BVHD_OK)
+        status = reserve_pages(writer->descriptor, writer->size, error);
+    if (status != BVHD_OK)
+        return status;
+    void *mapping = mmap(NULL, writer->size, PROT_READ | PROT_WRITE, MAP_SHARED, writer->descriptor, 0);
+    if (mapping == MAP_FAILED)
+        return refused(error, "mmap");
+    writer->bytes = mapping;
+    return BVHD_OK;
+}
+
+static enum bvhd_status allocate_memory(struct blob_writer *writer, struct bvhd_error *error)
+{
+    writer->bytes = memory_alloc(writer->account->memory, writer->size);
+    return writer->bytes ? BVHD_OK : bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "%" PRIu64 " bytes", writer->size);
+}
+
+static bool is_mapped(uint64_t size)
+{
+    return size >= BLOB_MAPPED_MIN;
+}
+
+static bool needs_descriptor(uint64_t size)
+{
+    return size > BLOB_INLINE_MAX;
+}
+
+/* What the blob will count is counted from here on. */
+static enum bvhd_status take(struct blob_writer *writer, uint64_t size, struct bvhd_error *error)
+{
+    if (size > INT64_MAX)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "%" PRIu64 " bytes", size);
+    if (needs_descriptor(size) && !descriptors_take(writer->account->descriptors, 1, DESCRIPTORS_RESERVE))
+        return bvhd_error_set(error, BVHD_BUSY, "blob", "too many open descriptors");
+    atomic_fetch_add_explicit(&writer->account->live_bytes, size, memory_order_relaxed);
+    writer->size = size;
+    return BVHD_OK;
+}
+
+static void give(struct blob_account *account, uint64_t size)
+{
+    if (needs_descriptor(size))
+        descriptors_give(account->descriptors, 1);
+    uint64_t before = atomic_fetch_sub_explicit(&account->live_bytes, size, memory_order_relaxed);
+    assert(before >= size);
+    (void)before;
+}
+
+static struct blob_writer *writer_of(struct build_output *output)
+{
+    return (struct blob_writer *)(void *)((unsigned char *)output - offsetof(struct blob_writer, output));
+}
+
+static unsigned char *allocate(struct build_output *output, uint64_t size)
+{
+    struct blob_writer *writer = writer_of(output);
+    assert(writer->size == 0);
+    enum bvhd_status status = take(writer, size, &writer->error);
+    if (status == BVHD_OK)
+        status = is_mapped(size) ? map_file(writer, &writer->error) : allocate_memory(writer, &writer->error);
+    if (status != BVHD_OK)
+        blob_writer_discard(writer);
+    return writer->bytes;
+}
+
+static void release_bytes(struct blob_writer *writer)
+{
+    if (writer->bytes && is_mapped(writer->size)) {
+        int result = munmap(writer->bytes, writer->size);
+        assert(result == 0);
+        (void)result;
+    } else {
+        memory_free(writer->account->memory, writer->bytes);
+    }
+    writer->bytes = NULL;
+}
+
+void blob_writer_discard(struct blob_writer *writer)
+{
+    if (writer->size == 0)
+        return;
+    release_bytes(writer);
+    if (writer->descriptor >= 0)
+        close(writer->descriptor);
+    give(writer->account, writer->size);
+    writer->descriptor = -1;
+    writer->size = 0;
+}
+
+static void discard(struct build_output *output, unsigned char *bytes)
+{
+    assert(bytes && bytes == writer_of(output)->bytes);
+    (void)bytes;
+    blob_writer_discard(writer_of(output));
+}
+
+void blob_writer_init(struct blob_writer *writer, struct blob_account *account)
+{
+    *writer = (struct blob_writer){
+        .output = {.allocate = allocate, .discard = discard}, .account = account, .descriptor = -1};
+}
+
+static enum bvhd_status write_file(struct blob_writer *writer, struct bvhd_error *error)
+{
+    for (uint64_t written = 0; written < writer->size;) {
+        ssize_t count = write(writer->descriptor, writer->bytes + written, writer->size - written);
+        if (count > 0)
+            written += (uint64_t)count;
+        else if (count == 0 || errno != EINTR)
+            return refused(error, "write");
+    }
+    return BVHD_OK;
+}
+
+/* Leaves a sealed descriptor and no bytes. A file cannot be sealed against writing while it is mapped for writing. */
+static enum bvhd_status seal(struct blob_writer *writer, struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    if (!is_mapped(writer->size)) {
+        status = create_file(writer, error);
+        if (status == BVHD_OK)
+            status = write_file(writer, error);
+    }
+    if (status != BVHD_OK)
+        return status;
+    release_bytes(writer);
+    return seal_add(writer->descriptor, SEALS) == 0 ? BVHD_OK : refused(error, "sealing");
+}
+
+enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error)
+{
+    assert(writer->bytes);
+    struct blob_account *account = writer->account;
+    struct blob *blob = memory_alloc(account->memory, sizeof *blob);
+    enum bvhd_status status = blob ? BVHD_OK : bvhd_error_set(error, BVHD_NO_MEMORY, "blob", "no memory to keep it");
+    if (status == BVHD_OK && needs_descriptor(writer->size))
+        status = seal(writer, error);
+    if (status != BVHD_OK) {
+        memory_free(account->memory, blob);
+        blob_writer_discard(writer);
+        return status;
+    }
+    *blob = (struct blob){
+        .account = account, .size = writer->size, .bytes = writer->bytes, .descriptor = writer->descriptor};
+    atomic_init(&blob->refs, 1);
+    atomic_fetch_add_explicit(&account->live_blobs, 1, memory_order_relaxed);
+    blob_writer_init(writer, account);
+    *ret_blob = blob;
+    return BVHD_OK;
+}
+
+struct blob *blob_ref(struct blob *blob)
+{
+    atomic_fetch_add_explicit(&blob->refs, 1, memory_order_relaxed);
+    return blob;
+}
+
+void blob_unref(struct blob *blob)
+{
+    /* Release: what other holders read comes before the end; acquire: the end comes after it. */
+    if (!blob || atomic_fetch_sub_explicit(&blob->refs, 1, memory_order_acq_rel) != 1)
+        return;
+    struct blob_account *account = blob->account;
+    if (blob->descriptor >= 0)
+        release_memfd(blob->descriptor, blob->size);
+    memory_free(account->memory, (void *)(uintptr_t)blob->bytes);
+    give(account, blob->size);
+    atomic_fetch_sub_explicit(&account->live_blobs, 1, memory_order_relaxed);
+    memory_free(account->memory, blob);
+}

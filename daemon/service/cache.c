@@ -1,0 +1,278 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/service/cache.h"
+
+struct entry {
+    struct blob *blob; /* a ref */
+    uint64_t cost, used; /* `used`: the cache's clock at its last use */
+    struct entry *warmer, *colder;
+};
+
+/* In the order of their last use. */
+struct order {
+    struct entry *warmest, *coldest;
+    uint64_t count;
+};
+
+/* Open addressing with linear probing; no deleted marks, later slots move up. Keys are hashes themselves. */
+struct slot {
+    uint64_t hash;
+    struct entry *entry; /* NULL: free */
+};
+
+struct table {
+    struct slot *slots; /* NULL while there are none */
+    uint64_t capacity; /* 0 or a power of two */
+    uint64_t count;
+};
+
+/*
+ * Blobs in memory and memfds have an order each, so that either kind's coldest is at hand; `used` compares between
+ * them.
+ */
+enum kind { IN_MEMORY, WITH_DESCRIPTOR, KINDS };
+
+/*
+ * Many tables, each for one first byte of hashes, so that one that grows moves few entries, and the loop does not stop
+ * for it.
+ */
+enum { TABLES = 256, FIRST_CAPACITY = 8 };
+
+struct cache {
+    struct memory *memory;
+    struct table tables[TABLES];
+    struct order orders[KINDS];
+    uint64_t budget, bytes, evicted, clock;
+};
+
+struct cache *cache_create(uint64_t budget, struct memory *memory)
+{
+    struct cache *cache = memory_alloc(memory, sizeof *cache);
+    if (cache)
+        *cache = (struct cache){.memory = memory, .budget = budget};
+    return cache;
+}
+
+static uint64_t count_entries(const struct cache *cache)
+{
+    return cache->orders[IN_MEMORY].count + cache->orders[WITH_DESCRIPTOR].count;
+}
+
+static uint64_t hash_of(const struct key *key)
+{
+    return bytes_get64(key->bytes);
+}
+
+static struct table *table_of(struct cache *cache, const struct key *key)
+{
+    return &cache->tables[hash_of(key) >> 56];
+}
+
+/* The slot that holds `key`, or the free one where it would go. In a table with slots there always is a free one. */
+static uint64_t find_slot(const struct table *table, const struct key *key)
+{
+    uint64_t hash = hash_of(key), mask = table->capacity - 1, at = hash & mask;
+    for (; table->slots[at].entry; at = (at + 1) & mask)
+        if (table->slots[at].hash == hash && key_equal(&table->slots[at].entry->blob->key, key))
+            break;
+    return at;
+}
+
+static struct entry *find(struct cache *cache, const struct key *key)
+{
+    struct table *table = table_of(cache, key);
+    return table->slots ? table->slots[find_slot(table, key)].entry : NULL;
+}
+
+static struct order *order_of(struct cache *cache, const struct entry *entry)
+{
+    return &cache->orders[entry->blob->descriptor >= 0 ? WITH_DESCRIPTOR : IN_MEMORY];
+}
+
+static void link_warmest(struct cache *cache, struct entry *entry)
+{
+    struct order *order = order_of(cache, entry);
+    entry->used = ++cache->clock;
+    entry->warmer = NULL;
+    entry->colder = order->warmest;
+    if (order->warmest)
+        order->warmest->warmer = entry;
+    else
+        order->coldest = entry;
+    order->warmest = entry;
+    order->count++;
+}
+
+static void unlink_entry(struct cache *cache, struct entry *entry)
+{
+    struct order *order = order_of(cache, entry);
+    if (entry->warmer)
+        entry->warmer->colder = entry->colder;
+    else
+        order->warmest = entry->colder;
+    if (entry->colder)
+        entry->colder->warmer = entry->warmer;
+    else
+        order->coldest = entry->warmer;
+    order->count--;
+}
+
+/* Fills the gap with what was probed past it. */
+static void clear_slot(struct table *table, uint64_t gap)
+{
+    uint64_t mask = table->capacity - 1;
+    for (uint64_t at = (gap + 1) & mask; table->slots[at].entry; at = (at + 1) & mask) {
+        uint64_t home = table->slots[at].hash & mask;
+        if (((at - home) & mask) < ((at - gap) & mask))
+            continue;
+        table->slots[gap] = table->slots[at];
+        gap = at;
+    }
+    table->slots[gap] = (struct slot){.entry = NULL};
+    table->count--;
+}
+
+static void drop(struct cache *cache, struct entry *entry)
+{
+    unlink_entry(cache, entry);
+    cache->bytes -= entry->cost;
+    blob_unref(entry->blob);
+    memory_free(cache->memory, entry);
+}
+
+static void evict(struct cache *cache, struct entry *entry)
+{
+    struct table *table = table_of(cache, &entry->blob->key);
+    clear_slot(table, find_slot(table, &entry->blob->key));
+    drop(cache, entry);
+    cache->evicted++;
+}
+
+void cache_destroy(struct cache *cache)
+{
+    if (!cache)
+        return;
+    for (int kind = 0; kind < KINDS; kind++)
+        while (cache->orders[kind].coldest)
+            drop(cache, cache->orders[kind].coldest);
+    for (int i = 0; i < TABLES; i++)
+        memory_free(cache->memory, cache->tables[i].slots);
+    memory_free(cache->memory, cache);
+}
+
+/* The callback may put another blob, and what it was given may have to go for that. */
+void cache_get(struct cache *cache, const struct key *key, cache_answer answer, void *context)
+{
+    struct entry *entry = find(cache, key);
+    if (!entry) {
+        answer(context, NULL);
+        return;
+    }
+    unlink_entry(cache, entry);
+    link_warmest(cache, entry);
+    struct blob *blob = blob_ref(entry->blob);
+    answer(context, blob);
+    blob_unref(blob);
+}
+
+static uint64_t cost_of(const struct blob *blob)
+{
+    uint64_t cost;
+    if (!bytes_add(blob->size, CACHE_OVERHEAD + CACHE_PAGE, &cost))
+        return UINT64_MAX;
+    return CACHE_OVERHEAD + (blob->descriptor >= 0 ? bytes_align(blob->size, CACHE_PAGE) : blob->size);
+}
+
+/* Most descriptors that may be kept if `blob` is. */
+static uint64_t descriptor_share(const struct blob *blob)
+{
+    return blob->account->descriptors->limit / 2;
+}
+
+static bool fits(const struct cache *cache, const struct blob *blob)
+{
+    return cost_of(blob) <= cache->budget && (blob->descriptor < 0 || descriptor_share(blob) > 0);
+}
+
+static void move_slots(const struct table *from, struct table *to)
+{
+    uint64_t mask = to->capacity - 1;
+    for (uint64_t i = 0; i < from->capacity; i++) {
+        if (!from->slots[i].entry)
+            continue;
+        uint64_t at = from->slots[i].hash & mask;
+        while (to->slots[at].entry)
+            at = (at + 1) & mask;
+        to->slots[at] = from->slots[i];
+    }
+}
+
+/* Room for one more with a quarter of the slots free. */
+static bool reserve_slot(struct table *table, struct memory *memory)
+{
+    if (table->count < table->capacity / 4 * 3)
+        return true;
+    struct table grown = {.capacity = table->capacity ? table->capacity * 2 : FIRST_CAPACITY, .count = table->count};
+    grown.slots = memory_array(memory, grown.capacity, sizeof *grown.slots);
+    if (!grown.slots)
+        return false;
+    memset(grown.slots, 0, grown.capacity * sizeof *grown.slots);
+    move_slots(table, &grown);
+    memory_free(memory, table->slots);
+    *table = grown;
+    return true;
+}
+
+static void insert(struct table *table, struct entry *entry)
+{
+    const struct key *key = &entry->blob->key;
+    table->slots[find_slot(table, key)] = (struct slot){.hash = hash_of(key), .entry = entry};
+    table->count++;
+}
+
+static struct entry *coldest(const struct cache *cache)
+{
+    struct entry *a = cache->orders[IN_MEMORY].coldest, *b = cache->orders[WITH_DESCRIPTOR].coldest;
+    if (!a || !b)
+        return a ? a : b;
+    return a->used < b->used ? a : b;
+}
+
+/* What has to go next; NULL when nothing has to. The newest entry fits by itself, so it is never the one. */
+static struct entry *surplus(const struct cache *cache)
+{
+    const struct order *holders = &cache->orders[WITH_DESCRIPTOR];
+    if (holders->coldest && holders->count > descriptor_share(holders->coldest->blob))
+        return holders->coldest;
+    return cache->bytes > cache->budget ? coldest(cache) : NULL;
+}
+
+bool cache_trim(struct cache *cache)
+{
+    struct entry *entry = surplus(cache);
+    for (int i = 0; entry && i < CACHE_TRIM_MOST; i++) {
+        evict(cache, entry);
+        entry = surplus(cache);
+    }
+    return entry != NULL;
+}
+
+void cache_put(struct cache *cache, struct blob *blob)
+{
+    struct table *table = table_of(cache, &blob->key);
+    if (!fits(cache, blob) || find(cache, &blob->key) || !reserve_slot(table, cache->memory))
+        return;
+    struct entry *entry = memory_alloc(cache->memory, sizeof *entry);
+    if (!entry)
+        return;
+    *entry = (struct entry){.blob = blob_ref(blob), .cost = cost_of(blob)};
+    insert(table, entry);
+    cache->bytes += entry->cost;
+    link_warmest(cache, entry);
+    cache_trim(cache);
+}
+
+struct cache_load cache_load(const struct cache *cache)
+{
+    return (struct cache_load){
+        .entries = count_entries(cache), .bytes = cache->bytes, .evicted = cache->evicted, .budget = cache->budget};
+}

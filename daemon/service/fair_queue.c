@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/service/fair_queue.h"
+
+#include <assert.h>
+#include <stddef.h>
+
+/* In front of the lane where the ring begins: at the end of the round. */
+static void join_ring(struct fair_queue *queue, struct fair_lane *lane)
+{
+    if (lane->given < queue->level)
+        lane->given = queue->level;
+    struct fair_lane *turn = queue->turn;
+    if (!turn) {
+        lane->previous = lane->next = lane;
+        queue->turn = lane;
+        return;
+    }
+    lane->next = turn;
+    lane->previous = turn->previous;
+    turn->previous->next = lane;
+    turn->previous = lane;
+}
+
+static void leave_ring(struct fair_queue *queue, struct fair_lane *lane)
+{
+    if (queue->turn == lane)
+        queue->turn = lane->next == lane ? NULL : lane->next;
+    lane->previous->next = lane->next;
+    lane->next->previous = lane->previous;
+    lane->previous = lane->next = NULL;
+}
+
+void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fair_entry *entry, uint32_t priority)
+{
+    assert(!entry->lane && priority < FAIR_PRIORITIES);
+    entry->lane = lane;
+    entry->priority = priority;
+    entry->next = NULL;
+    entry->previous = lane->lists[priority].last;
+    if (entry->previous)
+        entry->previous->next = entry;
+    else
+        lane->lists[priority].first = entry;
+    lane->lists[priority].last = entry;
+    if (lane->count++ == 0 && !lane->held)
+        join_ring(queue, lane);
+    queue->count++;
+}
+
+void fair_queue_hold(struct fair_queue *queue, struct fair_lane *lane, bool held)
+{
+    if (lane->held == held)
+        return;
+    lane->held = held;
+    if (lane->count == 0)
+        return;
+    if (held)
+        leave_ring(queue, lane);
+    else
+        join_ring(queue, lane);
+}
+
+static struct fair_lane *next_lane(const struct fair_queue *queue)
+{
+    struct fair_lane *least = queue->turn;
+    for (struct fair_lane *lane = least ? least->next : NULL; lane && lane != queue->turn; lane = lane->next)
+        if (lane->given < least->given)
+            least = lane;
+    return least;
+}
+
+static struct fair_entry *first_of(const struct fair_lane *lane)
+{
+    int i = 0;
+    while (!lane->lists[i].first)
+        i++;
+    return lane->lists[i].first;
+}
+
+struct fair_entry *fair_queue_peek(const struct fair_queue *queue)
+{
+    const struct fair_lane *lane = next_lane(queue);
+    return lane ? first_of(lane) : NULL;
+}
+
+void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
+{
+    struct fair_lane *lane = entry->lane;
+    if (!lane)
+        return;
+    if (entry->previous)
+        entry->previous->next = entry->next;
+    else
+        lane->lists[entry->priority].first = entry->next;
+    if (entry->next)
+        entry->next->previous = entry->previous;
+    else
+        lane->lists[entry->priority].last = entry->previous;
+    *entry = (struct fair_entry){0};
+    queue->count--;
+    if (--lane->count == 0 && !lane->held)
+        leave_ring(queue, lane);
+}
+
+void fair_queue_pop(struct fair_queue *queue, uint64_t cost)
+{
+    struct fair_lane *lane = next_lane(queue);
+    queue->turn = lane->next;
+    queue->level = lane->given;
+    lane->given += cost;
+    fair_queue_remove(queue, first_of(lane));
+}

@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/service/preparation.h"
+
+#include <assert.h>
+
+#include "builder/build.h"
+#include "builder/content_key.h"
+#include "proto/base/place.h"
+#include "builder/input/prepare.h"
+#include "builder/tier.h"
+#include "builder/input/validate.h"
+
+/*
+ * Bytes for each thing beside the canonical arrays: rows read, tables of fetch and view, look-up tables. Generous; what
+ * counts is that nothing is missing.
+ */
+enum { FIXED_BYTES = 16 * 1024, GEOMETRY_BYTES = 640, REFERENCE_BYTES = 1024, INSTANCE_BYTES = 112 };
+
+/* While a block grows it may lie in memory twice, up to this size. */
+enum { MOVED_BYTES = 4 << 20 };
+
+static uint64_t sum(uint64_t a, uint64_t b)
+{
+    uint64_t result;
+    return bytes_add(a, b, &result) ? result : UINT64_MAX;
+}
+
+static uint64_t product(uint64_t a, uint64_t b)
+{
+    uint64_t result;
+    return bytes_mul(a, b, &result) ? result : UINT64_MAX;
+}
+
+static uint64_t least(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* Vertices from the lowest index in use to the highest: as far as maxVertex and the bytes reach. */
+static uint64_t vertices_bound(const struct geometry *geometry)
+{
+    const struct geometry_triangles *triangles = &geometry->triangles;
+    if (geometry->range.primitive_count == 0)
+        return 0;
+    if (triangles->vertex_stride == 0)
+        return 1;
+    if (triangles->index_type == INDEX_NONE)
+        return product(3, geometry->range.primitive_count);
+    return least((uint64_t)triangles->max_vertex + 1, sum(triangles->vertices.size / triangles->vertex_stride, 1));
+}
+
+static uint64_t geometry_bound(const struct geometry *geometry)
+{
+    uint64_t count = geometry->range.primitive_count;
+    switch (geometry->type) {
+    case GEOMETRY_TRIANGLES:
+        return sum(product(count, 3 * sizeof(uint32_t)), product(vertices_bound(geometry), 3 * sizeof(float)));
+    case GEOMETRY_AABBS:
+        return product(count, 6 * sizeof(float));
+    default:
+        return product(count, INSTANCE_BYTES);
+    }
+}
+
+uint64_t preparation_bound(const struct build_input *input)
+{
+    uint64_t copy = 0;
+    for (uint32_t i = 0; i < input->geometry_count; i++)
+        copy = sum(copy, sum(geometry_bound(&input->geometries[i]), GEOMETRY_BYTES));
+    copy = sum(copy, product(input->reference_count, REFERENCE_BYTES));
+    return sum(sum(copy, least(copy, MOVED_BYTES)), FIXED_BYTES);
+}
+
+/*
+ * Positions and 32-bit indices are copied as they are. Without indices a triangle of 36 bytes gets some, and an
+ * instance record of 64 bytes grows; small copies lie twice in memory. Rows alone always fit; where the payload has no
+ * room for them nothing is read.
+ */
+uint64_t preparation_guess(const struct control_item *item)
+{
+    uint64_t size = item->payload_size;
+    uint64_t copy = sum(size, item->type == STRUCTURE_TOP ? size / 64 * (INSTANCE_BYTES - 64) : size / 3);
+    uint64_t geometries = least(item->geometry_count, size / ROWS_GEOMETRY_SIZE);
+    uint64_t references = least(item->reference_count, size / ROWS_REFERENCE_LEAST);
+    uint64_t rows = sum(product(geometries, GEOMETRY_BYTES), product(references, REFERENCE_BYTES));
+    return sum(sum(copy, least(copy, MOVED_BYTES)), sum(2 * rows, FIXED_BYTES));
+}
+
+struct preparation *preparation_create(const struct control_item *item, uint32_t index,
+                                       const struct preparation_source *source, struct memory *memory)
+{
+    struct preparation *preparation = memory_alloc(memory, sizeof *preparation);
+    if (!preparation) {
+        payload_unref(source->payload);
+        attachment_unref(source->attachment);
+        return NULL;
+    }
+    *preparation = (struct preparation){.asked = *item, .index = index, .source = *source, .within = memory};
+    preparation->options = (struct build_options){
+        .quality = (enum build_quality)item->quality,
+        .target = (enum target)item->target,
+        .layout_flags = item->layout_flags,
+        .device = item->device,
+        .rays_per_primitive = item->rays_per_primitive,
+    };
+    memory_init_within(&preparation->memory, memory, UINT64_MAX);
+    return preparation;
+}
+
+void preparation_account(struct preparation *preparation, struct memory *memory)
+{
+    assert(atomic_load_explicit(&preparation->memory.live, memory_order_relaxed) == 0);
+    memory_init_within(&preparation->memory, memory, UINT64_MAX);
+}
+
+static void drop_source(struct preparation *preparation)
+{
+    payload_unref(preparation->source.payload);
+    attachment_unref(preparation->source.attachment);
+    preparation->source = (struct preparation_source){0};
+}
+
+void preparation_destroy(struct preparation *preparation)
+{
+    if (!preparation)
+        return;
+    drop_source(preparation);
+    prepare_finish(&preparation->canonical, &preparation->memory);
+    memory_free(preparation->within, preparation);
+}
+
+static enum bvhd_status find_bytes(struct preparation *preparation, struct bytes *ret_bytes)
+{
+    const struct preparation_source *source = &preparation->source;
+    struct payload *payload = source->payload;
+    if (source->attachment) {
+        enum bvhd_status status = attachment_open(source->attachment, &payload, &preparation->error);
+        if (status != BVHD_OK)
+            return status;
+    }
+    struct bytes whole = payload_bytes(payload);
+    if (!bytes_reach(whole.size, source->offset, 0, 0, source->size))
+        return bvhd_error_set(&preparation->error, BVHD_INVALID, place("infos[%u].payload", preparation->index).text,
+                              "the region ends outside of its source");
+    *ret_bytes = (struct bytes){whole.data + source->offset, source->size};
+    return BVHD_OK;
+}
+
+/* Another item's destination, or HANDLE_NONE. Equal handles are adjacent, so two looks are enough. */
+static uint32_t other_destination(const struct preparation_batch *batch, uint64_t handle, uint32_t index)
+{
+    uint32_t at = handle ? handle_find(batch->destinations, batch->count, handle) : HANDLE_NONE;
+    if (at != HANDLE_NONE && batch->destinations[at].number == index)
+        at++;
+    bool other = at < batch->count && batch->destinations[at].handle == handle;
+    return other ? batch->destinations[at].number : HANDLE_NONE;
+}
+
+/* The rule between items that needs the payload: what is referred to exists already (03407). */
+static enum bvhd_status check_references(struct preparation *preparation, const struct build_input *input)
+{
+    for (uint32_t i = 0; preparation->batch.count > 0 && i < input->reference_count; i++) {
+        uint32_t other = other_destination(&preparation->batch, input->references[i].handle, preparation->index);
+        if (other != HANDLE_NONE)
+            return bvhd_error_rule(&preparation->error, BVHD_VUID_03407,
+                                   place("infos[%u].references[%u]", preparation->index, i).text,
+                                   "infos[%u] builds into this structure", other);
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status prepare_input(struct preparation *preparation, const struct build_input *input,
+                                      const struct build_context *context)
+{
+    struct bvhd_error *error = &preparation->error;
+    enum bvhd_status status = check_references(preparation, input);
+    if (status == BVHD_OK)
+        status = prepare(input, preparation->index, preparation->limits, context, &preparation->canonical, error);
+    if (status != BVHD_OK)
+        return status;
+    preparation->options.quality = tier_resolve(&preparation->canonical, &input->options);
+    status = content_key(&preparation->canonical, &preparation->options, context, &preparation->key, error);
+    if (status != BVHD_OK)
+        prepare_finish(&preparation->canonical, &preparation->memory);
+    return status;
+}
+
+static struct build_input describe(const struct preparation *preparation)
+{
+    const struct control_item *asked = &preparation->asked;
+    return (struct build_input){
+        .type = asked->type,
+        .flags = asked->flags,
+        .mode = asked->mode,
+        .destination = asked->destination,
+        .source = asked->source,
+        .options = preparation->options,
+    };
+}
+
+static enum bvhd_status run(struct preparation *preparation, const struct build_context *context)
+{
+    const struct control_item *asked = &preparation->asked;
+    struct rows_shape shape = {asked->geometry_count, asked->geometry_size, asked->reference_count,
+                               asked->reference_size, context->cancel};
+    struct build_input input = describe(preparation);
+    struct bytes bytes;
+    enum bvhd_status status = find_bytes(preparation, &bytes);
+    if (status == BVHD_OK)
+        status = rows_read(bytes, &shape, preparation->index, context->memory, &input, &preparation->error);
+    if (status != BVHD_OK)
+        return status;
+    status =
+        validate_input_until(&input, preparation->index, preparation->limits, context->cancel, &preparation->error);
+    uint64_t bound = status == BVHD_OK ? preparation_bound(&input) : 0;
+    if (bound > preparation->promised)
+        preparation->needed = bound;
+    else if (status == BVHD_OK)
+        status = prepare_input(preparation, &input, context);
+    rows_finish(&input, context->memory);
+    return status;
+}
+
+void preparation_run(struct preparation *preparation, const struct parallel *parallel, const atomic_bool *cancel)
+{
+    struct build_context context = {.memory = &preparation->memory, .parallel = parallel, .cancel = cancel};
+    preparation->needed = 0;
+    preparation->status = run(preparation, &context);
+    if (preparation->needed == 0)
+        drop_source(preparation);
+}

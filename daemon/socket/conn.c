@@ -1,0 +1,363 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/socket/conn_group.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+
+#include "daemon/system/release.h"
+
+enum { SCRAP_READS = 16 };
+
+static struct descriptors *descriptors_of(const struct conn *conn)
+{
+    return service_descriptors(conn->group->service);
+}
+
+static uint64_t now_of(const struct conn *conn)
+{
+    return uv_now(conn->group->loop);
+}
+
+static void send_reply(void *context, struct reply *reply)
+{
+    struct conn *conn = context;
+    outbox_push(&conn->outbox, reply);
+    conn_group_due(conn->group, conn);
+}
+
+static void note_failure(void *context, const struct bvhd_error *error)
+{
+    struct conn *conn = context;
+    conn->failed = true;
+    conn->failure = *error;
+    conn_group_due(conn->group, conn);
+}
+
+static void reply_left(void *context, struct reply *reply)
+{
+    struct conn *conn = context;
+    if (conn->session)
+        session_sent(conn->session, reply);
+    reply_destroy(reply);
+}
+
+static void on_poll(uv_poll_t *poll, int status, int events)
+{
+    struct conn *conn = poll->data;
+    conn->lost |= status < 0 || (events & UV_DISCONNECT);
+    conn->readable |= (events & UV_READABLE) != 0;
+    conn->writable |= (events & UV_WRITABLE) != 0;
+    conn_group_due(conn->group, conn);
+}
+
+static void on_timer(uv_timer_t *timer)
+{
+    struct conn *conn = timer->data;
+    conn_group_due(conn->group, conn);
+}
+
+static void on_closed(uv_handle_t *handle)
+{
+    struct conn *conn = handle->data;
+    if (--conn->handles == 0)
+        free(conn);
+}
+
+static void end_session(struct conn *conn)
+{
+    struct session *session = conn->session;
+    conn->session = NULL;
+    session_close(session);
+}
+
+void conn_close(struct conn *conn)
+{
+    end_session(conn);
+    outbox_finish(&conn->outbox);
+    if (conn->state != CONN_HELD)
+        inlet_finish(&conn->inlet);
+    conn->state = CONN_CLOSED;
+    conn_group_remove(conn->group, conn);
+    uv_close((uv_handle_t *)&conn->poll, on_closed);
+    uv_close((uv_handle_t *)&conn->timer, on_closed);
+    shutdown(conn->socket, SHUT_RDWR); /* the client need not wait until the socket is released */
+    release_descriptor(conn->socket);
+    descriptors_give(descriptors_of(conn), 1);
+}
+
+/* The client is gone, or as good as gone. */
+static void leave(struct conn *conn)
+{
+    log_event(LOG_DEBUG, "disconnected", "uid=%u pid=%d", conn->peer.uid, conn->peer.pid);
+    if (!outbox_is_unread(&conn->outbox)) {
+        conn_close(conn);
+        return;
+    }
+    end_session(conn);
+    outbox_drop(&conn->outbox);
+    inlet_finish(&conn->inlet);
+    conn->state = CONN_HELD;
+    uv_poll_stop(&conn->poll);
+    shutdown(conn->socket, SHUT_RDWR);
+    uint32_t interval = conn->group->limits.held_ms;
+    uv_timer_start(&conn->timer, on_timer, interval, interval);
+}
+
+/* Tells the client what it did, and lets it have a moment to read that. */
+static void fail(struct conn *conn, const struct bvhd_error *error)
+{
+    uint32_t suppressed;
+    if (log_limit_pass(&conn->group->broken_log, &suppressed))
+        log_event(LOG_INFO, "connection_failed", "uid=%u pid=%d status=%s where=%s why=%s suppressed=%u",
+                  conn->peer.uid, conn->peer.pid, bvhd_status_name(error->status), log_quote(error->where).text,
+                  log_quote(error->text).text, suppressed);
+    end_session(conn);
+    struct reply *reply = reply_error(0, error, service_frame_memory(conn->group->service));
+    if (reply)
+        outbox_push(&conn->outbox, reply);
+    conn->state = CONN_ENDING;
+    conn->readable = true;
+    conn->reading_waits = conn->reading_full = conn->failed = false;
+    conn->hello_by = conn->read_by = 0;
+    conn->end_by = now_of(conn) + conn->group->limits.linger_ms;
+}
+
+static bool is_queue_full(const struct conn *conn)
+{
+    const struct conn_limits *limits = &conn->group->limits;
+    return conn->outbox.bytes >= limits->queue_bytes || conn->outbox.replies >= limits->queue_replies;
+}
+
+static void take_frame(struct conn *conn, const struct frame *frame)
+{
+    struct bvhd_error error;
+    if (session_frame(conn->session, frame, &error)) {
+        fail(conn, &error);
+    } else if (conn->hello_by && session_is_open(conn->session)) {
+        conn->hello_by = 0;
+        inlet_open(&conn->inlet);
+    }
+}
+
+/* Returns whether to go on; *bytes grows by what was read. */
+static bool receive(struct conn *conn, uint64_t *bytes)
+{
+    struct bvhd_error error;
+    uint64_t size;
+    enum inlet_result result = inlet_receive(&conn->inlet, &size, &error);
+    *bytes += size;
+    conn->readable = result == INLET_DATA || result == INLET_SHORT;
+    conn->reading_waits = result == INLET_SHORT;
+    conn->lost |= result == INLET_END;
+    if (result == INLET_BROKEN)
+        fail(conn, &error);
+    return result == INLET_DATA || result == INLET_LAST;
+}
+
+/* Takes what has arrived, within what one turn allows. Returns whether anything came. */
+static bool take_frames(struct conn *conn)
+{
+    const struct conn_limits *limits = &conn->group->limits;
+    uint64_t bytes = 0, end = uv_hrtime() + (uint64_t)limits->turn_us * 1000;
+    uint32_t frames = 0;
+    while (conn->state == CONN_OPEN && !conn->failed && !(conn->reading_full = is_queue_full(conn))) {
+        struct frame frame;
+        struct bvhd_error error;
+        bool found;
+        if (frames >= limits->turn_frames || bytes >= limits->turn_bytes || (frames > 0 && uv_hrtime() >= end)) {
+            conn_group_later(conn->group, conn);
+            break;
+        }
+        if (inlet_next(&conn->inlet, &frame, &found, &error)) {
+            fail(conn, &error);
+        } else if (found) {
+            take_frame(conn, &frame);
+            frames++;
+        } else if (!conn->readable || !receive(conn, &bytes)) {
+            break;
+        }
+    }
+    return bytes || frames;
+}
+
+/*
+ * What a broken client still sends is thrown away: with bytes unread in the socket, closing it would reset what waits
+ * for the client.
+ */
+static void throw_away(struct conn *conn)
+{
+    for (int i = 0; conn->readable && i < SCRAP_READS; i++) {
+        enum inlet_result result = inlet_throw_away(&conn->inlet);
+        conn->lost |= result == INLET_END;
+        conn->readable = result == INLET_DATA;
+    }
+}
+
+static void read_frames(struct conn *conn)
+{
+    bool progress = take_frames(conn), waits_for_client = conn->state == CONN_OPEN && inlet_has_part(&conn->inlet) &&
+                                                          !conn->reading_waits && !conn->reading_full;
+    if (!waits_for_client)
+        conn->read_by = 0;
+    else if (progress || !conn->read_by)
+        conn->read_by = now_of(conn) + conn->group->limits.stall_ms;
+    if (progress)
+        conn->pause_ms = 0;
+}
+
+static void write_replies(struct conn *conn)
+{
+    bool progress;
+    enum outbox_state state = outbox_flush(&conn->outbox, &progress);
+    conn->lost |= state == OUTBOX_LOST;
+    conn->hint_failed = !progress && (conn->hint_failed || conn->writable);
+    conn->writable = false;
+    conn->writing = state;
+    if (state == OUTBOX_EMPTY)
+        conn->write_by = 0;
+    else if (progress || !conn->write_by)
+        conn->write_by = now_of(conn) + conn->group->limits.stall_ms;
+    if (progress)
+        conn->pause_ms = 0;
+    if (conn->reading_full && !is_queue_full(conn))
+        conn_group_later(conn->group, conn);
+    if (state == OUTBOX_EMPTY && conn->state == CONN_ENDING && !conn->shut)
+        conn->shut = shutdown(conn->socket, SHUT_WR) == 0;
+}
+
+static bool has_passed(const struct conn *conn, uint64_t deadline)
+{
+    return deadline && now_of(conn) >= deadline;
+}
+
+static void check_deadlines(struct conn *conn)
+{
+    if (has_passed(conn, conn->hello_by)) {
+        struct bvhd_error error;
+        bvhd_error_set(&error, BVHD_INVALID, "connection", "no HELLO within %u ms", conn->group->limits.hello_ms);
+        fail(conn, &error);
+        write_replies(conn);
+    }
+    if (has_passed(conn, conn->read_by) || has_passed(conn, conn->write_by)) {
+        log_event(LOG_INFO, "client_stalled", "uid=%u pid=%d replies=%u", conn->peer.uid, conn->peer.pid,
+                  conn->outbox.replies);
+        conn->lost = true;
+    }
+    conn->lost |= has_passed(conn, conn->end_by);
+}
+
+static void watch_socket(struct conn *conn)
+{
+    bool reads = !conn->reading_waits && !conn->reading_full;
+    bool writes = conn->writing == OUTBOX_BLOCKED || (conn->writing == OUTBOX_UNREAD && !conn->hint_failed);
+    int events = UV_DISCONNECT | (reads ? UV_READABLE : 0) | (writes ? UV_WRITABLE : 0);
+    if (events != conn->watched)
+        uv_poll_start(&conn->poll, events, on_poll);
+    conn->watched = events;
+}
+
+static void set_timer(struct conn *conn)
+{
+    conn->retry_at = 0;
+    if (conn->reading_waits || conn->writing == OUTBOX_UNREAD || conn->writing == OUTBOX_WAITING) {
+        uint32_t doubled = conn->pause_ms ? 2 * conn->pause_ms : 1, longest = conn->group->limits.retry_ms;
+        conn->pause_ms = doubled < longest ? doubled : longest;
+        conn->retry_at = now_of(conn) + conn->pause_ms;
+    }
+    const uint64_t deadlines[] = {conn->hello_by, conn->read_by, conn->write_by, conn->end_by, conn->retry_at};
+    uint64_t next = 0, now = now_of(conn);
+    for (size_t i = 0; i < sizeof deadlines / sizeof *deadlines; i++)
+        if (deadlines[i] && (!next || deadlines[i] < next))
+            next = deadlines[i];
+    if (next)
+        uv_timer_start(&conn->timer, on_timer, next > now ? next - now : 0, 0);
+    else
+        uv_timer_stop(&conn->timer);
+}
+
+static void work_held(struct conn *conn)
+{
+    if (!outbox_is_unread(&conn->outbox))
+        conn_close(conn);
+}
+
+void conn_work(struct conn *conn)
+{
+    if (conn->state == CONN_HELD) {
+        work_held(conn);
+        return;
+    }
+    if (!conn->lost && conn->state == CONN_OPEN)
+        read_frames(conn);
+    if (conn->failed && conn->state == CONN_OPEN)
+        fail(conn, &conn->failure);
+    if (!conn->lost && conn->state == CONN_ENDING)
+        throw_away(conn);
+    if (!conn->lost)
+        write_replies(conn);
+    if (!conn->lost)
+        check_deadlines(conn);
+    if (conn->lost) {
+        leave(conn);
+        return;
+    }
+    if (conn->failed && conn->state == CONN_OPEN)
+        conn_group_later(conn->group, conn); /* a reply that left made its session do more, which failed */
+    watch_socket(conn);
+    set_timer(conn);
+}
+
+void conn_goodbye(struct conn *conn)
+{
+    if (conn->session && session_is_open(conn->session))
+        session_goodbye(conn->session);
+    else if (conn->state == CONN_OPEN)
+        conn->lost = true;
+    conn_group_due(conn->group, conn);
+}
+
+bool conn_is_flushed(const struct conn *conn)
+{
+    return !conn->outbox.first;
+}
+
+static void init(struct conn *conn, int socket)
+{
+    conn->socket = socket;
+    inlet_init(&conn->inlet, socket, descriptors_of(conn), service_frame_memory(conn->group->service));
+    outbox_init(&conn->outbox, socket, descriptors_of(conn), reply_left, conn);
+    uv_timer_init(conn->group->loop, &conn->timer);
+    conn->poll.data = conn->timer.data = conn;
+    conn->handles = 2;
+    conn->hello_by = now_of(conn) + conn->group->limits.hello_ms;
+    conn_group_add(conn->group, conn);
+    conn_group_due(conn->group, conn);
+}
+
+enum bvhd_status conn_open(struct conn_group *group, int socket, const struct session_peer *peer,
+                           struct bvhd_error *error)
+{
+    struct conn *conn = calloc(1, sizeof *conn);
+    enum bvhd_status status =
+        conn ? BVHD_OK : bvhd_error_set(error, BVHD_NO_MEMORY, "connection", "no memory for a connection");
+    if (!status) {
+        conn->group = group;
+        conn->peer = *peer;
+        const struct session_link link = {.send = send_reply, .fail = note_failure, .context = conn};
+        status = session_open(group->service, peer, &link, &conn->session, error);
+    }
+    if (!status && uv_poll_init(group->loop, &conn->poll, socket)) {
+        session_close(conn->session);
+        status = bvhd_error_set(error, BVHD_IO, "connection", "the event loop does not take its socket");
+    }
+    if (status) {
+        free(conn);
+        release_descriptor(socket);
+        descriptors_give(service_descriptors(group->service), 1);
+        return status;
+    }
+    init(conn, socket);
+    log_event(LOG_DEBUG, "connected", "uid=%u pid=%d", peer->uid, peer->pid);
+    return BVHD_OK;
+}

@@ -1,0 +1,235 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/socket/outbox.h"
+
+#include <errno.h>
+#include <linux/sockios.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <sys/uio.h>
+
+enum {
+    BATCH = 16, /* replies of one call */
+    PARTS = 3, /* of a reply: header, control, inline bytes */
+    LEAST_MESSAGE = 512, /* what the kernel counts for a message at least: its own structs are larger */
+};
+
+void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors,
+                 void (*left)(void *context, struct reply *reply), void *context)
+{
+    *outbox = (struct outbox){.socket = socket, .descriptors = descriptors, .left = left, .context = context};
+    outbox->end = &outbox->first;
+}
+
+static uint64_t frame_size(const struct reply *reply)
+{
+    return FRAME_HEADER_SIZE + (uint64_t)reply->header.control_size + reply->header.inline_size;
+}
+
+static bool has_descriptor(const struct reply *reply)
+{
+    return reply->header.descriptors > 0;
+}
+
+void outbox_push(struct outbox *outbox, struct reply *reply)
+{
+    reply->next = NULL;
+    *outbox->end = reply;
+    outbox->end = &reply->next;
+    outbox->replies++;
+    outbox->bytes += frame_size(reply);
+}
+
+static void remove_first(struct outbox *outbox)
+{
+    struct reply *reply = outbox->first;
+    outbox->first = reply->next;
+    if (!outbox->first)
+        outbox->end = &outbox->first;
+    outbox->replies--;
+    outbox->bytes -= frame_size(reply);
+    outbox->written = 0;
+    outbox->left(outbox->context, reply);
+}
+
+void outbox_drop(struct outbox *outbox)
+{
+    while (outbox->first)
+        remove_first(outbox);
+}
+
+/* No more than `unread` are. */
+static void count_unread(struct outbox *outbox, uint32_t unread)
+{
+    if (unread >= outbox->unread)
+        return;
+    descriptors_read(outbox->descriptors, outbox->unread - unread);
+    outbox->unread = unread;
+}
+
+void outbox_finish(struct outbox *outbox)
+{
+    if (!outbox)
+        return;
+    outbox_drop(outbox);
+    count_unread(outbox, 0);
+}
+
+/* True when the client has read something since the last look. */
+static bool look(struct outbox *outbox)
+{
+    int outstanding;
+    if (ioctl(outbox->socket, SIOCOUTQ, &outstanding))
+        return false;
+    bool moved = outstanding < outbox->outstanding;
+    outbox->outstanding = outstanding;
+    count_unread(outbox, (uint32_t)outstanding / LEAST_MESSAGE); /* each came in a message of its own */
+    return moved;
+}
+
+bool outbox_is_unread(struct outbox *outbox)
+{
+    if (outbox->unread)
+        look(outbox);
+    return outbox->unread > 0;
+}
+
+/* What is left of a frame, as up to PARTS pieces. */
+static size_t add_parts(const struct reply *reply, uint64_t skip, unsigned char header[FRAME_HEADER_SIZE],
+                        struct iovec *parts)
+{
+    frame_header_write(&reply->header, header);
+    struct bytes pieces[PARTS] = {
+        {header, FRAME_HEADER_SIZE},
+        {reply->control.data, reply->header.control_size},
+        {reply->header.inline_size ? reply->blob->bytes : NULL, reply->header.inline_size},
+    };
+    size_t count = 0;
+    for (int i = 0; i < PARTS; i++) {
+        uint64_t skipped = skip < pieces[i].size ? skip : pieces[i].size;
+        skip -= skipped;
+        if (pieces[i].size > skipped)
+            parts[count++] = (struct iovec){(void *)(uintptr_t)(pieces[i].data + skipped), pieces[i].size - skipped};
+    }
+    return count;
+}
+
+/* One call of sendmsg: frames from the first on, up to the next that brings a descriptor. */
+static ssize_t send_batch(struct outbox *outbox)
+{
+    unsigned char headers[BATCH][FRAME_HEADER_SIZE];
+    struct iovec parts[BATCH * PARTS];
+    size_t count = 0, frames = 0;
+    for (const struct reply *reply = outbox->first; reply && frames < BATCH && !(frames && has_descriptor(reply));
+         reply = reply->next) {
+        count += add_parts(reply, frames ? 0 : outbox->written, headers[frames], parts + count);
+        frames++;
+    }
+    struct msghdr message = {.msg_iov = parts, .msg_iovlen = count};
+    union {
+        struct cmsghdr align;
+        char bytes[CMSG_SPACE(sizeof(int))];
+    } control;
+    if (has_descriptor(outbox->first) && outbox->written == 0) {
+        memset(&control, 0, sizeof control);
+        message.msg_control = &control;
+        message.msg_controllen = sizeof control;
+        struct cmsghdr *head = CMSG_FIRSTHDR(&message);
+        *head = (struct cmsghdr){.cmsg_level = SOL_SOCKET, .cmsg_type = SCM_RIGHTS, .cmsg_len = CMSG_LEN(sizeof(int))};
+        memcpy(CMSG_DATA(head), &outbox->first->blob->descriptor, sizeof(int));
+    }
+    return sendmsg(outbox->socket, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
+}
+
+static void count_written(struct outbox *outbox, uint64_t size)
+{
+    outbox->written += size;
+    while (outbox->first && outbox->written >= frame_size(outbox->first)) {
+        uint64_t rest = outbox->written - frame_size(outbox->first);
+        remove_first(outbox);
+        outbox->written = rest;
+    }
+}
+
+/* A smaller one than the kernel's least becomes that. */
+static void make_buffer_small(struct outbox *outbox)
+{
+    int size, least = 1;
+    socklen_t length = sizeof size;
+    if (!outbox->send_buffer && !getsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &size, &length) &&
+        !setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &least, sizeof least))
+        outbox->send_buffer = size;
+}
+
+static void restore_buffer(struct outbox *outbox)
+{
+    int half = outbox->send_buffer / 2; /* the kernel doubles what it is given */
+    if (half)
+        setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &half, sizeof half);
+    outbox->send_buffer = 0;
+}
+
+/* Makes place for one more descriptor on its way: OUTBOX_EMPTY if there is one. */
+static enum outbox_state begin_descriptor(struct outbox *outbox, bool *progress)
+{
+    if (outbox->unread)
+        *progress |= look(outbox);
+    if (outbox->unread >= OUTBOX_MAX_UNREAD) {
+        make_buffer_small(outbox);
+        return OUTBOX_UNREAD;
+    }
+    if (!descriptors_send(outbox->descriptors, 1))
+        return OUTBOX_WAITING;
+    outbox->unread++;
+    return OUTBOX_EMPTY;
+}
+
+static void take_back_descriptor(struct outbox *outbox)
+{
+    descriptors_read(outbox->descriptors, 1);
+    outbox->unread--;
+}
+
+static enum outbox_state state_of_error(int number)
+{
+    if (number == EAGAIN || number == EWOULDBLOCK)
+        return OUTBOX_BLOCKED;
+    return number == ETOOMANYREFS || number == ENOBUFS || number == ENOMEM || number == EINTR ? OUTBOX_WAITING
+                                                                                              : OUTBOX_LOST;
+}
+
+/* Writes the first reply, and more with it. OUTBOX_EMPTY: goes on. */
+static enum outbox_state write_some(struct outbox *outbox, bool *progress)
+{
+    bool begins = has_descriptor(outbox->first) && outbox->written == 0;
+    enum outbox_state state = begins ? begin_descriptor(outbox, progress) : OUTBOX_EMPTY;
+    if (state)
+        return state;
+    ssize_t size = send_batch(outbox);
+    if (size >= 0) {
+        *progress = true;
+        count_written(outbox, (uint64_t)size);
+        return OUTBOX_EMPTY;
+    }
+    state = state_of_error(errno);
+    if (begins)
+        take_back_descriptor(outbox);
+    if (state != OUTBOX_BLOCKED || !outbox->send_buffer)
+        return state;
+    restore_buffer(outbox); /* too small for this one: again */
+    return OUTBOX_EMPTY;
+}
+
+enum outbox_state outbox_flush(struct outbox *outbox, bool *ret_progress)
+{
+    bool progress = false;
+    enum outbox_state state = OUTBOX_EMPTY;
+    while (!state && outbox->first)
+        state = write_some(outbox, &progress);
+    if (!state)
+        restore_buffer(outbox);
+    if (state && !progress)
+        progress = look(outbox);
+    *ret_progress = progress;
+    return state;
+}

@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * geometry.h - what is asked: the neutral description of one acceleration structure.
+ *
+ * It says what VkAccelerationStructureBuildGeometryInfoKHR and its range infos say, with two differences: a pointer is
+ * a pointer and the number of bytes that can be reached there, and an instance's reference is looked up in a table of
+ * structures that the caller knows. Enumerants and flag bits have Vulkan's values. Nothing here is trusted: validate.h
+ * and prepare.h check every field, and prepare.h reads shared memory once. The description owns nothing; it must live
+ * until prepare() returns.
+ */
+#ifndef BVHD_GEOMETRY_H
+#define BVHD_GEOMETRY_H
+
+#include <stdint.h>
+
+#include "proto/base/box.h"
+#include "proto/base/bytes.h"
+#include "proto/base/device_format.h"
+#include "proto/base/key.h"
+#include "proto/base/slabs.h"
+
+/* VkAccelerationStructureTypeKHR */
+enum { STRUCTURE_TOP = 0, STRUCTURE_BOTTOM = 1, STRUCTURE_GENERIC = 2 };
+
+/* VkGeometryTypeKHR */
+enum { GEOMETRY_TRIANGLES = 0, GEOMETRY_AABBS = 1, GEOMETRY_INSTANCES = 2 };
+
+/* VkGeometryFlagBitsKHR */
+enum { GEOMETRY_OPAQUE = 1, GEOMETRY_NO_DUPLICATE_ANY_HIT = 2 };
+
+/* VkIndexType */
+enum { INDEX_UINT16 = 0, INDEX_UINT32 = 1, INDEX_NONE = 1000165000 };
+
+/* VkBuildAccelerationStructureModeKHR */
+enum { MODE_BUILD = 0, MODE_UPDATE = 1 };
+
+/* VkBuildAccelerationStructureFlagBitsKHR (row F14) */
+enum {
+    BUILD_ALLOW_UPDATE = 0x1,
+    BUILD_ALLOW_COMPACTION = 0x2,
+    BUILD_PREFER_FAST_TRACE = 0x4,
+    BUILD_PREFER_FAST_BUILD = 0x8,
+    BUILD_LOW_MEMORY = 0x10,
+    BUILD_ALLOW_DATA_ACCESS = 0x800,
+};
+
+/* VkGeometryInstanceFlagBitsKHR */
+enum {
+    INSTANCE_CULL_DISABLE = 0x1,
+    INSTANCE_FLIP_FACING = 0x2,
+    INSTANCE_FORCE_OPAQUE = 0x4,
+    INSTANCE_FORCE_NO_OPAQUE = 0x8,
+};
+
+/* VkAccelerationStructureBuildRangeInfoKHR */
+struct geometry_range {
+    uint32_t primitive_count;
+    uint32_t primitive_offset; /* bytes */
+    uint32_t first_vertex;
+    uint32_t transform_offset; /* bytes */
+};
+
+/* VkAccelerationStructureGeometryTrianglesDataKHR (rows F02 - F05) */
+struct geometry_triangles {
+    uint32_t vertex_format; /* VkFormat */
+    uint32_t max_vertex;
+    uint64_t vertex_stride; /* bytes; 0 is legal */
+    uint32_t index_type;
+    struct bytes vertices;
+    struct bytes indices; /* ignored when index_type is INDEX_NONE */
+    struct bytes transform; /* data NULL: none; else a row-major 3x4 float matrix at range.transform_offset */
+};
+
+/* VkAccelerationStructureGeometryAabbsDataKHR (row F08): six floats a box, minimum then maximum */
+struct geometry_aabbs {
+    uint64_t stride; /* bytes; a multiple of 8; 0 is legal */
+    struct bytes boxes;
+};
+
+/*
+ * VkAccelerationStructureGeometryInstancesDataKHR (rows F09, F11): an array of 64-byte records; pointers are gathered
+ * before
+ */
+struct geometry_instances {
+    struct bytes records;
+};
+
+struct geometry {
+    uint32_t type; /* GEOMETRY_ */
+    uint32_t flags; /* GEOMETRY_OPAQUE, ... */
+    union {
+        struct geometry_triangles triangles;
+        struct geometry_aabbs aabbs;
+        struct geometry_instances instances;
+    };
+    struct geometry_range range;
+};
+
+/*
+ * A structure that others may name: what a BLAS under a TLAS is known by. Room for the source of an update and for
+ * micromaps.
+ */
+enum reference_kind { REFERENCE_BLAS = 1 };
+
+struct reference {
+    enum reference_kind kind;
+    uint64_t handle; /* the value that instance records carry; not 0; unique within the table */
+    bool has_key;
+    struct key key; /* if has_key: which bytes these are */
+    struct box bounds; /* of the structure in its own space; box_empty() for an empty structure */
+    struct slabs slabs; /* likewise; may be not known */
+};
+
+/* What may be asked of a builder, beside Vulkan's flags. */
+enum build_quality {
+    QUALITY_UNSPECIFIED = 0, /* Vulkan's PREFER flags decide, else auto */
+    QUALITY_FAST = 1,
+    QUALITY_BALANCED = 2,
+    QUALITY_HIGH = 3,
+    QUALITY_AUTO = 4,
+};
+
+enum target {
+    TARGET_PORTABLE = 1,
+    TARGET_LAVAPIPE = 2, /* Mesa's CPU driver, natively */
+};
+
+/* Options of the portable layout. */
+enum { PORTABLE_FAST_TRIANGLES = 0x1 }; /* three float4 a triangle instead of shared, indexed vertices */
+
+struct build_options {
+    enum build_quality quality;
+    enum target target;
+    uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
+    struct device_format device; /* of a native target; portable: all zero */
+    /* to be traced through the result, as far as the caller knows; 0: not said. AUTO looks at it */
+    float rays_per_primitive;
+};
+
+/* One entry of a batch. */
+struct build_input {
+    uint32_t type; /* STRUCTURE_ */
+    uint32_t flags; /* BUILD_ */
+    uint32_t mode; /* MODE_ */
+    uint64_t destination; /* the caller's handle of what is built, 0 for none: only compared within a batch */
+    uint64_t source; /* likewise, for MODE_UPDATE */
+    uint32_t geometry_count;
+    const struct geometry *geometries;
+    uint32_t reference_count;
+    const struct reference *references;
+    struct build_options options;
+};
+
+#endif

@@ -1,0 +1,401 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "proto/wire/rows.h"
+
+#include <inttypes.h>
+#include <stdatomic.h>
+
+#include "proto/base/place.h"
+
+/* The memory that a geometry leads to, as its row names it. */
+enum { PART_DATA, PART_INDICES, PART_TRANSFORM, PART_COUNT };
+
+struct parts {
+    struct bytes of[PART_COUNT]; /* data NULL: not given */
+};
+
+static struct parts parts_of(const struct geometry *geometry)
+{
+    struct parts parts = {{{NULL, 0}}};
+    if (geometry->type == GEOMETRY_TRIANGLES) {
+        parts.of[PART_DATA] = geometry->triangles.vertices;
+        parts.of[PART_INDICES] = geometry->triangles.indices;
+        parts.of[PART_TRANSFORM] = geometry->triangles.transform;
+    } else if (geometry->type == GEOMETRY_AABBS) {
+        parts.of[PART_DATA] = geometry->aabbs.boxes;
+    } else if (geometry->type == GEOMETRY_INSTANCES) {
+        parts.of[PART_DATA] = geometry->instances.records;
+    }
+    return parts;
+}
+
+/* Goes through the parts in the order in which a payload has them, and gives each its place. */
+struct layout {
+    struct parts last; /* of the geometry before */
+    struct row_span spans[PART_COUNT]; /* of the geometry that was placed last */
+    bool fresh[PART_COUNT]; /* not the span of the geometry before */
+    uint64_t end;
+};
+
+/* The end of `size` more bytes with their padding. */
+static bool extend(uint64_t *end, uint64_t size)
+{
+    uint64_t sum;
+    if (!bytes_add(*end, size, &sum) || sum > UINT64_MAX - ROWS_ALIGNMENT)
+        return false;
+    *end = bytes_align(sum, ROWS_ALIGNMENT);
+    return true;
+}
+
+static bool place_part(struct layout *layout, int part, struct bytes bytes)
+{
+    const struct bytes *last = &layout->last.of[part];
+    layout->fresh[part] = bytes.data != last->data || bytes.size != last->size;
+    if (layout->fresh[part])
+        layout->spans[part] = bytes.data ? (struct row_span){layout->end, bytes.size} : (struct row_span){0, 0};
+    return !layout->fresh[part] || !bytes.data || extend(&layout->end, bytes.size);
+}
+
+static bool place_geometry(struct layout *layout, const struct geometry *geometry)
+{
+    struct parts parts = parts_of(geometry);
+    for (int part = 0; part < PART_COUNT; part++)
+        if (!place_part(layout, part, parts.of[part]))
+            return false;
+    layout->last = parts;
+    return true;
+}
+
+/* Counts are 32-bit numbers: the sum fits. */
+static uint64_t rows_end(const struct build_input *input)
+{
+    return (uint64_t)input->geometry_count * sizeof(struct geometry_row) +
+           (uint64_t)input->reference_count * sizeof(struct reference_row);
+}
+
+bool rows_payload_size(const struct build_input *input, uint64_t *ret_size)
+{
+    struct layout layout = {.end = rows_end(input)};
+    for (uint32_t i = 0; i < input->geometry_count; i++)
+        if (!place_geometry(&layout, &input->geometries[i]))
+            return false;
+    *ret_size = layout.end;
+    return true;
+}
+
+static struct geometry_row geometry_to_row(const struct geometry *geometry, const struct row_span spans[PART_COUNT])
+{
+    struct geometry_row row = {
+        .type = geometry->type,
+        .flags = geometry->flags,
+        .primitive_count = geometry->range.primitive_count,
+        .primitive_offset = geometry->range.primitive_offset,
+        .first_vertex = geometry->range.first_vertex,
+        .transform_offset = geometry->range.transform_offset,
+        .data = spans[PART_DATA],
+        .indices = spans[PART_INDICES],
+        .transform = spans[PART_TRANSFORM],
+    };
+    if (geometry->type == GEOMETRY_TRIANGLES) {
+        row.vertex_format = geometry->triangles.vertex_format;
+        row.max_vertex = geometry->triangles.max_vertex;
+        row.index_type = geometry->triangles.index_type;
+        row.stride = geometry->triangles.vertex_stride;
+    } else if (geometry->type == GEOMETRY_AABBS) {
+        row.stride = geometry->aabbs.stride;
+    }
+    return row;
+}
+
+static struct reference_row reference_to_row(const struct reference *reference)
+{
+    struct reference_row row = {.handle = reference->handle, .kind = reference->kind, .has_key = reference->has_key};
+    if (reference->has_key)
+        memcpy(row.key, reference->key.bytes, sizeof row.key);
+    memcpy(row.bounds, reference->bounds.min, sizeof reference->bounds.min);
+    memcpy(row.bounds + 3, reference->bounds.max, sizeof reference->bounds.max);
+    memcpy(row.slabs, &reference->slabs, sizeof row.slabs);
+    return row;
+}
+
+/* The rows alone, which lie at a payload's front. */
+static void write_rows(const struct build_input *input, unsigned char *payload)
+{
+    struct layout layout = {.end = rows_end(input)};
+    for (uint32_t i = 0; i < input->geometry_count; i++) {
+        place_geometry(&layout, &input->geometries[i]);
+        struct geometry_row row = geometry_to_row(&input->geometries[i], layout.spans);
+        memcpy(payload + i * sizeof row, &row, sizeof row);
+    }
+    unsigned char *references = payload + input->geometry_count * sizeof(struct geometry_row);
+    for (uint32_t i = 0; i < input->reference_count; i++) {
+        struct reference_row row = reference_to_row(&input->references[i]);
+        memcpy(references + i * sizeof row, &row, sizeof row);
+    }
+}
+
+static enum bvhd_status stream_part(struct bytes part, rows_sink sink, void *context)
+{
+    static const unsigned char zeros[ROWS_ALIGNMENT];
+    enum bvhd_status status = part.size > 0 ? sink(context, part) : BVHD_OK;
+    uint64_t padding = bytes_align(part.size, ROWS_ALIGNMENT) - part.size;
+    return status == BVHD_OK && padding > 0 ? sink(context, (struct bytes){zeros, padding}) : status;
+}
+
+static enum bvhd_status stream_data(const struct build_input *input, rows_sink sink, void *context)
+{
+    struct layout layout = {.end = rows_end(input)};
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < input->geometry_count; i++) {
+        place_geometry(&layout, &input->geometries[i]);
+        for (int part = 0; part < PART_COUNT; part++)
+            if (status == BVHD_OK && layout.fresh[part] && layout.last.of[part].data)
+                status = stream_part(layout.last.of[part], sink, context);
+    }
+    return status;
+}
+
+enum bvhd_status rows_stream(const struct build_input *input, struct memory *memory, rows_sink sink, void *context)
+{
+    uint64_t size = rows_end(input);
+    unsigned char *rows = memory_alloc(memory, size);
+    if (!rows && size > 0)
+        return BVHD_NO_MEMORY;
+    if (rows)
+        write_rows(input, rows);
+    enum bvhd_status status = rows ? sink(context, (struct bytes){rows, size}) : BVHD_OK;
+    memory_free(memory, rows);
+    return status == BVHD_OK ? stream_data(input, sink, context) : status;
+}
+
+static enum bvhd_status copy_piece(void *context, struct bytes piece)
+{
+    unsigned char **at = context;
+    memcpy(*at, piece.data, piece.size);
+    *at += piece.size;
+    return BVHD_OK;
+}
+
+void rows_write(const struct build_input *input, unsigned char *payload)
+{
+    unsigned char *at = payload + rows_end(input);
+    write_rows(input, payload);
+    stream_data(input, copy_piece, &at);
+}
+
+/* What a reading goes by. */
+struct reading {
+    struct bytes payload;
+    uint32_t index; /* of the item, for errors */
+    const atomic_bool *cancel;
+    struct bvhd_error *error;
+};
+
+/* One kind of rows within a payload. */
+struct row_range {
+    const char *name; /* "geometries" */
+    uint32_t count, size; /* rows, bytes of one */
+    uint32_t known; /* bytes that this version knows */
+    uint32_t least; /* bytes that any version knows */
+    uint64_t offset;
+};
+
+static enum bvhd_status check_range(const struct reading *reading, const struct row_range *range)
+{
+    struct place where = place("infos[%u].%s", reading->index, range->name);
+    if (range->count == 0)
+        return BVHD_OK;
+    if (range->size < range->least)
+        return bvhd_error_set(reading->error, BVHD_CORRUPT, where.text, "rows of %u bytes", range->size);
+    if (range->size > ROWS_MAX_SIZE)
+        return bvhd_error_set(reading->error, BVHD_TOO_LARGE, where.text, "rows of %u bytes", range->size);
+    if (!bytes_reach(reading->payload.size, range->offset, range->size, range->count - 1, range->size))
+        return bvhd_error_set(reading->error, BVHD_CORRUPT, where.text, "%u rows are more than %" PRIu64 " bytes hold",
+                              range->count, reading->payload.size);
+    return BVHD_OK;
+}
+
+/*
+ * Copies what this version knows of row `i`; what a shorter row lacks is 0, and so must be the rest of a longer one.
+ * The fence keeps the compiler from reading the row a second time instead of the copy, when somebody else may have
+ * changed it.
+ */
+static enum bvhd_status copy_row(const struct reading *reading, const struct row_range *range, uint32_t i,
+                                 void *ret_row)
+{
+    const unsigned char *row = reading->payload.data + range->offset + (uint64_t)i * range->size;
+    if (i % 8192 == 0 && parallel_cancelled(reading->cancel))
+        return bvhd_error_set(reading->error, BVHD_CANCELLED, place("infos[%u]", reading->index).text, "cancelled");
+    uint32_t size = range->size < range->known ? range->size : range->known;
+    memset((unsigned char *)ret_row + size, 0, range->known - size);
+    memcpy(ret_row, row, size);
+    atomic_signal_fence(memory_order_seq_cst);
+    unsigned char rest = 0;
+    for (uint32_t at = range->known; at < range->size; at++)
+        rest |= row[at];
+    if (rest != 0)
+        return bvhd_error_set(reading->error, BVHD_UNSUPPORTED,
+                              place("infos[%u].%s[%u]", reading->index, range->name, i).text,
+                              "fields of a newer version");
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_span(const struct reading *reading, uint32_t geometry, const char *name,
+                                  struct row_span span, struct bytes *ret_bytes)
+{
+    if (span.offset == 0 && span.size == 0) {
+        *ret_bytes = (struct bytes){NULL, 0};
+        return BVHD_OK;
+    }
+    if (span.offset == 0 || !bytes_reach(reading->payload.size, span.offset, 0, 0, span.size))
+        return bvhd_error_set(reading->error, BVHD_CORRUPT,
+                              place("infos[%u].geometries[%u].%s", reading->index, geometry, name).text,
+                              "%" PRIu64 " bytes at %" PRIu64 " are outside of the payload", span.size, span.offset);
+    *ret_bytes = (struct bytes){reading->payload.data + span.offset, span.size};
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_triangles(const struct reading *reading, uint32_t i, const struct geometry_row *row,
+                                       struct geometry_triangles *ret_triangles)
+{
+    struct geometry_triangles triangles = {
+        .vertex_format = row->vertex_format,
+        .max_vertex = row->max_vertex,
+        .vertex_stride = row->stride,
+        .index_type = row->index_type,
+    };
+    enum bvhd_status status = read_span(reading, i, "data", row->data, &triangles.vertices);
+    if (status == BVHD_OK)
+        status = read_span(reading, i, "indices", row->indices, &triangles.indices);
+    if (status == BVHD_OK)
+        status = read_span(reading, i, "transform", row->transform, &triangles.transform);
+    if (status == BVHD_OK)
+        *ret_triangles = triangles;
+    return status;
+}
+
+/* A type that nobody knows is left for validation to refuse. */
+static enum bvhd_status row_to_geometry(const struct reading *reading, uint32_t i, const struct geometry_row *row,
+                                        struct geometry *ret_geometry)
+{
+    if (row->reserved != 0)
+        return bvhd_error_set(reading->error, BVHD_UNSUPPORTED,
+                              place("infos[%u].geometries[%u]", reading->index, i).text, "fields of a newer version");
+    memset(ret_geometry, 0, sizeof *ret_geometry);
+    ret_geometry->type = row->type;
+    ret_geometry->flags = row->flags;
+    ret_geometry->range = (struct geometry_range){
+        .primitive_count = row->primitive_count,
+        .primitive_offset = row->primitive_offset,
+        .first_vertex = row->first_vertex,
+        .transform_offset = row->transform_offset,
+    };
+    if (row->type == GEOMETRY_TRIANGLES)
+        return read_triangles(reading, i, row, &ret_geometry->triangles);
+    if (row->type == GEOMETRY_INSTANCES)
+        return read_span(reading, i, "data", row->data, &ret_geometry->instances.records);
+    if (row->type != GEOMETRY_AABBS)
+        return BVHD_OK;
+    ret_geometry->aabbs.stride = row->stride;
+    return read_span(reading, i, "data", row->data, &ret_geometry->aabbs.boxes);
+}
+
+static enum bvhd_status refuse_reference(const struct reading *reading, uint32_t i, enum bvhd_status status,
+                                         const char *text)
+{
+    return bvhd_error_set(reading->error, status, place("infos[%u].references[%u]", reading->index, i).text, "%s",
+                          text);
+}
+
+static enum bvhd_status row_to_reference(const struct reading *reading, uint32_t i, const struct reference_row *row,
+                                         struct reference *ret_reference)
+{
+    if (row->reserved != 0)
+        return refuse_reference(reading, i, BVHD_UNSUPPORTED, "fields of a newer version");
+    if (row->has_key > 1)
+        return refuse_reference(reading, i, BVHD_CORRUPT, "has_key is neither 0 nor 1");
+    struct reference reference = {
+        .kind = (enum reference_kind)row->kind, .handle = row->handle, .has_key = row->has_key == 1};
+    if (reference.has_key)
+        memcpy(reference.key.bytes, row->key, sizeof reference.key.bytes);
+    memcpy(reference.bounds.min, row->bounds, sizeof reference.bounds.min);
+    memcpy(reference.bounds.max, row->bounds + 3, sizeof reference.bounds.max);
+    memcpy(&reference.slabs, row->slabs, sizeof reference.slabs);
+    *ret_reference = reference;
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_geometries(const struct reading *reading, const struct row_range *range,
+                                        struct geometry *ret_geometries)
+{
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < range->count && status == BVHD_OK; i++) {
+        struct geometry_row row;
+        status = copy_row(reading, range, i, &row);
+        if (status == BVHD_OK)
+            status = row_to_geometry(reading, i, &row, &ret_geometries[i]);
+    }
+    return status;
+}
+
+static enum bvhd_status read_references(const struct reading *reading, const struct row_range *range,
+                                        struct reference *ret_references)
+{
+    enum bvhd_status status = BVHD_OK;
+    for (uint32_t i = 0; i < range->count && status == BVHD_OK; i++) {
+        struct reference_row row;
+        status = copy_row(reading, range, i, &row);
+        if (status == BVHD_OK)
+            status = row_to_reference(reading, i, &row, &ret_references[i]);
+    }
+    return status;
+}
+
+static enum bvhd_status no_memory(const struct reading *reading)
+{
+    return bvhd_error_set(reading->error, BVHD_NO_MEMORY, place("infos[%u]", reading->index).text, "rows");
+}
+
+enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape, uint32_t index, struct memory *memory,
+                           struct build_input *input, struct bvhd_error *error)
+{
+    struct reading reading = {payload, index, shape->cancel, error};
+    struct row_range geometry_range = {
+        "geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), ROWS_GEOMETRY_SIZE, 0};
+    struct row_range reference_range = {"references",          shape->reference_count,
+                                        shape->reference_size, sizeof(struct reference_row),
+                                        ROWS_REFERENCE_LEAST,  (uint64_t)shape->geometry_count * shape->geometry_size};
+    enum bvhd_status status = check_range(&reading, &geometry_range);
+    if (status == BVHD_OK)
+        status = check_range(&reading, &reference_range);
+    if (status != BVHD_OK)
+        return status;
+    struct geometry *geometries = memory_array(memory, geometry_range.count, sizeof *geometries);
+    struct reference *references = memory_array(memory, reference_range.count, sizeof *references);
+    if ((geometry_range.count > 0 && !geometries) || (reference_range.count > 0 && !references))
+        status = no_memory(&reading);
+    if (status == BVHD_OK)
+        status = read_geometries(&reading, &geometry_range, geometries);
+    if (status == BVHD_OK)
+        status = read_references(&reading, &reference_range, references);
+    if (status != BVHD_OK) {
+        memory_free(memory, geometries);
+        memory_free(memory, references);
+        return status;
+    }
+    input->geometry_count = geometry_range.count;
+    input->geometries = geometries;
+    input->reference_count = reference_range.count;
+    input->references = references;
+    return BVHD_OK;
+}
+
+void rows_finish(struct build_input *input, struct memory *memory)
+{
+    if (!input)
+        return;
+    memory_free(memory, (void *)(uintptr_t)input->geometries);
+    memory_free(memory, (void *)(uintptr_t)input->references);
+    input->geometries = NULL;
+    input->references = NULL;
+    input->geometry_count = input->reference_count = 0;
+}

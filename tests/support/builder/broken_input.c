@@ -1,0 +1,264 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/builder/broken_input.h"
+
+#include <math.h>
+#include <stdio.h>
+
+#include "tests/support/builder/random_top.h"
+
+/* Numbers near which checks break: small ones, powers of two and their neighbours. */
+static uint64_t random_number(struct random *random)
+{
+    if (random_chance(random, 0.4))
+        return random_below(random, 70);
+    uint64_t power = UINT64_C(1) << random_below(random, 64);
+    return power + random_below(random, 3) - 1;
+}
+
+static struct geometry *any_geometry(struct broken_input *broken, struct random *random)
+{
+    return &broken->base
+                .geometries[broken->input.geometry_count ? random_below(random, broken->input.geometry_count) : 0];
+}
+
+/* The bytes of a geometry, by what its type says. */
+static struct bytes *any_bytes(struct geometry *geometry, struct random *random)
+{
+    struct geometry_triangles *triangles = &geometry->triangles;
+    struct bytes *fields[] = {&triangles->vertices, &triangles->indices, &triangles->transform};
+    if (geometry->type == GEOMETRY_AABBS)
+        return &geometry->aabbs.boxes;
+    return geometry->type == GEOMETRY_INSTANCES ? &geometry->instances.records : fields[random_below(random, 3)];
+}
+
+static void break_type(struct broken_input *broken, struct random *random)
+{
+    static const uint32_t types[] = {0, 1, 2, 3, 1000623000};
+    broken->input.type = types[random_below(random, 5)];
+}
+
+static void break_flags(struct broken_input *broken, struct random *random)
+{
+    broken->input.flags = (uint32_t)random_number(random);
+}
+
+static void break_mode(struct broken_input *broken, struct random *random)
+{
+    broken->input.mode = random_below(random, 3);
+    broken->input.source = random_below(random, 2);
+}
+
+static void break_geometry_count(struct broken_input *broken, struct random *random)
+{
+    if (random_chance(random, 0.3))
+        broken->input.geometries = NULL;
+    else if (broken->input.geometry_count)
+        broken->input.geometry_count--;
+}
+
+/* Another kind of geometry, over memory of the right place and any size; or no kind at all. */
+static void break_geometry_type(struct broken_input *broken, struct random *random)
+{
+    struct geometry *geometry = any_geometry(broken, random);
+    struct bytes bytes = {random_input_buffer(&broken->base, 96), 96};
+    memset((void *)(uintptr_t)bytes.data, 0, 96);
+    switch (random_below(random, 4)) {
+    case 0:
+        geometry->type = GEOMETRY_TRIANGLES;
+        geometry->triangles =
+            (struct geometry_triangles){.vertex_format = 106, .vertex_stride = 12, .index_type = INDEX_NONE};
+        geometry->triangles.vertices = bytes;
+        break;
+    case 1:
+        geometry->type = GEOMETRY_AABBS;
+        geometry->aabbs = (struct geometry_aabbs){24, bytes};
+        break;
+    case 2:
+        geometry->type = GEOMETRY_INSTANCES;
+        geometry->instances = (struct geometry_instances){bytes};
+        break;
+    default:
+        geometry->type = 3 + (uint32_t)random_number(random) % 1000000;
+    }
+}
+
+static void break_geometry_flags(struct broken_input *broken, struct random *random)
+{
+    any_geometry(broken, random)->flags = (uint32_t)random_number(random);
+}
+
+static void break_format(struct broken_input *broken, struct random *random)
+{
+    struct geometry *geometry = any_geometry(broken, random);
+    if (geometry->type == GEOMETRY_TRIANGLES)
+        geometry->triangles.vertex_format = random_below(random, 130);
+}
+
+static void break_stride(struct broken_input *broken, struct random *random)
+{
+    struct geometry *geometry = any_geometry(broken, random);
+    if (geometry->type == GEOMETRY_TRIANGLES)
+        geometry->triangles.vertex_stride = random_number(random);
+    else if (geometry->type == GEOMETRY_AABBS)
+        geometry->aabbs.stride = random_number(random);
+}
+
+static void break_index_type(struct broken_input *broken, struct random *random)
+{
+    static const uint32_t types[] = {INDEX_NONE, INDEX_UINT16, INDEX_UINT32, 1000265000, 2, 99};
+    struct geometry *geometry = any_geometry(broken, random);
+    if (geometry->type == GEOMETRY_TRIANGLES)
+        geometry->triangles.index_type = types[random_below(random, 6)];
+}
+
+static void break_max_vertex(struct broken_input *broken, struct random *random)
+{
+    struct geometry *geometry = any_geometry(broken, random);
+    if (geometry->type == GEOMETRY_TRIANGLES)
+        geometry->triangles.max_vertex = (uint32_t)random_number(random);
+}
+
+static void break_size(struct broken_input *broken, struct random *random)
+{
+    struct bytes *bytes = any_bytes(any_geometry(broken, random), random);
+    if (!bytes->data || !bytes->size || random_chance(random, 0.2)) {
+        *bytes = (struct bytes){NULL, 0};
+        return;
+    }
+    uint64_t less = bytes->size - 1 - random_below(random, (uint32_t)(bytes->size < 100 ? bytes->size : 100));
+    unsigned char *copy = random_input_buffer(&broken->base, less);
+    memcpy(copy, bytes->data, less);
+    *bytes = (struct bytes){copy, less};
+}
+
+static void break_range(struct broken_input *broken, struct random *random)
+{
+    struct geometry_range *range = &any_geometry(broken, random)->range;
+    uint32_t *fields[] = {&range->primitive_count, &range->primitive_offset, &range->first_vertex,
+                          &range->transform_offset};
+    *fields[random_below(random, 4)] = (uint32_t)random_number(random);
+}
+
+static void break_contents(struct broken_input *broken, struct random *random)
+{
+    static const uint32_t words[] = {0,          1,          7,          0xffff,     0xffffffff,
+                                     0x7fc00000, 0x7f800000, 0xff800000, 0x3f800000, 0x80000000};
+    struct bytes *bytes = any_bytes(any_geometry(broken, random), random);
+    for (uint32_t i = 0; i < 3 && bytes->size >= 4; i++) {
+        uint32_t word = words[random_below(random, 10)];
+        uint64_t at = random_next(random) % (bytes->size / 4) * 4;
+        memcpy((void *)(uintptr_t)(bytes->data + at), &word, 4);
+    }
+}
+
+static void break_options(struct broken_input *broken, struct random *random)
+{
+    struct build_options *options = &broken->input.options;
+    switch (random_below(random, 3)) {
+    case 0:
+        options->quality = (enum build_quality)random_below(random, 9);
+        break;
+    case 1:
+        options->target = (enum target)random_below(random, 4);
+        break;
+    default:
+        options->layout_flags = (uint32_t)random_number(random);
+    }
+}
+
+static void break_references(struct broken_input *broken, struct random *random)
+{
+    struct reference *reference = &broken->references[random_below(random, BROKEN_REFERENCES)];
+    switch (random_below(random, 6)) {
+    case 0:
+        reference->handle = random_below(random, 3);
+        break;
+    case 1:
+        reference->handle = broken->references[0].handle;
+        break;
+    case 2:
+        reference->kind = (enum reference_kind)random_below(random, 4);
+        break;
+    case 3:
+        reference->bounds.min[random_below(random, 3)] = random_chance(random, 0.5) ? NAN : INFINITY;
+        break;
+    case 4:
+        broken->input.references = NULL;
+        break;
+    default:
+        broken->input.reference_count = random_below(random, BROKEN_REFERENCES);
+    }
+}
+
+static void break_handles(struct broken_input *broken, struct random *random)
+{
+    broken->input.destination = 3 + random_below(random, 2);
+    broken->input.source = random_below(random, 5);
+}
+
+static const struct {
+    const char *name;
+    void (*apply)(struct broken_input *broken, struct random *random);
+} breaks[] = {
+    {"type", break_type},
+    {"flags", break_flags},
+    {"mode", break_mode},
+    {"geometryCount", break_geometry_count},
+    {"geometryType", break_geometry_type},
+    {"geometry flags", break_geometry_flags},
+    {"vertexFormat", break_format},
+    {"stride", break_stride},
+    {"indexType", break_index_type},
+    {"maxVertex", break_max_vertex},
+    {"size", break_size},
+    {"range", break_range},
+    {"contents", break_contents},
+    {"options", break_options},
+    {"references", break_references},
+    {"handles", break_handles},
+};
+
+static void make_top(struct broken_input *broken, struct random *random)
+{
+    unsigned char *records = random_input_buffer(&broken->base, 64 * BROKEN_RECORDS);
+    for (uint32_t i = 0; i < BROKEN_RECORDS; i++) {
+        struct random_instance instance = {.mask = 0xff, .custom_index = i};
+        random_top_transform(random, instance.transform);
+        random_top_record(&instance, i ? broken->references[i % BROKEN_REFERENCES].handle : 0,
+                          records + (size_t)64 * i);
+    }
+    broken->input.type = STRUCTURE_TOP;
+    broken->input.geometry_count = 1;
+    broken->base.geometries[0] = (struct geometry){
+        .type = GEOMETRY_INSTANCES,
+        .instances = {{records, 64 * BROKEN_RECORDS}},
+        .range = {.primitive_count = BROKEN_RECORDS},
+    };
+}
+
+void broken_input_init(struct broken_input *ret_broken, struct random *random)
+{
+    memset(ret_broken, 0, sizeof *ret_broken);
+    random_input_bottom(&ret_broken->base, random, 30);
+    ret_broken->base.input.destination = 3;
+    ret_broken->input = ret_broken->base.input;
+    for (uint32_t i = 0; i < BROKEN_REFERENCES; i++)
+        ret_broken->references[i] = (struct reference){
+            .kind = REFERENCE_BLAS, .handle = 50 + i, .bounds = {{-1, -1, -1}, {1, 1, (float)(i + 1)}}};
+    ret_broken->input.references = ret_broken->references;
+    ret_broken->input.reference_count = BROKEN_REFERENCES;
+    if (random_chance(random, 0.3))
+        make_top(ret_broken, random);
+    for (uint32_t i = 1 + random_below(random, 3); i > 0; i--) {
+        uint32_t which = random_below(random, sizeof breaks / sizeof breaks[0]);
+        size_t length = strlen(ret_broken->what);
+        breaks[which].apply(ret_broken, random);
+        snprintf(ret_broken->what + length, sizeof ret_broken->what - length, "%s%s", length ? ", " : "",
+                 breaks[which].name);
+    }
+}
+
+void broken_input_finish(struct broken_input *broken)
+{
+    random_input_finish(&broken->base);
+}

@@ -1,0 +1,119 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * inputs.h - small correct requests of each kind, for tests that break or vary them. Everything lies in the struct: do
+ * not copy it.
+ */
+#ifndef BVHD_TEST_INPUTS_H
+#define BVHD_TEST_INPUTS_H
+
+#include <string.h>
+
+#include "proto/base/geometry.h"
+
+enum { INPUTS_RECORDS = 4, INPUTS_BOXES = 3, INPUTS_VERTICES = 9 };
+
+struct test_input {
+    struct build_input input;
+    struct geometry geometries[2];
+    struct reference references[3];
+    float vertices[INPUTS_VERTICES][5]; /* xyz and eight bytes of something else */
+    uint16_t indices[8];
+    float transform[16]; /* the matrix begins at byte 16 */
+    float boxes[INPUTS_BOXES][6];
+    uint32_t records[INPUTS_RECORDS][16];
+};
+
+static inline void inputs_start(struct test_input *test, uint32_t type, uint32_t geometry_count)
+{
+    memset(test, 0, sizeof *test);
+    test->input.type = type;
+    test->input.geometry_count = geometry_count;
+    test->input.geometries = test->geometries;
+    test->input.options.target = TARGET_PORTABLE;
+}
+
+/*
+ * Two geometries: two triangles by 16-bit indices from vertex 1 on, with a transform; three triangles without indices.
+ */
+static inline void inputs_triangles(struct test_input *test)
+{
+    static const uint16_t indices[8] = {9, 9, 0, 1, 2, 2, 1, 3}; /* the first two lie before the range */
+    static const float transform[16] = {0, 0, 0, 0, 0, -2, 0, 1, 2, 0, 0, -1, 0, 0, 0.5f, 3};
+    inputs_start(test, STRUCTURE_BOTTOM, 2);
+    for (int i = 0; i < INPUTS_VERTICES; i++)
+        for (int k = 0; k < 5; k++)
+            test->vertices[i][k] = (float)(i * i % 7) + 0.25f * (float)(k * (i + 1) % 5);
+    memcpy(test->indices, indices, sizeof indices);
+    memcpy(test->transform, transform, sizeof transform);
+    test->geometries[0] = (struct geometry){
+        .type = GEOMETRY_TRIANGLES,
+        .flags = GEOMETRY_OPAQUE,
+        .triangles = {.vertex_format = 106,
+                      .max_vertex = 8,
+                      .vertex_stride = 20,
+                      .index_type = INDEX_UINT16,
+                      .vertices = {(const unsigned char *)test->vertices, sizeof test->vertices},
+                      .indices = {(const unsigned char *)test->indices, sizeof test->indices},
+                      .transform = {(const unsigned char *)test->transform, sizeof test->transform}},
+        .range = {.primitive_count = 2, .primitive_offset = 4, .first_vertex = 1, .transform_offset = 16},
+    };
+    test->geometries[1] = (struct geometry){
+        .type = GEOMETRY_TRIANGLES,
+        .triangles = {.vertex_format = 106,
+                      .max_vertex = 8,
+                      .vertex_stride = 20,
+                      .index_type = INDEX_NONE,
+                      .vertices = {(const unsigned char *)test->vertices, sizeof test->vertices}},
+        .range = {.primitive_count = 3},
+    };
+}
+
+/* One geometry of three boxes: a cube, a point, an inactive one. */
+static inline void inputs_aabbs(struct test_input *test)
+{
+    static const float boxes[INPUTS_BOXES][6] = {
+        {0, 1, 2, 3, 4, 5}, {-1, -1, -1, -1, -1, -1}, {__builtin_nanf(""), 0, 0, -1, -1, -1}};
+    inputs_start(test, STRUCTURE_BOTTOM, 1);
+    memcpy(test->boxes, boxes, sizeof boxes);
+    test->geometries[0] = (struct geometry){
+        .type = GEOMETRY_AABBS,
+        .aabbs = {24, {(const unsigned char *)test->boxes, sizeof test->boxes}},
+        .range = {.primitive_count = INPUTS_BOXES},
+    };
+}
+
+static inline void inputs_set_record(struct test_input *test, int index, uint64_t reference, uint32_t flags)
+{
+    static const float matrix[12] = {1, 0, 0, 5, 0, 2, 0, 6, 0, 0, -3, 7};
+    uint32_t *record = test->records[index];
+    memcpy(record, matrix, sizeof matrix);
+    record[12] = 0xff000000 | (uint32_t)(0x123450 + index);
+    record[13] = flags << 24 | (uint32_t)(0x54321 + index);
+    memcpy(record + 14, &reference, sizeof reference);
+}
+
+/* Four instances of handles 77, 0 (inactive), 55, 77; the table knows 33, 55 and 77, the last by bounds alone. */
+static inline void inputs_instances(struct test_input *test)
+{
+    inputs_start(test, STRUCTURE_TOP, 1);
+    inputs_set_record(test, 0, 77, INSTANCE_CULL_DISABLE);
+    inputs_set_record(test, 1, 0, 0);
+    inputs_set_record(test, 2, 55, INSTANCE_FORCE_OPAQUE);
+    inputs_set_record(test, 3, 77, INSTANCE_FLIP_FACING | INSTANCE_FORCE_NO_OPAQUE);
+    for (int i = 0; i < 3; i++)
+        test->references[i] = (struct reference){.kind = REFERENCE_BLAS,
+                                                 .handle = 33 + 22 * (uint64_t)i,
+                                                 .has_key = i < 2,
+                                                 .bounds = {{-1, -1, -1}, {1, 1, (float)(i + 1)}}};
+    memset(&test->references[0].key, 0x33, sizeof(struct key));
+    memset(&test->references[1].key, 0x55, sizeof(struct key));
+    test->input.references = test->references;
+    test->input.reference_count = 3;
+    test->geometries[0] = (struct geometry){
+        .type = GEOMETRY_INSTANCES,
+        .instances = {{(const unsigned char *)test->records, sizeof test->records}},
+        .range = {.primitive_count = INPUTS_RECORDS},
+    };
+}
+
+#endif

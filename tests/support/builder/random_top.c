@@ -1,0 +1,168 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/builder/random_top.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { RECORD_SIZE = 64 };
+
+static void *allocate(size_t count, size_t size)
+{
+    void *block = calloc(count ? count : 1, size);
+    if (!block) {
+        fprintf(stderr, "random_top: no memory\n");
+        exit(1);
+    }
+    return block;
+}
+
+static double determinant(const float m[12])
+{
+    return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
+           (double)m[1] * ((double)m[4] * m[10] - (double)m[6] * m[8]) +
+           (double)m[2] * ((double)m[4] * m[9] - (double)m[5] * m[8]);
+}
+
+void random_top_transform(struct random *random, float ret_matrix[12])
+{
+    static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    static const double scales[] = {1, 1, 1, 0.01, 30};
+    memcpy(ret_matrix, identity, sizeof identity);
+    if (random_chance(random, 0.1))
+        return;
+    double scale = scales[random_below(random, 5)];
+    do {
+        for (int i = 0; i < 12; i++)
+            ret_matrix[i] = (float)random_between(random, -1, 1);
+    } while (fabs(determinant(ret_matrix)) < 0.05);
+    for (int i = 0; i < 12; i++)
+        ret_matrix[i] *= (float)(i % 4 == 3 ? 4 : scale);
+}
+
+void random_top_record(const struct random_instance *instance, uint64_t handle, unsigned char *ret_record)
+{
+    uint32_t words[2] = {instance->custom_index | instance->mask << 24, instance->sbt_offset | instance->flags << 24};
+    memcpy(ret_record, instance->transform, sizeof instance->transform);
+    memcpy(ret_record + 48, words, sizeof words);
+    memcpy(ret_record + 56, &handle, sizeof handle);
+}
+
+static struct random_instance random_instance(const struct random_top *top, struct random *random)
+{
+    static const uint32_t masks[] = {0xff, 0xff, 0xff, 0x01, 0x80, 0};
+    static const uint32_t flags[] = {
+        0, 0, INSTANCE_FLIP_FACING, INSTANCE_FORCE_OPAQUE, INSTANCE_FORCE_NO_OPAQUE, INSTANCE_CULL_DISABLE};
+    struct random_instance instance = {
+        .custom_index = random_below(random, 1 << 24),
+        .mask = masks[random_below(random, 6)],
+        .sbt_offset = random_below(random, 1 << 24),
+        .flags = flags[random_below(random, 6)] | (random_chance(random, 0.2) ? INSTANCE_FLIP_FACING : 0),
+        .bottom = random_chance(random, 0.1) ? -1 : (int)random_below(random, top->bottom_count),
+    };
+    random_top_transform(random, instance.transform);
+    return instance;
+}
+
+static void make_records(struct random_top *top, struct random *random)
+{
+    uint32_t offset = 16 * random_below(random, 3);
+    uint64_t size = offset + (uint64_t)RECORD_SIZE * top->instance_count;
+    top->records = allocate(size, 1);
+    for (uint32_t i = 0; i < top->instance_count; i++) {
+        struct random_instance *instance = &top->instances[i];
+        *instance = random_instance(top, random);
+        top->culling_disabled |= (instance->flags & INSTANCE_CULL_DISABLE) != 0;
+        uint64_t handle = instance->bottom < 0 ? 0 : top->references[instance->bottom].handle;
+        random_top_record(instance, handle, top->records + offset + (uint64_t)RECORD_SIZE * i);
+    }
+    top->geometry = (struct geometry){
+        .type = GEOMETRY_INSTANCES,
+        .flags = random_below(random, 4),
+        .instances = {{top->records, size}},
+        .range = {.primitive_count = top->instance_count, .primitive_offset = offset},
+    };
+}
+
+void random_top_init(struct random_top *ret_top, struct random *random, uint32_t most)
+{
+    memset(ret_top, 0, sizeof *ret_top);
+    ret_top->bottom_count = 1 + random_below(random, RANDOM_TOP_BOTTOMS);
+    for (uint32_t i = 0; i < ret_top->bottom_count; i++) {
+        random_input_bottom(&ret_top->bottoms[i], random, most);
+        ret_top->references[i] =
+            (struct reference){.kind = REFERENCE_BLAS, .handle = 1000 - 7 * (uint64_t)i, .has_key = true};
+    }
+    ret_top->instance_count = random_below(random, RANDOM_TOP_INSTANCES + 1);
+    make_records(ret_top, random);
+    random_input_options(&ret_top->input, random);
+    ret_top->input.type = STRUCTURE_TOP;
+    ret_top->input.geometry_count = 1;
+    ret_top->input.geometries = &ret_top->geometry;
+    ret_top->input.references = ret_top->references;
+    ret_top->input.reference_count = ret_top->bottom_count;
+}
+
+void random_top_finish(struct random_top *top)
+{
+    for (uint32_t i = 0; i < top->bottom_count; i++) {
+        random_input_finish(&top->bottoms[i]);
+        for (int g = 0; g < RANDOM_INPUT_GEOMETRIES; g++)
+            free(top->flipped[i][g]);
+    }
+    free(top->records);
+    free(top->meshes);
+}
+
+static const float *flip(struct random_top *top, uint32_t bottom, uint32_t geometry)
+{
+    const struct random_meaning *meaning = &top->bottoms[bottom].meanings[geometry];
+    float **flipped = &top->flipped[bottom][geometry];
+    if (*flipped)
+        return *flipped;
+    *flipped = allocate(meaning->count, 9 * sizeof **flipped);
+    for (uint32_t i = 0; i < meaning->count; i++)
+        for (uint32_t k = 0; k < 9; k++)
+            (*flipped)[9 * (size_t)i + k] = meaning->corners[i][(3 - k / 3) % 3][k % 3];
+    return *flipped;
+}
+
+void random_top_mean(struct random_top *top, uint32_t cull_mask)
+{
+    if (!top->meshes)
+        top->meshes = allocate((size_t)top->instance_count * RANDOM_INPUT_GEOMETRIES, sizeof *top->meshes);
+    top->mesh_count = 0;
+    for (uint32_t i = 0; i < top->instance_count; i++) {
+        const struct random_instance *instance = &top->instances[i];
+        if (instance->bottom < 0 || !(instance->mask & cull_mask))
+            continue;
+        uint32_t b = (uint32_t)instance->bottom;
+        for (uint32_t g = 0; g < top->bottoms[b].input.geometry_count; g++) {
+            const struct random_meaning *meaning = &top->bottoms[b].meanings[g];
+            if (!meaning->corners)
+                continue;
+            const float *corners =
+                instance->flags & INSTANCE_FLIP_FACING ? flip(top, b, g) : (const float *)meaning->corners;
+            top->meshes[top->mesh_count++] =
+                (struct oracle_mesh){corners, NULL, meaning->count, instance->transform, i, g};
+        }
+    }
+}
+
+uint32_t random_top_rows(const struct random_top *top, const struct portable_view *views,
+                         const struct portable_view *ret_bottoms[RANDOM_TOP_BOTTOMS])
+{
+    int used[RANDOM_TOP_BOTTOMS];
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < top->instance_count; i++) {
+        int bottom = top->instances[i].bottom;
+        bool known = bottom < 0;
+        for (uint32_t k = 0; k < count && !known; k++)
+            known = used[k] == bottom;
+        if (known)
+            continue;
+        used[count] = bottom;
+        ret_bottoms[count++] = &views[bottom];
+    }
+    return count;
+}

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* random_top.h - a random top level over random bottom levels: instances of every kind. For test programs only. */
+#ifndef BVHD_RANDOM_TOP_H
+#define BVHD_RANDOM_TOP_H
+
+#include "client/bvhctl/oracle/oracle.h"
+#include "tests/support/builder/random_input.h"
+
+enum { RANDOM_TOP_BOTTOMS = 4, RANDOM_TOP_INSTANCES = 60 };
+
+struct random_instance {
+    float transform[12];
+    uint32_t custom_index, mask, sbt_offset, flags;
+    int bottom; /* -1: inactive */
+};
+
+struct random_top {
+    struct build_input input;
+    struct geometry geometry;
+    /* the caller fills in keys and bounds when the bottom levels are built */
+    struct reference references[RANDOM_TOP_BOTTOMS];
+    struct random_input bottoms[RANDOM_TOP_BOTTOMS];
+    uint32_t bottom_count, built; /* `built` is the caller's */
+    struct random_instance instances[RANDOM_TOP_INSTANCES];
+    uint32_t instance_count;
+    bool culling_disabled; /* for some instance */
+    unsigned char *records; /* of exactly the size that is reached */
+    struct oracle_mesh *meshes; /* random_top_mean */
+    uint32_t mesh_count;
+    float *flipped[RANDOM_TOP_BOTTOMS][RANDOM_INPUT_GEOMETRIES];
+};
+
+void random_top_init(struct random_top *ret_top, struct random *random, uint32_t most);
+void random_top_finish(struct random_top *top);
+
+/*
+ * Makes top->meshes: the triangles of all instances that a cull mask lets through; those that flip their facing are
+ * turned round.
+ */
+void random_top_mean(struct random_top *top, uint32_t cull_mask);
+
+/*
+ * views[i] is bottom level i. Fills ret_bottoms by rows of the reference table, in the order of first use; returns how
+ * many.
+ */
+uint32_t random_top_rows(const struct random_top *top, const struct portable_view *views,
+                         const struct portable_view *ret_bottoms[RANDOM_TOP_BOTTOMS]);
+
+/* A matrix that can be inverted: rotated, skewed, scaled, often mirroring, sometimes the identity. */
+void random_top_transform(struct random *random, float ret_matrix[12]);
+
+/* The 64 bytes of a record of Vulkan's, naming `handle`. */
+void random_top_record(const struct random_instance *instance, uint64_t handle, unsigned char *ret_record);
+
+#endif

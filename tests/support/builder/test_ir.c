@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/builder/test_ir.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static void *need(size_t count, size_t size)
+{
+    void *block = calloc(count ? count : 1, size);
+    if (!block) {
+        fprintf(stderr, "no memory for a test\n");
+        abort();
+    }
+    return block;
+}
+
+static void place_point(const struct test_shape *shape, struct random *random, const double around[3],
+                        float ret_point[3])
+{
+    double offset[3];
+    random_point(random, offset);
+    for (int axis = 0; axis < 3; axis++)
+        ret_point[axis] = (float)(around[axis] + offset[axis] * shape->size * shape->detail);
+}
+
+static void place_centre(const struct test_shape *shape, struct random *random, double ret_centre[3])
+{
+    random_point(random, ret_centre);
+    for (int axis = 0; axis < 3; axis++)
+        ret_centre[axis] = shape->centre + ret_centre[axis] * shape->size / 2;
+}
+
+/* Vertices in clusters of eight, so that triangles over neighbours are small. */
+static void make_triangles(const struct test_shape *shape, struct random *random, struct test_model *model)
+{
+    uint32_t vertices = shape->soup ? 3 * shape->primitives : shape->primitives / 3 + 8;
+    float *positions = need((size_t)shape->geometries * vertices, 12);
+    uint32_t *indices = need((size_t)shape->geometries * shape->primitives, 12);
+    double centre[3] = {0};
+    for (uint32_t i = 0; i < shape->geometries * vertices; i++) {
+        if (i % 8 == 0)
+            place_centre(shape, random, centre);
+        place_point(shape, random, centre, positions + 3 * (size_t)i);
+    }
+    for (uint32_t i = 0; i < shape->geometries * shape->primitives; i++) {
+        uint32_t base = (uint32_t)(random_next(random) % (vertices / 8)) * 8, from = (uint32_t)random_next(random);
+        for (uint32_t k = 0; k < 3; k++)
+            indices[3 * (size_t)i + k] = base + (from + 3 * k) % 8;
+    }
+    for (uint32_t g = 0; g < shape->geometries; g++) {
+        struct canonical_geometry *geometry = &model->canonical.geometries[g];
+        geometry->vertex_count = vertices;
+        geometry->first_vertex = g * vertices;
+        geometry->positions = positions + (size_t)3 * vertices * g;
+        geometry->indices = shape->soup ? NULL : indices + (size_t)3 * shape->primitives * g;
+    }
+    model->canonical.vertex_count = shape->geometries * vertices;
+    model->data[0] = positions;
+    model->data[1] = indices;
+}
+
+static void make_aabbs(const struct test_shape *shape, struct random *random, struct test_model *model)
+{
+    float *boxes = need((size_t)shape->geometries * shape->primitives, 24);
+    for (uint32_t i = 0; i < shape->geometries * shape->primitives; i++) {
+        double centre[3];
+        struct box box = box_empty();
+        place_centre(shape, random, centre);
+        for (int k = 0; k < 2; k++) {
+            float point[3];
+            place_point(shape, random, centre, point);
+            box_add_point(&box, point);
+        }
+        memcpy(boxes + 6 * (size_t)i, &box, sizeof box);
+    }
+    for (uint32_t g = 0; g < shape->geometries; g++)
+        model->canonical.geometries[g].boxes = boxes + (size_t)6 * shape->primitives * g;
+    model->data[0] = boxes;
+}
+
+static void make_instances(const struct test_shape *shape, struct random *random, struct test_model *model)
+{
+    unsigned char *records = need(shape->primitives, 64);
+    struct canonical *canonical = &model->canonical;
+    canonical->type = STRUCTURE_TOP;
+    canonical->reference_count = 3;
+    canonical->references = need(3, sizeof *canonical->references);
+    for (uint32_t i = 0; i < shape->primitives; i++) {
+        unsigned char *record = records + (size_t)64 * i;
+        float transform[12];
+        double centre[3];
+        place_centre(shape, random, centre);
+        for (int entry = 0; entry < 12; entry++)
+            transform[entry] = (float)(entry % 4 == 3 ? centre[entry / 4]
+                                                      : random_between(random, -1, 1) * shape->size * shape->detail);
+        memcpy(record, transform, sizeof transform);
+        bytes_put32(record + 48, (uint32_t)random_next(random));
+        bytes_put32(record + 52, (uint32_t)random_next(random));
+        bytes_put64(record + 56, 1 + random_next(random) % 3);
+    }
+    canonical->geometries[0].instances = records;
+    model->data[0] = records;
+    model->data[2] = canonical->references;
+}
+
+/* Of instances: the unit cube's through the matrix, near enough for a test. */
+static struct box box_of(const struct canonical_geometry *geometry, uint32_t index)
+{
+    struct box box = box_empty();
+    if (geometry->type == GEOMETRY_TRIANGLES) {
+        float corners[3][3];
+        canonical_triangle(geometry, index, corners);
+        for (int k = 0; k < 3; k++)
+            box_add_point(&box, corners[k]);
+    } else if (geometry->type == GEOMETRY_AABBS) {
+        memcpy(&box, geometry->boxes + 6 * (size_t)index, sizeof box);
+    } else {
+        struct canonical_instance instance = canonical_instance(geometry, index);
+        for (int corner = 0; corner < 8; corner++) {
+            float point[3];
+            for (int row = 0; row < 3; row++) {
+                const float *m = instance.transform + 4 * row;
+                point[row] = m[3] + (corner & 1 ? m[0] : 0) + (corner & 2 ? m[1] : 0) + (corner & 4 ? m[2] : 0);
+            }
+            box_add_point(&box, point);
+        }
+    }
+    return box;
+}
+
+void test_model_make(const struct test_shape *shape, uint64_t seed, struct test_model *ret_model)
+{
+    struct random random = {seed};
+    struct test_model model = {.canonical = {
+                                   .type = STRUCTURE_BOTTOM,
+                                   .geometry_count = shape->geometries,
+                                   .primitive_count = shape->geometries * shape->primitives,
+                                   .geometries = need(shape->geometries, sizeof(struct canonical_geometry)),
+                               }};
+    for (uint32_t g = 0; g < shape->geometries; g++) {
+        struct canonical_geometry *geometry = &model.canonical.geometries[g];
+        geometry->type = shape->type;
+        geometry->flags = g % 2 ? 0 : GEOMETRY_OPAQUE;
+        geometry->primitive_count = shape->primitives;
+        geometry->first_primitive = g * shape->primitives;
+    }
+    if (shape->type == GEOMETRY_TRIANGLES)
+        make_triangles(shape, &random, &model);
+    else if (shape->type == GEOMETRY_AABBS)
+        make_aabbs(shape, &random, &model);
+    else
+        make_instances(shape, &random, &model);
+    model.boxes = need(model.canonical.primitive_count, sizeof *model.boxes);
+    for (uint32_t i = 0; i < model.canonical.primitive_count; i++)
+        model.boxes[i] = shape->inactive && i % shape->inactive == 0
+                             ? box_empty()
+                             : box_of(&model.canonical.geometries[i / shape->primitives], i % shape->primitives);
+    *ret_model = model;
+}
+
+void test_model_finish(struct test_model *model)
+{
+    for (int i = 0; i < 3; i++)
+        free(model->data[i]);
+    free(model->canonical.geometries);
+    free(model->boxes);
+    memset(model, 0, sizeof *model);
+}
+
+struct entry {
+    double key;
+    uint32_t id;
+};
+
+static int compare(const void *a, const void *b)
+{
+    const struct entry *x = a, *y = b;
+    return x->key != y->key ? (x->key < y->key ? -1 : 1) : (x->id > y->id) - (x->id < y->id);
+}
+
+static int longest_axis(const struct box *box)
+{
+    int longest = 0;
+    for (int axis = 1; axis < 3; axis++)
+        if ((double)box->max[axis] - box->min[axis] > (double)box->max[longest] - box->min[longest])
+            longest = axis;
+    return longest;
+}
+
+static void split(struct ir *ir, const struct box *boxes, struct entry *entries, uint32_t node, uint32_t first,
+                  uint32_t count, uint32_t leaf_max)
+{
+    struct box box = box_empty();
+    for (uint32_t i = first; i < first + count; i++)
+        box_grow(&box, &boxes[entries[i].id]);
+    ir->boxes[0][node] = box;
+    if (count <= leaf_max) {
+        ir->nodes[node] = (struct ir_node){first, count};
+        for (uint32_t i = first; i < first + count; i++)
+            ir->refs[i] = entries[i].id;
+        return;
+    }
+    int axis = longest_axis(&box);
+    for (uint32_t i = first; i < first + count; i++)
+        entries[i].key = (double)boxes[entries[i].id].min[axis] + boxes[entries[i].id].max[axis];
+    qsort(entries + first, count, sizeof *entries, compare);
+    uint32_t children = ir->node_count, half = count / 2;
+    ir->node_count += 2;
+    ir->nodes[node] = (struct ir_node){children, 0};
+    split(ir, boxes, entries, children, first, half, leaf_max);
+    split(ir, boxes, entries, children + 1, first + half, count - half, leaf_max);
+}
+
+enum bvhd_status test_ir_make(const struct box *boxes, uint32_t count, uint32_t leaf_max, struct memory *memory,
+                              struct ir *ret_ir)
+{
+    struct entry *entries = need(count, sizeof *entries);
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < count; i++)
+        if (!box_is_empty(&boxes[i]))
+            entries[kept++].id = i;
+    enum bvhd_status status = ir_init(ret_ir, memory, kept ? 2 * kept - 1 : 0, kept, NULL);
+    if (status == BVHD_OK && kept > 0) {
+        ret_ir->node_count = 1;
+        ret_ir->ref_count = kept;
+        split(ret_ir, boxes, entries, 0, 0, kept, leaf_max);
+    }
+    free(entries);
+    return status;
+}

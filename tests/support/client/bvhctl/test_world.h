@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_world.h - a small imported scene, built and opened: a ground of two triangles, and two cubes that stand on it; y
+ * is up.
+ *
+ * Instances: 0 the ground, 1 a cube of side 2 at (0, 1, 0), 2 a cube that is flattened to nothing (skipped), 3 a cube
+ * of side 1 at (3, 0.5, 0). For test programs only.
+ */
+#ifndef BVHD_TEST_WORLD_H
+#define BVHD_TEST_WORLD_H
+
+#include "client/bvhctl/scene/assemble.h"
+#include "client/bvhctl/service/backend_local.h"
+#include "client/bvhctl/service/local.h"
+#include "client/bvhctl/scene/structures.h"
+
+enum { TEST_WORLD_INSTANCES = 4, TEST_WORLD_FILES = 3 };
+
+/* The import alone: static arrays, nothing to end. `memory` is what it says it comes from. */
+void test_world_import(struct import *ret_import, struct memory *memory);
+
+/* In worlds that begin from now on an instance stands so: row-major 3x4. Its bounds and all else follow. */
+void test_world_place(uint32_t instance, const float object_to_world[12]);
+
+struct test_world {
+    struct local local;
+    struct backend_local backend;
+    struct options options;
+    struct import import;
+    struct assembly assembly;
+    struct structures structures;
+};
+
+/* Ends the program when something fails. `threads` as for local_open. */
+void test_world_init(struct test_world *world, uint32_t threads);
+/* In what a device loads natively, or, with NULL, portable. `format` must outlive the world. */
+void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format);
+void test_world_finish(struct test_world *world);
+
+#endif

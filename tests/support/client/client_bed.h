@@ -1,0 +1,175 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* client_bed.h - a client of a fake daemon, and builds for it to ask for. For tests of the client library. */
+#ifndef BVHD_CLIENT_BED_H
+#define BVHD_CLIENT_BED_H
+
+#include <dirent.h>
+#include <time.h>
+
+#include <bvhd/bvhd.h>
+
+#include "tests/support/client/fake_daemon.h"
+#include "client/library.h"
+
+enum { BED_MAX_INFOS = 1000, BED_CONNECT_MS = 400, BED_LOST_MS = 400, BED_LATE_MS = 3000 };
+
+/* Builds of `count` infos, each a mesh of triangles of its own. */
+struct bed_build {
+    struct bvhd_build build;
+    VkAccelerationStructureGeometryKHR geometries[BED_MAX_INFOS];
+    VkAccelerationStructureBuildRangeInfoKHR ranges[BED_MAX_INFOS];
+    const VkAccelerationStructureBuildRangeInfoKHR *range_pointers[BED_MAX_INFOS];
+    VkAccelerationStructureBuildGeometryInfoKHR infos[BED_MAX_INFOS];
+    float *vertices;
+};
+
+struct client_bed {
+    struct fake_daemon fake;
+    struct bvhd_client *client;
+    struct bed_build *asked;
+    int descriptors; /* that were open before */
+    uint64_t live; /* bytes of library_memory before */
+};
+
+static inline double bed_now(void)
+{
+    struct timespec time;
+    clock_gettime(CLOCK_MONOTONIC, &time);
+    return (double)time.tv_sec * 1e3 + (double)time.tv_nsec * 1e-6;
+}
+
+static inline int bed_open_descriptors(void)
+{
+    DIR *folder = opendir("/proc/self/fd");
+    int count = 0;
+    while (readdir(folder))
+        count++;
+    closedir(folder);
+    return count;
+}
+
+/*
+ * Infos of `triangles` triangles each; info i has the destination i + 1, which a serving fake daemon takes as the
+ * result's size.
+ */
+static inline void bed_describe(struct bed_build *asked, uint32_t count, uint32_t triangles)
+{
+    free(asked->vertices);
+    memset(asked, 0, sizeof *asked);
+    asked->vertices = malloc((size_t)count * triangles * 36 + 1);
+    for (uint64_t i = 0; i < (uint64_t)count * triangles * 9; i++)
+        asked->vertices[i] = (float)i;
+    for (uint32_t i = 0; i < count; i++) {
+        asked->geometries[i] = (VkAccelerationStructureGeometryKHR){
+            .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
+            .geometryType = VK_GEOMETRY_TYPE_TRIANGLES_KHR,
+            .geometry.triangles = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR,
+                                   .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT,
+                                   .vertexData.hostAddress = asked->vertices + (size_t)i * triangles * 9,
+                                   .vertexStride = 12,
+                                   .maxVertex = 3 * triangles - 1,
+                                   .indexType = VK_INDEX_TYPE_NONE_KHR},
+        };
+        asked->ranges[i].primitiveCount = triangles;
+        asked->range_pointers[i] = &asked->ranges[i];
+        asked->infos[i] = (VkAccelerationStructureBuildGeometryInfoKHR){
+            .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
+            .type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+            .dstAccelerationStructure = (VkAccelerationStructureKHR)(uintptr_t)(i + 1),
+            .geometryCount = 1,
+            .pGeometries = &asked->geometries[i],
+        };
+    }
+    asked->build = (struct bvhd_build){.struct_size = sizeof asked->build,
+                                       .info_count = count,
+                                       .infos = asked->infos,
+                                       .ranges = asked->range_pointers};
+}
+
+static inline struct bvhd_batch *bed_submit(struct client_bed *bed, uint32_t count, uint32_t triangles)
+{
+    struct bvhd_batch *batch = NULL;
+    struct bvhd_error error;
+    bed_describe(bed->asked, count, triangles);
+    if (bvhd_batch_submit(bed->client, &bed->asked->build, &batch, &error) != BVHD_OK)
+        fprintf(stderr, "submit: %s: %s\n", error.where, error.text);
+    return batch;
+}
+
+static inline void bed_options(struct client_bed *bed, struct bvhd_client_options *options)
+{
+    bed->descriptors = bed_open_descriptors();
+    bed->live = library_memory.live;
+    fake_start(&bed->fake);
+    bed->asked = calloc(1, sizeof *bed->asked);
+    if (!options->socket_path)
+        options->socket_path = bed->fake.path;
+    options->struct_size = sizeof *options;
+    bvhd_client_create(options, &bed->client, NULL);
+}
+
+/* Waits as long as clients do by default. */
+static inline void bed_start(struct client_bed *bed)
+{
+    struct bvhd_client_options options = {.socket_path = NULL};
+    bed_options(bed, &options);
+}
+
+/*
+ * Looks BED_CONNECT_MS for a daemon, and gives one up that is silent for BED_LOST_MS. On a busy machine all of it takes
+ * up to BED_LATE_MS longer.
+ */
+static inline void bed_start_impatient(struct client_bed *bed)
+{
+    struct bvhd_client_options options = {.connect_timeout_ms = BED_CONNECT_MS, .lost_after_ms = BED_LOST_MS};
+    bed_options(bed, &options);
+}
+
+/* True when nothing is left over. */
+static inline bool bed_stop(struct client_bed *bed)
+{
+    bvhd_client_destroy(bed->client);
+    fake_stop(&bed->fake);
+    free(bed->asked->vertices);
+    free(bed->asked);
+    int descriptors = bed_open_descriptors();
+    if (descriptors != bed->descriptors || library_memory.live != bed->live)
+        fprintf(stderr, "left over: %d descriptors, %llu bytes\n", descriptors - bed->descriptors,
+                (unsigned long long)(library_memory.live - bed->live));
+    return descriptors == bed->descriptors && library_memory.live == bed->live;
+}
+
+static inline enum bvhd_status bed_status(struct bvhd_batch *batch, uint32_t item)
+{
+    return bvhd_batch_result(batch, item)->error.status;
+}
+
+/* Dispatches until the batch is done or 10 s have passed. */
+static inline bool bed_finish(struct client_bed *bed, struct bvhd_batch *batch)
+{
+    double end = bed_now() + 10000;
+    do
+        bvhd_client_dispatch(bed->client);
+    while (!bvhd_batch_is_done(batch) && bed_now() < end);
+    return bvhd_batch_is_done(batch);
+}
+
+/* A client that has been greeted. */
+static inline bool bed_connect(struct client_bed *bed)
+{
+    struct bvhd_batch *batch = bed_submit(bed, 1, 1);
+    struct frame frame;
+    if (!batch || !fake_greet(&bed->fake))
+        return false;
+    bvhd_client_dispatch(bed->client);
+    bool asked = fake_expect(&bed->fake, FRAME_BUILD, &frame);
+    if (asked) {
+        fake_send_prepared(&bed->fake, frame.header.request, 0, 1);
+        fake_send_result(&bed->fake, frame.header.request, 0, 10);
+        asked = bed_finish(bed, batch) && bed_status(batch, 0) == BVHD_OK;
+    }
+    bvhd_batch_destroy(batch);
+    return asked;
+}
+
+#endif

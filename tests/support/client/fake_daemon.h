@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * fake_daemon.h - a daemon that answers as the test says, right or wrong; and one that answers by itself, from a
+ * thread.
+ *
+ * For tests of the client library. Step by step it runs in the test's own thread: the library's calls that do not wait
+ * alternate with it.
+ */
+#ifndef BVHD_FAKE_DAEMON_H
+#define BVHD_FAKE_DAEMON_H
+
+#include <pthread.h>
+#include <stdatomic.h>
+
+#include "tests/support/daemon/raw_client.h"
+
+struct fake_daemon {
+    char folder[64], path[96];
+    int listener;
+    struct raw_client peer; /* the connection that was accepted last; socket -1: none */
+    struct control_welcome welcome;
+    const unsigned char *pool; /* mapping of the client's, NULL: none */
+    uint64_t pool_size;
+    /* Of the one that answers by itself. */
+    pthread_t thread;
+    atomic_int stop;
+    atomic_uint answered; /* RESULTs */
+};
+
+/* Listens in a new folder. */
+void fake_start(struct fake_daemon *fake);
+
+/* Closes everything and removes the folder. */
+void fake_stop(struct fake_daemon *fake);
+
+/* No longer listens, or again. */
+void fake_close_listener(struct fake_daemon *fake);
+void fake_open_listener(struct fake_daemon *fake);
+
+/* The next client; false when none comes within 10 s. The one before stays connected when `keep` says where. */
+bool fake_accept(struct fake_daemon *fake, struct raw_client *keep);
+
+/* Closes the connection. */
+void fake_hang_up(struct fake_daemon *fake);
+
+/*
+ * The next frame has to be of this type; its descriptors are the caller's. False when none comes within 10 s, or
+ * another.
+ */
+bool fake_expect(struct fake_daemon *fake, enum frame_type type, struct frame *ret_frame);
+
+/* No frame comes within a short time. */
+bool fake_is_quiet(struct fake_daemon *fake);
+
+/* Accepts, takes HELLO, sends fake->welcome. */
+bool fake_greet(struct fake_daemon *fake);
+
+void fake_send(struct fake_daemon *fake, enum frame_type type, uint64_t request, struct bytes control);
+void fake_send_welcome(struct fake_daemon *fake);
+void fake_send_error(struct fake_daemon *fake, uint64_t request, enum bvhd_status status, const char *where,
+                     const char *text);
+void fake_send_busy(struct fake_daemon *fake, uint64_t request, uint32_t retry_ms);
+void fake_send_prepared(struct fake_daemon *fake, uint64_t request, uint32_t first, uint32_t count);
+
+/* A result of `size` bytes, byte i being i % 251: up to 64 KiB inline, else behind a sealed descriptor. */
+void fake_send_result(struct fake_daemon *fake, uint64_t request, uint32_t item, uint64_t size);
+void fake_send_failed(struct fake_daemon *fake, uint64_t request, uint32_t item, enum bvhd_status status,
+                      const char *where);
+
+/* A result as it is told: whatever `result` says, with these bytes and this descriptor (-1: none; closed). */
+void fake_send_result_with(struct fake_daemon *fake, uint64_t request, const struct control_result *result,
+                           struct bytes inline_bytes, int descriptor);
+
+/* What the result of an item is filled with. */
+void fake_fill(unsigned char *bytes, uint64_t size);
+
+/* The message of a BUILD; freed with fake_free. */
+struct control_build *fake_build(struct fake_daemon *fake, const struct frame *frame);
+void fake_free(struct fake_daemon *fake, void *message);
+
+/* Takes POOL and answers DONE. */
+bool fake_take_pool(struct fake_daemon *fake);
+
+/*
+ * Answers by itself, one connection after the other: every item is prepared, and its result has as many bytes as the
+ * item's destination says, 100 without one. Keys whose first byte is 0 are not found.
+ */
+void fake_serve(struct fake_daemon *fake);
+void fake_serve_end(struct fake_daemon *fake);
+
+#endif

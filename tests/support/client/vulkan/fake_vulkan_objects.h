@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* fake_vulkan_objects.h - the insides of fake_vulkan: objects, and what makes calls fail. */
+#ifndef BVHD_TEST_FAKE_VULKAN_OBJECTS_H
+#define BVHD_TEST_FAKE_VULKAN_OBJECTS_H
+
+#include "tests/support/unit.h"
+
+#include <stdbool.h>
+
+#include "tests/support/client/vulkan/fake_vulkan.h"
+
+enum kind { MEMORY, BUFFER, STRUCTURE, POOL, FENCE, QUERIES };
+
+struct object {
+    enum kind kind;
+    const VkAllocationCallbacks *allocator;
+    uint64_t size;
+    unsigned char *block, *bytes; /* memory: what is allocated, where it begins */
+    struct object *memory; /* buffer */
+    uint32_t type; /* memory type, structure type */
+    VkFlags usage;
+    bool has_address, is_mapped, is_signalled;
+    struct object *buffer; /* structure */
+    uint64_t offset, results[8];
+};
+
+/* Non-dispatchable handles are pointers here, as on every 64-bit machine. */
+#define OBJECT(handle) ((struct object *)(void *)(handle))
+
+extern int fake_instance, fake_physical, fake_device, fake_queue, fake_command_buffer;
+extern const VkAllocationCallbacks *fake_allocator; /* that all objects are made and ended with */
+
+/* Whether this call fails. */
+VkResult fake_turn(void);
+#define RETURN_FAILURE                                                                                                 \
+    do {                                                                                                               \
+        VkResult result_ = fake_turn();                                                                                \
+        if (result_ != VK_SUCCESS)                                                                                     \
+            return result_;                                                                                            \
+    } while (0)
+
+struct object *fake_create(enum kind kind, const VkAllocationCallbacks *allocator);
+void fake_destroy(struct object *object, enum kind kind, const VkAllocationCallbacks *allocator);
+unsigned char *fake_structure_bytes(const struct object *structure);
+
+/* The functions of commands and submissions; NULL for another name. */
+PFN_vkVoidFunction fake_commands_find(const char *name);
+void fake_commands_reset(void);
+bool fake_commands_are_recording(void);
+bool fake_commands_are_under_way(void); /* what is in use is not destroyed */
+void fake_commands_run(void);
+
+#endif

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * driver_scene.h - one scene twice on a Vulkan device: as its driver builds it, and as we do in the driver's own
+ * format, uploaded by libbvhd.
+ *
+ * For test programs only: what fails says so and ends them.
+ */
+#ifndef BVHD_TEST_DRIVER_SCENE_H
+#define BVHD_TEST_DRIVER_SCENE_H
+
+#include <bvhd/bvhd_vulkan.h>
+
+#include "tests/support/driver/driver_structure.h"
+#include "proto/base/geometry.h"
+#include "tests/support/builder/scene_boxes.h"
+#include "client/bvhctl/trace/tracer.h"
+
+struct driver_scene_options {
+    struct gpu *gpu;
+    const struct bvhd_format *format; /* the device's own */
+    const struct canonical *bottoms; /* what is built */
+    uint32_t bottom_count;
+    const struct canonical *driver_bottoms; /* what the driver gets instead; NULL: the same */
+    const struct canonical *top; /* the key of a reference begins with the number of its bottom level + 1, as u64 */
+    enum build_quality quality;
+    const struct parallel *parallel;
+};
+
+struct driver_scene {
+    struct driver_scene_options options; /* what it points to outlives the scene */
+    struct gpu *gpu;
+    struct memory memory;
+    struct driver_structure *bottoms, top; /* the driver's */
+    struct bvhd_vulkan_scene *ours;
+    struct bvhd_vulkan_bytes *blobs; /* as built: by row of the top level's references, then the top level */
+    uint32_t row_count;
+    struct scene_boxes boxes; /* where AABBs are */
+};
+
+void driver_scene_init(struct driver_scene *ret_scene, const struct driver_scene_options *options);
+void driver_scene_finish(struct driver_scene *scene);
+
+VkAccelerationStructureKHR driver_scene_our_top(const struct driver_scene *scene);
+
+/* Ours for row `row`, or the top level for row_count, as what copies are made of; it stays the scene's. */
+struct driver_structure driver_scene_ours(const struct driver_scene *scene, uint32_t row);
+
+/* Which of options.bottoms row `row` of the top level is. */
+uint32_t driver_scene_bottom(const struct driver_scene *scene, uint32_t row);
+
+/* Our top level loaded once more, over bottom levels at these addresses, by row. The caller destroys it. */
+struct driver_structure driver_scene_top_over(struct driver_scene *scene, const uint64_t *addresses);
+
+/*
+ * Opens the best device, and asks what it loads natively; false, with a line on stdout that says why and nothing held,
+ * where there is none or it loads nothing of ours.
+ */
+bool driver_scene_device(struct memory *memory, struct gpu **ret_gpu, struct bvhd_format *ret_format);
+
+/* Ends the program unless the status is BVHD_OK. */
+void driver_scene_must(enum bvhd_status status, const struct bvhd_error *error);
+
+#endif

@@ -1,0 +1,137 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* messages.h - the kinds of control messages as a table, and a filled sample of each. For tests of the wire. */
+#ifndef BVHD_TEST_MESSAGES_H
+#define BVHD_TEST_MESSAGES_H
+
+#include <math.h>
+
+#include "proto/wire/control.h"
+
+enum { MESSAGES_ITEMS = 5, MESSAGES_COUNTERS = 3 };
+
+struct messages {
+    struct control_hello hello;
+    struct control_welcome welcome;
+    struct control_pool pool;
+    struct control_build build;
+    struct control_item build_items[MESSAGES_ITEMS];
+    struct control_get get;
+    struct key keys[MESSAGES_ITEMS];
+    struct control_items items;
+    uint32_t numbers[MESSAGES_ITEMS];
+    struct control_result result;
+    struct bvhd_error error;
+    struct control_busy busy;
+    struct control_counters counters;
+    struct control_counter rows[MESSAGES_COUNTERS];
+};
+
+/* Every field has a value of its own. */
+static inline void messages_fill(struct messages *all)
+{
+    memset(all, 0, sizeof *all);
+    all->hello = (struct control_hello){1, 7, "libbvhd 0.1.0"};
+    all->welcome =
+        (struct control_welcome){3, "bvhd 0.1.0", 64, 4096, 1 << 20, 1 << 16, UINT64_C(64) << 20, UINT64_MAX};
+    all->pool.size = UINT64_C(1) << 40;
+    all->build = (struct control_build){PRIORITY_LOW, 3, {1, UINT64_MAX, 3}, MESSAGES_ITEMS, all->build_items};
+    for (uint32_t i = 0; i < MESSAGES_ITEMS; i++) {
+        uint32_t n = 100 * i;
+        all->build_items[i] = (struct control_item){
+            n + 1,         n + 2,           n + 3,  UINT64_MAX - n, n + 5,  n + 6,          n + 7,  n + 8,
+            n + 9,         n + 10,          n + 11, n + 12,         n + 13, UINT32_MAX - n, n + 15, UINT64_MAX - 2 * n,
+            {{0}, {0}, 0}, 0.25f * (float)n};
+        memset(all->build_items[i].device.driver_uuid, (int)n + 17, 16);
+        memset(all->build_items[i].device.compatibility_uuid, (int)n + 18, 16);
+        all->build_items[i].device.variant = UINT32_MAX - n - 19;
+        memset(&all->keys[i], (int)(0x11 * i), sizeof all->keys[i]);
+        all->numbers[i] = i * 1000003;
+    }
+    all->get = (struct control_get){MESSAGES_ITEMS, all->keys};
+    all->items = (struct control_items){MESSAGES_ITEMS, all->numbers};
+    bvhd_error_rule(&all->error, BVHD_VUID_03774, "infos[2].geometries[3].aabbs.data", "%d bytes do not hold the boxes",
+                    17);
+    all->result = (struct control_result){
+        .item = 9, .size = 12345678901, .origin = ORIGIN_COALESCED, .queued_ms = 0.5, .prepare_ms = -0.0};
+    memset(&all->result.key, 0xc3, sizeof all->result.key);
+    all->result.build_ms = NAN;
+    all->result.summary = (struct control_summary){11,           12,
+                                                   13,           14,
+                                                   15,           16,
+                                                   17,           UINT64_MAX,
+                                                   18,           TARGET_PORTABLE,
+                                                   -0.0,         INFINITY,
+                                                   "spatial",    {-0.0f, NAN, -INFINITY, 1, 2, 3},
+                                                   QUALITY_HIGH, {0}};
+    for (int i = 0; i < 20; i++)
+        all->result.summary.slabs[i] = (float)i - 7.5f;
+    all->busy.retry_ms = 250;
+    all->counters = (struct control_counters){MESSAGES_COUNTERS, all->rows};
+    all->rows[0] = (struct control_counter){"builds_started", 1};
+    all->rows[1] = (struct control_counter){"hits_memory", 0};
+    all->rows[2] =
+        (struct control_counter){"a name that is as long as a name can be without losing its end", UINT64_MAX};
+}
+
+/* One kind; members of struct messages, untyped. */
+struct messages_kind {
+    const char *name;
+    size_t member;
+    enum bvhd_status (*pack)(const void *message, struct memory *memory, struct bytes *ret_bytes,
+                             struct bvhd_error *error);
+    enum bvhd_status (*unpack)(struct bytes bytes, struct memory *memory, void **ret_message, struct bvhd_error *error);
+};
+
+#define MESSAGES_KIND(name)                                                                                            \
+    static inline enum bvhd_status messages_pack_##name(const void *message, struct memory *memory,                    \
+                                                        struct bytes *ret_bytes, struct bvhd_error *error)             \
+    {                                                                                                                  \
+        return control_pack_##name(message, memory, ret_bytes, error);                                                 \
+    }                                                                                                                  \
+    static inline enum bvhd_status messages_unpack_##name(struct bytes bytes, struct memory *memory,                   \
+                                                          void **ret_message, struct bvhd_error *error)                \
+    {                                                                                                                  \
+        __typeof__(((struct messages *)NULL)->name) *message = NULL;                                                   \
+        enum bvhd_status status = control_unpack_##name(bytes, memory, &message, error);                               \
+        if (status == BVHD_OK)                                                                                         \
+            *ret_message = message;                                                                                    \
+        return status;                                                                                                 \
+    }
+
+MESSAGES_KIND(hello)
+MESSAGES_KIND(welcome)
+MESSAGES_KIND(pool)
+MESSAGES_KIND(build)
+MESSAGES_KIND(get)
+MESSAGES_KIND(items)
+MESSAGES_KIND(result)
+MESSAGES_KIND(error)
+MESSAGES_KIND(busy)
+MESSAGES_KIND(counters)
+
+#define MESSAGES_ROW(name)                                                                                             \
+    {                                                                                                                  \
+#name, offsetof(struct messages, name), messages_pack_##name, messages_unpack_##name                           \
+    }
+static const struct messages_kind messages_kinds[] = {
+    MESSAGES_ROW(hello), MESSAGES_ROW(welcome), MESSAGES_ROW(pool),  MESSAGES_ROW(build), MESSAGES_ROW(get),
+    MESSAGES_ROW(items), MESSAGES_ROW(result),  MESSAGES_ROW(error), MESSAGES_ROW(busy),  MESSAGES_ROW(counters),
+};
+enum { MESSAGES_KINDS = sizeof messages_kinds / sizeof messages_kinds[0] };
+
+/* The sample of a kind, packed. */
+static inline struct bytes messages_sample(const struct messages_kind *kind, struct memory *memory)
+{
+    static struct messages all;
+    struct bytes bytes = {NULL, 0};
+    messages_fill(&all);
+    kind->pack((const unsigned char *)&all + kind->member, memory, &bytes, NULL);
+    return bytes;
+}
+
+static inline void messages_free(struct bytes bytes, struct memory *memory)
+{
+    memory_free(memory, (void *)(uintptr_t)bytes.data);
+}
+
+#endif

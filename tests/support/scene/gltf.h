@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * gltf.h - a small glTF 2.0 scene: meshes of several materials, nodes with matrices, in a tree. Names are string
+ * literals, or outlive it.
+ *
+ * For test programs only: a scene over the fixed limits, or without memory, ends the program.
+ */
+#ifndef BVHD_GLTF_H
+#define BVHD_GLTF_H
+
+#include "tests/support/scene/mesh.h"
+
+enum { GLTF_MAX_MATERIALS = 32, GLTF_MAX_PARTS = 4, GLTF_MAX_MESHES = 64, GLTF_NONE = -1 };
+
+struct gltf_material {
+    const char *name;
+    float colour[3]; /* linear */
+};
+
+struct gltf_mesh {
+    const char *name;
+    int part_count;
+    int materials[GLTF_MAX_PARTS];
+    struct mesh parts[GLTF_MAX_PARTS]; /* owned by the scene */
+};
+
+struct gltf_node {
+    const char *name;
+    int number; /* appended to the name when >= 0 */
+    int mesh; /* or GLTF_NONE */
+    int parent; /* or GLTF_NONE: a root; an earlier node */
+    double matrix[12]; /* row-major 3x4, to the parent */
+};
+
+struct gltf {
+    struct gltf_material materials[GLTF_MAX_MATERIALS];
+    int material_count;
+    struct gltf_mesh meshes[GLTF_MAX_MESHES];
+    int mesh_count;
+    struct gltf_node *nodes;
+    int node_count, node_capacity;
+};
+
+/* A zeroed scene is an empty one. NULL-safe. */
+void gltf_finish(struct gltf *gltf);
+
+/* Each returns the index of what it added. */
+int gltf_add_material(struct gltf *gltf, const char *name, double red, double green, double blue);
+int gltf_add_mesh(struct gltf *gltf, const char *name);
+int gltf_add_node(struct gltf *gltf, const struct gltf_node *node);
+
+/* The new, empty part of a mesh, to be filled. Valid until gltf_finish. */
+struct mesh *gltf_add_part(struct gltf *gltf, int mesh, int material);
+
+/* Triangles over all nodes, instances counted each. */
+uint64_t gltf_triangles(const struct gltf *gltf);
+
+/* Writes PATH, which ends in .gltf, and beside it the same name with .bin. 0, or -1 with errno set. */
+int gltf_write(const struct gltf *gltf, const char *path);
+
+#endif

@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * shader_bed.h - ray queries of client/shaders over scenes of the host, on a Vulkan device: rays in, all that a query
+ * says out. For test programs only: when something of Vulkan fails they say so and end.
+ */
+#ifndef BVHD_SHADER_BED_H
+#define BVHD_SHADER_BED_H
+
+#include "client/bvhctl/gpu/gpu.h"
+#include "builder/traverse/traverse.h"
+
+enum { SHADER_BED_CANDIDATES = 40, SHADER_BED_PORTION = 4096 };
+
+/* What becomes of candidates. */
+enum shader_policy { SHADER_ACCEPT, SHADER_IGNORE, SHADER_SOME, SHADER_END };
+
+/* As the kernel writes it. */
+struct shader_intersection {
+    float t, u, v;
+    uint32_t instance, custom_index, geometry, primitive;
+    uint32_t flags; /* bit 0: front face, bit 1: AABB */
+    uint32_t sbt_offset;
+    uint32_t is_opaque; /* AABB candidates */
+};
+
+struct shader_answer {
+    struct shader_intersection hit;
+    uint32_t type; /* 0: nothing was hit, and nothing else but the next says anything */
+    uint32_t candidate_count; /* may be above SHADER_BED_CANDIDATES */
+};
+
+struct shader_details {
+    float corners[3][3];
+    float object_origin[3], object_direction[3];
+    float object_to_world[4][3], world_to_object[4][3]; /* by columns */
+};
+
+struct shader_full_answer {
+    struct shader_answer answer;
+    struct shader_details details;
+    struct shader_intersection candidates[SHADER_BED_CANDIDATES];
+};
+
+struct shader_bed;
+
+struct shader_bed_options {
+    const char *device; /* as for gpu_open */
+    bool by_address; /* else through a storage buffer */
+    bool plain_bytes, fused_fma; /* constants of the shaders */
+};
+
+/* BVHD_UNAVAILABLE, BVHD_NOT_FOUND: there is no such device. */
+enum bvhd_status shader_bed_create(const struct shader_bed_options *options, struct memory *memory,
+                                   struct shader_bed **ret_bed, struct bvhd_error *error);
+void shader_bed_destroy(struct shader_bed *bed);
+const char *shader_bed_device(const struct shader_bed *bed);
+
+/* The scene to trace from now on. */
+void shader_bed_load(struct shader_bed *bed, const struct scene *scene);
+
+void shader_bed_trace(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy,
+                      struct shader_answer *ret_answers);
+/* At most SHADER_BED_PORTION of them. */
+void shader_bed_trace_fully(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy,
+                            struct shader_full_answer *ret_answers);
+
+/* Whether SHADER_SOME accepts a candidate. */
+bool shader_policy_accepts(uint32_t instance, uint32_t geometry, uint32_t primitive);
+
+#endif

@@ -1,0 +1,339 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/shader/shader_judge.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SHOWN = 5 };
+
+static void *allocate(uint64_t count, size_t size)
+{
+    void *block = calloc((size_t)count + 1, size);
+    if (!block) {
+        fprintf(stderr, "shader judge: no memory\n");
+        exit(1);
+    }
+    return block;
+}
+
+enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, struct ray_hit *hit)
+{
+    (void)ray;
+    switch (*(const enum shader_policy *)context) {
+    case SHADER_IGNORE:
+        return CANDIDATE_IGNORE;
+    case SHADER_SOME:
+        return shader_policy_accepts(hit->instance, hit->geometry, hit->primitive) ? CANDIDATE_ACCEPT
+                                                                                   : CANDIDATE_IGNORE;
+    case SHADER_END:
+        return CANDIDATE_ACCEPT_AND_END;
+    default:
+        return CANDIDATE_ACCEPT;
+    }
+}
+
+/* ---- meshes ---- */
+
+/* Something that rays can be aimed at: a triangle through opposite corners of each box. */
+static void unpack_boxes(const struct portable_view *view, float *positions)
+{
+    for (uint32_t i = 0; i < view->header->record_count; i++) {
+        const struct portable_aabb *box = (const struct portable_aabb *)view->records + i;
+        float *corners = positions + UINT64_C(9) * (box->id & PORTABLE_ID_MASK);
+        memcpy(corners, box->min, 12);
+        memcpy(corners + 3, box->max, 12);
+        memcpy(corners + 6, (const float[3]){box->min[0], box->max[1], box->min[2]}, 12);
+    }
+}
+
+static float *unpack(const struct portable_view *view)
+{
+    uint64_t count = UINT64_C(9) * view->header->primitive_count;
+    float *positions = allocate(count, sizeof *positions);
+    for (uint64_t i = 0; i < count; i++)
+        positions[i] = NAN;
+    if (view->header->content == PORTABLE_AABBS) {
+        unpack_boxes(view, positions);
+        return positions;
+    }
+    for (uint32_t i = 0; i < view->header->record_count; i++) {
+        const struct portable_indexed_triangle *indexed = (const struct portable_indexed_triangle *)view->records + i;
+        const struct portable_triangle *fast = (const struct portable_triangle *)view->records + i;
+        bool is_fast = view->header->content == PORTABLE_TRIANGLES;
+        float *corners = positions + UINT64_C(9) * ((is_fast ? fast->id : indexed->id) & PORTABLE_ID_MASK);
+        const float *const fasts[3] = {fast->v0, fast->v1, fast->v2};
+        for (int k = 0; k < 3; k++)
+            memcpy(corners + 3 * k, is_fast ? fasts[k] : view->vertices + UINT64_C(3) * indexed->vertices[k], 12);
+    }
+    return positions;
+}
+
+static bool is_opaque(const struct shader_case *rays, uint32_t instance_flags, uint32_t geometry_flags)
+{
+    if (rays->flags & (RAY_OPAQUE | RAY_NO_OPAQUE))
+        return rays->flags & RAY_OPAQUE;
+    if (instance_flags & (INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE))
+        return instance_flags & INSTANCE_FORCE_OPAQUE;
+    return geometry_flags & GEOMETRY_OPAQUE;
+}
+
+static float *keep_positions(struct shader_meshes *meshes, float *positions)
+{
+    return meshes->positions[meshes->position_count++] = positions;
+}
+
+static float *copy_accepted(const struct oracle_mesh *mesh)
+{
+    float *copy = allocate(UINT64_C(9) * mesh->triangle_count, sizeof *copy);
+    memcpy(copy, mesh->positions, (size_t)36 * mesh->triangle_count);
+    for (uint32_t i = 0; i < mesh->triangle_count; i++)
+        if (!shader_policy_accepts(mesh->instance, mesh->geometry, i))
+            copy[UINT64_C(9) * i] = NAN;
+    return copy;
+}
+
+static float *copy_turned(const struct oracle_mesh *mesh)
+{
+    float *copy = allocate(UINT64_C(9) * mesh->triangle_count, sizeof *copy);
+    for (uint64_t i = 0; i < mesh->triangle_count; i++) {
+        memcpy(copy + 9 * i, mesh->positions + 9 * i, 12);
+        memcpy(copy + 9 * i + 3, mesh->positions + 9 * i + 6, 12);
+        memcpy(copy + 9 * i + 6, mesh->positions + 9 * i + 3, 12);
+    }
+    return copy;
+}
+
+static void add_mesh(struct shader_meshes *meshes, const struct shader_case *rays, struct oracle_mesh mesh,
+                     uint32_t instance_flags, uint32_t geometry_flags)
+{
+    if (!rays) {
+        meshes->meshes[meshes->count++] = mesh;
+        return;
+    }
+    bool opaque = is_opaque(rays, instance_flags, geometry_flags);
+    if (rays->flags & (RAY_SKIP_TRIANGLES | (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE)))
+        return;
+    if (!opaque && rays->policy == SHADER_IGNORE)
+        return;
+    if (!opaque && rays->policy == SHADER_SOME)
+        mesh.positions = keep_positions(meshes, copy_accepted(&mesh));
+    bool is_culling = rays->flags & (RAY_CULL_BACK_FACING | RAY_CULL_FRONT_FACING);
+    struct oracle_mesh turned = mesh;
+    if (is_culling && instance_flags & (INSTANCE_FLIP_FACING | INSTANCE_CULL_DISABLE))
+        turned.positions = keep_positions(meshes, copy_turned(&mesh));
+    /* Where nothing is culled, both ways round can be hit. */
+    if (!is_culling || !(instance_flags & INSTANCE_FLIP_FACING) || instance_flags & INSTANCE_CULL_DISABLE)
+        meshes->meshes[meshes->count++] = mesh;
+    if (turned.positions != mesh.positions)
+        meshes->meshes[meshes->count++] = turned;
+}
+
+static void add_bottom(struct shader_meshes *meshes, const struct shader_case *rays, const struct portable_view *view,
+                       const float *positions, const struct portable_instance *instance)
+{
+    for (uint32_t g = 0; g < view->header->geometry_count; g++) {
+        const struct portable_geometry *geometry = &view->geometries[g];
+        struct oracle_mesh mesh = {
+            .positions = positions + UINT64_C(9) * geometry->first_primitive,
+            .triangle_count = geometry->primitive_count,
+            .transform = instance ? instance->object_to_world : NULL,
+            .instance = instance ? instance->instance : RAY_NO_INSTANCE,
+            .geometry = g,
+        };
+        add_mesh(meshes, rays, mesh, instance ? instance->sbt_and_flags >> 24 : 0, geometry->flags);
+    }
+}
+
+static uint64_t most_meshes(const struct scene *scene)
+{
+    uint64_t count = 0;
+    for (uint32_t i = 0; scene->top && i < scene->top->header->record_count; i++) {
+        const struct portable_view *view =
+            scene->bottoms[((const struct portable_instance *)scene->top->records)[i].handle];
+        count += view ? view->header->geometry_count : 0;
+    }
+    return scene->top ? count : scene->bottoms[0]->header->geometry_count;
+}
+
+void shader_meshes_make(const struct scene *scene, const struct shader_case *rays, struct shader_meshes *ret_meshes)
+{
+    uint64_t most = most_meshes(scene);
+    struct shader_meshes meshes = {.meshes = allocate(2 * most, sizeof *meshes.meshes),
+                                   .positions = allocate(2 * most + scene->bottom_count, sizeof *meshes.positions)};
+    float **bottoms = allocate(scene->bottom_count, sizeof *bottoms);
+    for (uint32_t i = 0; i < scene->bottom_count; i++)
+        if (scene->bottoms[i] && (!rays || scene->bottoms[i]->header->content <= PORTABLE_TRIANGLES))
+            bottoms[i] = keep_positions(&meshes, unpack(scene->bottoms[i]));
+    if (!scene->top && bottoms[0])
+        add_bottom(&meshes, rays, scene->bottoms[0], bottoms[0], NULL);
+    for (uint32_t i = 0; scene->top && i < scene->top->header->record_count; i++) {
+        const struct portable_instance *instance = (const struct portable_instance *)scene->top->records + i;
+        if (bottoms[instance->handle] && (!rays || instance->custom_and_mask >> 24 & rays->cull_mask))
+            add_bottom(&meshes, rays, scene->bottoms[instance->handle], bottoms[instance->handle], instance);
+    }
+    free(bottoms);
+    *ret_meshes = meshes;
+}
+
+void shader_meshes_finish(struct shader_meshes *meshes)
+{
+    for (uint32_t i = 0; i < meshes->position_count; i++)
+        free(meshes->positions[i]);
+    free(meshes->positions);
+    free(meshes->meshes);
+    *meshes = (struct shader_meshes){0};
+}
+
+/* ---- comparing ---- */
+
+struct ray_hit shader_judge_hit(const struct shader_intersection *hit)
+{
+    return (struct ray_hit){.t = hit->t,
+                            .u = hit->u,
+                            .v = hit->v,
+                            .instance = hit->instance,
+                            .custom_index = hit->custom_index,
+                            .sbt_offset = hit->sbt_offset,
+                            .geometry = hit->geometry,
+                            .primitive = hit->primitive,
+                            .front_face = hit->flags & 1,
+                            .is_aabb = hit->flags & 2};
+}
+
+static bool same_primitive(const struct ray_hit *a, const struct ray_hit *b)
+{
+    return a->instance == b->instance && a->custom_index == b->custom_index && a->sbt_offset == b->sbt_offset &&
+           a->geometry == b->geometry && a->primitive == b->primitive && a->front_face == b->front_face &&
+           a->is_aabb == b->is_aabb;
+}
+
+/* To some last bits; what enters an AABB is rounded at the distance of the ray's origin. */
+static bool near(float a, float b, double share, double slack)
+{
+    return a == b || fabs((double)a - b) <= share * fabs((double)b) + slack;
+}
+
+static double reach_of(const struct ray *ray)
+{
+    double reach = 0, speed = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        reach = fmax(reach, fabs(ray->origin[axis]));
+        speed = fmax(speed, fabs(ray->direction[axis]));
+    }
+    return reach / speed;
+}
+
+bool shader_judge_same(const struct ray *ray, const struct ray_hit *a, const struct ray_hit *b)
+{
+    if (!same_primitive(a, b))
+        return false;
+    if (a->is_aabb)
+        return near(a->t, b->t, 1e-5, 1e-5 * reach_of(ray));
+    return near(a->t, b->t, 0x1p-22, 0x1p-140) && near(a->u, b->u, 0, 1e-6) && near(a->v, b->v, 0, 1e-6);
+}
+
+static void show(const char *what, const char *verdict, const struct ray *ray, const struct ray_hit *ours,
+                 const struct ray_hit *cpu, const struct oracle_answer *answer)
+{
+    printf("%s: %s: shader ", what, verdict);
+    if (ours)
+        printf("t %.9g (%u.%u.%u)", (double)ours->t, ours->instance, ours->geometry, ours->primitive);
+    else
+        printf("nothing");
+    if (cpu)
+        printf(", CPU t %.9g (%u.%u.%u)", (double)cpu->t, cpu->instance, cpu->geometry, cpu->primitive);
+    else
+        printf(", CPU nothing");
+    if (answer)
+        printf(", reference %d t %.12g in %.12g .. %.12g", (int)answer->kind, answer->t, answer->t_low, answer->t_high);
+    printf("; ray (%a %a %a) + t (%a %a %a), %a .. %a, flags %x\n", (double)ray->origin[0], (double)ray->origin[1],
+           (double)ray->origin[2], (double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2],
+           (double)ray->tmin, (double)ray->tmax, ray->flags);
+}
+
+/* A ray that differs. */
+struct difference {
+    struct ray ray;
+    bool is_hit, is_cpu_hit;
+    struct ray_hit hit, cpu;
+};
+
+/*
+ * The reference knows no boxes: the closer of two entries, or one that is hit and one that is not, can be a matter of
+ * rounding.
+ */
+static bool is_about_boxes(const struct difference *difference)
+{
+    return (difference->is_hit && difference->hit.is_aabb) || (difference->is_cpu_hit && difference->cpu.is_aabb);
+}
+
+static void judge_one(const char *what, const struct difference *difference, const struct oracle_answer *answer,
+                      struct shader_tally *tally)
+{
+    static const char *const names[] = {"right", "uncertain", "wrong miss", "wrong hit", "wrong primitive"};
+    if (is_about_boxes(difference)) {
+        tally->boxes++;
+        return;
+    }
+    enum oracle_verdict verdict = oracle_judge(answer, difference->is_hit ? &difference->hit : NULL, NULL);
+    tally->right += verdict == ORACLE_RIGHT;
+    tally->uncertain += verdict == ORACLE_UNDECIDED;
+    if (verdict > ORACLE_UNDECIDED && tally->certain++ < SHOWN)
+        show(what, names[verdict], &difference->ray, difference->is_hit ? &difference->hit : NULL,
+             difference->is_cpu_hit ? &difference->cpu : NULL, answer);
+}
+
+static void judge_differences(const char *what, const struct scene *scene, const struct shader_case *shared,
+                              const struct difference *differences, uint32_t count, const struct parallel *parallel,
+                              struct memory *memory, struct shader_tally *tally)
+{
+    struct bvhd_error error;
+    struct shader_meshes meshes;
+    struct ray *rays = allocate(count, sizeof *rays);
+    struct oracle_answer *answers = allocate(count, sizeof *answers);
+    for (uint32_t i = 0; i < count; i++)
+        rays[i] = differences[i].ray;
+    shader_meshes_make(scene, shared, &meshes);
+    if (oracle_trace(meshes.meshes, meshes.count, rays, count, memory, parallel, NULL, NULL, answers, &error)) {
+        fprintf(stderr, "shader judge: %s: %s\n", error.where, error.text);
+        exit(1);
+    }
+    for (uint32_t i = 0; i < count; i++)
+        judge_one(what, &differences[i], &answers[i], tally);
+    oracle_finish(answers, count, memory);
+    shader_meshes_finish(&meshes);
+    free(answers);
+    free(rays);
+}
+
+void shader_judge(const char *what, const struct scene *scene, const struct shader_case *shared, const struct ray *rays,
+                  uint32_t count, const struct shader_answer *answers, const struct parallel *parallel,
+                  struct memory *memory, struct shader_tally *tally)
+{
+    enum shader_policy policy = shared->policy;
+    struct traverse_options options = {.candidate = shader_judge_candidate, .context = &policy};
+    bool ends_early = shared->flags & RAY_TERMINATE_ON_FIRST_HIT || shared->policy == SHADER_END;
+    struct difference *differences = allocate(count, sizeof *differences);
+    uint32_t differing = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        struct difference difference = {.ray = rays[i], .is_hit = answers[i].type != 0};
+        difference.hit = shader_judge_hit(&answers[i].hit);
+        difference.is_cpu_hit = traverse(scene, &rays[i], &options, &difference.cpu, NULL);
+        tally->hits += difference.is_cpu_hit;
+        bool is_same = difference.is_hit == difference.is_cpu_hit;
+        if (is_same && difference.is_hit && !ends_early) {
+            is_same = shader_judge_same(&rays[i], &difference.hit, &difference.cpu);
+            tally->other_bits += is_same && difference.hit.t != difference.cpu.t;
+        }
+        if (!is_same)
+            differences[differing++] = difference;
+    }
+    tally->rays += count;
+    tally->differing += differing;
+    if (differing)
+        judge_differences(what, scene, shared, differences, differing, parallel, memory, tally);
+    free(differences);
+}

@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/unit.h"
+
+#include <float.h>
+#include <math.h>
+
+#include "builder/format/portable_quantise.h"
+#include "tests/support/random.h"
+
+/* The plain version, which the library leaves out where it has SSE2. */
+#define BVHD_SCALAR
+#define portable_quantise portable_quantise_scalar
+void portable_quantise_scalar(const struct portable_boxes *boxes, unsigned occupied, struct portable_node *ret_node);
+#include "builder/format/portable_quantise.c"
+#undef portable_quantise
+
+/*
+ * The sign of high - low - span for the real numbers: a rounded difference decides unless it meets span, then its
+ * rounding error does.
+ */
+static int compare(float high, float low, double span)
+{
+    double a = high, b = low, difference = a - b;
+    double b_part = a - difference, a_part = difference + b_part;
+    double rest = (a - a_part) + (b_part - b);
+    if (difference != span)
+        return difference > span ? 1 : -1;
+    return (rest > 0) - (rest < 0);
+}
+
+static double step_of(const struct portable_node *node, int axis)
+{
+    return node->exponent[axis] ? ldexp(1, node->exponent[axis] - 127) : 0;
+}
+
+static void check_axis(const struct portable_boxes *boxes, unsigned occupied, const struct portable_node *node,
+                       int axis)
+{
+    double step = step_of(node, axis);
+    float origin = node->origin[axis], low = FLT_MAX, high = -FLT_MAX;
+    assert_true(isfinite(origin));
+    assert_true(node->exponent[axis] < 255);
+    for (int slot = 0; slot < 8; slot++) {
+        int lo = node->lo[axis][slot], hi = node->hi[axis][slot];
+        float min = boxes->min[axis][slot], max = boxes->max[axis][slot];
+        if (!(occupied >> slot & 1)) {
+            assert_int_equal(lo, 255);
+            assert_int_equal(hi, 0);
+            continue;
+        }
+        low = min < low ? min : low;
+        high = max > high ? max : high;
+        if (step == 0) {
+            assert_true(min == origin && max == origin && lo == 0 && hi == 0);
+            continue;
+        }
+        assert_true(lo <= hi);
+        if (origin == -FLT_MAX && lo == 0)
+            assert_true(min >= origin);
+        else
+            assert_true(compare(min, origin, step * (lo + 1.0 / 64)) >= 0);
+        assert_true(compare(max, origin, step * (hi - 1.0 / 64)) <= 0);
+        /* and tight: one step further in would not hold */
+        assert_true(compare(min, origin, step * (lo + 1 + 1.0 / 64 + 0x1p-20)) < 0);
+        assert_true(hi == 0 || compare(max, origin, step * (hi - 1 - 1.0 / 64 - 0x1p-20)) > 0);
+    }
+    if (step > 0x1p-126) { /* half the step would not do, unless floats are too coarse for its origin */
+        double coarse = fmax(nextafterf(fabsf(low), INFINITY) - (double)fabsf(low), 0);
+        assert_true((double)high - low + 2 * coarse > step / 2 * (255 - 1.0 / 32) * (1 - 0x1p-30));
+    }
+}
+
+/* From boxes in memory, by every way that this machine has. */
+static void check_boxes(const struct portable_boxes *boxes, unsigned occupied, const struct portable_node *expected)
+{
+    struct box rows[8];
+    const struct box *pointers[8];
+    for (int slot = 0; slot < 8; slot++) {
+        pointers[slot] = &rows[slot];
+        for (int axis = 0; axis < 3; axis++) {
+            rows[slot].min[axis] = boxes->min[axis][slot];
+            rows[slot].max[axis] = boxes->max[axis][slot];
+        }
+    }
+    for (int wide = 0; wide <= portable_has_avx2(); wide++) {
+        struct portable_node node;
+        memset(&node, 0x5a, sizeof node);
+        portable_quantise_boxes(pointers, occupied, wide, &node);
+        assert_memory_equal(&node, expected, sizeof node);
+    }
+}
+
+static void check(const struct portable_boxes *boxes, unsigned occupied)
+{
+    struct portable_node node, scalar;
+    memset(&node, 0x5a, sizeof node);
+    memset(&scalar, 0x5a, sizeof scalar);
+    portable_quantise(boxes, occupied, &node);
+    portable_quantise_scalar(boxes, occupied, &scalar);
+    assert_memory_equal(&node, &scalar, sizeof node);
+    check_boxes(boxes, occupied, &scalar);
+    for (int axis = 0; axis < 3; axis++)
+        check_axis(boxes, occupied, &node, axis);
+    assert_int_equal(node.first_child, 0x5a5a5a5a);
+    assert_int_equal(node.meta[3], 0x5a);
+}
+
+static float clamp(double value)
+{
+    return value > FLT_MAX ? FLT_MAX : value < -FLT_MAX ? -FLT_MAX : (float)value;
+}
+
+static void fill(struct random *random, double centre, double size, unsigned occupied, struct portable_boxes *boxes)
+{
+    int filler = __builtin_ctz(occupied);
+    for (int slot = 0; slot < 8; slot++)
+        for (int axis = 0; axis < 3; axis++) {
+            double a = random_between(random, -1, 1), b = random_next(random) % 4 ? random_between(random, -1, 1) : a;
+            float x = clamp(centre + a * size), y = clamp(centre + b * size);
+            boxes->min[axis][slot] = x < y ? x : y;
+            boxes->max[axis][slot] = x < y ? y : x;
+        }
+    for (int slot = 0; slot < 8; slot++)
+        for (int axis = 0; axis < 3 && !(occupied >> slot & 1); axis++) {
+            boxes->min[axis][slot] = boxes->min[axis][filler];
+            boxes->max[axis][slot] = boxes->max[axis][filler];
+        }
+}
+
+/* Any size at any distance from the origin, by powers of two over all that floats hold. */
+static void boxes_hold_with_room_at_every_magnitude(void **state)
+{
+    (void)state;
+    struct random random = {3};
+    for (int round = 0; round < 60000; round++) {
+        struct portable_boxes boxes;
+        double size = ldexp(random_between(&random, 0.5, 1), (int)(random_next(&random) % 279) - 150);
+        double centre = random_next(&random) % 3
+                            ? size * ldexp(random_between(&random, -1, 1), (int)(random_next(&random) % 40))
+                            : 0;
+        unsigned occupied = 1 + (unsigned)(random_next(&random) % 255);
+        fill(&random, centre, size, occupied, &boxes);
+        check(&boxes, occupied);
+    }
+}
+
+static void one_ulp_apart(void **state)
+{
+    (void)state;
+    static const float values[] = {0,      1,       1e6f,     -1e6f, 1e-45f,      -1e-45f, 3e38f,
+                                   -3e38f, FLT_MIN, -FLT_MIN, 0.1f,  -8388608.0f, FLT_MAX, -FLT_MAX};
+    for (unsigned v = 0; v < sizeof values / sizeof values[0]; v++)
+        for (int ulps = 0; ulps < 300; ulps += 1 + ulps / 10) {
+            struct portable_boxes boxes;
+            float from = values[v], to = from;
+            for (int i = 0; i < ulps; i++)
+                to = nextafterf(to, from > 0 ? -FLT_MAX : FLT_MAX);
+            for (int axis = 0; axis < 3; axis++)
+                for (int slot = 0; slot < 8; slot++) {
+                    boxes.min[axis][slot] = slot % 2 ? fminf(from, to) : from;
+                    boxes.max[axis][slot] = slot % 2 ? fmaxf(from, to) : from;
+                }
+            check(&boxes, 0xff);
+        }
+}
+
+static void the_whole_range_of_floats(void **state)
+{
+    (void)state;
+    struct portable_boxes boxes;
+    for (int axis = 0; axis < 3; axis++)
+        for (int slot = 0; slot < 8; slot++) {
+            boxes.min[axis][slot] = slot == 2 ? -FLT_MAX : slot * 1e37f;
+            boxes.max[axis][slot] = slot == 5 ? FLT_MAX : slot * 1e37f;
+        }
+    check(&boxes, 0xff);
+}
+
+static void flat_axes_are_exact(void **state)
+{
+    (void)state;
+    struct portable_boxes boxes;
+    struct portable_node node;
+    for (int slot = 0; slot < 8; slot++)
+        for (int axis = 0; axis < 3; axis++)
+            boxes.min[axis][slot] = boxes.max[axis][slot] = axis == 1 ? 0.3f : (float)slot;
+    portable_quantise(&boxes, 0xff, &node);
+    assert_int_equal(node.exponent[1], 0);
+    assert_true(node.origin[1] == 0.3f);
+    assert_true(node.exponent[0] > 0);
+    check(&boxes, 0xff);
+}
+
+/* 255 - 1/32 steps fit into a node, a little more does not. */
+static void the_step_is_the_smallest_that_fits(void **state)
+{
+    (void)state;
+    for (int extent = 1; extent < 2000; extent++) {
+        struct portable_boxes boxes;
+        struct portable_node node;
+        for (int slot = 0; slot < 8; slot++)
+            for (int axis = 0; axis < 3; axis++) {
+                boxes.min[axis][slot] = 0;
+                boxes.max[axis][slot] = (float)extent;
+            }
+        portable_quantise(&boxes, 0xff, &node);
+        int expected = 127;
+        while (extent / ldexp(1, expected - 127) > 255 - 1.0 / 32)
+            expected++;
+        while (extent / ldexp(1, expected - 1 - 127) <= 255 - 1.0 / 32)
+            expected--;
+        assert_int_equal(node.exponent[0], expected);
+    }
+}
+
+/* What the wide version leaves to the plain one is rare. */
+static void most_nodes_are_for_the_wide_version(void **state)
+{
+    (void)state;
+    struct random random = {4};
+    int done = 0, rounds = 2000;
+    for (int round = 0; round < rounds && portable_has_avx2(); round++) {
+        struct box rows[8];
+        const struct box *pointers[8];
+        struct portable_node node;
+        for (int slot = 0; slot < 8; slot++) {
+            pointers[slot] = &rows[slot];
+            for (int axis = 0; axis < 3; axis++) {
+                rows[slot].min[axis] = (float)random_between(&random, 5, 6);
+                rows[slot].max[axis] = rows[slot].min[axis] + (float)random_between(&random, 0, 0.1);
+            }
+        }
+        done += portable_quantise_avx2(pointers, 0xff, &node);
+    }
+    assert_true(!portable_has_avx2() || done > rounds * 9 / 10);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(boxes_hold_with_room_at_every_magnitude),
+        cmocka_unit_test(one_ulp_apart),
+        cmocka_unit_test(the_whole_range_of_floats),
+        cmocka_unit_test(flat_axes_are_exact),
+        cmocka_unit_test(the_step_is_the_smallest_that_fits),
+        cmocka_unit_test(most_nodes_are_for_the_wide_version),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

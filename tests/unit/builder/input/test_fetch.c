@@ -1,0 +1,225 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Random descriptions, right and wrong ones, of memory that ends where a page without access begins: nothing outside
+ * may be read, and what is accepted must be what an independent reading of the same fields gives.
+ */
+#include "tests/support/unit.h"
+
+#include <math.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "builder/input/prepare.h"
+#include "tests/support/random.h"
+#include "builder/input/vertex_format.h"
+
+enum { DATA_PAGES = 4 };
+
+static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+static unsigned char *pages;
+static size_t data_size;
+
+static int set_up(void **state)
+{
+    (void)state;
+    size_t page = (size_t)sysconf(_SC_PAGESIZE);
+    data_size = DATA_PAGES * page;
+    pages = mmap(NULL, data_size + 2 * page, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (pages == MAP_FAILED || mprotect(pages, page, PROT_NONE) || mprotect(pages + page + data_size, page, PROT_NONE))
+        return -1;
+    pages += page;
+    return 0;
+}
+
+static uint64_t below(struct random *random, uint64_t limit)
+{
+    return random_next(random) % limit;
+}
+
+/* A part of the pages that begins or ends at their border, sometimes NULL. */
+static struct bytes some_bytes(struct random *random)
+{
+    uint64_t size = below(random, below(random, 2) ? 200 : data_size);
+    switch (below(random, 30)) {
+    case 0:
+        return (struct bytes){NULL, 0};
+    case 1:
+        return (struct bytes){pages, size};
+    default:
+        return (struct bytes){pages + data_size - size, size};
+    }
+}
+
+/* Mostly small and aligned, sometimes anything. */
+static uint32_t some_number(struct random *random, uint32_t alignment, uint32_t most)
+{
+    static const uint32_t edges[] = {0, 1, 3, 0x7fffffff, 0x80000000, UINT32_MAX - 15, UINT32_MAX};
+    if (below(random, 40) == 0)
+        return edges[below(random, sizeof edges / sizeof edges[0])];
+    return (uint32_t)below(random, most) * alignment;
+}
+
+/* Floats and then indices; or floats that grow, with few exceptions, so that boxes are in order wherever they begin. */
+static void fill(struct random *random, bool growing)
+{
+    uint32_t mask = (uint32_t)below(random, 4) ? 15 : UINT32_MAX;
+    for (size_t i = 0; i + 4 <= data_size; i += 4) {
+        float value = growing ? (float)i : (float)random_between(random, -10, 10);
+        uint32_t index = (uint32_t)random_next(random) & mask;
+        if (below(random, 50) == 0)
+            value = below(random, 4) ? NAN : (float)random_between(random, -100, 20000);
+        memcpy(pages + i, growing || i < data_size / 2 ? (const void *)&value : (const void *)&index, 4);
+    }
+}
+
+static struct geometry some_triangles(struct random *random)
+{
+    static const uint32_t types[] = {INDEX_NONE, INDEX_UINT16, INDEX_UINT32, INDEX_UINT32};
+    uint32_t count;
+    const struct vertex_format *format = vertex_formats(&count);
+    format += below(random, 2) ? 15 : below(random, count);
+    uint32_t type = types[below(random, 4)], index_size = type == INDEX_UINT16   ? 2
+                                                          : type == INDEX_UINT32 ? 4
+                                                                                 : format->alignment;
+    return (struct geometry){
+        .type = GEOMETRY_TRIANGLES,
+        .triangles = {.vertex_format = format->format,
+                      .max_vertex = below(random, 3) ? UINT32_MAX : some_number(random, 1, 200),
+                      .vertex_stride = some_number(random, format->alignment, 8),
+                      .index_type = type,
+                      .vertices = some_bytes(random),
+                      .indices = some_bytes(random),
+                      .transform = below(random, 4) ? (struct bytes){NULL, 0} : some_bytes(random)},
+        .range = {.primitive_count = some_number(random, 1, 40),
+                  .primitive_offset = some_number(random, index_size, 20),
+                  .first_vertex = some_number(random, 1, 10),
+                  .transform_offset = some_number(random, 16, 4)},
+    };
+}
+
+static struct geometry some_boxes(struct random *random)
+{
+    return (struct geometry){
+        .type = GEOMETRY_AABBS,
+        .aabbs = {some_number(random, 8, 6), some_bytes(random)},
+        .range = {.primitive_count = some_number(random, 1, 4), .primitive_offset = some_number(random, 8, 20)},
+    };
+}
+
+static uint32_t index_at(const struct geometry *geometry, uint64_t k)
+{
+    if (geometry->triangles.index_type == INDEX_NONE)
+        return (uint32_t)k;
+    const unsigned char *at = geometry->triangles.indices.data + geometry->range.primitive_offset;
+    return geometry->triangles.index_type == INDEX_UINT16 ? bytes_get16(at + 2 * k) : bytes_get32(at + 4 * k);
+}
+
+/* Corner k, read as the specification says, one at a time. */
+static void corner_of(const struct geometry *geometry, uint64_t k, float ret_corner[3])
+{
+    const struct geometry_triangles *triangles = &geometry->triangles;
+    uint64_t vertex = (uint64_t)geometry->range.first_vertex + index_at(geometry, k);
+    uint64_t offset = triangles->index_type == INDEX_NONE ? geometry->range.primitive_offset : 0;
+    float p[3], m[12];
+    vertex_format_find(triangles->vertex_format)
+        ->decode(triangles->vertices.data + offset + triangles->vertex_stride * vertex, 0, 1, p);
+    memcpy(ret_corner, p, sizeof p);
+    if (!triangles->transform.data)
+        return;
+    memcpy(m, triangles->transform.data + geometry->range.transform_offset, sizeof m);
+    for (int row = 0; row < 3; row++)
+        ret_corner[row] = (float)((double)m[4 * row] * p[0] + (double)m[4 * row + 1] * p[1] +
+                                  (double)m[4 * row + 2] * p[2] + m[4 * row + 3]);
+}
+
+static void compare_triangles(const struct geometry *geometry, const struct canonical_geometry *got)
+{
+    for (uint32_t i = 0; i < got->primitive_count; i++) {
+        float corners[3][3], want[3];
+        for (unsigned k = 0; k < 3 && got->indices; k++)
+            assert_true(got->indices[3 * i + k] < got->vertex_count);
+        canonical_triangle(got, i, corners);
+        for (unsigned k = 0; k < 3; k++) {
+            corner_of(geometry, (uint64_t)3 * i + k, want);
+            for (int axis = 0; axis < 3; axis++)
+                assert_true(corners[k][axis] == want[axis] || (isnan(corners[k][axis]) && isnan(want[axis])));
+        }
+    }
+}
+
+static void compare_boxes(const struct geometry *geometry, const struct canonical_geometry *got)
+{
+    for (uint32_t i = 0; i < got->primitive_count; i++) {
+        float want[6];
+        const float *box = got->boxes + (size_t)6 * i;
+        memcpy(want, geometry->aabbs.boxes.data + geometry->range.primitive_offset + i * geometry->aabbs.stride,
+               sizeof want);
+        bool inactive = false;
+        for (int k = 0; k < 6; k++)
+            inactive |= isnan(want[k]);
+        assert_int_equal(isnan(box[0]), inactive);
+        assert_memory_equal(box + 1, want + 1, 20);
+        if (!inactive)
+            assert_true(box[0] == want[0]);
+    }
+}
+
+/* How many were accepted and had primitives. */
+static unsigned try_many(struct random *random, unsigned rounds, struct geometry (*make)(struct random *),
+                         void (*compare)(const struct geometry *, const struct canonical_geometry *))
+{
+    struct limits limits = limits_default();
+    limits.max_canonical_bytes = 1 << 24;
+    unsigned accepted = 0;
+    for (unsigned round = 0; round < rounds; round++) {
+        struct geometry geometries[3];
+        struct build_input input = {.type = STRUCTURE_BOTTOM,
+                                    .geometry_count = (uint32_t)below(random, 4),
+                                    .geometries = geometries,
+                                    .options.target = TARGET_PORTABLE};
+        struct canonical canonical;
+        struct bvhd_error error;
+        if (round % 100 == 0)
+            fill(random, make == some_boxes);
+        for (uint32_t i = 0; i < 3; i++)
+            geometries[i] = make(random);
+        enum bvhd_status status = prepare(&input, 0, &limits, &context, &canonical, &error);
+        if (status != BVHD_OK) {
+            assert_true(status == BVHD_INVALID || status == BVHD_TOO_LARGE);
+            assert_true(error.status == status && error.where[0] != 0);
+            assert_int_equal(memory.live, 0);
+            continue;
+        }
+        for (uint32_t i = 0; i < input.geometry_count; i++)
+            compare(&geometries[i], &canonical.geometries[i]);
+        accepted += canonical.primitive_count > 0;
+        struct canonical reopened;
+        assert_int_equal(prepare_open((struct bytes){canonical.bytes, canonical.size}, &memory, &reopened, &error),
+                         BVHD_OK);
+        prepare_finish(&reopened, &memory);
+        prepare_finish(&canonical, &memory);
+    }
+    return accepted;
+}
+
+static void triangles_are_read_inside(void **state)
+{
+    (void)state;
+    struct random random = {23};
+    assert_true(try_many(&random, 40000, some_triangles, compare_triangles) > 2000);
+}
+
+static void boxes_are_read_inside(void **state)
+{
+    (void)state;
+    struct random random = {24};
+    assert_true(try_many(&random, 20000, some_boxes, compare_boxes) > 500);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(triangles_are_read_inside),
+                                       cmocka_unit_test(boxes_are_read_inside)};
+    return cmocka_run_group_tests(tests, set_up, NULL);
+}

@@ -1,0 +1,237 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* References as prepare makes them: the handles that instances name, in the order of first use. */
+#include "tests/support/unit.h"
+
+#include <math.h>
+
+#include "tests/support/builder/inputs.h"
+#include "builder/input/prepare.h"
+#include "tests/support/random.h"
+#include "builder/input/reference_rows.h"
+
+static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
+static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+
+static enum bvhd_status try(const struct test_input *test, struct canonical *ret_canonical, struct bvhd_error *error)
+{
+    struct limits limits = limits_default();
+    return prepare(&test->input, 2, &limits, &context, ret_canonical, error);
+}
+
+static struct canonical make(const struct test_input *test)
+{
+    struct canonical canonical;
+    struct bvhd_error error;
+    if (try(test, &canonical, &error) != BVHD_OK)
+        fail_msg("%s at %s: %s", bvhd_vuid_string(error.vuid), error.where, error.text);
+    return canonical;
+}
+
+static void refuse(const struct test_input *test, enum bvhd_status want, const char *vuid, const char *where)
+{
+    struct canonical canonical;
+    struct bvhd_error error;
+    assert_int_equal(try(test, &canonical, &error), want);
+    assert_string_equal(bvhd_vuid_string(error.vuid), vuid);
+    assert_string_equal(error.where, where);
+    assert_int_equal(memory.live, 0);
+}
+
+static void finish(struct canonical *canonical)
+{
+    prepare_finish(canonical, &memory);
+    prepare_finish(canonical, &memory);
+    assert_int_equal(memory.live, 0);
+}
+
+/* Both give the same bytes, or not. */
+static void compare(const struct test_input *a, const struct test_input *b, bool equal)
+{
+    struct canonical first = make(a), second = make(b);
+    bool same = first.size == second.size && memcmp(first.bytes, second.bytes, first.size) == 0;
+    assert_int_equal(same, equal);
+    prepare_finish(&first, &memory);
+    finish(&second);
+}
+
+static void instances_are_copied(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_instances(&test);
+    struct canonical canonical = make(&test);
+    static const uint64_t rows[INPUTS_RECORDS] = {1, 0, 2, 1};
+    assert_int_equal(canonical.type, STRUCTURE_TOP);
+    assert_int_equal(canonical.reference_count, 2);
+    for (uint32_t i = 0; i < INPUTS_RECORDS; i++) {
+        struct canonical_instance instance = canonical_instance(canonical.geometries, i);
+        assert_int_equal(instance.reference, rows[i]);
+        assert_int_equal(instance.custom_index, 0x123450 + i);
+        assert_int_equal(instance.sbt_offset, 0x54321 + i);
+        assert_memory_equal(canonical.geometries[0].instances + (ptrdiff_t)64 * i, test.records[i], 56);
+    }
+    /* 77 was used first and has bounds alone; 55 has a key; 33 is not named */
+    struct key none = {{0}};
+    assert_true(key_equal(&canonical.references[0].key, &none));
+    assert_memory_equal(&canonical.references[0].bounds, &test.references[2].bounds, sizeof(struct box));
+    assert_true(key_equal(&canonical.references[1].key, &test.references[1].key));
+    finish(&canonical);
+}
+
+/* The numbers of handles and unnamed references do not count; two handles are two rows, whatever they name. */
+static void references_are_canonical(void **state)
+{
+    (void)state;
+    struct test_input test, other;
+    inputs_instances(&test);
+    inputs_instances(&other);
+    other.references[0] = test.references[2];
+    other.references[1] = test.references[1];
+    other.references[0].handle = 1;
+    other.references[1].handle = UINT64_MAX;
+    other.input.reference_count = 2;
+    static const uint64_t handles[INPUTS_RECORDS] = {1, 0, UINT64_MAX, 1};
+    for (int i = 0; i < INPUTS_RECORDS; i++)
+        memcpy(other.records[i] + 14, &handles[i], 8);
+    compare(&test, &other, true);
+
+    other.references[2] = other.references[0];
+    other.references[2].handle = 2;
+    other.input.reference_count = 3;
+    compare(&test, &other, true);
+    memcpy(other.records[3] + 14, &other.references[2].handle, 8);
+    compare(&test, &other, false);
+    memcpy(other.records[3] + 14, &other.references[0].handle, 8);
+
+    /* an empty structure is empty in one way */
+    test.references[2].bounds = box_empty();
+    other.references[0].bounds = (struct box){{1, 1, 1}, {0, 5, 5}};
+    compare(&test, &other, true);
+    other.references[0].slabs.max[3] = 1; /* of nothing */
+    compare(&test, &other, true);
+    other.references[1].slabs.min[3] = -0.0f; /* is not known, however it is written */
+    compare(&test, &other, true);
+    other.references[1].slabs.min[3] = -1;
+    compare(&test, &other, false);
+}
+
+/* Many references, of which groups are equal but for their handles: each that is named has a row of its own. */
+static void many_references_are_told_apart(void **state)
+{
+    (void)state;
+    enum { COUNT = 400 };
+    struct random random = {3};
+    static struct reference references[COUNT];
+    static uint32_t records[COUNT * 2][16];
+    struct test_input test;
+    inputs_instances(&test);
+    static uint64_t handles[COUNT]; /* by row */
+    for (uint64_t i = 0; i < COUNT; i++) {
+        references[i] = test.references[2];
+        references[i].handle = random_next(&random) | 1;
+        references[i].bounds.max[0] = (float)(random_next(&random) % 60);
+        references[i].has_key = i % 3 == 0;
+        references[i].key.bytes[9] = (uint8_t)(random_next(&random) % 5);
+        references[i].slabs.max[i % SLABS_COUNT] = (float)(i % 50);
+    }
+    for (uint64_t i = 0; i < 2 * COUNT; i++) {
+        memcpy(records[i], test.records[0], 64);
+        uint64_t handle = i % 7 ? references[random_next(&random) % COUNT].handle : 0;
+        memcpy(records[i] + 14, &handle, 8);
+    }
+    test.input.references = references;
+    test.input.reference_count = COUNT;
+    test.geometries[0].instances.records = (struct bytes){(const unsigned char *)records, sizeof records};
+    test.geometries[0].range.primitive_count = 2 * COUNT;
+
+    struct canonical canonical = make(&test);
+    uint64_t seen = 0;
+    for (uint32_t i = 0; i < 2 * COUNT; i++) {
+        uint64_t handle, row = canonical_instance(canonical.geometries, i).reference;
+        memcpy(&handle, records[i] + 14, 8);
+        assert_int_equal(row == 0, handle == 0);
+        if (row == 0)
+            continue;
+        assert_true(row <= seen + 1);
+        if (row > seen) {
+            seen = row;
+            handles[row - 1] = handle;
+        }
+        assert_true(handles[row - 1] == handle);
+        const struct reference *reference = references;
+        while (reference->handle != handle)
+            reference++;
+        struct key none = {{0}};
+        const struct canonical_reference *got = &canonical.references[row - 1];
+        assert_true(key_equal(&got->key, reference->has_key ? &reference->key : &none));
+        assert_memory_equal(&got->bounds, &reference->bounds, sizeof(struct box));
+        assert_memory_equal(&got->slabs, &reference->slabs, sizeof(struct slabs));
+    }
+    assert_int_equal(seen, canonical.reference_count);
+    for (uint32_t i = 0; i < canonical.reference_count; i++)
+        for (uint32_t j = 0; j < i; j++)
+            assert_true(handles[i] != handles[j]);
+    finish(&canonical);
+}
+
+static void references_are_checked(void **state)
+{
+    (void)state;
+    struct test_input test;
+    inputs_instances(&test);
+    test.references[1].handle = 0;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[1]");
+    inputs_instances(&test);
+    test.references[2].handle = 33;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[2]");
+    inputs_instances(&test);
+    test.references[0].bounds.max[1] = INFINITY;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].slabs.min[9] = -INFINITY;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].slabs.min[9] = NAN;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].slabs.min[4] = 1;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.references[0].kind = (enum reference_kind)2;
+    refuse(&test, BVHD_UNSUPPORTED, "", "infos[2].references[0]");
+    inputs_instances(&test);
+    test.input.references = NULL;
+    refuse(&test, BVHD_INVALID, "", "infos[2].references");
+}
+
+static void failing_allocations_hold_nothing(void **state)
+{
+    (void)state;
+    struct test_input test;
+    for (int failures = 0; failures < 3; failures++) {
+        struct reference_rows rows = {NULL, 7};
+        inputs_instances(&test);
+        for (uint64_t i = 0; i < INPUTS_RECORDS; i++)
+            memcpy(test.records[i] + 14, &(uint64_t){i % 4}, 8);
+        atomic_store(&memory.fail_after, failures);
+        enum bvhd_status status = reference_rows_make((unsigned char *)test.records, INPUTS_RECORDS, test.references, 3,
+                                                      &context, &rows, NULL);
+        assert_int_equal(status, failures < 2 ? BVHD_NO_MEMORY : BVHD_OK);
+        assert_int_equal(rows.count, failures < 2 ? 7 : 3);
+        memory_free(&memory, rows.rows);
+        assert_int_equal(memory.live, 0);
+    }
+    atomic_store(&memory.fail_after, -1);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(instances_are_copied),
+        cmocka_unit_test(references_are_canonical),
+        cmocka_unit_test(many_references_are_told_apart),
+        cmocka_unit_test(references_are_checked),
+        cmocka_unit_test(failing_allocations_hold_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,81 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/unit.h"
+
+#include <math.h>
+
+#include "tests/support/random.h"
+#include "builder/input/transform.h"
+
+static uint32_t bits_of(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+/* Any float: bits at random, so that denormals, infinities and NaNs are among them. */
+static float any_float(struct random *random)
+{
+    uint32_t bits = (uint32_t)random_next(random);
+    if (random_next(random) % 4)
+        bits = (bits & 0x807fffff) | (uint32_t)(120 + random_next(random) % 16) << 23;
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static void rows_are_summed_in_double(void **state)
+{
+    (void)state;
+    struct random random = {7};
+    for (int round = 0; round < 2000; round++) {
+        float matrix[12], given[11][3], points[11][3];
+        for (int i = 0; i < 12; i++)
+            matrix[i] = any_float(&random);
+        for (int i = 0; i < 33; i++)
+            given[i / 3][i % 3] = any_float(&random);
+        memcpy(points, given, sizeof points);
+        uint64_t count = (uint64_t)round % 12;
+        transform_points(matrix, points[0], count);
+        for (uint64_t i = 0; i < 11; i++)
+            for (int row = 0; row < 3; row++) {
+                volatile double sum = (double)matrix[4 * row] * given[i][0];
+                sum += (double)matrix[4 * row + 1] * given[i][1];
+                sum += (double)matrix[4 * row + 2] * given[i][2];
+                sum += matrix[4 * row + 3];
+                float want = i >= count ? given[i][row] : isnan(sum) ? transform_nan() : (float)sum;
+                assert_int_equal(bits_of(points[i][row]), bits_of(want));
+            }
+    }
+}
+
+static void identity_is_recognised(void **state)
+{
+    (void)state;
+    float matrix[12] = {1, 0, -0.0f, 0, 0, 1, 0, 0, 0, 0, 1, -0.0f};
+    assert_true(transform_is_identity(matrix));
+    for (int i = 0; i < 12; i++) {
+        float kept = matrix[i];
+        matrix[i] = nextafterf(kept, 2);
+        assert_false(transform_is_identity(matrix));
+        matrix[i] = NAN;
+        assert_false(transform_is_identity(matrix));
+        matrix[i] = kept;
+    }
+}
+
+static void there_is_one_nan(void **state)
+{
+    (void)state;
+    assert_int_equal(bits_of(transform_nan()), 0x7fc00000);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rows_are_summed_in_double),
+        cmocka_unit_test(identity_is_recognised),
+        cmocka_unit_test(there_is_one_nan),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,168 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/unit.h"
+
+#include "builder/batch.h"
+#include "tests/support/builder/inputs.h"
+#include "builder/format/portable.h"
+
+enum { ITEMS = 7 };
+
+struct fixture {
+    struct memory memory;
+    struct limits limits;
+    struct build_context context;
+    struct test_input tests[ITEMS];
+    struct build_input inputs[ITEMS];
+    struct batch_item items[ITEMS];
+};
+
+/* Triangles, boxes, instances; the triangles again; wrong ones; boxes in other options; the boxes again. */
+static void fill(struct fixture *f)
+{
+    memory_init(&f->memory, UINT64_MAX);
+    f->limits = limits_default();
+    f->context = (struct build_context){.memory = &f->memory, .parallel = &parallel_serial};
+    inputs_triangles(&f->tests[0]);
+    inputs_aabbs(&f->tests[1]);
+    inputs_instances(&f->tests[2]);
+    inputs_triangles(&f->tests[3]);
+    inputs_triangles(&f->tests[4]);
+    f->tests[4].geometries[0].triangles.vertex_stride = 18;
+    inputs_aabbs(&f->tests[5]);
+    f->tests[5].input.flags = BUILD_ALLOW_UPDATE;
+    inputs_aabbs(&f->tests[6]);
+    for (int i = 0; i < ITEMS; i++)
+        f->inputs[i] = f->tests[i].input;
+}
+
+static void items_stand_alone_and_equal_ones_are_built_once(void **state)
+{
+    (void)state;
+    struct fixture f;
+    fill(&f);
+    assert_int_equal(batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL), BVHD_OK);
+    for (int i = 0; i < ITEMS; i++) {
+        const struct batch_item *item = &f.items[i];
+        struct portable_view view;
+        if (i == 4) {
+            assert_int_equal(item->status, BVHD_INVALID);
+            assert_int_equal(item->error.status, BVHD_INVALID);
+            assert_int_not_equal(item->error.vuid, BVHD_VUID_NONE);
+            assert_non_null(strstr(item->error.where, "infos[4].geometries[0]"));
+            assert_null(item->blob);
+            continue;
+        }
+        assert_int_equal(item->status, BVHD_OK);
+        assert_int_equal(portable_open((struct bytes){item->blob, item->size}, &f.memory, &view, NULL), BVHD_OK);
+        assert_int_equal(item->coalesced, i == 3 || i == 6);
+        assert_int_equal(view.header->primitive_count, item->stats.primitives);
+        assert_true(item->peak_bytes > 0);
+    }
+    assert_true(key_equal(&f.items[0].key, &f.items[3].key));
+    assert_ptr_equal(f.items[0].blob, f.items[3].blob);
+    assert_ptr_equal(f.items[1].blob, f.items[6].blob);
+    assert_false(key_equal(&f.items[1].key, &f.items[5].key));
+    assert_int_equal(f.items[0].stats.triangles, 5);
+    assert_int_equal(f.items[1].stats.inactive, 1);
+    assert_int_equal(f.items[2].stats.instances, 4);
+    assert_int_equal(f.items[6].stats.primitives, 3);
+    batch_finish(f.items, ITEMS, &f.memory);
+    assert_int_equal(f.memory.live, 0);
+}
+
+static void rules_between_entries_are_applied(void **state)
+{
+    (void)state;
+    struct fixture f;
+    fill(&f);
+    f.inputs[0].destination = 8;
+    f.inputs[1].destination = 8;
+    assert_int_equal(batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL), BVHD_OK);
+    int failed = 0;
+    for (int i = 0; i < 2; i++)
+        failed += f.items[i].status == BVHD_INVALID && f.items[i].error.vuid != BVHD_VUID_NONE;
+    assert_true(failed >= 1);
+    assert_int_equal(f.items[2].status, BVHD_OK);
+    batch_finish(f.items, ITEMS, &f.memory);
+    assert_int_equal(f.memory.live, 0);
+}
+
+static void nothing_to_do(void **state)
+{
+    (void)state;
+    struct fixture f;
+    fill(&f);
+    assert_int_equal(batch_build(f.inputs, 0, &f.limits, &f.context, f.items, NULL), BVHD_OK);
+    batch_finish(f.items, 0, &f.memory);
+    batch_finish(NULL, 0, &f.memory);
+    assert_int_equal(f.memory.live, 0);
+}
+
+/* A shortage hits the whole batch or one item; the others are as they would be. */
+static void failing_allocations_hit_one_item(void **state)
+{
+    (void)state;
+    struct fixture f, whole;
+    fill(&whole);
+    assert_int_equal(batch_build(whole.inputs, ITEMS, &whole.limits, &whole.context, whole.items, NULL), BVHD_OK);
+    int failures = 1;
+    for (int64_t n = 0; failures > 0; n++) {
+        fill(&f);
+        failures = 0;
+        f.memory.fail_after = n;
+        enum bvhd_status status = batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL);
+        if (status != BVHD_OK) {
+            assert_int_equal(status, BVHD_NO_MEMORY);
+            assert_int_equal(f.memory.live, 0);
+            failures = 1;
+            continue;
+        }
+        for (int i = 0; i < ITEMS; i++) {
+            if (i == 4 || f.items[i].status == BVHD_OK) {
+                assert_int_equal(f.items[i].size, whole.items[i].size);
+                assert_memory_equal(f.items[i].blob, whole.items[i].blob, f.items[i].size);
+                continue;
+            }
+            assert_int_equal(f.items[i].status, BVHD_NO_MEMORY);
+            assert_int_equal(f.items[i].error.status, BVHD_NO_MEMORY);
+            failures++;
+        }
+        assert_true(failures <= 1);
+        batch_finish(f.items, ITEMS, &f.memory);
+        assert_int_equal(f.memory.live, 0);
+        assert_true(n < 1000);
+    }
+    batch_finish(whole.items, ITEMS, &whole.memory);
+}
+
+/* An item's peak is its own, whatever lives beside it. */
+static void peaks_are_of_one_item(void **state)
+{
+    (void)state;
+    struct fixture f, alone;
+    fill(&f);
+    fill(&alone);
+    void *beside = memory_alloc(&f.memory, 1 << 20);
+    assert_int_equal(batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL), BVHD_OK);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(batch_build(&alone.inputs[i], 1, &alone.limits, &alone.context, alone.items, NULL), BVHD_OK);
+        assert_true(alone.items[0].peak_bytes >= alone.items[0].size);
+        assert_int_equal(f.items[i].peak_bytes, alone.items[0].peak_bytes);
+        batch_finish(alone.items, 1, &alone.memory);
+    }
+    memory_free(&f.memory, beside);
+    batch_finish(f.items, ITEMS, &f.memory);
+    assert_int_equal(f.memory.live, 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(items_stand_alone_and_equal_ones_are_built_once),
+        cmocka_unit_test(rules_between_entries_are_applied),
+        cmocka_unit_test(nothing_to_do),
+        cmocka_unit_test(failing_allocations_hit_one_item),
+        cmocka_unit_test(peaks_are_of_one_item),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,300 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/unit.h"
+
+#include "proto/base/bytes.h"
+#include "tests/support/client/bvhctl/test_world.h"
+#include "client/bvhctl/scene/unpack.h"
+
+static void test_structures(void **state)
+{
+    (void)state;
+    struct test_world world;
+    test_world_init(&world, 1);
+    const struct bvhd_result *items = world.assembly.items;
+    assert_int_equal(items[0].triangles, 2);
+    assert_int_equal(items[1].triangles, 12);
+    assert_int_equal(items[2].instances, TEST_WORLD_INSTANCES);
+    assert_int_equal(items[2].inactive, 1);
+    assert_int_equal(world.assembly.handle_count, 2);
+    assert_int_equal(world.assembly.handles[0], 0);
+    assert_int_equal(world.assembly.handles[1], 1);
+    assert_int_equal(world.structures.bottom_count, 2);
+    test_world_finish(&world);
+}
+
+static bool shoot_down(const struct test_world *world, float x, float z, struct ray_hit *ret_hit)
+{
+    struct ray ray = {.origin = {x, 10, z}, .direction = {0, -1, 0}, .tmax = 100, .cull_mask = 0xff};
+    return structures_trace(&world->structures, &ray, NULL, ret_hit);
+}
+
+/* Rays from above, where what they meet is plain. */
+static void test_answers(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct ray_hit hit;
+    test_world_init(&world, 2);
+    assert_true(shoot_down(&world, 0.25f, 0.5f, &hit));
+    assert_int_equal(hit.instance, 1);
+    assert_int_equal(hit.custom_index, 1);
+    assert_true(hit.t == 8);
+    assert_true(shoot_down(&world, 3.25f, 0.125f, &hit));
+    assert_int_equal(hit.instance, 3);
+    assert_true(hit.t == 9);
+    assert_true(shoot_down(&world, -5, 2, &hit));
+    assert_int_equal(hit.instance, 0);
+    assert_true(hit.t == 10);
+    assert_false(shoot_down(&world, 9, 0, &hit));
+    test_world_finish(&world);
+}
+
+/* What comes out of the files are the imported triangles, bit by bit, in their numbering. */
+static void test_unpack(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct unpacked unpacked;
+    test_world_init(&world, 1);
+    assert_int_equal(unpack_structures(&world.structures, &world.local.memory, &unpacked, NULL), BVHD_OK);
+    assert_int_equal(unpacked.mesh_count, 3);
+    assert_int_equal(unpacked.triangle_count, 2 + 12 + 12);
+    for (uint32_t m = 0; m < unpacked.mesh_count; m++) {
+        const struct oracle_mesh *mesh = &unpacked.meshes[m];
+        const struct import_instance *instance = &world.import.instances[mesh->instance];
+        const struct import_mesh *source =
+            &world.import.meshes[world.import.parts[instance->part].meshes[mesh->geometry]];
+        assert_int_equal(mesh->triangle_count, source->triangle_count);
+        assert_memory_equal(mesh->transform, instance->transform, sizeof instance->transform);
+        for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++)
+            assert_memory_equal(mesh->positions + 3 * i, source->positions + 3 * source->indices[i], 3 * sizeof(float));
+    }
+    unpack_finish(&unpacked);
+    unpack_finish(&unpacked);
+    test_world_finish(&world);
+    assert_int_equal(world.local.memory.live, 0);
+}
+
+/* Forbidden together (03796): every structure says so, and the one above says what it lacks. */
+static void test_rules_are_reported(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    test_world_init(&world, 1);
+    world.options.build_flags = BUILD_PREFER_FAST_BUILD | BUILD_PREFER_FAST_TRACE;
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, NULL), BVHD_OK);
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(assembly.items[i].error.status, BVHD_INVALID);
+        assert_int_equal(assembly.items[i].error.vuid, BVHD_VUID_03796);
+    }
+    assert_int_equal(assembly.items[2].error.status, BVHD_INVALID);
+    assert_non_null(strstr(assembly.items[2].error.text, "bottom level 0"));
+    assembly_finish(&assembly);
+    assembly_finish(&assembly);
+    test_world_finish(&world);
+}
+
+static void test_cancelled(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    atomic_bool cancel = true;
+    test_world_init(&world, 1);
+    world.backend.context.cancel = &cancel;
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, NULL), BVHD_OK);
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(assembly.items[i].error.status, BVHD_CANCELLED);
+    assembly_finish(&assembly);
+    test_world_finish(&world);
+}
+
+static bool all_built(const struct assembly *assembly)
+{
+    bool all = true;
+    for (int i = 0; i < 3; i++) {
+        enum bvhd_status status = assembly->items[i].error.status;
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        all &= status == BVHD_OK;
+    }
+    return all;
+}
+
+static void test_no_memory(void **state)
+{
+    (void)state;
+    struct test_world world;
+    test_world_init(&world, 1);
+    uint64_t live = world.local.memory.live;
+    bool done = false;
+    for (int64_t after = 0; !done; after++) {
+        struct assembly assembly;
+        atomic_store(&world.local.memory.fail_after, after);
+        enum bvhd_status status =
+            assemble(&world.import, &world.options, &world.backend.backend, &assembly, &(struct bvhd_error){0});
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        if (!status) {
+            done = all_built(&assembly);
+            assembly_finish(&assembly);
+        }
+        assert_int_equal(world.local.memory.live, live);
+        assert_true(after < 2000);
+    }
+    test_world_finish(&world);
+}
+
+/*
+ * A backend that answers for the bottom levels, with two different ones, and then is gone; it notes what it was asked.
+ */
+struct vanishing {
+    struct backend backend;
+    struct backend *real;
+    uint32_t asked, held;
+};
+
+static enum bvhd_status build_once(struct backend *backend, const struct bvhd_build *build,
+                                   struct bvhd_result *ret_results, void **ret_hold, struct bvhd_error *error)
+{
+    struct vanishing *vanishing = (struct vanishing *)backend;
+    assert_int_equal(build->struct_size, sizeof *build);
+    if (vanishing->asked++ == 1) {
+        assert_int_equal(build->info_count, 1);
+        assert_int_equal(build->infos[0].type, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR);
+        assert_int_equal(build->reference_count, 2);
+        for (int i = 0; i < 2; i++)
+            assert_true(build->references[i].has_key && build->references[i].handle);
+        assert_memory_not_equal(&build->references[0].key, &build->references[1].key, sizeof(struct bvhd_key));
+        assert_true(build->references[1].bounds[0] == -1 && build->references[1].bounds[5] == 1);
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, "socket", "gone");
+    }
+    assert_int_equal(build->info_count, 2);
+    vanishing->held++;
+    return vanishing->real->build(vanishing->real, build, ret_results, ret_hold, error);
+}
+
+static void release_once(struct backend *backend, void *hold)
+{
+    struct vanishing *vanishing = (struct vanishing *)backend;
+    vanishing->held -= hold != NULL;
+    vanishing->real->release(vanishing->real, hold);
+}
+
+static void test_lost_backend(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    struct bvhd_error error;
+    test_world_init(&world, 1);
+    uint64_t live = world.local.memory.live;
+    struct vanishing vanishing = {.backend = {build_once, release_once}, .real = &world.backend.backend};
+    assert_int_equal(assemble(&world.import, &world.options, &vanishing.backend, &assembly, &error), BVHD_UNAVAILABLE);
+    assert_int_equal(error.status, BVHD_UNAVAILABLE);
+    assert_string_equal(error.text, "gone");
+    assert_int_equal(vanishing.asked, 2);
+    assert_int_equal(vanishing.held, 0);
+    assert_int_equal(world.local.memory.live, live);
+    test_world_finish(&world);
+}
+
+/*
+ * One handle for each instance that is not skipped, in the order of its leaves; portable structures have one for each
+ * structure.
+ */
+static void test_native_handles(void **state)
+{
+    (void)state;
+    struct test_world world;
+    struct assembly assembly;
+    const struct bvhd_format format = {
+        .struct_size = sizeof format, .target = BVHD_TARGET_LAVAPIPE, .variant = 2, .driver_uuid = {7}};
+    test_world_init(&world, 1);
+    world.options.build.target = TARGET_LAVAPIPE;
+    world.options.format = &format;
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, NULL), BVHD_OK);
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(assembly.items[i].error.status, BVHD_OK);
+        assert_int_equal(assembly.items[i].target, BVHD_TARGET_LAVAPIPE);
+        assert_memory_equal(assembly.items[i].data, format.driver_uuid, 16);
+        assert_memory_not_equal(&assembly.items[i].key, &world.assembly.items[i].key, sizeof(struct bvhd_key));
+    }
+    assert_int_equal(assembly.handle_count, TEST_WORLD_INSTANCES - 1);
+    for (uint32_t i = 0; i < assembly.handle_count; i++)
+        assert_int_equal(assembly.handles[i], i == 0 ? 0 : 1);
+    assembly_finish(&assembly);
+    world.options.format = NULL;
+    struct bvhd_error error;
+    assert_int_equal(assemble(&world.import, &world.options, &world.backend.backend, &assembly, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "build.format");
+    test_world_finish(&world);
+}
+
+/* A backend whose top levels have another handle, or another size. */
+struct lying {
+    struct backend backend;
+    struct backend *real;
+    unsigned char top[4096];
+    uint64_t handle, size;
+};
+
+static enum bvhd_status build_lies(struct backend *backend, const struct bvhd_build *build,
+                                   struct bvhd_result *ret_results, void **ret_hold, struct bvhd_error *error)
+{
+    struct lying *lying = (struct lying *)backend;
+    enum bvhd_status status = lying->real->build(lying->real, build, ret_results, ret_hold, error);
+    if (build->info_count == 1) {
+        assert_true(ret_results[0].size <= sizeof lying->top);
+        memcpy(lying->top, ret_results[0].data, ret_results[0].size);
+        bytes_put64(lying->top + 64, lying->handle);
+        ret_results[0].data = lying->top;
+        ret_results[0].size -= lying->size;
+    }
+    return status;
+}
+
+static void release_lies(struct backend *backend, void *hold)
+{
+    struct lying *lying = (struct lying *)backend;
+    lying->real->release(lying->real, hold);
+}
+
+static void test_wrong_handles(void **state)
+{
+    (void)state;
+    static const struct {
+        uint64_t handle, size;
+        enum bvhd_status status;
+    } lies[] = {{2, 0, BVHD_OK},
+                {0, 0, BVHD_CORRUPT},
+                {3, 0, BVHD_CORRUPT},
+                {UINT64_MAX, 0, BVHD_CORRUPT},
+                {2, 1, BVHD_CORRUPT}};
+    struct test_world world;
+    test_world_init(&world, 1);
+    uint64_t live = world.local.memory.live;
+    for (size_t i = 0; i < sizeof lies / sizeof lies[0]; i++) {
+        struct lying lying = {.backend = {build_lies, release_lies}, .real = &world.backend.backend};
+        struct assembly assembly;
+        lying.handle = lies[i].handle;
+        lying.size = lies[i].size;
+        assert_int_equal(assemble(&world.import, &world.options, &lying.backend, &assembly, NULL), BVHD_OK);
+        assert_int_equal(assembly.items[0].error.status, BVHD_OK);
+        assert_int_equal(assembly.items[2].error.status, lies[i].status);
+        assembly_finish(&assembly);
+        assert_int_equal(world.local.memory.live, live);
+    }
+    test_world_finish(&world);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_structures),    cmocka_unit_test(test_answers),
+        cmocka_unit_test(test_unpack),        cmocka_unit_test(test_rules_are_reported),
+        cmocka_unit_test(test_cancelled),     cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_lost_backend),  cmocka_unit_test(test_native_handles),
+        cmocka_unit_test(test_wrong_handles),
+    };
+    return cmocka_run_group_tests_name("assemble", tests, NULL, NULL);
+}

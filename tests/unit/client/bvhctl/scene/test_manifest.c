@@ -1,0 +1,201 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "tests/support/unit.h"
+
+#include <unistd.h>
+
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/manifest.h"
+
+static char directory[64];
+
+static int enter_scratch(void **state)
+{
+    (void)state;
+    strcpy(directory, "/tmp/bvhd-test-manifest-XXXXXX");
+    return mkdtemp(directory) ? 0 : -1;
+}
+
+static int leave_scratch(void **state)
+{
+    (void)state;
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", directory);
+    return system(command);
+}
+
+static enum bvhd_status read_text(const char *text, struct memory *memory, struct manifest *ret_manifest,
+                                  struct bvhd_error *error)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/%s", directory, MANIFEST_NAME);
+    memory_init(memory, UINT64_MAX);
+    assert_int_equal(files_write(path, (struct bytes){(const unsigned char *)text, strlen(text)}, memory, NULL, NULL),
+                     BVHD_OK);
+    return manifest_read(directory, memory, ret_manifest, error);
+}
+
+static const char good[] = "{\"schema\":1,\"structures\":["
+                           "{\"file\":\"s.blas-0.as\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"m\",\"target\":"
+                           "\"portable\",\"geometries\":[{\"color\":[0."
+                           "5,"
+                           "0,1]},{},{\"color\":[2,0,0]}]},"
+                           "{\"file\":\"s.tlas.as\",\"type\":\"tlas\",\"scene\":\"s\",\"name\":\"s\",\"target\":"
+                           "\"lavapipe\",\"geometries\":[],\"handles\":["
+                           "\"s.blas-0.as\"],\"new\":1}]}";
+
+static void test_read(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct manifest manifest;
+    assert_int_equal(read_text(good, &memory, &manifest, NULL), BVHD_OK);
+    assert_int_equal(manifest.count, 2);
+    const struct manifest_entry *blas = &manifest.entries[0], *tlas = &manifest.entries[1];
+    assert_string_equal(blas->file, "s.blas-0.as");
+    assert_string_equal(blas->name, "m");
+    assert_false(blas->is_top);
+    assert_int_equal(blas->target, TARGET_PORTABLE);
+    assert_int_equal(tlas->target, TARGET_LAVAPIPE);
+    assert_int_equal(blas->colour_count, 3);
+    assert_true(blas->colours[0].rgb[0] == 0.5f && blas->colours[0].rgb[2] == 1.0f);
+    assert_true(blas->colours[1].rgb[0] < 0 && blas->colours[2].rgb[0] < 0);
+    assert_true(tlas->is_top);
+    assert_int_equal(tlas->handle_count, 1);
+    assert_string_equal(tlas->handles[0], "s.blas-0.as");
+    manifest_finish(&manifest);
+    manifest_finish(&manifest);
+    assert_int_equal(memory.live, 0);
+}
+
+static void expect_corrupt(const char *text, const char *place)
+{
+    struct memory memory;
+    struct manifest manifest;
+    struct bvhd_error error = {0};
+    assert_int_equal(read_text(text, &memory, &manifest, &error), BVHD_CORRUPT);
+    if (!strstr(error.where, place))
+        fail_msg("'%s' is not in '%s'", place, error.where);
+    assert_int_equal(memory.live, 0);
+}
+
+#define ENTRY(file, type, more)                                                                                        \
+    "{\"schema\":1,\"structures\":[{\"file\":" file ",\"type\":" type                                                  \
+    ",\"scene\":\"s\",\"name\":\"n\",\"target\":\"portable\",\"geometries\":[]" more "}]}"
+
+#define NO_TARGET(more)                                                                                                \
+    "{\"schema\":1,\"structures\":[{\"file\":\"a\",\"type\":\"blas\",\"scene\":\"s\",\"name\":\"n\",\"geometries\":["  \
+    "]" more "}]}"
+
+static void test_hostile(void **state)
+{
+    (void)state;
+    expect_corrupt("", "manifest.json");
+    expect_corrupt("not json", "manifest.json");
+    expect_corrupt("[]", "manifest.json");
+    expect_corrupt("{\"schema\":2,\"structures\":[]}", "manifest.json");
+    expect_corrupt("{\"schema\":1}", "manifest.json");
+    expect_corrupt("{\"schema\":1,\"structures\":[7]}", "structures[0].file");
+    expect_corrupt(ENTRY("\"../../etc/passwd\"", "\"blas\"", ""), "structures[0].file");
+    expect_corrupt(ENTRY("\"/x\"", "\"blas\"", ""), "structures[0].file");
+    expect_corrupt(ENTRY("\"..\"", "\"blas\"", ""), "structures[0].file");
+    expect_corrupt(ENTRY("\"\"", "\"blas\"", ""), "structures[0].file");
+    expect_corrupt(ENTRY("1", "\"blas\"", ""), "structures[0].file");
+    expect_corrupt(ENTRY("\"a\"", "\"slab\"", ""), "structures[0].type");
+    expect_corrupt(NO_TARGET(""), "structures[0].target");
+    expect_corrupt(NO_TARGET(",\"target\":1"), "structures[0].target");
+    expect_corrupt(NO_TARGET(",\"target\":\"teapot\""), "structures[0].target");
+    expect_corrupt(ENTRY("\"a\"", "null", ""), "structures[0].type");
+    expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ""), "structures[0].handles");
+    expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[3]"), "structures[0].handles");
+    expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[\"b\",\"../c\"]"), "structures[0].handles");
+}
+
+/* Nesting deep enough to overflow a careless parser's stack. */
+static void test_deep_nesting(void **state)
+{
+    (void)state;
+    enum { DEPTH = 200000 };
+    char *text = malloc(DEPTH + 1);
+    memset(text, '[', DEPTH);
+    text[DEPTH] = '\0';
+    expect_corrupt(text, "manifest.json");
+    free(text);
+}
+
+static void test_every_cut(void **state)
+{
+    (void)state;
+    char text[sizeof good];
+    for (size_t size = 0; size < sizeof good - 1; size++) {
+        struct memory memory;
+        struct manifest manifest;
+        memcpy(text, good, size);
+        text[size] = '\0';
+        assert_int_equal(read_text(text, &memory, &manifest, NULL), BVHD_CORRUPT);
+        assert_int_equal(memory.live, 0);
+    }
+}
+
+static void test_missing_and_memory(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct manifest manifest;
+    memory_init(&memory, UINT64_MAX);
+    assert_int_equal(manifest_read("/nowhere/at/all", &memory, &manifest, NULL), BVHD_NOT_FOUND);
+    assert_int_equal(read_text(good, &memory, &manifest, NULL), BVHD_OK);
+    manifest_finish(&manifest);
+    enum bvhd_status status = BVHD_NO_MEMORY;
+    for (int64_t after = 0; status; after++) {
+        atomic_store(&memory.fail_after, after);
+        status = manifest_read(directory, &memory, &manifest, NULL);
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        if (!status)
+            manifest_finish(&manifest);
+        assert_int_equal(memory.live, 0);
+        assert_true(after < 100);
+    }
+}
+
+static void check_file_name(char *scene, char *part_name, uint32_t index, const char *expected)
+{
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    struct import_part parts[2] = {{.name = part_name}, {.name = part_name}};
+    struct import import = {.name = scene, .parts = parts, .part_count = 2, .memory = &memory};
+    char *file = manifest_file_name(&import, index);
+    assert_string_equal(file, expected);
+    memory_free(&memory, file);
+    assert_int_equal(memory.live, 0);
+}
+
+static void test_file_names(void **state)
+{
+    (void)state;
+    char dragon[] = "dragon", plain[] = "Wing.left", nothing[] = "", path[] = "../../etc/pass wd",
+         wide[] = "\xc3\xa4\xc3\xb6 b", hidden[] = ".x";
+    char endless[300];
+    memset(endless, 'e', sizeof endless - 1);
+    endless[sizeof endless - 1] = '\0';
+    check_file_name(dragon, plain, 0, "dragon.blas-0-Wing_left.as");
+    check_file_name(dragon, nothing, 1, "dragon.blas-1.as");
+    check_file_name(dragon, plain, 2, "dragon.tlas.as");
+    check_file_name(dragon, path, 0, "dragon.blas-0-_etc_pass_wd.as");
+    check_file_name(wide, wide, 0, "_b.blas-0-_b.as");
+    check_file_name(hidden, hidden, 1, "_x.blas-1-_x.as");
+    check_file_name(nothing, nothing, 2, "_.tlas.as");
+    check_file_name(dragon, endless, 0, "dragon.blas-0-eeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeee.as");
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_read),
+        cmocka_unit_test(test_hostile),
+        cmocka_unit_test(test_deep_nesting),
+        cmocka_unit_test(test_every_cut),
+        cmocka_unit_test(test_missing_and_memory),
+        cmocka_unit_test(test_file_names),
+    };
+    return cmocka_run_group_tests_name("manifest", tests, enter_scratch, leave_scratch);
+}

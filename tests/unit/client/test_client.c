@@ -1,0 +1,328 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The client library against a daemon that answers step by step: what is asked, what comes back, and what waits
+ * meanwhile.
+ */
+#include "tests/support/unit.h"
+
+#include <unistd.h>
+
+#include "tests/support/client/client_bed.h"
+
+static void test_result(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    bed_start(&bed);
+    struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
+    assert_int_equal(bvhd_batch_count(batch), 1);
+    assert_true(bvhd_batch_is_copied(batch));
+    assert_false(bvhd_batch_is_done(batch));
+    assert_null(bvhd_batch_result(batch, 1));
+    assert_int_equal(bed_status(batch, 0), BVHD_PENDING);
+    assert_true(fake_greet(&bed.fake));
+    bvhd_client_dispatch(bed.client);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    struct control_build *build = fake_build(&bed.fake, &frame);
+    assert_int_equal(build->item_count, 1);
+    assert_int_equal(build->items[0].destination, 1);
+    assert_int_equal(build->items[0].type, STRUCTURE_BOTTOM);
+    assert_int_equal(build->items[0].target, TARGET_PORTABLE);
+    assert_int_equal(build->items[0].payload_source, SOURCE_INLINE);
+    assert_int_equal(build->items[0].payload_size, frame.inline_bytes.size);
+    assert_memory_equal(frame.inline_bytes.data + 96, bed.asked->vertices, 36);
+    fake_free(&bed.fake, build);
+    fake_send_prepared(&bed.fake, frame.header.request, 0, 1);
+    fake_send_result(&bed.fake, frame.header.request, 0, 1000);
+    assert_true(bed_finish(&bed, batch));
+    const struct bvhd_result *result = bvhd_batch_result(batch, 0);
+    assert_int_equal(result->error.status, BVHD_OK);
+    assert_int_equal(result->size, 1000);
+    assert_int_equal((uintptr_t)result->data % 64, 0);
+    unsigned char expected[1000];
+    fake_fill(expected, sizeof expected);
+    assert_memory_equal(result->data, expected, sizeof expected);
+    assert_int_equal(result->key.bytes[31], 0xab);
+    assert_int_equal(result->origin, BVHD_ORIGIN_BUILT);
+    assert_true(result->queued_ms == 1 && result->prepare_ms == 2 && result->build_ms == 3 &&
+                result->original_build_ms == 4);
+    assert_true(result->primitives == 11 && result->triangles == 12 && result->depth == 13 && result->sah == 1.5);
+    assert_string_equal(result->method, "binned");
+    assert_true(result->bounds[0] == 1 && result->bounds[5] == 6);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
+/* Small and large results live on without batch and client. */
+static void test_blob_outlives(void **state)
+{
+    (void)state;
+    static const uint64_t sizes[2] = {100, 200000};
+    struct client_bed bed;
+    struct frame frame;
+    struct bvhd_blob *blobs[2];
+    bed_start(&bed);
+    int before = bed.descriptors;
+    assert_true(bed_connect(&bed));
+    for (int i = 0; i < 2; i++) {
+        struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
+        assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+        fake_send_result(&bed.fake, frame.header.request, 0, sizes[i]);
+        assert_true(bed_finish(&bed, batch));
+        const struct bvhd_result *result = bvhd_batch_result(batch, 0);
+        assert_int_equal(result->error.status, BVHD_OK);
+        blobs[i] = bvhd_blob_ref(result->blob);
+        assert_ptr_equal(bvhd_blob_data(blobs[i]), result->data);
+        bvhd_batch_destroy(batch);
+    }
+    bed_stop(&bed);
+    assert_int_equal(bed_open_descriptors(), before);
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(bvhd_blob_size(blobs[i]), sizes[i]);
+        const unsigned char *bytes = bvhd_blob_data(blobs[i]);
+        assert_int_equal(bytes[99], 99);
+        assert_int_equal(bytes[sizes[i] - 1], (sizes[i] - 1) % 251);
+        bvhd_blob_unref(blobs[i]);
+    }
+    bvhd_blob_unref(NULL);
+    assert_int_equal(library_memory.live, bed.live);
+}
+
+static void test_fetch(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    struct bvhd_batch *batch;
+    struct bvhd_key keys[3] = {{{1}}, {{2}}, {{3}}};
+    bed_start(&bed);
+    assert_int_equal(bvhd_batch_fetch(bed.client, 3, keys, &batch, NULL), BVHD_OK);
+    assert_true(bvhd_batch_is_copied(batch));
+    assert_true(fake_greet(&bed.fake));
+    bvhd_client_dispatch(bed.client);
+    assert_true(fake_expect(&bed.fake, FRAME_GET, &frame));
+    struct control_get *get;
+    assert_int_equal(control_unpack_get(frame.control, &bed.fake.peer.memory, &get, NULL), BVHD_OK);
+    assert_int_equal(get->key_count, 3);
+    assert_int_equal(get->keys[2].bytes[0], 3);
+    fake_free(&bed.fake, get);
+    fake_send_result(&bed.fake, frame.header.request, 2, 70000);
+    fake_send_failed(&bed.fake, frame.header.request, 0, BVHD_NOT_FOUND, "");
+    fake_send_result(&bed.fake, frame.header.request, 1, 1);
+    assert_true(bed_finish(&bed, batch));
+    assert_int_equal(bed_status(batch, 0), BVHD_NOT_FOUND);
+    assert_int_equal(bed_status(batch, 1), BVHD_OK);
+    assert_int_equal(bvhd_batch_result(batch, 2)->size, 70000);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
+/* Nothing asked for is done at once, without a daemon. */
+static void test_empty(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct bvhd_batch *batch;
+    bed_start(&bed);
+    batch = bed_submit(&bed, 0, 0);
+    assert_int_equal(bvhd_batch_wait(batch, 0), BVHD_OK);
+    assert_null(bvhd_batch_result(batch, 0));
+    bvhd_batch_destroy(batch);
+    assert_int_equal(bvhd_batch_fetch(bed.client, 0, NULL, &batch, NULL), BVHD_OK);
+    assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+    bvhd_batch_destroy(batch);
+    bvhd_batch_destroy(NULL);
+    bvhd_client_destroy(NULL);
+    bvhd_counters_destroy(NULL);
+    assert_true(bed_stop(&bed));
+}
+
+/* Broken rules are their info's error, and the others are asked for. */
+static void test_broken_infos(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    struct bvhd_batch *batch;
+    bed_start(&bed);
+    assert_true(bed_connect(&bed));
+    bed_describe(bed.asked, 3, 1);
+    bed.asked->infos[0].sType = 0;
+    bed.asked->geometries[2].sType = 0;
+    assert_int_equal(bvhd_batch_submit(bed.client, &bed.asked->build, &batch, NULL), BVHD_OK);
+    assert_int_equal(bed_status(batch, 0), BVHD_INVALID);
+    assert_int_equal(bed_status(batch, 2), BVHD_INVALID);
+    assert_string_equal(bvhd_batch_result(batch, 2)->error.where, "infos[2].geometries[0].sType");
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    fake_send_prepared(&bed.fake, frame.header.request, 0, 1);
+    fake_send_failed(&bed.fake, frame.header.request, 0, BVHD_INVALID, "infos[0].geometries[0].flags");
+    assert_true(bed_finish(&bed, batch));
+    assert_string_equal(bvhd_batch_result(batch, 1)->error.where, "infos[1].geometries[0].flags");
+    bvhd_batch_destroy(batch);
+    bed_describe(bed.asked, 40, 1);
+    bed.asked->infos[39].dstAccelerationStructure = bed.asked->infos[1].dstAccelerationStructure;
+    assert_int_equal(bvhd_batch_submit(bed.client, &bed.asked->build, &batch, NULL), BVHD_OK);
+    assert_int_equal(bvhd_batch_result(batch, 1)->error.vuid, BVHD_VUID_03698);
+    assert_string_equal(bvhd_batch_result(batch, 39)->error.where, "infos[39].dstAccelerationStructure");
+    assert_int_equal(bed_status(batch, 2), BVHD_PENDING);
+    bvhd_batch_destroy(batch);
+    struct bvhd_build build = bed.asked->build;
+    build.struct_size--;
+    assert_int_equal(bvhd_batch_submit(bed.client, &build, &batch, NULL), BVHD_INVALID);
+    assert_true(bed_stop(&bed));
+}
+
+/* A request that fails as a whole. */
+static void test_error(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    bed_start(&bed);
+    bed.fake.welcome.credits = 2;
+    assert_true(bed_connect(&bed));
+    struct bvhd_batch *batch = bed_submit(&bed, 2, 1);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    fake_send_error(&bed.fake, frame.header.request, BVHD_TOO_LARGE, "request.items", "too many");
+    assert_true(bed_finish(&bed, batch));
+    assert_int_equal(bed_status(batch, 0), BVHD_TOO_LARGE);
+    assert_string_equal(bvhd_batch_result(batch, 1)->error.where, "request.items");
+    bvhd_batch_destroy(batch);
+    batch = bed_submit(&bed, 1, 1);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    fake_send_error(&bed.fake, frame.header.request, BVHD_OK, "", "");
+    assert_true(bed_finish(&bed, batch));
+    assert_int_equal(bed_status(batch, 0), BVHD_CORRUPT);
+    bvhd_batch_destroy(batch);
+    batch = bed_submit(&bed, 2, 1); /* all credits are back */
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    struct control_build *build = fake_build(&bed.fake, &frame);
+    assert_int_equal(build->item_count, 2);
+    fake_free(&bed.fake, build);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
+/* Places are told as the caller counts, whatever the request was cut into. */
+static void test_renumbered(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    bed_start(&bed);
+    bed.fake.welcome.max_items = 2;
+    assert_true(bed_connect(&bed));
+    struct bvhd_batch *batch = bed_submit(&bed, 4, 1);
+    for (int i = 0; i < 2; i++) {
+        assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+        fake_send_prepared(&bed.fake, frame.header.request, 0, 2);
+        fake_send_failed(&bed.fake, frame.header.request, 0, BVHD_INVALID, "infos[0].flags");
+        fake_send_failed(&bed.fake, frame.header.request, 1, BVHD_PENDING, "infos[10].flags");
+    }
+    assert_true(bed_finish(&bed, batch));
+    assert_string_equal(bvhd_batch_result(batch, 2)->error.where, "infos[2].flags");
+    assert_string_equal(bvhd_batch_result(batch, 3)->error.where, "infos[10].flags");
+    assert_int_equal(bed_status(batch, 3), BVHD_CORRUPT);
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
+static void test_calls(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct bvhd_counters *counters;
+    double ms = -1;
+    bed_start(&bed);
+    fake_serve(&bed.fake);
+    assert_int_equal(bvhd_client_connect(bed.client, NULL), BVHD_OK);
+    assert_int_equal(bvhd_client_ping(bed.client, BED_LATE_MS, &ms, NULL), BVHD_OK);
+    assert_true(ms >= 0 && ms < BED_LATE_MS);
+    assert_int_equal(bvhd_client_counters(bed.client, -1, &counters, NULL), BVHD_OK);
+    assert_int_equal(bvhd_counters_count(counters), 2);
+    assert_string_equal(bvhd_counters_name(counters, 1), "hits_memory");
+    assert_int_equal(bvhd_counters_value(counters, 1), 8);
+    assert_null(bvhd_counters_name(counters, 2));
+    assert_int_equal(bvhd_counters_value(counters, 2), 0);
+    bvhd_counters_destroy(counters);
+    fake_serve_end(&bed.fake);
+    assert_int_equal(bvhd_client_ping(bed.client, 10, NULL, NULL), BVHD_UNAVAILABLE);
+    assert_true(bed_stop(&bed));
+}
+
+static void test_keys(void **state)
+{
+    (void)state;
+    struct bvhd_key key = {{0x01, 0xfe}}, again;
+    char text[BVHD_KEY_TEXT_SIZE];
+    bvhd_key_to_text(&key, text);
+    assert_int_equal(strlen(text), 64);
+    assert_memory_equal(text, "01fe00", 6);
+    assert_int_equal(bvhd_key_from_text(text, &again), BVHD_OK);
+    assert_memory_equal(&key, &again, sizeof key);
+    text[63] = 'g';
+    assert_int_equal(bvhd_key_from_text(text, &again), BVHD_INVALID);
+    assert_non_null(strchr(bvhd_version(), '.'));
+}
+
+/*
+ * The whole way from connecting to the result, with every allocation failing once: an error or a result, and nothing
+ * left over.
+ */
+static void test_failing_allocations(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    int64_t fails = 0;
+    bool succeeded = false;
+    bed_start(&bed);
+    bed.fake.welcome.max_items = 2;
+    fake_serve(&bed.fake);
+    bed_describe(bed.asked, 5, 700);
+    bvhd_client_destroy(bed.client);
+    for (; !succeeded; fails++) {
+        struct bvhd_client_options options = {sizeof options, bed.fake.path, 0, 0, 0};
+        struct bvhd_batch *batch = NULL, *keys = NULL;
+        struct bvhd_key key = {{1}};
+        uint64_t live = library_memory.live;
+        bed.client = NULL;
+        library_memory.fail_after = fails;
+        enum bvhd_status status = bvhd_client_create(&options, &bed.client, NULL);
+        if (status == BVHD_OK)
+            status = bvhd_batch_submit(bed.client, &bed.asked->build, &batch, NULL);
+        if (status == BVHD_OK)
+            status = bvhd_batch_wait(batch, 10000);
+        for (uint32_t i = 0; status == BVHD_OK && i < 5; i++)
+            status = bed_status(batch, i);
+        if (status == BVHD_OK)
+            status = bvhd_batch_fetch(bed.client, 1, &key, &keys, NULL);
+        if (status == BVHD_OK)
+            status = bvhd_batch_wait(keys, 10000);
+        if (status == BVHD_OK)
+            status = bed_status(keys, 0);
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        succeeded = library_memory.fail_after >= 0;
+        library_memory.fail_after = -1;
+        bvhd_batch_destroy(keys);
+        bvhd_batch_destroy(batch);
+        bvhd_client_destroy(bed.client);
+        assert_int_equal(library_memory.live, live);
+    }
+    assert_in_range(fails, 20, 500);
+    fake_serve_end(&bed.fake);
+    bed.client = NULL;
+    assert_true(bed_stop(&bed));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_result),       cmocka_unit_test(test_blob_outlives),
+        cmocka_unit_test(test_fetch),        cmocka_unit_test(test_empty),
+        cmocka_unit_test(test_broken_infos), cmocka_unit_test(test_error),
+        cmocka_unit_test(test_renumbered),   cmocka_unit_test(test_calls),
+        cmocka_unit_test(test_keys),         cmocka_unit_test(test_failing_allocations),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,447 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Equal work is done once: who joins, who leaves, who inherits what. */
+#include "tests/support/unit.h"
+
+#include "tests/support/daemon/session_world.h"
+
+static struct session_world world;
+static struct world_mesh mesh;
+
+static int set_up(void **state)
+{
+    (void)state;
+    struct service_options options = world_options();
+    world_init(&world, &options);
+    world_mesh_init(&mesh, 300, 1);
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    (void)state;
+    world_finish(&world);
+    world_mesh_finish(&mesh);
+    return 0;
+}
+
+/* No build starts until builds_go. */
+static void builds_stop(void)
+{
+    struct admission *admission = &world.service->admission;
+    admission_give(&admission->builds[ADMISSION_SMALL], admission->limit);
+    admission_give(&admission->builds[ADMISSION_LARGE], 0);
+    admission->exclusive = true;
+}
+
+static void builds_go(void)
+{
+    struct admission *admission = &world.service->admission;
+    admission_end(&admission->builds[ADMISSION_SMALL], admission->limit);
+    admission_end(&admission->builds[ADMISSION_LARGE], 0);
+    admission->exclusive = false;
+}
+
+static bool is_idle(void *context)
+{
+    (void)context;
+    struct counters counters = world_counters(&world);
+    return counters.builds_running == 0 && counters.jobs_queued == 0 && counters.jobs_running == 0;
+}
+
+static void build_equal_items(struct world_client *client, uint64_t request, uint32_t count)
+{
+    struct control_item items[64];
+    for (uint32_t i = 0; i < count; i++)
+        items[i] = world_item(&mesh.input, mesh.size, SOURCE_INLINE, 0);
+    struct control_build build = {.item_count = count, .items = items};
+    world_build(client, request, &build, (struct bytes){mesh.payload, mesh.size}, NULL);
+}
+
+static void test_equal_items_are_built_once(void **state)
+{
+    (void)state;
+    enum { CLIENTS = 4, ITEMS = 50 };
+    struct world_client *clients[CLIENTS];
+    uint32_t built = 0, others = 0;
+    for (int i = 0; i < CLIENTS; i++) {
+        clients[i] = world_join(&world);
+        build_equal_items(clients[i], 1, ITEMS);
+    }
+    world_settle(&world);
+    for (int i = 0; i < CLIENTS; i++)
+        for (uint32_t k = 0; k < ITEMS; k++) {
+            const struct world_event *event = world_result(clients[i], 1, k);
+            world_check_bytes(event, &mesh.input);
+            built += event->result->origin == ORIGIN_BUILT;
+            others += event->result->origin == ORIGIN_COALESCED || event->result->origin == ORIGIN_MEMORY;
+            assert_int_equal(world_prepared(clients[i], 1, k), 1);
+        }
+    struct counters counters = world_counters(&world);
+    assert_int_equal(built, 1);
+    assert_int_equal(others, CLIENTS * ITEMS - 1);
+    assert_int_equal(counters.builds_started, 1);
+    assert_int_equal(counters.coalesced + counters.hits_memory, CLIENTS * ITEMS - 1);
+    assert_int_equal(counters.misses, 1);
+}
+
+/* Without a cache, too. */
+static void test_waiters_need_no_cache(void **state)
+{
+    (void)state;
+    struct service_options options = world_options();
+    world_finish(&world);
+    options.cache = 0;
+    world_init(&world, &options);
+    struct world_client *client = world_join(&world);
+    builds_stop();
+    build_equal_items(client, 1, 3);
+    for (uint32_t i = 0; i < 3; i++)
+        world_await_state(client, 1, i, ITEM_JOINED);
+    builds_go();
+    world_settle(&world);
+    assert_int_equal(world_counters(&world).builds_started, 1);
+    assert_int_equal(world_counters(&world).cache_entries, 0);
+    build_equal_items(client, 2, 1);
+    world_settle(&world);
+    assert_int_equal(world_result(client, 2, 0)->result->origin, ORIGIN_BUILT);
+    assert_int_equal(world_counters(&world).builds_started, 2);
+}
+
+/* ---- one of two leaves ---- */
+
+enum leaving { CANCELS, DIES };
+
+static void leave(struct world_client *client, enum leaving how)
+{
+    if (how == CANCELS)
+        assert_int_equal(world_cancel(client, 1, NULL, 0), BVHD_OK);
+    else
+        world_leave(client);
+}
+
+/* Two clients wait for one build; the one that started it, or the other, leaves before memory is there. */
+static void check_leaving_early(enum leaving how, bool starter_leaves)
+{
+    struct world_client *first = world_join(&world), *second = world_join(&world);
+    builds_stop();
+    world_build_mesh(first, 1, &mesh);
+    world_await_state(first, 1, 0, ITEM_JOINED);
+    world_build_mesh(second, 1, &mesh);
+    world_await_state(second, 1, 0, ITEM_JOINED);
+    struct world_client *leaver = starter_leaves ? first : second, *stayer = starter_leaves ? second : first;
+    leave(leaver, how);
+    assert_int_equal(world_counters(&world).builds_waiting, 1);
+    builds_go();
+    world_check_bytes(world_await_result(stayer, 1, 0), &mesh.input);
+    assert_int_equal(world_result(stayer, 1, 0)->result->origin, starter_leaves ? ORIGIN_COALESCED : ORIGIN_BUILT);
+    assert_int_equal(world_counters(&world).builds_started, 1);
+    assert_int_equal(world_counters(&world).cancelled, 1);
+}
+
+static void test_the_starter_cancels_early(void **state)
+{
+    (void)state;
+    check_leaving_early(CANCELS, true);
+}
+
+static void test_the_starter_dies_early(void **state)
+{
+    (void)state;
+    check_leaving_early(DIES, true);
+}
+
+static void test_the_other_cancels_early(void **state)
+{
+    (void)state;
+    check_leaving_early(CANCELS, false);
+}
+
+static void test_the_other_dies_early(void **state)
+{
+    (void)state;
+    check_leaving_early(DIES, false);
+}
+
+/* The build is with the pool when the starter leaves. */
+static void check_leaving_late(enum leaving how)
+{
+    struct world_client *first = world_join(&world), *second = world_join(&world);
+    builds_stop();
+    world_build_mesh(first, 1, &mesh);
+    world_build_mesh(second, 1, &mesh);
+    world_await_state(first, 1, 0, ITEM_JOINED);
+    world_await_state(second, 1, 0, ITEM_JOINED);
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    builds_go();
+    world_turn(&world);
+    assert_int_equal(world_counters(&world).builds_running, 1);
+    leave(first, how);
+    world_turn(&world);
+    assert_int_equal(world_counters(&world).builds_running, 1);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    world_check_bytes(world_await_result(second, 1, 0), &mesh.input);
+    assert_int_equal(world_counters(&world).builds_started, 1);
+    assert_int_equal(world_counters(&world).builds_cancelled, 0);
+}
+
+static void test_the_starter_cancels_late(void **state)
+{
+    (void)state;
+    check_leaving_late(CANCELS);
+}
+
+static void test_the_starter_dies_late(void **state)
+{
+    (void)state;
+    check_leaving_late(DIES);
+}
+
+/* While one prepares, the other dies, and the other way round. */
+static void test_one_dies_while_both_prepare(void **state)
+{
+    (void)state;
+    for (int dying = 0; dying < 2; dying++) {
+        struct world_client *clients[] = {world_join(&world), world_join(&world)};
+        struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+        world_build_mesh(clients[0], 1, &mesh);
+        world_build_mesh(clients[1], 1, &mesh);
+        world_leave(clients[dying]);
+        world_open(gates[0]);
+        world_open(gates[1]);
+        world_check_bytes(world_await_result(clients[1 - dying], 1, 0), &mesh.input);
+    }
+    world_await(&world, is_idle, NULL);
+    assert_int_equal(world_counters(&world).sessions, 2);
+}
+
+/* ---- nobody inherits a cancellation ---- */
+
+static void test_a_cancelled_build_is_not_inherited(void **state)
+{
+    (void)state;
+    struct world_client *first = world_join(&world), *second = world_join(&world);
+    struct world_mesh large;
+    world_mesh_init(&large, 100000, 9);
+    struct control_item item = world_item(&large.input, large.size, SOURCE_MEMFD, 0);
+    struct control_build build = {.memfd_count = 1, .memfd_sizes = {large.size}, .item_count = 1, .items = &item};
+    int descriptor = world_memfd(large.payload, large.size, WORLD_SEALS_ONCE);
+    world_build(first, 1, &build, (struct bytes){0}, &descriptor);
+    world_await_state(first, 1, 0, ITEM_JOINED);
+    struct key key = session_find(first->session, 1)->items[0].key;
+    assert_non_null(flights_find(&world.service->flights, &key));
+    assert_int_equal(world_cancel(first, 1, NULL, 0), BVHD_OK);
+    assert_null(flights_find(&world.service->flights, &key));
+    assert_int_equal(world_counters(&world).builds_running, 1); /* it winds down */
+    descriptor = world_memfd(large.payload, large.size, WORLD_SEALS_ONCE);
+    world_build(second, 1, &build, (struct bytes){0}, &descriptor);
+    world_check_bytes(world_await_result(second, 1, 0), &large.input);
+    assert_int_equal(world_status(first, 1, 0), BVHD_CANCELLED);
+    world_mesh_finish(&large);
+}
+
+/* A worker has not begun with the cancelled build when the same is asked for again. */
+static void test_a_withdrawn_build_is_not_inherited(void **state)
+{
+    (void)state;
+    struct world_client *client = world_join(&world);
+    builds_stop();
+    world_build_mesh(client, 1, &mesh);
+    world_await_state(client, 1, 0, ITEM_JOINED);
+    builds_go();
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    world_turn(&world);
+    assert_int_equal(world_counters(&world).builds_running, 1);
+    assert_int_equal(world_cancel(client, 1, NULL, 0), BVHD_OK);
+    world_build_mesh(client, 2, &mesh);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    world_check_bytes(world_await_result(client, 2, 0), &mesh.input);
+    assert_int_equal(world_counters(&world).builds_cancelled, 1);
+    assert_int_equal(world_counters(&world).builds_done, 1);
+}
+
+/* ---- GET ---- */
+
+static void test_get_joins_a_build(void **state)
+{
+    (void)state;
+    struct world_client *builder = world_join(&world), *getter = world_join(&world);
+    builds_stop();
+    world_build_mesh(builder, 1, &mesh);
+    world_await_state(builder, 1, 0, ITEM_JOINED);
+    struct key key = session_find(builder->session, 1)->items[0].key;
+    world_get(getter, 1, &key, 1);
+    assert_null(world_result(getter, 1, 0));
+    assert_int_equal(session_find(getter->session, 1)->items[0].state, ITEM_JOINED);
+    world_leave(builder); /* the getter keeps the build alive */
+    builds_go();
+    world_check_bytes(world_await_result(getter, 1, 0), &mesh.input);
+    assert_int_equal(world_result(getter, 1, 0)->result->origin, ORIGIN_COALESCED);
+    assert_null(session_find(getter->session, 1));
+}
+
+static void test_get_can_be_cancelled(void **state)
+{
+    (void)state;
+    struct world_client *builder = world_join(&world), *getter = world_join(&world);
+    builds_stop();
+    world_build_mesh(builder, 1, &mesh);
+    world_await_state(builder, 1, 0, ITEM_JOINED);
+    struct key key = session_find(builder->session, 1)->items[0].key;
+    world_get(getter, 1, &key, 1);
+    assert_int_equal(world_cancel(getter, 1, NULL, 0), BVHD_OK);
+    assert_int_equal(world_status(getter, 1, 0), BVHD_CANCELLED);
+    assert_null(session_find(getter->session, 1));
+    builds_go();
+    world_check_bytes(world_await_result(builder, 1, 0), &mesh.input);
+}
+
+/* ---- shortages ---- */
+
+static void ask(struct world_client *client, uint64_t request, const struct world_mesh *asked)
+{
+    struct control_item item = world_item(&asked->input, asked->size, SOURCE_MEMFD, 0);
+    struct control_build build = {.memfd_count = 1, .memfd_sizes = {asked->size}, .item_count = 1, .items = &item};
+    int descriptor = world_memfd(asked->payload, asked->size, WORLD_SEALS_ONCE);
+    world_build(client, request, &build, (struct bytes){0}, &descriptor);
+}
+
+/* Estimates keep builds side by side within the budget. */
+static void test_builds_do_not_push_each_other_over(void **state)
+{
+    (void)state;
+    enum { MESHES = 6 };
+    struct service_options options = world_options();
+    struct world_mesh meshes[MESHES];
+    world_finish(&world);
+    options.workers = 4;
+    options.memory = 16 << 20;
+    world_init(&world, &options);
+    struct world_client *clients[] = {world_join(&world), world_join(&world)};
+    for (uint32_t i = 0; i < MESHES; i++) {
+        world_mesh_init(&meshes[i], 30000, i); /* 4.3 MiB of build, and a copy of 1 */
+        ask(clients[i % 2], i + 1, &meshes[i]);
+    }
+    for (uint32_t i = 0; i < MESHES; i++) {
+        world_check_bytes(world_await_result(clients[i % 2], i + 1, 0), &meshes[i].input);
+        world_mesh_finish(&meshes[i]);
+    }
+    assert_int_equal(world_counters(&world).builds_retried, 0);
+}
+
+/* A build that finds less than was promised, since something else takes it, is tried again when it is alone. */
+static void test_a_shortage_beside_others_is_tried_again(void **state)
+{
+    (void)state;
+    struct service_options options = world_options();
+    struct world_mesh meshes[2];
+    world_finish(&world);
+    options.memory = 32 << 20;
+    world_init(&world, &options);
+    struct world_client *client = world_join(&world);
+    world_mesh_init(&meshes[0], 20000, 1);
+    world_mesh_init(&meshes[1], 20000, 2);
+    struct memory *memory = &world.service->memory;
+    builds_stop();
+    ask(client, 1, &meshes[0]);
+    ask(client, 2, &meshes[1]);
+    world_await_state(client, 1, 0, ITEM_JOINED);
+    world_await_state(client, 2, 0, ITEM_JOINED);
+    void *block =
+        memory_alloc(memory, memory->limit - atomic_load(&memory->live) - (1 << 20)); /* a build takes 2.9 MiB */
+    assert_non_null(block);
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    builds_go();
+    world_turn(&world);
+    assert_int_equal(world_counters(&world).builds_running, 2);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    while (world_counters(&world).jobs_running + world_counters(&world).jobs_queued > 0)
+        ;
+    memory_free(memory, block); /* before the loop has heard */
+    world_check_bytes(world_await_result(client, 1, 0), &meshes[0].input);
+    world_check_bytes(world_await_result(client, 2, 0), &meshes[1].input);
+    assert_int_equal(world_counters(&world).builds_retried, 2);
+    world_mesh_finish(&meshes[0]);
+    world_mesh_finish(&meshes[1]);
+}
+
+static void test_a_shortage_alone_is_an_error_and_not_kept(void **state)
+{
+    (void)state;
+    struct service_options options = world_options();
+    struct world_mesh large;
+    world_finish(&world);
+    options.memory = 16 << 20;
+    world_init(&world, &options);
+    struct world_client *client = world_join(&world);
+    world_mesh_init(&large, 100000, 1); /* 14 MB, beside a copy of 3.6 */
+    ask(client, 1, &large);
+    assert_int_equal(world_await_result(client, 1, 0)->result->error.status, BVHD_NO_MEMORY);
+    assert_int_equal(world_prepared(client, 1, 0), 1);
+    assert_int_equal(world_counters(&world).builds_retried, 0);
+    assert_int_equal(world_counters(&world).builds_failed, 1);
+    struct world_client *other = world_join(&world);
+    world_build_mesh(other, 1, &mesh);
+    world_check_bytes(world_await_result(other, 1, 0), &mesh.input);
+    ask(client, 2, &large);
+    world_await_result(client, 2, 0);
+    assert_int_equal(world_counters(&world).builds_started, 3);
+    world_mesh_finish(&large);
+}
+
+/* One client's many large requests do not keep another's small one waiting behind all of them. */
+static void test_waiting_for_memory_is_fair(void **state)
+{
+    (void)state;
+    struct service_options options = world_options();
+    struct world_mesh meshes[12];
+    world_finish(&world);
+    options.memory = 16 << 20;
+    world_init(&world, &options);
+    struct world_client *greedy = world_join(&world), *modest = world_join(&world);
+    greedy->hold = true;
+    for (uint32_t i = 0; i < 12; i++) {
+        world_mesh_init(&meshes[i], 40000, i);
+        ask(greedy, i + 1, &meshes[i]);
+    }
+    world_build_mesh(modest, 1, &mesh);
+    world_check_bytes(world_await_result(modest, 1, 0), &mesh.input);
+    uint32_t done = 0;
+    for (uint32_t i = 0; i < 12; i++)
+        done += world_result(greedy, i + 1, 0) != NULL;
+    assert_true(done < 8);
+    greedy->hold = false;
+    world_settle(&world);
+    for (uint32_t i = 0; i < 12; i++) {
+        assert_int_equal(world_status(greedy, i + 1, 0), BVHD_OK);
+        world_mesh_finish(&meshes[i]);
+    }
+}
+
+#define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        TEST(test_equal_items_are_built_once),
+        TEST(test_waiters_need_no_cache),
+        TEST(test_the_starter_cancels_early),
+        TEST(test_the_starter_dies_early),
+        TEST(test_the_other_cancels_early),
+        TEST(test_the_other_dies_early),
+        TEST(test_the_starter_cancels_late),
+        TEST(test_the_starter_dies_late),
+        TEST(test_one_dies_while_both_prepare),
+        TEST(test_a_cancelled_build_is_not_inherited),
+        TEST(test_a_withdrawn_build_is_not_inherited),
+        TEST(test_get_joins_a_build),
+        TEST(test_get_can_be_cancelled),
+        TEST(test_builds_do_not_push_each_other_over),
+        TEST(test_a_shortage_beside_others_is_tried_again),
+        TEST(test_a_shortage_alone_is_an_error_and_not_kept),
+        TEST(test_waiting_for_memory_is_fair),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,311 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <errno.h>
+
+#include "tests/support/unit.h"
+
+#include "tests/support/daemon/conn_bed.h"
+
+static void test_hello_ping_end(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1000);
+    bed_hello(&bed, client);
+    assert_int_equal(bed.service.connections, 1);
+    for (uint64_t i = 1; i <= 100; i++) {
+        assert_true(bed_send(client, FRAME_PING, i));
+        bed_expect(&bed, client, FRAME_PONG, i);
+    }
+    assert_int_equal(bed.service.sent, 101);
+    bed_hang_up(client);
+    bed_pump(&bed, 0);
+    assert_int_equal(bed.service.closed, 1);
+    bed_close(&bed);
+}
+
+static void test_byte_by_byte(void **state)
+{
+    struct bed bed;
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1000);
+    frame_header_write(&(struct frame_header){.type = FRAME_HELLO}, bytes);
+    for (size_t i = 0; i < sizeof bytes; i++) {
+        assert_true(bed_send_bytes(client, bytes + i, 1, NULL, 0));
+        bed_pump(&bed, 0);
+        assert_int_equal(bed.service.frames, i + 1 == sizeof bytes);
+    }
+    bed_expect(&bed, client, FRAME_WELCOME, 0);
+    bed_close(&bed);
+}
+
+static void test_broken_protocol(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *wrong = bed_connect(&bed, 1), *corrupt = bed_connect(&bed, 2), *failing = bed_connect(&bed, 3),
+                      *good = bed_connect(&bed, 4);
+    bed_hello(&bed, wrong);
+    bed_hello(&bed, good);
+    bed_hello(&bed, failing);
+    bed_send(wrong, FRAME_PING, 1);
+    bed_send(wrong, FAKE_WRONG, 2);
+    bed_send(wrong, FRAME_PING, 3); /* comes too late */
+    bed_expect(&bed, wrong, FRAME_PONG, 1);
+    bed_expect_error(&bed, wrong, BVHD_INVALID);
+    static const char web[] = "GET / HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    bed_send_bytes(corrupt, web, sizeof web - 1, NULL, 0);
+    bed_expect_error(&bed, corrupt, BVHD_CORRUPT);
+    bed_send(failing, FAKE_FAIL, 1);
+    bed_expect_error(&bed, failing, BVHD_NO_MEMORY);
+    assert_int_equal(bed.service.closed, 3);
+    bed_send(good, FRAME_PING, 9);
+    bed_expect(&bed, good, FRAME_PONG, 9);
+    bed_close(&bed);
+}
+
+/* A reply that leaves lets a session do more, which fails: the client is told at once. */
+static void test_fails_while_sending(void **state)
+{
+    (void)state;
+    struct bed bed;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_send(client, FAKE_FAIL_SENT, 1);
+    bed_expect(&bed, client, FRAME_PONG, 1);
+    bed_expect_error(&bed, client, BVHD_NO_MEMORY);
+    bed_close(&bed);
+}
+
+/* What a broken client goes on to send is taken away, so that it can read why. */
+static void test_broken_while_sending(void **state)
+{
+    struct bed bed;
+    static char much[64 * 1024];
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_send(client, FAKE_WRONG, 1);
+    for (int i = 0; i < 50; i++) {
+        while (send(client->socket, much, sizeof much, MSG_NOSIGNAL) > 0)
+            continue;
+        assert_int_equal(errno, EAGAIN);
+        bed_pump(&bed, 0);
+    }
+    bed_expect_error(&bed, client, BVHD_INVALID);
+    bed_close(&bed);
+}
+
+static void test_linger_ends(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.linger_ms = 30;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_send(client, FAKE_WRONG, 1);
+    bed_pump(&bed, 0);
+    assert_int_equal(bed.service.closed, 1);
+    assert_int_equal(bed.group.count, 1);
+    bed_pump(&bed, 60);
+    assert_int_equal(bed.group.count, 0);
+    bed_close(&bed);
+}
+
+static void test_no_hello(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.hello_ms = 50;
+    bed_open(&bed, &limits);
+    struct bed_client *silent = bed_connect(&bed, 1), *talking = bed_connect(&bed, 1);
+    bed_hello(&bed, talking);
+    bed_pump(&bed, 20);
+    assert_int_equal(bed.service.closed, 0);
+    bed_expect_error(&bed, silent, BVHD_INVALID);
+    bed_send(talking, FRAME_PING, 1);
+    bed_expect(&bed, talking, FRAME_PONG, 1);
+    bed_close(&bed);
+}
+
+static void test_large_frame_before_hello(void **state)
+{
+    struct bed bed;
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *early = bed_connect(&bed, 1), *later = bed_connect(&bed, 1);
+    frame_header_write(&(struct frame_header){.type = FRAME_BUILD, .request = 1, .control_size = FRAME_MAX_CONTROL},
+                       bytes);
+    bed_send_bytes(early, bytes, sizeof bytes, NULL, 0);
+    bed_expect_error(&bed, early, BVHD_TOO_LARGE);
+    bed_hello(&bed, later);
+    bed_send_bytes(later, bytes, sizeof bytes, NULL, 0);
+    bed_pump(&bed, 0);
+    assert_int_equal(bed.service.closed, 1);
+    bed_close(&bed);
+}
+
+static void test_half_close(void **state)
+{
+    struct bed bed;
+    struct frame frame;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    shutdown(client->socket, SHUT_WR);
+    bed_pump(&bed, 0);
+    assert_int_equal(bed.service.closed, 1);
+    assert_int_equal(bed.group.count, 0);
+    assert_false(bed_receive(&bed, client, &frame));
+    bed_close(&bed);
+}
+
+/* A client that dies at any state of a frame with descriptors. */
+static void test_death_with_descriptors(void **state)
+{
+    struct bed bed;
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    (void)state;
+    bed_open(&bed, NULL);
+    frame_header_write(&(struct frame_header){.type = FRAME_POOL, .request = 1, .descriptors = 2}, bytes);
+    for (size_t size = 1; size <= sizeof bytes; size++) {
+        struct bed_client *client = bed_connect(&bed, 1);
+        int descriptors[2] = {frames_descriptor(NULL), frames_descriptor(NULL)};
+        bed_hello(&bed, client);
+        bed_send_bytes(client, bytes, size, descriptors, 2);
+        close(descriptors[0]);
+        close(descriptors[1]);
+        if (size % 2)
+            bed_pump(&bed, 0);
+        bed_hang_up(client);
+        bed_pump(&bed, 0);
+        assert_int_equal(bed.service.descriptors.used, 0);
+    }
+    bed_close(&bed);
+}
+
+static void send_many_descriptors(struct bed_client *client, uint32_t count)
+{
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    int descriptors[64];
+    frame_header_write(&(struct frame_header){.type = FRAME_POOL, .request = 1, .descriptors = 4}, bytes);
+    for (uint32_t i = 0; i < count; i++)
+        descriptors[i] = frames_descriptor(NULL);
+    bed_send_bytes(client, bytes, sizeof bytes, descriptors, count);
+    for (uint32_t i = 0; i < count; i++)
+        close(descriptors[i]);
+}
+
+static void test_too_many_descriptors(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    for (uint32_t count = INLET_DESCRIPTORS + 1; count <= 64; count += 15) {
+        struct bed_client *client = bed_connect(&bed, 1);
+        bed_hello(&bed, client);
+        send_many_descriptors(client, count);
+        bed_expect_error(&bed, client, BVHD_TOO_LARGE);
+        bed_hang_up(client);
+        bed_pump(&bed, 0);
+        assert_int_equal(bed.service.descriptors.used, 0);
+    }
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    send_many_descriptors(client, 4);
+    bed_send(client, FRAME_PING, 5);
+    bed_expect(&bed, client, FRAME_PONG, 5);
+    bed_close(&bed);
+}
+
+static void test_goodbye(void **state)
+{
+    struct bed bed;
+    struct frame frame;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *open = bed_connect(&bed, 1), *silent = bed_connect(&bed, 1);
+    bed_hello(&bed, open);
+    conn_group_goodbye(&bed.group);
+    assert_false(conn_group_is_flushed(&bed.group));
+    bed_pump(&bed, 0);
+    assert_true(conn_group_is_flushed(&bed.group));
+    bed_expect(&bed, open, FRAME_GOODBYE, 0);
+    assert_false(bed_receive(&bed, silent, &frame));
+    assert_true(silent->eof);
+    bed_send(open, FRAME_PING, 1);
+    bed_expect(&bed, open, FRAME_PONG, 1);
+    bed_close(&bed);
+}
+
+static void test_refused_session(void **state)
+{
+    struct bed bed;
+    int pair[2];
+    char byte;
+    (void)state;
+    bed_open(&bed, NULL);
+    bed.service.refuse = true;
+    assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, pair), 0);
+    assert_true(descriptors_take(&bed.service.descriptors, 1, 0));
+    assert_int_equal(conn_open(&bed.group, pair[0], &(struct session_peer){0}, NULL), BVHD_NO_MEMORY);
+    assert_int_equal(bed.service.descriptors.used, 0);
+    assert_int_equal(poll(&(struct pollfd){.fd = pair[1], .events = POLLIN}, 1, 2000), 1);
+    assert_int_equal(recv(pair[1], &byte, 1, 0), 0);
+    close(pair[1]);
+    bed_close(&bed);
+}
+
+/* Every allocation of a connection's life may fail: the client is served, told, or closed. */
+static void test_failing_allocations(void **state)
+{
+    (void)state;
+    bool through = false;
+    for (int64_t i = 0; !through && i < 100; i++) {
+        struct bed bed;
+        struct frame frame;
+        struct conn_limits limits = conn_limits_default();
+        limits.linger_ms = 20;
+        bed_open(&bed, &limits);
+        struct bed_client *client = bed_connect(&bed, 1);
+        bed.service.memory.fail_after = i;
+        bed_send(client, FAKE_WRONG, 1);
+        while (bed_receive(&bed, client, &frame))
+            continue;
+        assert_true(client->eof);
+        through = bed.service.memory.fail_after >= 0;
+        bed.service.memory.fail_after = -1;
+        bed_close(&bed);
+    }
+    assert_true(through);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_hello_ping_end),
+        cmocka_unit_test(test_byte_by_byte),
+        cmocka_unit_test(test_broken_protocol),
+        cmocka_unit_test(test_broken_while_sending),
+        cmocka_unit_test(test_linger_ends),
+        cmocka_unit_test(test_no_hello),
+        cmocka_unit_test(test_large_frame_before_hello),
+        cmocka_unit_test(test_half_close),
+        cmocka_unit_test(test_death_with_descriptors),
+        cmocka_unit_test(test_too_many_descriptors),
+        cmocka_unit_test(test_goodbye),
+        cmocka_unit_test(test_refused_session),
+        cmocka_unit_test(test_failing_allocations),
+        cmocka_unit_test(test_fails_while_sending),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

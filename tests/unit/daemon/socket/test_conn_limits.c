@@ -1,0 +1,490 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Clients that do not read, send slowly or too much, and a daemon that is short of what it needs. */
+#include <errno.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+#include "tests/support/unit.h"
+
+#include "tests/support/daemon/conn_bed.h"
+
+static void use_up_descriptors(struct bed *bed, uint32_t left)
+{
+    uint32_t count = descriptors_left(&bed->service.descriptors) - left;
+    assert_true(descriptors_take(&bed->service.descriptors, count, 0));
+}
+
+static int send_buffer(const struct bed *bed)
+{
+    int size = 0;
+    socklen_t length = sizeof size;
+    getsockopt(bed->group.first->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
+    return size;
+}
+
+static void test_descriptors_in_order(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    int before = send_buffer(&bed);
+    bed_send(client, FRAME_GET, 50);
+    bed_pump(&bed, 5);
+    assert_int_equal(bed.service.sent, 1 + OUTBOX_MAX_UNREAD);
+    assert_int_equal(bed.service.descriptors.unread, OUTBOX_MAX_UNREAD);
+    for (uint64_t i = 1; i <= 50; i++) {
+        struct frame frame;
+        struct stat about;
+        unsigned char byte = 0;
+        assert_true(bed_receive(&bed, client, &frame));
+        assert_int_equal(frame.header.request, i);
+        assert_int_equal(frame.header.descriptors, 1);
+        assert_int_equal(fstat(frame.descriptors[0], &about), 0);
+        assert_int_equal(about.st_size, 2 * BLOB_INLINE_MAX);
+        assert_int_equal(pread(frame.descriptors[0], &byte, 1, 1001), 1);
+        assert_int_equal(byte, (unsigned char)(1001 * 7));
+        close(frame.descriptors[0]);
+    }
+    bed_pump(&bed, 0);
+    assert_int_equal(send_buffer(&bed), before);
+    bed_close(&bed);
+}
+
+/* It loses its session, but not its place until it lets go of what it was sent. */
+static void test_stalled_with_descriptors(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.stall_ms = 400;
+    limits.held_ms = 50;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_hello(&bed, other);
+    bed_send(client, FRAME_GET, 10);
+    bed_pump(&bed, 30);
+    assert_int_equal(bed.service.closed, 0);
+    bed_pump(&bed, 450);
+    assert_int_equal(bed.service.closed, 1);
+    assert_int_equal(bed.service.sent, 2 + OUTBOX_MAX_UNREAD);
+    assert_int_equal(bed.group.count, 2);
+    assert_int_equal(bed.service.descriptors.unread, OUTBOX_MAX_UNREAD);
+    bed_send(other, FRAME_PING, 1);
+    bed_expect(&bed, other, FRAME_PONG, 1);
+    bed_hang_up(client);
+    bed_pump(&bed, 100);
+    assert_int_equal(bed.group.count, 1);
+    assert_int_equal(bed.service.descriptors.unread, 0);
+    bed_close(&bed);
+}
+
+/* Descriptors and small replies in turns, to a client that reads one at a time: in order. */
+static void test_reads_one_at_a_time(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    for (uint64_t i = 0; i < 20; i++) {
+        bed_send(client, FRAME_GET, 1);
+        bed_send(client, FRAME_PING, 1000 + i);
+        bed_send(client, FRAME_STATS, 2000 + i);
+    }
+    bed_pump(&bed, 20);
+    assert_int_equal(bed.service.descriptors.unread, OUTBOX_MAX_UNREAD);
+    for (uint64_t i = 0; i < 20; i++) {
+        bed_expect(&bed, client, FRAME_RESULT, 1);
+        bed_expect(&bed, client, FRAME_PONG, 1000 + i);
+        bed_expect(&bed, client, FRAME_RESULT, 2000 + i);
+    }
+    bed_close(&bed);
+}
+
+static void count_turn(void *context)
+{
+    ++*(int *)context;
+}
+
+/* Whatever a client leaves unread, the loop does not spin. */
+static void test_waiting_is_quiet(void **state)
+{
+    (void)state;
+    for (int read = 0; read <= OUTBOX_MAX_UNREAD; read++) {
+        struct bed bed;
+        int turns = 0;
+        bed_open(&bed, NULL);
+        struct bed_client *client = bed_connect(&bed, 1);
+        bed_hello(&bed, client);
+        bed_send(client, FRAME_GET, 20);
+        bed_pump(&bed, 5);
+        for (int i = 0; i < read; i++)
+            bed_expect(&bed, client, FRAME_RESULT, (uint64_t)i + 1);
+        bed.group.changed = count_turn;
+        bed.group.context = &turns;
+        for (uint64_t end = bed_now() + 150; bed_now() < end;)
+            uv_run(&bed.loop, UV_RUN_ONCE);
+        assert_in_range(turns, 1, 30);
+        bed_close(&bed);
+    }
+}
+
+/* Half of what may be open, all together: the rest waits for clients to read. */
+static void test_descriptors_of_all(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    bed.service.descriptors.limit = 12 + 4 + 2 * INLET_DESCRIPTORS;
+    atomic_store(&bed.service.descriptors.unread, bed.service.descriptors.limit / 2 - 6);
+    struct bed_client *first = bed_connect(&bed, 1), *second = bed_connect(&bed, 2);
+    bed_hello(&bed, first);
+    bed_hello(&bed, second);
+    bed_send(first, FRAME_GET, 5);
+    bed_pump(&bed, 2);
+    bed_send(second, FRAME_GET, 5);
+    bed_pump(&bed, 2);
+    assert_int_equal(bed.service.sent, 2 + 6);
+    for (uint64_t i = 1; i <= 5; i++)
+        bed_expect(&bed, first, FRAME_RESULT, i);
+    for (uint64_t i = 1; i <= 5; i++)
+        bed_expect(&bed, second, FRAME_RESULT, i);
+    bed_pump(&bed, 0);
+    bed_hang_up(first);
+    bed_hang_up(second);
+    bed_pump(&bed, 0);
+    assert_int_equal(bed.service.descriptors.unread, bed.service.descriptors.limit / 2 - 6);
+    atomic_store(&bed.service.descriptors.unread, 0);
+    bed_close(&bed);
+}
+
+/* A client that asks and never reads: after a while nothing more is taken from it, then it is dropped. */
+static void test_asks_and_never_reads(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.stall_ms = 400;
+    limits.queue_bytes = 1 << 20;
+    limits.turn_us = UINT32_MAX;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    for (int i = 0; i < 200; i++)
+        bed_send(client, FRAME_STATS, 1);
+    bed_pump(&bed, 20);
+    assert_in_range(bed.service.frames, 17, 30);
+    assert_int_equal(bed.service.closed, 0);
+    bed_pump(&bed, 450);
+    assert_int_equal(bed.service.closed, 1);
+    assert_int_equal(bed.group.count, 0);
+    bed_close(&bed);
+}
+
+/* The same client, reading slowly: everything arrives, and it is not dropped. */
+static void test_reads_slowly(void **state)
+{
+    struct bed bed;
+    struct frame frame;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.stall_ms = 100;
+    limits.queue_bytes = 1 << 20;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    for (uint64_t i = 1; i <= 60; i++)
+        bed_send(client, FRAME_STATS, i);
+    for (uint64_t i = 1; i <= 60; i++) {
+        bed_pump(&bed, 10);
+        assert_true(bed_receive(&bed, client, &frame));
+        assert_int_equal(frame.header.request, i);
+        assert_int_equal(frame.inline_bytes.size, BLOB_INLINE_MAX);
+        for (uint64_t at = 0; at < frame.inline_bytes.size; at++)
+            if (frame.inline_bytes.data[at] != (unsigned char)(at * 7))
+                fail_msg("byte %llu is another", (unsigned long long)at);
+    }
+    bed_close(&bed);
+}
+
+static void test_part_of_a_frame(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    unsigned char bytes[FRAME_HEADER_SIZE + 20] = {0};
+    (void)state;
+    limits.stall_ms = 60;
+    bed_open(&bed, &limits);
+    struct bed_client *stopped = bed_connect(&bed, 1), *slow = bed_connect(&bed, 1), *idle = bed_connect(&bed, 1);
+    bed_hello(&bed, stopped);
+    bed_hello(&bed, slow);
+    bed_hello(&bed, idle);
+    frame_header_write(&(struct frame_header){.type = FRAME_PING, .request = 1, .control_size = 20}, bytes);
+    bed_send_bytes(stopped, bytes, 10, NULL, 0);
+    for (size_t i = 0; i < sizeof bytes; i += 4) {
+        bed_send_bytes(slow, bytes + i, 4, NULL, 0);
+        bed_pump(&bed, 20);
+    }
+    bed_expect(&bed, slow, FRAME_PONG, 1);
+    bed_pump(&bed, 100);
+    assert_int_equal(bed.service.closed, 1);
+    assert_int_equal(bed.group.count, 2);
+    bed_close(&bed);
+}
+
+/* One that floods has its share of a turn; what it has sent is all taken, turn by turn. */
+static void test_turns(void **state)
+{
+    struct bed bed;
+    struct frame frame;
+    struct conn_limits limits = conn_limits_default();
+    unsigned char bytes[200 * FRAME_HEADER_SIZE];
+    (void)state;
+    limits.turn_frames = 4;
+    limits.turn_us = UINT32_MAX;
+    bed_open(&bed, &limits);
+    struct bed_client *flood = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
+    bed_hello(&bed, flood);
+    bed_hello(&bed, other);
+    uint32_t before = bed.service.frames;
+    for (uint64_t i = 0; i < 200; i++)
+        frame_header_write(&(struct frame_header){.type = FRAME_PING, .request = i + 1}, bytes + i * FRAME_HEADER_SIZE);
+    bed_send_bytes(flood, bytes, sizeof bytes, NULL, 0);
+    bed_send(other, FRAME_PING, 1);
+    uv_run(&bed.loop, UV_RUN_NOWAIT);
+    uv_run(&bed.loop, UV_RUN_NOWAIT);
+    assert_in_range(bed.service.frames - before, 5, 9);
+    bed_read(other);
+    bool found;
+    assert_int_equal(frame_parser_next(&other->parser, &frame, &found, NULL), BVHD_OK);
+    assert_true(found);
+    for (uint64_t i = 1; i <= 200; i++)
+        bed_expect(&bed, flood, FRAME_PONG, i);
+    bed_close(&bed);
+}
+
+/* What takes long is taken one at a time. */
+static void test_turns_by_time(void **state)
+{
+    struct bed bed;
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.turn_us = 1;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    for (uint64_t i = 1; i <= 10; i++)
+        bed_send(client, FAKE_COSTLY, i);
+    uint32_t before = bed.service.frames;
+    for (uint32_t turn = 1; turn <= 3; turn++) {
+        uv_run(&bed.loop, UV_RUN_NOWAIT);
+        assert_in_range(bed.service.frames - before, turn - 1, turn);
+    }
+    for (uint64_t i = 1; i <= 10; i++)
+        bed_expect(&bed, client, FRAME_PONG, i);
+    bed_close(&bed);
+}
+
+/* Those that take long wait for one another, and nobody else for all of them. */
+static void test_costly_ones_come_last(void **state)
+{
+    struct bed bed;
+    struct bed_client *clients[BED_CLIENTS];
+    struct frame frame;
+    bool found;
+    (void)state;
+    bed_open(&bed, NULL);
+    for (int i = 0; i < BED_CLIENTS; i++) {
+        clients[i] = bed_connect(&bed, 1);
+        bed_hello(&bed, clients[i]);
+    }
+    for (int i = 0; i < BED_CLIENTS - 1; i++) {
+        bed_send(clients[i], FAKE_COSTLY, 1);
+        bed_expect(&bed, clients[i], FRAME_PONG, 1);
+    }
+    uint32_t before = bed.service.frames;
+    for (int i = 0; i < BED_CLIENTS - 1; i++)
+        bed_send(clients[i], FAKE_COSTLY, 2);
+    bed_send(clients[BED_CLIENTS - 1], FRAME_PING, 2);
+    uv_run(&bed.loop, UV_RUN_NOWAIT);
+    uv_run(&bed.loop, UV_RUN_NOWAIT);
+    assert_int_equal(bed.service.frames - before, 2);
+    bed_read(clients[BED_CLIENTS - 1]);
+    assert_int_equal(frame_parser_next(&clients[BED_CLIENTS - 1]->parser, &frame, &found, NULL), BVHD_OK);
+    assert_true(found);
+    bed_hang_up(clients[1]); /* while it waits for its turn */
+    bed_expect(&bed, clients[0], FRAME_PONG, 2);
+    bed_expect(&bed, clients[2], FRAME_PONG, 2);
+    bed_close(&bed);
+}
+
+/* Descriptors of this user on their way elsewhere: more than the kernel wants to see. */
+static int use_up_flight(int *ret_reader)
+{
+    enum { FLYING = 64 };
+    int pair[2], same[FLYING];
+    assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, pair), 0);
+    for (int i = 0; i < FLYING; i++)
+        same[i] = pair[0];
+    struct bed_client sender = {.socket = pair[0]};
+    assert_true(bed_send_bytes(&sender, "", 1, same, FLYING));
+    *ret_reader = pair[1];
+    return pair[0];
+}
+
+/* In a process of its own, which may give up its privileges: the kernel does not count for root. */
+static void refused_by_the_kernel(void)
+{
+    struct bed bed;
+    struct rlimit limit;
+    char byte;
+    int reader;
+    if (geteuid() == 0)
+        assert_int_equal(setresuid(64321, 64321, 64321), 0);
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    int sender = use_up_flight(&reader);
+    getrlimit(RLIMIT_NOFILE, &limit);
+    setrlimit(RLIMIT_NOFILE, &(struct rlimit){.rlim_cur = 60, .rlim_max = limit.rlim_max});
+    bed_send(client, FRAME_GET, 2);
+    bed_pump(&bed, 30);
+    assert_int_equal(bed.service.sent, 1);
+    assert_int_equal(bed.service.descriptors.unread, 0);
+    assert_int_equal(bed.group.first->writing, OUTBOX_WAITING);
+    assert_int_equal(recv(reader, &byte, 1, 0), 1); /* without room for descriptors: they are let go of */
+    bed_expect(&bed, client, FRAME_RESULT, 1);
+    bed_expect(&bed, client, FRAME_RESULT, 2);
+    close(sender);
+    close(reader);
+    bed_close(&bed);
+}
+
+static void test_refused_by_the_kernel(void **state)
+{
+    int status;
+    (void)state;
+    fflush(NULL);
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        refused_by_the_kernel();
+        _exit(0);
+    }
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    assert_int_equal(WEXITSTATUS(status), 0);
+}
+
+/* With too few descriptors to receive any, a client waits, and nobody else notices. */
+static void test_short_of_descriptors(void **state)
+{
+    struct bed bed;
+    unsigned char bytes[FRAME_HEADER_SIZE];
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    use_up_descriptors(&bed, INLET_DESCRIPTORS - 1);
+    uint32_t used = bed.service.descriptors.used, frames = bed.service.frames;
+    int descriptors[4] = {frames_descriptor(NULL), frames_descriptor(NULL), frames_descriptor(NULL),
+                          frames_descriptor(NULL)};
+    frame_header_write(&(struct frame_header){.type = FRAME_POOL, .request = 1, .descriptors = 4}, bytes);
+    bed_send_bytes(client, bytes, sizeof bytes, descriptors, 4);
+    bed_send(client, FRAME_PING, 2);
+    bed_pump(&bed, 60);
+    assert_int_equal(bed.service.frames, frames);
+    assert_int_equal(bed.service.descriptors.used, used);
+    descriptors_give(&bed.service.descriptors, 1);
+    bed_expect(&bed, client, FRAME_PONG, 2);
+    for (int i = 0; i < 4; i++)
+        close(descriptors[i]);
+    use_up_descriptors(&bed, 0);
+    bed_hang_up(client); /* its death is noticed all the same */
+    bed_pump(&bed, 0);
+    assert_int_equal(bed.service.closed, 1);
+    descriptors_give(&bed.service.descriptors, bed.service.descriptors.used);
+    bed_close(&bed);
+}
+
+static void test_short_of_memory(void **state)
+{
+    struct bed bed;
+    static unsigned char bytes[FRAME_HEADER_SIZE + 60000];
+    struct conn_limits limits = conn_limits_default();
+    (void)state;
+    limits.stall_ms = 50;
+    bed_open(&bed, &limits);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed.service.memory.limit = bed.service.memory.live + 40000;
+    frame_header_write(&(struct frame_header){.type = FRAME_PING, .request = 1, .control_size = 60000}, bytes);
+    bed_send_bytes(client, bytes, sizeof bytes, NULL, 0);
+    bed_pump(&bed, 120); /* longer than a client may stall: it is not the one that does */
+    assert_int_equal(bed.service.closed, 0);
+    bed.service.memory.limit = UINT64_MAX;
+    bed_expect(&bed, client, FRAME_PONG, 1);
+    bed_close(&bed);
+}
+
+/* No wake-ups for connections that nothing is due for. */
+static void test_idle_costs_nothing(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    struct bed_client *client = bed_connect(&bed, 1);
+    bed_hello(&bed, client);
+    bed_send(client, FRAME_GET, 10);
+    for (uint64_t i = 1; i <= 10; i++)
+        bed_expect(&bed, client, FRAME_RESULT, i);
+    bed_pump(&bed, 5);
+    assert_int_equal(uv_backend_timeout(&bed.loop), -1);
+    bed_close(&bed);
+}
+
+static void test_closing_all(void **state)
+{
+    struct bed bed;
+    (void)state;
+    bed_open(&bed, NULL);
+    for (int i = 0; i < BED_CLIENTS; i++) {
+        struct bed_client *client = bed_connect(&bed, 1);
+        if (i > 0)
+            bed_hello(&bed, client);
+        if (i > 1)
+            bed_send(client, FRAME_GET, 10);
+        if (i > 2)
+            bed_pump(&bed, 0);
+    }
+    conn_group_close(&bed.group);
+    assert_int_equal(bed.group.count, 0);
+    assert_int_equal(bed.service.memory.live, 0);
+    bed_close(&bed);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_refused_by_the_kernel), /* forks, so before there are threads */
+        cmocka_unit_test(test_descriptors_in_order),
+        cmocka_unit_test(test_stalled_with_descriptors),
+        cmocka_unit_test(test_reads_one_at_a_time),
+        cmocka_unit_test(test_waiting_is_quiet),
+        cmocka_unit_test(test_descriptors_of_all),
+        cmocka_unit_test(test_asks_and_never_reads),
+        cmocka_unit_test(test_reads_slowly),
+        cmocka_unit_test(test_part_of_a_frame),
+        cmocka_unit_test(test_turns),
+        cmocka_unit_test(test_turns_by_time),
+        cmocka_unit_test(test_costly_ones_come_last),
+        cmocka_unit_test(test_short_of_descriptors),
+        cmocka_unit_test(test_short_of_memory),
+        cmocka_unit_test(test_idle_costs_nothing),
+        cmocka_unit_test(test_closing_all),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

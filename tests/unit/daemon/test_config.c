@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <unistd.h>
+
+#include "tests/support/unit.h"
+
+#include "daemon/config.h"
+
+enum { MAX_WORDS = 16 };
+
+static char directory[] = "/tmp/bvhd-config-XXXXXX";
+static char path[64];
+
+static int make_directory(void **state)
+{
+    (void)state;
+    if (!mkdtemp(directory))
+        return -1;
+    snprintf(path, sizeof path, "%s/bvhd.conf", directory);
+    return 0;
+}
+
+static int remove_directory(void **state)
+{
+    (void)state;
+    unlink(path);
+    return rmdir(directory);
+}
+
+static void write_file(const char *text)
+{
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    fputs(text, file);
+    fclose(file);
+}
+
+/* Words end with NULL. */
+static enum bvhd_status parse(struct config *config, struct bvhd_error *error, ...)
+{
+    char *words[MAX_WORDS] = {"bvhd"}, *word;
+    int count = 1;
+    va_list arguments;
+    va_start(arguments, error);
+    while ((word = va_arg(arguments, char *)))
+        words[count++] = word;
+    va_end(arguments);
+    return config_parse(count, words, config, error);
+}
+
+#define REFUSED(status, place, ...)                                                                                    \
+    do {                                                                                                               \
+        struct config kept = {.max_connections = 4711};                                                                \
+        struct bvhd_error told;                                                                                        \
+        assert_int_equal(parse(&kept, &told, __VA_ARGS__, NULL), status);                                              \
+        assert_string_equal(told.where, place);                                                                        \
+        assert_true(*told.text);                                                                                       \
+        assert_int_equal(kept.max_connections, 4711);                                                                  \
+    } while (0)
+
+static void test_defaults(void **state)
+{
+    struct config config;
+    struct bvhd_error error;
+    (void)state;
+    setenv("XDG_RUNTIME_DIR", "/somewhere", 1);
+    assert_int_equal(parse(&config, &error, NULL), BVHD_OK);
+    assert_string_equal(config.socket, geteuid() ? "/somewhere/bvhd.sock" : "/run/bvhd/bvhd.sock");
+    unsetenv("XDG_RUNTIME_DIR");
+    assert_int_equal(parse(&config, &error, NULL), BVHD_OK);
+    assert_string_equal(config.socket, "/run/bvhd/bvhd.sock");
+    assert_false(config.socket_given);
+    assert_int_equal(config.action, CONFIG_RUN);
+    assert_int_equal(config.log_level, LOG_INFO);
+    assert_int_equal(config.idle_exit_ms, 0);
+    assert_int_equal(config.drain_ms, 20000);
+    assert_int_equal(config.max_connections, 1024);
+    assert_int_equal(config.service.cache, service_options_default().cache);
+}
+
+static void test_command_line(void **state)
+{
+    struct config config;
+    struct bvhd_error error;
+    (void)state;
+    assert_int_equal(parse(&config, &error, "--socket", "/tmp/s", "--workers=3", "--memory", "2G", "--cache-size",
+                           "64M", "--idle-exit", "1.5", "--drain-timeout", "0", "--max-connections", "7", "--log-level",
+                           "debug", NULL),
+                     BVHD_OK);
+    assert_string_equal(config.socket, "/tmp/s");
+    assert_true(config.socket_given);
+    assert_int_equal(config.service.workers, 3);
+    assert_int_equal(config.service.memory, UINT64_C(2) << 30);
+    assert_int_equal(config.service.cache, 64 << 20);
+    assert_int_equal(config.idle_exit_ms, 1500);
+    assert_int_equal(config.drain_ms, 0);
+    assert_int_equal(config.max_connections, 7);
+    assert_int_equal(config.log_level, LOG_DEBUG);
+    assert_int_equal(parse(&config, &error, "--cache-size", "0", NULL), BVHD_OK);
+    assert_int_equal(config.service.cache, 0);
+    assert_string_equal(config.cache, "");
+    assert_int_equal(parse(&config, &error, "--cache", "/var/cache/bvhd", NULL), BVHD_OK);
+    assert_string_equal(config.cache, "/var/cache/bvhd");
+    assert_int_equal(parse(&config, &error, "--help", NULL), BVHD_OK);
+    assert_int_equal(config.action, CONFIG_HELP);
+    assert_int_equal(parse(&config, &error, "-h", NULL), BVHD_OK);
+    assert_int_equal(config.action, CONFIG_HELP);
+    assert_int_equal(parse(&config, &error, "--version", "--workers", "x", NULL), BVHD_OK);
+    assert_int_equal(config.action, CONFIG_VERSION);
+}
+
+static void test_usage(void **state)
+{
+    (void)state;
+    REFUSED(BVHD_INVALID, "--fly", "--fly");
+    REFUSED(BVHD_INVALID, "-x", "-x");
+    REFUSED(BVHD_INVALID, "word", "word");
+    REFUSED(BVHD_INVALID, "--workers", "--workers");
+    REFUSED(BVHD_INVALID, "--help=1", "--help=1");
+    REFUSED(BVHD_INVALID, "--workers", "--workers", "0");
+    REFUSED(BVHD_INVALID, "--workers", "--workers", "1025");
+    REFUSED(BVHD_INVALID, "--workers", "--workers", "-1");
+    REFUSED(BVHD_INVALID, "--workers", "--workers", "2K");
+    REFUSED(BVHD_INVALID, "--workers", "--workers", "");
+    REFUSED(BVHD_INVALID, "--workers", "--workers", "99999999999999999999999");
+    REFUSED(BVHD_INVALID, "--memory", "--memory", "5T");
+    REFUSED(BVHD_INVALID, "--memory", "--memory", "5KK");
+    REFUSED(BVHD_INVALID, "--memory", "--memory", " 5M");
+    REFUSED(BVHD_INVALID, "--memory", "--memory", "17179869184G");
+    REFUSED(BVHD_INVALID, "--memory", "--memory", "1000");
+    REFUSED(BVHD_INVALID, "--cache-size", "--cache-size", "M");
+    REFUSED(BVHD_INVALID, "--idle-exit", "--idle-exit", "-1");
+    REFUSED(BVHD_INVALID, "--idle-exit", "--idle-exit", "soon");
+    REFUSED(BVHD_INVALID, "--idle-exit", "--idle-exit", "1e9");
+    REFUSED(BVHD_INVALID, "--drain-timeout", "--drain-timeout", "2000000");
+    REFUSED(BVHD_INVALID, "--drain-timeout", "--drain-timeout", "1.2.3");
+    REFUSED(BVHD_INVALID, "--max-connections", "--max-connections", "0");
+    REFUSED(BVHD_INVALID, "--log-level", "--log-level", "loud");
+    REFUSED(BVHD_INVALID, "--socket", "--socket", "");
+    REFUSED(BVHD_INVALID, "--cache", "--cache", "");
+    REFUSED(BVHD_INVALID, "--memory", "--memory", "15M");
+}
+
+static void test_file(void **state)
+{
+    struct config config;
+    struct bvhd_error error;
+    (void)state;
+    write_file(
+        "# a comment\n\n  workers = 2  \nmemory=1G\n\tsocket = /run/some where/s\nlog-level = error\r\nidle-exit = 60");
+    assert_int_equal(parse(&config, &error, "--workers", "5", "--config", path, NULL), BVHD_OK);
+    assert_int_equal(config.service.workers, 5);
+    assert_int_equal(config.service.memory, 1 << 30);
+    assert_string_equal(config.socket, "/run/some where/s");
+    assert_true(config.socket_given);
+    assert_int_equal(config.log_level, LOG_ERROR);
+    assert_int_equal(config.idle_exit_ms, 60000);
+    assert_string_equal(config.file, path);
+    write_file("");
+    assert_int_equal(parse(&config, &error, "--config", path, NULL), BVHD_OK);
+}
+
+static void file_refused(const char *text, enum bvhd_status status, unsigned line)
+{
+    char place[128];
+    write_file(text);
+    snprintf(place, sizeof place, "%s:%u", path, line);
+    REFUSED(status, place, "--config", path);
+}
+
+static void test_broken_files(void **state)
+{
+    char much[CONFIG_PATH_SIZE + 200], far[4000];
+    struct config config;
+    struct bvhd_error error;
+    (void)state;
+    file_refused("workers 2\n", BVHD_INVALID, 1);
+    file_refused("workers = 1\nfly = yes\n", BVHD_INVALID, 2);
+    file_refused("\n\nworkers = many\n", BVHD_INVALID, 3);
+    file_refused("= 3\n", BVHD_INVALID, 1);
+    file_refused("config = other.conf\n", BVHD_INVALID, 1);
+    file_refused("help = yes\n", BVHD_INVALID, 1);
+    file_refused("version =\n", BVHD_INVALID, 1);
+    file_refused("socket =\n", BVHD_INVALID, 1);
+    file_refused("cache =\n", BVHD_INVALID, 1);
+    memset(much, 'x', sizeof much - 1);
+    much[sizeof much - 1] = 0;
+    file_refused(much, BVHD_INVALID, 1);
+    unlink(path);
+    REFUSED(BVHD_IO, path, "--config", path);
+    REFUSED(BVHD_IO, directory, "--config", directory);
+    memset(far, 'y', sizeof far - 1);
+    far[sizeof far - 1] = 0;
+    assert_int_equal(parse(&config, &error, "--config", far, NULL), BVHD_IO);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_defaults), cmocka_unit_test(test_command_line), cmocka_unit_test(test_usage),
+        cmocka_unit_test(test_file),     cmocka_unit_test(test_broken_files),
+    };
+    return cmocka_run_group_tests(tests, make_directory, remove_directory);
+}
