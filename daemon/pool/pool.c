@@ -60,7 +60,7 @@ void pool_destroy(struct pool *pool)
     if (!pool)
         return;
     pool_threads_stop(pool);
-    assert(!pool->first_turn && !pool->ended);
+    assert(!pool->first_flow && !pool->ended);
     pthread_mutex_destroy(&pool->lock);
     free(pool);
 }
@@ -70,30 +70,30 @@ unsigned pool_threads(const struct pool *pool)
     return pool->threads;
 }
 
-struct pool_turn *pool_turn_create(struct pool *pool)
+struct pool_flow *pool_flow_create(struct pool *pool)
 {
     (void)pool;
-    return calloc(1, sizeof(struct pool_turn));
+    return calloc(1, sizeof(struct pool_flow));
 }
 
-static void free_if_unused(struct pool_turn *turn)
+static void free_if_unused(struct pool_flow *flow)
 {
-    if (turn->ended && turn->jobs == 0)
-        free(turn);
+    if (flow->ended && flow->jobs == 0)
+        free(flow);
 }
 
-void pool_turn_end(struct pool *pool, struct pool_turn *turn)
+void pool_flow_end(struct pool *pool, struct pool_flow *flow)
 {
     (void)pool;
-    if (!turn)
+    if (!flow)
         return;
-    turn->ended = true;
-    free_if_unused(turn);
+    flow->ended = true;
+    free_if_unused(flow);
 }
 
 void pool_submit(struct pool *pool, struct pool_job *job)
 {
-    job->turn->jobs++;
+    job->flow->jobs++;
     pool_lock(pool);
     uint64_t now = clock_ns();
     job->state = POOL_JOB_QUEUED;
@@ -101,7 +101,7 @@ void pool_submit(struct pool *pool, struct pool_job *job)
     job->submitted_ns = now;
     job->started_ns = job->ended_ns = 0;
     job->order = pool->orders++;
-    pool_turns_add_job(pool, job, now);
+    pool_flows_add_job(pool, job, now);
     pool_threads_call(pool, 1, now);
     pool_unlock(pool);
 }
@@ -120,8 +120,8 @@ void pool_cancel(struct pool *pool, struct pool_job *job)
     atomic_store_explicit(&job->cancel, true, memory_order_relaxed);
     pool_lock(pool);
     if (job->state == POOL_JOB_QUEUED) {
-        pool_turns_take_job(pool, job);
-        pool_turns_close_job(pool, job, clock_ns());
+        pool_flows_take_job(pool, job);
+        pool_flows_close_job(pool, job, clock_ns());
         pool_append_ended(pool, job);
     }
     pool_unlock(pool);
@@ -148,11 +148,11 @@ bool pool_collect(struct pool *pool)
 {
     bool more;
     for (struct pool_job *job = take_ended(pool, &more), *next; job; job = next) {
-        struct pool_turn *turn = job->turn;
+        struct pool_flow *flow = job->flow;
         next = job->next;
         job->done(job);
-        turn->jobs--;
-        free_if_unused(turn);
+        flow->jobs--;
+        free_if_unused(flow);
     }
     return more;
 }

@@ -3,11 +3,11 @@
  * pool.h - the threads of the service, and who gets them next.
  *
  * A job is one call of run() on a worker; what it hands to its struct parallel is shared out to the workers that are
- * free. Between two tasks or jobs a worker goes where the turn is:
+ * free. Between two tasks or jobs a worker chooses its next work:
  *
- * * between clients, to the turn that has had the least time so far (a turn that comes back after a pause starts level
+ * * between clients, to the flow that has had the least time so far (a flow that comes back after a pause starts level
  *   with the others);
- * * within a turn, to the highest priority; of equal ones a running job's open tasks come before a queued job, and
+ * * within a flow, to the highest priority; of equal ones a running job's open tasks come before a queued job, and
  *   older jobs first.
  *
  * A job that runs keeps the thread that runs it. So that a small job need not wait for a large one, there are a few
@@ -36,7 +36,7 @@ enum {
 };
 
 struct pool;
-struct pool_turn;
+struct pool_flow;
 
 /*
  * Lives in its owner's struct, from pool_submit until done() is called. Zeroed, then filled by the owner down to the
@@ -49,16 +49,16 @@ struct pool_job {
      */
     void (*run)(struct pool_job *job, const struct parallel *parallel); /* on a worker; looks at `cancel` by itself */
     void (*done)(struct pool_job *job); /* on the loop, from pool_collect; the job is its owner's again */
-    struct pool_turn *turn;
+    struct pool_flow *flow;
     uint64_t size; /* how much there is to do, in primitives or the like; decides about spare threads */
-    int priority; /* higher goes first, within a turn */
+    int priority; /* higher goes first, within a flow */
     atomic_bool cancel; /* set by pool_cancel; for run() to hand on */
     /* the pool's own */
     bool ran; /* for done(): false when it was cancelled while it was queued */
     uint64_t submitted_ns, started_ns, ended_ns; /* CLOCK_MONOTONIC; started and ended only if it ran */
     int state; /* under the pool's lock */
     uint64_t order; /* counts submissions */
-    struct pool_job *next, *previous, *child; /* in the turn's queue, then in the list of ended jobs */
+    struct pool_job *next, *previous, *child; /* in the flow's queue, then in the list of ended jobs */
 };
 
 /*
@@ -68,17 +68,17 @@ struct pool_job {
 enum bvhd_status pool_create(unsigned threads, void (*wake)(void *context), void *wake_context, struct pool **ret_pool,
                              struct bvhd_error *error);
 
-/* All jobs must be done and all turns ended. Waits for the threads, one of which may still be in `wake`. NULL-safe. */
+/* All jobs must be done and all flows ended. Waits for the threads, one of which may still be in `wake`. NULL-safe. */
 void pool_destroy(struct pool *pool);
 
 unsigned pool_threads(const struct pool *pool);
 
 /*
- * A client's claim to turns. NULL without memory. It may end while its jobs still wait or run: they keep it until the
- * last is done.
+ * A client's account with the scheduler: the time that its jobs have had. NULL without memory. It may end while its
+ * jobs still wait or run: they keep it until the last is done.
  */
-struct pool_turn *pool_turn_create(struct pool *pool);
-void pool_turn_end(struct pool *pool, struct pool_turn *turn);
+struct pool_flow *pool_flow_create(struct pool *pool);
+void pool_flow_end(struct pool *pool, struct pool_flow *flow);
 
 /* A job whose done() has been called may come again; its `cancel` stays as it is. */
 void pool_submit(struct pool *pool, struct pool_job *job);

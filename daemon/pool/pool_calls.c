@@ -58,7 +58,7 @@ void pool_calls_help(struct pool *pool, struct pool_call *call, uint64_t now)
         run_round(call, now + ROUND_NS);
         pool_lock(pool);
         now = clock_ns();
-    } while (pool_calls_has_tasks(call) && !pool_turns_leave(pool, call, now));
+    } while (pool_calls_has_tasks(call) && !pool_flows_leave(pool, call, now));
     leave(pool, call);
 }
 
@@ -73,7 +73,7 @@ static bool descends_from(const struct pool_call *call, const struct pool_call *
 /* A call with tasks to give that this call's tasks have made. */
 static struct pool_call *open_below(const struct pool_call *call)
 {
-    for (struct pool_call *other = call->run->job->turn->calls; other; other = other->after)
+    for (struct pool_call *other = call->run->job->flow->calls; other; other = other->after)
         if (other->run == call->run && pool_calls_has_tasks(other) && descends_from(other, call))
             return other;
     return NULL;
@@ -83,7 +83,7 @@ static void open_call(struct pool *pool, struct pool_call *call)
 {
     pool_lock(pool);
     uint64_t now = clock_ns();
-    pool_turns_add_call(pool, call, now);
+    pool_flows_add_call(pool, call, now);
     for (struct pool_call *ancestor = call->parent; ancestor; ancestor = ancestor->parent)
         if (ancestor->sleeper) {
             pool_threads_wake(pool, ancestor->sleeper);
@@ -99,14 +99,14 @@ static void spin_for_helpers(const struct pool_call *call)
         processor_relax();
 }
 
-/* What is slept away does not count for the turn. */
+/* What is slept away does not count for the flow. */
 static void sleep_as_caller(struct pool *pool, struct pool_call *call, struct pool_thread *self)
 {
-    struct pool_turn *turn = call->run->job->turn;
+    struct pool_flow *flow = call->run->job->flow;
     call->sleeper = self;
-    pool_threads_pause(pool, turn, clock_ns());
+    pool_threads_pause(pool, flow, clock_ns());
     pool_threads_sleep(pool, self);
-    pool_threads_resume(pool, turn, clock_ns());
+    pool_threads_resume(pool, flow, clock_ns());
 }
 
 static void wait_for_helpers(struct pool *pool, struct pool_call *call, struct pool_thread *self)
@@ -129,7 +129,7 @@ static void wait_for_helpers(struct pool *pool, struct pool_call *call, struct p
 static void close_call(struct pool *pool, struct pool_call *call, struct pool_thread *self)
 {
     pool_lock(pool);
-    pool_turns_remove_call(call);
+    pool_flows_remove_call(call);
     if (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
         pool_unlock(pool);
         spin_for_helpers(call);

@@ -3,7 +3,7 @@
  * pool_internal.h - what the files of the pool share. Fields without a word are under the pool's lock, and so are
  * functions: they are called, and return, with the lock held. `now` is always a time read under it.
  *
- * pool.c: what the loop sees. pool_threads.c: threads that take work, and who is woken for what. pool_turns.c: which
+ * pool.c: what the loop sees. pool_threads.c: threads that take work, and who is woken for what. pool_flows.c: which
  * work is next. pool_calls.c: for_each.
  */
 #ifndef BVHD_POOL_INTERNAL_H
@@ -37,12 +37,12 @@ static inline uint64_t pool_time_at(const struct pool_time *time, uint64_t now)
     return time->base + time->threads * now;
 }
 
-/* What is looked at in each turn whenever a thread wants work comes first, to be in one line of the cache. */
-struct pool_turn {
+/* What is looked at in each flow whenever a thread wants work comes first, to be in one line of the cache. */
+struct pool_flow {
     struct pool_time time;
-    struct pool_turn *next, *previous; /* in the pool's list */
+    struct pool_flow *next, *previous; /* in the pool's list */
     struct pool_call *calls; /* open ones: by priority, then age of their jobs, then age */
-    uint32_t open; /* jobs queued or running: the turn is in the list while there are any */
+    uint32_t open; /* jobs queued or running: the flow is in the list while there are any */
     uint32_t jobs; /* submitted and not done; loop only */
     bool ended; /* loop only */
     struct pool_queue queue;
@@ -65,7 +65,7 @@ struct pool_call {
     struct pool_call *parent; /* the call whose task made this one */
     atomic_size_t next; /* the first task that nobody has taken; may pass count */
     atomic_uint helpers; /* threads inside besides the caller; changed under the lock */
-    struct pool_call *after; /* in the turn's list; under the lock */
+    struct pool_call *after; /* in the flow's list; under the lock */
     struct pool_thread *sleeper; /* its caller, while it sleeps; under the lock */
 };
 
@@ -82,14 +82,14 @@ struct pool {
     void (*wake)(void *context); /* constant */
     void *wake_context;
 
-    struct pool_turn *first_turn, *last_turn; /* with open jobs */
+    struct pool_flow *first_flow, *last_flow; /* with open jobs */
     struct pool_run *runs;
     uint32_t queued, running; /* jobs */
     uint32_t queued_of[POOL_QUEUE_CLASSES]; /* jobs, by class of size */
     uint64_t queued_classes; /* bit i: class i has some */
     unsigned active; /* threads that are in jobs and calls, also while they wait there for helpers */
     uint64_t orders;
-    uint64_t level; /* the time of the turn that was last served: where a turn without a past starts */
+    uint64_t level; /* the time of the flow that was last served: where a flow without a past starts */
     struct pool_time busy;
     struct pool_time open; /* counts 1 while there are jobs */
     uint64_t closed_ns; /* when there were none any more */
@@ -147,11 +147,11 @@ void pool_threads_sleep(struct pool *pool, struct pool_thread *self);
  */
 void pool_threads_call(struct pool *pool, size_t count, uint64_t now);
 
-/* The calling thread spends time on a turn from here on, or no longer. */
-void pool_threads_resume(struct pool *pool, struct pool_turn *turn, uint64_t now);
-void pool_threads_pause(struct pool *pool, struct pool_turn *turn, uint64_t now);
+/* The calling thread spends time on a flow from here on, or no longer. */
+void pool_threads_resume(struct pool *pool, struct pool_flow *flow, uint64_t now);
+void pool_threads_pause(struct pool *pool, struct pool_flow *flow, uint64_t now);
 
-/* pool_turns.c */
+/* pool_flows.c */
 
 /* Exactly one of call and job, or nothing at all. */
 struct pool_work {
@@ -160,23 +160,23 @@ struct pool_work {
 };
 
 /* A job waits, and no longer waits. */
-void pool_turns_add_job(struct pool *pool, struct pool_job *job, uint64_t now);
-void pool_turns_take_job(struct pool *pool, struct pool_job *job);
+void pool_flows_add_job(struct pool *pool, struct pool_job *job, uint64_t now);
+void pool_flows_take_job(struct pool *pool, struct pool_job *job);
 
 /* A job that was taken has ended, at `now`. */
-void pool_turns_close_job(struct pool *pool, const struct pool_job *job, uint64_t now);
+void pool_flows_close_job(struct pool *pool, const struct pool_job *job, uint64_t now);
 
-void pool_turns_add_call(struct pool *pool, struct pool_call *call, uint64_t now);
-void pool_turns_remove_call(struct pool_call *call);
+void pool_flows_add_call(struct pool *pool, struct pool_call *call, uint64_t now);
+void pool_flows_remove_call(struct pool_call *call);
 
 /* What a free worker does next. */
-struct pool_work pool_turns_next(struct pool *pool, uint64_t now);
+struct pool_work pool_flows_next(struct pool *pool, uint64_t now);
 
 /* Whether a helper of this call should look for other work. */
-bool pool_turns_leave(struct pool *pool, const struct pool_call *call, uint64_t now);
+bool pool_flows_leave(struct pool *pool, const struct pool_call *call, uint64_t now);
 
 /* The job that a spare thread may start; NULL when there is none. */
-struct pool_job *pool_turns_spare_job(const struct pool *pool, uint64_t now);
+struct pool_job *pool_flows_spare_job(const struct pool *pool, uint64_t now);
 
 /* pool_calls.c */
 

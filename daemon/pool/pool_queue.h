@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * pool_queue.h - the jobs of one turn that wait: the highest priority first, of equal ones the oldest.
+ * pool_queue.h - the jobs of one flow that wait: the highest priority first, of equal ones the oldest.
  *
  * Sizes fall into classes, powers of two, each with a pairing heap of its own, so that the first of the small jobs is
  * found behind large ones. Whatever it costs to keep the order is linked into the jobs: nothing is allocated, nothing

@@ -43,18 +43,18 @@ void pool_threads_sleep(struct pool *pool, struct pool_thread *self)
     pool_lock(pool);
 }
 
-void pool_threads_resume(struct pool *pool, struct pool_turn *turn, uint64_t now)
+void pool_threads_resume(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
-    struct pool_time *times[] = {&pool->busy, &turn->time};
+    struct pool_time *times[] = {&pool->busy, &flow->time};
     for (int i = 0; i < 2; i++) {
         times[i]->base -= now;
         times[i]->threads++;
     }
 }
 
-void pool_threads_pause(struct pool *pool, struct pool_turn *turn, uint64_t now)
+void pool_threads_pause(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
-    struct pool_time *times[] = {&pool->busy, &turn->time};
+    struct pool_time *times[] = {&pool->busy, &flow->time};
     for (int i = 0; i < 2; i++) {
         times[i]->base += now;
         times[i]->threads--;
@@ -88,7 +88,7 @@ static void call_spare(struct pool *pool, uint64_t now)
 {
     unsigned busy = pool->active + pool->coming;
     if (pool->queued > 0 && busy >= pool->threads && busy < pool->threads + POOL_SPARE_THREADS &&
-        pool_turns_spare_job(pool, now))
+        pool_flows_spare_job(pool, now))
         call_one(pool);
 }
 
@@ -100,17 +100,17 @@ void pool_threads_call(struct pool *pool, size_t count, uint64_t now)
         call_spare(pool, now);
 }
 
-static void begin(struct pool *pool, struct pool_turn *turn, uint64_t now)
+static void begin(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
     pool->active++;
-    pool_threads_resume(pool, turn, now);
+    pool_threads_resume(pool, flow, now);
     call_spare(pool, now);
 }
 
-static void end(struct pool *pool, struct pool_turn *turn, uint64_t now)
+static void end(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
     pool->active--;
-    pool_threads_pause(pool, turn, now);
+    pool_threads_pause(pool, flow, now);
 }
 
 static void link_run(struct pool *pool, struct pool_run *run)
@@ -132,7 +132,7 @@ static void unlink_run(struct pool *pool, struct pool_run *run)
 
 static void mark_running(struct pool *pool, struct pool_job *job, uint64_t now)
 {
-    pool_turns_take_job(pool, job);
+    pool_flows_take_job(pool, job);
     job->state = POOL_JOB_RUNNING;
     job->ran = true;
     job->started_ns = now;
@@ -141,36 +141,36 @@ static void mark_running(struct pool *pool, struct pool_job *job, uint64_t now)
 static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
 {
     struct pool_run run = {.parallel = {pool->threads, pool_calls_for_each}, .pool = pool, .job = job};
-    struct pool_turn *turn = job->turn;
+    struct pool_flow *flow = job->flow;
     mark_running(pool, job, now);
     link_run(pool, &run);
-    begin(pool, turn, now);
+    begin(pool, flow, now);
     pool_unlock(pool);
 
     job->run(job, &run.parallel);
 
     pool_lock(pool);
     job->ended_ns = clock_ns();
-    end(pool, turn, job->ended_ns);
+    end(pool, flow, job->ended_ns);
     unlink_run(pool, &run);
     pool->jobs_done++;
-    pool_turns_close_job(pool, job, job->ended_ns);
+    pool_flows_close_job(pool, job, job->ended_ns);
     pool_append_ended(pool, job);
 }
 
 static void help_call(struct pool *pool, struct pool_call *call, uint64_t now)
 {
-    struct pool_turn *turn = call->run->job->turn;
-    begin(pool, turn, now);
+    struct pool_flow *flow = call->run->job->flow;
+    begin(pool, flow, now);
     pool_calls_help(pool, call, now);
-    end(pool, turn, clock_ns());
+    end(pool, flow, clock_ns());
 }
 
 static struct pool_work find_work(struct pool *pool, uint64_t now)
 {
     if (pool->active < pool->threads)
-        return pool_turns_next(pool, now);
-    return (struct pool_work){NULL, pool_turns_spare_job(pool, now)};
+        return pool_flows_next(pool, now);
+    return (struct pool_work){NULL, pool_flows_spare_job(pool, now)};
 }
 
 /* Looks around for a while, then sleeps. */

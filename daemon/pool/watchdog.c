@@ -23,10 +23,10 @@ static void probe_done(struct pool_job *job)
 enum bvhd_status watchdog_init(struct watchdog *watchdog, struct pool *pool, uint64_t patience_ms,
                                struct bvhd_error *error)
 {
-    struct pool_turn *turn = pool_turn_create(pool);
-    if (!turn)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "watchdog", "no memory for its turn");
-    *watchdog = (struct watchdog){.pool = pool, .patience_ms = patience_ms, .probe.turn = turn};
+    struct pool_flow *flow = pool_flow_create(pool);
+    if (!flow)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "watchdog", "no memory for its flow");
+    *watchdog = (struct watchdog){.pool = pool, .patience_ms = patience_ms, .probe.flow = flow};
     return BVHD_OK;
 }
 
@@ -40,7 +40,7 @@ void watchdog_finish(struct watchdog *watchdog)
         pool_collect(watchdog->pool);
         nanosleep(&(struct timespec){.tv_nsec = 100000}, NULL);
     }
-    pool_turn_end(watchdog->pool, watchdog->probe.turn);
+    pool_flow_end(watchdog->pool, watchdog->probe.flow);
     watchdog->pool = NULL;
 }
 
@@ -48,7 +48,7 @@ bool watchdog_is_alive(struct watchdog *watchdog, uint64_t now_ms)
 {
     if (watchdog->under_way)
         return now_ms - watchdog->sent_ms < watchdog->patience_ms;
-    watchdog->probe = (struct pool_job){.run = run_probe, .done = probe_done, .turn = watchdog->probe.turn};
+    watchdog->probe = (struct pool_job){.run = run_probe, .done = probe_done, .flow = watchdog->probe.flow};
     watchdog->under_way = true;
     watchdog->sent_ms = now_ms;
     pool_submit(watchdog->pool, &watchdog->probe);

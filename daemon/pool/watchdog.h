@@ -14,7 +14,7 @@ enum { WATCHDOG_PATIENCE_MS = 300 * 1000 };
 
 struct watchdog {
     struct pool *pool;
-    struct pool_job probe; /* its turn is the watchdog's */
+    struct pool_job probe; /* its flow is the watchdog's */
     uint64_t patience_ms;
     uint64_t sent_ms;
     bool under_way;

@@ -136,7 +136,7 @@ void flights_dispose(struct flights *flights, struct preparation *preparation)
         return;
     }
     *disposal =
-        (struct disposal){.job = {.run = dispose_run, .done = dispose_done, .turn = flights->housekeeping, .size = 1},
+        (struct disposal){.job = {.run = dispose_run, .done = dispose_done, .flow = flights->housekeeping, .size = 1},
                           .flights = flights,
                           .preparation = preparation,
                           .promised = preparation->promised,
@@ -374,7 +374,7 @@ static void start_build(struct flight *flight)
     flight->job = (struct pool_job){
         .run = build_run,
         .done = build_done,
-        .turn = first->client->turn,
+        .flow = first->client->flow,
         .size = flight->preparation->canonical.primitive_count,
         .priority = 2 * first->priority + 1,
     };

@@ -23,7 +23,7 @@ struct flight;
 /* A client's claims: to memory for builds, to threads. */
 struct flight_client {
     struct fair_lane lanes[ADMISSION_CLASSES];
-    struct pool_turn *turn;
+    struct pool_flow *flow;
 };
 
 struct flight_landing {
@@ -47,7 +47,7 @@ struct flight_waiter {
 struct flights {
     /* of the service, filled before flights_init */
     struct pool *pool;
-    struct pool_turn *housekeeping; /* for what frees memory */
+    struct pool_flow *housekeeping; /* for what frees memory */
     struct memory *memory;
     struct memory *large; /* within that: for builds that are not small */
     struct admission *admission;

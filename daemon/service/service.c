@@ -62,7 +62,7 @@ static enum bvhd_status create_parts(struct service *service, void (*wake)(void 
     enum bvhd_status status = pool_create(service->options.workers, wake, wake_context, &service->pool, error);
     if (status != BVHD_OK)
         return status;
-    service->housekeeping = pool_turn_create(service->pool);
+    service->housekeeping = pool_flow_create(service->pool);
     service->cache = cache_create(service->options.cache, &service->replies);
     if (!service->housekeeping || !service->cache)
         return out_of_memory(error);
@@ -84,7 +84,7 @@ static void destroy_parts(struct service *service)
     if (service->flights.buckets)
         flights_finish(&service->flights);
     if (service->housekeeping)
-        pool_turn_end(service->pool, service->housekeeping);
+        pool_flow_end(service->pool, service->housekeeping);
     pool_destroy(service->pool);
     cache_destroy(service->cache);
 }

@@ -29,7 +29,7 @@ struct service {
     struct descriptors descriptors;
     struct blob_account account;
     struct pool *pool;
-    struct pool_turn *housekeeping;
+    struct pool_flow *housekeeping;
     struct cache *cache;
     struct admission admission;
     struct fair_queue preparing[ADMISSION_CLASSES]; /* items that wait for memory */

@@ -442,7 +442,7 @@ static void start_preparing(struct item *item)
     item->job = (struct pool_job){
         .run = prepare_run,
         .done = prepare_done,
-        .turn = item->request->client->flights.turn,
+        .flow = item->request->client->flights.flow,
         .size = item->promise / BYTES_A_PRIMITIVE,
         .priority = 2 * item->request->priority,
     };

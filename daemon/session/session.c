@@ -474,13 +474,13 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
                               struct session **ret_session, struct bvhd_error *error)
 {
     struct session *session = memory_alloc(&service->memory, sizeof *session);
-    struct pool_turn *turn = session ? pool_turn_create(service->pool) : NULL;
-    if (!turn) {
+    struct pool_flow *flow = session ? pool_flow_create(service->pool) : NULL;
+    if (!flow) {
         memory_free(&service->memory, session);
         return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for another session");
     }
     *session = (struct session){.service = service, .peer = *peer, .link = *link};
-    session->client = (struct request_client){.service = service, .events = &events, .flights = {.turn = turn}};
+    session->client = (struct request_client){.service = service, .events = &events, .flights = {.flow = flow}};
     session->next = service->sessions;
     if (session->next)
         session->next->previous = session;
@@ -522,7 +522,7 @@ static void give_back(struct session *session)
     service->closing_count++;
     payload_unref(session->pool);
     session->pool = NULL;
-    pool_turn_end(service->pool, session->client.flights.turn);
+    pool_flow_end(service->pool, session->client.flights.flow);
 }
 
 void session_close(struct session *session)

@@ -6,10 +6,10 @@
  *
  * THREADS: as many as there are processors. Prints ratios for a quiet machine; takes some 15 seconds.
  *
- *   scaling   640 jobs of about 1 ms in one turn: rate with THREADS / (THREADS times the rate with 1), the median of some runs; and in the
+ *   scaling   640 jobs of about 1 ms in one flow: rate with THREADS / (THREADS times the rate with 1), the median of some runs; and in the
  *             same run the same for plain threads that share a counter, which is what the machine has to give; and, which a busy
  *             machine does not change, the part of the time that the threads spend in jobs
- *   beside    a 1 ms job of another turn while tasks of 25 ms fill all workers: time from submission to done, against a quiet pool
+ *   beside    a 1 ms job of another flow while tasks of 25 ms fill all workers: time from submission to done, against a quiet pool
  *   start     from submission to the start on an idle pool
  *   share     part of all time that a client with one large job gets beside a client with a flood of small ones
  */
@@ -35,7 +35,7 @@ struct work {
 
 struct bench {
     struct pool *pool;
-    struct pool_turn *turn, *other_turn;
+    struct pool_flow *flow, *other_flow;
     int woken; /* an eventfd */
 };
 
@@ -101,16 +101,16 @@ static void start(struct bench *bench, unsigned threads)
     bench->woken = eventfd(0, EFD_CLOEXEC);
     if (pool_create(threads, pass_on, &bench->woken, &bench->pool, &error) != BVHD_OK)
         fail(error.text);
-    bench->turn = pool_turn_create(bench->pool);
-    bench->other_turn = pool_turn_create(bench->pool);
-    if (!bench->turn || !bench->other_turn)
+    bench->flow = pool_flow_create(bench->pool);
+    bench->other_flow = pool_flow_create(bench->pool);
+    if (!bench->flow || !bench->other_flow)
         fail("no memory");
 }
 
 static void stop(struct bench *bench)
 {
-    pool_turn_end(bench->pool, bench->turn);
-    pool_turn_end(bench->pool, bench->other_turn);
+    pool_flow_end(bench->pool, bench->flow);
+    pool_flow_end(bench->pool, bench->other_flow);
     pool_destroy(bench->pool);
     close(bench->woken);
 }
@@ -137,11 +137,11 @@ static void note_done(struct pool_job *job)
     ((struct work *)job)->is_done = true;
 }
 
-static void submit(struct bench *bench, struct work *work, struct pool_turn *turn, uint64_t size)
+static void submit(struct bench *bench, struct work *work, struct pool_flow *flow, uint64_t size)
 {
     work->job.run = run_work;
     work->job.done = note_done;
-    work->job.turn = turn;
+    work->job.flow = flow;
     work->job.size = size;
     pool_submit(bench->pool, &work->job);
 }
@@ -167,7 +167,7 @@ static double pool_span(unsigned threads, double *ret_busy)
     start(&bench, threads);
     for (int i = 0; i < JOBS; i++) {
         works[i].milliseconds = 1;
-        submit(&bench, &works[i], bench.turn, SMALL);
+        submit(&bench, &works[i], bench.flow, SMALL);
     }
     for (int i = 0; i < JOBS; i++) {
         collect_until_done(&bench, &works[i]);
@@ -219,7 +219,7 @@ static double small_job(struct bench *bench)
 {
     struct work small = {.milliseconds = 1};
     uint64_t begin = now_ns();
-    submit(bench, &small, bench->other_turn, SMALL);
+    submit(bench, &small, bench->other_flow, SMALL);
     collect_until_done(bench, &small);
     return (double)(now_ns() - begin) * 1e-6;
 }
@@ -244,7 +244,7 @@ static void bench_beside(unsigned threads)
     start(&bench, threads);
     sample_small_jobs(&bench, quiet);
     struct work large = {.milliseconds = 25, .tasks = 10000000};
-    submit(&bench, &large, bench.turn, LARGE);
+    submit(&bench, &large, bench.flow, LARGE);
     pause_for(100);
     sample_small_jobs(&bench, beside);
     pool_cancel(bench.pool, &large.job);
@@ -266,7 +266,7 @@ static void bench_start(unsigned threads)
         struct work work = {0};
         pause_for(1);
         uint64_t begin = now_ns();
-        submit(&bench, &work, bench.turn, SMALL);
+        submit(&bench, &work, bench.flow, SMALL);
         collect_until_done(&bench, &work);
         replies[i] = (double)(now_ns() - begin) * 1e-3;
         waits[i] = (double)(work.job.started_ns - work.job.submitted_ns) * 1e-3;
@@ -286,13 +286,13 @@ static void bench_share(unsigned threads)
     if (!works)
         fail("no memory");
     start(&bench, threads);
-    submit(&bench, &large, bench.turn, LARGE);
+    submit(&bench, &large, bench.flow, LARGE);
     pause_for(20);
     uint64_t begin = now_ns(), busy = pool_load(bench.pool).busy_ns;
     double small = 0;
     for (int i = 0; i < JOBS; i++) {
         works[i].milliseconds = 1;
-        submit(&bench, &works[i], bench.other_turn, SMALL);
+        submit(&bench, &works[i], bench.other_flow, SMALL);
     }
     for (int i = 0; i < JOBS; i++) {
         collect_until_done(&bench, &works[i]);

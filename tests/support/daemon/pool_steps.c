@@ -104,21 +104,21 @@ void step_done(struct pool_job *job)
     if (step->to_cancel)
         pool_cancel(step->loop->pool, &step->to_cancel->job);
     if (step->to_end)
-        pool_turn_end(step->loop->pool, step->to_end);
+        pool_flow_end(step->loop->pool, step->to_end);
 }
 
-void step_init(struct step *step, struct loop *loop, struct pool_turn *turn, uint64_t size)
+void step_init(struct step *step, struct loop *loop, struct pool_flow *flow, uint64_t size)
 {
-    *step = (struct step){.job = {.run = run_step, .done = step_done, .turn = turn, .size = size}, .loop = loop};
+    *step = (struct step){.job = {.run = run_step, .done = step_done, .flow = flow, .size = size}, .loop = loop};
     sem_init(&step->started, 0, 0);
     sem_init(&step->may_end, 0, 0);
 }
 
-struct pool_turn *loop_turn(struct loop *loop)
+struct pool_flow *loop_flow(struct loop *loop)
 {
-    struct pool_turn *turn = pool_turn_create(loop->pool);
-    assert_non_null(turn);
-    return turn;
+    struct pool_flow *flow = pool_flow_create(loop->pool);
+    assert_non_null(flow);
+    return flow;
 }
 
 void steps_wait(sem_t *semaphore)
@@ -141,9 +141,9 @@ static void hold(struct step *step, const struct parallel *parallel)
 }
 
 /* Takes a thread until it is let go. */
-void step_hold_thread(struct step *step, struct loop *loop, struct pool_turn *turn, uint64_t size)
+void step_hold_thread(struct step *step, struct loop *loop, struct pool_flow *flow, uint64_t size)
 {
-    step_init(step, loop, turn, size);
+    step_init(step, loop, flow, size);
     step->body = hold;
     step_submit(step);
     steps_wait(&step->started);

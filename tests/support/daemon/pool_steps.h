@@ -30,7 +30,7 @@ struct step {
     bool cancelled_inside; /* what run() saw at its end */
     unsigned done;
     struct step *to_submit, *to_cancel; /* by done() */
-    struct pool_turn *to_end;
+    struct pool_flow *to_end;
     pthread_t runner;
     atomic_uint tasks; /* that have begun */
     atomic_bool helped; /* some of them on another thread than run() */
@@ -60,9 +60,9 @@ unsigned loop_wakes(struct loop *loop);
 
 /* Waits for a wake that has not been seen, and collects; the test fails after a minute. */
 void loop_once(struct loop *loop);
-struct pool_turn *loop_turn(struct loop *loop);
+struct pool_flow *loop_flow(struct loop *loop);
 
-void step_init(struct step *step, struct loop *loop, struct pool_turn *turn, uint64_t size);
+void step_init(struct step *step, struct loop *loop, struct pool_flow *flow, uint64_t size);
 void step_submit(struct step *step);
 void step_await(struct loop *loop, const struct step *step);
 
@@ -73,7 +73,7 @@ void step_done(struct pool_job *job);
 bool step_has_started(struct step *step);
 
 /* Inits and submits one that takes a thread until it is let go, and waits until it does. */
-void step_hold_thread(struct step *step, struct loop *loop, struct pool_turn *turn, uint64_t size);
+void step_hold_thread(struct step *step, struct loop *loop, struct pool_flow *flow, uint64_t size);
 void step_let_go(struct step *step);
 
 /* A body: `count` tasks of half a millisecond in one for_each, of none when the job is cancelled. */

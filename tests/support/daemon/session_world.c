@@ -238,7 +238,7 @@ struct world_gate *world_shut(struct session_world *world)
 {
     assert_true(world->gate_count < WORLD_GATES);
     struct world_gate *gate = &world->gates[world->gate_count++];
-    gate->job = (struct pool_job){.run = gate_run, .done = gate_done, .turn = world->service->housekeeping};
+    gate->job = (struct pool_job){.run = gate_run, .done = gate_done, .flow = world->service->housekeeping};
     sem_init(&gate->opened, 0, 0);
     pool_submit(world->service->pool, &gate->job);
     while (!atomic_load(&gate->running))

@@ -11,10 +11,10 @@ static void a_job_runs_and_is_done(void **state)
     struct loop loop;
     struct step step;
     loop_init(&loop, 2);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     uint64_t begin = steps_now_ns();
     for (unsigned round = 1; round <= 100; round++) {
-        step_init(&step, &loop, turn, 10);
+        step_init(&step, &loop, flow, 10);
         step_submit(&step);
         step_await(&loop, &step);
         assert_int_equal(step.done, 1);
@@ -23,7 +23,7 @@ static void a_job_runs_and_is_done(void **state)
         assert_true(step.job.started_ns <= step.job.ended_ns && step.job.ended_ns <= steps_now_ns());
         assert_int_equal(pool_load(loop.pool).jobs_done, round);
     }
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -33,10 +33,10 @@ static void one_wake_for_all_that_is_there(void **state)
     struct loop loop;
     struct step steps[5];
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     for (unsigned round = 1; round <= 20; round++) {
         for (int i = 0; i < 5; i++) {
-            step_init(&steps[i], &loop, turn, 10);
+            step_init(&steps[i], &loop, flow, 10);
             step_submit(&steps[i]);
         }
         while (pool_load(loop.pool).jobs_done < 5 * round)
@@ -49,7 +49,7 @@ static void one_wake_for_all_that_is_there(void **state)
         assert_int_equal(loop_wakes(&loop), round);
     }
     pool_collect(loop.pool);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -67,10 +67,10 @@ static void done_in_the_order_of_ending(void **state)
     struct loop loop;
     struct step steps[3];
     loop_init(&loop, 3);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     static const int order[] = {2, 0, 1};
     for (int i = 0; i < 3; i++)
-        step_hold_thread(&steps[i], &loop, turn, 10);
+        step_hold_thread(&steps[i], &loop, flow, 10);
     for (unsigned i = 0; i < 3; i++) {
         steps[i].job.done = note_order;
         step_let_go(&steps[order[i]]);
@@ -82,7 +82,7 @@ static void done_in_the_order_of_ending(void **state)
         step_await(&loop, &steps[i]);
     for (unsigned i = 0; i < 3; i++)
         assert_int_equal(steps[order[i]].count, i);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -93,15 +93,15 @@ static void done_may_submit(void **state)
     static struct step steps[CHAIN];
     struct loop loop;
     loop_init(&loop, 2);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     for (int i = 0; i < CHAIN; i++) {
-        step_init(&steps[i], &loop, turn, 10);
+        step_init(&steps[i], &loop, flow, 10);
         steps[i].to_submit = i + 1 < CHAIN ? &steps[i + 1] : NULL;
     }
     step_submit(&steps[0]);
     step_await(&loop, &steps[CHAIN - 1]);
     assert_int_equal(pool_load(loop.pool).jobs_done, CHAIN);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -112,11 +112,11 @@ static void a_done_job_may_come_again(void **state)
     struct loop loop;
     struct step step, holder;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_init(&step, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_init(&step, &loop, flow, 10);
     step_submit(&step);
     step_await(&loop, &step);
-    step_hold_thread(&holder, &loop, turn, 10);
+    step_hold_thread(&holder, &loop, flow, 10);
     step_submit(&step);
     pool_cancel(loop.pool, &step.job);
     while (step.done < 2)
@@ -125,7 +125,7 @@ static void a_done_job_may_come_again(void **state)
     assert_int_equal(step.job.started_ns, 0);
     step_let_go(&holder);
     step_await(&loop, &holder);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -135,10 +135,10 @@ static void load_counts(void **state)
     struct loop loop;
     struct step holder, waiting[3];
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&holder, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&holder, &loop, flow, 10);
     for (int i = 0; i < 3; i++) {
-        step_init(&waiting[i], &loop, turn, 10);
+        step_init(&waiting[i], &loop, flow, 10);
         step_submit(&waiting[i]);
     }
     struct pool_load before = pool_load(loop.pool);
@@ -158,7 +158,7 @@ static void load_counts(void **state)
     assert_int_equal(after.jobs_done, 4);
     assert_true(after.busy_ns == busy);
     assert_true(after.active_ns == waiting[2].job.ended_ns - holder.job.submitted_ns);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -168,13 +168,13 @@ static void pauses(void **state)
     struct loop loop;
     struct step first, soon, late;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&first, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&first, &loop, flow, 10);
     step_let_go(&first);
     step_await(&loop, &first);
     uint64_t before = pool_load(loop.pool).active_ns;
     assert_true(before == first.job.ended_ns - first.job.submitted_ns);
-    step_hold_thread(&soon, &loop, turn, 10);
+    step_hold_thread(&soon, &loop, flow, 10);
     step_let_go(&soon);
     step_await(&loop, &soon);
     bool is_short = soon.job.submitted_ns - first.job.ended_ns < POOL_PAUSE_NS;
@@ -182,12 +182,12 @@ static void pauses(void **state)
     assert_true(after == before + soon.job.ended_ns - (is_short ? first.job.ended_ns : soon.job.submitted_ns));
     steps_sleep_ms(POOL_PAUSE_NS / 1000000 + 1);
     assert_true(pool_load(loop.pool).active_ns == after);
-    step_hold_thread(&late, &loop, turn, 10);
+    step_hold_thread(&late, &loop, flow, 10);
     assert_true(pool_load(loop.pool).active_ns - after <= steps_now_ns() - late.job.submitted_ns);
     step_let_go(&late);
     step_await(&loop, &late);
     assert_true(pool_load(loop.pool).active_ns == after + late.job.ended_ns - late.job.submitted_ns);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -198,10 +198,10 @@ static void cancelled_in_the_queue(void **state)
     struct loop loop;
     struct step holder, steps[QUEUED];
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&holder, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&holder, &loop, flow, 10);
     for (int i = 0; i < QUEUED; i++) {
-        step_init(&steps[i], &loop, turn, 10);
+        step_init(&steps[i], &loop, flow, 10);
         steps[i].job.priority = i * 7 % 5;
         step_submit(&steps[i]);
     }
@@ -225,11 +225,11 @@ static void cancelled_in_the_queue(void **state)
     assert_int_equal(pool_load(loop.pool).jobs_done, QUEUED / 2 + 1);
     for (int i = 0; i < QUEUED; i++)
         assert_int_equal(steps[i].done, 1);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
-/* Whoever else waits for the loop has a turn in between. */
+/* The loop gets to its other work in between. */
 static void collected_in_portions(void **state)
 {
     (void)state;
@@ -237,10 +237,10 @@ static void collected_in_portions(void **state)
     struct loop loop;
     static struct step holder, steps[QUEUED];
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&holder, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&holder, &loop, flow, 10);
     for (int i = 0; i < QUEUED; i++) {
-        step_init(&steps[i], &loop, turn, 10);
+        step_init(&steps[i], &loop, flow, 10);
         step_submit(&steps[i]);
     }
     for (int i = 0; i < QUEUED; i++)
@@ -255,7 +255,7 @@ static void collected_in_portions(void **state)
     assert_false(pool_collect(loop.pool));
     step_let_go(&holder);
     step_await(&loop, &holder);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -265,9 +265,9 @@ static void a_cancelled_queued_job_wakes_the_loop(void **state)
     struct loop loop;
     struct step holder, step;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&holder, &loop, turn, 10);
-    step_init(&step, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&holder, &loop, flow, 10);
+    step_init(&step, &loop, flow, 10);
     step_submit(&step);
     pool_cancel(loop.pool, &step.job);
     assert_int_equal(loop_wakes(&loop), 1);
@@ -275,7 +275,7 @@ static void a_cancelled_queued_job_wakes_the_loop(void **state)
     step_await(&loop, &step);
     step_let_go(&holder);
     step_await(&loop, &holder);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -292,9 +292,9 @@ static void cancelled_while_it_runs(void **state)
     struct loop loop;
     struct step step;
     loop_init(&loop, 2);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     for (int round = 0; round < 100; round++) {
-        step_init(&step, &loop, turn, 10);
+        step_init(&step, &loop, flow, 10);
         step.body = wait_for_cancel;
         step_submit(&step);
         steps_wait(&step.started);
@@ -307,7 +307,7 @@ static void cancelled_while_it_runs(void **state)
         pool_collect(loop.pool);
         assert_int_equal(step.done, 1);
     }
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -318,10 +318,10 @@ static void cancelled_too_late(void **state)
     struct loop loop;
     struct step steps[2];
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     for (unsigned round = 1; round <= 50; round++) {
         for (int i = 0; i < 2; i++) {
-            step_init(&steps[i], &loop, turn, 10);
+            step_init(&steps[i], &loop, flow, 10);
             step_submit(&steps[i]);
         }
         steps[0].to_cancel = &steps[1];
@@ -334,7 +334,7 @@ static void cancelled_too_late(void **state)
             assert_true(steps[i].job.ran && steps[i].job.cancel);
         }
     }
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -344,10 +344,10 @@ static void done_may_cancel(void **state)
     struct loop loop;
     struct step holder, first, second;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&holder, &loop, turn, 10);
-    step_init(&first, &loop, turn, 10);
-    step_init(&second, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&holder, &loop, flow, 10);
+    step_init(&first, &loop, flow, 10);
+    step_init(&second, &loop, flow, 10);
     first.to_cancel = &second;
     step_submit(&first);
     step_submit(&second);
@@ -360,23 +360,23 @@ static void done_may_cancel(void **state)
     assert_false(second.job.ran);
     step_let_go(&holder);
     step_await(&loop, &holder);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
-static void a_turn_ends_before_its_jobs(void **state)
+static void a_flow_ends_before_its_jobs(void **state)
 {
     (void)state;
     struct loop loop;
     struct step running, queued, cancelled, ender;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop), *own = loop_turn(&loop);
-    step_hold_thread(&running, &loop, turn, 10);
-    step_init(&queued, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop), *own = loop_flow(&loop);
+    step_hold_thread(&running, &loop, flow, 10);
+    step_init(&queued, &loop, flow, 10);
     step_submit(&queued);
-    step_init(&cancelled, &loop, turn, 10);
+    step_init(&cancelled, &loop, flow, 10);
     step_submit(&cancelled);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     pool_cancel(loop.pool, &cancelled.job);
     pool_collect(loop.pool);
     assert_int_equal(cancelled.done, 1);
@@ -389,8 +389,8 @@ static void a_turn_ends_before_its_jobs(void **state)
     ender.to_end = own;
     step_submit(&ender);
     step_await(&loop, &ender);
-    pool_turn_end(loop.pool, loop_turn(&loop));
-    pool_turn_end(loop.pool, NULL);
+    pool_flow_end(loop.pool, loop_flow(&loop));
+    pool_flow_end(loop.pool, NULL);
     loop_finish(&loop);
 }
 
@@ -431,13 +431,13 @@ static void signals_go_to_the_program(void **state)
     loop_init(&loop, 1);
     pthread_sigmask(SIG_SETMASK, NULL, &mask);
     assert_false(sigismember(&mask, SIGTERM));
-    struct pool_turn *turn = loop_turn(&loop);
-    step_init(&step, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_init(&step, &loop, flow, 10);
     step.body = look_at_signals;
     step_submit(&step);
     step_await(&loop, &step);
     assert_int_equal(step.count, 1);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -448,8 +448,8 @@ static void idle_threads_sleep(void **state)
     struct step step;
     struct timespec before, after;
     loop_init(&loop, 8);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_init(&step, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_init(&step, &loop, flow, 10);
     step_submit(&step);
     step_await(&loop, &step);
     steps_sleep_ms(5);
@@ -457,7 +457,7 @@ static void idle_threads_sleep(void **state)
     steps_sleep_ms(100);
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &after);
     assert_in_range((after.tv_sec - before.tv_sec) * 1000000000 + after.tv_nsec - before.tv_nsec, 0, 10000000);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -469,12 +469,12 @@ static void pools_come_and_go(void **state)
         struct step step;
         loop_init(&loop, 1 + round % 4);
         if (round % 3) {
-            struct pool_turn *turn = loop_turn(&loop);
-            step_init(&step, &loop, turn, 10);
+            struct pool_flow *flow = loop_flow(&loop);
+            step_init(&step, &loop, flow, 10);
             step_submit(&step);
             while (!step.done)
                 pool_collect(loop.pool);
-            pool_turn_end(loop.pool, turn);
+            pool_flow_end(loop.pool, flow);
         }
         loop_finish(&loop);
     }
@@ -482,7 +482,7 @@ static void pools_come_and_go(void **state)
 }
 
 /* Everything at once; each job is done once, whatever happens to it. */
-enum { TURNS = 5, CROWD = 400 };
+enum { FLOWS = 5, CROWD = 400 };
 
 static void small_task(void *context, size_t index)
 {
@@ -496,11 +496,11 @@ static void some_tasks(struct step *step, const struct parallel *parallel)
     parallel_for(parallel, step->count, small_task, step);
 }
 
-static void fill_crowd(struct step *steps, struct loop *loop, struct pool_turn **turns, unsigned seed)
+static void fill_crowd(struct step *steps, struct loop *loop, struct pool_flow **flows, unsigned seed)
 {
     for (unsigned i = 0; i < CROWD; i++) {
         unsigned random = (i + seed * 977) * 2654435761u >> 8;
-        step_init(&steps[i], loop, turns[random % TURNS], (uint64_t)1 << random / TURNS % 24);
+        step_init(&steps[i], loop, flows[random % FLOWS], (uint64_t)1 << random / FLOWS % 24);
         steps[i].job.priority = (int)(random >> 4) % 3;
         steps[i].burn_ns = random % 40 * 1000;
         steps[i].body = random % 3 ? some_tasks : NULL;
@@ -516,11 +516,11 @@ static void a_crowd(void **state)
     static struct step steps[CROWD];
     for (unsigned round = 0; round < 12; round++) {
         struct loop loop;
-        struct pool_turn *turns[TURNS];
+        struct pool_flow *flows[FLOWS];
         loop_init(&loop, 1 + round % 4);
-        for (int i = 0; i < TURNS; i++)
-            turns[i] = loop_turn(&loop);
-        fill_crowd(steps, &loop, turns, round);
+        for (int i = 0; i < FLOWS; i++)
+            flows[i] = loop_flow(&loop);
+        fill_crowd(steps, &loop, flows, round);
         for (int i = 0; i < CROWD; i += 2)
             step_submit(&steps[i]);
         for (int i = 0; i < CROWD; i++)
@@ -529,8 +529,8 @@ static void a_crowd(void **state)
             assert_int_equal(steps[i].done, 1);
             assert_int_equal(steps[i].tasks, steps[i].job.ran && steps[i].body ? steps[i].count : 0);
         }
-        for (int i = 0; i < TURNS; i++)
-            pool_turn_end(loop.pool, turns[i]);
+        for (int i = 0; i < FLOWS; i++)
+            pool_flow_end(loop.pool, flows[i]);
         loop_finish(&loop);
     }
 }
@@ -551,7 +551,7 @@ int main(void)
         cmocka_unit_test(cancelled_while_it_runs),
         cmocka_unit_test(cancelled_too_late),
         cmocka_unit_test(done_may_cancel),
-        cmocka_unit_test(a_turn_ends_before_its_jobs),
+        cmocka_unit_test(a_flow_ends_before_its_jobs),
         cmocka_unit_test(limits_of_threads),
         cmocka_unit_test(signals_go_to_the_program),
         cmocka_unit_test(idle_threads_sleep),

@@ -26,9 +26,9 @@ static void perform(struct act *act, unsigned threads, void (*body)(struct step 
 {
     struct loop loop;
     loop_init(&loop, threads);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     memset(act, 0, sizeof *act);
-    step_init(&act->step, &loop, turn, 1000);
+    step_init(&act->step, &loop, flow, 1000);
     act->step.body = body;
     act->threads = threads;
     pthread_barrier_init(&act->barrier, NULL, threads);
@@ -36,7 +36,7 @@ static void perform(struct act *act, unsigned threads, void (*body)(struct step 
     step_await(&loop, &act->step);
     assert_false(act->failed);
     pthread_barrier_destroy(&act->barrier);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -237,9 +237,9 @@ static void waiting_is_not_counted(void **state)
     struct loop loop;
     static struct act act;
     loop_init(&loop, 2);
-    struct pool_turn *turn = loop_turn(&loop);
+    struct pool_flow *flow = loop_flow(&loop);
     memset(&act, 0, sizeof act);
-    step_init(&act.step, &loop, turn, 1000);
+    step_init(&act.step, &loop, flow, 1000);
     act.step.body = wait_for_a_helper;
     pthread_barrier_init(&act.barrier, NULL, 2);
     step_submit(&act.step);
@@ -248,7 +248,7 @@ static void waiting_is_not_counted(void **state)
     assert_true(wall >= 100000000);
     assert_in_range(busy, 100000000, 2 * wall - 30000000);
     pthread_barrier_destroy(&act.barrier);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -288,7 +288,7 @@ static void strangers_may_call(void **state)
     perform(&act, 3, call_on_own_thread);
 }
 
-/* Jobs with nested calls side by side, in two turns. */
+/* Jobs with nested calls side by side, in two flows. */
 static void several_jobs_call_at_once(void **state)
 {
     (void)state;
@@ -296,9 +296,9 @@ static void several_jobs_call_at_once(void **state)
     static struct act acts[ACTS];
     struct loop loop;
     loop_init(&loop, 3);
-    struct pool_turn *turns[2] = {loop_turn(&loop), loop_turn(&loop)};
+    struct pool_flow *flows[2] = {loop_flow(&loop), loop_flow(&loop)};
     for (int i = 0; i < ACTS; i++) {
-        step_init(&acts[i].step, &loop, turns[i % 2], 1000);
+        step_init(&acts[i].step, &loop, flows[i % 2], 1000);
         acts[i].step.body = call_nested;
         acts[i].step.job.priority = i % 3;
         step_submit(&acts[i].step);
@@ -307,8 +307,8 @@ static void several_jobs_call_at_once(void **state)
         step_await(&loop, &acts[i].step);
         assert_false(acts[i].failed);
     }
-    pool_turn_end(loop.pool, turns[0]);
-    pool_turn_end(loop.pool, turns[1]);
+    pool_flow_end(loop.pool, flows[0]);
+    pool_flow_end(loop.pool, flows[1]);
     loop_finish(&loop);
 }
 

@@ -10,11 +10,11 @@ static void a_small_job_starts_beside_a_large_one(void **state)
         struct loop loop;
         struct step large[3], small, smaller;
         loop_init(&loop, threads);
-        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
+        struct pool_flow *flow = loop_flow(&loop), *other = loop_flow(&loop);
         for (unsigned i = 0; i < threads; i++)
-            step_hold_thread(&large[i], &loop, turn, 102400 + i);
+            step_hold_thread(&large[i], &loop, flow, 102400 + i);
         step_hold_thread(&small, &loop, other, 12800);
-        step_hold_thread(&smaller, &loop, turn, 100);
+        step_hold_thread(&smaller, &loop, flow, 100);
         assert_int_equal(pool_load(loop.pool).running, threads + 2);
         step_let_go(&smaller);
         step_let_go(&small);
@@ -24,8 +24,8 @@ static void a_small_job_starts_beside_a_large_one(void **state)
             step_let_go(&large[i]);
             step_await(&loop, &large[i]);
         }
-        pool_turn_end(loop.pool, turn);
-        pool_turn_end(loop.pool, other);
+        pool_flow_end(loop.pool, flow);
+        pool_flow_end(loop.pool, other);
         loop_finish(&loop);
     }
 }
@@ -43,13 +43,13 @@ static void others_wait(void **state)
     struct loop loop;
     struct step large, similar, small, same, smaller, smallest;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
-    step_hold_thread(&large, &loop, turn, 819200);
+    struct pool_flow *flow = loop_flow(&loop), *other = loop_flow(&loop);
+    step_hold_thread(&large, &loop, flow, 819200);
     step_init(&similar, &loop, other, 131072);
     step_submit(&similar);
     check_waits(&similar);
     step_hold_thread(&small, &loop, other, 64000);
-    step_init(&same, &loop, turn, 64000);
+    step_init(&same, &loop, flow, 64000);
     step_submit(&same);
     check_waits(&same);
     step_hold_thread(&smaller, &loop, other, 8000);
@@ -68,8 +68,8 @@ static void others_wait(void **state)
     step_let_go(&large);
     step_await(&loop, &large);
     step_await(&loop, &similar);
-    pool_turn_end(loop.pool, turn);
-    pool_turn_end(loop.pool, other);
+    pool_flow_end(loop.pool, flow);
+    pool_flow_end(loop.pool, other);
     loop_finish(&loop);
 }
 
@@ -80,8 +80,8 @@ static void what_ends_soon_is_waited_for(void **state)
     struct step running, small;
     for (uint64_t size = POOL_SPARE_LEAST - 1; size <= POOL_SPARE_LEAST; size++) {
         loop_init(&loop, 1);
-        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
-        step_hold_thread(&running, &loop, turn, size);
+        struct pool_flow *flow = loop_flow(&loop), *other = loop_flow(&loop);
+        step_hold_thread(&running, &loop, flow, size);
         step_init(&small, &loop, other, 1);
         step_submit(&small);
         if (size < POOL_SPARE_LEAST)
@@ -91,8 +91,8 @@ static void what_ends_soon_is_waited_for(void **state)
         step_let_go(&running);
         step_await(&loop, &running);
         step_await(&loop, &small);
-        pool_turn_end(loop.pool, turn);
-        pool_turn_end(loop.pool, other);
+        pool_flow_end(loop.pool, flow);
+        pool_flow_end(loop.pool, other);
         loop_finish(&loop);
     }
 }
@@ -103,19 +103,19 @@ static void a_small_job_does_not_wait_behind_a_large_one(void **state)
     struct loop loop;
     struct step running, queued, small;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&running, &loop, turn, 1000000);
-    step_init(&queued, &loop, turn, 1000000);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&running, &loop, flow, 1000000);
+    step_init(&queued, &loop, flow, 1000000);
     queued.job.priority = 5;
     step_submit(&queued);
-    step_init(&small, &loop, turn, 0);
+    step_init(&small, &loop, flow, 0);
     step_submit(&small);
     step_await(&loop, &small);
     assert_false(step_has_started(&queued));
     step_let_go(&running);
     step_await(&loop, &running);
     step_await(&loop, &queued);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -134,17 +134,17 @@ static void a_spare_thread_comes_when_a_large_one_starts(void **state)
     struct loop loop;
     struct step first, large, small[3], similar;
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&first, &loop, turn, 10);
-    step_init(&large, &loop, turn, 10000);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&first, &loop, flow, 10);
+    step_init(&large, &loop, flow, 10000);
     large.body = hold;
     large.job.priority = 1;
     step_submit(&large);
     for (int i = 0; i < 3; i++) {
-        step_init(&small[i], &loop, turn, 10);
+        step_init(&small[i], &loop, flow, 10);
         step_submit(&small[i]);
     }
-    step_init(&similar, &loop, turn, 20000);
+    step_init(&similar, &loop, flow, 20000);
     step_submit(&similar);
     check_waits(&small[0]);
     step_let_go(&first);
@@ -155,7 +155,7 @@ static void a_spare_thread_comes_when_a_large_one_starts(void **state)
     step_let_go(&large);
     step_await(&loop, &large);
     step_await(&loop, &similar);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -166,7 +166,7 @@ static void sleep_for_count(struct step *step, const struct parallel *parallel)
 }
 
 /*
- * Both wait for a job of their size to end; the order of their turns in whatever list there may be makes no difference.
+ * Both wait for a job of their size to end; the order of their flows in whatever list there may be makes no difference.
  */
 static void a_spare_thread_goes_to_the_least_served(void **state)
 {
@@ -176,16 +176,16 @@ static void a_spare_thread_goes_to_the_least_served(void **state)
         struct log log = {0};
         struct step large, served, between, small[2];
         loop_init(&loop, 1);
-        struct pool_turn *turn = loop_turn(&loop), *turns[2] = {loop_turn(&loop), loop_turn(&loop)};
-        step_hold_thread(&large, &loop, turn, 10000);
-        step_init(&served, &loop, turns[1 - fresh], 10);
+        struct pool_flow *flow = loop_flow(&loop), *flows[2] = {loop_flow(&loop), loop_flow(&loop)};
+        step_hold_thread(&large, &loop, flow, 10000);
+        step_init(&served, &loop, flows[1 - fresh], 10);
         served.body = sleep_for_count;
         served.count = 10;
         step_submit(&served);
         step_await(&loop, &served);
-        step_hold_thread(&between, &loop, turn, 10);
+        step_hold_thread(&between, &loop, flow, 10);
         for (int i = 0; i < 2; i++) {
-            step_init(&small[i], &loop, turns[i], 10);
+            step_init(&small[i], &loop, flows[i], 10);
             small[i].log = &log;
             step_submit(&small[i]);
         }
@@ -195,9 +195,9 @@ static void a_spare_thread_goes_to_the_least_served(void **state)
         assert_ptr_equal(log.steps[0], &small[fresh]);
         step_let_go(&large);
         step_await(&loop, &large);
-        pool_turn_end(loop.pool, turn);
-        pool_turn_end(loop.pool, turns[0]);
-        pool_turn_end(loop.pool, turns[1]);
+        pool_flow_end(loop.pool, flow);
+        pool_flow_end(loop.pool, flows[0]);
+        pool_flow_end(loop.pool, flows[1]);
         loop_finish(&loop);
     }
 }
@@ -209,14 +209,14 @@ static void small_jobs_flow_beside_tasks(void **state)
     struct step large, small;
     for (unsigned threads = 1; threads <= 3; threads++) {
         loop_init(&loop, threads);
-        struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop);
-        step_init(&large, &loop, turn, 1000000);
+        struct pool_flow *flow = loop_flow(&loop), *other = loop_flow(&loop);
+        step_init(&large, &loop, flow, 1000000);
         large.body = step_many_tasks;
         large.count = 100000;
         step_submit(&large);
         steps_wait(&large.started);
         for (int i = 0; i < 30; i++) {
-            step_init(&small, &loop, i % 2 ? turn : other, 10);
+            step_init(&small, &loop, i % 2 ? flow : other, 10);
             small.burn_ns = 100000;
             step_submit(&small);
             step_await(&loop, &small);
@@ -225,8 +225,8 @@ static void small_jobs_flow_beside_tasks(void **state)
         pool_cancel(loop.pool, &large.job);
         step_await(&loop, &large);
         assert_int_equal(large.tasks, large.count);
-        pool_turn_end(loop.pool, turn);
-        pool_turn_end(loop.pool, other);
+        pool_flow_end(loop.pool, flow);
+        pool_flow_end(loop.pool, other);
         loop_finish(&loop);
     }
 }

@@ -75,11 +75,11 @@ static void test_stuck_pool(void **state)
     (void)state;
     assert_int_equal(pool_create(1, no_wake, NULL, &pool, NULL), BVHD_OK);
     assert_int_equal(watchdog_init(&watchdog, pool, 100, NULL), BVHD_OK);
-    struct pool_turn *turn = pool_turn_create(pool);
+    struct pool_flow *flow = pool_flow_create(pool);
     pthread_mutex_lock(&gate);
     uint64_t size = UINT64_C(1) << 40; /* each small enough beside the one before for a spare thread */
     for (int i = 0; i < MAX_STUCK; i++, size /= 2 * POOL_SPARE_RATIO) {
-        jobs[i] = (struct pool_job){.run = wait_at_gate, .done = ended, .turn = turn, .size = size};
+        jobs[i] = (struct pool_job){.run = wait_at_gate, .done = ended, .flow = flow, .size = size};
         pool_submit(pool, &jobs[i]);
     }
     await_running(pool, 1 + POOL_SPARE_THREADS);
@@ -95,7 +95,7 @@ static void test_stuck_pool(void **state)
     for (int i = 0; i < MAX_STUCK; i++)
         while (jobs[i].run)
             collect_for(pool, 1);
-    pool_turn_end(pool, turn);
+    pool_flow_end(pool, flow);
     pool_destroy(pool);
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_turns BVHD [CASE...] - clients that ask for much, or let things lie: others have their turn in the meantime,
- * and memory stays within bounds.
+ * hostile_shares BVHD [CASE...] - clients that ask for much, or let things lie: other clients get their share in
+ * the meantime, and memory stays within bounds.
  */
 #include <fcntl.h>
 #include <signal.h>

@@ -3,7 +3,7 @@
 
 #include <sched.h>
 
-static void priority_then_age_within_a_turn(void **state)
+static void priority_then_age_within_a_flow(void **state)
 {
     (void)state;
     static const int priorities[] = {0, -3, 7, 0, 7, 1, -3, 0};
@@ -12,10 +12,10 @@ static void priority_then_age_within_a_turn(void **state)
     struct loop loop;
     struct step holder, steps[8];
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop);
-    step_hold_thread(&holder, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop);
+    step_hold_thread(&holder, &loop, flow, 10);
     for (int i = 0; i < 8; i++) {
-        step_init(&steps[i], &loop, turn, 100 + (uint64_t)(i * 37 % 8) * 80);
+        step_init(&steps[i], &loop, flow, 100 + (uint64_t)(i * 37 % 8) * 80);
         steps[i].job.priority = priorities[i];
         steps[i].log = &log;
         step_submit(&steps[i]);
@@ -26,7 +26,7 @@ static void priority_then_age_within_a_turn(void **state)
     step_await(&loop, &holder);
     for (int i = 0; i < 8; i++)
         assert_ptr_equal(log.steps[i], &steps[order[i]]);
-    pool_turn_end(loop.pool, turn);
+    pool_flow_end(loop.pool, flow);
     loop_finish(&loop);
 }
 
@@ -34,7 +34,7 @@ enum { EACH = 12, RIVALS = 3 };
 
 struct rivalry {
     struct loop loop;
-    struct pool_turn *turns[RIVALS];
+    struct pool_flow *flows[RIVALS];
     struct step steps[RIVALS][EACH];
     struct log log;
 };
@@ -43,23 +43,23 @@ static void rivalry_init(struct rivalry *rivalry)
 {
     loop_init(&rivalry->loop, 1);
     for (int r = 0; r < RIVALS; r++)
-        rivalry->turns[r] = loop_turn(&rivalry->loop);
+        rivalry->flows[r] = loop_flow(&rivalry->loop);
     rivalry->log.count = 0;
 }
 
 static void rivalry_finish(struct rivalry *rivalry)
 {
     for (int r = 0; r < RIVALS; r++)
-        pool_turn_end(rivalry->loop.pool, rivalry->turns[r]);
+        pool_flow_end(rivalry->loop.pool, rivalry->flows[r]);
     loop_finish(&rivalry->loop);
 }
 
-/* Queues EACH jobs of the turn. */
+/* Queues EACH jobs of the flow. */
 static void enter_race(struct rivalry *rivalry, int rival, uint64_t burn_ns)
 {
     for (int i = 0; i < EACH; i++) {
         struct step *step = &rivalry->steps[rival][i];
-        step_init(step, &rivalry->loop, rivalry->turns[rival], 10);
+        step_init(step, &rivalry->loop, rivalry->flows[rival], 10);
         step->burn_ns = burn_ns;
         step->log = &rivalry->log;
         step_submit(step);
@@ -103,10 +103,10 @@ static void who_comes_one_by_one_has_no_more_than_its_part(void **state)
     struct rivalry rivalry;
     struct step holder;
     rivalry_init(&rivalry);
-    step_hold_thread(&holder, &rivalry.loop, rivalry.turns[2], 10);
+    step_hold_thread(&holder, &rivalry.loop, rivalry.flows[2], 10);
     enter_race(&rivalry, 0, 500000);
     for (int i = 0; i < EACH; i++) {
-        step_init(&rivalry.steps[1][i], &rivalry.loop, rivalry.turns[1], 10);
+        step_init(&rivalry.steps[1][i], &rivalry.loop, rivalry.flows[1], 10);
         rivalry.steps[1][i].burn_ns = 1000000;
         rivalry.steps[1][i].log = &rivalry.log;
         rivalry.steps[1][i].to_submit = i + 1 < EACH ? &rivalry.steps[1][i + 1] : NULL;
@@ -135,7 +135,7 @@ static void sleep_for_count(struct step *step, const struct parallel *parallel)
     steps_sleep_ms((long)step->count);
 }
 
-/* A turn that has had 300 ms while nobody else was there does not pay for all of it when somebody comes. */
+/* A flow that has had 300 ms while nobody else was there does not pay for all of it when somebody comes. */
 static void what_was_taken_alone_is_forgiven(void **state)
 {
     (void)state;
@@ -144,8 +144,8 @@ static void what_was_taken_alone_is_forgiven(void **state)
     struct log log = {0};
     struct step alone, holder, again, rivals[RIVAL];
     loop_init(&loop, 1);
-    struct pool_turn *turn = loop_turn(&loop), *other = loop_turn(&loop), *third = loop_turn(&loop);
-    step_init(&alone, &loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&loop), *other = loop_flow(&loop), *third = loop_flow(&loop);
+    step_init(&alone, &loop, flow, 10);
     alone.body = sleep_for_count;
     alone.count = 300;
     step_submit(&alone);
@@ -158,7 +158,7 @@ static void what_was_taken_alone_is_forgiven(void **state)
         rivals[i].log = &log;
         step_submit(&rivals[i]);
     }
-    step_init(&again, &loop, turn, 10);
+    step_init(&again, &loop, flow, 10);
     again.log = &log;
     step_submit(&again);
     step_let_go(&holder);
@@ -167,27 +167,27 @@ static void what_was_taken_alone_is_forgiven(void **state)
     for (int i = 0; i < RIVAL; i++)
         step_await(&loop, &rivals[i]);
     step_await(&loop, &holder);
-    pool_turn_end(loop.pool, turn);
-    pool_turn_end(loop.pool, other);
-    pool_turn_end(loop.pool, third);
+    pool_flow_end(loop.pool, flow);
+    pool_flow_end(loop.pool, other);
+    pool_flow_end(loop.pool, third);
     loop_finish(&loop);
 }
 
-static void the_least_served_turn_is_next(void **state)
+static void the_least_served_flow_is_next(void **state)
 {
     (void)state;
     struct rivalry rivalry;
     struct step holder;
     rivalry_init(&rivalry);
-    struct pool_turn *turn = loop_turn(&rivalry.loop);
-    step_hold_thread(&holder, &rivalry.loop, turn, 10);
+    struct pool_flow *flow = loop_flow(&rivalry.loop);
+    step_hold_thread(&holder, &rivalry.loop, flow, 10);
     for (int r = 0; r < RIVALS; r++)
         enter_race(&rivalry, r, 300000 * (uint64_t)(1 + r * r));
     step_let_go(&holder);
     await_race(&rivalry, RIVALS);
     step_await(&rivalry.loop, &holder);
     check_race(&rivalry, RIVALS, 0);
-    pool_turn_end(rivalry.loop.pool, turn);
+    pool_flow_end(rivalry.loop.pool, flow);
     rivalry_finish(&rivalry);
 }
 
@@ -198,15 +198,15 @@ static void a_newcomer_starts_level(void **state)
     struct step holder, last;
     rivalry_init(&rivalry);
     /*
-     * The second turn has the machine for itself for a while; what it is ahead of the first is its last job, at most.
+     * The second flow has the machine for itself for a while; what it is ahead of the first is its last job, at most.
      */
     enter_race(&rivalry, 1, 2000000);
     for (int i = 0; i < EACH; i++)
         step_await(&rivalry.loop, &rivalry.steps[1][i]);
-    step_init(&last, &rivalry.loop, rivalry.turns[1], 10);
+    step_init(&last, &rivalry.loop, rivalry.flows[1], 10);
     step_submit(&last);
     step_await(&rivalry.loop, &last);
-    step_hold_thread(&holder, &rivalry.loop, rivalry.turns[2], 10);
+    step_hold_thread(&holder, &rivalry.loop, rivalry.flows[2], 10);
     rivalry.log.count = 0;
     enter_race(&rivalry, 0, 500000);
     enter_race(&rivalry, 1, 500000);
@@ -219,7 +219,7 @@ static void a_newcomer_starts_level(void **state)
 
 struct meeting {
     struct loop loop;
-    struct pool_turn *turn, *other;
+    struct pool_flow *flow, *other;
     struct step large, newcomer;
 };
 
@@ -227,9 +227,9 @@ struct meeting {
 static void meeting_init(struct meeting *meeting, unsigned threads)
 {
     loop_init(&meeting->loop, threads);
-    meeting->turn = loop_turn(&meeting->loop);
-    meeting->other = loop_turn(&meeting->loop);
-    step_init(&meeting->large, &meeting->loop, meeting->turn, 100000);
+    meeting->flow = loop_flow(&meeting->loop);
+    meeting->other = loop_flow(&meeting->loop);
+    step_init(&meeting->large, &meeting->loop, meeting->flow, 100000);
     meeting->large.body = step_many_tasks;
     meeting->large.count = 100000;
     step_init(&meeting->newcomer, &meeting->loop, meeting->other, 100000);
@@ -246,12 +246,12 @@ static void meeting_finish(struct meeting *meeting)
 {
     step_await(&meeting->loop, &meeting->large);
     step_await(&meeting->loop, &meeting->newcomer);
-    pool_turn_end(meeting->loop.pool, meeting->turn);
-    pool_turn_end(meeting->loop.pool, meeting->other);
+    pool_flow_end(meeting->loop.pool, meeting->flow);
+    pool_flow_end(meeting->loop.pool, meeting->other);
     loop_finish(&meeting->loop);
 }
 
-static void a_helper_leaves_for_another_turn(void **state)
+static void a_helper_leaves_for_another_flow(void **state)
 {
     (void)state;
     struct meeting meeting;
@@ -270,7 +270,7 @@ static void a_helper_leaves_for_a_higher_priority(void **state)
     (void)state;
     struct meeting meeting;
     meeting_init(&meeting, 2);
-    meeting.newcomer.job.turn = meeting.turn;
+    meeting.newcomer.job.flow = meeting.flow;
     meeting.newcomer.job.priority = 1;
     start_large(&meeting);
     step_submit(&meeting.newcomer);
@@ -318,7 +318,7 @@ static void open_tasks_come_before_a_queued_job(void **state)
     struct meeting meeting;
     meeting_init(&meeting, 2);
     meeting.large.count = 60;
-    meeting.newcomer.job.turn = meeting.turn;
+    meeting.newcomer.job.flow = meeting.flow;
     meeting.newcomer.body = note_tasks_of_other;
     meeting.newcomer.other = &meeting.large;
     start_large(&meeting);
@@ -357,7 +357,7 @@ static void both_progress_in_proportion(void **state)
 }
 
 /*
- * A step in another turn every now and then, while the helper has a call of its own; none of them may be put off by the
+ * A step in another flow every now and then, while the helper has a call of its own; none of them may be put off by the
  * next.
  */
 static void newcomers_are_not_put_off_by_more_of_them(void **state)
@@ -404,7 +404,7 @@ static void await_tasks(struct step *step, unsigned more)
         steps_sleep_ms(1);
 }
 
-/* Two jobs of one turn make their calls in either order; the thread that is free for them goes to the older job. */
+/* Two jobs of one flow make their calls in either order; the thread that is free for them goes to the older job. */
 static void the_older_job_is_helped(void **state)
 {
     (void)state;
@@ -412,9 +412,9 @@ static void the_older_job_is_helped(void **state)
     struct step jobs[2];
     for (int first = 0; first < 2; first++) {
         loop_init(&loop, 3);
-        struct pool_turn *turn = loop_turn(&loop);
+        struct pool_flow *flow = loop_flow(&loop);
         for (int i = 0; i < 2; i++) {
-            step_init(&jobs[i], &loop, turn, 1000);
+            step_init(&jobs[i], &loop, flow, 1000);
             jobs[i].body = hold_then_many_tasks;
             jobs[i].count = 100000;
             step_submit(&jobs[i]);
@@ -431,7 +431,7 @@ static void the_older_job_is_helped(void **state)
             pool_cancel(loop.pool, &jobs[i].job);
         for (int i = 0; i < 2; i++)
             step_await(&loop, &jobs[i]);
-        pool_turn_end(loop.pool, turn);
+        pool_flow_end(loop.pool, flow);
         loop_finish(&loop);
     }
 }
@@ -439,12 +439,12 @@ static void the_older_job_is_helped(void **state)
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(priority_then_age_within_a_turn),
+        cmocka_unit_test(priority_then_age_within_a_flow),
         cmocka_unit_test(who_comes_one_by_one_has_no_more_than_its_part),
         cmocka_unit_test(what_was_taken_alone_is_forgiven),
-        cmocka_unit_test(the_least_served_turn_is_next),
+        cmocka_unit_test(the_least_served_flow_is_next),
         cmocka_unit_test(a_newcomer_starts_level),
-        cmocka_unit_test(a_helper_leaves_for_another_turn),
+        cmocka_unit_test(a_helper_leaves_for_another_flow),
         cmocka_unit_test(a_helper_leaves_for_a_higher_priority),
         cmocka_unit_test(a_helper_makes_room_for_a_spare_thread),
         cmocka_unit_test(open_tasks_come_before_a_queued_job),

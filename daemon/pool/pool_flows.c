@@ -1,0 +1,182 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/pool/pool_internal.h"
+
+/*
+ * A flow's time decides. What a flow without work for free threads missed meanwhile it cannot claim later: it comes
+ * back at the level of those that are served. What it had too much is forgiven but for MEMORY_NS of every worker, or a
+ * client that had the machine for itself for an hour would wait as long for the next one.
+ */
+enum { MEMORY_NS = 100 * 1000 * 1000 };
+
+/* How far a helper's own flow may be ahead before the helper leaves: less often than that, changing costs little. */
+enum { FAVOUR_NS = 1000 * 1000 };
+
+static struct pool_call *open_call(const struct pool_flow *flow)
+{
+    for (struct pool_call *call = flow->calls; call; call = call->after)
+        if (pool_calls_has_tasks(call))
+            return call;
+    return NULL;
+}
+
+static struct pool_work work_of(const struct pool_flow *flow)
+{
+    struct pool_call *call = open_call(flow);
+    struct pool_job *job = pool_queue_first(&flow->queue);
+    if (call && job && job->priority > call->run->job->priority)
+        call = NULL;
+    return (struct pool_work){call, call ? NULL : job};
+}
+
+/* Whenever work is added; to a flow that has some already it makes no difference to speak of. */
+static void limit_past(struct pool *pool, struct pool_flow *flow, uint64_t now)
+{
+    uint64_t time = pool_time_at(&flow->time, now), most = pool->level + (uint64_t)MEMORY_NS * pool->threads;
+    flow->time.base += (time < pool->level ? pool->level : time > most ? most : time) - time;
+}
+
+static void open_pool(struct pool *pool, uint64_t now)
+{
+    pool->open.base -= now - pool->closed_ns < POOL_PAUSE_NS ? pool->closed_ns : now;
+    pool->open.threads = 1;
+}
+
+static void close_pool(struct pool *pool, uint64_t now)
+{
+    pool->open.base += now;
+    pool->open.threads = 0;
+    pool->closed_ns = now;
+}
+
+static void open_job(struct pool *pool, struct pool_flow *flow, uint64_t now)
+{
+    if (!pool->first_flow)
+        open_pool(pool, now);
+    if (flow->open++ > 0)
+        return;
+    flow->previous = pool->last_flow;
+    flow->next = NULL;
+    *(pool->last_flow ? &pool->last_flow->next : &pool->first_flow) = flow;
+    pool->last_flow = flow;
+}
+
+void pool_flows_close_job(struct pool *pool, const struct pool_job *job, uint64_t now)
+{
+    struct pool_flow *flow = job->flow;
+    if (--flow->open > 0)
+        return;
+    *(flow->previous ? &flow->previous->next : &pool->first_flow) = flow->next;
+    *(flow->next ? &flow->next->previous : &pool->last_flow) = flow->previous;
+    if (!pool->first_flow)
+        close_pool(pool, now);
+}
+
+void pool_flows_add_job(struct pool *pool, struct pool_job *job, uint64_t now)
+{
+    unsigned class = pool_queue_class(job->size);
+    limit_past(pool, job->flow, now);
+    open_job(pool, job->flow, now);
+    pool_queue_put(&job->flow->queue, job);
+    pool->queued++;
+    pool->queued_of[class]++;
+    pool->queued_classes |= UINT64_C(1) << class;
+}
+
+void pool_flows_take_job(struct pool *pool, struct pool_job *job)
+{
+    unsigned class = pool_queue_class(job->size);
+    pool_queue_remove(&job->flow->queue, job);
+    pool->queued--;
+    if (--pool->queued_of[class] == 0)
+        pool->queued_classes &= ~(UINT64_C(1) << class);
+}
+
+void pool_flows_add_call(struct pool *pool, struct pool_call *call, uint64_t now)
+{
+    struct pool_flow *flow = call->run->job->flow;
+    limit_past(pool, flow, now);
+    struct pool_call **link = &flow->calls;
+    while (*link && !pool_queue_before(call->run->job, (*link)->run->job))
+        link = &(*link)->after;
+    call->after = *link;
+    *link = call;
+}
+
+void pool_flows_remove_call(struct pool_call *call)
+{
+    struct pool_call **link = &call->run->job->flow->calls;
+    while (*link != call)
+        link = &(*link)->after;
+    *link = call->after;
+}
+
+/* The least served flow with work; `favoured` counts as served less than it is. */
+static struct pool_work least_served(struct pool *pool, const struct pool_flow *favoured, uint64_t now)
+{
+    struct pool_work best = {NULL, NULL};
+    uint64_t least = UINT64_MAX, level = 0;
+    for (struct pool_flow *flow = pool->first_flow; flow; flow = flow->next) {
+        uint64_t time = pool_time_at(&flow->time, now), favour = flow == favoured ? FAVOUR_NS : 0;
+        uint64_t claim = time > favour ? time - favour : 0;
+        struct pool_work work = claim < least ? work_of(flow) : (struct pool_work){NULL, NULL};
+        if (!work.call && !work.job)
+            continue;
+        best = work;
+        least = claim;
+        level = time;
+    }
+    if (level > pool->level)
+        pool->level = level;
+    return best;
+}
+
+struct pool_work pool_flows_next(struct pool *pool, uint64_t now)
+{
+    return least_served(pool, NULL, now);
+}
+
+bool pool_flows_leave(struct pool *pool, const struct pool_call *call, uint64_t now)
+{
+    /* A spare thread has started something: there are more at work than there should be, and only helpers can go. */
+    if (pool->active > pool->threads)
+        return true;
+    return least_served(pool, call->run->job->flow, now).call != call;
+}
+
+/* The largest size that may start beside this job; 0: none. */
+static uint64_t size_beside(const struct pool_job *job)
+{
+    uint64_t size = pool_queue_size(job);
+    return size < POOL_SPARE_LEAST ? 0 : size / POOL_SPARE_RATIO;
+}
+
+/* The largest size that may start beside what runs, or 0 once it is less than `enough`. */
+static uint64_t spare_size(const struct pool *pool, uint64_t enough)
+{
+    uint64_t size = UINT64_MAX;
+    for (const struct pool_run *run = pool->runs; run; run = run->next) {
+        uint64_t most = size_beside(run->job);
+        size = most < size ? most : size;
+        if (size < enough)
+            return 0;
+    }
+    return size;
+}
+
+struct pool_job *pool_flows_spare_job(const struct pool *pool, uint64_t now)
+{
+    if (pool->queued == 0)
+        return NULL;
+    uint64_t smallest = UINT64_C(1) << __builtin_ctzll(pool->queued_classes), size = spare_size(pool, smallest),
+             least = UINT64_MAX;
+    struct pool_job *best = NULL;
+    for (const struct pool_flow *flow = size > 0 ? pool->first_flow : NULL; flow; flow = flow->next) {
+        uint64_t time = pool_time_at(&flow->time, now);
+        struct pool_job *job = time < least ? pool_queue_first_small(&flow->queue, size) : NULL;
+        if (job) {
+            best = job;
+            least = time;
+        }
+    }
+    return best;
+}
