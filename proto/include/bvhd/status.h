@@ -8,7 +8,7 @@
 #ifndef BVHD_PUBLIC_STATUS_H
 #define BVHD_PUBLIC_STATUS_H
 
-#include "proto/include/bvhd/vuid.h"
+#include "vuid.h"
 
 #ifdef __cplusplus
 extern "C" {

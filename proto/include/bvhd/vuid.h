@@ -19,7 +19,7 @@ extern "C" {
 enum bvhd_vuid {
     BVHD_VUID_NONE = 0,
 #define BVHD_VUID(name, string) BVHD_VUID_##name,
-#include "proto/include/bvhd/vuid.def"
+#include "vuid.def"
 #undef BVHD_VUID
     BVHD_VUID_COUNT
 };
