@@ -10,12 +10,12 @@
 #include "builder/input/validate.h"
 
 /*
- * Items that were built, by key: open addressing, slots hold an item's index + 1 or 0. A key is a cryptographic hash,
- * so its first bytes spread whatever a client sends.
+ * Finds built items by their keys. Open addressing: a slot holds an item's index + 1, or 0 when it is free. A key is a
+ * cryptographic hash, so its first bytes are spread evenly whatever a client sends.
  */
 struct built {
     uint32_t *slots;
-    uint64_t mask; /* a power of two - 1, with at least half of the slots free */
+    uint64_t mask; /* number of slots - 1; the number is a power of two, and at least half of the slots stay free */
 };
 
 static enum bvhd_status built_init(struct built *built, uint32_t count, struct memory *memory)
@@ -31,7 +31,7 @@ static enum bvhd_status built_init(struct built *built, uint32_t count, struct m
     return BVHD_OK;
 }
 
-/* The slot of the item with that key, or the free one where it belongs. */
+/* Returns the slot of the item with that key, or the free slot where it belongs. */
 static uint32_t *built_find(const struct built *built, const struct batch_item *items, const struct key *key)
 {
     uint64_t at = bytes_get64(key->bytes) & built->mask;
@@ -74,7 +74,7 @@ static enum bvhd_status build_item(const struct batch *batch, const struct canon
     return status;
 }
 
-/* In a budget of its own, whose peak is the item's. */
+/* Prepares and builds one item in a memory budget of its own, whose peak is then the item's. */
 static void run_item(const struct batch *batch, const struct build_input *input, uint32_t index)
 {
     struct batch_item *item = &batch->items[index];
@@ -95,7 +95,7 @@ static void run_item(const struct batch *batch, const struct build_input *input,
     item->peak_bytes = atomic_load(&memory.peak);
 }
 
-/* `errors`: of the rules between entries. */
+/* `errors`: for each entry, what validate_batch found about the rules between entries. */
 static void run_items(const struct batch *batch, const struct build_input *inputs, uint32_t count,
                       const struct bvhd_error *errors)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * batch.h - several builds of one call, in process (row F17): each entry succeeds or fails alone, equal entries are
- * built once.
+ * batch.h - builds all entries of one call in process. Each entry succeeds or fails by itself, as with several build
+ * infos in one vkBuildAccelerationStructuresKHR; entries with equal keys are built once and share one blob.
  */
 #ifndef BVHD_BATCH_H
 #define BVHD_BATCH_H
@@ -12,24 +12,27 @@
 
 struct batch_item {
     enum bvhd_status status;
-    struct bvhd_error error; /* when status is not BVHD_OK */
+    struct bvhd_error error; /* filled when `status` is not BVHD_OK */
     struct key key;
-    bool coalesced; /* the same bytes as an earlier item of this call, built once */
-    unsigned char *blob; /* owned by the item; shared bytes are owned by the item that built them */
+    bool coalesced; /* an earlier item of this call has the same key: `blob` is that item's */
+    unsigned char *blob; /* 64-byte aligned; owned by this item, or by the item that built it when `coalesced` */
     uint64_t size;
     double prepare_ms, build_ms;
-    uint64_t peak_bytes; /* most memory that this item took while it was prepared and built */
+    uint64_t peak_bytes; /* most bytes of memory that preparing and building this item held at once */
     struct build_stats stats;
 };
 
 /*
- * Fills ret_items[count]; returns BVHD_OK when every item was looked at, whatever became of it. Ended with
- * batch_finish. context->output is NULL.
+ * Prepares and builds every input, and fills ret_items[count]. Returns BVHD_OK when every item has been tried: each
+ * item's own `status` says how it went. Otherwise (BVHD_NO_MEMORY for the batch itself) ret_items must not be read. The
+ * caller ends the items with batch_finish. context->output must be NULL. Blocks the calling thread; the stages of each
+ * build run on context->parallel.
  */
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
                              const struct build_context *context, struct batch_item *ret_items,
                              struct bvhd_error *error);
 
+/* Frees the blobs; `memory` is the one of the batch's context. `items` may be NULL. */
 void batch_finish(struct batch_item *items, uint32_t count, struct memory *memory);
 
 #endif

@@ -19,30 +19,30 @@
 #include "builder/tier.h"
 
 /*
- * A tree of this depth is not touched before it is known how deep its wide form is: eight-wide nodes make a third of
+ * Binary trees up to this depth are left alone until their wide form is known: eight-wide nodes need about a third of
  * the levels.
  */
 enum { BINARY_DEPTH_LIMIT = 64 };
 
-/* What one build goes through; stages share it. */
+/* The state of one build, which its stages share. */
 struct construction {
-    const struct canonical *canonical; /* the view below */
+    const struct canonical *canonical; /* points to `view` */
     struct canonical view;
     const struct layout *layout;
     const struct build_context *context;
     enum build_quality quality;
     struct primitive_refs refs;
     struct primitive_ref *scratch;
-    uint32_t capacity; /* of both arrays of refs */
-    float price; /* spatial_split */
+    uint32_t capacity; /* refs that fit into each of the two arrays */
+    float price; /* cost of a split, from spatial_split to the pieces */
     struct split_tree tree;
     bool rescaled;
-    bool needs_binary; /* the tree is wanted, or has to be changed, before it is made wide */
-    bool is_second; /* try; the first one has reported progress */
-    struct ir ir; /* if `wide` was made of pieces, only what layouts read of it */
+    bool needs_binary; /* the caller wants the binary tree, or has to change it before it is made wide */
+    bool is_second; /* this is the second attempt (make_shallow_tree); the first one has already reported progress */
+    struct ir ir; /* when `wide` was joined from pieces, only the boxes and refs that layouts read */
     struct wide wide;
     struct build_stats stats;
-    double clock; /* ms, when the running stage began */
+    double clock; /* clock_ms() when the running stage began */
     struct bvhd_error *error;
 };
 
@@ -63,7 +63,7 @@ static enum bvhd_status cancelled(const struct construction *construction)
     return bvhd_error_set(construction->error, BVHD_CANCELLED, "", "cancelled");
 }
 
-/* Ends a stage: adds its time, looks at the cancel flag. */
+/* Ends a stage: adds its time to *ms and checks the cancel flag. */
 static enum bvhd_status stage_end(struct construction *construction, double *ms)
 {
     double now = clock_ms();
@@ -94,8 +94,8 @@ static bool is_of_triangles(const struct canonical *canonical)
 }
 
 /*
- * Triangles that end up in one leaf need no tree of their own; boxes and instances are dearer, and the collapse may
- * decide on each.
+ * Triangles that end up in one leaf need no tree of their own. Boxes and instances are more expensive to test, and the
+ * collapse may decide on each of them, so their leaves hold one.
  */
 static uint32_t leaf_max(const struct construction *construction)
 {
@@ -103,12 +103,13 @@ static uint32_t leaf_max(const struct construction *construction)
 }
 
 /*
- * What cuts into leaves cost. For fast more than a node does: larger leaves save more time than they cost rays. For
- * balanced less: only what belongs together is one from the begin, which spares a fifth of the time.
+ * Cost of a cut between two leaves, relative to a node (leaves.h). For fast it is above 1: larger leaves save more
+ * build time than they cost the rays. For balanced it is below 1: only primitives that clearly belong together share a
+ * leaf from the beginning, which saves a fifth of the time.
  */
 static const float fast_cut = 4, balanced_cut = 0.85f;
 
-/* Parts of triangles are split one by one, so high has no runs. */
+/* Runs of primitives share a ref from the start. HIGH has none, because it splits triangles one by one. */
 static struct leaves_options runs_for(const struct construction *construction)
 {
     enum build_quality quality = construction->quality;
@@ -120,12 +121,12 @@ static enum pieces_method method_for(const struct construction *construction)
 {
     enum build_quality quality = construction->quality;
     if (quality == QUALITY_BALANCED && construction->canonical->type == STRUCTURE_TOP)
-        /* nodes of instances are dear: what high does to them without splits is worth its time */
+        /* Nodes over instances are expensive to traverse, so what HIGH does apart from splits is worth its time. */
         return PIECES_SPATIAL;
     return quality == QUALITY_HIGH ? PIECES_SPATIAL : quality == QUALITY_FAST ? PIECES_PLOC : PIECES_BINNED;
 }
 
-/* Enough pieces to share out, whatever the number of threads, each of which fits the second cache. */
+/* Gives enough pieces to keep any number of threads busy, each small enough for the second-level cache. */
 static uint32_t piece_size(uint32_t count)
 {
     enum { SMALLEST = 4096, LARGEST = 16384, PIECES = 32 };
@@ -133,7 +134,10 @@ static uint32_t piece_size(uint32_t count)
     return size < SMALLEST ? SMALLEST : size > LARGEST ? LARGEST : size;
 }
 
-/* Cut by a sample, which takes refs as they lie; all others want them without gaps. */
+/*
+ * Such refs are cut by a sample (scatter.h), which reads them block by block; all other methods need refs without gaps
+ * between blocks.
+ */
 static bool is_scattered(const struct construction *construction)
 {
     uint32_t count = construction->refs.count;
@@ -165,7 +169,7 @@ static enum bvhd_status collect(struct construction *construction)
     return stage_end(construction, &stats->ms.boxes);
 }
 
-/* A binary layout's levels hold so many leaves; a wide one has room for as many as ids can name. */
+/* A binary layout of n levels holds at most 2^(n - 1) leaves; a wide layout has room for as many as ids can name. */
 static bool split_refs_fit(const struct construction *construction)
 {
     const struct layout *layout = construction->layout;
@@ -173,7 +177,7 @@ static bool split_refs_fit(const struct construction *construction)
            spatial_capacity(construction->refs.count) >> (layout->depth_limit - 1) == 0;
 }
 
-/* Rescaling and updates replace boxes by those of whole primitives: splits would be lost. */
+/* Rescaling and updates replace boxes by those of whole primitives, which would lose the splits. */
 static bool may_split(const struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
@@ -181,7 +185,7 @@ static bool may_split(const struct construction *construction)
     return splits && !(canonical->flags & (BUILD_LOW_MEMORY | BUILD_ALLOW_UPDATE)) && clip_allowed(canonical);
 }
 
-/* Cuts the refs by a sample, which leaves them in the other array. */
+/* Cuts the refs by a sample; the result lies in the other array, so the two are swapped. */
 static enum bvhd_status scatter(struct construction *construction, const struct split_request *request)
 {
     const struct build_context *context = construction->context;
@@ -192,7 +196,7 @@ static enum bvhd_status scatter(struct construction *construction, const struct 
     return status;
 }
 
-/* Room for the refs again, and for those that splits make. */
+/* Allocates the second array of refs, and grows the first one where splits will add refs. */
 static bool make_room(struct construction *construction)
 {
     struct memory *memory = construction->context->memory;
@@ -261,7 +265,7 @@ static const char *method_name(const struct construction *construction)
     return method == PIECES_PLOC ? "ploc" : method == PIECES_SPATIAL && may_split(construction) ? "spatial" : "binned";
 }
 
-/* Primitives, or refs where primitives are split. */
+/* Counts primitives, or refs where splits make more of those. */
 static uint64_t progress_total(const struct primitive_refs *refs)
 {
     return refs->count > refs->primitives ? refs->count : refs->primitives;
@@ -304,7 +308,9 @@ static void free_split(struct construction *construction)
     construction->tree.nodes = NULL;
 }
 
-/* Joins the pieces where the refs were, and gives back what is left of those. */
+/*
+ * Joins the pieces into one tree in the memory of the refs; the arrays that are left over go back to the construction.
+ */
 static enum bvhd_status join_pieces(struct construction *construction, const struct pieces *pieces, double *ret_cost)
 {
     struct pieces_spare spare = {construction->refs.refs, construction->scratch, construction->capacity};
@@ -315,7 +321,7 @@ static enum bvhd_status join_pieces(struct construction *construction, const str
     return status;
 }
 
-/* Nothing of the refs is read any more, and wide trees do not lie where they were. */
+/* The refs are no longer read, and a joined wide tree does not reuse their memory. */
 static enum bvhd_status join_wide_pieces(struct construction *construction, const struct pieces *pieces,
                                          double *ret_cost)
 {
@@ -324,7 +330,7 @@ static enum bvhd_status join_wide_pieces(struct construction *construction, cons
                             &construction->stats.depth, ret_cost, construction->error);
 }
 
-/* In wide nodes; a triangle is tested faster than a box that is only known to hold something. */
+/* Cost of testing a leaf relative to a wide node: a triangle is tested faster than a box that only bounds something. */
 static float leaf_cost(const struct canonical *canonical)
 {
     return is_of_triangles(canonical) ? 0.3f : 1.0f;
@@ -337,9 +343,9 @@ static struct collapse_options collapse_wanted(const struct construction *constr
 }
 
 /*
- * Collapsed piece by piece, while each is in the cache, unless something is done to the binary tree before. Roots of
- * pieces are wide nodes then, whether that suits the levels above or not: a tenth of the time of a build for 3 % more
- * nodes a ray, which is a bargain for fast alone.
+ * Pieces are collapsed one by one, while each is in the cache, unless the binary tree is needed or changed before. The
+ * roots of pieces then are wide nodes, whether that suits the levels above or not: this saves a tenth of the build time
+ * and costs 3 % more nodes for each ray, which pays for fast only.
  */
 static bool collapses_at_once(const struct construction *construction)
 {
@@ -348,7 +354,7 @@ static bool collapses_at_once(const struct construction *construction)
            construction->tree.piece_count > 1;
 }
 
-/* Boxes of a tree that was rescaled become those of the primitives; its cost and its own scale follow. */
+/* Gives a rescaled tree the boxes of its primitives, and computes its cost at their scale. */
 static bool restore_scale(struct construction *construction, double *cost)
 {
     if (!construction->rescaled)
@@ -414,7 +420,10 @@ static enum bvhd_status inflate_boxes(struct construction *construction)
     return stage_end(construction, &construction->stats.ms.depth);
 }
 
-/* Whether there are so many levels that the binary tree would have been made shallower before it became wide. */
+/*
+ * True when a tree that was made wide piece by piece has so many levels that a binary tree would have been made
+ * shallower first.
+ */
 static bool is_too_deep(const struct construction *construction)
 {
     return construction->wide.nodes && (construction->stats.depth > BINARY_DEPTH_LIMIT ||
@@ -447,7 +456,7 @@ static enum bvhd_status collapse_once(struct construction *construction)
     return status == BVHD_OK ? stage_end(construction, &construction->stats.ms.collapse) : status;
 }
 
-/* A wide tree is never deeper than the binary one. */
+/* A wide tree is never deeper than the binary tree, so limiting the binary tree limits the wide one. */
 static enum bvhd_status make_wide(struct construction *construction)
 {
     if (construction->layout->arity == 2 || construction->wide.nodes)
@@ -519,7 +528,7 @@ static void construction_finish(struct construction *construction)
     ir_finish(&construction->ir);
 }
 
-/* Few need it; what was built is of no use. */
+/* Builds again from the start by way of the binary tree, whose depth can be limited. Few structures need it. */
 static enum bvhd_status make_shallow_tree(struct construction *construction, const struct build_options *options)
 {
     const struct canonical *canonical = construction->canonical;

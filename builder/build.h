@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * build.h - the second step: a canonical copy to a serialized structure.
+ * build.h - the second step of a build: turns a canonical copy into a serialized structure (the first step, prepare.h,
+ * makes the copy).
  *
- * primitive boxes -> our own top-level split into pieces -> a builder for each piece -> one ir -> passes -> collapse ->
- * layout; with quality fast pieces are collapsed one by one and joined as wide trees (wide_pieces.h). Stages run on the
- * caller's struct parallel; cancellation is looked at between pieces and stages.
+ * Stages: primitive boxes -> a split into pieces at the top -> a tree for each piece, one thread each -> one joined
+ * binary tree (ir) -> passes over it -> collapse into 8-wide nodes -> layout, which writes the blob. With quality fast,
+ * pieces are collapsed one by one and joined as wide trees (wide_pieces.h). Stages run on context->parallel; the cancel
+ * flag is checked between pieces and stages.
  */
 #ifndef BVHD_BUILD_H
 #define BVHD_BUILD_H
@@ -13,44 +15,52 @@
 #include "builder/context.h"
 #include "builder/format/layout.h"
 
-enum { BUILD_VERSION = 6 }; /* changes whenever the same request would give other bytes: part of every key */
+/* Part of every key: changes whenever the same request would give other bytes. */
+enum { BUILD_VERSION = 6 };
 
 /*
- * Wall time of the stages, in milliseconds. What becomes wide piece by piece, as nearly all of quality fast, is
- * collapsed in `pieces` and `join`: `collapse` is 0 then.
+ * Wall time of each stage in milliseconds. A tree that becomes wide piece by piece, as nearly all of quality fast do,
+ * is collapsed within `pieces` and `join`; its `collapse` is 0.
  */
 struct build_times {
     double boxes, split, pieces, join, depth, collapse, write;
 };
 
 struct build_stats {
-    uint64_t primitives, triangles, instances; /* as asked */
-    uint64_t inactive, degenerate, skipped; /* primitive.h */
-    uint64_t refs; /* in leaves; more than the primitives in the tree when split */
-    uint32_t depth; /* levels of the 2-wide ir, after the depth pass */
-    double sah; /* of the 2-wide ir; 0 when empty */
-    const char *method; /* "ploc", "binned", "spatial", "none" without refs; static */
-    enum build_quality quality; /* that was built: never UNSPECIFIED or AUTO (tier.h) */
+    uint64_t primitives, triangles, instances; /* as in the request */
+    uint64_t inactive, degenerate, skipped; /* counts of primitives; primitive.h defines the three */
+    uint64_t refs; /* references in leaves; more than the primitives in the tree when some are split */
+    uint32_t depth; /* levels of the binary tree, after the depth pass */
+    double sah; /* SAH cost of the binary tree; 0 when it is empty */
+    /* "ploc", "binned" or "spatial"; "none" when there are no refs; a static string */
+    const char *method;
+    enum build_quality quality; /* the quality that was built: FAST, BALANCED or HIGH (tier.h) */
     struct box bounds; /* of the whole structure */
-    struct slabs slabs; /* likewise, of a bottom level */
+    struct slabs slabs; /* extents of a bottom level along fixed directions (k-DOP) */
     struct build_times ms;
     struct layout_sizes sizes;
 };
 
+/* Returns a static string, "unknown" for values outside the enum. */
 const char *build_quality_name(enum build_quality quality);
 
 /*
- * *ret_blob: from context->output, or when that is NULL from context->memory: 64-byte aligned, the caller frees it. On
- * failure nothing is held. BVHD_CANCELLED soon after the flag is set. `canonical` comes from prepare (checked). The
- * same bytes for any number of threads, compiler and instruction set.
+ * Builds the structure. `canonical` comes from prepare or prepare_open, which have checked it. The blob is the same,
+ * byte by byte, for any number of threads, compiler and instruction set.
+ *
+ * *ret_blob: stats->sizes.total bytes, 64-byte aligned. They come from context->output, or, when that is NULL, from
+ * context->memory, and the caller frees them. On failure nothing is held.
+ *
+ * Returns BVHD_UNSUPPORTED for a target, layout flag or device variant that does not exist, BVHD_NO_MEMORY,
+ * BVHD_TOO_LARGE, or BVHD_CANCELLED within a few milliseconds after the flag is set.
  */
 enum bvhd_status build(const struct canonical *canonical, const struct build_options *options,
                        const struct build_context *context, unsigned char **ret_blob, struct build_stats *ret_stats,
                        struct bvhd_error *error);
 
 /*
- * The first half of build(), for benchmarks and tests: the ir after its passes, with leaves as options->target wants
- * them. The caller ends it with ir_finish.
+ * Runs the first half of build(), for benchmarks and tests: up to the binary tree after its passes, with leaves as
+ * options->target needs them. Errors are those of build(). The caller ends *ret_ir with ir_finish.
  */
 enum bvhd_status build_ir(const struct canonical *canonical, const struct build_options *options,
                           const struct build_context *context, struct ir *ret_ir, struct build_stats *ret_stats,

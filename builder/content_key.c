@@ -7,7 +7,7 @@
 #include "builder/format/layout.h"
 #include "builder/tier.h"
 
-/* The terminating NULs are hashed too: what follows begins at a known place. */
+/* The terminating NULs are hashed too, so that the bytes after them start at a fixed offset. */
 static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2";
 
 struct part {
@@ -47,10 +47,10 @@ static void digest_leaf(void *context, size_t index)
 }
 
 struct root {
-    unsigned char bytes[64]; /* what stands between the domain and the digests */
+    unsigned char bytes[64]; /* the fixed-size fields between the domain and the digests */
 };
 
-/* A layout that leaves nothing open to devices looks at none: whatever stands there gives no other bytes. */
+/* A layout without variants does not depend on the device, so whatever the caller put there must not change the key. */
 static void describe_device(const struct device_format *device, uint32_t variants, unsigned char ret_bytes[36])
 {
     memset(ret_bytes, 0, 36);
@@ -75,7 +75,7 @@ static struct root describe_root(const struct canonical *canonical, const struct
     return root;
 }
 
-/* The leaves' digests are there, or there are none. */
+/* Call after all leaves have been hashed; there may be none. */
 static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_count, const struct root *root,
                                     struct key *ret_key, struct bvhd_error *error)
 {
@@ -110,7 +110,7 @@ enum bvhd_status content_key(const struct canonical *canonical, const struct bui
     const struct layout *layout = layout_find(options->target);
     if (!layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "target", "there is no target %d", (int)options->target);
-    /* Once for all leaves: looking it up takes locks that threads would wait for. */
+    /* One fetch serves all leaves, because it takes locks that the threads would wait for. */
     EVP_MD *hash = EVP_MD_fetch(NULL, "SHA256", NULL);
     if (!hash)
         return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library has no SHA-256");

@@ -1,15 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * content_key.h - the key of a build: SHA-256 over its canonical bytes and everything else that decides the result.
+ * content_key.h - computes the key of a build: SHA-256 over its canonical bytes and everything else that decides the
+ * result. Equal keys mean equal results, which is what caches and coalescing rely on.
  *
  * The canonical block is cut into leaves of CONTENT_KEY_LEAF bytes (the last may be shorter; an empty block has none),
- * hashed in parallel:
+ * which are hashed in parallel:
  *
  *     leaf = SHA-256("bvhd key leaf 1\0", u64 bytes in the leaf, the bytes)
- *     key  = SHA-256("bvhd key root 2\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version, u32 layout flags,
- *                    u32 quality, struct device_format as its 36 bytes, zeros for a layout that leaves nothing open to devices, the leaves' digests in order)
+ *     key  = SHA-256("bvhd key root 2\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version,
+ *                    u32 layout flags, u32 quality, 36 bytes of struct device_format, the leaves' digests in order)
  *
- * Numbers are little-endian. Neither the number of threads nor the machine is in it.
+ * The device's 36 bytes are zero for a layout that does not depend on the device. Numbers are little-endian. The key
+ * does not depend on the number of threads or on the machine.
  */
 #ifndef BVHD_CONTENT_KEY_H
 #define BVHD_CONTENT_KEY_H
@@ -19,14 +21,15 @@
 #include "proto/base/key.h"
 
 /*
- * Some 50 us: several threads share the hash of a small structure too. What a leaf costs beside its bytes is below 1 %
- * of that.
+ * Bytes of a leaf; one takes about 50 us to hash. Leaves are this small so that several threads share the work for a
+ * small structure too; the fixed cost of a leaf is below 1 % of that time.
  */
 enum { CONTENT_KEY_LEAF = 1 << 16 };
 
 /*
- * Of what build() makes of the same arguments: the quality in the key is the one that it resolves to. BVHD_UNSUPPORTED
- * for an unknown target, BVHD_NO_MEMORY, BVHD_CANCELLED, BVHD_INTERNAL when the hash library fails.
+ * Computes the key of the result that build() gives for the same arguments: the quality in it is the one that
+ * tier_resolve chooses. Returns BVHD_UNSUPPORTED for an unknown target, BVHD_NO_MEMORY, BVHD_CANCELLED, and
+ * BVHD_INTERNAL when the hash library fails. *ret_key is written only on success.
  */
 enum bvhd_status content_key(const struct canonical *canonical, const struct build_options *options,
                              const struct build_context *context, struct key *ret_key, struct bvhd_error *error);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * context.h - what a step of a build works with: memory, threads, and news of whether anybody still wants the result.
+ * context.h - the resources that every step of a build gets: memory, threads, a flag that cancels it, and where to
+ * report progress.
  */
 #ifndef BVHD_CONTEXT_H
 #define BVHD_CONTEXT_H
@@ -15,15 +16,15 @@
 struct build_context {
     struct memory *memory;
     const struct parallel *parallel;
-    /* may be NULL; every step returns BVHD_CANCELLED within some milliseconds after it is set */
+    /* may be NULL; every step returns BVHD_CANCELLED within a few milliseconds after the flag is set */
     const atomic_bool *cancel;
     /*
-     * Called from any thread, with done <= total in primitives (or what they were split into), after each piece and at
-     * the end; calls may overtake each other. May be NULL.
+     * Reports progress after each piece and at the end, with done <= total, counted in primitives (or in refs where
+     * splits make more of those). May be called from any thread, and calls may overtake each other. May be NULL.
      */
     void (*progress)(void *context, uint64_t done, uint64_t total);
     void *progress_context;
-    struct build_output *output; /* NULL: blobs come from `memory` */
+    struct build_output *output; /* where the blob's bytes come from; NULL: from `memory` */
 };
 
 static inline bool context_cancelled(const struct build_context *context)

@@ -5,16 +5,16 @@
 
 #include "proto/base/parallel.h"
 
-/* What is known of each node. */
+/* What the pass knows about each node. */
 struct facts {
     uint32_t level; /* 1 for the root */
     uint32_t leaves;
     uint32_t first_ref;
-    bool solved; /* fits, or everything below it that does not is rebuilt further down */
-    bool rebuild; /* if all of its ancestors are solved, it is rebuilt */
+    bool solved; /* the subtree fits, or every part of it that is too deep will be rebuilt at this node or below it */
+    bool rebuild; /* rebuild this node, unless an ancestor is rebuilt */
 };
 
-/* A leaf of a subtree that is rebuilt. */
+/* A leaf of a subtree that is being rebuilt, kept while its node is overwritten. */
 struct leaf {
     struct ir_node node;
     struct box boxes[IR_MAX_KEYS];
@@ -25,8 +25,9 @@ struct limiter {
     uint32_t limit;
     const atomic_bool *cancel;
     struct facts *facts;
-    uint32_t *stack; /* inner nodes on the way down a subtree */
-    uint32_t *pairs; /* where the children of the rebuilt subtree's inner nodes were, ascending */
+    uint32_t *stack; /* nodes still to visit on the way down a subtree */
+    /* first children of the rebuilt subtree's inner nodes: the places for its new nodes, sorted ascending */
+    uint32_t *pairs;
     uint32_t pair_count, next_pair;
     struct leaf *leaves;
     uint32_t leaf_count;
@@ -37,13 +38,16 @@ static uint32_t balanced_height(uint32_t leaves)
     return leaves < 2 ? leaves : 33 - (uint32_t)__builtin_clz(leaves - 1);
 }
 
-/* Loops of any length ask at every step; whatever they leave undone is thrown away. */
+/*
+ * Every loop whose length depends on the tree checks this at each step. After a cancellation the tree is discarded, so
+ * loops may leave their work half done.
+ */
 static bool is_cancelled(const struct limiter *limiter, uint32_t step)
 {
     return step % 4096 == 0 && parallel_cancelled(limiter->cancel);
 }
 
-/* Returns the depth. */
+/* Sets the level of each node, and returns the depth of the tree. */
 static uint32_t gather_levels(struct limiter *limiter)
 {
     const struct ir *ir = limiter->ir;
@@ -79,7 +83,7 @@ static void gather_facts(struct limiter *limiter)
     }
 }
 
-/* The leaves below `root` in the order of their refs, and the places of all nodes below it. */
+/* Collects the leaves below `root` in the order of their refs, and the places of all nodes below it. */
 static void take_apart(struct limiter *limiter, uint32_t root)
 {
     const struct ir *ir = limiter->ir;
@@ -127,8 +131,8 @@ static void sort_ascending(const struct limiter *limiter, uint32_t *values, uint
 }
 
 /*
- * Makes `node` the root of a balanced tree over leaves [first, end). Pairs are given out in ascending order on the way
- * down, so that children follow their parents. Recursion is as deep as the balanced tree, at most 32.
+ * Makes `node` the root of a balanced tree over leaves [first, end). Pairs of places are used in ascending order on the
+ * way down, so that children follow their parents. The recursion is as deep as the balanced tree, at most 32.
  */
 static void put_together(struct limiter *limiter, uint32_t node, uint32_t first, uint32_t end)
 {
@@ -162,7 +166,7 @@ static void rebuild(struct limiter *limiter, uint32_t node)
         put_together(limiter, node, 0, limiter->leaf_count);
 }
 
-/* From the top: below a node that is rebuilt nothing is left to do, and nodes above it are solved. */
+/* Goes from the top down: rebuilding a node clears the marks of all nodes below it. */
 static void rebuild_all(struct limiter *limiter)
 {
     for (uint32_t node = 0; node < limiter->ir->node_count && !is_cancelled(limiter, node); node++)

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* depth.h - a pass over an ir: no leaf deeper than a limit, at the least cost in quality. */
+/*
+ * depth.h - makes a binary tree shallower: rebuilds subtrees so that no leaf lies deeper than a limit, at the least
+ * cost in quality.
+ */
 #ifndef BVHD_DEPTH_H
 #define BVHD_DEPTH_H
 
@@ -8,11 +11,15 @@
 #include "builder/format/ir.h"
 
 /*
- * Rebuilds, balanced over their leaves in the order of their refs, the smallest subtrees that reach below `limit`
- * levels and are not so deep already that balance does not help. Needs ceil(log2(leaves)) + 1 <= limit, else
- * BVHD_TOO_LARGE. Refs and their order stay; nodes are moved within the places of the rebuilt subtrees. Does nothing to
- * a tree that fits. On failure the tree is as it was, but of no use after BVHD_CANCELLED (`cancel` may be NULL).
- * *ret_depth: levels afterwards. O(n log n) in nodes at worst.
+ * Brings the tree within `limit` levels (the root alone is one level), for layouts whose traversal stack is fixed.
+ *
+ * It rebuilds the smallest subtrees that reach below the limit and that fit when balanced; a rebuilt subtree is
+ * balanced over its leaves in the order of their refs. Refs and their order do not change; the nodes of a rebuilt
+ * subtree stay within the places that the subtree had. A tree that fits is not changed. *ret_depth: levels afterwards.
+ * Takes O(n log n) for n nodes at worst. `cancel` may be NULL.
+ *
+ * Returns BVHD_TOO_LARGE unless ceil(log2(leaves)) + 1 <= limit, BVHD_NO_MEMORY, or BVHD_CANCELLED. The tree is
+ * unchanged after the first two, and must be thrown away after BVHD_CANCELLED.
  */
 enum bvhd_status depth_limit(struct ir *ir, uint32_t limit, const atomic_bool *cancel, uint32_t *ret_depth,
                              struct bvhd_error *error);

@@ -9,7 +9,7 @@
 double facts_log2(double value)
 {
     int exponent;
-    double rest = 2 * frexp(value, &exponent) - 1; /* 0 .. 1 */
+    double rest = 2 * frexp(value, &exponent) - 1; /* in [0, 1) */
     return exponent - 1 + rest * (1.3465 - 0.3465 * rest);
 }
 
@@ -21,16 +21,19 @@ double facts_exp2(double value)
 
 enum { LANES = 4 };
 
-/* Those of the sample that a ray can meet; what follows them up to full lanes is zero. */
+/* The sampled primitives that a ray can hit. Entries after `count`, up to a multiple of LANES, are zero. */
 struct sample {
     uint32_t count;
     struct box bounds;
-    double total; /* of half areas */
+    double total; /* sum of half_areas */
     double half_areas[FACTS_MOST];
     float min[3][FACTS_MOST], max[3][FACTS_MOST];
 };
 
-/* One of the i-th part of all, not always at the same place in it: meshes repeat themselves. */
+/*
+ * Picks one primitive of the i-th of `sampled` equal ranges. Its place within the range varies, because meshes are
+ * often periodic.
+ */
 static uint32_t sampled_id(uint32_t count, uint32_t sampled, uint32_t i)
 {
     uint32_t begin = (uint32_t)((uint64_t)i * count / sampled), end = (uint32_t)(((uint64_t)i + 1) * count / sampled);
@@ -80,14 +83,16 @@ static void draw(const struct canonical *canonical, uint32_t size, struct sample
     fill_lanes(sample);
 }
 
-/* Along one axis; 0 within. */
+/* Distance from `at` to [min, max] along one axis; 0 inside. */
 static inline double distance(double at, float min, float max)
 {
     double below = min - at, above = at - max, beyond = below > above ? below : above;
     return beyond > 0 ? beyond : 0;
 }
 
-/* Of the other members' boxes, how many a ray meets from the middle of one in any direction. */
+/*
+ * Expected number of the other members' boxes that a ray meets from the centre of member `from` in a random direction.
+ */
 static double crossings_from(const struct sample *sample, uint32_t from)
 {
     const double sphere = 25.132741228718345; /* 8 pi */
@@ -100,7 +105,8 @@ static double crossings_from(const struct sample *sample, uint32_t from)
             double y = distance(at[1], sample->min[1][i + lane], sample->max[1][i + lane]);
             double z = distance(at[2], sample->min[2][i + lane], sample->max[2][i + lane]);
             double half_area = sample->half_areas[i + lane];
-            sums[lane] += half_area / (half_area + sphere * (x * x + y * y + z * z) + DBL_MIN); /* 0 for 0 of 0 */
+            /* DBL_MIN makes 0 / 0, at distance 0 from a box without area, count as 0. */
+            sums[lane] += half_area / (half_area + sphere * (x * x + y * y + z * z) + DBL_MIN);
         }
     double own = sample->half_areas[from];
     return sums[0] + sums[1] + sums[2] + sums[3] - own / (own + DBL_MIN);
@@ -119,7 +125,7 @@ static double mean_crossings(const struct sample *sample)
     return fmax(sum / FACTS_VIEWS, 0);
 }
 
-/* Of the area, what larger ones have beyond an equal share. */
+/* Share of the total area that lies above the mean. */
 static double unevenness_of(const struct sample *sample)
 {
     double mean = sample->total / sample->count, beyond = 0;

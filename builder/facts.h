@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * facts.h - what a structure's primitives are like, told cheaply: a look at some of them, evenly spread in the order of
- * their ids.
+ * facts.h - samples a structure's primitives, to estimate cheaply what a ray will meet in it. tier.h chooses the build
+ * quality by these facts.
  *
- * Of canonical bytes alone, by additions, products, quotients and comparisons in double: the same on every machine.
+ * The sample is spread evenly over the primitives' numbers. Facts are computed from the canonical bytes alone, by
+ * additions, products, quotients and comparisons in double, so that they are the same on every machine.
  */
 #ifndef BVHD_FACTS_H
 #define BVHD_FACTS_H
@@ -11,39 +12,41 @@
 #include "builder/format/canonical.h"
 
 /*
- * One primitive of so many is looked at, and no more than is worth it: 1 or 2 % of the quickest build. From how many of
- * them the others are seen.
+ * Sizes of the sample: one primitive of every FACTS_SHARE, at least FACTS_LEAST and at most FACTS_MOST, which keeps the
+ * cost at 1 or 2 % of the quickest build; crossings are counted from FACTS_VIEWS of them.
  */
 enum { FACTS_SHARE = 32, FACTS_LEAST = 64, FACTS_MOST = 1024, FACTS_VIEWS = 32 };
 
 struct facts {
-    uint32_t primitives; /* of the structure */
+    uint32_t primitives; /* of the whole structure */
     uint32_t sampled;
-    uint32_t met; /* of the sampled ones, those that a ray can meet; without any the rest is 0 */
-    bool can_split; /* triangles, of a build whose flags let them be split */
+    uint32_t met; /* sampled primitives that a ray can hit; when 0, the fields below except can_split are 0 */
+    /* the primitives are triangles, and the build's flags allow splits (no LOW_MEMORY, no ALLOW_UPDATE) */
+    bool can_split;
     /*
-     * Boxes of other primitives that a ray passes through which starts at a primitive in any direction, if nothing
-     * stops it: half of them start at primitives that are drawn one like another, half by their boxes' areas. Of a box
-     * of half area A at the distance d (0 inside) it is taken to be A / (A + 8 pi d^2): 1 inside, and far away a convex
-     * body's mean share of all directions.
+     * Mean number of other primitives' boxes that a ray passes through when it starts at a primitive, in a random
+     * direction, and nothing stops it. Half of the starting primitives are drawn uniformly, half in proportion to the
+     * areas of their boxes. A box of half area A at distance d (0 when the ray starts inside) counts as
+     * A / (A + 8 pi d^2): 1 inside, and far away a convex body's mean share of all directions.
      */
     double crossings;
     /*
-     * The part of the boxes' area that larger ones have beyond an equal share: 0 when all are alike, nearly 1 when one
-     * has it all.
+     * Share of the boxes' total area that lies above the mean area: 0 when all boxes have the same area, nearly 1 when
+     * one has nearly all.
      */
     double unevenness;
-    double thickness; /* the shortest side of the box of all, as a part of its longest; 0 when they are a point */
+    double thickness; /* shortest side of the bounds of all, divided by the longest; 0 when they are a point */
 };
 
 /*
- * `canonical` comes from prepare or prepare_open. Some 100 ns a sampled primitive, 200 when nothing is in the caches.
+ * Fills *ret_facts. `canonical` comes from prepare or prepare_open. Takes about 100 ns for each sampled primitive,
+ * 200 ns when nothing is in the caches. Allocates nothing and cannot fail.
  */
 void facts_gather(const struct canonical *canonical, struct facts *ret_facts);
 
 /*
- * The logarithm to base 2 of a positive finite number, to 0.01, and its inverse to 0.5 %, without the library's, which
- * differs from machine to machine.
+ * Base-2 logarithm of a positive finite number, with an error below 0.01, and its inverse, with a relative error below
+ * 0.5 %. They replace log2() and exp2(), whose last bits differ between machines.
  */
 double facts_log2(double value);
 double facts_exp2(double value);

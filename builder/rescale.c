@@ -39,7 +39,7 @@ static void scale_chunk(void *context, size_t index)
         }
 }
 
-/* As primitive_ref_bounds. */
+/* Recomputes refs->bounds and refs->centroids, chunk by chunk so that a cancellation is noticed. */
 static bool bound_all(struct primitive_refs *refs, const atomic_bool *cancel)
 {
     refs->bounds = refs->centroids = box_empty();

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * rescale.h - builders work on moderate numbers: squares of what is far from 1 leave float's range. Scenes out of
- * theirs are scaled by a power of two, and the tree gets the true boxes afterwards.
+ * rescale.h - scales scenes of extreme magnitude to a moderate one by a power of two, because builders square
+ * coordinates, and squares of very large or very small ones leave float's range. After the build the tree gets the
+ * exact boxes of its primitives back.
  */
 #ifndef BVHD_RESCALE_H
 #define BVHD_RESCALE_H
@@ -11,18 +12,19 @@
 #include "builder/format/ir.h"
 #include "builder/input/primitive.h"
 
-/* True when the largest magnitude of any coordinate is not 0 and outside 2^-20 .. 2^40. */
+/* True when the largest magnitude of any coordinate in `bounds` is not 0 and lies outside 2^-20 .. 2^40. */
 bool rescale_is_needed(const struct box *bounds);
 
 /*
- * Scales all refs, and bounds and centroids with them, so that the largest magnitude is in [1, 2). What gets too small
- * to tell apart is flat. False when cancelled.
+ * Scales all refs and their bounds and centroids in place, so that the largest magnitude is in [1, 2). Coordinates that
+ * become too small for a float are rounded, and refs that differ only there become equal. Runs on context->parallel.
+ * Returns false when cancelled.
  */
 bool rescale_refs(struct primitive_refs *refs, const struct build_context *context);
 
 /*
- * Gives all nodes of a tree over scaled refs, without spatial splits, the boxes of their primitives. False when
- * cancelled.
+ * Gives each node of a tree that was built over scaled refs the exact box of its primitives. The tree must not contain
+ * spatial splits. Runs on context->parallel. Returns false when cancelled.
  */
 bool rescale_restore(const struct canonical *canonical, const struct build_context *context, struct ir *ir);
 

@@ -3,11 +3,14 @@
 
 #include <math.h>
 
-/* More crossings, or a thinner whole, than in any scene that the model was fitted to is as much as in that. */
+/* Limits of the scenes that the model was fitted to: beyond them it must not extrapolate. */
 #define CROSSINGS_MOST 4096.0
 #define THICKNESS_LEAST (1.0 / 64)
 
-/* Exponents of 2, linear in the terms: times in nanoseconds. As `bvhd-bench --calibrate` prints them. */
+/*
+ * Times in nanoseconds, as exponents of 2 that are linear in the terms. `bvhd-bench --calibrate` prints these
+ * constants.
+ */
 struct tier_model {
     double build[TIER_TERMS], ray[TIER_TERMS];
 };
@@ -19,8 +22,8 @@ static const struct tier_model models[] = {
 };
 
 /*
- * Squares are scaled to the size of the others: what holds constants towards nothing when they are fitted takes all
- * terms as equals.
+ * Squares are scaled to the magnitude of the other terms, because the fit's regularisation, which pulls constants
+ * towards 0, weighs all terms alike.
  */
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS])
 {

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * tier.h - which quality pays: what each costs to build and to trace, as far as a look at the primitives tells.
+ * tier.h - chooses a build quality: estimates, from a sample of the primitives (facts.h), how long each quality takes
+ * to build and how long a ray then takes to trace.
  *
- *     cost(tier) = primitives * (build_ns(tier) + rays a primitive * ray_ns(tier))
+ *     cost(tier) = primitives * (build_ns(tier) + rays per primitive * ray_ns(tier))
  *
- * A model with few constants, fitted to measurements (`bvhd-bench --calibrate` makes them anew, PERFORMANCE.md tells
- * how good it is). Of times only their ratios count, so it holds for machines other than that which was measured, and
- * for any number of threads.
+ * The model has few constants, which are fitted to measurements (`bvhd-bench --calibrate` fits them again;
+ * PERFORMANCE.md says how good the model is). Only ratios of times matter for a choice, so it holds for machines other
+ * than the measured one, and for any number of threads.
  */
 #ifndef BVHD_TIER_H
 #define BVHD_TIER_H
@@ -15,30 +16,37 @@
 #include "proto/base/geometry.h"
 
 /*
- * What a constant is multiplied with: 1; of crossings the logarithm (to base 2, of 1 + them) and its square; of
- * thickness the logarithm's square; the square for crossings once more, times unevenness, for few large boxes can be
- * split and many alike cannot.
+ * Fills the terms of the model, by which the exponents of both times are linear. With L = log2(1 + crossings),
+ * T = log2(thickness) and U = unevenness they are
+ *
+ *     1, L, L^2 / 8, T^2 / 6, U * L^2 / 16
+ *
+ * where crossings are at most 4096 and thickness at least 1/64. The last term stands for splits, which help with few
+ * large boxes but not with many alike.
  */
 enum { TIER_TERMS = 5 };
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS]);
 
 struct tier_cost {
-    double build_ns, ray_ns; /* a primitive; a ray */
+    /* nanoseconds for each primitive; nanoseconds for each ray */
+    double build_ns, ray_ns;
 };
 
-/* On one thread. `quality`: FAST, BALANCED or HIGH. */
+/* Estimates the times of one thread for a quality. `quality`: FAST, BALANCED or HIGH. */
 struct tier_cost tier_cost(enum build_quality quality, const struct facts *facts);
 
 /*
- * The quality of least cost; of equal ones the faster; high only where it can split, which is what it is for.
- * `rays_per_primitive` is finite and not negative. Never UNSPECIFIED or AUTO.
+ * Returns the quality of least cost, and the faster of two that cost the same. HIGH is considered only where
+ * facts->can_split, because splits are what it is for. `rays_per_primitive` is finite and not negative. The result is
+ * FAST, BALANCED or HIGH.
  */
 enum build_quality tier_choose(const struct facts *facts, float rays_per_primitive);
 
 /*
- * What becomes of a request: a named quality is itself; UNSPECIFIED is what Vulkan's PREFER flags say (FAST_BUILD:
- * fast, FAST_TRACE: high), else AUTO; AUTO is the one of least cost, and balanced where nothing is said of rays. Looks
- * at primitives only when it has to choose. Never UNSPECIFIED or AUTO; the same again for what it returns.
+ * Resolves the quality that a request asks for to the one that is built. A named quality is kept. UNSPECIFIED follows
+ * Vulkan's PREFER flags (FAST_BUILD: FAST, FAST_TRACE: HIGH); without them it is treated as AUTO. AUTO becomes the
+ * quality of least cost, and BALANCED when the request says nothing about rays. Reads primitives only when it has to
+ * choose. The result is FAST, BALANCED or HIGH, and resolving it again gives the same.
  */
 enum build_quality tier_resolve(const struct canonical *canonical, const struct build_options *options);
 

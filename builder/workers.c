@@ -10,21 +10,25 @@
 
 #include "proto/base/processor.h"
 
-/* One call of for_each; lives on its caller's stack. Fields without a word are constant once it is posted. */
+/*
+ * One call of for_each; it lives on its caller's stack. Fields without a comment do not change after the call is
+ * posted.
+ */
 struct call {
     parallel_task task;
     void *context;
     size_t count;
     struct workers *workers;
-    struct call *parent; /* the call whose task made this one, if it runs on the same workers */
-    atomic_size_t next; /* the first task that nobody has taken; may pass count */
-    atomic_uint helpers; /* workers inside; changed under the lock */
-    struct call *after; /* in the list of open calls, under the lock */
-    bool waiting; /* its caller sleeps on `changed`; under the lock */
-    pthread_cond_t changed; /* a helper has left, or a task has made a call */
+    struct call *parent; /* the call whose task made this one, if it runs on the same workers; else NULL */
+    atomic_size_t next; /* first task that has not been handed out; may exceed `count` */
+    atomic_uint helpers; /* workers that run tasks of this call; changed under the lock */
+    struct call *after; /* next in the list of open calls; under the lock */
+    bool waiting; /* the caller sleeps on `changed`; under the lock */
+    /* signalled when the last helper leaves, and when a task of this call posts a nested call */
+    pthread_cond_t changed;
 };
 
-/* What callers hold; leads from the const interface back to the workers. */
+/* The interface that callers hold, and the way from it back to the workers. */
 struct face {
     struct parallel parallel;
     struct workers *workers;
@@ -33,18 +37,19 @@ struct face {
 struct workers {
     struct face face;
     pthread_mutex_t lock;
-    pthread_cond_t work; /* a call was posted, or it is time to stop */
-    pthread_cond_t ready; /* another thread has started */
-    unsigned started; /* threads that have; under the lock */
-    struct call *oldest; /* open calls in the order of posting; under the lock */
+    pthread_cond_t work; /* signalled when a call is posted, and when the workers have to stop */
+    pthread_cond_t ready; /* signalled when a thread has started */
+    unsigned started; /* threads that have started; under the lock */
+    struct call *oldest; /* open calls in the order in which they were posted; under the lock */
     unsigned sleepers; /* workers that wait on `work`; under the lock */
     bool stop; /* under the lock */
-    atomic_uint posted; /* counts calls, changed under the lock: what free workers look at before they sleep */
-    unsigned thread_count; /* of `threads`: one less than face.parallel.threads */
+    atomic_uint posted; /* number of posted calls, changed under the lock; free workers watch it before they sleep */
+    /* length of `threads`: one less than face.parallel.threads */
+    unsigned thread_count;
     pthread_t threads[];
 };
 
-/* Rounds of looking before sleeping: about 10 us, what a sleep and a wake would cost. */
+/* Rounds of spinning before a thread sleeps: about 10 us, which is what a sleep and a wake-up would cost. */
 enum { SPIN_ROUNDS = 250 };
 
 /* The innermost call whose task this thread is running. */
@@ -72,8 +77,8 @@ static bool descends_from(const struct call *call, const struct call *ancestor)
 }
 
 /*
- * The oldest open call with tasks to give; with an ancestor, only among those that its tasks have made. The lock is
- * held.
+ * Returns the oldest open call with tasks left; with an ancestor, only a call that was made by the ancestor's tasks,
+ * directly or not. The lock is held.
  */
 static struct call *find_work(struct workers *workers, const struct call *ancestor)
 {
@@ -84,7 +89,7 @@ static struct call *find_work(struct workers *workers, const struct call *ancest
     return NULL;
 }
 
-/* Works on somebody else's call. The lock is held, but not while tasks run. */
+/* Runs tasks of another thread's call. The lock is held on entry and on return, but not while tasks run. */
 static void help(struct workers *workers, struct call *call)
 {
     atomic_fetch_add_explicit(&call->helpers, 1, memory_order_relaxed);
@@ -116,7 +121,7 @@ static void post(struct workers *workers, struct call *call)
         pthread_cond_broadcast(&workers->work);
 }
 
-/* From here on nobody new comes in. */
+/* Closes the call: no helper can join it from here on. */
 static void withdraw(struct workers *workers, struct call *call)
 {
     pthread_mutex_lock(&workers->lock);
@@ -167,7 +172,7 @@ static void workers_for_each(const struct parallel *self, size_t count, parallel
     pthread_cond_destroy(&call.changed);
 }
 
-/* Looks for a new call for a while, without the lock. */
+/* Spins, without the lock, until a call is posted or SPIN_ROUNDS have passed. */
 static void await_post(struct workers *workers, unsigned seen)
 {
     for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&workers->posted, memory_order_relaxed) == seen; i++)
@@ -200,7 +205,10 @@ static void *work_until_stopped(void *argument)
     return NULL;
 }
 
-/* 0 or an errno value. Signals are for the threads of the program. */
+/*
+ * Returns 0 or an errno value. All signals are blocked while threads start, so that the program's own threads receive
+ * them.
+ */
 static int start_threads(struct workers *workers, unsigned count)
 {
     sigset_t all, before;
@@ -215,7 +223,10 @@ static int start_threads(struct workers *workers, unsigned count)
     return failure;
 }
 
-/* A thread that is only starting may hold locks of the allocator, which a fork would copy and never open. */
+/*
+ * Waits until every thread is running: one that is still starting may hold locks of the allocator, and a fork would
+ * copy those locked for ever.
+ */
 static void await_start(struct workers *workers)
 {
     pthread_mutex_lock(&workers->lock);

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * workers.h - a struct parallel over threads of its own, for programs that build in process. The daemon brings its own
- * pool.
+ * workers.h - a pool of threads behind a struct parallel, for programs that build in process. The daemon brings its own
+ * pool (daemon/pool).
  *
- * A call's tasks are handed out one by one, from an atomic counter, to the caller and to whichever workers are free. A
- * caller whose last tasks run elsewhere works on the calls that those tasks make meanwhile, and on no others; so nested
- * calls use all threads and never wait for each other in a circle. Free workers look for work for some microseconds,
- * then sleep. They block all signals.
+ * The tasks of a for_each call are handed out one by one, from an atomic counter, to the caller and to the workers that
+ * are free. A caller whose last tasks run on other threads meanwhile works on the nested calls that those tasks make,
+ * and on no others; so nested calls use all threads and never wait for each other in a circle. A free worker spins for
+ * a few microseconds before it sleeps. Workers block all signals.
  */
 #ifndef BVHD_WORKERS_H
 #define BVHD_WORKERS_H
@@ -19,16 +19,20 @@ enum { WORKERS_MAX_THREADS = 1024 };
 struct workers;
 
 /*
- * `threads` counts the caller's thread, which works too; 0 means one for each processor that this process may use.
- * BVHD_TOO_LARGE over WORKERS_MAX_THREADS, BVHD_NO_MEMORY, BVHD_IO when the system starts no more threads. All threads
- * are up and idle on return, so the process may fork.
+ * Starts the threads. `threads` counts the caller's thread, which works too; 0 means one for each processor that this
+ * process may use. Returns BVHD_TOO_LARGE over WORKERS_MAX_THREADS, BVHD_NO_MEMORY, or BVHD_IO when the system starts
+ * no more threads. All threads are up and idle on return, so the process may fork. The caller ends *ret_workers with
+ * workers_destroy.
  */
 enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, struct bvhd_error *error);
 
-/* Waits for its threads. No for_each may be running. NULL-safe. */
+/* Waits for the threads to end, and frees the pool. No for_each may be running. `workers` may be NULL. */
 void workers_destroy(struct workers *workers);
 
-/* The interface; lives as long as the workers do. Safe to use from several threads at once. */
+/*
+ * Returns the interface through which builds use the pool. It lives as long as the workers, and any number of threads
+ * may use it at once.
+ */
 const struct parallel *workers_parallel(const struct workers *workers);
 
 #endif

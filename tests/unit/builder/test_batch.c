@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_batch.c - tests that batch_build() builds each entry by itself, shares equal ones, and reports errors and peaks
+ * per entry.
+ */
 #include "tests/support/unit.h"
 
 #include "builder/batch.h"
@@ -16,7 +20,10 @@ struct fixture {
     struct batch_item items[ITEMS];
 };
 
-/* Triangles, boxes, instances; the triangles again; wrong ones; boxes in other options; the boxes again. */
+/*
+ * Seven inputs: triangles, boxes, instances; the triangles again; invalid triangles; the boxes with other flags; the
+ * boxes again.
+ */
 static void fill(struct fixture *f)
 {
     memory_init(&f->memory, UINT64_MAX);
@@ -98,7 +105,7 @@ static void nothing_to_do(void **state)
     assert_int_equal(f.memory.live, 0);
 }
 
-/* A shortage hits the whole batch or one item; the others are as they would be. */
+/* A failed allocation hits the whole batch or one item; all other items are the same as without it. */
 static void failing_allocations_hit_one_item(void **state)
 {
     (void)state;
@@ -135,7 +142,7 @@ static void failing_allocations_hit_one_item(void **state)
     batch_finish(whole.items, ITEMS, &whole.memory);
 }
 
-/* An item's peak is its own, whatever lives beside it. */
+/* An item's peak counts its own memory only, whatever else is allocated. */
 static void peaks_are_of_one_item(void **state)
 {
     (void)state;

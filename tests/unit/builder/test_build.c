@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_build.c - tests that build() gives sound trees and the same bytes for any threads, and handles extremes,
+ * failures and cancellation.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -31,7 +35,7 @@ static struct box *boxes_of(const struct canonical *canonical)
     return boxes;
 }
 
-/* Builds the ir and checks it against the primitives; the caller ends it. */
+/* Builds the binary tree and checks it against the primitives; the caller ends it. */
 static struct ir sound_ir(const struct canonical *canonical, enum build_quality quality,
                           const struct build_context *context, struct build_stats *stats)
 {
@@ -104,7 +108,7 @@ static void qualities_differ(void **state)
     assert_true(stats[QUALITY_BALANCED].sah < stats[QUALITY_FAST].sah);
     assert_true(stats[QUALITY_HIGH].sah < stats[QUALITY_BALANCED].sah);
     assert_true(stats[QUALITY_HIGH].refs > stats[QUALITY_BALANCED].refs);
-    /* No splits for those who want little memory or updates, nor where an any-hit shader must run once. */
+    /* There are no splits with LOW_MEMORY or ALLOW_UPDATE, nor where an any-hit shader must run only once. */
     static const uint32_t flags[] = {BUILD_LOW_MEMORY, BUILD_ALLOW_UPDATE};
     struct ir ir;
     for (int i = 0; i < 2; i++) {
@@ -143,7 +147,7 @@ static void bytes_do_not_depend_on_threads(void **state)
         unsigned char *first = NULL;
         uint64_t size = 0;
         options.quality = quality;
-        shape.primitives = quality == QUALITY_HIGH ? 30000 : 20000; /* twice: more than one piece */
+        shape.primitives = quality == QUALITY_HIGH ? 30000 : 20000; /* times two geometries: more than one piece */
         test_model_make(&shape, 3, &model);
         for (unsigned threads = 1; threads <= 8; threads = threads * 3 - 1) {
             struct workers *workers;
@@ -168,7 +172,7 @@ static void bytes_do_not_depend_on_threads(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Magnitudes at the ends of float's range; where nothing gets lost, the tree is the one of the moderate scene. */
+/* Builds work for magnitudes at the ends of float's range. */
 static void magnitudes_do_not_matter(void **state)
 {
     (void)state;
@@ -221,7 +225,8 @@ static void scale_does_not_change_the_tree(void **state)
 }
 
 /*
- * Distances grow by a factor, from `least` on: natural depth is over 64, and wide nodes stay within the layout's limit.
+ * Boxes whose distances from the origin grow by a constant factor, starting at `least`, make a tree whose natural depth
+ * is over 64; its wide nodes must stay within the layout's limit.
  */
 static void limit_deep_trees(double least)
 {
@@ -261,7 +266,7 @@ static void limit_deep_trees(double least)
 static void deep_trees_are_limited(void **state)
 {
     (void)state;
-    limit_deep_trees(1); /* so large that it is rescaled */
+    limit_deep_trees(1); /* reaches magnitudes at which the scene is rescaled */
     limit_deep_trees(0x1p-40);
 }
 
@@ -317,7 +322,10 @@ static void options_are_checked(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Each allocation fails once; nothing leaks, the error is that, and the inputs serve the next attempt. */
+/*
+ * Each allocation fails once: nothing leaks, the error is BVHD_NO_MEMORY, and the same input builds in the next
+ * attempt.
+ */
 static void failing_allocations_leave_nothing(void **state)
 {
     (void)state;
@@ -401,7 +409,7 @@ static void cancelling_ends_it(void **state)
     test_model_finish(&model);
 }
 
-/* An output that counts what it is asked, and may set a flag when it is. */
+/* An output that counts its calls, and may set the cancel flag when it allocates. */
 struct test_output {
     struct build_output output;
     struct memory memory;
@@ -433,7 +441,7 @@ static void output_init(struct test_output *output)
     memory_init(&output->memory, UINT64_MAX);
 }
 
-/* A model some of whose vertices no triangle names, so that the size is not known from the start. */
+/* A model with vertices that no triangle uses, so that the size of the blob is not known from the start. */
 static void model_with_spare_vertices(struct test_model *model)
 {
     struct test_shape shape = soup;

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Builds for the lavapipe target, from primitives to bytes. */
+/*
+ * test_build_native.c - tests that builds for the lavapipe target, from primitives to bytes, are sound, shallow enough
+ * and repeatable.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -20,12 +23,12 @@ static struct build_context context_over(struct memory *memory, const struct par
     return (struct build_context){.memory = memory, .parallel = parallel};
 }
 
-/* A blob, and which primitives its boxes lead to. */
+/* A blob, and how often its tree references each leaf. */
 struct built {
     unsigned char *blob;
     struct build_stats stats;
     struct lavapipe_view view;
-    uint32_t *references; /* of each leaf */
+    uint32_t *references; /* for each leaf, the references to it */
     uint64_t refs;
 };
 
@@ -70,7 +73,7 @@ static void built_finish(struct built *built, struct memory *memory)
     memory_free(memory, built->blob);
 }
 
-/* Primitives that can be hit are referred to, others are not; only splits refer twice. */
+/* Each primitive that can be hit is referenced, others are not, and only splits reference one more than once. */
 static void check_references(const struct canonical *canonical, const struct built *built)
 {
     bool split = strcmp(built->stats.method, "spatial") == 0;
@@ -147,8 +150,8 @@ static void high_splits(void **state)
 }
 
 /*
- * Boxes each of which holds all smaller ones: the natural tree is a chain. Nothing may be deeper than the driver's
- * stack.
+ * With boxes each of which holds all smaller ones the natural tree is a chain, and the driver's traversal stack limits
+ * the depth.
  */
 static void chains_are_cut_to_24_levels(void **state)
 {
@@ -172,7 +175,7 @@ static void chains_are_cut_to_24_levels(void **state)
         portable.target = TARGET_PORTABLE;
         assert_int_equal(build_ir(&canonical, &portable, &context, &ir, &stats, NULL), BVHD_OK);
         ir_finish(&ir);
-        assert_true(stats.depth > LAVAPIPE_MAX_LEVELS + 1); /* what would have been */
+        assert_true(stats.depth > LAVAPIPE_MAX_LEVELS + 1); /* the depth without the limit */
         build_and_open(&canonical, &options, &context, &built);
         check_references(&canonical, &built);
         assert_true(built.view.levels <= 24);
@@ -181,7 +184,10 @@ static void chains_are_cut_to_24_levels(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Twenty thousand equal triangles can not be told apart: halves of them fit. */
+/*
+ * Twenty thousand equal triangles cannot be told apart; halving their number at each level keeps the tree within the
+ * limit.
+ */
 static void equal_primitives_fit(void **state)
 {
     (void)state;

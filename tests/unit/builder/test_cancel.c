@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cancelling prepare, content_key and build at any moment: they say so, hold nothing, and begin no more work. */
+/*
+ * test_cancel.c - tests that prepare, content_key and build stop soon after they are cancelled at any moment, say so,
+ * and hold nothing.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -14,7 +17,7 @@
 #include "builder/input/validate.h"
 #include "builder/workers.h"
 
-/* Runs tasks one after another; sets the flag before task number `at`, counted over all loops. */
+/* Runs tasks one after another, and sets the flag before task number `at`, counted over all loops. */
 struct clock {
     struct parallel face;
     size_t tasks, at;
@@ -65,7 +68,7 @@ static void scene_finish(struct scene *scene)
     free(scene->records);
 }
 
-/* Small triangles here and there, whose vertices do not begin at the first and are not all used. */
+/* Small triangles in random places; the lowest vertices and some others are not used. */
 static void make_triangles(struct scene *scene, float size)
 {
     struct random random = {3};
@@ -92,7 +95,10 @@ static void make_triangles(struct scene *scene, float size)
     };
 }
 
-/* Each box is a little farther out than the one before: a tree so deep that it is limited. Some are inactive. */
+/*
+ * Each box is a little farther out than the one before, which makes a tree so deep that it is limited. Some are
+ * inactive.
+ */
 static void make_chain(struct scene *scene)
 {
     scene_start(scene, STRUCTURE_BOTTOM);
@@ -151,7 +157,7 @@ static enum bvhd_status run_all(const struct build_input *input, const struct bu
     return status;
 }
 
-/* Returns how many tasks the whole takes. */
+/* Returns how many tasks the whole run takes. */
 static size_t cancel_everywhere(struct scene *scene, enum build_quality quality)
 {
     enum bvhd_status status = BVHD_CANCELLED;
@@ -209,7 +215,7 @@ static void top_levels(void **state)
     scene_finish(&scene);
 }
 
-/* Before anything is done: each step looks by itself. */
+/* The flag is set before anything is done: each step checks it by itself. */
 static void a_set_flag_stops_each_step(void **state)
 {
     (void)state;
@@ -238,7 +244,7 @@ static void a_set_flag_stops_each_step(void **state)
     scene_finish(&scene);
 }
 
-/* So do the parts that only go through rows. */
+/* The functions that only go through the rows of geometries and references check the flag too. */
 static void a_set_flag_stops_going_through_rows(void **state)
 {
     (void)state;
@@ -281,7 +287,7 @@ static void *set_later(void *context)
     return NULL;
 }
 
-/* With several threads, and the flag set by yet another one. */
+/* Several threads build, and another thread sets the flag. */
 static void from_another_thread(void **state)
 {
     (void)state;
@@ -309,7 +315,10 @@ static void from_another_thread(void **state)
 
 enum { ROWS = 400000 };
 
-/* Hundreds of thousands of geometries of nearly nothing: no loop over rows keeps a thread, whichever is under way. */
+/*
+ * There are hundreds of thousands of geometries with almost no content: whichever loop over rows is running, it notices
+ * the flag.
+ */
 static void among_many_rows(void **state)
 {
     (void)state;

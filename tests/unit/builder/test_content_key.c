@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_content_key.c - tests that keys are as the header defines them, and change with everything that changes the
+ * result.
+ */
 #include "tests/support/unit.h"
 
 #include <openssl/sha.h>
@@ -51,7 +55,7 @@ static struct key key_of(struct fixture *fixture, uint64_t size, enum build_qual
 }
 
 /*
- * The definition in the header, with one string of bytes for the root, built by hand and hashed by another interface of
+ * The definition in the header, computed independently: the root is one string of bytes, hashed by another interface of
  * the library.
  */
 static struct key expected_key(const unsigned char *bytes, size_t size, const struct build_options *options)
@@ -142,8 +146,8 @@ static void the_quality_is_the_one_that_is_built(void **state)
 }
 
 /*
- * What a device's driver loads names other bytes, in every byte of it; a layout that looks at no device has one key for
- * all.
+ * For a native target every byte of the device's identity changes the key; a layout that does not depend on the device
+ * has one key for all.
  */
 static void devices_matter_to_native_targets_alone(void **state)
 {
@@ -162,7 +166,7 @@ static void devices_matter_to_native_targets_alone(void **state)
     assert_false(key_equal(&portable, &before));
 }
 
-/* First and last byte of every leaf, and some between. */
+/* Checks the first and last byte of every leaf, and some between. */
 static void every_byte_matters(void **state)
 {
     struct fixture *fixture = *state;
@@ -177,7 +181,7 @@ static void every_byte_matters(void **state)
     }
 }
 
-/* Equal leaves at different places: their order counts. */
+/* Swaps two leaves: their order counts. */
 static void order_of_leaves_matters(void **state)
 {
     struct fixture *fixture = *state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_depth.c - tests that depth_limit() keeps any possible limit, and changes no more of the tree than it has to. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -7,8 +8,8 @@
 #include "tests/support/builder/test_ir.h"
 
 /*
- * A random tree over `leaves` leaves of 1 to 3 refs: each inner node puts a share of about `skew` of its leaves to one
- * side.
+ * Makes a random tree over `leaves` leaves of 1 to 3 refs: each inner node puts a share of about `skew` of its leaves
+ * on one side.
  */
 struct maker {
     struct ir *ir;
@@ -39,7 +40,7 @@ static void grow(struct maker *maker, uint32_t node, uint32_t leaves)
     bool flip = random_next(&maker->random) % 2;
     ir->node_count += 2;
     ir->nodes[node] = (struct ir_node){.first = pair};
-    /* The second child may have the lower refs. */
+    /* Either child may have the lower refs. */
     grow(maker, pair + flip, left);
     grow(maker, pair + !flip, leaves - left);
     for (uint32_t key = 0; key < 2; key++) {
@@ -99,7 +100,7 @@ static void any_limit_that_is_possible_is_kept(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Two subtrees: what is not too deep stays as it is, node for node. */
+/* Of two subtrees only the too deep one is changed; the other one stays as it is, node for node. */
 static void the_shallow_part_is_not_touched(void **state)
 {
     (void)state;

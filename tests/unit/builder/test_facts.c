@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_facts.c - tests that facts_gather() estimates crossings, unevenness and thickness of known scenes. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -8,7 +9,10 @@
 #include "tests/support/builder/inputs.h"
 #include "builder/input/prepare.h"
 
-/* Triangles of a grid over [0, side] x [0, side] in the plane y = 0, two a square; `tilt` adds x * tilt to y. */
+/*
+ * Makes the triangles of a grid over [0, side] x [0, side] in the plane y = 0, two for each square; `tilt` adds x *
+ * tilt to y.
+ */
 static struct canonical grid(struct canonical_geometry *geometry, uint32_t side, float tilt)
 {
     static const uint32_t corners[6][2] = {{0, 0}, {1, 0}, {0, 1}, {1, 0}, {1, 1}, {0, 1}};
@@ -30,7 +34,10 @@ static struct canonical grid(struct canonical_geometry *geometry, uint32_t side,
                               .geometries = geometry};
 }
 
-/* Of many alike no place is special: what is seen from some is what is seen from all. */
+/*
+ * Computes the crossings exactly, from every triangle to every other one: the places in a grid are alike, so a sample
+ * must come near.
+ */
 static double seen_from_all(const struct canonical_geometry *geometry)
 {
     double sum = 0;
@@ -46,7 +53,10 @@ static double seen_from_all(const struct canonical_geometry *geometry)
     return sum / count;
 }
 
-/* A flat grid has no thickness; from each triangle the box of its twin is met for certain, those around seldom. */
+/*
+ * A flat grid has no thickness. A ray from a triangle always meets the box of its twin in the same square, and seldom
+ * those around.
+ */
 static void a_flat_grid(void **state)
 {
     (void)state;
@@ -69,7 +79,7 @@ static void a_flat_grid(void **state)
     }
 }
 
-/* Tilted, so that the box's sides are 20, 5 and 20. */
+/* The grid is tilted so that the sides of its bounds are 20, 5 and 20. */
 static void a_slope_is_thick(void **state)
 {
     (void)state;
@@ -93,8 +103,8 @@ static struct facts facts_of_boxes(const float *boxes, uint32_t count)
 }
 
 /*
- * The part of all directions in which a ray from (0.5, 0.5, 0.5) meets the cube [d, d + 1] x [0, 1] x [0, 1]:
- * directions spread evenly over a sphere, and where they pass d.
+ * Returns the share of all directions in which a ray from (0.5, 0.5, 0.5) meets the cube [d, d + 1] x [0, 1] x [0, 1]:
+ * it takes directions spread evenly over a sphere and checks where they pass x = d.
  */
 static double share_of_directions(double d)
 {
@@ -108,7 +118,10 @@ static double share_of_directions(double d)
     return (double)hits / ALL;
 }
 
-/* Cubes side by side: the farther, the less. Face to face two thirds are met of what a cube shows on average. */
+/*
+ * The farther apart two cubes are, the less their rays meet. Seen face to face, a cube shows two thirds of what it
+ * shows on average.
+ */
 static void what_is_far_is_seldom_met(void **state)
 {
     (void)state;
@@ -121,7 +134,7 @@ static void what_is_far_is_seldom_met(void **state)
     }
 }
 
-/* One through another all are met; of so many as of their part in the sample. */
+/* Boxes that surround all others are met by every ray; a sample's crossings are scaled to the whole structure. */
 static void what_is_around_is_met(void **state)
 {
     (void)state;
@@ -133,7 +146,8 @@ static void what_is_around_is_met(void **state)
         }
     assert_true(facts_of_boxes(boxes[0], 4000).crossings > 900);
     assert_true(facts_of_boxes(boxes[0], 4000).crossings < 1100);
-    assert_true(fabs(facts_of_boxes(boxes[0], 4000).unevenness - 0.75) < 0.05); /* a quarter of them has it all */
+    /* a quarter of the boxes has all the area */
+    assert_true(fabs(facts_of_boxes(boxes[0], 4000).unevenness - 0.75) < 0.05);
     for (int i = 0; i < 4000; i++)
         for (int k = 0; k < 6; k++)
             boxes[i][k] = k / 3;
@@ -141,7 +155,7 @@ static void what_is_around_is_met(void **state)
         assert_true(fabs(facts_of_boxes(boxes[0], count).crossings / (count - 1 + (count == 1)) - (count > 1)) < 0.02);
 }
 
-/* Nothing to look at, nothing that a ray meets, areas beyond what floats hold. */
+/* Handles structures without primitives, without any that a ray can meet, and with areas that floats cannot hold. */
 static void odd_ones(void **state)
 {
     (void)state;
@@ -162,11 +176,11 @@ static void odd_ones(void **state)
         facts_gather(&canonical, &facts);
         assert_int_equal(facts.met, i == 2 || i == 3 ? 2 : 0);
         assert_true(facts.crossings == (i == 3) || (i == 2 && facts.crossings <= 1));
-        assert_true(facts.thickness == 0 && fabs(facts.unevenness) < 1e-12); /* two alike, or none */
+        assert_true(facts.thickness == 0 && fabs(facts.unevenness) < 1e-12); /* two equal triangles, or none */
     }
 }
 
-/* Of every kind, through prepare: whatever strides, formats and indices it came in, the same facts. */
+/* A canonical copy of each kind of geometry gives the same facts as the copy that is opened from its bytes. */
 static void of_what_prepare_makes(void **state)
 {
     (void)state;

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_rescale.c - tests that only extreme scenes are rescaled, by an exact power of two, and that exact boxes come
+ * back.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -31,7 +35,7 @@ static void only_extremes_need_it(void **state)
     assert_false(rescale_is_needed(&empty));
 }
 
-/* Exactly a power of two, for what does not become too small. */
+/* Refs are scaled exactly by a power of two when nothing becomes too small for a float. */
 static void refs_are_scaled_exactly(void **state)
 {
     (void)state;
@@ -64,7 +68,7 @@ static void refs_are_scaled_exactly(void **state)
     }
 }
 
-/* A tree with wrong boxes gets those of its primitives, bit for bit as a tree made over them has. */
+/* A tree with wrong boxes gets the boxes of its primitives, bit for bit as a tree made over them has. */
 static void boxes_come_back(void **state)
 {
     (void)state;

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_tier.c - tests that the quality of least cost is chosen, and that requests which resolve to one quality share a
+ * result.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -47,7 +51,7 @@ static void few_rays_are_for_fast_and_many_for_high(void **state)
     assert_int_equal(resolve(QUALITY_AUTO, 0, 3e38f), resolve(QUALITY_AUTO, 0, 1e6f));
 }
 
-/* More rays never choose what takes less to build; and what is chosen costs least. */
+/* More rays never choose a quality that takes less time to build, and the chosen quality costs least. */
 static void more_rays_never_choose_less(void **state)
 {
     (void)state;
@@ -74,7 +78,7 @@ static void more_rays_never_choose_less(void **state)
     }
 }
 
-/* Without splits high is no more than a slower balanced. */
+/* Without splits, HIGH is only a slower BALANCED, so it is never chosen. */
 static void high_is_for_what_can_be_split(void **state)
 {
     (void)state;
@@ -90,7 +94,7 @@ static void high_is_for_what_can_be_split(void **state)
     }
 }
 
-/* Two triangles, a square of side 1 that looks along an axis. */
+/* Adds two triangles that form a square of side 1 perpendicular to an axis. */
 static void add_square(float (*corners)[3], int axis, float x, float y, float z)
 {
     static const float square[6][2] = {{0, 0}, {1, 0}, {0, 1}, {1, 0}, {1, 1}, {0, 1}};
@@ -105,8 +109,8 @@ static void add_square(float (*corners)[3], int axis, float x, float y, float z)
 enum { SIDE = 48, SQUARES = 3 * SIDE * SIDE };
 
 /*
- * What fills its box, or half of it, as floors and blocks do, has nothing that splits could take away: none are made,
- * and some of it inactive is left out.
+ * Triangles that fill their boxes, or half of them, as floors and blocks have, leave no empty space that splits could
+ * remove: none are made. Inactive ones are left out.
  */
 static void nothing_is_split_in_vain(void **state)
 {
@@ -141,7 +145,7 @@ static void nothing_is_split_in_vain(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Hints that lead to one tier share its result, and share it with who asks for the tier by its name. */
+/* Numbers of rays that lead to one quality share its result, also with a request that names this quality. */
 static void hints_of_one_tier_share_a_result(void **state)
 {
     (void)state;

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_workers.c - tests that the pool runs every task once, on all threads, in nested calls and in calls from several
+ * threads.
+ */
 #include "tests/support/unit.h"
 
 #include <pthread.h>
@@ -64,7 +68,7 @@ static void meet(void *context, size_t index)
     pthread_barrier_wait(context);
 }
 
-/* Tasks that wait for each other: it ends only when as many run at once as there are threads. */
+/* The tasks wait for each other at a barrier, so the test ends only when as many run at once as there are threads. */
 static void all_threads_work(void **state)
 {
     (void)state;
@@ -120,7 +124,10 @@ struct late_call {
     atomic_bool first_done;
 };
 
-/* Task 1 makes a call for both threads after task 0 has ended: the caller of task 0 must come and help. */
+/*
+ * Task 1 makes a call for both threads after task 0 has ended: the caller, whose own tasks are done, must come and
+ * help.
+ */
 static void call_when_the_other_is_done(void *context, size_t index)
 {
     struct late_call *late = context;
