@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * box.h - axis-aligned boxes in float, the currency between all parts.
+ * box.h - axis-aligned boxes in float, which all parts exchange.
  *
- * A box is empty when min > max; box_empty() is the neutral element of box_grow. Areas are half areas (dx*dy + dy*dz +
- * dz*dx): the surface area heuristic needs only ratios.
+ * A box is empty if min > max on any axis; box_empty() is the neutral element of box_grow. Areas are half areas (dx*dy
+ * + dy*dz + dz*dx), because the surface area heuristic needs only ratios.
  */
 #ifndef BVHD_BOX_H
 #define BVHD_BOX_H
@@ -49,7 +49,7 @@ static inline bool box_contains(const struct box *outer, const struct box *inner
     return true;
 }
 
-/* In double, because a float overflows from sides of 1.8e19 on. 0 for an empty box. */
+/* The result is a double, because a float overflows for sides of 1.8e19 and more. It is 0 for an empty box. */
 static inline double box_half_area(const struct box *box)
 {
     double x = (double)box->max[0] - box->min[0], y = (double)box->max[1] - box->min[1],

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bytes.h - sizes, offsets and little-endian fields. The only place where lengths are added or multiplied.
+ * bytes.h - checked arithmetic on sizes and offsets, and little-endian fields. This is the only place where lengths are
+ * added or multiplied.
  *
- * The checked operations return false on overflow and leave *ret untouched. Loads and stores take any alignment.
+ * The checked operations return false on overflow and leave *ret untouched. Loads and stores work at any alignment.
  */
 #ifndef BVHD_BYTES_H
 #define BVHD_BYTES_H
@@ -13,8 +14,8 @@
 #include <string.h>
 
 /*
- * Bytes that somebody else owns. `data` may be NULL only when `size` is 0, or to say "not given" where a header allows
- * that.
+ * A range of bytes that somebody else owns. `data` may be NULL only if `size` is 0, or to mean "not given" where a
+ * header allows that.
  */
 struct bytes {
     const unsigned char *data;
@@ -31,14 +32,14 @@ static inline bool bytes_mul(uint64_t a, uint64_t b, uint64_t *ret)
     return !__builtin_mul_overflow(a, b, ret);
 }
 
-/* offset + stride * index + size <= total, in 64 bits and without overflow: the last element lies inside. */
+/* Returns whether element `index` lies inside: offset + stride * index + size <= total, without overflow. */
 static inline bool bytes_reach(uint64_t total, uint64_t offset, uint64_t stride, uint64_t index, uint64_t size)
 {
     uint64_t at;
     return bytes_mul(stride, index, &at) && bytes_add(at, offset, &at) && bytes_add(at, size, &at) && at <= total;
 }
 
-/* `alignment` is a power of two; the caller knows that the sum fits. */
+/* Rounds up to a multiple of `alignment`, a power of two. The caller knows that the sum does not overflow. */
 static inline uint64_t bytes_align(uint64_t value, uint64_t alignment)
 {
     return (value + alignment - 1) & ~(alignment - 1);

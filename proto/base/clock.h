@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* clock.h - the time on a clock that only goes forward. */
+/* clock.h - the time on a clock that never goes back. */
 #ifndef BVHD_CLOCK_H
 #define BVHD_CLOCK_H
 
 #include <stdint.h>
 #include <time.h>
 
-/* Nanoseconds of CLOCK_MONOTONIC. */
+/* Returns CLOCK_MONOTONIC in nanoseconds. */
 static inline uint64_t clock_ns(void)
 {
     struct timespec now;
@@ -14,7 +14,7 @@ static inline uint64_t clock_ns(void)
     return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
 }
 
-/* Milliseconds, with what is behind the point. */
+/* Returns CLOCK_MONOTONIC in milliseconds, with a fraction. */
 static inline double clock_ms(void)
 {
     struct timespec now;

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * geometry.h - what is asked: the neutral description of one acceleration structure.
+ * geometry.h - what a request asks for: the neutral description of one acceleration structure.
  *
- * It says what VkAccelerationStructureBuildGeometryInfoKHR and its range infos say, with two differences: a pointer is
- * a pointer and the number of bytes that can be reached there, and an instance's reference is looked up in a table of
+ * It holds the contents of VkAccelerationStructureBuildGeometryInfoKHR and its range infos, with two differences: a
+ * pointer comes with the number of bytes that can be read there, and an instance's reference is looked up in a table of
  * structures that the caller knows. Enumerants and flag bits have Vulkan's values. Nothing here is trusted: validate.h
- * and prepare.h check every field, and prepare.h reads shared memory once. The description owns nothing; it must live
- * until prepare() returns.
+ * and prepare.h check every field, and prepare.h reads shared memory once. The description owns nothing; the memory
+ * that it points to must live until prepare() returns.
  */
 #ifndef BVHD_GEOMETRY_H
 #define BVHD_GEOMETRY_H
@@ -34,7 +34,7 @@ enum { INDEX_UINT16 = 0, INDEX_UINT32 = 1, INDEX_NONE = 1000165000 };
 /* VkBuildAccelerationStructureModeKHR */
 enum { MODE_BUILD = 0, MODE_UPDATE = 1 };
 
-/* VkBuildAccelerationStructureFlagBitsKHR (row F14) */
+/* VkBuildAccelerationStructureFlagBitsKHR */
 enum {
     BUILD_ALLOW_UPDATE = 0x1,
     BUILD_ALLOW_COMPACTION = 0x2,
@@ -60,26 +60,26 @@ struct geometry_range {
     uint32_t transform_offset; /* bytes */
 };
 
-/* VkAccelerationStructureGeometryTrianglesDataKHR (rows F02 - F05) */
+/* VkAccelerationStructureGeometryTrianglesDataKHR */
 struct geometry_triangles {
     uint32_t vertex_format; /* VkFormat */
     uint32_t max_vertex;
     uint64_t vertex_stride; /* bytes; 0 is legal */
     uint32_t index_type;
     struct bytes vertices;
-    struct bytes indices; /* ignored when index_type is INDEX_NONE */
-    struct bytes transform; /* data NULL: none; else a row-major 3x4 float matrix at range.transform_offset */
+    struct bytes indices; /* ignored if index_type is INDEX_NONE */
+    struct bytes transform; /* a row-major 3x4 float matrix at range.transform_offset; data NULL: no transform */
 };
 
-/* VkAccelerationStructureGeometryAabbsDataKHR (row F08): six floats a box, minimum then maximum */
+/* VkAccelerationStructureGeometryAabbsDataKHR: six floats per box, minimum then maximum */
 struct geometry_aabbs {
     uint64_t stride; /* bytes; a multiple of 8; 0 is legal */
     struct bytes boxes;
 };
 
 /*
- * VkAccelerationStructureGeometryInstancesDataKHR (rows F09, F11): an array of 64-byte records; pointers are gathered
- * before
+ * VkAccelerationStructureGeometryInstancesDataKHR: an array of 64-byte records. Arrays of pointers are gathered into
+ * records before.
  */
 struct geometry_instances {
     struct bytes records;
@@ -87,7 +87,7 @@ struct geometry_instances {
 
 struct geometry {
     uint32_t type; /* GEOMETRY_ */
-    uint32_t flags; /* GEOMETRY_OPAQUE, ... */
+    uint32_t flags; /* GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT */
     union {
         struct geometry_triangles triangles;
         struct geometry_aabbs aabbs;
@@ -97,8 +97,8 @@ struct geometry {
 };
 
 /*
- * A structure that others may name: what a BLAS under a TLAS is known by. Room for the source of an update and for
- * micromaps.
+ * A structure that others may reference: the caller's knowledge of a BLAS under a TLAS. The enumeration leaves room for
+ * the source of an update and for micromaps.
  */
 enum reference_kind { REFERENCE_BLAS = 1 };
 
@@ -106,14 +106,14 @@ struct reference {
     enum reference_kind kind;
     uint64_t handle; /* the value that instance records carry; not 0; unique within the table */
     bool has_key;
-    struct key key; /* if has_key: which bytes these are */
+    struct key key; /* if has_key: the key of the structure's bytes */
     struct box bounds; /* of the structure in its own space; box_empty() for an empty structure */
-    struct slabs slabs; /* likewise; may be not known */
+    struct slabs slabs; /* of the structure in its own space; may be unknown */
 };
 
-/* What may be asked of a builder, beside Vulkan's flags. */
+/* What a request can choose in addition to Vulkan's flags. */
 enum build_quality {
-    QUALITY_UNSPECIFIED = 0, /* Vulkan's PREFER flags decide, else auto */
+    QUALITY_UNSPECIFIED = 0, /* Vulkan's PREFER flags decide; without them the same as auto */
     QUALITY_FAST = 1,
     QUALITY_BALANCED = 2,
     QUALITY_HIGH = 3,
@@ -122,18 +122,21 @@ enum build_quality {
 
 enum target {
     TARGET_PORTABLE = 1,
-    TARGET_LAVAPIPE = 2, /* Mesa's CPU driver, natively */
+    TARGET_LAVAPIPE = 2, /* the native format of Mesa's CPU driver */
 };
 
 /* Options of the portable layout. */
-enum { PORTABLE_FAST_TRIANGLES = 0x1 }; /* three float4 a triangle instead of shared, indexed vertices */
+enum { PORTABLE_FAST_TRIANGLES = 0x1 }; /* three float4 per triangle instead of shared, indexed vertices */
 
 struct build_options {
     enum build_quality quality;
     enum target target;
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
-    struct device_format device; /* of a native target; portable: all zero */
-    /* to be traced through the result, as far as the caller knows; 0: not said. AUTO looks at it */
+    struct device_format device; /* for a native target; portable: all zero */
+    /*
+     * how many rays per primitive will be traced through the result, if the caller knows; 0: unknown. QUALITY_AUTO uses
+     * it.
+     */
     float rays_per_primitive;
 };
 
@@ -142,8 +145,8 @@ struct build_input {
     uint32_t type; /* STRUCTURE_ */
     uint32_t flags; /* BUILD_ */
     uint32_t mode; /* MODE_ */
-    uint64_t destination; /* the caller's handle of what is built, 0 for none: only compared within a batch */
-    uint64_t source; /* likewise, for MODE_UPDATE */
+    uint64_t destination; /* the caller's handle of the structure to build, 0 for none: only compared within a batch */
+    uint64_t source; /* the same for the source of MODE_UPDATE */
     uint32_t geometry_count;
     const struct geometry *geometries;
     uint32_t reference_count;

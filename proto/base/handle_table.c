@@ -12,7 +12,10 @@ static unsigned digit(uint64_t handle, unsigned shift)
     return handle >> shift & (DIGITS - 1);
 }
 
-/* Moves the entries to `target` by one digit; false, and nothing moved, when all have the same there. */
+/*
+ * Moves the entries to `target` in the order of one digit. Returns false, and moves nothing, if the digit is the same
+ * in all of them.
+ */
 static bool sort_by_digit(const struct handle_entry *source, struct handle_entry *target, uint32_t count,
                           unsigned shift)
 {
@@ -57,8 +60,8 @@ void handle_sort(struct handle_entry *entries, struct handle_entry *scratch, uin
 }
 
 /*
- * Without a branch on what is compared: handles are as good as random, and searches that follow each other then
- * overlap.
+ * The search does not branch on the comparison: handles are as good as random, so branches would be mispredicted, and
+ * without them successive searches overlap.
  */
 uint32_t handle_find(const struct handle_entry *entries, uint32_t count, uint64_t handle)
 {

@@ -11,7 +11,7 @@ void key_to_text(const struct key *key, char ret_text[KEY_TEXT_SIZE])
     ret_text[2 * KEY_SIZE] = '\0';
 }
 
-/* -1 for anything else, the final NUL included. */
+/* Returns -1 for every other character, the final NUL included. */
 static int digit_value(char digit)
 {
     if (digit >= '0' && digit <= '9')

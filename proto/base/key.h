@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* key.h - the name of immutable bytes: a SHA-256 over everything that decides them. Equal keys mean equal bytes. */
+/*
+ * key.h - the names of immutable bytes: a key is a SHA-256 over everything that decides them. Equal keys mean equal
+ * bytes.
+ */
 #ifndef BVHD_KEY_H
 #define BVHD_KEY_H
 
@@ -17,10 +20,10 @@ static inline int key_equal(const struct key *a, const struct key *b)
     return memcmp(a->bytes, b->bytes, KEY_SIZE) == 0;
 }
 
-/* Lower-case hexadecimal and a final NUL. */
+/* Writes lower-case hexadecimal digits and a NUL. */
 void key_to_text(const struct key *key, char ret_text[KEY_TEXT_SIZE]);
 
-/* 0 on success, -1 when text is not 64 hexadecimal digits. */
+/* Returns 0 on success, -1 unless `text` is exactly 64 hexadecimal digits. */
 int key_from_text(const char *text, struct key *ret_key);
 
 #endif

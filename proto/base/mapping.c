@@ -16,15 +16,15 @@ struct mapping {
     uint64_t length;
 };
 
-/* The process's own: what is kept outlives every budget. */
+/* The cache belongs to the process, because cached blocks outlive every budget. */
 static struct {
     pthread_mutex_t lock;
     uint64_t limit, bytes;
     unsigned count;
-    struct mapping mappings[KEPT_MOST]; /* the longest unused first */
+    struct mapping mappings[KEPT_MOST]; /* sorted by age, the longest unused first */
 } kept = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
-/* The lock is held. */
+/* Removes one entry from the cache. The caller holds the lock. */
 static struct mapping take_out(unsigned index)
 {
     struct mapping mapping = kept.mappings[index];
@@ -34,7 +34,10 @@ static struct mapping take_out(unsigned index)
     return mapping;
 }
 
-/* The shortest that is long enough and not much too long; base NULL without one. */
+/*
+ * Takes the shortest cached mapping that is long enough and at most a quarter too long; `base` is NULL if there is
+ * none.
+ */
 static struct mapping take_kept(uint64_t length)
 {
     struct mapping mapping = {NULL, 0};
@@ -64,7 +67,8 @@ static void *map_aligned(uint64_t length)
         munmap(base, before);
     if (before < HUGE_PAGE)
         munmap(base + before + length, HUGE_PAGE - before);
-    madvise(base + before, length, MADV_HUGEPAGE); /* advice: a kernel without huge pages says no, and that is fine */
+    /* only advice: it does no harm if a kernel without huge pages refuses */
+    madvise(base + before, length, MADV_HUGEPAGE);
     return base + before;
 }
 
@@ -74,7 +78,7 @@ static void unmap_all(const struct mapping *mappings, unsigned count)
         munmap(mappings[i].base, mappings[i].length);
 }
 
-/* False when there was nothing. */
+/* Unmaps the whole cache. Returns false if it was empty. */
 static bool give_up_kept(void)
 {
     struct mapping gone[KEPT_MOST];
@@ -87,7 +91,7 @@ static bool give_up_kept(void)
     return count > 0;
 }
 
-/* What is kept counts where address space is limited: it must not be why there is none. */
+/* Where address space is limited, cached mappings count against the limit: they must not make an allocation fail. */
 static void *map_new(uint64_t length)
 {
     void *base = map_aligned(length);
@@ -104,7 +108,10 @@ void *mapping_obtain(uint64_t length, uint64_t *ret_length)
     return mapping.base;
 }
 
-/* Makes room for `length` bytes, if that is possible, and returns what had to go. The lock is held. */
+/*
+ * Makes room for `length` bytes in the cache, as far as possible, and returns the removed mappings. The caller holds
+ * the lock.
+ */
 static unsigned make_room(uint64_t length, struct mapping ret_gone[KEPT_MOST])
 {
     unsigned gone = 0;
@@ -113,7 +120,7 @@ static unsigned make_room(uint64_t length, struct mapping ret_gone[KEPT_MOST])
     return gone;
 }
 
-/* Pages are given up before the mapping is somebody else's. */
+/* The pages are marked as free before the mapping enters the cache, from where another thread may take it. */
 void mapping_release(void *mapping, uint64_t length)
 {
     struct mapping gone[KEPT_MOST];
@@ -138,7 +145,7 @@ void mapping_release(void *mapping, uint64_t length)
         munmap(mapping, length);
 }
 
-/* The new place is aligned again, so that huge pages move whole. */
+/* The new address is aligned again, so that huge pages move as a whole. */
 void *mapping_resize(void *mapping, uint64_t old_length, uint64_t length)
 {
     if (length < old_length)

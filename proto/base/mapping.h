@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * mapping.h - large blocks of address space, laid for huge pages, and those that a process keeps for its next blocks:
- * to get pages and clear them costs a build a tenth of its time.
+ * mapping.h - large blocks of memory on huge pages, and a cache of unused blocks that a process keeps for reuse.
+ * (Obtaining and clearing pages costs a tenth of a build's time.)
  *
- * What is kept is kept lazily: the system may take the pages when it needs them, and then the next user gets new ones.
- * Safe from any thread.
+ * The cache is lazy: the system may take the pages of a cached block when it needs them, and the next user then gets
+ * new pages. All functions may be called from any thread.
  */
 #ifndef BVHD_MAPPING_H
 #define BVHD_MAPPING_H
@@ -12,21 +12,24 @@
 #include <stdint.h>
 
 /*
- * *ret_length >= length bytes, both multiples of 4096, that begin on a boundary of 2 MiB; contents are of no meaning.
- * At most a quarter longer than was asked for. NULL when there is none.
+ * Returns a mapping of *ret_length >= length bytes, at most a quarter longer than requested; both lengths are multiples
+ * of 4096. It begins on a boundary of 2 MiB, and its contents are undefined. NULL if there is no memory.
  */
 void *mapping_obtain(uint64_t length, uint64_t *ret_length);
 
-/* Gives it back, or keeps it. `length` is all of the mapping. */
+/* Unmaps a mapping or puts it into the cache. `length` is the mapping's full length. */
 void mapping_release(void *mapping, uint64_t length);
 
 /*
- * The mapping with another length, its pages moved instead of copied. NULL when there is none; then the old one is as
- * it was.
+ * Changes the length of a mapping, by moving pages instead of copying them. Returns NULL if there is no memory; the old
+ * mapping is then unchanged.
  */
 void *mapping_resize(void *mapping, uint64_t old_length, uint64_t length);
 
-/* From now on up to `limit` bytes are kept, 0 at first; what is over it goes, the longest unused first. */
+/*
+ * Sets how many bytes the cache keeps from now on; 0 at first. Blocks beyond the limit are unmapped, the longest unused
+ * first.
+ */
 void mapping_keep(uint64_t limit);
 
 #endif

@@ -13,22 +13,22 @@
 #include "proto/base/mapping.h"
 
 /*
- * In front of each block. Large blocks are mappings of their own that start on a huge page, all others come from
- * malloc's heap. The header is as long as the alignment that it must keep.
+ * The header in front of each block. Large blocks are mappings that start on a huge page; all others come from malloc's
+ * heap. The header takes as many bytes as the alignment that it must preserve.
  */
 struct header {
-    uint64_t size; /* as asked for */
-    uint64_t mapped; /* length of the mapping, 0 for a block of the heap */
+    uint64_t size; /* as requested */
+    uint64_t mapped; /* length of the mapping; 0 for a block of the heap */
 };
 
 enum { ALIGNMENT = 64, PAGE = 4096, MAPPED_FROM = 4 << 20 };
 
-/* What memory_keep leaves in the process, of malloc's heaps each. */
+/* Bytes that memory_keep lets the process keep: in each of malloc's heaps, and in unused mappings. */
 enum { KEPT_HEAP = 32 << 20, KEPT_MAPPINGS = 256 << 20 };
 
 _Static_assert(sizeof(struct header) <= ALIGNMENT, "the header fits in front of the block");
 
-/* The address sanitizer sees only what malloc hands out. */
+/* The address sanitizer tracks only blocks from malloc. */
 #if defined(__SANITIZE_ADDRESS__)
 enum { USE_MAPPINGS = 0 };
 #elif defined(__has_feature)
@@ -98,7 +98,7 @@ static void release_one(struct memory *memory, uint64_t size)
     (void)before;
 }
 
-/* Takes `size` bytes off the budget and those around it; what is refused counts in no peak. */
+/* Takes `size` bytes off this budget and its parents. A refused allocation does not raise any peak. */
 static bool reserve(struct memory *memory, uint64_t size)
 {
     uint64_t live = atomic_load_explicit(&memory->live, memory_order_relaxed), sum;
@@ -126,7 +126,10 @@ static struct header *header_of(void *block)
     return (struct header *)(void *)((unsigned char *)block - ALIGNMENT);
 }
 
-/* The mapping's length for a block of `size` bytes; 0 when it comes from the heap or is too large for anything. */
+/*
+ * Returns the length of the mapping for a block of `size` bytes; 0 if the block comes from the heap or is too large to
+ * exist.
+ */
 static uint64_t mapping_length(uint64_t size)
 {
     uint64_t length;

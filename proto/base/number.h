@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* number.h - whole numbers as people write them in options and files of options. */
+/* number.h - reads whole numbers from options and files of options. */
 #ifndef BVHD_NUMBER_H
 #define BVHD_NUMBER_H
 
@@ -8,17 +8,20 @@
 
 #include "proto/base/status.h"
 
-/* What a number may be. */
+/* The values that a number may have. */
 struct number_range {
     uint64_t lowest, highest;
-    bool is_size; /* K, M or G may follow: times 1024, 1024^2, 1024^3 */
+    bool is_size; /* the suffixes K, M and G are allowed: times 1024, 1024^2, 1024^3 */
 };
 
-/* Decimal digits and nothing else. BVHD_INVALID at `where`, for what is no number or outside of the range. */
+/*
+ * Reads decimal digits and nothing else. Returns BVHD_INVALID, with `where` as the place, if the text is not a number
+ * or out of range.
+ */
 enum bvhd_status number_read(const char *where, const char *text, struct number_range range, uint64_t *ret_value,
                              struct bvhd_error *error);
 
-/* The same for a range within 32 bits. */
+/* Does the same for a range within 32 bits. */
 enum bvhd_status number_read32(const char *where, const char *text, struct number_range range, uint32_t *ret_value,
                                struct bvhd_error *error);
 

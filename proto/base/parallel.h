@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * parallel.h - how code that does not own threads asks for them.
+ * parallel.h - how code that owns no threads uses several.
  *
- * for_each calls task(context, i) once for every i in [0, count), in any order, on any threads, the caller's among
- * them, and returns when all have returned. Results must not depend on the order or on the number of threads. Tasks may
+ * for_each calls task(context, i) once for every i in [0, count), in any order, on any threads including the caller's,
+ * and returns when all calls have returned. Results must not depend on the order or on the number of threads. Tasks may
  * call for_each again.
  */
 #ifndef BVHD_PARALLEL_H
@@ -28,26 +28,29 @@ static inline void parallel_for(const struct parallel *parallel, size_t count, p
     parallel->for_each(parallel, count, task, context);
 }
 
-/* Whether nobody wants the result any more. `cancel` may be NULL; once set it stays set. */
+/* Returns whether the result is not needed any more. `cancel` may be NULL; once set it stays set. */
 static inline bool parallel_cancelled(const atomic_bool *cancel)
 {
     return cancel && atomic_load_explicit(cancel, memory_order_relaxed);
 }
 
-/* The same, for step number `step` of many short ones: looks every few thousand. */
+/* Checks the same in step number `step` of many short ones, once every few thousand steps. */
 static inline bool parallel_cancelled_at(const atomic_bool *cancel, size_t step)
 {
     return step % 8192 == 0 && parallel_cancelled(cancel);
 }
 
 /*
- * As parallel_for, but leaves out the tasks that have not begun when *cancel is set. False when it is set, so that some
- * may be missing.
+ * Works like parallel_for, but skips the tasks that have not begun when *cancel is set. Returns false if it is set, so
+ * that tasks may be missing.
  */
 bool parallel_for_until(const struct parallel *parallel, const atomic_bool *cancel, size_t count, parallel_task task,
                         void *context);
 
-/* The half-open range [*ret_begin, *ret_end) of item `index` when `total` things are cut into chunks of `chunk`. */
+/*
+ * Computes the half-open range [*ret_begin, *ret_end) of chunk `index` when `total` things are cut into chunks of
+ * `chunk`.
+ */
 static inline void parallel_chunk(size_t index, size_t chunk, size_t total, size_t *ret_begin, size_t *ret_end)
 {
     *ret_begin = index * chunk;

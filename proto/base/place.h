@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* place.h - paths for bvhd_error.where, made where they are used: place("infos[%u].geometries[%u].flags", i, j).text */
+/* place.h - formats paths for bvhd_error.where in place: place("infos[%u].geometries[%u].flags", i, j).text */
 #ifndef BVHD_PLACE_H
 #define BVHD_PLACE_H
 

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* processor.h - what code that runs threads of its own asks the processor. */
+/* processor.h - the processor, for code that runs its own threads. */
 #ifndef BVHD_PROCESSOR_H
 #define BVHD_PROCESSOR_H
 
-/* How many processors this thread may use; at least 1. */
+/* Returns how many processors this thread may use; at least 1. */
 unsigned processor_count(void);
 
-/* Tells the processor that this is a loop that waits. */
+/* Tells the processor that the thread is spinning in a waiting loop. */
 static inline void processor_relax(void)
 {
 #if defined(__x86_64__) || defined(__i386__)

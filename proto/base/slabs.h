@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * slabs.h - how far a structure reaches along ten directions beside the axes: with its bounds a polytope of 26 faces (a
- * k-DOP, Klosowski 1998). The world box of an instance that is turned follows from it more tightly than from the
- * bounds.
+ * slabs.h - a structure's extents along ten directions other than the axes. Together with the bounds they form a
+ * polytope of 26 faces (a k-DOP, Klosowski 1998). The world box of a rotated instance follows from it more tightly than
+ * from the bounds.
  *
- * The directions, in order: x + y, y + z, z + x, x - y, y - z, z - x, x + y - z, y + z - x, z + x - y, x + y + z. All
- * 0: not known.
+ * The directions, in order: x + y, y + z, z + x, x - y, y - z, z - x, x + y - z, y + z - x, z + x - y, x + y + z. All 0
+ * means unknown.
  */
 #ifndef BVHD_SLABS_H
 #define BVHD_SLABS_H
@@ -18,7 +18,7 @@ struct slabs {
     float min[SLABS_COUNT], max[SLABS_COUNT];
 };
 
-/* 0 is not known, and so is what lies in the origin. */
+/* Returns whether the slabs are known. A structure that lies entirely in the origin also counts as unknown. */
 static inline bool slabs_are_known(const struct slabs *slabs)
 {
     for (int i = 0; i < SLABS_COUNT; i++)
@@ -27,7 +27,7 @@ static inline bool slabs_are_known(const struct slabs *slabs)
     return false;
 }
 
-/* Finite, and none is turned round. */
+/* Returns whether all numbers are finite and no minimum exceeds its maximum. */
 static inline bool slabs_are_valid(const struct slabs *slabs)
 {
     for (int i = 0; i < SLABS_COUNT; i++)

@@ -26,7 +26,7 @@ const char *bvhd_status_name(enum bvhd_status status)
     return (unsigned)status < BVHD_STATUS_COUNT ? names[status] : "UNKNOWN";
 }
 
-/* Names from files and clients end up in errors, and an error is printed as one line. */
+/* File names and clients' texts end up in errors, and an error is printed as one line. */
 static void blank_control_characters(char *text)
 {
     for (; *text; text++)
@@ -34,7 +34,7 @@ static void blank_control_characters(char *text)
             *text = ' ';
 }
 
-/* By way of a local value, since `where` and the arguments may be strings of the same *error. */
+/* Fills a local value first, because `where` and the arguments may be strings of the same *error. */
 __attribute__((format(printf, 5, 0))) static void fill(struct bvhd_error *error, enum bvhd_status status,
                                                        enum bvhd_vuid vuid, const char *where, const char *format,
                                                        va_list arguments)

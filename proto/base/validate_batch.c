@@ -4,15 +4,15 @@
 #include "proto/base/handle_table.h"
 #include "proto/base/place.h"
 
-/* The destinations of a call, sorted; a number is the entry's index. */
+/* The destinations of a call, sorted; each entry's number is its index in the call. */
 struct destinations {
     struct handle_entry *entries;
     uint32_t count;
 };
 
 /*
- * An entry other than `index` that builds into `handle`, or HANDLE_NONE. Equal handles are adjacent, so two looks are
- * enough.
+ * Returns an entry other than `index` that builds into `handle`, or HANDLE_NONE. Equal handles are adjacent, so
+ * checking two entries is enough.
  */
 static uint32_t other_destination(const struct destinations *destinations, uint64_t handle, uint32_t index)
 {

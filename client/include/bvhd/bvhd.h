@@ -1,39 +1,38 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bvhd.h - acceleration structures built by a service: the client library.
+ * bvhd.h - acceleration structures built by a service: the interface of the client library.
  *
- * A program describes what it wants in Vulkan's own structs, with host addresses, and gets serialized acceleration
- * structures. The service does equal work once, so asking again is cheap; and whoever has kept a key gets the bytes
- * without sending geometry.
+ * A program describes the structures that it needs in Vulkan's own structs, with host addresses, and gets serialized
+ * acceleration structures. The service does equal work once, so a request for a structure that exists already is cheap.
+ * A program that has kept a result's key can fetch the bytes again without sending geometry.
  *
  *     struct bvhd_client *client;
  *     bvhd_client_create(NULL, &client, &error);
  *     bvhd_batch_submit(client, &build, &batch, &error);
  *     bvhd_batch_wait(batch, -1);
- *     const struct bvhd_result *result = bvhd_batch_result(batch, 0);     result->error.status, result->data, result->size, result->key
+ *     const struct bvhd_result *result = bvhd_batch_result(batch, 0);    its error.status, data, size, key
  *     bvhd_batch_destroy(batch);
  *     bvhd_client_destroy(client);
  *
- * Threads: every function may be called from any thread, on any object, at any time, with one exception: the one that
- * ends an object must be the last call on it. Several threads may wait at once. The library starts no threads: work
- * moves on inside of its calls (wait, dispatch, submit, ...), and nowhere else. No function but those named "wait",
- * "connect", "ping" and "counters" blocks; but geometry is copied inside of submit, dispatch and wait, which takes its
- * time.
+ * Threads: every function may be called from any thread, on any object, at any time, with one exception: the call that
+ * destroys an object must be the last call on it. Several threads may wait at once. The library starts no threads: it
+ * makes progress only inside its own calls (wait, dispatch, submit, ...). Only the functions named "wait", "connect",
+ * "ping" and "counters" block. Submit, dispatch and wait copy geometry, which takes time in proportion to its size.
  *
- * Errors: a status, and in *ret_error (may be NULL) the rule and the place. Functions that fail leave their results
- * untouched and hold nothing.
+ * Errors: a function that can fail returns a status, and fills *ret_error (which may be NULL) with the broken rule, the
+ * place and the reason. A function that fails leaves its other results untouched and keeps no resources.
  *
- * A daemon that is gone: when its process ends, the socket says so, and everything under way fails with
- * BVHD_UNAVAILABLE at the next call, or at once for who waits or watches bvhd_client_descriptor. A daemon that is there
- * but says nothing at all while it owes an answer is given up after `lost_after_ms`. A submission without a daemon
- * fails after `connect_timeout_ms`. The next submission after a loss connects anew, so a restarted daemon is found. A
- * daemon that announces its end finishes what it has; what is submitted from then on goes to the next one. Whoever gets
- * BVHD_UNAVAILABLE can fall back to the device's own build, or submit again. The other way round a daemon gives up a
- * program that leaves what it sends unread for 30 s: whoever asks for much and then does something else for long should
- * dispatch meanwhile.
+ * Loss of the daemon: when the daemon's process ends, its socket says so. Everything under way then fails with
+ * BVHD_UNAVAILABLE at the next call, or at once if a thread waits or the program watches bvhd_client_descriptor. A
+ * daemon that is alive but stays completely silent while it owes an answer is given up after `lost_after_ms`. A
+ * submission without a daemon fails after `connect_timeout_ms`. The next submission after a loss connects again, so a
+ * restarted daemon is found. A daemon that announces its end finishes the requests that it has; later submissions go to
+ * the next daemon. A program that gets BVHD_UNAVAILABLE can use the device's own build instead, or submit again. A
+ * daemon, for its part, gives up a client that leaves results unread for 30 s: a program that requests much and then
+ * does other work for a long time should call bvhd_client_dispatch meanwhile.
  *
- * The process may fork; the child must not use the parent's objects. No signal is raised or handled. Descriptors are
- * close-on-exec.
+ * Processes: the process may fork, but the child must not use the parent's objects. The library raises and handles no
+ * signals. Its descriptors are close-on-exec.
  */
 #ifndef BVHD_BVHD_H
 #define BVHD_BVHD_H
@@ -53,10 +52,13 @@ struct bvhd_batch;
 struct bvhd_blob;
 struct bvhd_counters;
 
-/* "0.1.0": of the library that runs. */
+/* The version of the library at run time, for example "0.1.0". A static string. */
 BVHD_API const char *bvhd_version(void);
 
-/* ---- Keys: the name of immutable bytes. Whoever knows a key may have the bytes: treat it like them. ---- */
+/*
+ * ---- Keys: the names of immutable bytes. A program that knows a key may fetch the bytes: keep keys as secret as the
+ * bytes. ----
+ */
 
 enum { BVHD_KEY_SIZE = 32, BVHD_KEY_TEXT_SIZE = 65 };
 
@@ -64,171 +66,199 @@ struct bvhd_key {
     uint8_t bytes[BVHD_KEY_SIZE];
 };
 
-/* 64 lower-case hexadecimal digits and a NUL. */
+/* Writes a key as 64 lower-case hexadecimal digits and a NUL. */
 BVHD_API void bvhd_key_to_text(const struct bvhd_key *key, char ret_text[BVHD_KEY_TEXT_SIZE]);
 
-/* BVHD_INVALID when it is not 64 hexadecimal digits. */
+/* Reads a key from text. Returns BVHD_INVALID unless the text is exactly 64 hexadecimal digits, of either case. */
 BVHD_API enum bvhd_status bvhd_key_from_text(const char *text, struct bvhd_key *ret_key);
 
-/* ---- The client: a connection to the service, made when it is needed. ---- */
+/* ---- The client: a connection to the service, which is made when it is needed. ---- */
 
 struct bvhd_client_options {
-    size_t struct_size; /* sizeof(struct bvhd_client_options): it may grow */
+    size_t struct_size; /* sizeof(struct bvhd_client_options): later versions may add fields */
     /*
-     * Path of the daemon's socket. NULL: $BVHD_SOCKET; without that $XDG_RUNTIME_DIR/bvhd.sock, and where nobody
-     * answers there /run/bvhd/bvhd.sock.
+     * Path of the daemon's socket. NULL stands for $BVHD_SOCKET; if that is not set, for $XDG_RUNTIME_DIR/bvhd.sock
+     * and, if no daemon answers there, /run/bvhd/bvhd.sock.
      */
     const char *socket_path;
-    uint32_t connect_timeout_ms; /* how long a daemon is looked for; 0: 5,000 */
-    uint32_t lost_after_ms; /* silence of a daemon that owes an answer; 0: 10,000 */
-    /* bytes of memory shared with the daemon, allocated as needed and then kept; 0: 64 MiB, the most */
+    uint32_t connect_timeout_ms; /* how long the client looks for a daemon; 0: 5,000 */
+    uint32_t lost_after_ms; /* how long a daemon that owes an answer may be silent; 0: 10,000 */
+    /*
+     * Bytes of memory shared with the daemon, which is allocated as needed and then kept. 0 stands for 64 MiB, which is
+     * also the maximum.
+     */
     uint64_t pool_size;
 };
 
-/* Does not connect yet. `options` may be NULL: all 0. */
+/*
+ * Creates a client, which does not connect yet. `options` may be NULL, which is the same as all 0. Fails with
+ * BVHD_INVALID (struct_size), BVHD_NO_MEMORY or BVHD_IO. The caller destroys the client with bvhd_client_destroy.
+ */
 BVHD_API enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, struct bvhd_client **ret_client,
                                              struct bvhd_error *ret_error);
 
-/* Its batches must be destroyed before, and no thread may be in a call; blobs and counters live on. NULL-safe. */
+/*
+ * Closes the connection and frees the client. All its batches must have been destroyed before, and no other thread may
+ * be in a call on it; blobs and counters live on. NULL is allowed and does nothing.
+ */
 BVHD_API void bvhd_client_destroy(struct bvhd_client *client);
 
 /*
- * Waits until the daemon has answered. Not needed before a submission. BVHD_UNAVAILABLE after `connect_timeout_ms`,
- * BVHD_INCOMPATIBLE.
+ * Connects, and waits until the daemon has answered. This call is not needed before a submission. Returns
+ * BVHD_UNAVAILABLE when no daemon answers within `connect_timeout_ms`, and BVHD_INCOMPATIBLE when the daemon speaks no
+ * common version of the protocol.
  */
 BVHD_API enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error);
 
 /*
- * A descriptor for event loops, the same for the client's whole life and owned by it: when it is readable, call
- * bvhd_client_dispatch. (It is an epoll descriptor; timeouts and a change of connection are behind it, too.)
+ * Returns a descriptor for the program's event loop: when it is readable, call bvhd_client_dispatch. It stays the same
+ * for the client's whole life and belongs to the client. (It is an epoll descriptor that also covers timeouts and
+ * changes of the connection.)
  */
 BVHD_API int bvhd_client_descriptor(const struct bvhd_client *client);
 
-/* Does what can be done now: sends, receives, notices timeouts. Never blocks. Failures show in the batches. */
+/*
+ * Does all work that is possible without blocking: sends, receives, checks timeouts. Failures show in the batches'
+ * results.
+ */
 BVHD_API void bvhd_client_dispatch(struct bvhd_client *client);
 
-/* ---- Batches: several structures asked for at once; each succeeds or fails alone. ---- */
+/* ---- Batches: several structures requested at once, each of which succeeds or fails alone. ---- */
 
 enum bvhd_quality {
-    BVHD_QUALITY_UNSPECIFIED = 0, /* Vulkan's PREFER flags decide: FAST_BUILD fast, FAST_TRACE high, else auto */
+    /* Vulkan's PREFER flags decide: FAST_BUILD is fast, FAST_TRACE is high, neither is auto */
+    BVHD_QUALITY_UNSPECIFIED = 0,
     BVHD_QUALITY_FAST = 1,
     BVHD_QUALITY_BALANCED = 2,
     BVHD_QUALITY_HIGH = 3,
-    BVHD_QUALITY_AUTO = 4, /* by the geometry and rays_per_primitive; balanced where nothing is said of rays */
+    BVHD_QUALITY_AUTO = 4, /* decided by the geometry and rays_per_primitive; balanced if rays_per_primitive is 0 */
 };
 
 enum bvhd_target {
     BVHD_TARGET_PORTABLE = 1, /* read by shaders from storage buffers, and on the CPU */
-    BVHD_TARGET_LAVAPIPE = 2, /* Mesa's CPU driver, natively; needs bvhd_build.format */
+    BVHD_TARGET_LAVAPIPE = 2, /* the native format of Mesa's CPU driver; needs bvhd_build.format */
 };
 
 /*
- * What a device's driver loads natively: found by a probe (bvhd_vulkan.h, or `bvhctl probe`), given to builds. Plain
- * values: copy, keep and compare them freely.
+ * The native format that a device's driver loads. A probe finds it (bvhd_vulkan.h, or `bvhctl probe`), and the program
+ * passes it to builds. It holds plain values: copy, keep and compare them freely.
  */
 struct bvhd_format {
     size_t struct_size; /* sizeof(struct bvhd_format) */
     enum bvhd_target target;
-    uint32_t variant; /* of the target's layout */
-    uint8_t driver_uuid[16]; /* as the driver's own serialized structures begin */
+    uint32_t variant; /* which variant of the target's layout the driver reads */
+    uint8_t driver_uuid[16]; /* the first two fields of every structure that the driver serializes */
     uint8_t compatibility_uuid[16];
 };
 
 /*
- * The format of the device that a probe came from; struct_size is set, too. The probe may come from anywhere, at any
- * alignment. BVHD_UNSUPPORTED: none that this library knows reproduces the probe, so that the device takes the portable
- * target alone. BVHD_CORRUPT: this is no probe. BVHD_INCOMPATIBLE: one of another version.
+ * Finds the native format of the device that produced a probe, and sets struct_size too. The probe may come from an
+ * untrusted source and have any alignment. Fails with BVHD_UNSUPPORTED if no format that this library knows reproduces
+ * the probe (the device can then load only the portable target), BVHD_CORRUPT if the bytes are not a probe,
+ * BVHD_INCOMPATIBLE if the probe has another version, and BVHD_NO_MEMORY.
  */
 BVHD_API enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct bvhd_format *ret_format,
                                                  struct bvhd_error *ret_error);
 
-/* The name of a target: "portable", "lavapipe"; NULL for a number that is none. */
+/* Returns the name of a target, "portable" or "lavapipe", as a static string; NULL for an unknown number. */
 BVHD_API const char *bvhd_target_name(enum bvhd_target target);
 
 enum {
-    BVHD_PORTABLE_FAST_TRIANGLES = 0x1, /* layout_flags: three float4 a triangle instead of shared, indexed vertices */
+    /* layout_flags: three float4 per triangle instead of shared, indexed vertices */
+    BVHD_PORTABLE_FAST_TRIANGLES = 0x1,
 };
 
-/* Orders the batches of one client; between clients turns are fair. */
+/* Orders the batches of one client. The service shares its time fairly between clients, whatever their priorities. */
 enum bvhd_priority { BVHD_PRIORITY_LOW = -1, BVHD_PRIORITY_NORMAL = 0, BVHD_PRIORITY_HIGH = 1 };
 
-/* A structure that instances may name: what a result says of it. */
+/* A structure that instances may reference, as its result describes it. */
 struct bvhd_reference {
     uint64_t handle; /* the VkAccelerationStructureKHR in the instances, as a number; not 0, unique within the call */
     int has_key;
     struct bvhd_key key;
-    float bounds[6]; /* minimum, maximum; an empty structure: result->bounds as they are */
-    float slabs[20]; /* result->slabs, with which boxes of instances that are turned become smaller; all 0: not known */
+    float bounds[6]; /* minimum, maximum; copied from result->bounds, for an empty structure too */
+    /* Copied from result->slabs: makes the world boxes of rotated instances smaller. All 0 means unknown. */
+    float slabs[20];
 };
 
 struct bvhd_build {
     size_t struct_size; /* sizeof(struct bvhd_build) */
-    uint32_t info_count; /* any number, 0 included */
-    /* addresses are host addresses; handles are numbers, compared only */
+    uint32_t info_count; /* number of structures to build; may be 0 */
+    /*
+     * One build info for each structure. Addresses in them are host addresses; handles are only compared, as numbers.
+     */
     const VkAccelerationStructureBuildGeometryInfoKHR *infos;
-    const VkAccelerationStructureBuildRangeInfoKHR *const *ranges; /* ranges[i]: infos[i].geometryCount of them */
-    const struct bvhd_reference *references; /* what instances of any info may name */
+    /* ranges[i] points to infos[i].geometryCount ranges */
+    const VkAccelerationStructureBuildRangeInfoKHR *const *ranges;
+    const struct bvhd_reference *references; /* the structures that instances of any info may reference */
     uint32_t reference_count;
     enum bvhd_quality quality;
-    enum bvhd_target target; /* 0: the format's, without one portable */
+    enum bvhd_target target; /* 0: the target of `format`, or portable if `format` is NULL */
     uint32_t layout_flags;
     enum bvhd_priority priority;
-    /* what the device loads, of the same target; needed for a native one, NULL for portable */
+    /* What the device loads, with the same target. Required for a native target, NULL for portable. */
     const struct bvhd_format *format;
     /*
-     * How many rays each structure will meet in its life, for each of its primitives: AUTO then makes building and
-     * tracing together take as little as it can. Counted as one thread of a processor traces them: for a device that is
-     * a hundred times as fast, say a hundredth. 0: not said; finite and not negative.
+     * The number of rays that each structure will meet in its life, divided by its number of primitives. With AUTO, the
+     * service minimises the time of building and tracing together. The number counts rays that one thread of a
+     * processor traces: for a device that is a hundred times as fast, give a hundredth. 0 means unknown; the value is
+     * finite and not negative.
      */
     float rays_per_primitive;
     uint32_t reserved; /* 0 */
 };
 
 /*
- * Asks for infos[0 .. info_count). Everything the structs point to but geometry memory is copied before this returns.
- * Geometry memory (vertices, indices, boxes, transforms, instances) must stay readable and unchanged until
- * bvhd_batch_is_copied, which for batches that fit into the shared memory is true on return, also without a daemon.
- * Rules that an info breaks are its result's error. A daemon of a version that does not know the target, or that takes
- * no rays_per_primitive but 0 where it would count, says BVHD_UNSUPPORTED in each result. Fails as a whole only for
- * lack of memory (BVHD_NO_MEMORY), or where the struct bvhd_build itself is wrong (BVHD_INVALID).
+ * Requests the structures infos[0 .. info_count) and returns without waiting for them.
+ *
+ * Everything that the structs point to, except geometry memory, is copied before this call returns. Geometry memory
+ * (vertices, indices, boxes, transforms, instances) must stay readable and unchanged until bvhd_batch_is_copied is
+ * true. For a batch that fits into the shared memory it is true on return, even without a daemon.
+ *
+ * An info that breaks a rule has that error as its result, as does every info that the service refuses:
+ * BVHD_UNSUPPORTED when the daemon's version does not know the target, or does not take a rays_per_primitive other than
+ * 0 where it would matter. The call itself fails only with BVHD_NO_MEMORY, or with BVHD_INVALID if the struct
+ * bvhd_build itself is wrong. The caller destroys the batch with bvhd_batch_destroy.
  */
 BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
                                             struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
 
 /*
- * Asks for results by key, without geometry. BVHD_NOT_FOUND for a key that the service does not have (any more); one
- * that is being built is waited for.
+ * Requests results by key, without geometry: item i of the batch is keys[i]. The keys are copied. An item gets
+ * BVHD_NOT_FOUND if the service does not have its key, or no longer has it; a structure that is still being built is
+ * waited for. The call itself fails with BVHD_NO_MEMORY.
  */
 BVHD_API enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,
                                            struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
 
+/* Returns the number of items: info_count or key_count of the call that made the batch. */
 BVHD_API uint32_t bvhd_batch_count(const struct bvhd_batch *batch);
 
-/* The caller's geometry memory is not needed any more. Moves on inside of dispatch and wait. */
+/* Returns whether the caller may free or change its geometry memory. Becomes true during calls of dispatch and wait. */
 BVHD_API int bvhd_batch_is_copied(struct bvhd_batch *batch);
 
-/* Every item has its result. */
+/* Returns whether every item has its result. */
 BVHD_API int bvhd_batch_is_done(struct bvhd_batch *batch);
 
 /*
- * Waits until every item has its result, at most `timeout_ms` (< 0: for ever, which the client's timeouts bound):
- * BVHD_OK or BVHD_PENDING.
+ * Waits until every item has its result, for at most `timeout_ms`; < 0 sets no limit, but the client's own timeouts end
+ * the wait when the daemon is lost. Returns BVHD_OK, or BVHD_PENDING if time ran out.
  */
 BVHD_API enum bvhd_status bvhd_batch_wait(struct bvhd_batch *batch, int timeout_ms);
 
-/* The same, until the geometry memory is free again. */
+/* Waits in the same way until bvhd_batch_is_copied is true. */
 BVHD_API enum bvhd_status bvhd_batch_wait_copied(struct bvhd_batch *batch, int timeout_ms);
 
 /*
- * Items that have no result yet end with BVHD_CANCELLED, on return; the service stops working on them. Their geometry
- * memory is free.
+ * Cancels all items, or one item, that have no result yet. On return their results are BVHD_CANCELLED and their
+ * geometry memory may be freed; the service stops working on them.
  */
 BVHD_API void bvhd_batch_cancel(struct bvhd_batch *batch);
 BVHD_API void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t item);
 
 /*
- * Cancels what is not done; the caller's geometry memory is free. Results end with it, their blobs only when nobody
- * else holds a ref. NULL-safe.
+ * Cancels what is not done, and frees the batch and its results. Geometry memory may be freed afterwards. A blob lives
+ * on while the program holds a reference to it. NULL is allowed and does nothing.
  */
 BVHD_API void bvhd_batch_destroy(struct bvhd_batch *batch);
 
@@ -236,57 +266,77 @@ BVHD_API void bvhd_batch_destroy(struct bvhd_batch *batch);
 enum bvhd_origin {
     BVHD_ORIGIN_NONE = 0,
     BVHD_ORIGIN_BUILT = 1, /* built for this request */
-    BVHD_ORIGIN_COALESCED = 2, /* somebody was building the same */
-    BVHD_ORIGIN_MEMORY = 3, /* kept from before, in memory */
-    BVHD_ORIGIN_DISK = 4, /* kept from before, on disk */
+    BVHD_ORIGIN_COALESCED = 2, /* another client or request was building the same structure */
+    BVHD_ORIGIN_MEMORY = 3, /* built before and kept in memory */
+    BVHD_ORIGIN_DISK = 4, /* built before and kept on disk */
 };
 
 struct bvhd_result {
     /*
-     * status BVHD_PENDING: not there yet; BVHD_OK: the rest is set; where: as "infos[3].flags", by the call's own count
+     * BVHD_OK: the other fields are set. BVHD_PENDING: there is no result yet. `where` is a path such as
+     * "infos[3].flags", with the indices of the call that made the batch.
      */
     struct bvhd_error error;
     struct bvhd_key key;
-    /* the serialized acceleration structure: read only, 64-byte aligned, as long as `blob` or the batch lives */
+    /* The serialized acceleration structure: read only, 64-byte aligned, valid as long as `blob` or the batch lives. */
     const void *data;
     uint64_t size;
-    struct bvhd_blob *blob; /* the batch's ref */
+    struct bvhd_blob *blob; /* the batch's reference; take another one with bvhd_blob_ref to keep the bytes */
     enum bvhd_origin origin;
-    double queued_ms, prepare_ms, build_ms; /* in the service, for this request */
-    /* About the structure; sah and depth are those of the 2-wide tree. */
+    double queued_ms, prepare_ms, build_ms; /* spent in the service for this request */
+    /*
+     * Statistics of the structure. `peak_bytes` is the build's peak memory; `sah` and `depth` belong to the 2-wide
+     * tree.
+     */
     uint64_t primitives, triangles, instances, inactive, degenerate, skipped, refs, peak_bytes;
     uint32_t depth;
     double sah;
-    double original_build_ms; /* of the build that made the bytes, whoever asked for it */
-    const char *method; /* how it was built: "ploc", "spatial", "binned", or "none" without primitives */
+    double original_build_ms; /* duration of the build that made the bytes, whichever request caused it */
+    /* the algorithm that built it: "ploc", "spatial", "binned", or "none" if there are no primitives */
+    const char *method;
     float bounds[6]; /* minimum, maximum: for bvhd_reference */
-    float slabs
-        [20]; /* minima, maxima along x + y, y + z, z + x, x - y, y - z, z - x, x + y - z, y + z - x, z + x - y, x + y + z: likewise */
-    enum bvhd_target target; /* whose format the bytes have */
-    enum bvhd_quality quality; /* that was built: FAST, BALANCED or HIGH, whatever was asked */
+    /*
+     * Ten minima, then ten maxima, of the structure along x + y, y + z, z + x, x - y, y - z, z - x, x + y - z, y + z -
+     * x, z + x - y, x + y + z: for bvhd_reference.
+     */
+    float slabs[20];
+    enum bvhd_target target; /* the format of the bytes */
+    enum bvhd_quality quality; /* the quality that was built: FAST, BALANCED or HIGH, whatever was requested */
 };
 
 /*
- * An item's result, which lives as long as the batch and never changes. Before the item is done it is another one, with
- * error.status BVHD_PENDING: ask again. NULL when there is no such item.
+ * Returns an item's result, or NULL if there is no such item. A finished result never changes and lives as long as the
+ * batch. Before the item is done, the call returns another struct whose error.status is BVHD_PENDING: call again later.
  */
 BVHD_API const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, uint32_t item);
 
-/* ---- Blobs: the bytes, which may outlive batch and client. ---- */
+/*
+ * ---- Blobs: the bytes of results, which may outlive batch and client. References are counted, from any thread. ----
+ */
 
+/*
+ * Takes another reference and returns `blob`. The bytes are freed with the last reference; bvhd_blob_unref allows NULL.
+ */
 BVHD_API struct bvhd_blob *bvhd_blob_ref(struct bvhd_blob *blob);
 BVHD_API void bvhd_blob_unref(struct bvhd_blob *blob);
 BVHD_API const void *bvhd_blob_data(const struct bvhd_blob *blob);
 BVHD_API uint64_t bvhd_blob_size(const struct bvhd_blob *blob);
 
-/* ---- The service itself. ---- */
+/* ---- The service itself ---- */
 
-/* Waits for an answer. *ret_ms (may be NULL): how long it took, connecting included. BVHD_UNAVAILABLE when none comes within `timeout_ms` (< 0: as long as the
- * client's timeouts take). */
+/*
+ * Sends an empty request and waits for its answer. *ret_ms (may be NULL) is the round trip in milliseconds, connecting
+ * included. Returns BVHD_UNAVAILABLE when no answer comes within `timeout_ms`; < 0 leaves the limit to the client's
+ * timeouts.
+ */
 BVHD_API enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms,
                                            struct bvhd_error *ret_error);
 
-/* Waits for the service's counters: names and values, in a fixed order. Fails as ping. */
+/*
+ * Waits for the service's counters: names and values, in a fixed order. Fails as bvhd_client_ping does, and with
+ * BVHD_NO_MEMORY. The caller destroys them with bvhd_counters_destroy, which allows NULL. An `index` out of range gives
+ * NULL as the name and 0 as the value.
+ */
 BVHD_API enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms,
                                                struct bvhd_counters **ret_counters, struct bvhd_error *ret_error);
 BVHD_API uint32_t bvhd_counters_count(const struct bvhd_counters *counters);

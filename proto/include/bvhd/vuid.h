@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vuid.h - Vulkan's valid-usage rules that bvhd decides, by name.
+ * vuid.h - the valid-usage rules of Vulkan that bvhd checks, by name.
  *
- * vuid.def lists them once, as BVHD_VUID(name, "VUID-..."). Numbers are wire ABI: append, never reorder.
+ * vuid.def lists each rule once, as BVHD_VUID(name, "VUID-..."). The numbers are wire ABI: append rules, never reorder
+ * them.
  */
 #ifndef BVHD_VUID_H
 #define BVHD_VUID_H
 
-/* What the shared library exports. */
+/* Marks a function that the shared library exports. */
 #ifndef BVHD_API
 #define BVHD_API __attribute__((visibility("default")))
 #endif
@@ -24,7 +25,10 @@ enum bvhd_vuid {
     BVHD_VUID_COUNT
 };
 
-/* The identifier verbatim, "VUID-..."; "" for NONE and for a number that this version does not know. */
+/*
+ * Returns the identifier verbatim, "VUID-...", as a static string; "" for NONE and for a number that this version does
+ * not know.
+ */
 BVHD_API const char *bvhd_vuid_string(enum bvhd_vuid vuid);
 
 #ifdef __cplusplus
