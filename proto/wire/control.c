@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The small messages; control_build.c and control_result.c have the others. */
+/* The small control messages; control_build.c and control_result.c have the others. */
 #include "proto/wire/control_codec.h"
 
 #include "proto/wire/bvhd.pb-c.h"

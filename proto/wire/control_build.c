@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What is asked for, or named: BUILD, GET, CANCEL, PREPARED. */
+/* The control messages that request or name items: BUILD, GET, CANCEL, PREPARED. */
 #include "proto/wire/control_codec.h"
 
 #include "proto/wire/bvhd.pb-c.h"
@@ -7,8 +7,8 @@
 #include "proto/wire/rows.h"
 
 /*
- * An item as it travels. Rows can grow as those of payloads do: what a version does not know has to be 0, and what a
- * shorter row of an older client does not have is 0. PROTOCOL.md has the table.
+ * An item in its wire format. Rows can grow, as the rows of payloads can: fields that a version does not know must be
+ * 0, and fields that an older client's shorter row lacks count as 0. PROTOCOL.md has the table.
  */
 struct item_row {
     uint32_t type, flags, mode;
@@ -18,9 +18,9 @@ struct item_row {
     uint32_t payload_source, memfd;
     uint64_t destination, source;
     uint64_t payload_offset, payload_size;
-    uint8_t driver_uuid[16], compatibility_uuid[16]; /* from here on: since there are native targets */
+    uint8_t driver_uuid[16], compatibility_uuid[16]; /* from here on missing in clients older than native targets */
     uint32_t variant;
-    float rays_per_primitive; /* since there is a choice by it */
+    float rays_per_primitive; /* missing in clients older than this field */
 };
 
 enum { ITEM_ROW_SHORTEST = offsetof(struct item_row, driver_uuid) };

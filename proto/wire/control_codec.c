@@ -4,9 +4,9 @@
 #include <inttypes.h>
 
 /*
- * Where protobuf allocates while it unpacks one message: a block that is used from its beginning to its end and freed
- * as a whole. What it gives back in between is not used again, so nothing that is sent can make it take more than the
- * block.
+ * The block in which protobuf allocates while it unpacks one message. It is filled from its beginning to its end and
+ * freed as a whole. Memory that protobuf frees in between is not used again, so that no message can make it take more
+ * than the block.
  */
 struct scratch {
     unsigned char *block;
@@ -36,7 +36,7 @@ static void scratch_free(void *data, void *block)
     (void)block;
 }
 
-/* Half of what unpacking `size` bytes may take; false when that is no number any more. */
+/* Computes half of what unpacking `size` bytes may allocate; false if that overflows. */
 static bool heap_share(uint64_t size, uint64_t *ret_share)
 {
     uint64_t share;
@@ -51,7 +51,7 @@ static enum bvhd_status too_large(const struct control_kind *kind, struct bvhd_e
     return bvhd_error_set(error, BVHD_TOO_LARGE, kind->name, "unpacks to far more than its bytes");
 }
 
-/* The plain struct of a message that is unpacked. */
+/* Makes the plain struct of a message that has been unpacked. */
 static enum bvhd_status make_plain(const struct control_kind *kind, const ProtobufCMessage *message, uint64_t share,
                                    struct memory *memory, void **ret_plain, struct bvhd_error *error)
 {
@@ -109,7 +109,7 @@ enum bvhd_status control_encode(const ProtobufCMessage *message, struct memory *
     return BVHD_OK;
 }
 
-/* Never in the middle of a character of UTF-8. */
+/* Returns where to cut, which is never in the middle of a UTF-8 character. */
 static size_t cut_length(const char *text, size_t limit)
 {
     size_t length = strnlen(text, limit + 1);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Outcomes: ERROR and RESULT. */
+/* The control messages that report outcomes: ERROR and RESULT. */
 #include "proto/wire/control_codec.h"
 
 #include "proto/wire/bvhd.pb-c.h"

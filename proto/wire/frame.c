@@ -4,7 +4,7 @@
 #include <assert.h>
 #include <unistd.h>
 
-/* Offsets in the header. PROTOCOL.md has the same table. */
+/* Offsets of the header's fields. PROTOCOL.md has the same table. */
 enum {
     AT_MAGIC = 0,
     AT_TYPE = 4,
@@ -17,8 +17,8 @@ enum {
 };
 
 enum {
-    READ_AHEAD = 16 * 1024, /* room when no frame is under way: many small frames fit */
-    KEEP = 128 * 1024, /* a larger buffer goes when it is empty */
+    READ_AHEAD = 16 * 1024, /* space while no frame is under way: it holds many small frames */
+    KEEP = 128 * 1024, /* a larger buffer is freed once it is empty */
 };
 
 static const unsigned char magic[4] = {'B', 'V', 'H', 'D'};
@@ -46,7 +46,7 @@ static struct frame_header header_at(const unsigned char *bytes)
     };
 }
 
-/* The sizes are within the limits, so the sum fits. */
+/* The sizes have been checked against the limits, so the sum cannot overflow. */
 static uint64_t size_of(const struct frame_header *header)
 {
     return (uint64_t)FRAME_HEADER_SIZE + header->control_size + header->inline_size;
@@ -78,7 +78,7 @@ static enum bvhd_status fail_broken(const struct frame_parser *parser, struct bv
     return bvhd_error_set(error, parser->broken, "frame", "an earlier frame was wrong");
 }
 
-/* Remembers that nothing can be trusted any more. */
+/* Records that nothing after a wrong frame can be trusted. */
 static enum bvhd_status break_parser(struct frame_parser *parser, enum bvhd_status status)
 {
     parser->broken = status;
@@ -104,8 +104,8 @@ static enum bvhd_status check_header(const struct frame_parser *parser, const un
 }
 
 /*
- * The header of the frame under way, once it is there; the magic is looked at as soon as its bytes are, before a
- * stranger waits for more.
+ * Reads the header of the current frame once it is complete. The magic is checked as soon as its first bytes are there,
+ * so that a stranger does not wait for more.
  */
 static enum bvhd_status look_at_header(const struct frame_parser *parser, struct frame_header *ret_header,
                                        bool *ret_found, struct bvhd_error *error)
@@ -127,7 +127,7 @@ static enum bvhd_status look_at_header(const struct frame_parser *parser, struct
     return BVHD_OK;
 }
 
-/* Bytes of buffer for the frame under way, at least one more than there are. */
+/* Returns the buffer size that the current frame needs, at least one byte more than have arrived. */
 static uint64_t wanted_capacity(const struct frame_parser *parser, const struct frame_header *header)
 {
     uint64_t have = parser->end - parser->begin, wanted = header ? size_of(header) : FRAME_HEADER_SIZE;
@@ -208,7 +208,10 @@ enum bvhd_status frame_parser_feed(struct frame_parser *parser, uint64_t size, c
     return BVHD_OK;
 }
 
-/* Of a frame that is complete and ends at `end` of the stream: whether its descriptors are those that came with it. */
+/*
+ * Checks that a complete frame, which ends at position `end` of the stream, has exactly the descriptors that came with
+ * it.
+ */
 static enum bvhd_status check_descriptors(const struct frame_parser *parser, const struct frame_header *header,
                                           uint64_t end, struct bvhd_error *error)
 {
@@ -230,7 +233,7 @@ static void claim_descriptors(struct frame_parser *parser, struct frame *frame)
     parser->descriptor_count = left;
 }
 
-/* The frame under way is complete: out of the buffer with it. */
+/* Takes the complete frame out of the buffer. */
 static void take_frame(struct frame_parser *parser, const struct frame_header *header, struct frame *ret_frame)
 {
     const unsigned char *bytes = parser->buffer + parser->begin + FRAME_HEADER_SIZE;

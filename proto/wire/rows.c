@@ -6,7 +6,7 @@
 
 #include "proto/base/place.h"
 
-/* The memory that a geometry leads to, as its row names it. */
+/* The kinds of memory that a geometry's row can name. */
 enum { PART_DATA, PART_INDICES, PART_TRANSFORM, PART_COUNT };
 
 struct parts {
@@ -28,15 +28,15 @@ static struct parts parts_of(const struct geometry *geometry)
     return parts;
 }
 
-/* Goes through the parts in the order in which a payload has them, and gives each its place. */
+/* Places the memory of all geometries in the order of the payload. */
 struct layout {
-    struct parts last; /* of the geometry before */
+    struct parts last; /* of the previous geometry */
     struct row_span spans[PART_COUNT]; /* of the geometry that was placed last */
-    bool fresh[PART_COUNT]; /* not the span of the geometry before */
+    bool fresh[PART_COUNT]; /* true unless the part shares the span of the previous geometry */
     uint64_t end;
 };
 
-/* The end of `size` more bytes with their padding. */
+/* Moves *end behind `size` more bytes and their padding. */
 static bool extend(uint64_t *end, uint64_t size)
 {
     uint64_t sum;
@@ -65,7 +65,7 @@ static bool place_geometry(struct layout *layout, const struct geometry *geometr
     return true;
 }
 
-/* Counts are 32-bit numbers: the sum fits. */
+/* Counts are 32-bit numbers, so the sum cannot overflow. */
 static uint64_t rows_end(const struct build_input *input)
 {
     return (uint64_t)input->geometry_count * sizeof(struct geometry_row) +
@@ -117,7 +117,7 @@ static struct reference_row reference_to_row(const struct reference *reference)
     return row;
 }
 
-/* The rows alone, which lie at a payload's front. */
+/* Writes the rows alone, which lie at the front of the payload. */
 static void write_rows(const struct build_input *input, unsigned char *payload)
 {
     struct layout layout = {.end = rows_end(input)};
@@ -182,7 +182,7 @@ void rows_write(const struct build_input *input, unsigned char *payload)
     stream_data(input, copy_piece, &at);
 }
 
-/* What a reading goes by. */
+/* The state of reading one payload. */
 struct reading {
     struct bytes payload;
     uint32_t index; /* of the item, for errors */
@@ -190,12 +190,12 @@ struct reading {
     struct bvhd_error *error;
 };
 
-/* One kind of rows within a payload. */
+/* All rows of one kind within a payload. */
 struct row_range {
     const char *name; /* "geometries" */
-    uint32_t count, size; /* rows, bytes of one */
-    uint32_t known; /* bytes that this version knows */
-    uint32_t least; /* bytes that any version knows */
+    uint32_t count, size; /* number of rows, bytes of one */
+    uint32_t known; /* bytes of a row that this version knows */
+    uint32_t least; /* bytes of a row that every version knows */
     uint64_t offset;
 };
 
@@ -215,9 +215,9 @@ static enum bvhd_status check_range(const struct reading *reading, const struct 
 }
 
 /*
- * Copies what this version knows of row `i`; what a shorter row lacks is 0, and so must be the rest of a longer one.
- * The fence keeps the compiler from reading the row a second time instead of the copy, when somebody else may have
- * changed it.
+ * Copies the fields of row `i` that this version knows. Fields that a shorter row lacks become 0, and the rest of a
+ * longer row must be 0. The fence keeps the compiler from reading the row a second time instead of the copy, because
+ * another process may have changed it.
  */
 static enum bvhd_status copy_row(const struct reading *reading, const struct row_range *range, uint32_t i,
                                  void *ret_row)
@@ -273,7 +273,7 @@ static enum bvhd_status read_triangles(const struct reading *reading, uint32_t i
     return status;
 }
 
-/* A type that nobody knows is left for validation to refuse. */
+/* A row with an unknown type passes; validation refuses it. */
 static enum bvhd_status row_to_geometry(const struct reading *reading, uint32_t i, const struct geometry_row *row,
                                         struct geometry *ret_geometry)
 {
