@@ -10,8 +10,8 @@
 #include "builder/input/vertex_format.h"
 
 /*
- * Items of a chunk, a task for a thread; and of a block within it, which stays in the first-level cache between two
- * looks at it.
+ * Numbers of items: a chunk is one task for a thread; a block within it is small enough to stay in the first-level
+ * cache between two passes over it.
  */
 enum {
     PRIMITIVE_CHUNK = 16384,
@@ -23,8 +23,8 @@ enum {
 };
 
 struct fetch_source {
-    _Atomic uint32_t lowest, highest; /* index in use, as given */
-    bool transformed; /* by something else than the identity */
+    _Atomic uint32_t lowest, highest; /* indices in use, as in the request */
+    bool transformed; /* by a matrix other than the identity */
     float matrix[12];
 };
 
@@ -34,8 +34,8 @@ static struct form_geometry *row_of(const struct fetch *fetch, uint32_t geometry
 }
 
 /*
- * Of millions of rows: the system clears their memory meanwhile, which takes longer than anything else. False when
- * cancelled.
+ * Fills the sources and prefix sums. With millions of rows this takes a while, because the system clears their memory
+ * on first use, so it checks the flag. Returns false when cancelled.
  */
 static bool list_geometries(struct fetch *fetch, const atomic_bool *cancel)
 {
@@ -89,7 +89,7 @@ void fetch_finish(struct fetch *fetch, struct memory *memory)
     fetch->sources = NULL;
 }
 
-/* A run of items of one geometry. */
+/* Processes a run of items of one geometry. */
 typedef void (*run_function)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
 
 static uint32_t first_of(const struct canonical_geometry *geometry, enum form_part part)
@@ -102,7 +102,7 @@ static uint32_t count_of(const struct canonical_geometry *geometry, enum form_pa
     return part == FORM_PRIMITIVES ? geometry->primitive_count : geometry->vertex_count;
 }
 
-/* The last geometry whose items start at or before `item`. */
+/* Returns the last geometry whose items start at or before `item`. */
 static uint32_t geometry_of(const struct canonical *view, enum form_part part, uint32_t item)
 {
     uint32_t low = 0, high = view->geometry_count;
@@ -116,7 +116,9 @@ static uint32_t geometry_of(const struct canonical *view, enum form_part part, u
     return low;
 }
 
-/* Items are numbered through over all geometries; cuts [begin, end) at the borders of geometries. */
+/*
+ * Calls `run` for items [begin, end), which are numbered through over all geometries, cut at the borders of geometries.
+ */
 static void for_runs(struct fetch *fetch, enum form_part part, size_t begin, size_t end, run_function run)
 {
     for (uint32_t i = geometry_of(&fetch->view, part, (uint32_t)begin); begin < end; i++) {
@@ -129,7 +131,10 @@ static void for_runs(struct fetch *fetch, enum form_part part, size_t begin, siz
     }
 }
 
-/* What was stored is what will be looked at: the compiler must not read the caller's memory again instead. */
+/*
+ * Keeps the compiler from reading the caller's memory again instead of what was stored: the bytes that are checked must
+ * be the stored ones.
+ */
 static void settle(void)
 {
     atomic_signal_fence(memory_order_seq_cst);
@@ -191,7 +196,7 @@ static void fetch_indices(struct fetch *fetch, uint32_t index, uint32_t first, u
         return;
     uint32_t *target = (uint32_t *)(void *)(fetch->block + row->index_offset) + (size_t)3 * first;
     size_t total = (size_t)3 * count;
-    if (triangles->index_type == INDEX_NONE) { /* a stride of 0 */
+    if (triangles->index_type == INDEX_NONE) { /* indexed without indices: a stride of 0 */
         memset(target, 0, total * sizeof *target);
         return;
     }
@@ -216,7 +221,7 @@ static void copy_strided(const unsigned char *source, uint64_t stride, size_t co
         memcpy(ret_boxes + 6 * i, source + i * stride, 6 * sizeof(float));
 }
 
-/* A NaN anywhere makes a box inactive, which is said by its minimum x. */
+/* A box with a NaN anywhere is inactive; the copy says so by a NaN minimum x. */
 static void mark_inactive(float *boxes, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
@@ -227,7 +232,10 @@ static void mark_inactive(float *boxes, size_t count)
     }
 }
 
-/* Minimum <= maximum on each axis, so that nothing is NaN: what nearly all boxes are. */
+/*
+ * True when minimum <= maximum on each axis of every box, so that there is no NaN. Nearly all boxes are so, and need no
+ * further check.
+ */
 static bool are_ordinary(const float *boxes, size_t count)
 {
     bool ordinary = true;
@@ -255,7 +263,10 @@ static void fetch_boxes(struct fetch *fetch, uint32_t index, uint32_t first, uin
     }
 }
 
-/* Handles become positions in the caller's table. The first unknown one ends it: the request fails. */
+/*
+ * Replaces handles by positions in the caller's table. Stops at the first unknown handle, because then the request
+ * fails.
+ */
 static void look_up(struct fetch *fetch, unsigned char *records, uint32_t first, uint32_t count)
 {
     uint64_t last_handle = 0, last_reference = 0;
@@ -327,13 +338,17 @@ static enum bvhd_status report_index(const struct fetch *fetch, uint32_t index, 
         geometry->triangles.max_vertex);
 }
 
-/* Indices are in: are they allowed, and are their vertices there? */
+/*
+ * Checks the geometry's indices after all have been read: against maxVertex, and whether the vertices that they name
+ * are there.
+ */
 static enum bvhd_status check_indices(const struct fetch *fetch, uint32_t index, struct bvhd_error *error)
 {
     const struct geometry *geometry = &fetch->input->geometries[index];
     const struct geometry_triangles *triangles = &geometry->triangles;
     if (triangles->index_type == INDEX_NONE)
-        return BVHD_OK; /* validate_input knew */
+        /* validate_input has checked these vertices. */
+        return BVHD_OK;
     uint64_t last = (uint64_t)geometry->range.first_vertex + fetch->sources[index].highest;
     if (last > triangles->max_vertex)
         return report_index(fetch, index, error);
@@ -412,8 +427,8 @@ static enum bvhd_status finish_primitives(struct fetch *fetch, struct bvhd_error
 }
 
 /*
- * Only the span of vertices that a geometry uses is kept, so that many may share one large array of them; indices count
- * from its start. With a stride of 0 all name one vertex.
+ * Makes indices count from the lowest one in use, because only the span of vertices that a geometry uses is kept: many
+ * geometries may share one large array. With a stride of 0 all indices name one vertex.
  */
 static void rebase_run(struct fetch *fetch, uint32_t index, uint32_t first, uint32_t count)
 {
@@ -437,7 +452,10 @@ static void rebase_task(void *context, size_t chunk)
     for_runs(fetch, FORM_PRIMITIVES, begin, end, rebase_run);
 }
 
-/* Says in the rows where indices begin; true when that is not 0 everywhere, or may differ from what was read. */
+/*
+ * Records the lowest index in the rows of updatable geometries. Returns true when some index has to change: where the
+ * lowest is not 0, or the stride is.
+ */
 static bool needs_rebase(struct fetch *fetch)
 {
     bool needs = false;

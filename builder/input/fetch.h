@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * fetch.h - the part of prepare.h that reads the caller's memory: every byte once, in chunks on any thread, at the
- * speed of memory.
+ * fetch.h - the part of prepare() that reads the caller's memory. It reads every byte once, in chunks on any thread, at
+ * the speed of memory.
  */
 #ifndef BVHD_FETCH_H
 #define BVHD_FETCH_H
@@ -14,32 +14,37 @@ struct fetch_source;
 
 struct fetch {
     const struct build_input *input;
-    uint32_t index; /* of the entry, for errors */
+    uint32_t index; /* the entry's place in its batch, for errors */
     unsigned char *block;
-    struct canonical view; /* counts and the geometry table, which is prefix sums at first; pointers come later */
-    struct fetch_source *sources; /* one a geometry */
+    /* counts and the table of geometries, at first with prefix sums only; pointers are set at the end */
+    struct canonical view;
+    struct fetch_source *sources; /* one for each geometry */
     struct reference_lookup lookup;
-    atomic_bool suspect; /* contents break a rule: validate_canonical finds which */
-    _Atomic uint32_t first_unknown; /* the first instance whose reference is not in the table, or UINT32_MAX */
+    atomic_bool suspect; /* some content breaks a rule; validate_canonical then finds out which */
+    /* number of the first instance whose reference is not in the table, or UINT32_MAX */
+    _Atomic uint32_t first_unknown;
 };
 
 /*
- * Takes a validated input. On success view.geometries is the caller's to free, the rest is freed by fetch_finish.
- * BVHD_CANCELLED.
+ * Starts reading an input that validate_input has accepted. On success the caller frees view.geometries, and
+ * fetch_finish frees the rest. Returns BVHD_NO_MEMORY, BVHD_CANCELLED, or the errors of reference_lookup_init.
  */
 enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input, uint32_t index,
                             const struct build_context *context, struct bvhd_error *error);
 void fetch_finish(struct fetch *fetch, struct memory *memory);
 
 /*
- * Fills the arrays of indices, boxes and records that the rows in `block` place, checks indices and reads transforms,
- * and sets vertex_count and first_vertex in the view. Records come out with 1-based positions in the caller's reference
- * table. With strides of 0 all indices become 0. BVHD_CANCELLED.
+ * Fills the arrays of indices, boxes and records that the rows in `block` have placed, checks indices, reads
+ * transforms, and sets vertex_count and first_vertex in the view. The reference field of a record becomes a 1-based
+ * position in the caller's reference table. With a vertex stride of 0 all indices become 0. Returns BVHD_INVALID with
+ * the rule that is broken, BVHD_TOO_LARGE for 2^32 or more vertices, or BVHD_CANCELLED.
  */
 enum bvhd_status fetch_primitives(struct fetch *fetch, unsigned char *block, const struct build_context *context,
                                   struct bvhd_error *error);
 
-/* Fills the arrays of positions, transformed. BVHD_CANCELLED. */
+/*
+ * Fills the arrays of positions, with the geometries' transforms applied. Returns BVHD_CANCELLED when the flag is set.
+ */
 enum bvhd_status fetch_positions(struct fetch *fetch, unsigned char *block, const struct build_context *context,
                                  struct bvhd_error *error);
 

@@ -5,13 +5,19 @@
 
 #include "builder/kernel/vec4.h"
 
-/* Directions by lanes: sums and differences of an axis and the next, and the corners. */
+/*
+ * First lanes of the directions: sums and differences of an axis and the next one, and the corners. GROUPS vectors of
+ * lanes hold them all.
+ */
 enum { SUMS = 0, DIFFERENCES = 3, CORNERS = 6, GROUPS = 3 };
 
-/* Shares of the work are few, so that they need no memory, and are the same whoever does them. */
+/*
+ * The work is divided into at most MOST_SHARES shares, so that their results need no allocation; how it is divided does
+ * not depend on the threads. LOOK elements are added between two checks of the cancel flag.
+ */
 enum { MOST_SHARES = 64, LEAST_SHARE = 16384, LOOK = 8192 };
 
-/* Fours of vertices that stay in the first cache for another look. */
+/* Groups of four vertices that stay in the first-level cache for the second pass over them. */
 enum { NEAR = 256 };
 
 struct reach {
@@ -28,21 +34,21 @@ static struct reach reach_empty(void)
     return reach;
 }
 
-/* Lanes that are NaN count as nothing. */
+/* Grows the group's extents. Lanes that are NaN are ignored. */
 static inline void reach_add(struct reach *reach, int group, vec4 min, vec4 max)
 {
     reach->min[group] = vec4_min(min, reach->min[group]);
     reach->max[group] = vec4_max(max, reach->max[group]);
 }
 
-/* x + y, y + z, z + x, x + y */
+/* Returns x + y, y + z, z + x, x + y. */
 static inline vec4 sums_of(vec4 v)
 {
     vec4 sums = v + vec4_rotate(v);
     return __builtin_shufflevector(sums, sums, 0, 1, 2, 0);
 }
 
-/* What the sums lack of the corners: -z, -x, -y of one end, and z of the other. */
+/* Returns what the sums lack of the corner directions: -z, -x, -y of `away`, and z of `along`. */
 static inline vec4 rest_of(vec4 away, vec4 along)
 {
     return __builtin_shufflevector(-away, along, 2, 0, 1, 6);
@@ -58,7 +64,7 @@ static inline void add_box(struct reach *reach, vec4 min, vec4 max)
 
 struct finding {
     const struct canonical *canonical;
-    size_t count; /* of vertices or boxes, of all geometries */
+    size_t count; /* vertices or boxes, of all geometries */
     const atomic_bool *cancel;
     struct reach shares[MOST_SHARES];
     size_t share_size;
@@ -75,7 +81,7 @@ static size_t first_of(const struct canonical *canonical, uint32_t geometry)
     return is_of_boxes(canonical) ? found->first_primitive : found->first_vertex;
 }
 
-/* The last geometry that begins at or before the element: the one that it is in. */
+/* Returns the geometry that the element is in: the last one that starts at or before it. */
 static uint32_t geometry_of(const struct canonical *canonical, size_t element)
 {
     uint32_t low = 0, high = canonical->geometry_count;
@@ -89,7 +95,7 @@ static uint32_t geometry_of(const struct canonical *canonical, size_t element)
     return low;
 }
 
-/* Of each direction four vertices at a time. */
+/* Extents along each direction, separately for four vertices at a time. */
 struct lanes {
     vec4 min[SLABS_COUNT], max[SLABS_COUNT];
 };
@@ -99,7 +105,7 @@ static inline vec4 load(const float at[4])
     return *(const vec4_loose *)at;
 }
 
-/* x, y and z of four vertices that follow each other. */
+/* Loads x, y and z of four consecutive vertices. */
 static inline void load_four(const float at[12], vec4 *ret_x, vec4 *ret_y, vec4 *ret_z)
 {
     vec4 a = load(at), b = load(at + 4), c = load(at + 8);
@@ -115,7 +121,7 @@ static inline void lanes_add(struct lanes *lanes, int slab, vec4 value)
     lanes->max[slab] = vec4_max(value, lanes->max[slab]);
 }
 
-/* Half of the directions, for which there are registers enough. */
+/* Adds the vertices along half of the directions: there are enough registers for that many. */
 static void add_first_half(const float *positions, size_t fours, struct lanes *lanes)
 {
     struct lanes own = *lanes;
@@ -185,7 +191,7 @@ static void add_boxes(const float *boxes, size_t count, struct reach *reach)
             add_box(reach, vec4_load3(boxes), vec4_load3(boxes + 3));
 }
 
-/* Elements [begin, end) of all geometries. */
+/* Adds elements [begin, end), numbered through over all geometries. */
 static void add_elements(const struct canonical *canonical, size_t begin, size_t end, struct reach *reach)
 {
     while (begin < end) {
@@ -225,14 +231,17 @@ static float round_up(double value)
     return (double)rounded < value ? nextafterf(rounded, INFINITY) : rounded + 0.0f;
 }
 
-/* A sum or a difference is rounded once, a corner at its sum of two and again: 2^-23 of both is more than that. */
+/*
+ * Rounds outward. A sum or a difference has been rounded once; a corner has been rounded at its sum of two and once
+ * more. 2^-23 of both magnitudes is more than these errors.
+ */
 static void put(struct slabs *slabs, int slab, float min, float max, double sum)
 {
     slabs->min[slab] = round_down(min - (fabs((double)min) + sum) * 0x1p-23);
     slabs->max[slab] = round_up(max + (fabs((double)max) + sum) * 0x1p-23);
 }
 
-/* What overflows, and what is empty, comes out as slabs that are not valid. */
+/* Makes slabs from the extents; overflow and empty extents give slabs that are not valid, and so unknown ones. */
 static struct slabs slabs_of(const struct reach *reach)
 {
     struct slabs slabs;
@@ -268,12 +277,15 @@ bool outline_find(const struct canonical *canonical, const struct build_context 
 
 /* ---- The box of an instance ---- */
 
-/* A sum of axes, some of them negative. */
+/* A direction: the sum of one to three axes, some of them negated. */
 struct direction {
     int sign[3]; /* -1, 0, 1 */
 };
 
-/* The slab of two or three axes, and whether the direction is the opposite one. */
+/*
+ * Returns the slab of a direction of two or three axes; *ret_is_opposite says whether the slab is along the negated
+ * direction.
+ */
 static int slab_of(const struct direction *direction, bool *ret_is_opposite)
 {
     const int *sign = direction->sign;
@@ -295,7 +307,7 @@ static int slab_of(const struct direction *direction, bool *ret_is_opposite)
     return CORNERS + 3;
 }
 
-/* How far the structure reaches in that direction. */
+/* Returns how far the structure reaches in a direction of `axes` axes. */
 static double reach_along(const struct direction *direction, int axes, int first, const struct box *bounds,
                           const struct slabs *slabs)
 {
@@ -306,7 +318,7 @@ static double reach_along(const struct direction *direction, int axes, int first
     return is_opposite ? -(double)slabs->min[slab] : slabs->max[slab];
 }
 
-/* Axes by the size of their components, the largest first. */
+/* Sorts the axes by the size of their components, largest first. */
 static void sort_axes(const double size[3], int ret_axes[3])
 {
     int a = size[0] >= size[1] ? 0 : 1, b = 1 - a;
@@ -316,9 +328,9 @@ static void sort_axes(const double size[3], int ret_axes[3])
 }
 
 /*
- * No point of the structure lies farther along `row`, times `sign`, than this, a little more than exact arithmetic
- * gives. With components a >= b >= c >= 0, the row is (a - b) times an axis, (b - c) times the sum of two and c times
- * that of all three; and what reaches along a sum is at most the sum of what reaches along each.
+ * Returns an upper bound, a little above the exact value, of how far any point of the structure lies along `row` times
+ * `sign`. With components a >= b >= c >= 0, the row is (a - b) times one axis, plus (b - c) times the sum of two, plus
+ * c times the sum of all three; the reach along a sum is at most the sum of the reaches.
  */
 static double reach_of(const float row[3], int sign, const struct box *bounds, const struct slabs *slabs)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * outline.h - how far a bottom level reaches in any direction: found in its vertices (slabs.h), used for the boxes of
- * its instances.
+ * outline.h - finds how far a bottom level reaches along fixed directions (its slabs, a k-DOP: slabs.h), and uses them
+ * to make the boxes of its instances tighter.
  */
 #ifndef BVHD_OUTLINE_H
 #define BVHD_OUTLINE_H
@@ -10,15 +10,16 @@
 #include "builder/context.h"
 
 /*
- * Slabs that contain all that can be hit in a bottom level: of all vertices from the first in use to the last, or of
- * all active boxes, rounded outward. Not known where there is nothing, or what is there does not fit floats. The same
- * for any number of threads. False when cancelled.
+ * Finds slabs, rounded outward, that contain everything that can be hit in a bottom level: all vertices from the first
+ * to the last in use, or all active boxes. Slabs stay unknown (all 0) when there is nothing, or when values do not fit
+ * floats. The result is the same for any number of threads. Returns false when cancelled.
  */
 bool outline_find(const struct canonical *canonical, const struct build_context *context, struct slabs *ret_slabs);
 
 /*
- * Makes the world box of an instance smaller: `box` contains all that the bounds contain, and is cut to what the slabs
- * leave of them. Slabs that are not known, or that leave nothing, change nothing. The matrix is finite, row-major 3x4.
+ * Makes the world box of an instance tighter. `box` comes in as a box around the transformed bounds, and is cut to the
+ * transformed slabs. It does not change when the slabs are unknown, or where they would leave nothing. `matrix` is
+ * finite, a row-major 3x4.
  */
 void outline_narrow(const float matrix[12], const struct box *bounds, const struct slabs *slabs, struct box *box);
 

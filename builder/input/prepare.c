@@ -8,8 +8,9 @@
 #include "builder/input/validate.h"
 
 /*
- * The block grows once: first header, geometry rows and the arrays of primitives, whose sizes are known; then, with the
- * highest index of each geometry, positions and reference rows.
+ * The state of one prepare call. The block grows once: at first it has the header, the geometry rows and the arrays of
+ * primitives, whose sizes are known; then, when the highest index of each geometry is known, positions and reference
+ * rows are added.
  */
 struct work {
     const struct build_input *input;
@@ -20,8 +21,8 @@ struct work {
     struct bvhd_error *error;
     struct fetch fetch; /* its view becomes the result */
     unsigned char *block;
-    uint64_t size; /* of the parts that are placed */
-    uint64_t room; /* in the block */
+    uint64_t size; /* bytes of the parts that have been placed */
+    uint64_t room; /* bytes that the block has room for */
     struct reference_rows references;
 };
 
@@ -41,7 +42,7 @@ static enum bvhd_status too_large(const struct work *work, const char *what)
     return bvhd_error_set(work->error, BVHD_TOO_LARGE, place("infos[%u]", work->index).text, "%s", what);
 }
 
-/* Room for `size` bytes; keeps what is there. */
+/* Makes room for `size` bytes, and keeps the contents. */
 static enum bvhd_status grow(struct work *work, uint64_t size)
 {
     if (size > work->max_bytes)
@@ -82,7 +83,7 @@ static struct form_geometry make_row(const struct geometry *geometry, bool updat
     return row;
 }
 
-/* The gap between an array and the next part is 0, and its bytes are the block's last unwritten ones. */
+/* Clears the bytes between an array and the next part; all other bytes of the block get written. */
 static void clear_gap(unsigned char *block, uint64_t offset, uint64_t size)
 {
     uint64_t end = offset + size;
@@ -99,7 +100,10 @@ static void clear_gaps(struct work *work, enum form_part part)
     }
 }
 
-/* Between steps that do not look by themselves: with millions of rows each takes a while. */
+/*
+ * Checks the cancel flag between steps that do not check it themselves: with millions of rows each of them takes a
+ * while.
+ */
 static enum bvhd_status look_at_cancel(const struct work *work)
 {
     if (!context_cancelled(work->context))
@@ -107,7 +111,7 @@ static enum bvhd_status look_at_cancel(const struct work *work)
     return bvhd_error_set(work->error, BVHD_CANCELLED, place("infos[%u]", work->index).text, "cancelled");
 }
 
-/* Ends early when cancelled. */
+/* Stops early when cancelled. */
 static void make_rows(struct work *work)
 {
     const struct build_input *input = work->input;
@@ -115,7 +119,7 @@ static void make_rows(struct work *work)
         rows_of(work)[i] = make_row(&input->geometries[i], is_update(input));
 }
 
-/* The first part of the block: rows, and places of the arrays that fetch_primitives will fill. */
+/* Places the first part of the block: rows, and the arrays that fetch_primitives will fill. */
 static enum bvhd_status place_primitives(struct work *work)
 {
     const struct build_input *input = work->input;
@@ -135,7 +139,7 @@ static enum bvhd_status place_primitives(struct work *work)
     return status;
 }
 
-/* The second part: positions, now that their numbers are known, and reference rows. */
+/* Places the second part: positions, whose number is known by now, and reference rows. */
 static enum bvhd_status place_positions(struct work *work)
 {
     uint32_t count = work->input->geometry_count;
@@ -183,7 +187,7 @@ static enum bvhd_status make_references(struct work *work)
                                work->error);
 }
 
-/* Hands block and tables over to the result. */
+/* Completes the view, which becomes the result with the block and the tables. */
 static enum bvhd_status finish_view(struct work *work)
 {
     struct canonical *view = &work->fetch.view;

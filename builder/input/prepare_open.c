@@ -10,7 +10,7 @@
 
 enum { KNOWN_FLAGS = 0x81f, KNOWN_GEOMETRY_FLAGS = GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT };
 
-/* A block being read. Its bytes do not change, so what has been checked stays checked. */
+/* A block that is being checked. Its bytes do not change meanwhile, so each is checked once. */
 struct reader {
     struct bytes block;
     struct memory *memory;
@@ -113,7 +113,7 @@ static enum bvhd_status check_rows(const struct reader *reader)
     return BVHD_OK;
 }
 
-/* The array must be where a writer puts it, inside the block, with zeros up to the next part. */
+/* Checks that the array is where a writer would have put it, inside the block, with zeros up to the next part. */
 static enum bvhd_status check_place(const struct reader *reader, uint32_t index, enum form_part part, uint64_t *at)
 {
     struct form_geometry row = reader->rows[index];
@@ -176,7 +176,7 @@ static enum bvhd_status check_indices(const struct reader *reader, uint32_t inde
     return BVHD_OK;
 }
 
-/* References are numbered in the order of first use. */
+/* Checks that references are numbered in the order of first use, as the writer does. */
 static enum bvhd_status check_instances(const struct reader *reader, const struct canonical_geometry *geometry)
 {
     uint64_t used = 0;

@@ -8,10 +8,10 @@
 #include "builder/input/outline.h"
 #include "builder/kernel/vec4.h"
 
-/* Primitives whose refs stay in the first cache; a block of chunks is a task. */
+/* Primitives whose refs stay in the first-level cache. One task handles the chunks of a whole block. */
 enum { CHUNK = 1024 };
 
-/* What becomes of one primitive. */
+/* The classification of one primitive, and its box. */
 struct finding {
     bool active, degenerate, kept;
     struct box box; /* if kept */
@@ -95,8 +95,8 @@ static float round_up(double value)
 }
 
 /*
- * Centre and half extent through the affine map: c' = M c + t, e' = |M| e. `slack` bounds the rounding of the few
- * operations, relative to the sum of magnitudes.
+ * Transforms a box by its centre and half extent: c' = M c + t, e' = |M| e. `slack` bounds the rounding errors of these
+ * few operations, relative to the sum of magnitudes.
  */
 static void transform_box(const float matrix[12], const struct box *box, struct box *ret_box)
 {
@@ -160,9 +160,9 @@ struct box primitive_box(const struct canonical *canonical, const struct canonic
 }
 
 /*
- * The usual triangle: finite, and a component of the cross product of its edges is so much above the rounding error of
- * floats that it is not zero in double. Everything else is looked at again, slowly. The box is the same as there, to
- * the sign of zeros.
+ * Recognises the usual triangle quickly: it is finite, and one component of the cross product of its edges exceeds the
+ * rounding error of floats by so much that it is not zero in double either. All other triangles are classified by
+ * look_at_triangle. The box is the same as there, except for the sign of zeros.
  */
 static inline bool plain_triangle(const float *a, const float *b, const float *c, struct vec4_box *ret_box)
 {
@@ -192,8 +192,8 @@ static bool fast_ref(const struct canonical_geometry *geometry, uint32_t index, 
 }
 
 /*
- * Refs of usual triangles of one geometry from `first` on, two at a time, with the same answers as above; returns how
- * many were made before one that is not usual.
+ * Makes refs of consecutive usual triangles of one geometry, from `first` on, two at a time, with the same results as
+ * plain_triangle. Returns how many were made before the first unusual one.
  */
 #if defined(__x86_64__)
 #include <immintrin.h>
@@ -241,7 +241,7 @@ AVX2 static uint32_t collect_pairs_avx2(const struct canonical_geometry *geometr
         int id = (int)(geometry->first_primitive + first + made);
         __m256 ids = _mm256_castsi256_ps(_mm256_setr_epi32(0, 0, 0, id, 0, 0, 0, id + 1));
         __m256 min = _mm256_min_ps(r, _mm256_min_ps(q, p)), max = _mm256_max_ps(r, _mm256_max_ps(q, p));
-        max = _mm256_blend_ps(max, ids, 0x88); /* behind the minimum stands a zero, which is the link */
+        max = _mm256_blend_ps(max, ids, 0x88); /* the fourth lane of the minimum is zero, which is the ref's link */
         _mm256_storeu_ps(refs[made].min, _mm256_permute2f128_ps(min, max, 0x20));
         _mm256_storeu_ps(refs[made + 1].min, _mm256_permute2f128_ps(min, max, 0x31));
     }
@@ -266,7 +266,7 @@ static uint32_t collect_pairs(const struct canonical_geometry *geometry, uint32_
 
 #endif
 
-/* What is in a block. */
+/* The totals of one block. */
 struct block {
     uint32_t count, primitives;
     struct box bounds, centroids;
@@ -278,10 +278,10 @@ struct collection {
     struct primitive_ref *refs;
     struct block *blocks;
     size_t block_count;
-    const struct leaves_options *runs; /* NULL: one primitive a ref */
+    const struct leaves_options *runs; /* NULL: each ref stands for one primitive */
 };
 
-/* Returns whether it is kept. */
+/* Makes the ref of one primitive, and counts it. Returns whether it is kept. */
 static bool collect_one(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
                         struct block *block, struct primitive_ref *ref)
 {
@@ -301,8 +301,8 @@ static bool collect_one(const struct canonical *canonical, const struct canonica
 }
 
 /*
- * Neighbours in the request that would share a leaf become one ref. Numbers of a run follow each other, so nothing may
- * have been left out.
+ * Joins neighbours in the request that would share a leaf into one ref. The numbers of a run's primitives are
+ * consecutive, so the caller makes sure that none of them was left out.
  */
 static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const struct leaves_options *options)
 {
@@ -319,7 +319,7 @@ static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const stru
     return runs;
 }
 
-/* Refs of primitives [index, end) of one geometry; returns how many are kept. */
+/* Makes refs of primitives [index, end) of one geometry, and returns how many are kept. */
 static uint32_t collect_range(const struct canonical *canonical, const struct canonical_geometry *geometry,
                               uint32_t index, uint32_t end, struct block *block, struct primitive_ref *refs)
 {
@@ -334,7 +334,7 @@ static uint32_t collect_range(const struct canonical *canonical, const struct ca
     return kept;
 }
 
-/* Adds primitives [id, end) to what a block has. */
+/* Adds the refs of primitives [id, end) to a block. */
 static void collect_chunk(const struct collection *collection, size_t id, size_t end, struct primitive_ref *refs,
                           struct block *block)
 {
@@ -372,7 +372,7 @@ static void collect_block(void *context, size_t index)
     collection->blocks[index] = block;
 }
 
-/* Adds the blocks up, in their order. */
+/* Adds up the blocks in their order. */
 static void combine(const struct collection *collection, struct primitive_refs *refs)
 {
     refs->block_count = (uint32_t)collection->block_count;

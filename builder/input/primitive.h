@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * primitive.h - from a canonical copy to the boxes that builders sort: one 32-byte ref for each primitive that can be
- * hit.
+ * primitive.h - turns a canonical copy into the refs that builders sort: a box and a number, 32 bytes, for each
+ * primitive that can be hit.
  *
- * Left out are inactive primitives (row F12: a triangle or an AABB with a NaN in any component, an instance without a
- * reference or with a transform that leads nowhere, a NaN) and, unless the build says ALLOW_UPDATE, degenerate ones
- * (row F13: triangles of zero area, instances of an empty structure), triangles with infinite corners and instances
- * moved to infinity, which no ray can meet. Point AABBs stay. What is kept and infinite is clamped to the largest
- * float.
+ * Inactive primitives get no ref: a triangle or an AABB with a NaN in any component, an instance without a reference or
+ * with a NaN in its transform (Vulkan specification, Inactive Primitives and Instances; a NaN beyond the components
+ * named there counts as inactive too). Unless the build says ALLOW_UPDATE, these get none either, because no ray can
+ * meet them: degenerate primitives (triangles of zero area, instances of an empty structure; Vulkan specification,
+ * Degenerate Primitives and Instances), triangles with infinite corners, and instances with an infinite transform.
+ * AABBs that are points stay. Infinite coordinates that are kept are clamped to the largest float.
  *
- * Boxes are exact for triangles and AABBs. Instances: the box of the reference's bounds through the transform, cut to
- * what its slabs leave of them (outline.h), in double, rounded outward; of an empty structure, the transform's
- * translation.
+ * Boxes of triangles and AABBs are exact. The box of an instance is the box of its reference's bounds under the
+ * transform, cut to the transformed slabs (outline.h), computed in double and rounded outward; for an empty structure
+ * it is the point that the transform's translation gives.
  */
 #ifndef BVHD_PRIMITIVE_H
 #define BVHD_PRIMITIVE_H
@@ -22,39 +23,47 @@
 
 struct leaves_options;
 
-/* Places of a block of refs. */
+/* Primitives of a block: each task fills one block of refs, at the places of its primitives. */
 enum { PRIMITIVE_BLOCK = 8192 };
 
 struct primitive_refs {
-    struct primitive_ref *refs; /* 64-byte aligned; in order of ids */
-    /* NULL, or how many refs each block of places has, which stand at its begin: there may be gaps between blocks */
+    struct primitive_ref *refs; /* 64-byte aligned; in the order of primitive numbers */
+    /*
+     * Number of refs in each block; they start at the block's first place, so there may be gaps between blocks. NULL
+     * when there are no gaps.
+     */
     uint32_t *blocks;
     uint32_t block_count;
     uint32_t count;
-    uint32_t primitives; /* of all refs */
-    struct box bounds; /* of all refs */
-    struct box centroids; /* of min + max of all refs: twice the centres */
-    uint64_t inactive; /* primitives */
-    uint64_t degenerate; /* active, of zero area or extent, or instances of an empty structure, whether kept or not */
-    uint64_t skipped; /* active, but left out: degenerate or infinite */
+    uint32_t primitives; /* that the refs stand for */
+    struct box bounds; /* union of all refs' boxes */
+    struct box centroids; /* bounds of min + max of all refs, which is twice their centres */
+    uint64_t inactive; /* number of inactive primitives */
+    /* active primitives of zero area or extent, or instances of an empty structure, whether kept or not */
+    uint64_t degenerate;
+    uint64_t skipped; /* active primitives without a ref, because they are degenerate or infinite */
 };
 
-/* The box of primitive `index` of `geometry`, or an empty box when it is left out. */
+/* Returns the box of primitive `index` of `geometry`; an empty box for a primitive that gets no ref. */
 struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index);
 
 /*
- * On success the caller frees ret_refs->refs and ret_refs->blocks, of context->memory (NULL when count is 0). There may
- * be gaps between blocks, for those who read refs block by block: closing them takes another pass. The same for any
- * number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED.
+ * Makes the refs of all primitives. On success the caller frees ret_refs->refs and ret_refs->blocks from
+ * context->memory (both are NULL when count is 0). Gaps between blocks stay, because closing them takes another pass
+ * and some callers read block by block; primitive_close_gaps closes them. The result is the same for any number of
+ * threads. Returns BVHD_NO_MEMORY or BVHD_CANCELLED.
  *
- * With refs of runs, unless `runs` is NULL: up to runs->leaf_max primitives (LEAVES_REFS_MAX at most) that follow each
- * other in the request, where these are so near each other that they would share a leaf (leaves.h).
+ * Unless `runs` is NULL, one ref may stand for a run of up to runs->leaf_max primitives (LEAVES_REFS_MAX at most) that
+ * follow each other in the request and are so near each other that they would share a leaf (leaves.h).
  */
 enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, const struct leaves_options *runs,
                                           const struct build_context *context, struct primitive_refs *ret_refs,
                                           struct bvhd_error *error);
 
-/* Closes the gaps between blocks, and frees `blocks`. False when cancelled: both are the caller's still. */
+/*
+ * Closes the gaps between blocks, and frees `blocks`. Returns false when cancelled; then the caller still owns both
+ * arrays.
+ */
 bool primitive_close_gaps(struct primitive_refs *refs, const struct build_context *context);
 
 #endif

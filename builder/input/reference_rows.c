@@ -52,7 +52,7 @@ static enum bvhd_status check_unique(const struct handle_entry *entries, uint32_
     return BVHD_OK;
 }
 
-/* False when cancelled. */
+/* Lists the handles with their positions, and sorts them. Returns false when cancelled. */
 static bool list_references(const struct build_input *input, const atomic_bool *cancel, struct handle_entry *entries)
 {
     uint32_t count = input->reference_count;
@@ -112,15 +112,15 @@ static struct form_reference row_of(const struct reference *reference)
     return row;
 }
 
-/* Every few thousand records. */
+/* Checks the flag every few thousand records. */
 static bool is_cancelled(const struct build_context *context, uint32_t record)
 {
     return record % 8192 == 0 && context_cancelled(context);
 }
 
 /*
- * Numbers what is named in the order of first use: a row for each, and the records say which. Returns how many, less
- * when cancelled.
+ * Numbers the structures in the order of first use: makes a row for each, and writes its number into the records.
+ * Returns the number of rows; fewer when cancelled.
  */
 static uint32_t number_references(unsigned char *records, uint32_t record_count, const struct reference *references,
                                   const struct build_context *context, uint32_t *row_of_reference,
@@ -142,7 +142,7 @@ static uint32_t number_references(unsigned char *records, uint32_t record_count,
     return count;
 }
 
-/* False without memory. Of no use when it is cancelled on the way. */
+/* Returns false when there is no memory. The rows are incomplete when it is cancelled on the way. */
 static bool make(unsigned char *records, uint32_t record_count, const struct reference *references,
                  uint32_t reference_count, const struct build_context *context, struct reference_rows *rows)
 {

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * reference_rows.h - the structures that instances name: from the caller's handles to rows of a canonical copy's
- * reference table.
+ * reference_rows.h - turns the handles by which instances name structures into rows of a canonical copy's reference
+ * table.
  *
- * The canonical table lists what is named, in the order of first use: handles themselves do not enter a key. Two
- * handles are two rows whatever they name, since only the caller knows which structure each stands for.
+ * The canonical table lists the structures that are named, in the order of first use, so handles do not enter a key.
+ * Two handles always give two rows, even for equal structures, because only the caller knows which structure each
+ * stands for.
  */
 #ifndef BVHD_REFERENCE_ROWS_H
 #define BVHD_REFERENCE_ROWS_H
@@ -14,30 +15,31 @@
 #include "proto/base/handle_table.h"
 
 struct reference_lookup {
-    struct handle_entry *entries; /* sorted; a number is the position in the caller's table */
+    struct handle_entry *entries; /* sorted by handle; an entry's number is the position in the caller's table */
     uint32_t count;
 };
 
 /*
- * Checks the caller's table (kinds, handles, bounds; BVHD_INVALID with the place) and sorts it. `index`: of the entry,
- * for errors.
+ * Checks the caller's table and sorts it. `index`: the entry's place in its batch, for errors. Returns BVHD_INVALID
+ * with the place for a bad handle, bounds or slabs or for a handle that occurs twice, BVHD_UNSUPPORTED for an unknown
+ * kind, BVHD_NO_MEMORY, or BVHD_CANCELLED. reference_lookup_finish frees the lookup; it may be NULL.
  */
 enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t index,
                                        const struct build_context *context, struct reference_lookup *ret_lookup,
                                        struct bvhd_error *error);
 void reference_lookup_finish(struct reference_lookup *lookup, struct memory *memory);
 
-/* 1-based position in the caller's table; 0 for an unknown handle. Handle 0 is unknown. */
+/* Returns the 1-based position in the caller's table; 0 for a handle that is not there, such as handle 0. */
 uint64_t reference_lookup_find(const struct reference_lookup *lookup, uint64_t handle);
 
 struct reference_rows {
-    struct form_reference *rows; /* of `memory`, freed by the caller; NULL without any */
+    struct form_reference *rows; /* from `memory` of the context; the caller frees them; NULL without any */
     uint32_t count;
 };
 
 /*
- * Records come in with 1-based positions in `references` (0: inactive) in their reference field, and leave with 1-based
- * rows of *ret_rows. BVHD_NO_MEMORY and BVHD_CANCELLED leave the records in between.
+ * Makes the rows. The records' reference fields come in as 1-based positions in `references` (0: inactive), and leave
+ * as 1-based rows of *ret_rows. After BVHD_NO_MEMORY or BVHD_CANCELLED some fields may have changed and others not.
  */
 enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_count, const struct reference *references,
                                      uint32_t reference_count, const struct build_context *context,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* transform.h - a geometry's 3x4 matrix applied to its positions (row F05). */
+/* transform.h - applies a geometry's 3x4 matrix (transformData) to its positions. */
 #ifndef BVHD_TRANSFORM_H
 #define BVHD_TRANSFORM_H
 
@@ -7,7 +7,10 @@
 #include <stdint.h>
 #include <string.h>
 
-/* The one NaN that computed coordinates have: processors and compilers differ in which one comes out. */
+/*
+ * Returns the only NaN that computed coordinates contain: processors and compilers differ in which NaN an operation
+ * gives.
+ */
 static inline float transform_nan(void)
 {
     const uint32_t bits = UINT32_C(0x7fc00000);
@@ -16,10 +19,13 @@ static inline float transform_nan(void)
     return value;
 }
 
-/* Row-major; -0 counts as 0. */
+/* Compares a row-major matrix with the identity; -0 counts as 0. */
 bool transform_is_identity(const float matrix[12]);
 
-/* In place: ((m0 x + m1 y) + m2 z) + m3 for each row, in double, rounded to float once; NaNs become transform_nan(). */
+/*
+ * Transforms `count` tightly packed points in place: ((m0 x + m1 y) + m2 z) + m3 for each row, in double, rounded to
+ * float once. A NaN becomes transform_nan().
+ */
 void transform_points(const float matrix[12], float *points, uint64_t count);
 
 #endif

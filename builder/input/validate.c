@@ -9,7 +9,7 @@
 #include "proto/base/place.h"
 #include "builder/input/vertex_format.h"
 
-/* One geometry under examination. */
+/* The geometry that is being checked. */
 struct subject {
     const struct geometry *geometry;
     uint32_t info, index;
@@ -20,7 +20,7 @@ struct subject {
     place("infos[%u].geometries[%u].%s", (subject)->info, (subject)->index, field).text
 #define RANGE_PLACE(subject, field) place("ranges[%u][%u].%s", (subject)->info, (subject)->index, field).text
 
-/* Build flags that Vulkan defines and bvhd does not do. */
+/* Build flags that Vulkan defines and bvhd does not implement. */
 static const struct {
     uint32_t bit;
     const char *name;
@@ -40,7 +40,7 @@ enum {
     FOREIGN_FLAGS = 0x17e0,
 };
 
-/* Types that Vulkan defines and bvhd does not do. */
+/* Structure and geometry types that Vulkan defines and bvhd does not implement. */
 enum {
     STRUCTURE_OPACITY_MICROMAP = 1000623000,
     GEOMETRY_SPHERES = 1000429004,
@@ -94,7 +94,10 @@ static enum bvhd_status check_mode(const struct build_input *input, uint32_t ind
     return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "this version does not update structures");
 }
 
-/* Bytes that decide nothing would give equal structures different keys. */
+/*
+ * Refuses a device where it has no effect, because bytes that decide nothing would give equal structures different
+ * keys.
+ */
 static enum bvhd_status check_device(const struct layout *layout, const struct device_format *device, const char *where,
                                      struct bvhd_error *error)
 {
@@ -227,7 +230,10 @@ static enum bvhd_status check_triangle_range(const struct subject *subject, cons
     return BVHD_OK;
 }
 
-/* Vertices behind indices are looked at when the indices are known. */
+/*
+ * Checks that the memory of a geometry is there. Vertices that are named by indices are checked once the indices are
+ * known.
+ */
 static enum bvhd_status check_triangle_memory(const struct subject *subject, const struct vertex_format *format)
 {
     const struct geometry_triangles *triangles = &subject->geometry->triangles;
@@ -299,7 +305,7 @@ static enum bvhd_status check_instances(const struct subject *subject)
     return BVHD_OK;
 }
 
-/* Adds the geometry's primitives to *total. */
+/* Checks the limit, and adds the geometry's primitives to *total. */
 static enum bvhd_status check_primitive_count(const struct subject *subject, const struct limits *limits,
                                               uint64_t *total)
 {
@@ -308,7 +314,8 @@ static enum bvhd_status check_primitive_count(const struct subject *subject, con
     uint64_t asked = instances ? limits->max_instances : limits->max_primitives;
     uint64_t format_most = instances ? LIMIT_MAX_INSTANCES : LIMIT_MAX_PRIMITIVES;
     uint64_t most = asked < format_most ? asked : format_most;
-    *total += subject->geometry->range.primitive_count; /* at most 2^24 geometries of less than 2^32 */
+    /* This cannot overflow: there are at most 2^24 geometries of less than 2^32 primitives. */
+    *total += subject->geometry->range.primitive_count;
     if (*total <= most)
         return BVHD_OK;
     enum bvhd_vuid vuid = instances ? BVHD_VUID_03801 : triangles ? BVHD_VUID_03795 : BVHD_VUID_03794;
@@ -316,7 +323,7 @@ static enum bvhd_status check_primitive_count(const struct subject *subject, con
                            "%" PRIu64 " primitives up to here, at most %" PRIu64, *total, most);
 }
 
-/* What a geometry is, and how much of it. */
+/* Checks what a geometry is, and how much of it there is. */
 static enum bvhd_status check_shape(const struct subject *subject, const struct build_input *input,
                                     const struct limits *limits, uint64_t *total)
 {
@@ -345,7 +352,7 @@ static enum bvhd_status look_at_cancel(const struct subject *subject, const atom
     return bvhd_error_set(subject->error, BVHD_CANCELLED, place("infos[%u]", subject->info).text, "cancelled");
 }
 
-/* All shapes come before all data, so that what is over a limit is not looked into. */
+/* Checks all shapes before any data, so that the data of a request that exceeds a limit is not examined. */
 static enum bvhd_status check_geometries(const struct build_input *input, uint32_t index, const struct limits *limits,
                                          const atomic_bool *cancel, struct bvhd_error *error)
 {

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * validate.h - Vulkan's valid-usage rules that can be decided from a request alone, each reported by its VUID and
- * place.
+ * validate.h - checks Vulkan's valid-usage rules that can be decided from a request alone, and reports a broken one by
+ * its VUID and place.
  *
- * Three steps, in the order in which things become known: the batch as a whole, one entry's fields (before any of its
- * memory is read), and the contents of the private canonical copy. Places look like
- * "infos[2].geometries[3].triangles.vertexStride", "ranges[2][3].primitiveOffset",
- * "infos[0].geometries[0].instances[17].flags". The first broken rule is reported. Pure functions.
+ * There are three steps, in the order in which things become known: the batch as a whole (validate_batch, in
+ * proto/base), one entry's fields before any of its memory is read, and the contents of the private canonical copy.
+ * Places look like "infos[2].geometries[3].triangles.vertexStride", "ranges[2][3].primitiveOffset" or
+ * "infos[0].geometries[0].instances[17].flags". The first broken rule is reported. The functions have no side effects
+ * and may be called from any thread.
  */
 #ifndef BVHD_VALIDATE_H
 #define BVHD_VALIDATE_H
@@ -21,32 +22,33 @@
 #include "proto/base/validate_batch.h"
 
 /*
- * Rules on the fields of one entry, `index` in its batch: types, flags, modes, options, formats, strides, alignments,
- * counts, presence of memory. Looks at no byte of the geometry's memory. Modes and flags that Vulkan knows and bvhd
- * does not do: BVHD_UNSUPPORTED.
+ * Checks the fields of one entry, `index` in its batch: types, flags, modes, options, formats, strides, alignments,
+ * counts and the presence of memory. Reads no byte of the geometry's memory. Returns BVHD_INVALID with the rule, or
+ * BVHD_UNSUPPORTED for modes and flags that Vulkan knows and bvhd does not implement.
  */
 enum bvhd_status validate_input(const struct build_input *input, uint32_t index, const struct limits *limits,
                                 struct bvhd_error *error);
 
-/* The same, but gives up when *cancel is set: BVHD_CANCELLED. `cancel` may be NULL. */
+/* The same, but returns BVHD_CANCELLED when *cancel is set. `cancel` may be NULL. */
 enum bvhd_status validate_input_until(const struct build_input *input, uint32_t index, const struct limits *limits,
                                       const atomic_bool *cancel, struct bvhd_error *error);
 
 /*
- * Rules on contents: AABB min <= max, invertible matrices and flags of active instances (flags of inactive ones too).
- * Indices are checked while they are fetched (prepare.h). `cancel` may be NULL; BVHD_CANCELLED.
+ * Checks contents: AABB min <= max, invertible matrices of active instances, and the flags of all instances. Indices
+ * are checked while they are fetched (prepare.h). `cancel` may be NULL. Returns BVHD_INVALID with the rule,
+ * BVHD_UNSUPPORTED for flags about opacity micromaps, or BVHD_CANCELLED.
  */
 enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, const atomic_bool *cancel,
                                     struct bvhd_error *error);
 
-/* The same rules as a yes or no, over a run of boxes (six floats each) or canonical instance records. */
+/* True when `count` boxes (six floats each) or canonical instance records keep the same rules. */
 bool validate_boxes(const float *boxes, uint64_t count);
 bool validate_instances(const unsigned char *records, uint64_t count);
 
 /*
- * 3x3 part of a row-major 3x4 matrix is invertible in double precision: its determinant is finite and over 2^-48 of
- * what it would be if no products cancelled. Below that it is rounding, and so would be the rays that are taken to
- * object space.
+ * True when the 3x3 part of a row-major 3x4 matrix is invertible in double precision: its determinant is finite and
+ * larger than 2^-48 of what it would be if no products cancelled. A smaller one is rounding error, and so would be the
+ * rays that are transformed to object space.
  */
 bool validate_invertible(const float matrix[12]);
 

@@ -5,11 +5,14 @@
 #include "proto/base/place.h"
 #include "builder/input/validate.h"
 
-/* Bits 0 to 3 are bvhd's; the next two are about opacity micromaps; the rest does not exist. */
+/*
+ * Bits 0 to 3 are the instance flags that bvhd implements; the next two are about opacity micromaps; the others do not
+ * exist.
+ */
 enum { INSTANCE_MICROMAP_FLAGS = 0x30, INSTANCE_UNKNOWN_FLAGS = 0xc0 };
 enum { RECORD_SIZE = 64, RECORD_FLAGS = 52, RECORD_REFERENCE = 56 };
 
-/* The permanent of the absolute values is what the determinant would be if nothing cancelled. */
+/* The permanent of the absolute values is what the determinant would be if no products cancelled. */
 bool validate_invertible(const float m[12])
 {
     double determinant = 0, permanent = 0;
@@ -23,8 +26,7 @@ bool validate_invertible(const float m[12])
 }
 
 /*
- * Comparisons with NaN are false: an inactive box, whose minimum x is NaN, passes on that axis and is let through on
- * the others.
+ * Comparisons with NaN are false, so an inactive box, whose minimum x is NaN, is valid whatever its other fields are.
  */
 static bool box_is_valid(const float *box)
 {
@@ -70,13 +72,13 @@ static enum bvhd_status report_box(const float *box, struct place where, struct 
                            "%g is over the maximum, %g", (double)box[axis], (double)box[3 + axis]);
 }
 
-/* Whose contents are looked at. */
+/* The geometry whose contents are being checked. */
 struct checking {
     uint32_t info, index;
     const atomic_bool *cancel;
 };
 
-/* At every few thousand primitives. */
+/* Checks the flag every few thousand primitives. */
 static bool is_cancelled(const struct checking *checking, uint32_t primitive)
 {
     return primitive % 8192 == 0 && parallel_cancelled(checking->cancel);

@@ -33,7 +33,10 @@ static inline float from_snorm16(int16_t value)
     return quotient < -1.0f ? -1.0f : quotient;
 }
 
-/* Exact. Denormals go through an integer, so that no denormal float is computed with; the payload of a NaN is kept. */
+/*
+ * Converts exactly, keeping the payload of a NaN. Denormals go through an integer, so that no operation has a denormal
+ * float as its input.
+ */
 static inline float from_half(uint16_t half)
 {
     uint32_t sign = (uint32_t)(half & 0x8000) << 16, magnitude = half & 0x7fff;
@@ -46,13 +49,16 @@ static inline float from_half(uint16_t half)
     return float_of_bits(sign | (magnitude < 0x0400 ? denormal_bits : normal_bits));
 }
 
-/* To the nearest float; processors differ in what becomes of a NaN's payload, so there is one NaN. */
+/* Rounds to the nearest float. Processors differ in what becomes of a NaN's payload, so all NaNs become one. */
 static inline float from_double(double value)
 {
     return value != value ? float_of_bits(UINT32_C(0x7fc00000)) : (float)value;
 }
 
-/* memcpy takes any alignment; the loop over components is unrolled, for their number is constant. */
+/*
+ * Elements may be unaligned, so memcpy reads them. The loop over components is unrolled, because their number is
+ * constant.
+ */
 #define DECODER(name, type, components, convert)                                                                       \
     static void decode_##name(const unsigned char *source, uint64_t stride, uint64_t count, float *ret_positions)      \
     {                                                                                                                  \
@@ -78,7 +84,7 @@ DECODER(R16G16B16A16_UNORM, uint16_t, 3, from_unorm16)
 DECODER(R64G64_SFLOAT, double, 2, from_double)
 DECODER(R64G64B64_SFLOAT, double, 3, from_double)
 
-/* The same but for a fourth component, which is not read. */
+/* These formats differ from others only by a fourth component, which is not read. */
 #define decode_R8G8B8A8_SNORM decode_R8G8B8_SNORM
 #define decode_R16G16B16A16_SNORM decode_R16G16B16_SNORM
 #define decode_R16G16B16A16_SFLOAT decode_R16G16B16_SFLOAT

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vertex_format.h - the VkFormats in which positions may come (row F02), and their decoding to float. */
+/* vertex_format.h - the VkFormats in which positions may be given, and their decoding to float. */
 #ifndef BVHD_VERTEX_FORMAT_H
 #define BVHD_VERTEX_FORMAT_H
 
@@ -12,15 +12,17 @@ struct vertex_format {
     /* strides and offsets are multiples of it: the component size, or the whole element when packed */
     uint32_t alignment;
 
-    /* Decodes `count` elements, `stride` bytes apart from `source` on, to tightly packed xyz; a missing z is 0, a fourth component is
-     * ignored, NaN stays NaN. Reads each byte once. */
+    /*
+     * Decodes `count` elements, which lie `stride` bytes apart from `source` on, to tightly packed xyz. A missing z is
+     * 0, a fourth component is ignored, a NaN stays a NaN. Reads each byte once.
+     */
     void (*decode)(const unsigned char *source, uint64_t stride, uint64_t count, float *ret_positions);
 };
 
-/* NULL when the format is not a vertex format of bvhd. */
+/* Returns NULL when bvhd does not read this format as vertices. */
 const struct vertex_format *vertex_format_find(uint32_t format);
 
-/* All of them, for tests and announcements; *ret_count of them. */
+/* Returns the static table of all *ret_count formats, for tests and for announcing them. */
 const struct vertex_format *vertex_formats(uint32_t *ret_count);
 
 #endif
