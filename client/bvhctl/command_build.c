@@ -10,6 +10,7 @@
 #include "client/bvhctl/base/depfile.h"
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/scene/manifest.h"
+#include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/gpu/probe_source.h"
 
 struct failure {
@@ -370,7 +371,8 @@ static void release(struct run *run)
 static enum bvhd_status find_format(struct run *run, struct bvhd_error *error)
 {
     struct options *options = &run->complete;
-    if (options->build.target == TARGET_PORTABLE)
+    const struct target_reader *reader = target_reader_find(options->build.target);
+    if (reader && !reader->is_native)
         return BVHD_OK;
     struct probe_source source = {options->probe, options->build.target};
     enum bvhd_status status = probe_source_read(&source, &run->notes, &run->format, error);

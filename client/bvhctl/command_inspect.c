@@ -59,20 +59,6 @@ static void write_serialized(struct json *json, const struct serialized_header *
     json_integer(json, "handles", serialized->handle_count);
 }
 
-/* What only one of the targets has. */
-static void write_layout(struct json *json, const struct structure *structure)
-{
-    if (structure->target == TARGET_PORTABLE) {
-        const struct portable_header *header = structure->view.portable.header;
-        json_integer(json, "version", header->version);
-        json_integer(json, "build_flags", header->build_flags);
-        json_integer(json, "vertices", header->vertex_count);
-    } else {
-        json_integer(json, "variant", structure->view.lavapipe.device.variant);
-        json_integer(json, "leaf_offset", structure->view.lavapipe.leaf_offset);
-    }
-}
-
 static void write_header(struct json *json, const struct inspected *inspected)
 {
     const struct structure *structure = inspected->structure;
@@ -80,7 +66,8 @@ static void write_header(struct json *json, const struct inspected *inspected)
     structure_bounds(structure, bounds);
     write_serialized(json, &inspected->serialized);
     json_text(json, "target", layout_find(structure->target)->name);
-    write_layout(json, structure);
+    for (uint32_t i = 0; i < inspected->survey.figure_count; i++)
+        json_integer(json, inspected->survey.figures[i].name, inspected->survey.figures[i].value);
     json_text(json, "content", survey_content_name(structure));
     json_array(json, "bounds");
     for (int i = 0; i < 6; i++)
@@ -102,13 +89,13 @@ static void write_survey(struct json *json, const struct survey *survey)
     json_integer(json, "geometries", survey->geometry_bytes);
     json_integer(json, "padding", survey->other_bytes);
     json_object_end(json);
-    json_number(json, survey->arity == 8 ? "wide_sah" : "binary_sah", survey->sah);
+    json_number(json, survey->arity > 2 ? "wide_sah" : "binary_sah", survey->sah);
     json_integer(json, "unused_nodes", survey->unused_nodes);
     json_integer(json, "unreferred_records", survey->unreferred_records);
     json_integer(json, "inner_children", survey->inner_children);
     json_integer(json, "leaf_children", survey->leaf_children);
     write_counts(json, "nodes_with_children", survey->node_children, 1, survey->arity + 1);
-    write_counts(json, "leaves_with_records", survey->leaf_records, 1, survey->arity == 8 ? PORTABLE_LEAF_MAX + 1 : 2);
+    write_counts(json, "leaves_with_records", survey->leaf_records, 1, survey->leaf_max + 1);
     write_counts(json, "nodes_on_level", survey->level_nodes, 0, survey->depth);
 }
 
@@ -162,42 +149,35 @@ static void print_geometries(const struct structure *structure)
         printf("  and %u geometries more\n", count - GEOMETRY_LINES);
 }
 
-/* Rows in the file; of a native top level some may not be in its tree. */
-static uint32_t records_of(const struct structure *structure)
+/* For layouts with one leaf for each primitive: how many of them the tree refers to, and how often. */
+static void print_leaves(const struct survey *survey, uint64_t leaf_offset)
 {
-    return structure->target == TARGET_PORTABLE ? structure->record_count : structure->primitive_count;
-}
-
-/* How the leaves, one for each primitive, hang in the tree. */
-static void print_leaves(const struct structure *structure, const struct survey *survey)
-{
-    uint64_t referred = records_of(structure) - survey->unreferred_records;
-    printf("  leaves from byte %u of the body on: %llu that no box refers to, %llu references beyond the first; room "
-           "for %llu boxes "
-           "more\n",
-           structure->view.lavapipe.leaf_offset, (unsigned long long)survey->unreferred_records,
+    uint64_t referred = survey->records - survey->unreferred_records;
+    printf("  leaves from byte %llu of the body on: %llu that no box refers to, %llu references beyond the first; room "
+           "for %llu boxes more\n",
+           (unsigned long long)leaf_offset, (unsigned long long)survey->unreferred_records,
            (unsigned long long)(survey->leaf_children - referred), (unsigned long long)survey->unused_nodes);
 }
 
 static void print_tree(const struct structure *structure, const struct survey *survey)
 {
     uint64_t children = survey->inner_children + survey->leaf_children;
-    bool is_eight_wide = survey->arity == 8;
+    const uint64_t *leaf_offset = survey_find_figure(survey, "leaf_offset");
     if (survey->depth == 0) {
         printf("  empty\n");
         return;
     }
     printf("  %u-wide tree: %u levels, %.2f children a node", survey->arity, survey->depth,
            (double)children / (double)survey->nodes);
-    if (is_eight_wide)
+    if (survey->leaf_max > 1)
         printf(", %.2f records a leaf",
                survey->leaf_children ? structure->record_count / (double)survey->leaf_children : 0.0);
     printf(", SAH %.2f\n", survey->sah);
     print_counts("nodes by children", survey->node_children, 1, survey->arity + 1);
-    if (is_eight_wide)
-        print_counts("leaves by records", survey->leaf_records, 1, PORTABLE_LEAF_MAX + 1);
+    if (leaf_offset)
+        print_leaves(survey, *leaf_offset);
     else
-        print_leaves(structure, survey);
+        print_counts("leaves by records", survey->leaf_records, 1, survey->leaf_max + 1);
     print_counts("nodes by level", survey->level_nodes, 0, survey->depth);
 }
 
@@ -212,30 +192,31 @@ static void print_title(const struct inspected *inspected)
 {
     const struct structure *structure = inspected->structure;
     const struct serialized_header *serialized = &inspected->serialized;
-    bool is_portable = structure->target == TARGET_PORTABLE;
+    const struct survey_figure *revision = &inspected->survey.figures[0];
+    const uint64_t *build_flags = survey_find_figure(&inspected->survey, "build_flags");
     char uuid[64];
     inspect_uuid(serialized->compatibility_uuid, uuid);
     add_letters(serialized->compatibility_uuid, uuid);
-    printf("%s: %s level, %s %s %u, %u %s of %u primitives, %llu bytes\n", inspected->path, level_name(structure),
-           layout_find(structure->target)->name, is_portable ? "version" : "variant",
-           is_portable ? structure->view.portable.header->version : structure->view.lavapipe.device.variant,
+    printf("%s: %s level, %s %s %llu, %u %s of %u primitives, %llu bytes\n", inspected->path, level_name(structure),
+           layout_find(structure->target)->name, revision->name, (unsigned long long)revision->value,
            structure->record_count, survey_content_name(structure), structure->primitive_count,
            (unsigned long long)structure->blob.size);
     printf("  compatibility %s, %llu bytes when created, %llu handles", uuid,
            (unsigned long long)serialized->deserialized_size, (unsigned long long)serialized->handle_count);
-    if (is_portable)
-        printf(", build flags 0x%x", structure->view.portable.header->build_flags);
+    if (build_flags)
+        printf(", build flags 0x%llx", (unsigned long long)*build_flags);
     printf("\n");
 }
 
 static void print_sections(const struct structure *structure, const struct survey *survey)
 {
     uint64_t total = structure->blob.size;
+    const uint64_t *vertices = survey_find_figure(survey, "vertices");
     print_section("headers", survey->header_bytes, total, 0);
     print_section("nodes", survey->node_bytes, total, survey->nodes + survey->unused_nodes);
-    print_section("records", survey->record_bytes, total, records_of(structure));
-    if (structure->target == TARGET_PORTABLE) {
-        print_section("vertices", survey->vertex_bytes, total, structure->view.portable.header->vertex_count);
+    print_section("records", survey->record_bytes, total, survey->records);
+    if (vertices) {
+        print_section("vertices", survey->vertex_bytes, total, *vertices);
         print_section("geometries", survey->geometry_bytes, total, structure->geometry_count);
     }
     print_section("padding", survey->other_bytes, total, 0);

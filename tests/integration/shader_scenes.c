@@ -114,7 +114,7 @@ static void trace_directory(struct run *run, const char *name)
     struct bvhd_error error;
     struct structures structures;
     must(structures_open(name, NULL, &run->local.memory, &structures, &error), &error);
-    trace(run, name, &structures.scene);
+    trace(run, name, &structures.scene.portable);
     structures_close(&structures);
 }
 

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "client/bvhctl/oracle/oracle.h"
+#include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/scene/unpack.h"
 
 enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, RAYS_A_PIXEL = 20, CAMERA_RAYS_A_PIXEL = 4 };
@@ -344,7 +345,7 @@ static enum bvhd_status ask_again(struct agreement *agreement, struct questions 
 {
     struct ray rays[AROUND];
     struct oracle_answer answers[AROUND];
-    unpack_follow_inverses(&questions->unpacked);
+    unpack_follow_inverses(&questions->unpacked, target_reader_find(agreement->surfaces->structures->target));
     for (uint32_t i = 0; i < count; i++) {
         const struct agreement_case *one = &agreement->cases[i];
         bool is_settled = false;
@@ -383,7 +384,7 @@ static enum bvhd_status ask(struct agreement *agreement, struct questions *quest
             leave_open(agreement, &agreement->cases[i], &open_count);
     oracle_finish(questions->answers, count, agreement->memory);
     agreement->mismatches += agreement->differing - count;
-    if (structures->target == TARGET_PORTABLE)
+    if (!target_reader_find(structures->target)->is_native)
         return BVHD_OK;
     return ask_again(agreement, questions, affordable_cases(&questions->unpacked, open_count, AROUND), error);
 }

@@ -5,9 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "client/bvhctl/base/files.h"
-#include "proto/base/place.h"
 #include "builder/format/serialized.h"
+#include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/target_reader.h"
+#include "proto/base/place.h"
 
 static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
 {
@@ -183,11 +184,11 @@ static enum bvhd_status read_rows(const struct reading *reading, const struct na
 static enum bvhd_status list_rows(const struct reading *reading, const struct manifest_entry *entry,
                                   const struct structure *top, struct named_row *ret_rows, uint32_t *ret_row_count)
 {
+    bool has_handle_per_row = target_reader_find(top->target)->has_handle_per_row;
     uint64_t highest = 0;
     for (uint32_t i = 0; i < entry->handle_count; i++) {
         uint64_t handle = bytes_get64(top->blob.data + SERIALIZED_HANDLES + UINT64_C(8) * i);
-        bool is_row = handle > 0 && handle <= entry->handle_count &&
-                      (top->target != TARGET_PORTABLE || handle == i + UINT64_C(1));
+        bool is_row = handle > 0 && handle <= entry->handle_count && (!has_handle_per_row || handle == i + UINT64_C(1));
         if (!is_row)
             return corrupt(reading, entry->file, "its handles are not what a build writes");
         ret_rows[i] = (struct named_row){entry->handles[i], (uint32_t)(handle - 1)};
@@ -276,24 +277,6 @@ static enum bvhd_status check_instances(const struct structures *structures, str
     return BVHD_OK;
 }
 
-static void make_scene(struct structures *structures)
-{
-    const struct structure *top = structures_top(structures);
-    bool is_portable = structures->target == TARGET_PORTABLE;
-    for (uint32_t i = 0; i < structures->bottom_count; i++) {
-        const struct structure *bottom = &structures->files[i].structure;
-        bool is_there = bottom->blob.data;
-        structures->portable_bottoms[i] = is_there && is_portable ? &bottom->view.portable : NULL;
-        structures->lavapipe_bottoms[i] = is_there && !is_portable ? &bottom->view.lavapipe : NULL;
-    }
-    if (is_portable)
-        structures->scene =
-            (struct scene){top ? &top->view.portable : NULL, structures->portable_bottoms, structures->bottom_count};
-    else
-        structures->lavapipe = (struct lavapipe_scene){top ? &top->view.lavapipe : NULL, structures->lavapipe_bottoms,
-                                                       structures->bottom_count};
-}
-
 enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error)
 {
     uint32_t count = structures->file_count;
@@ -301,14 +284,19 @@ enum bvhd_status structures_join(struct structures *structures, struct bvhd_erro
     structures->bottom_count = count - structures->has_top;
     structures->target = structures->files[count - 1].structure.target;
     structures->blobs = memory_array(memory, count, sizeof *structures->blobs);
-    structures->portable_bottoms = memory_array(memory, count, sizeof *structures->portable_bottoms);
-    structures->lavapipe_bottoms = memory_array(memory, count, sizeof *structures->lavapipe_bottoms);
-    if (!structures->blobs || !structures->portable_bottoms || !structures->lavapipe_bottoms)
+    if (!structures->blobs || !target_reader_find(structures->target)->make_scene(structures))
         return no_memory("structures", error);
     for (uint32_t i = 0; i < count; i++)
         structures->blobs[i] = structures->files[i].structure.blob;
-    make_scene(structures);
     return check_instances(structures, error);
+}
+
+void structures_separate(struct structures *structures)
+{
+    memory_free(structures->memory, structures->blobs);
+    memory_free(structures->memory, structures->views);
+    structures->blobs = NULL;
+    structures->views = NULL;
 }
 
 static enum bvhd_status open_scene(struct structures *structures, const char *directory, struct manifest *manifest,
@@ -354,9 +342,7 @@ void structures_close(struct structures *structures)
     for (uint32_t i = 0; structures->files && i < structures->file_count; i++)
         structures_close_file(&structures->files[i], structures->memory);
     memory_free(structures->memory, structures->files);
-    memory_free(structures->memory, structures->blobs);
-    memory_free(structures->memory, structures->portable_bottoms);
-    memory_free(structures->memory, structures->lavapipe_bottoms);
+    structures_separate(structures);
     memory_free(structures->memory, structures->name);
     *structures = (struct structures){0};
 }
@@ -365,9 +351,7 @@ bool structures_trace_counted(const struct structures *structures, const struct 
                               const struct traverse_options *options, struct ray_hit *ret_hit,
                               struct traverse_counters *counters)
 {
-    return structures->target == TARGET_PORTABLE
-               ? traverse(&structures->scene, ray, options, ret_hit, counters)
-               : lavapipe_traverse(&structures->lavapipe, ray, options, ret_hit, counters);
+    return target_reader_find(structures->target)->trace(structures, ray, options, ret_hit, counters);
 }
 
 bool structures_trace(const struct structures *structures, const struct ray *ray,
@@ -378,8 +362,5 @@ bool structures_trace(const struct structures *structures, const struct ray *ray
 
 void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
 {
-    if (structures->target == TARGET_PORTABLE)
-        traverse_positions(&structures->scene, hit, ret_corners);
-    else
-        lavapipe_positions(&structures->lavapipe, hit, ret_corners);
+    target_reader_find(structures->target)->corners(structures, hit, ret_corners);
 }

@@ -30,10 +30,11 @@ struct structures {
     uint32_t file_count, bottom_count;
     /* by the same rows: the files' bytes, with handles as written (row + 1); equal data pointers are one structure */
     struct bytes *blobs;
-    struct scene scene; /* portable ones, to traverse; without a top level the scene is one bottom level */
-    struct lavapipe_scene lavapipe; /* lavapipe ones, likewise */
-    const struct portable_view **portable_bottoms; /* what these two lead to */
-    const struct lavapipe_view **lavapipe_bottoms;
+    union {
+        struct scene portable;
+        struct lavapipe_scene lavapipe;
+    } scene; /* by target: what traversal runs over; without a top level it is the one bottom level */
+    void *views; /* the array of views that `scene` points to */
     struct memory *memory;
 };
 
@@ -53,6 +54,9 @@ void structures_close(struct structures *structures);
  * follows. BVHD_CORRUPT when they do not belong together. End with structures_close.
  */
 enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error);
+
+/* Undoes structures_join, so that files may be added or removed before another one. The files stay open. */
+void structures_separate(struct structures *structures);
 
 /* The top level; NULL without one. */
 const struct structure *structures_top(const struct structures *structures);

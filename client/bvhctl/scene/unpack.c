@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "builder/format/lavapipe.h"
+#include "client/bvhctl/scene/target_reader.h"
 
 /* Nine floats for each primitive. */
 static float *unpack_positions(const struct structure *bottom, struct memory *memory)
@@ -130,11 +130,11 @@ static void invert(const float matrix[12], float ret_inverse[12])
         ret_inverse[i] = (float)inverse[i];
 }
 
-void unpack_follow_inverses(struct unpacked *unpacked)
+void unpack_follow_inverses(struct unpacked *unpacked, const struct target_reader *reader)
 {
     for (uint32_t i = 0; i < unpacked->instance_count; i++) {
         float world_to_object[12];
-        lavapipe_invert(unpacked->instances[i].object_to_world, world_to_object);
+        reader->invert(unpacked->instances[i].object_to_world, world_to_object);
         invert(world_to_object, unpacked->instances[i].object_to_world);
     }
 }

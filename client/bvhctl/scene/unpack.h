@@ -9,6 +9,8 @@
 #include "client/bvhctl/oracle/oracle.h"
 #include "client/bvhctl/scene/structures.h"
 
+struct target_reader;
+
 struct unpacked {
     struct oracle_mesh *meshes; /* one for each geometry of each instance */
     uint32_t mesh_count;
@@ -25,10 +27,11 @@ enum bvhd_status unpack_structures(const struct structures *structures, struct m
                                    struct unpacked *ret_unpacked, struct bvhd_error *error);
 
 /*
- * Moves every instance to where lavapipe has it, which takes rays there by an inverse of the matrix that it computes in
- * float (lavapipe_invert). Where there is none the triangles are left without area.
+ * Moves every instance to where the driver of a native target places it: the driver transforms rays by an inverse of
+ * the instance's matrix that it computes in float (reader->invert), and here the matrix becomes the inverse of that
+ * inverse. The triangles of an instance whose matrix has no inverse lose their area.
  */
-void unpack_follow_inverses(struct unpacked *unpacked);
+void unpack_follow_inverses(struct unpacked *unpacked, const struct target_reader *reader);
 
 /* NULL-safe, idempotent. */
 void unpack_finish(struct unpacked *unpacked);

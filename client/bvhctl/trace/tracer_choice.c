@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "client/bvhctl/base/report.h"
+#include "client/bvhctl/scene/target_reader.h"
 
 static enum bvhd_status open_device(const char *name, const struct structures *structures, struct memory *memory,
                                     struct tracer_choice *ret_choice, struct bvhd_error *error)
@@ -11,9 +12,9 @@ static enum bvhd_status open_device(const char *name, const struct structures *s
     struct tracer_choice choice = {0};
     enum bvhd_status status = gpu_open(name, memory, &choice.gpu, error);
     if (!status)
-        status = structures->target == TARGET_PORTABLE
-                     ? tracer_portable_create(choice.gpu, structures, memory, &choice.tracer, error)
-                     : tracer_native_create(choice.gpu, structures, memory, &choice.tracer, error);
+        status = target_reader_find(structures->target)->is_native
+                     ? tracer_native_create(choice.gpu, structures, memory, &choice.tracer, error)
+                     : tracer_portable_create(choice.gpu, structures, memory, &choice.tracer, error);
     if (status)
         tracer_choice_finish(&choice);
     else

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "proto/base/status.h"
+#include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/trace/tracer_device.h"
 #include "client/bvhctl/trace/tracer_scene.h"
 #include "client/bvhctl/trace/tracer_top.h"
@@ -60,7 +60,7 @@ static enum bvhd_status open(struct tracer_native *self, const struct structures
 enum bvhd_status tracer_native_create(struct gpu *gpu, const struct structures *structures, struct memory *memory,
                                       struct tracer **ret_tracer, struct bvhd_error *error)
 {
-    if (structures->target == TARGET_PORTABLE)
+    if (!target_reader_find(structures->target)->is_native)
         return bvhd_error_set(error, BVHD_INCOMPATIBLE, structures->name,
                               "portable structures are traced by compute shaders, not natively");
     if (!gpu->properties.has_ray_query)

@@ -7,6 +7,7 @@
 #include "client/bvhctl/picture/agreement.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "tests/support/client/bvhctl/test_world.h"
+#include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/scene/unpack.h"
 
 enum { RAYS = 4000, FEW_PIXELS = 1 };
@@ -366,7 +367,7 @@ static void displace(bool is_other_side, float ret_matrix[12])
     struct structure_instance instance;
     struct unpacked unpacked = {.instances = &instance, .instance_count = 1};
     memcpy(instance.object_to_world, sheared, sizeof sheared);
-    unpack_follow_inverses(&unpacked);
+    unpack_follow_inverses(&unpacked, target_reader_find(TARGET_LAVAPIPE));
     for (int i = 0; i < 12; i++)
         ret_matrix[i] = is_other_side ? 2 * sheared[i] - instance.object_to_world[i] : instance.object_to_world[i];
 }

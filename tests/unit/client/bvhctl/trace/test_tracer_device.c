@@ -210,7 +210,7 @@ static void portable_structures_by_shader(void **state)
     struct tracer *tracer = NULL;
     struct bvhd_error error;
     test_world_init(&world, 1);
-    try_all(tracer_portable_create, &world, &world.structures.scene);
+    try_all(tracer_portable_create, &world, &world.structures.scene.portable);
     assert_int_equal(tracer_native_create(gpu, &world.structures, &memory, &tracer, &error), BVHD_INCOMPATIBLE);
     assert_null(tracer);
     test_world_finish(&world);
@@ -227,7 +227,7 @@ static void portable_structures_in_one_binding(void **state)
     test_world_init(&world, 1);
     gpu->properties.has_buffer_address = false;
     tracer = create(tracer_portable_create, &world.structures);
-    compare(tracer, &world.structures.scene);
+    compare(tracer, &world.structures.scene.portable);
     tracer_destroy(tracer);
     tracer = NULL;
     gpu->properties.max_storage_range = 1000;
@@ -251,7 +251,7 @@ static void portable_structures_by_closest_kernels(void **state)
         struct tracer *tracer = create(tracer_portable_create, &world.structures);
         for (int way = TRACER_WAY_TOGETHER; way <= TRACER_WAY_REFILL; way++) {
             tracer_portable_set_way(tracer, (enum tracer_way)way);
-            compare(tracer, &world.structures.scene);
+            compare(tracer, &world.structures.scene.portable);
         }
         tracer_destroy(tracer);
     }
@@ -269,7 +269,7 @@ static void native_structures_by_ray_queries(void **state)
         skip();
     test_world_init_for(&world, 1, &format);
     test_world_init(&portable, 1);
-    try_all(tracer_native_create, &world, &portable.structures.scene);
+    try_all(tracer_native_create, &world, &portable.structures.scene.portable);
     assert_int_equal(tracer_portable_create(gpu, &world.structures, &memory, &tracer, NULL), BVHD_INCOMPATIBLE);
     assert_null(tracer);
     test_world_finish(&portable);

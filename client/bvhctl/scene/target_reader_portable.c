@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/scene/target_reader.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "builder/format/portable_records.h"
+#include "client/bvhctl/scene/structures.h"
+#include "client/bvhctl/scene/survey.h"
+
+static const struct {
+    enum structure_content content;
+    const char *name;
+} contents[] = {
+    [PORTABLE_INDEXED_TRIANGLES] = {CONTENT_TRIANGLES, "indexed triangles"},
+    [PORTABLE_TRIANGLES] = {CONTENT_TRIANGLES, "triangles"},
+    [PORTABLE_AABBS] = {CONTENT_AABBS, "AABBs"},
+    [PORTABLE_INSTANCES] = {CONTENT_INSTANCES, "instances"},
+};
+
+static enum bvhd_status open_structure(struct structure *structure, struct bvhd_error *error)
+{
+    struct portable_view *view = &structure->view.portable;
+    enum bvhd_status status = portable_open(structure->blob, structure->memory, view, error);
+    if (status)
+        return status;
+    const struct portable_header *header = view->header;
+    structure->content = contents[header->content].content;
+    structure->primitive_count = header->primitive_count;
+    structure->record_count = header->record_count;
+    structure->geometries =
+        memory_array(structure->memory, (uint64_t)header->geometry_count + 1, sizeof *structure->geometries);
+    if (!structure->geometries)
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "geometries", "no memory for them");
+    for (uint32_t i = 0; i < header->geometry_count; i++) {
+        const struct portable_geometry *row = &view->geometries[i];
+        structure->geometries[i] =
+            (struct structure_geometry){i, row->flags, row->first_primitive, row->primitive_count};
+    }
+    structure->geometry_count = header->geometry_count;
+    return BVHD_OK;
+}
+
+static void get_bounds(const struct structure *structure, float ret_bounds[6])
+{
+    const struct portable_header *header = structure->view.portable.header;
+    memset(ret_bounds, 0, 6 * sizeof *ret_bounds);
+    if (header->node_count)
+        memcpy(ret_bounds, header->bounds, sizeof header->bounds);
+}
+
+static void get_triangle(const struct structure *structure, uint32_t row, float ret_corners[3][3],
+                         uint32_t *ret_primitive)
+{
+    const struct portable_view *view = &structure->view.portable;
+    if (view->header->content == PORTABLE_TRIANGLES) {
+        const struct portable_triangle *record = (const struct portable_triangle *)view->records + row;
+        memcpy(ret_corners[0], record->v0, sizeof record->v0);
+        memcpy(ret_corners[1], record->v1, sizeof record->v1);
+        memcpy(ret_corners[2], record->v2, sizeof record->v2);
+        *ret_primitive = record->id & PORTABLE_ID_MASK;
+        return;
+    }
+    const struct portable_indexed_triangle *record = (const struct portable_indexed_triangle *)view->records + row;
+    for (int i = 0; i < 3; i++)
+        memcpy(ret_corners[i], view->vertices + UINT64_C(3) * record->vertices[i], sizeof ret_corners[i]);
+    *ret_primitive = record->id & PORTABLE_ID_MASK;
+}
+
+static struct structure_instance get_instance(const struct structure *structure, uint32_t row)
+{
+    const struct portable_instance *record = (const struct portable_instance *)structure->view.portable.records + row;
+    struct structure_instance instance = {.instance = record->instance, .bottom = record->handle};
+    memcpy(instance.object_to_world, record->object_to_world, sizeof instance.object_to_world);
+    return instance;
+}
+
+static const char *content_name(const struct structure *structure)
+{
+    return contents[structure->view.portable.header->content].name;
+}
+
+/* ---- the survey ---- */
+
+static void count_bytes(const struct portable_view *view, uint64_t blob_size, struct survey *survey)
+{
+    const struct portable_header *header = view->header;
+    survey->node_bytes = header->node_count * (uint64_t)sizeof(struct portable_node);
+    survey->record_bytes =
+        header->record_count * (uint64_t)portable_record_size((enum portable_content)header->content);
+    survey->vertex_bytes = header->vertex_count * UINT64_C(12);
+    survey->geometry_bytes = header->geometry_count * (uint64_t)sizeof(struct portable_geometry);
+    survey->header_bytes = blob_size - header->body_size + sizeof *header;
+    survey->other_bytes = blob_size - survey->header_bytes - survey->node_bytes - survey->record_bytes -
+                          survey->vertex_bytes - survey->geometry_bytes;
+}
+
+static double slot_half_area(const struct portable_node *node, unsigned slot)
+{
+    double side[3];
+    for (int axis = 0; axis < 3; axis++) {
+        double scale = node->exponent[axis] ? ldexp(1, node->exponent[axis] - 127) : 0;
+        side[axis] = (node->hi[axis][slot] - node->lo[axis][slot]) * scale;
+    }
+    return side[0] * side[1] + side[1] * side[2] + side[2] * side[0];
+}
+
+/* Returns the number of records in a leaf slot, which `meta` has in unary. */
+static unsigned leaf_count(uint8_t meta)
+{
+    return (unsigned)__builtin_popcount(meta >> 5);
+}
+
+/* Counts node `index`. Parents come before their children in the file, so the level of a node is known by then. */
+static void count_node(const struct portable_view *view, uint32_t index, uint8_t *levels, struct survey *survey)
+{
+    const struct portable_node *node = &view->nodes[index];
+    unsigned children = 0, inner = 0;
+    survey->level_nodes[levels[index]]++;
+    for (unsigned slot = 0; slot < 8; slot++) {
+        if (node->meta[slot] == 0)
+            continue;
+        bool is_inner = node->inner_mask >> slot & 1;
+        children++;
+        survey->sah += slot_half_area(node, slot) * (is_inner ? 1 : leaf_count(node->meta[slot]));
+        if (is_inner)
+            levels[node->first_child + inner++] = levels[index] + 1;
+        else
+            survey->leaf_records[leaf_count(node->meta[slot])]++;
+    }
+    survey->inner_children += inner;
+    survey->leaf_children += children - inner;
+    survey->node_children[children]++;
+}
+
+static enum bvhd_status take_survey(const struct structure *structure, struct memory *memory, struct survey *survey)
+{
+    const struct portable_view *view = &structure->view.portable;
+    const struct portable_header *header = view->header;
+    survey->arity = 8;
+    survey->leaf_max = PORTABLE_LEAF_MAX;
+    survey->depth = header->depth;
+    survey->nodes = header->node_count;
+    survey->records = header->record_count;
+    survey_add_figure(survey, "version", header->version);
+    survey_add_figure(survey, "build_flags", header->build_flags);
+    survey_add_figure(survey, "vertices", header->vertex_count);
+    count_bytes(view, structure->blob.size, survey);
+    if (header->node_count == 0)
+        return BVHD_OK;
+    uint8_t *levels = memory_alloc(memory, header->node_count);
+    if (!levels)
+        return BVHD_NO_MEMORY;
+    levels[0] = 0;
+    for (uint32_t i = 0; i < header->node_count; i++)
+        count_node(view, i, levels, survey);
+    memory_free(memory, levels);
+    struct box bounds;
+    memcpy(&bounds, header->bounds, sizeof bounds);
+    survey->sah = survey->sah / box_half_area(&bounds) + 1;
+    return BVHD_OK;
+}
+
+/* ---- tracing ---- */
+
+static bool make_scene(struct structures *structures)
+{
+    const struct structure *top = structures_top(structures);
+    const struct portable_view **bottoms =
+        memory_array(structures->memory, (uint64_t)structures->bottom_count + 1, sizeof *bottoms);
+    if (!bottoms)
+        return false;
+    for (uint32_t i = 0; i < structures->bottom_count; i++) {
+        const struct structure *bottom = &structures->files[i].structure;
+        bottoms[i] = bottom->blob.data ? &bottom->view.portable : NULL;
+    }
+    structures->views = bottoms;
+    structures->scene.portable = (struct scene){top ? &top->view.portable : NULL, bottoms, structures->bottom_count};
+    return true;
+}
+
+static bool trace(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
+                  struct ray_hit *ret_hit, struct traverse_counters *counters)
+{
+    return traverse(&structures->scene.portable, ray, options, ret_hit, counters);
+}
+
+static void get_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
+{
+    traverse_positions(&structures->scene.portable, hit, ret_corners);
+}
+
+const struct target_reader target_reader_portable = {
+    .target = TARGET_PORTABLE,
+    .driver_uuid = portable_driver_uuid,
+    .has_handle_per_row = true,
+    .open = open_structure,
+    .bounds = get_bounds,
+    .triangle = get_triangle,
+    .instance = get_instance,
+    .content_name = content_name,
+    .survey = take_survey,
+    .make_scene = make_scene,
+    .trace = trace,
+    .corners = get_corners,
+};
