@@ -4,11 +4,10 @@
  * primitive that can be hit.
  *
  * Inactive primitives get no ref: a triangle or an AABB with a NaN in any component, an instance without a reference or
- * with a NaN in its transform (Vulkan specification, Inactive Primitives and Instances; a NaN beyond the components
- * named there counts as inactive too). Unless the build says ALLOW_UPDATE, these get none either, because no ray can
- * meet them: degenerate primitives (triangles of zero area, instances of an empty structure; Vulkan specification,
- * Degenerate Primitives and Instances), triangles with infinite corners, and instances with an infinite transform.
- * AABBs that are points stay. Infinite coordinates that are kept are clamped to the largest float.
+ * with a NaN in its transform (Vulkan specification, Inactive Primitives and Instances; it names fewer components).
+ * Unless the build says ALLOW_UPDATE, these get none either, because no ray can meet them: degenerate primitives
+ * (triangles of zero area, instances of an empty structure), triangles with infinite corners, and instances with an
+ * infinite transform. AABBs that are points stay. Infinite coordinates that are kept are clamped to the largest float.
  *
  * Boxes of triangles and AABBs are exact. The box of an instance is the box of its reference's bounds under the
  * transform, cut to the transformed slabs (outline.h), computed in double and rounded outward; for an empty structure

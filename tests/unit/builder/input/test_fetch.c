@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Random descriptions, right and wrong ones, of memory that ends where a page without access begins: nothing outside
- * may be read, and what is accepted must be what an independent reading of the same fields gives.
+ * test_fetch.c - tests, with random valid and invalid descriptions, that no byte outside of the given memory is read,
+ * and that accepted copies have the right contents.
+ *
+ * The memory ends where a page without access starts. The expected contents are read independently from the same
+ * fields.
  */
 #include "tests/support/unit.h"
 
@@ -37,7 +40,7 @@ static uint64_t below(struct random *random, uint64_t limit)
     return random_next(random) % limit;
 }
 
-/* A part of the pages that begins or ends at their border, sometimes NULL. */
+/* Returns a range of the pages that starts or ends at their border, sometimes NULL. */
 static struct bytes some_bytes(struct random *random)
 {
     uint64_t size = below(random, below(random, 2) ? 200 : data_size);
@@ -51,7 +54,7 @@ static struct bytes some_bytes(struct random *random)
     }
 }
 
-/* Mostly small and aligned, sometimes anything. */
+/* Returns mostly small and aligned numbers, sometimes any number. */
 static uint32_t some_number(struct random *random, uint32_t alignment, uint32_t most)
 {
     static const uint32_t edges[] = {0, 1, 3, 0x7fffffff, 0x80000000, UINT32_MAX - 15, UINT32_MAX};
@@ -60,7 +63,10 @@ static uint32_t some_number(struct random *random, uint32_t alignment, uint32_t 
     return (uint32_t)below(random, most) * alignment;
 }
 
-/* Floats and then indices; or floats that grow, with few exceptions, so that boxes are in order wherever they begin. */
+/*
+ * Fills the pages with floats followed by indices; or with floats that grow, with few exceptions, so that boxes have
+ * min <= max wherever they start.
+ */
 static void fill(struct random *random, bool growing)
 {
     uint32_t mask = (uint32_t)below(random, 4) ? 15 : UINT32_MAX;
@@ -115,7 +121,7 @@ static uint32_t index_at(const struct geometry *geometry, uint64_t k)
     return geometry->triangles.index_type == INDEX_UINT16 ? bytes_get16(at + 2 * k) : bytes_get32(at + 4 * k);
 }
 
-/* Corner k, read as the specification says, one at a time. */
+/* Reads corner k as the specification says, one at a time. */
 static void corner_of(const struct geometry *geometry, uint64_t k, float ret_corner[3])
 {
     const struct geometry_triangles *triangles = &geometry->triangles;
@@ -165,7 +171,7 @@ static void compare_boxes(const struct geometry *geometry, const struct canonica
     }
 }
 
-/* How many were accepted and had primitives. */
+/* Returns how many inputs were accepted and had primitives. */
 static unsigned try_many(struct random *random, unsigned rounds, struct geometry (*make)(struct random *),
                          void (*compare)(const struct geometry *, const struct canonical_geometry *))
 {

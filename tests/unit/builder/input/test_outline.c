@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Slabs hold what they are of, and so do the boxes that are cut by them; checked in long double. */
+/*
+ * test_outline.c - tests that slabs contain their structure, and instance boxes cut to them contain the instances;
+ * checked in long double.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -14,7 +17,7 @@
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
 static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
 
-/* As slabs.h has them. */
+/* The directions of slabs.h. */
 static const int directions[SLABS_COUNT][3] = {{1, 1, 0},  {0, 1, 1},  {1, 0, 1},  {1, -1, 0}, {0, 1, -1},
                                                {-1, 0, 1}, {1, 1, -1}, {-1, 1, 1}, {1, -1, 1}, {1, 1, 1}};
 
@@ -52,7 +55,10 @@ static long double along(const int direction[3], const float point[3])
            (long double)direction[2] * point[2];
 }
 
-/* Between some hundred orders of magnitude, on any side of the origin, and sometimes flat. */
+/*
+ * Makes points whose magnitudes span over a hundred binary orders, on any side of the origin; the points are sometimes
+ * flat along an axis.
+ */
 static void random_points(struct random *random, float *ret_positions, uint32_t count)
 {
     double centre[3], size[3];
@@ -90,7 +96,7 @@ static void slabs_hold_all_vertices(void **state)
     }
 }
 
-/* What nothing can be said of. */
+/* Slabs stay unknown when there is nothing, or when values overflow. */
 static void what_does_not_fit_is_not_known(void **state)
 {
     (void)state;
@@ -103,7 +109,7 @@ static void what_does_not_fit_is_not_known(void **state)
     positions[9] = INFINITY;
     other = find_of(positions, 4);
     assert_memory_equal(&other, &none, sizeof none);
-    positions[9] = positions[10] = positions[11] = NAN; /* no triangle of that corner can be hit */
+    positions[9] = positions[10] = positions[11] = NAN; /* no triangle with this corner can be hit */
     other = find_of(positions, 4);
     assert_memory_equal(&other, &slabs, sizeof slabs);
     for (int i = 0; i < 9; i++)
@@ -117,7 +123,7 @@ static void what_does_not_fit_is_not_known(void **state)
     assert_memory_equal(&other, &none, sizeof none);
 }
 
-/* A box has eight corners. */
+/* The slabs of a box are those of its eight corners. */
 static void slabs_of_boxes_are_those_of_their_corners(void **state)
 {
     (void)state;
@@ -148,7 +154,7 @@ static void slabs_of_boxes_are_those_of_their_corners(void **state)
     }
 }
 
-/* Many geometries, some of them empty, shared out to any number of threads. */
+/* Many geometries, some of them empty, are divided among any number of threads. */
 static void threads_do_not_matter(void **state)
 {
     (void)state;
@@ -189,7 +195,7 @@ struct top {
     struct canonical canonical;
 };
 
-/* The box of an instance, as builders see it. */
+/* Returns the box of an instance as the builders get it. */
 static struct box box_of(struct top *top, const float matrix[12], const struct box *bounds, const struct slabs *slabs)
 {
     memset(top, 0, sizeof *top);
@@ -209,7 +215,7 @@ static struct box box_of(struct top *top, const float matrix[12], const struct b
     return primitive_box(&top->canonical, &top->geometry, 0);
 }
 
-/* Turned, sheared, mirrored, flat, and along the axes. */
+/* Makes a rotating, shearing, mirroring or flattening matrix, or one along the axes. */
 static void random_matrix(struct random *random, float ret_matrix[12])
 {
     for (int k = 0; k < 12; k++) {
@@ -217,7 +223,7 @@ static void random_matrix(struct random *random, float ret_matrix[12])
         ret_matrix[k] = random_next(random) % 5 ? (float)(random_between(random, -1, 1) * size) : k % 2 ? 0.0f : -0.0f;
     }
     for (int k = 0; k < 12; k += 4)
-        if (random_next(random) % 4 == 0) /* along one of the directions */
+        if (random_next(random) % 4 == 0) /* along one of the slabs' directions */
             for (int axis = 0; axis < 3; axis++)
                 ret_matrix[k + axis] = (float)((int)(random_next(random) % 3) - 1) * fabsf(ret_matrix[k]);
 }
@@ -256,7 +262,7 @@ static float clamped(double value)
     return value > FLT_MAX ? FLT_MAX : value < -FLT_MAX ? -FLT_MAX : (float)value;
 }
 
-/* Denormals, and what is moved beyond the largest float, which is where boxes end. */
+/* Instance boxes hold for denormals, and for points beyond the largest float, to which boxes are clamped. */
 static void boxes_hold_at_any_magnitude(void **state)
 {
     (void)state;
@@ -284,7 +290,7 @@ static void boxes_hold_at_any_magnitude(void **state)
     }
 }
 
-/* An octahedron fills a sixth of its bounds; turned by 45 degrees its box is half as wide as theirs. */
+/* An octahedron fills a sixth of its bounds; rotated by 45 degrees its box is half as wide as that of its bounds. */
 static void boxes_of_turned_instances_are_small(void **state)
 {
     (void)state;
@@ -300,7 +306,7 @@ static void boxes_of_turned_instances_are_small(void **state)
     assert_true(box.min[2] >= 5.9999f && box.max[2] <= 8.0001f);
 }
 
-/* Whoever describes a reference may be wrong: the answer is then, too, but not the build. */
+/* A caller may describe a reference wrongly: the result is then wrong, but the boxes stay valid. */
 static void contradictions_leave_a_box(void **state)
 {
     (void)state;
@@ -354,14 +360,14 @@ static uint64_t build_forest(const struct slabs *slabs, enum target target, unsi
     assert_int_equal(prepare(&input, 0, &limits, &context, &canonical, NULL), BVHD_OK);
     assert_int_equal(build(&canonical, &input.options, &context, ret_blob, &stats, NULL), BVHD_OK);
     prepare_finish(&canonical, &memory);
-    assert_false(slabs_are_known(&stats.slabs)); /* nobody names a top level */
+    assert_false(slabs_are_known(&stats.slabs)); /* no instance can name a top level */
     *ret_sah = stats.sah;
     return stats.sizes.total;
 }
 
 /*
- * A bottom level's build says what they are; portable top levels are better for it, native ones need the driver's boxes
- * and stay as they are.
+ * The build of a bottom level returns its slabs. They make portable top levels better; native ones do not change,
+ * because the driver needs its own boxes.
  */
 static void builds_find_and_use_slabs(void **state)
 {

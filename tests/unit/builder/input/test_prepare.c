@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_prepare.c - tests that equal requests give equal canonical bytes, that contents are checked, and that limits and
+ * failures are reported.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -43,7 +47,7 @@ static void finish(struct canonical *canonical)
     assert_int_equal(memory.live, 0);
 }
 
-/* Both give the same bytes, or not. */
+/* Checks whether both inputs give the same bytes. */
 static void compare(const struct test_input *a, const struct test_input *b, bool equal)
 {
     struct canonical first = make(a), second = make(b);
@@ -91,8 +95,8 @@ static void boxes_are_copied(void **state)
     struct test_input test;
     float wide[INPUTS_BOXES][8];
     inputs_aabbs(&test);
-    test.boxes[1][4] = NAN; /* makes that box inactive */
-    test.boxes[1][3] = -3; /* so that this does not matter */
+    test.boxes[1][4] = NAN; /* makes the box inactive */
+    test.boxes[1][3] = -3; /* would be invalid in an active box */
     struct canonical canonical = make(&test);
     const float *boxes = canonical.geometries[0].boxes;
     assert_memory_equal(boxes, test.boxes[0], 24);
@@ -115,7 +119,7 @@ static void boxes_are_copied(void **state)
     finish(&canonical);
 }
 
-/* Strides, offsets, first vertices, maxVertex and index widths do not count. */
+/* Strides, offsets, first vertices, maxVertex and index widths do not change the bytes. */
 static void layout_of_input_does_not_count(void **state)
 {
     (void)state;
@@ -151,7 +155,7 @@ static void layout_of_input_does_not_count(void **state)
         }
 }
 
-/* Indices that start anywhere in a large array take along no more than the span of vertices that they use. */
+/* Indices that start anywhere in a large array keep only the span of vertices that they use. */
 static void only_the_span_in_use_is_kept(void **state)
 {
     (void)state;
@@ -175,14 +179,14 @@ static void only_the_span_in_use_is_kept(void **state)
     other.geometries[0].range.primitive_offset = 0;
     compare(&test, &other, true);
 
-    /* What an update compares tells them apart. */
+    /* Fields that updates compare make them different. */
     test.input.flags |= BUILD_ALLOW_UPDATE;
     other.input.flags |= BUILD_ALLOW_UPDATE;
     test.geometries[0].triangles.max_vertex = triangles->max_vertex;
     compare(&test, &other, false);
 }
 
-/* Positions that several formats can say, said in each of them. */
+/* Positions that several formats can express give the same bytes in each of them. */
 static void formats_of_equal_value_do_not_count(void **state)
 {
     (void)state;
@@ -285,7 +289,7 @@ static void what_counts_changes_the_bytes(void **state)
         DIFFERS(false, other.input.geometry_count--);
         DIFFERS(false, other.transform[7] += 1);
         DIFFERS(false, other.vertices[5][1] = -0.0f);
-        /* what only an update compares */
+        /* fields that only updates compare */
         DIFFERS(!update, other.geometries[0].triangles.max_vertex++);
         DIFFERS(!update, other.geometries[1].triangles.transform = (struct bytes){(const unsigned char *)identity, 64};
                 other.geometries[1].range.transform_offset = 16);
@@ -355,7 +359,8 @@ static void contents_are_checked(void **state)
         finish(&canonical);
     }
     inputs_instances(&test);
-    memset(test.records[1], 0xff, 48); /* the transform of an inactive instance is nobody's business */
+    /* The transform of an inactive instance is not checked. */
+    memset(test.records[1], 0xff, 48);
     struct canonical canonical = make(&test);
     finish(&canonical);
 }

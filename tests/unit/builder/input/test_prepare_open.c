@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Canonical bytes from elsewhere. Each block lies at the end of a page with none behind, so that a read outside ends
- * the test.
+ * test_prepare_open.c - tests that canonical bytes from elsewhere open only when prepare could have written them. Each
+ * block lies at the end of a page that is followed by one without access, so a read outside ends the test.
  */
 #include "tests/support/unit.h"
 
@@ -24,10 +24,10 @@ static void inputs_updatable(struct test_input *test)
 {
     inputs_triangles(test);
     test->input.flags = BUILD_ALLOW_UPDATE;
-    test->geometries[0].range.primitive_count = 1; /* so that its indices need padding */
+    test->geometries[0].range.primitive_count = 1; /* so that the indices need padding */
 }
 
-/* References with slabs. */
+/* Instances whose references have slabs. */
 static void inputs_outlined(struct test_input *test)
 {
     inputs_instances(test);
@@ -52,7 +52,7 @@ static int tear_down(void **state)
     return munmap(pages, 2 * page);
 }
 
-/* A block as prepare writes it; returns its size. */
+/* Writes a block by prepare, and returns its size. */
 static uint64_t write_block(int kind, unsigned char *ret_block)
 {
     struct test_input test;
@@ -75,7 +75,7 @@ static enum bvhd_status open_block(const unsigned char *block, uint64_t size, st
     return prepare_open((struct bytes){place, size}, &memory, ret_view, error);
 }
 
-/* Everything that a view promises to those who read it. */
+/* Checks everything that a view promises to its readers. */
 static void walk(const struct canonical *view)
 {
     const unsigned char *end = view->bytes + view->size;
@@ -102,7 +102,7 @@ static void walk(const struct canonical *view)
     assert_int_equal(view->vertex_count, vertices);
 }
 
-/* Opens what may be anything; whatever is accepted must be readable. */
+/* Opens arbitrary bytes; what is accepted must be readable. */
 static bool opens(const unsigned char *block, uint64_t size)
 {
     struct canonical view;
@@ -167,12 +167,12 @@ static void every_truncation_is_refused(void **state)
             assert_false(opens(block, shorter));
         assert_false(opens(block, size + 1));
         assert_false(opens(block, size + 16));
-        memcpy(block + 32, &(uint64_t){size + 16}, 8); /* the header agrees with what is too much */
+        memcpy(block + 32, &(uint64_t){size + 16}, 8); /* the header agrees with the excess bytes */
         assert_false(opens(block, size + 16));
     }
 }
 
-/* In the header and the rows no byte is free, but for flags and what an update compares. */
+/* Every byte of the header and the rows is checked, except flags and the fields that updates compare. */
 static void every_byte_of_the_tables_counts(void **state)
 {
     (void)state;
@@ -228,7 +228,8 @@ static void places_are_named(void **state)
     reason(0, 64 + 64 + 16, 5, BVHD_CORRUPT, "geometries[1].dataOffset");
     reason(0, 64 + 24, 5, BVHD_CORRUPT, "geometries[0].indexOffset");
     reason(0, 64 + 36, 1, BVHD_CORRUPT, "geometries[0].update");
-    reason(0, 192, 9, BVHD_CORRUPT, "geometries[0].vertexCount"); /* an index */
+    /* an index */
+    reason(0, 192, 9, BVHD_CORRUPT, "geometries[0].vertexCount");
     reason(1, 192 + 12, 1, BVHD_CORRUPT, "geometries[0].padding");
     reason(2, 128, 0x7f000000, BVHD_INVALID, "infos[0].geometries[0].aabbs[0].minX");
     reason(2, 128 + 24 + 4, 0x7fc00000, BVHD_CORRUPT, "geometries[0].boxes");
@@ -237,12 +238,15 @@ static void places_are_named(void **state)
     reason(3, 128 + 128 + 56, 1, BVHD_CORRUPT, "referenceCount");
     reason(3, 128 + 256, 3, BVHD_CORRUPT, "references[0]");
     reason(3, 128 + 256 + 40, 0x7f800000, BVHD_CORRUPT, "references[0]");
-    reason(3, 128 + 256 + 64, 0x80000000, BVHD_CORRUPT, "references[0]"); /* not known, but not as it is written */
-    reason(3, 128 + 256 + 64, 0x3f800000, BVHD_CORRUPT, "references[0]"); /* above the maximum */
+    /* unknown, but not in the form that prepare writes */
+    reason(3, 128 + 256 + 64, 0x80000000, BVHD_CORRUPT, "references[0]");
+    /* above the maximum */
+    reason(3, 128 + 256 + 64, 0x3f800000, BVHD_CORRUPT, "references[0]");
     reason(3, 128 + 256 + 144 + 104, 0xbf800000, BVHD_CORRUPT, "references[1]");
     reason(4, 128 + 256 + 64, 0xff800000, BVHD_CORRUPT, "references[0]");
     reason(4, 128 + 256 + 140, 0x7fc00000, BVHD_CORRUPT, "references[0]");
-    reason(4, 128 + 256 + 40, 0x7f7fffff, BVHD_CORRUPT, "references[0]"); /* bounds that are empty in another way */
+    /* empty bounds, but not in the form that prepare writes */
+    reason(4, 128 + 256 + 40, 0x7f7fffff, BVHD_CORRUPT, "references[0]");
 }
 
 static void random_flips_are_survived(void **state)

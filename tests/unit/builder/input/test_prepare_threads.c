@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What goes on at the same time: chunks on several threads, and a caller that writes to what is read. */
+/*
+ * test_prepare_threads.c - tests that prepare gives the same bytes on any number of threads, and stays safe when the
+ * caller writes to the memory meanwhile.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -14,7 +17,7 @@
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
 static const struct build_context serial = {.memory = &memory, .parallel = &parallel_serial};
 
-/* A mesh of several chunks, with a count that none of them divides. */
+/* A mesh of several chunks, with a count that no chunk size divides. */
 struct large {
     struct build_input input;
     struct geometry geometries[5];
@@ -98,8 +101,8 @@ static void threads_do_not_count(void **state)
 }
 
 /*
- * Somebody else writes to the memory that is being prepared, as a client with a shared mapping can. At any time about
- * one index is a large one, sometimes over maxVertex: two reads of it would not agree.
+ * Another thread that writes to the memory while it is prepared, as a client with a shared mapping can. At any time
+ * about one index is large, sometimes over maxVertex, so two reads of it would disagree.
  */
 struct scribbler {
     _Atomic uint32_t *indices;
@@ -134,12 +137,12 @@ enum { RACES_ARE_REPORTED = 0 };
 enum { RACES_ARE_REPORTED = 0 };
 #endif
 
-/* Whatever is read is judged: a copy that is accepted has its indices in range. */
+/* The bytes that were read are the ones that are checked: an accepted copy has its indices in range. */
 static void scribbling_harms_nobody(void **state)
 {
     (void)state;
     if (RACES_ARE_REPORTED)
-        return; /* the race is the test */
+        return; /* the race is what this test makes */
     struct large large;
     struct limits limits = limits_default();
     large_make(&large);

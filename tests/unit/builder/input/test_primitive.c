@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_primitive.c - tests which primitives get refs, that their boxes are exact or conservative, and that runs are
+ * joined.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -8,7 +12,7 @@
 #include "tests/support/builder/test_ir.h"
 #include "builder/workers.h"
 
-/* A view over triangles without indices. */
+/* Makes a view of triangles without indices. */
 static struct canonical triangles_view(struct canonical_geometry *geometry, const float *positions, uint32_t count,
                                        uint32_t flags)
 {
@@ -21,7 +25,7 @@ static struct canonical triangles_view(struct canonical_geometry *geometry, cons
                               .geometries = geometry};
 }
 
-/* Without gaps. */
+/* Collects the refs and closes the gaps between blocks. */
 static struct primitive_refs collect_with(const struct canonical *canonical, const struct leaves_options *runs,
                                           const struct build_context *context)
 {
@@ -67,7 +71,7 @@ static void boxes_are_those_of_the_model(void **state)
         for (uint32_t id = 0; id < model.canonical.primitive_count; id++) {
             const struct canonical_geometry *geometry = &model.canonical.geometries[id / shape.primitives];
             struct box box = primitive_box(&model.canonical, geometry, id % shape.primitives);
-            if (box_is_empty(&box)) /* three equal indices may come up */
+            if (box_is_empty(&box)) /* a triangle may have three equal indices */
                 continue;
             const struct primitive_ref *ref = &refs.refs[at++];
             struct box own = primitive_ref_box(ref);
@@ -89,13 +93,16 @@ static void boxes_are_those_of_the_model(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* NaN anywhere: inactive. Infinite or without area: left out, or kept for updates with finite boxes. */
+/*
+ * A triangle with a NaN anywhere is inactive. Without area, or with an infinite corner, it is left out, or kept for
+ * updates with a finite box.
+ */
 static void special_triangles(void **state)
 {
     (void)state;
     const float nan = NAN, inf = INFINITY, tiny = 1e-45f;
     const float positions[][9] = {
-        {0, 0, 0, 1, 0, 0, 0, 1, 0}, /* fine */
+        {0, 0, 0, 1, 0, 0, 0, 1, 0}, /* ordinary */
         {0, nan, 0, 1, 0, 0, 0, 1, 0},
         {0, 0, 0, 1, 0, 0, 0, 1, nan},
         {inf, 0, 0, nan, 0, 0, 0, 1, 0},
@@ -103,9 +110,9 @@ static void special_triangles(void **state)
         {0, 0, 0, 1, 0, -inf, 0, 1, 0},
         {2, 2, 2, 2, 2, 2, 2, 2, 2}, /* a point */
         {0, 0, 0, 1, 1, 1, 3, 3, 3}, /* a line */
-        {0, 0, 0, 0.1f, 0.2f, 0.3f, 0.2f, 0.4f, 0.6f}, /* a line, in floats */
-        {tiny, 0, 0, 0, tiny, 0, 0, 0, tiny}, /* fine, if you look closely */
-        {-3e38f, -3e38f, 0, 3e38f, -3e38f, 0, 0, 3e38f, 1}, /* fine, from afar */
+        {0, 0, 0, 0.1f, 0.2f, 0.3f, 0.2f, 0.4f, 0.6f}, /* a line when computed in floats */
+        {tiny, 0, 0, 0, tiny, 0, 0, 0, tiny}, /* very small, but with an area */
+        {-3e38f, -3e38f, 0, 3e38f, -3e38f, 0, 0, 3e38f, 1}, /* very large, but finite */
         {0, 0, 0, 1, 0, 0, 1, 1e-30f, 0}, /* a sliver */
         {1e6f, 1e6f, 1e6f, 1e6f + 1, 1e6f, 1e6f, 1e6f + 1, 1e6f + 0.0625f, 1e6f},
     };
@@ -132,8 +139,8 @@ static void special_triangles(void **state)
 }
 
 /*
- * Cross products in long double of triangles that are nearly or exactly flat: those that have an area there, to double,
- * are kept.
+ * Makes triangles that are nearly or exactly flat, and computes their cross products in double: those with an area are
+ * kept.
  */
 static void flat_triangles_by_double(void **state)
 {
@@ -199,7 +206,7 @@ static void put_instance(unsigned char *record, const float matrix[12], uint64_t
     memcpy(record + 56, &reference, 8);
 }
 
-/* All corners of the bounds, moved in long double, lie inside, and the box is no more than a few ulp larger. */
+/* The box contains all corners of the bounds, transformed in long double, and is at most a few ulp larger. */
 static void instance_boxes_hold_all_corners(void **state)
 {
     (void)state;
@@ -283,13 +290,13 @@ static void special_instances(void **state)
     canonical.flags = BUILD_ALLOW_UPDATE;
     refs = collect(&canonical, &memory);
     assert_counts(&refs, 4, 2, 1, 0);
-    /* The instance of nothing is where it would be. */
+    /* An instance of an empty structure keeps its position. */
     assert_true(refs.refs[1].min[0] <= 5 && refs.refs[1].max[0] >= 5 && refs.refs[1].max[0] < 5.0001f);
     memory_free(&memory, refs.refs);
     assert_int_equal(memory.live, 0);
 }
 
-/* With gaps to close in most chunks. */
+/* Most chunks have gaps to close. */
 static void threads_do_not_matter(void **state)
 {
     (void)state;
@@ -334,7 +341,7 @@ static void threads_do_not_matter(void **state)
     free(positions);
 }
 
-/* A strip of quads, two triangles each, then triangles anywhere; in the last chunk one is missing. */
+/* Makes a strip of quads, two triangles each, then triangles anywhere; one in the last chunk is inactive. */
 static void runs_hold_what_follows_each_other(void **state)
 {
     (void)state;

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* References as prepare makes them: the handles that instances name, in the order of first use. */
+/*
+ * test_reference_rows.c - tests that prepare turns the handles that instances name into reference rows, in the order of
+ * first use.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -44,7 +47,7 @@ static void finish(struct canonical *canonical)
     assert_int_equal(memory.live, 0);
 }
 
-/* Both give the same bytes, or not. */
+/* Checks whether both inputs give the same bytes. */
 static void compare(const struct test_input *a, const struct test_input *b, bool equal)
 {
     struct canonical first = make(a), second = make(b);
@@ -70,7 +73,7 @@ static void instances_are_copied(void **state)
         assert_int_equal(instance.sbt_offset, 0x54321 + i);
         assert_memory_equal(canonical.geometries[0].instances + (ptrdiff_t)64 * i, test.records[i], 56);
     }
-    /* 77 was used first and has bounds alone; 55 has a key; 33 is not named */
+    /* Handle 77 is used first and has bounds only; 55 has a key; 33 is not named. */
     struct key none = {{0}};
     assert_true(key_equal(&canonical.references[0].key, &none));
     assert_memory_equal(&canonical.references[0].bounds, &test.references[2].bounds, sizeof(struct box));
@@ -78,7 +81,9 @@ static void instances_are_copied(void **state)
     finish(&canonical);
 }
 
-/* The numbers of handles and unnamed references do not count; two handles are two rows, whatever they name. */
+/*
+ * The values of handles and unnamed references do not change the bytes; two handles give two rows, whatever they name.
+ */
 static void references_are_canonical(void **state)
 {
     (void)state;
@@ -103,19 +108,19 @@ static void references_are_canonical(void **state)
     compare(&test, &other, false);
     memcpy(other.records[3] + 14, &other.references[0].handle, 8);
 
-    /* an empty structure is empty in one way */
+    /* An empty structure has only one form. */
     test.references[2].bounds = box_empty();
     other.references[0].bounds = (struct box){{1, 1, 1}, {0, 5, 5}};
     compare(&test, &other, true);
-    other.references[0].slabs.max[3] = 1; /* of nothing */
+    other.references[0].slabs.max[3] = 1; /* slabs of an empty structure */
     compare(&test, &other, true);
-    other.references[1].slabs.min[3] = -0.0f; /* is not known, however it is written */
+    other.references[1].slabs.min[3] = -0.0f; /* unknown, written in another form */
     compare(&test, &other, true);
     other.references[1].slabs.min[3] = -1;
     compare(&test, &other, false);
 }
 
-/* Many references, of which groups are equal but for their handles: each that is named has a row of its own. */
+/* Many references, some of which differ only in their handles: each one that is named has its own row. */
 static void many_references_are_told_apart(void **state)
 {
     (void)state;
@@ -125,7 +130,7 @@ static void many_references_are_told_apart(void **state)
     static uint32_t records[COUNT * 2][16];
     struct test_input test;
     inputs_instances(&test);
-    static uint64_t handles[COUNT]; /* by row */
+    static uint64_t handles[COUNT]; /* the handle of each row */
     for (uint64_t i = 0; i < COUNT; i++) {
         references[i] = test.references[2];
         references[i].handle = random_next(&random) | 1;

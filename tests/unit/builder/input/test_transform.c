@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_transform.c - tests that matrices are applied in double with one rounding, and that the identity is recognised.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -13,7 +16,7 @@ static uint32_t bits_of(float value)
     return bits;
 }
 
-/* Any float: bits at random, so that denormals, infinities and NaNs are among them. */
+/* Returns a float of random bits, so that denormals, infinities and NaNs occur. */
 static float any_float(struct random *random)
 {
     uint32_t bits = (uint32_t)random_next(random);

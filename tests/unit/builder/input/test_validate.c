@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Each rule on the fields of an entry: one wrong request a rule, with the VUID and the place that it must get. */
+/*
+ * test_validate.c - tests each rule on the fields of an entry by one wrong request, with the VUID and the place that it
+ * must get.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -25,7 +28,7 @@ static void accept(const struct test_input *test, const char *name)
         fail_msg("%s: %s at %s: %s", name, bvhd_vuid_string(error.vuid), error.where, error.text);
 }
 
-/* The entry is number 3 of its batch. */
+/* Checks that the request is refused as expected; it is entry number 3 of its batch. */
 static void refuse(const struct wrong *wrong, const struct limits *limits)
 {
     struct test_input test;
@@ -241,7 +244,7 @@ static void every_rule_is_named(void **state)
     }
 }
 
-/* Announced limits below the format's own. */
+/* Announced limits below the format's own limits are kept. */
 static void limits_are_kept(void **state)
 {
     (void)state;
@@ -293,7 +296,7 @@ static void nothing_needs_no_memory(void **state)
     accept(&test, "no geometries");
 }
 
-/* What is legal at the edges of the rules. */
+/* Requests at the edges of the rules are legal. */
 static void edges_are_legal(void **state)
 {
     (void)state;
@@ -309,17 +312,17 @@ static void edges_are_legal(void **state)
          test.geometries[0].aabbs.stride += 8)
         accept(&test, "box stride");
     inputs_triangles(&test);
-    test.geometries[0].range.first_vertex = UINT32_MAX; /* judged with the indices */
+    test.geometries[0].range.first_vertex = UINT32_MAX; /* checked later, with the indices */
     test.geometries[0].triangles.transform.data = NULL;
-    test.geometries[0].range.transform_offset = 7; /* of nothing */
+    test.geometries[0].range.transform_offset = 7; /* no transform is given */
     test.geometries[1].triangles.vertices.size = 8 * 20 + 12;
     test.input.flags = BUILD_ALLOW_UPDATE | BUILD_ALLOW_COMPACTION | BUILD_PREFER_FAST_TRACE | BUILD_LOW_MEMORY |
                        BUILD_ALLOW_DATA_ACCESS;
-    test.input.source = 7; /* ignored by a build */
+    test.input.source = 7; /* a build ignores it */
     accept(&test, "triangles");
 }
 
-/* UUIDs are whatever the device's driver has. */
+/* The UUIDs of a native target may have any value, because the device's driver chooses them. */
 static void native_targets_are_legal(void **state)
 {
     (void)state;

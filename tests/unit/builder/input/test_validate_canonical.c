@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The contents' rules as they answer alone; test_prepare has a wrong request for each. */
+/*
+ * test_validate_canonical.c - tests the rules on contents by themselves; test_prepare has a wrong request for each of
+ * them.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -17,7 +20,7 @@ static void singular_matrices_are_found(void **state)
         int numbers[3][3];
         for (int i = 0; i < 9; i++)
             numbers[i / 3][i % 3] = (int)(random_next(&random) % 7) - 3;
-        /* whole numbers are exact, whatever power of two they are scaled by */
+        /* Whole numbers are exact, whatever power of two scales them. */
         float scale = ldexpf(1, (int)(random_next(&random) % 200) - 100);
         for (int i = 0; i < 12; i++)
             matrix[i] = i % 4 == 3 ? NAN : (float)numbers[i / 4][i % 4] * scale;
@@ -30,7 +33,7 @@ static void singular_matrices_are_found(void **state)
     }
 }
 
-/* The third row is the sum of the others, exactly: whatever double makes of the determinant is rounding. */
+/* The third row is exactly the sum of the others, so whatever determinant double computes is rounding error. */
 static void singular_floats_are_found(void **state)
 {
     (void)state;
@@ -86,7 +89,7 @@ static void runs_are_judged_whole(void **state)
     assert_true(validate_instances(NULL, 0));
 }
 
-/* The first broken rule of all geometries, with numbers that count from the entry's own place. */
+/* The first broken rule of all geometries is reported, with the entry's number in its batch. */
 static void places_are_named(void **state)
 {
     (void)state;

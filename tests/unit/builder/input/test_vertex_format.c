@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_vertex_format.c - tests that every vertex format is listed with the right size, decodes each value, and reads
+ * nothing outside.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -9,7 +13,7 @@
 
 enum kind { UNORM, SNORM, SFLOAT, PACKED };
 
-/* VkFormat's numbers and what the specification says of them, written down a second time. */
+/* The formats' numbers and properties, written down a second time from the Vulkan specification. */
 static const struct expected {
     uint32_t format;
     const char *name;
@@ -56,7 +60,7 @@ static double half_value(unsigned half)
     return half & 0x8000 ? -magnitude : magnitude;
 }
 
-/* What `raw`, a component's bits, stands for. */
+/* Returns the value that the bits `raw` of a component stand for. */
 static double value_of(const struct expected *format, uint64_t raw)
 {
     int64_t number = (int64_t)(raw << (64 - format->bits)) >> (64 - format->bits);
@@ -113,7 +117,7 @@ static void assert_value(float got, double want)
         assert_int_equal(bits_of(got), bits_of((float)want));
 }
 
-/* Every value of every component of up to 16 bits, the others holding something else. */
+/* Decodes every value of components of up to 16 bits; the other components have other values. */
 static void small_components_decode(void **state)
 {
     (void)state;
@@ -136,7 +140,7 @@ static void small_components_decode(void **state)
     }
 }
 
-/* 32-bit floats are bits, signalling NaNs and all. */
+/* 32-bit floats are copied bit for bit, signalling NaNs included. */
 static void floats_are_copied(void **state)
 {
     (void)state;
@@ -164,7 +168,7 @@ static void doubles_are_rounded(void **state)
     } cases[] = {
         {1.0, 0x3f800000},
         {-0.0, 0x80000000},
-        {1.0 + 0x1p-24, 0x3f800000}, /* a tie, to even */
+        {1.0 + 0x1p-24, 0x3f800000}, /* a tie, which rounds to even */
         {1.0 + 0x3p-24, 0x3f800002},
         {1.0 + 0x1.000001p-24, 0x3f800001},
         {0x1p-149, 0x00000001},
@@ -189,7 +193,10 @@ static void doubles_are_rounded(void **state)
     }
 }
 
-/* The last element ends where the memory ends, and begins at every alignment; the fourth component is not there. */
+/*
+ * The last element ends where the memory ends, and starts at every alignment; there is no memory for a fourth
+ * component.
+ */
 static void nothing_outside_is_read(void **state)
 {
     (void)state;
