@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * box_lanes.h - eight boxes that lie anywhere, turned into one vector for each coordinate. For functions that are
- * compiled for AVX2.
+ * box_lanes.h - loads eight boxes from any addresses into one vector per coordinate. For functions that are compiled
+ * for AVX2.
  */
 #ifndef BVHD_BOX_LANES_H
 #define BVHD_BOX_LANES_H
@@ -19,7 +19,7 @@ struct box_lanes {
     __m256 min[3], max[3];
 };
 
-/* Four floats of box i, and in the upper half of box i + 4. */
+/* Loads four floats of box i into the lower half, and of box i + 4 into the upper half. */
 BOX_LANES_INLINE __m256 box_lanes_load_two(const struct box *const boxes[8], int i, size_t from)
 {
     __m128 low = _mm_loadu_ps((const float *)(const void *)boxes[i] + from);
@@ -29,7 +29,7 @@ BOX_LANES_INLINE __m256 box_lanes_load_two(const struct box *const boxes[8], int
 
 BOX_LANES_INLINE struct box_lanes box_lanes_load(const struct box *const boxes[8])
 {
-    /* {x y z X} and {z X Y Z} of each, minima small */
+    /* {x y z X} and {z X Y Z} of each box; lower-case letters are minima */
     __m256 a = box_lanes_load_two(boxes, 0, 0), b = box_lanes_load_two(boxes, 1, 0);
     __m256 c = box_lanes_load_two(boxes, 2, 0), d = box_lanes_load_two(boxes, 3, 0);
     __m256 xy = _mm256_unpacklo_ps(a, b), xy2 = _mm256_unpacklo_ps(c, d), zx = _mm256_unpackhi_ps(a, b),

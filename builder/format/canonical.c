@@ -23,8 +23,8 @@ uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primi
 {
     assert(primitive < canonical->primitive_count);
     /*
-     * The last geometry that starts at or before the primitive is never an empty one: the next would start at the same
-     * place.
+     * The last geometry that starts at or before the primitive is never empty, because the next one would start at the
+     * same place.
      */
     uint32_t low = 0, high = canonical->geometry_count;
     while (high - low > 1) {

@@ -32,19 +32,16 @@ void ir_finish(struct ir *ir)
     memset(ir, 0, sizeof *ir);
 }
 
-/*
- * What ir_check() knows about the nodes that it has been to. Nodes are visited from the last to the first, children
- * before parents.
- */
+/* The state of ir_check(). Nodes are visited from the last to the first, so that children come before their parents. */
 struct check {
     const struct ir *ir;
     uint32_t primitive_count;
     const struct box *primitive_boxes;
     bool allow_split;
     struct span {
-        uint32_t first, count; /* refs below the node; count 0: not yet anybody's child */
+        uint32_t first, count; /* refs below the node; count 0: not visited yet */
     } * spans;
-    unsigned char *seen_nodes; /* is somebody's child */
+    unsigned char *seen_nodes; /* is the child of a visited node */
     unsigned char *seen_primitives;
     struct bvhd_error *error;
 };
@@ -161,7 +158,7 @@ enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const s
     struct check check = {ir, primitive_count, primitive_boxes, allow_split, .error = error};
     if (ir->key_count < 1 || ir->key_count > IR_MAX_KEYS)
         return bvhd_error_set(error, BVHD_INTERNAL, "", "a tree has 1 or 2 keys");
-    /* One element more than needed, so that nothing is a valid size. */
+    /* One element more than needed, because a size of 0 could not be allocated. */
     check.spans = zeroed(memory, (uint64_t)ir->node_count + 1, sizeof *check.spans);
     check.seen_nodes = zeroed(memory, (uint64_t)ir->node_count + 1, 1);
     check.seen_primitives = zeroed(memory, (uint64_t)primitive_count + 1, 1);

@@ -4,12 +4,12 @@
  * the tables and the rules.
  *
  * A blob is Vulkan's serialized header with its handles, then the body, which the driver copies to the address of the
- * structure: 40 bytes of header, box nodes of two children each with the root first, then leaves, primitive i at place
- * i. A reference is a node's offset in the body with its kind in the two lowest bits. The body is not aligned in the
- * blob.
+ * structure. The body has 40 bytes of header, then box nodes of two children each with the root first, then leaves,
+ * where leaf i is primitive i. A reference is a node's offset in the body with the node's kind in the two lowest bits.
+ * The body is not aligned in the blob.
  *
- * Handles, one for each leaf of a top level, in leaf order: when written, each is the row + 1 of the request's table of
- * references; a loader replaces them by device addresses.
+ * A top level has one handle for each leaf, in leaf order. The writer sets each to the row + 1 of the request's
+ * reference table; a loader replaces them by device addresses.
  */
 #ifndef BVHD_LAVAPIPE_H
 #define BVHD_LAVAPIPE_H
@@ -21,7 +21,7 @@
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
 
-/* How the driver's own header lies; which one a driver has is found by reproducing its probe, not by its version. */
+/* The variants of the driver's own header. A driver's variant is found by reproducing its probe, not by its version. */
 enum lavapipe_variant {
     LAVAPIPE_PLAIN = 1, /* bounds, serialization size, instance count, leaf offset, padding: Mesa 25.0 */
     LAVAPIPE_COMPACTED = 2, /* bounds, compacted size, serialization size, instance count, leaf offset: Mesa 26 */
@@ -29,10 +29,10 @@ enum lavapipe_variant {
 };
 
 enum {
-    LAVAPIPE_VERSION = 1, /* of what we write; part of keys */
+    LAVAPIPE_VERSION = 1, /* of the layout as it is written here; part of keys */
     LAVAPIPE_HEADER = 40, /* bytes; the root follows */
-    LAVAPIPE_MAX_LEVELS =
-        24, /* levels of box nodes: half of the driver's stack, for a bottom level and for a top level */
+    /* levels of box nodes: half of the driver's stack, for a bottom level and for a top level */
+    LAVAPIPE_MAX_LEVELS = 24,
     LAVAPIPE_MAX_PRIMITIVES = (1 << 24) - 1
 };
 
@@ -57,7 +57,7 @@ struct lavapipe_box {
 struct lavapipe_triangle {
     float corners[3][3];
     uint32_t padding;
-    uint32_t primitive; /* in its geometry */
+    uint32_t primitive; /* its number in its geometry */
     uint32_t geometry_and_flags;
 };
 
@@ -73,7 +73,7 @@ struct lavapipe_instance {
     uint32_t sbt_and_flags;
     float world_to_object[12];
     uint32_t padding;
-    uint32_t instance; /* position in the request */
+    uint32_t instance; /* its position in the request */
     float object_to_world[12];
 };
 
@@ -81,55 +81,58 @@ _Static_assert(sizeof(struct lavapipe_box) == 56 && sizeof(struct lavapipe_trian
 _Static_assert(sizeof(struct lavapipe_aabb) == 32 && sizeof(struct lavapipe_instance) == 120, "layout");
 
 /*
- * A blob opened for reading. Pointers lead into the blob, which outlives the view. Nothing is aligned: read nodes with
- * the functions below.
+ * A blob opened for reading. Pointers lead into the blob, which must outlive the view. Nothing is aligned: read nodes
+ * with the functions below.
  */
 struct lavapipe_view {
-    struct device_format device; /* UUIDs as the blob has them, and the variant by which it was read */
+    struct device_format device; /* the blob's UUIDs, and the variant by which it was read */
     const unsigned char *body;
     uint64_t body_size;
     const unsigned char *handles; /* u64, one for each instance */
     uint64_t handle_count;
-    enum lavapipe_kind kind; /* of the leaves; meaningless when leaf_count is 0 */
+    enum lavapipe_kind kind; /* of the leaves; undefined if leaf_count is 0 */
     uint32_t leaf_offset;
     /*
-     * places of leaves, those that no box refers to included; 0 for a bottom level without references. The padding of a
-     * COMPACTED one may count as one more
+     * Number of leaf places, including those that no box refers to; 0 for a bottom level without references. The
+     * padding of a COMPACTED structure may count as one leaf more.
      */
     uint32_t leaf_count;
-    uint32_t levels; /* of box nodes; 1 for an empty structure: its root has no children */
-    float bounds[6]; /* as the header has them: min, max; zeros when empty */
+    uint32_t levels; /* of box nodes; an empty structure has 1, because its root has no children */
+    float bounds[6]; /* from the header: min, max; zeros if empty */
 };
 
 /*
- * Opens a hostile blob under `variant`: sizes fit, every reference leads to a node of its kind inside of the body, box
- * nodes form a tree of at most LAVAPIPE_MAX_LEVELS, so that lavapipe_traverse.h reads without another check and ends.
- * O(size). BVHD_CORRUPT or BVHD_INCOMPATIBLE with the place, "node[17].children[1]". `memory` is for a bitmap that is
- * freed before return.
+ * Opens a hostile blob under `variant`. It checks that sizes fit, that every reference leads to a node of its kind
+ * inside the body, and that box nodes form a tree of at most LAVAPIPE_MAX_LEVELS, so that lavapipe_traverse.h reads
+ * without further checks and terminates. Takes O(size) time. Returns BVHD_CORRUPT or BVHD_INCOMPATIBLE with the place,
+ * "node[17].children[1]". `memory` provides a bitmap that is freed before return.
  */
 enum bvhd_status lavapipe_open(struct bytes blob, enum lavapipe_variant variant, struct memory *memory,
                                struct lavapipe_view *ret_view, struct bvhd_error *error);
 
-/* The same for a blob whose variant is not known: it states its own size in its body, where only one variant has it. */
+/*
+ * Does the same for a blob of unknown variant. The variant follows from the place in the body where the blob states its
+ * own size.
+ */
 enum bvhd_status lavapipe_open_any(struct bytes blob, struct memory *memory, struct lavapipe_view *ret_view,
                                    struct bvhd_error *error);
 
 /*
- * Copies of nodes at `offset` of the body (kind bits cleared), or of leaf i; the caller asks only for what the view's
- * check has covered.
+ * Return copies of the node at `offset` of the body (kind bits cleared), or of leaf i. The caller reads only what the
+ * opened view covers.
  */
 struct lavapipe_box lavapipe_box_at(const struct lavapipe_view *view, uint32_t offset);
 struct lavapipe_triangle lavapipe_triangle_at(const struct lavapipe_view *view, uint32_t leaf);
 struct lavapipe_aabb lavapipe_aabb_at(const struct lavapipe_view *view, uint32_t leaf);
 struct lavapipe_instance lavapipe_instance_at(const struct lavapipe_view *view, uint32_t leaf);
-/* Bytes of a leaf of that kind, and which leaf a reference means. */
+/* Returns the size of a leaf of that kind in bytes, and the leaf that a reference names. */
 uint32_t lavapipe_leaf_size(enum lavapipe_kind kind);
 uint32_t lavapipe_leaf_index(const struct lavapipe_view *view, uint32_t reference);
 
 /*
- * The driver's own inverse of an instance's matrix, in float and in its order of operations, so that rays through our
- * structures give the bits that they give through the driver's own. Row-major 3x4, both. Zeros where a pivot is 0 (no
- * inverse: Vulkan does not allow such a matrix): rays hit nothing there.
+ * Inverts an instance's matrix in float and in the driver's order of operations, so that rays through these structures
+ * give the same bits as rays through the driver's own. Both matrices are row-major 3x4. The result is zeros if a pivot
+ * is 0 (there is no inverse, and Vulkan does not allow such a matrix): rays hit nothing there.
  */
 void lavapipe_invert(const float object_to_world[12], float ret_world_to_object[12]);
 

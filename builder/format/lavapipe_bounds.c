@@ -34,7 +34,7 @@ static struct box aabb_box(const struct canonical_geometry *geometry, uint32_t i
     return box;
 }
 
-/* An empty structure says that its bounds are zeros. */
+/* The bounds of an empty structure are zeros in the driver's header. */
 static struct box instance_box(const struct canonical *canonical, const struct canonical_geometry *geometry,
                                uint32_t index)
 {
@@ -88,7 +88,7 @@ static void inflate_box(const struct box *whole, float slack, struct box *part)
     }
 }
 
-/* Boxes of a tree are finite; comparisons leave out what is no number. */
+/* A tree's boxes must be finite; the comparisons ignore NaN. */
 static void grow_finite(struct box *box, const struct box *other)
 {
     for (int axis = 0; axis < 3; axis++) {

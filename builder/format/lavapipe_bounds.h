@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* lavapipe_bounds.h - boxes as the driver computes them, and our own made large enough for its arithmetic. */
+/*
+ * lavapipe_bounds.h - computes boxes as the driver computes them, and makes the builder's boxes large enough for the
+ * driver's arithmetic.
+ */
 #ifndef BVHD_LAVAPIPE_BOUNDS_H
 #define BVHD_LAVAPIPE_BOUNDS_H
 
@@ -10,22 +13,26 @@
 #include "builder/format/ir.h"
 #include "proto/base/parallel.h"
 
-/* The driver's union: of what compares equal the second, which matters for the sign of zeros. */
+/*
+ * Returns the union as the driver computes it: of two equal values it takes the second, which matters for the sign of
+ * zeros.
+ */
 struct box lavapipe_bounds_join(const struct box *first, const struct box *second);
 
 /*
- * The driver's box of flat primitive `id`, which is no null instance, to the bit. An instance's: the bounds of what it
- * names through its matrix, in float; not finite where that overflows.
+ * Returns the driver's box of flat primitive `id` to the bit; the primitive is not a null instance. An instance's box
+ * is the bounds of its bottom level transformed by its matrix, in float; it is not finite if that overflows.
  */
 struct box lavapipe_bounds_leaf(const struct canonical *canonical, uint32_t id);
 
 /*
- * As layout.inflate_boxes. The driver tests boxes in float, without a margin. A ray finds a triangle through any tree
- * just as it does through the driver's own, because the boxes above a leaf contain the leaf's, and rounding keeps that
- * order; so leaves must not be smaller than the driver's:
- *  - boxes of instances, rounded outward from double, grow to contain what the driver computes in float;
- *  - those of split references grow by 2^-16 of the whole structure's largest side, but not beyond the triangle: rays that start within some 64 such
- *    sides round by less. Where two parts meet no ray slips through.
+ * Enlarges boxes for the driver (layout.inflate_boxes). The driver tests boxes in float, without a margin. A ray finds
+ * a triangle through any tree as it does through the driver's own, because the boxes above a leaf contain the leaf's
+ * box and rounding preserves that order. Therefore leaf boxes must not be smaller than the driver's:
+ * - Boxes of instances, which are rounded outward from double, grow to contain the driver's float result.
+ * - Boxes of split references grow by 2^-16 of the whole structure's largest side, but not beyond the triangle. The
+ *   rounding errors of rays that start within about 64 such sides are smaller than that, so that no ray slips through
+ *   where two parts meet.
  */
 bool lavapipe_bounds_inflate(const struct canonical *canonical, const struct parallel *parallel,
                              const atomic_bool *cancel, struct ir *ir);

@@ -5,9 +5,10 @@
 #include <stdbool.h>
 
 /*
- * The driver inverts a general 4x4 matrix by elimination with a pivot a column, and hands it the rows of the instance's
- * matrix as columns. So what is eliminated here is the transpose of the 4x4 matrix whose last row is 0 0 0 1, beside a
- * unit matrix. The products that are left out there are left out here: a product of zero and infinity is not zero.
+ * The driver inverts a general 4x4 matrix by elimination with one pivot per column, and passes the rows of the
+ * instance's matrix as columns. Therefore this code eliminates the transpose of the 4x4 matrix whose last row is 0 0 0
+ * 1, beside a unit matrix. It skips the same products as the driver, because a product of zero and infinity is not
+ * zero.
  */
 struct row {
     float left[4], right[4];
@@ -22,7 +23,7 @@ static void load(const float matrix[12], struct row rows[4])
         }
 }
 
-/* Brings the row with the largest entry of that column up, by swaps of neighbours from below. */
+/* Moves the row with the largest entry of that column up, by swapping neighbours from the bottom. */
 static void choose_pivot(struct row *rows[4], int column)
 {
     for (int i = 3; i > column; i--)
@@ -33,7 +34,7 @@ static void choose_pivot(struct row *rows[4], int column)
         }
 }
 
-/* The last column's elimination takes every product. */
+/* As in the driver, the elimination of the last column computes every product. */
 static void eliminate(struct row *rows[4], int column)
 {
     const struct row *pivot = rows[column];

@@ -61,8 +61,8 @@ enum bvhd_status lavapipe_leaves_init(struct lavapipe_leaves *leaves, const stru
                                        .kind = kind_of(canonical),
                                        .count = canonical->primitive_count};
     /*
-     * The earlier driver multiplies every triangle by a matrix, which leaves no -0; the later one only where there is a
-     * matrix.
+     * The earlier driver multiplies every triangle by a matrix, which leaves no -0; the later one does so only if there
+     * is a matrix.
      */
     leaves->unsigned_zeros = leaves->kind == LAVAPIPE_TRIANGLE && input->device->variant == LAVAPIPE_PLAIN;
     return leaves->kind == LAVAPIPE_INSTANCE ? init_instances(leaves, input->cancel, error) : BVHD_OK;
@@ -112,7 +112,7 @@ static uint32_t sbt_and_flags(const struct canonical_instance *instance)
     return flags | (instance->flags & INSTANCE_FLIP_FACING ? LAVAPIPE_FLIP_FACING : 0);
 }
 
-/* The address is what the handle is, until a loader sets both. */
+/* The address is the same number as the handle, until a loader replaces both. */
 static void write_instance(const struct canonical_geometry *geometry, uint32_t index, unsigned char *at,
                            unsigned char *handle)
 {

@@ -8,7 +8,7 @@
 
 enum { BOX = sizeof(struct lavapipe_box), KIND_MASK = 3 };
 
-/* The driver's header, under a variant. */
+/* The sizes in the driver's header, read under a variant. */
 struct sizes {
     uint32_t compacted, serialized, instances, leaf_offset, padding;
 };
@@ -84,7 +84,7 @@ static enum bvhd_status corrupt(struct bvhd_error *error, const char *where, uin
     return bvhd_error_set(error, BVHD_CORRUPT, where, "%" PRIu64 " does not fit the rest of the structure", value);
 }
 
-/* What a header says twice agrees, and sections follow each other. */
+/* Checks that values which the headers state twice agree, and that sections follow each other. */
 static enum bvhd_status check_sizes(const struct lavapipe_view *view, const struct sizes *sizes, uint64_t blob_size,
                                     struct bvhd_error *error)
 {
@@ -136,8 +136,8 @@ static uint32_t box_count(const struct lavapipe_view *view)
 }
 
 /*
- * The end is padded in one variant: there is never more than one leaf for each child of a box, where boxes are as many
- * as the driver makes.
+ * One variant pads the end, so the room can be larger than the number of leaves. But there is at most one leaf for each
+ * child of a box, and the driver makes one box less than leaves.
  */
 static uint32_t count_leaves(const struct lavapipe_view *view, enum lavapipe_kind kind)
 {
@@ -146,10 +146,10 @@ static uint32_t count_leaves(const struct lavapipe_view *view, enum lavapipe_kin
     return room < boxes + 1 ? room : boxes + 1;
 }
 
-/* A walk over the boxes: what was met, and what waits. */
+/* The state of a walk over the boxes: the boxes that were met, and those that still have to be visited. */
 struct walk {
     struct lavapipe_view *view;
-    unsigned char *met; /* a bit for each box */
+    unsigned char *met; /* one bit for each box */
     struct {
         uint32_t box, level;
     } waiting[LAVAPIPE_MAX_LEVELS + 2];
@@ -169,7 +169,8 @@ static enum bvhd_status check_leaf(struct walk *walk, uint32_t box, int child, u
     struct lavapipe_view *view = walk->view;
     enum lavapipe_kind kind = (enum lavapipe_kind)(reference & KIND_MASK);
     uint32_t offset = reference & ~(uint32_t)KIND_MASK;
-    if (view->leaf_count == 0) { /* the first one tells what all are */
+    /* The kind of the first leaf is the kind of all leaves. */
+    if (view->leaf_count == 0) {
         view->kind = kind;
         view->leaf_count = kind == LAVAPIPE_INSTANCE ? (uint32_t)view->handle_count : count_leaves(view, kind);
         if ((kind == LAVAPIPE_INSTANCE) != (view->handle_count > 0))
@@ -201,7 +202,7 @@ static enum bvhd_status enter_box(struct walk *walk, uint32_t box, int child, ui
     return BVHD_OK;
 }
 
-/* Depth first: of each level above the current one at most one box waits, and two of the lowest. */
+/* The walk goes depth first: at most one box waits on each level above the current one, and two on the lowest level. */
 static enum bvhd_status walk_boxes(struct walk *walk)
 {
     enum bvhd_status status = enter_box(walk, 0, 0, LAVAPIPE_HEADER | LAVAPIPE_BOX, 1);
@@ -222,8 +223,8 @@ static enum bvhd_status walk_boxes(struct walk *walk)
 }
 
 /*
- * The leaves of a top level that no box refers to are there too; of a bottom level without references nobody knows what
- * they are.
+ * The leaves of a top level exist even if no box refers to them. The kind of the leaves of a bottom level without
+ * references is unknown.
  */
 static enum bvhd_status check_instances(struct lavapipe_view *view, struct bvhd_error *error)
 {
@@ -258,7 +259,7 @@ enum bvhd_status lavapipe_open(struct bytes blob, enum lavapipe_variant variant,
     return status;
 }
 
-/* A blob tells its own size in its body, at a place that depends on the variant. */
+/* A blob states its own size in its body, at a place that depends on the variant. */
 static bool looks_compacted(struct bytes blob)
 {
     struct serialized_header header;

@@ -22,7 +22,10 @@ static enum bvhd_status differs(const struct reading *reading, const char *where
     return bvhd_error_set(reading->error, BVHD_UNSUPPORTED, where, "%s", text);
 }
 
-/* Which primitive a leaf is: that of its place; instances say it, since null ones have no place. */
+/*
+ * Finds the primitive of a leaf: it is that of its place. An instance leaf states its number, because null instances
+ * have no place.
+ */
 static enum bvhd_status identify(const struct reading *reading, uint32_t reference, uint32_t *ret_id)
 {
     const struct canonical *canonical = reading->canonical;
@@ -44,7 +47,7 @@ static enum bvhd_status identify(const struct reading *reading, uint32_t referen
     return BVHD_OK;
 }
 
-/* Makes ir node `node` of a reference: a leaf, or an inner node whose children are still to come. */
+/* Makes ir node `node` from a reference: a leaf, or an inner node whose children are added later. */
 static enum bvhd_status add_node(struct reading *reading, uint32_t node, uint32_t reference)
 {
     struct ir *ir = reading->ir;
@@ -59,7 +62,8 @@ static enum bvhd_status add_node(struct reading *reading, uint32_t node, uint32_
     if (status != BVHD_OK)
         return status;
     ir->boxes[0][node] = lavapipe_bounds_leaf(reading->canonical, id);
-    ir->nodes[node] = (struct ir_node){.first = id, .count = 1}; /* until refs are numbered */
+    /* `first` holds the primitive until number_refs replaces it. */
+    ir->nodes[node] = (struct ir_node){.first = id, .count = 1};
     return BVHD_OK;
 }
 
@@ -75,7 +79,7 @@ static enum bvhd_status add_children(struct reading *reading, uint32_t node)
     return status == BVHD_OK ? add_node(reading, ir->node_count - 1, box.children[1]) : status;
 }
 
-/* Nodes in the order of a walk that takes the oldest first: children follow their parents, siblings each other. */
+/* Adds the nodes in breadth-first order, so that children follow their parents and siblings are adjacent. */
 static enum bvhd_status add_tree(struct reading *reading)
 {
     struct ir *ir = reading->ir;
@@ -95,7 +99,7 @@ static enum bvhd_status add_tree(struct reading *reading)
     return status;
 }
 
-/* In the order of a walk that goes down first: the refs below any node are neighbours. */
+/* Numbers the refs in depth-first order, so that the refs below any node are contiguous. */
 static void number_refs(struct ir *ir)
 {
     uint32_t waiting[LAVAPIPE_MAX_LEVELS + 2], count = 0;
@@ -122,7 +126,7 @@ static void join_boxes(struct ir *ir)
         }
 }
 
-/* A writer keeps room for so many boxes; what lies beyond it would not be written where it was. */
+/* A writer reserves this many boxes; a box beyond them would not be written to the same place. */
 static enum bvhd_status check_places(const struct reading *reading)
 {
     const struct ir *ir = reading->ir;
@@ -148,7 +152,7 @@ enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const 
                                         struct memory *memory, struct lavapipe_topology *ret_topology,
                                         struct bvhd_error *error)
 {
-    /* Each box is met once, so there are at most twice as many children, and the root. */
+    /* The walk meets each box once, so there are at most twice as many children, and the root. */
     uint32_t boxes = (view->leaf_offset - LAVAPIPE_HEADER) / BOX;
     struct lavapipe_topology topology = {.memory = memory};
     enum bvhd_status status = ir_init(&topology.ir, memory, 2 * boxes + 1, boxes + 1, error);

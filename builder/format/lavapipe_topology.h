@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * lavapipe_topology.h - the tree of somebody else's structure, over geometry that both know: writing it again must give
- * that one's bytes, if the layout is understood.
+ * lavapipe_topology.h - reads the tree of a structure that a driver wrote, over geometry that is known. Writing the
+ * same tree again must reproduce the driver's bytes if the layout is understood.
  */
 #ifndef BVHD_LAVAPIPE_TOPOLOGY_H
 #define BVHD_LAVAPIPE_TOPOLOGY_H
@@ -12,21 +12,22 @@
 
 struct lavapipe_topology {
     struct ir ir;
-    uint32_t *places; /* of each node: its box, as lavapipe_write_at takes them */
+    uint32_t *places; /* for each inner node the place of its box, as lavapipe_write_at takes it */
     struct memory *memory;
 };
 
 /*
- * Takes nothing of `view` but which node is whose child and where it lies. Boxes come from `canonical` and are those of
- * the driver, to the bit: from the leaves up, the smaller of two minima, and for an instance the bounds of what it
- * names through its matrix, in float. A view over something else than `canonical` asks for, or with a box of a single
- * child in a tree of several leaves, is BVHD_UNSUPPORTED. Ended with lavapipe_topology_finish.
+ * Reads the parent-child relations and the places of the boxes from `view`, and nothing else. The boxes are computed
+ * from `canonical` as the driver computes them, to the bit: from the leaves up, with the smaller of two minima; for an
+ * instance from the bounds of its bottom level and its matrix, in float. Returns BVHD_UNSUPPORTED if the view does not
+ * fit `canonical`, or has a box with a single child in a tree of several leaves; BVHD_NO_MEMORY. The caller frees the
+ * result with lavapipe_topology_finish.
  */
 enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const struct canonical *canonical,
                                         struct memory *memory, struct lavapipe_topology *ret_topology,
                                         struct bvhd_error *error);
 
-/* NULL-safe, idempotent. */
+/* Frees the topology. NULL and repeated calls are allowed. */
 void lavapipe_topology_finish(struct lavapipe_topology *topology);
 
 #endif

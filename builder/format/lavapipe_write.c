@@ -14,10 +14,10 @@ enum { BOX_CHUNK = 4096, LEAF_CHUNK = 8192, PREFETCH_AHEAD = 12, BOX = sizeof(st
 struct writing {
     const struct layout_input *input;
     enum lavapipe_variant variant;
-    const uint32_t *places; /* of each inner node of the ir: which box is its */
+    const uint32_t *places; /* for each inner node of the ir: the number of its box */
     bool places_have_gaps;
     struct lavapipe_leaves leaves;
-    uint32_t box_count; /* that are written; at least the root */
+    uint32_t box_count; /* boxes that are written; at least the root */
     uint32_t leaf_size, leaf_offset;
     uint64_t body_offset, body_size;
     unsigned char *blob, *body;
@@ -28,7 +28,7 @@ uint32_t lavapipe_box_room(uint32_t primitives)
     return primitives < 2 ? 1 : primitives - 1;
 }
 
-/* False when cancelled: what follows is for nothing, but does no harm. */
+/* Returns false if cancelled: the following steps then work on incomplete data, which is harmless. */
 static bool run_all(struct writing *w, size_t total, size_t chunk, parallel_task task)
 {
     return parallel_for_until(w->input->parallel, w->input->cancel, (total + chunk - 1) / chunk, task, w);
@@ -40,8 +40,8 @@ static enum bvhd_status report_cancelled(struct bvhd_error *error)
 }
 
 /*
- * Box nodes in the order of a walk that goes down the first child first: the box node of the first child follows its
- * parent's. Counts below each node on the way up, places on the way down, in one array.
+ * Numbers the box nodes in depth-first order: the box node of the first child follows its parent's. One array holds the
+ * counts below each node on the way up, and the places on the way down.
  */
 static bool place_depth_first(const struct ir *ir, const atomic_bool *cancel, uint32_t *ret_places)
 {
@@ -64,7 +64,7 @@ static bool place_depth_first(const struct ir *ir, const atomic_bool *cancel, ui
     return true;
 }
 
-/* Of primitives below 2^24 and boxes below 2^25 nothing here overflows 64 bits. */
+/* With primitives below 2^24 and boxes below 2^25, nothing here overflows 64 bits. */
 static enum bvhd_status place_sections(struct writing *w, struct bvhd_error *error)
 {
     const struct canonical *canonical = w->input->canonical;
@@ -74,8 +74,9 @@ static enum bvhd_status place_sections(struct writing *w, struct bvhd_error *err
     uint64_t boxes = room > w->box_count ? room : w->box_count;
     w->leaf_size = lavapipe_leaf_size(w->leaves.kind);
     uint64_t nodes = BOX * boxes + (uint64_t)w->leaf_size * canonical->primitive_count;
+    /* The later driver's traversal fetches this many bytes for every kind of node. */
     if (w->variant == LAVAPIPE_COMPACTED)
-        nodes = (nodes + BOX - 1) / BOX * BOX; /* its traversal fetches so many bytes of whatever node */
+        nodes = (nodes + BOX - 1) / BOX * BOX;
     w->body_size = LAVAPIPE_HEADER + nodes;
     w->body_offset = SERIALIZED_HANDLES + (uint64_t)8 * w->leaves.handle_count;
     if (w->body_offset + w->body_size > UINT32_MAX)
@@ -110,7 +111,7 @@ static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
     return BVHD_OK;
 }
 
-/* Minimum and maximum over all motion keys. Zeros have the sign that they have in the leaves. */
+/* Loads the minimum and maximum over all motion keys. The sign of zeros is the same as in the leaves. */
 static void load_bounds(const struct writing *w, uint32_t node, float ret_bounds[6])
 {
     const struct ir *ir = w->input->ir;
@@ -127,7 +128,9 @@ static void load_bounds(const struct writing *w, uint32_t node, float ret_bounds
         ret_bounds[k] = bounds[k] + zero;
 }
 
-/* As the later driver inflates every box that it stores, against rays that would slip through between them. */
+/*
+ * Enlarges a box as the later driver enlarges every box that it stores, so that rays do not slip through between boxes.
+ */
 static void pad_bounds(float bounds[6])
 {
     for (int k = 0; k < 6; k++) {
@@ -163,7 +166,7 @@ static void store_absent(const struct writing *w, struct lavapipe_box *box, int 
     box->children[child] = LAVAPIPE_NONE;
 }
 
-/* A node's children lie far from it in a tree that was made in depth-first order. */
+/* In a tree that was made in depth-first order, a node's children are far away in memory. */
 static void prefetch_children(const struct ir *ir, uint32_t node)
 {
     uint32_t first = ir->nodes[node].first;
@@ -193,7 +196,7 @@ static void write_boxes(void *context, size_t index)
     }
 }
 
-/* Over no primitive or one. */
+/* Writes the root of a tree over no primitive or one. */
 static void write_lone_root(const struct writing *w)
 {
     struct lavapipe_box box;
@@ -214,7 +217,7 @@ static void write_leaves(void *context, size_t index)
                           w->blob + SERIALIZED_HANDLES);
 }
 
-/* What lies between boxes and leaves, and behind those. */
+/* Clears the gap between boxes and leaves, and the one after the leaves. */
 static void clear_gaps(const struct writing *w)
 {
     uint64_t boxes = w->places_have_gaps ? LAVAPIPE_HEADER : LAVAPIPE_HEADER + (uint64_t)w->box_count * BOX;

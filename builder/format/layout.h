@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * layout.h - writers of serialized structures, by target. A layout states what it needs of the tree; the builder
+ * layout.h - writers of serialized structures, by target. A layout states what kind of tree it needs, and the builder
  * provides it.
  */
 #ifndef BVHD_LAYOUT_H
@@ -14,56 +14,58 @@
 #include "proto/base/parallel.h"
 #include "builder/format/wide.h"
 
-/* Where the bytes of a blob go. */
+/* How many bytes of a blob each section takes. */
 struct layout_sizes {
     uint64_t total, header, nodes, records, vertices, geometries;
 };
 
+/* What a layout writes a blob from. */
 struct layout_input {
     const struct canonical *canonical;
-    const struct ir *ir; /* with arity 8 only boxes, refs and their counts: there may be no nodes */
-    const struct wide *wide; /* NULL when the layout's arity is 2 */
+    const struct ir *ir; /* with arity 8 only its boxes, refs and their counts are used: there may be no nodes */
+    const struct wide *wide; /* NULL if the layout's arity is 2 */
     bool complete; /* every primitive is in the tree */
     uint32_t layout_flags; /* PORTABLE_FAST_TRIANGLES */
-    const struct device_format *device; /* what the blob is to be loaded by; portable: not looked at */
+    const struct device_format *device; /* the format that the blob is for; ignored by portable */
     struct memory *memory;
     const struct parallel *parallel;
     const atomic_bool *cancel; /* may be NULL */
-    struct build_output *output; /* NULL: the blob comes from `memory` */
+    struct build_output *output; /* provides the blob's bytes; NULL: the blob comes from `memory` */
 };
 
 struct layout {
     enum target target;
-    const char *name; /* "portable" */
+    const char *name; /* for example "portable" */
     uint32_t version; /* part of every key */
     uint32_t arity; /* 2 or 8 */
-    uint32_t leaf_max; /* most refs a leaf may hold */
-    uint32_t depth_limit; /* most levels: arity 8, of its nodes; arity 2, of the ir, leaves included */
-    uint32_t flags; /* layout_flags that it knows */
+    uint32_t leaf_max; /* the most refs in one leaf */
+    uint32_t depth_limit; /* maximum number of levels: arity 8, of its nodes; arity 2, of the ir, leaves included */
+    uint32_t flags; /* the layout_flags that it knows */
     uint32_t variants; /* device_format.variant is 1 .. variants; 0: the layout leaves nothing open */
 
     /*
-     * Lets the boxes of a tree grow to what those who trace it need. Asked for trees whose leaf boxes are not those of
-     * whole primitives: with split references, or over instances. NULL: nothing is needed. False when cancelled.
+     * Enlarges the boxes of a tree as the traversal of this layout requires. It is called for trees whose leaf boxes
+     * are not those of whole primitives: with split references, or over instances. NULL: nothing is required. Returns
+     * false if cancelled.
      */
     bool (*inflate_boxes)(const struct canonical *canonical, const struct parallel *parallel, const atomic_bool *cancel,
                           struct ir *ir);
 
     /*
-     * Writes the whole blob: *ret_blob from input->output, or from input->memory (64-byte aligned, the caller frees
-     * it). The same input gives the same bytes for any number of threads. BVHD_NO_MEMORY, BVHD_CANCELLED,
-     * BVHD_TOO_LARGE (a section passes 32-bit ids).
+     * Writes the whole blob. *ret_blob comes from input->output, or from input->memory (64-byte aligned, freed by the
+     * caller). The same input gives the same bytes for any number of threads. Fails with BVHD_NO_MEMORY,
+     * BVHD_CANCELLED, or BVHD_TOO_LARGE if a section needs more than 32-bit ids.
      */
     enum bvhd_status (*write)(const struct layout_input *input, unsigned char **ret_blob,
                               struct layout_sizes *ret_sizes, struct bvhd_error *error);
 };
 
-/* Takes back what write() gave, or was about to give. */
+/* Frees or discards a blob from write(). */
 void layout_discard(const struct layout_input *input, unsigned char *blob);
 
 extern const struct layout layout_portable, layout_lavapipe;
 
-/* NULL for an unknown target. */
+/* Return a layout, or NULL for an unknown target or name. */
 const struct layout *layout_find(enum target target);
 const struct layout *layout_find_name(const char *name);
 

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * portable.h - the portable layout, version 1: its bytes as structs, its reader. FORMATS.md has the tables and the
- * reasons.
+ * portable.h - the portable layout, version 1: its bytes as structs, and their reader. FORMATS.md has the tables and
+ * the reasons.
  *
  * A blob is Vulkan's serialized header, zeros up to a multiple of 64, then the body; offsets in the body count from its
- * start. Nodes are 8-wide, quantised, 80 bytes (Ylitie 2017), root first. What leaves hold stands in one array of
- * records, 16-byte aligned: indexed triangles (16 bytes) over one array of exact vertices, or fast triangles (48),
- * AABBs (32), instances (128).
+ * start. Nodes are 8-wide, quantised, 80 bytes (Ylitie 2017), with the root first. The contents of leaves are one array
+ * of records, 16-byte aligned: indexed triangles (16 bytes) over one array of exact vertices, or fast triangles (48),
+ * AABBs (32) or instances (128).
  */
 #ifndef BVHD_PORTABLE_H
 #define BVHD_PORTABLE_H
@@ -22,15 +22,17 @@
 enum {
     PORTABLE_VERSION = 1,
     PORTABLE_BODY_ALIGNMENT = 64,
-    PORTABLE_LEAF_MAX = 3, /* records a leaf child */
-    PORTABLE_MAX_DEPTH = 32, /* levels of nodes; a reader refuses more, so a stack of that many node groups suffices */
-    PORTABLE_MAX_ROWS = 1 << 30 /* nodes, likewise records: two bits of a 32-bit index are left for a reader's use */
+    PORTABLE_LEAF_MAX = 3, /* records per leaf child */
+    /* levels of nodes; readers refuse more, so that a stack of this many node groups suffices */
+    PORTABLE_MAX_DEPTH = 32,
+    /* nodes, and records: leaves two bits of a 32-bit index for a reader's use */
+    PORTABLE_MAX_ROWS = 1 << 30
 };
 
 extern const uint8_t portable_driver_uuid[16]; /* names the layout family */
 extern const uint8_t portable_compatibility_uuid[16]; /* names the version */
 
-/* What the records are. */
+/* The kinds of records. */
 enum portable_content {
     PORTABLE_INDEXED_TRIANGLES = 0,
     PORTABLE_TRIANGLES = 1,
@@ -40,20 +42,21 @@ enum portable_content {
 
 enum { PORTABLE_MAGIC = 0x42485642 }; /* "BVHB" */
 
-/* The body begins with this; 128 bytes. */
+/* The first 128 bytes of the body. */
 struct portable_header {
     uint32_t magic;
     uint32_t version;
     uint32_t content; /* enum portable_content */
     uint32_t build_flags; /* BUILD_ of the request */
     float bounds[6]; /* min xyz, max xyz, exact; min > max when empty */
-    uint32_t depth; /* levels of nodes, 0 when empty */
+    uint32_t depth; /* levels of nodes, 0 if empty */
     uint32_t node_count; /* 80 bytes each */
     uint32_t record_count;
     uint32_t vertex_count; /* indexed triangles only; 12 bytes each */
     uint32_t geometry_count; /* 16 bytes each; bottom level only */
-    uint32_t primitive_count; /* as asked, inactive ones included */
-    uint64_t node_offset; /* multiples of 16, from the body's start, each section inside the body, in this order */
+    uint32_t primitive_count; /* as in the request, inactive primitives included */
+    /* Offsets from the body's start, multiples of 16. Each section lies inside the body, in this order. */
+    uint64_t node_offset;
     uint64_t record_offset;
     uint64_t vertex_offset;
     uint64_t geometry_offset;
@@ -62,17 +65,18 @@ struct portable_header {
 };
 
 /*
- * Child s has box, per axis a, [origin[a] + lo[a][s] * 2^(exponent[a] - 127), origin[a] + hi[a][s] * 2^(exponent[a] -
- * 127)]; exponent 0 means a scale of zero (all boxes flat at the origin). The boxes hold with 1/64 of a step to spare
- * on each side (where the scale is not zero), so that a reader may round.
+ * One node. Child s has, on each axis a, the box [origin[a] + lo[a][s] * 2^(exponent[a] - 127), origin[a] + hi[a][s] *
+ * 2^(exponent[a] - 127)]; exponent 0 means a scale of zero (all boxes are flat at the origin). The boxes are larger
+ * than the children by 1/64 of a step on each side (if the scale is not zero), so that a reader's arithmetic may round.
  *
- * Bits 0, 1, 2 of a slot's number stand for +x, +y, +z: children are put where their centres lie, so that slots in the
- * order s ^ (mask of the ray's negative directions) come about front to back.
+ * Bits 0, 1, 2 of a slot's number stand for +x, +y, +z: children are put into the slots that match the positions of
+ * their centres. Visiting the slots in the order s ^ (mask of the ray's negative directions) goes roughly front to
+ * back.
  *
- * meta[s]: 0 = empty, with lo 255 and hi 0. Inner child: 0x20 | (24 + s), its node = first_child + number of inner
- * children in lower slots. Leaf: bits 7..5 the count in unary (001, 011, 111), bits 4..0 the first record, from
- * first_record on (0 .. 23). inner_mask bit s: slot s is inner. Records stand in the order of nodes and slots, without
- * gaps: first_record = the number of records of all nodes before.
+ * meta[s]: 0 = empty, with lo 255 and hi 0. Inner child: 0x20 | (24 + s); its node is first_child + the number of inner
+ * children in lower slots. Leaf: bits 7..5 are the count in unary (001, 011, 111), bits 4..0 the first record relative
+ * to first_record (0 .. 23). Bit s of inner_mask means that slot s is inner. Records are stored in the order of nodes
+ * and slots, without gaps: first_record is the number of records of all previous nodes.
  */
 struct portable_node {
     float origin[3];
@@ -86,7 +90,7 @@ struct portable_node {
 };
 
 /*
- * id: bits 28..0 the flat primitive id (primitives of all geometries counted through), bit 31 the geometry is opaque.
+ * id: bits 28..0 are the flat primitive id (counted through all geometries); bit 31 says that the geometry is opaque.
  */
 enum { PORTABLE_ID_MASK = 0x1fffffff };
 #define PORTABLE_ID_OPAQUE UINT32_C(0x80000000)
@@ -113,16 +117,16 @@ struct portable_aabb {
 };
 
 struct portable_instance {
-    float object_to_world[12]; /* row-major 3x4, as given */
+    float object_to_world[12]; /* row-major 3x4, as requested */
     float world_to_object[12]; /* its inverse, computed in double, rounded once */
     uint32_t custom_and_mask; /* as in Vulkan's record: custom index:24, mask:8 */
     uint32_t sbt_and_flags; /* sbt offset:24, flags:8 */
-    uint32_t instance; /* position in the request */
+    uint32_t instance; /* its position in the request */
     uint32_t handle; /* row of the serialized header's handles */
     uint32_t reserved[4]; /* 0 */
 };
 
-/* A geometry covers the flat ids from first_primitive on. */
+/* A geometry covers the flat ids first_primitive .. first_primitive + primitive_count - 1. */
 struct portable_geometry {
     uint32_t flags; /* GEOMETRY_ */
     uint32_t first_primitive;
@@ -136,13 +140,13 @@ _Static_assert(sizeof(struct portable_aabb) == 32 && sizeof(struct portable_inst
 _Static_assert(sizeof(struct portable_geometry) == 16, "layout");
 
 /*
- * A blob opened for reading. Everything points into the blob, which must be 16-byte aligned, unchanged and outlive the
- * view.
+ * A blob opened for reading. All pointers lead into the blob, which must be 16-byte aligned, stay unchanged and outlive
+ * the view.
  */
 struct portable_view {
     const struct portable_header *header;
     const struct portable_node *nodes;
-    const void *records; /* by header->content */
+    const void *records; /* their type depends on header->content */
     const float *vertices;
     const struct portable_geometry *geometries;
     const unsigned char *handles; /* handle_count u64 */
@@ -150,15 +154,16 @@ struct portable_view {
 };
 
 /*
- * Opens a hostile blob: checks the header and every section's place, every node (children follow their parent and have
- * one parent each, records have one owner each, depth is bounded), every record's ids and indices, so that traverse.h
- * can read without another check and ends. O(size). BVHD_CORRUPT or BVHD_INCOMPATIBLE with the place, e.g.
- * "nodes[17].firstChild". `memory` is for a bitmap that is freed before return.
+ * Opens a hostile blob. It checks the header and every section's place, every node (children follow their parent and
+ * have one parent each, records have one owner each, the depth is bounded), and every record's ids and indices, so that
+ * traverse.h reads without further checks and terminates. Takes O(size) time. Returns BVHD_CORRUPT or BVHD_INCOMPATIBLE
+ * with the place, e.g. "nodes[17].firstChild"; BVHD_NO_MEMORY. `memory` provides the levels of the nodes, which are
+ * freed before return.
  */
 enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct portable_view *ret_view,
                                struct bvhd_error *error);
 
-/* The geometry that a flat primitive id lies in. */
+/* Returns the geometry of a flat primitive id. */
 uint32_t portable_geometry_of(const struct portable_view *view, uint32_t id);
 
 #endif

@@ -29,7 +29,7 @@ static float next_down(float value)
     return value;
 }
 
-/* The biased exponent of the smallest float power of two that is >= value > 0; at least 1. */
+/* Returns the biased exponent of the smallest float power of two that is >= value > 0; at least 1. */
 static int exponent_above(double value)
 {
     uint64_t bits;
@@ -38,7 +38,7 @@ static int exponent_above(double value)
     return exponent + 127 > 1 ? exponent + 127 : 1;
 }
 
-/* The largest float with room for the margin below `low`. */
+/* Returns the largest float that is at least the margin below `low`. */
 static float origin_below(float low, double step, double inverse)
 {
     double wanted = low - step * MARGIN;
@@ -62,18 +62,19 @@ static struct grid fit_grid(float low, float high)
     for (;; exponent++) {
         double inverse = power_of_two(127 - exponent);
         float origin = origin_below(low, power_of_two(exponent - 127), inverse);
-        if (256 - MARGIN - (high - (double)origin) * inverse >= 1) /* as below, so that hi is at most 255 */
+        /* The same expression as in quantise(), so that hi is at most 255. */
+        if (256 - MARGIN - (high - (double)origin) * inverse >= 1)
             return (struct grid){origin, inverse, (uint8_t)exponent};
     }
 }
 
 /*
- * Truncation rounds down what is not negative, and up when counted from the other end. Both versions do the same
+ * Truncation rounds non-negative numbers down, and rounds up when counted from the other end. Both versions do the same
  * operations in double.
  */
 #ifdef USE_SSE2
 
-/* Of 8 coordinates: trunc(offset + sign * ((value - origin) / step)), as 16-bit integers. */
+/* Computes trunc(offset + sign * ((value - origin) / step)) of 8 coordinates, as 16-bit integers. */
 static inline __m128i in_steps(const float values[8], const struct grid *grid, double offset, __m128d sign)
 {
     const __m128d origin = _mm_set1_pd(grid->origin), inverse = _mm_set1_pd(grid->inverse), shift = _mm_set1_pd(offset);
@@ -122,7 +123,7 @@ static void clear_empty(unsigned occupied, uint8_t lo[8], uint8_t hi[8])
         }
 }
 
-/* By halves, which compilers turn into few instructions. */
+/* The halving order compiles to few instructions. */
 static inline float least_of(const float values[8])
 {
     float least[4];
@@ -148,7 +149,7 @@ void portable_quantise(const struct portable_boxes *boxes, unsigned occupied, st
         const float *min = boxes->min[axis], *max = boxes->max[axis];
         float low = least_of(min), high = greatest_of(max);
         uint8_t *lo = ret_node->lo[axis], *hi = ret_node->hi[axis];
-        struct grid grid = {low + 0.0f, 0, 0}; /* no -0, whichever zero came first */
+        struct grid grid = {low + 0.0f, 0, 0}; /* turns -0 into 0, whichever zero came first */
         if (low < high) {
             grid = fit_grid(low, high);
             quantise(min, max, &grid, lo, hi);

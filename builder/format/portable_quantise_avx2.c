@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * portable_quantise_avx2.c - portable_quantise_boxes for machines with AVX2: three axes at a time where there is one
- * number for each, eight slots where there are eight. The same operations in double as in portable_quantise.c, so the
- * same bytes.
+ * portable_quantise_avx2.c - portable_quantise_boxes for machines with AVX2. It handles three axes at a time for values
+ * that exist once per axis, and eight slots at a time for values that exist once per slot. It does the same operations
+ * in double as portable_quantise.c, so that the bytes are the same.
  */
 #include "builder/format/portable_quantise.h"
 
@@ -15,11 +15,11 @@ bool portable_has_avx2(void)
     return __builtin_cpu_supports("avx2");
 }
 
-/* Numbers of the axes x, y, z; the fourth lane is z again. */
+/* The values of the axes x, y, z; the fourth lane repeats z. */
 struct wide_grid {
     __m128 origin;
     __m256d inverse;
-    __m128i exponent; /* 0 where flat */
+    __m128i exponent; /* 0 on a flat axis */
 };
 
 BOX_LANES_INLINE __m128 lesser_half(__m256 v)
@@ -32,7 +32,7 @@ BOX_LANES_INLINE __m128 greater_half(__m256 v)
     return _mm_max_ps(_mm256_castps256_ps128(v), _mm256_extractf128_ps(v, 1));
 }
 
-/* The least on each axis. */
+/* The minimum on each axis. */
 BOX_LANES_INLINE __m128 least_of(const __m256 values[3])
 {
     __m128 x = lesser_half(values[0]), y = lesser_half(values[1]), z = lesser_half(values[2]);
@@ -49,7 +49,7 @@ BOX_LANES_INLINE __m128 greatest_of(const __m256 values[3])
     return _mm_max_ps(_mm_movelh_ps(xy, zz), _mm_movehl_ps(zz, xy));
 }
 
-/* Biased exponents of the smallest float powers of two >= values > 0; at least 1. */
+/* Returns the biased exponents of the smallest float powers of two >= values > 0; at least 1. */
 BOX_LANES_INLINE __m256i exponents_above(__m256d values)
 {
     const __m256i one = _mm256_set1_epi64x(1), mantissa = _mm256_set1_epi64x((INT64_C(1) << 52) - 1);
@@ -60,7 +60,7 @@ BOX_LANES_INLINE __m256i exponents_above(__m256d values)
     return _mm256_blendv_epi8(one, exponents, _mm256_cmpgt_epi64(exponents, one));
 }
 
-/* 2^(sign * (exponent - 127)) */
+/* step_of is 2^(exponent - 127), inverse_of is 2^(127 - exponent). */
 BOX_LANES_INLINE __m256d step_of(__m256i exponents)
 {
     return _mm256_castsi256_pd(_mm256_slli_epi64(_mm256_add_epi64(exponents, _mm256_set1_epi64x(1023 - 127)), 52));
@@ -79,13 +79,16 @@ BOX_LANES_INLINE __m256d in_steps(__m256d values, __m128 origin, __m256d inverse
 BOX_LANES_INLINE __m128 next_down(__m128 values)
 {
     __m128i bits = _mm_castps_si128(values), minus = _mm_cmpgt_epi32(_mm_setzero_si128(), bits);
-    __m128i next =
-        _mm_add_epi32(bits, _mm_sub_epi32(_mm_set1_epi32(-1), _mm_slli_epi32(minus, 1))); /* - 1, + 1 where negative */
+    /* Subtracts 1 from positive values, adds 1 to negative ones. */
+    __m128i next = _mm_add_epi32(bits, _mm_sub_epi32(_mm_set1_epi32(-1), _mm_slli_epi32(minus, 1)));
     __m128 zero = _mm_cmpeq_ps(values, _mm_setzero_ps());
     return _mm_blendv_ps(_mm_castsi128_ps(next), _mm_set1_ps(-0x1p-149f), zero);
 }
 
-/* Where more than one step down is needed, or floats end, it is left to the plain version: false. */
+/*
+ * Returns false, and leaves the node to the plain version, if more than one step down is needed or the float range
+ * ends.
+ */
 BOX_LANES_INLINE bool fit_grid(__m128 low, __m128 high, struct wide_grid *ret_grid)
 {
     const __m256d margin = _mm256_set1_pd(PORTABLE_MARGIN), lowest = _mm256_cvtps_pd(low),
@@ -116,7 +119,7 @@ BOX_LANES_INLINE bool fit_grid(__m128 low, __m128 high, struct wide_grid *ret_gr
     return true;
 }
 
-/* Of 8 coordinates: trunc((value - origin) / step - margin), as 16-bit integers. */
+/* Computes trunc((value - origin) / step - margin) of 8 coordinates, as 16-bit integers. */
 BOX_LANES_INLINE __m128i steps_down(__m256 values, __m256d origin, __m256d inverse)
 {
     const __m256d margin = _mm256_set1_pd(PORTABLE_MARGIN);
@@ -127,7 +130,7 @@ BOX_LANES_INLINE __m128i steps_down(__m256 values, __m256d origin, __m256d inver
     return _mm_packs_epi32(_mm256_cvttpd_epi32(low), _mm256_cvttpd_epi32(high));
 }
 
-/* 256 - trunc(256 - margin - (value - origin) / step) */
+/* Computes 256 - trunc(256 - margin - (value - origin) / step). */
 BOX_LANES_INLINE __m128i steps_up(__m256 values, __m256d origin, __m256d inverse)
 {
     const __m256d shift = _mm256_set1_pd(256 - PORTABLE_MARGIN);
@@ -138,10 +141,10 @@ BOX_LANES_INLINE __m128i steps_up(__m256 values, __m256d origin, __m256d inverse
     return _mm_sub_epi16(_mm_set1_epi16(256), _mm_packs_epi32(_mm256_cvttpd_epi32(low), _mm256_cvttpd_epi32(high)));
 }
 
-/* All bits set in the bytes of slots that are not occupied, in both halves. */
+/* Returns a mask with all bits set in the bytes of slots that are not occupied, in both halves. */
 BOX_LANES_INLINE __m128i empty_slots(unsigned occupied)
 {
-    const __m128i bits = _mm_set1_epi64x(INT64_C(-0x7fbfdfeff7fbfdff)); /* 1 << slot */
+    const __m128i bits = _mm_set1_epi64x(INT64_C(-0x7fbfdfeff7fbfdff)); /* byte s is 1 << s */
     return _mm_cmpeq_epi8(_mm_and_si128(_mm_set1_epi8((char)occupied), bits), _mm_setzero_si128());
 }
 

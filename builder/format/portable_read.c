@@ -12,7 +12,7 @@
 struct reading {
     struct bytes body;
     struct portable_view view;
-    uint8_t *levels; /* of each node, 1 for the root; 0 until a parent names it */
+    uint8_t *levels; /* of each node, 1 for the root; 0 until a parent refers to it */
     struct bvhd_error *error;
 };
 
@@ -29,7 +29,7 @@ static enum bvhd_status corrupt(const struct reading *r, const char *where, cons
     return bvhd_error_set(r->error, BVHD_CORRUPT, where, "%s", reason);
 }
 
-/* What can be said of the header's fields by themselves. */
+/* Checks the header's fields that can be judged by themselves. */
 static enum bvhd_status check_counts(const struct reading *r)
 {
     const struct portable_header *h = r->view.header;
@@ -70,7 +70,10 @@ static enum bvhd_status check_bounds(const struct reading *r)
     return BVHD_OK;
 }
 
-/* [offset, offset + count * size) follows what came before, *end, and lies inside the body; then it is the new *end. */
+/*
+ * Checks that the section [offset, offset + count * size) begins at or after *end and lies inside the body; then moves
+ * *end to its end.
+ */
 static bool take_section(const struct reading *r, uint64_t offset, uint32_t count, uint32_t size, uint64_t *end)
 {
     if (offset % 16 != 0 || offset < *end || offset > r->body.size || (uint64_t)count * size > r->body.size - offset)
@@ -122,7 +125,9 @@ static enum bvhd_status check_geometries(const struct reading *r)
     return BVHD_OK;
 }
 
-/* Every byte of `lo` at most that of `hi`, for slots whose bit is set; 255 and 0 in the others. */
+/*
+ * Checks that every byte of `lo` is at most that of `hi` in slots whose bit is set, and that the others are 255 and 0.
+ */
 static bool boxes_are_sound(const struct portable_node *node, unsigned occupied)
 {
     for (int axis = 0; axis < 3; axis++) {
@@ -140,7 +145,7 @@ static bool boxes_are_sound(const struct portable_node *node, unsigned occupied)
     return true;
 }
 
-/* Each inner child is named once, by a node before it. */
+/* Checks that each inner child has exactly one parent, which precedes it. */
 static enum bvhd_status claim_children(const struct reading *r, uint32_t i, unsigned count)
 {
     const struct portable_header *h = r->view.header;
@@ -157,7 +162,7 @@ static enum bvhd_status claim_children(const struct reading *r, uint32_t i, unsi
     return BVHD_OK;
 }
 
-/* Adds the node's records to *records, which come in the order of nodes and slots. */
+/* Checks a node and adds the number of its records to *records. Records are stored in the order of nodes and slots. */
 static enum bvhd_status check_node(const struct reading *r, uint32_t i, uint32_t *records)
 {
     const struct portable_node *node = &r->view.nodes[i];

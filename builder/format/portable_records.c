@@ -22,8 +22,8 @@ static uint32_t id_of(const struct canonical_geometry *geometry, uint32_t primit
 }
 
 /*
- * What the loops need of a geometry of triangles. A copy: stores of bytes might change the original, as far as
- * compilers know.
+ * The fields of a triangle geometry that the loops need. They are a copy, because the compiler must assume that stores
+ * of bytes change the original.
  */
 struct corners {
     const uint32_t *indices;
@@ -38,14 +38,15 @@ static struct corners corners_of(const struct canonical_geometry *geometry)
 
 static inline bool is_inside(const struct corners *corners, uint32_t primitive)
 {
-    return primitive - corners->first_primitive < corners->primitive_count; /* below the first one it wraps around */
+    /* wraps around for primitives below the first one */
+    return primitive - corners->first_primitive < corners->primitive_count;
 }
 
 struct vertices {
     uint32_t a, b, c;
 };
 
-/* A triangle's vertices in the numbering of all geometries. */
+/* Returns a triangle's vertices in the numbering over all geometries. */
 static inline struct vertices vertices_of(const struct corners *corners, uint32_t primitive)
 {
     uint64_t corner = (uint64_t)3 * (primitive - corners->first_primitive);
@@ -56,7 +57,10 @@ static inline struct vertices vertices_of(const struct corners *corners, uint32_
     return (struct vertices){first + indices[0], first + indices[1], first + indices[2]};
 }
 
-/* Two halves into their place: a struct that is filled in pieces and copied as a whole waits for its pieces. */
+/*
+ * Each record is stored as two halves: a struct that is filled in pieces and copied as a whole would stall on store
+ * forwarding.
+ */
 static void write_indexed_triangles(const struct portable_records *writer, const uint32_t *refs, uint32_t count,
                                     unsigned char *record)
 {
@@ -78,7 +82,8 @@ static void write_indexed_triangles(const struct portable_records *writer, const
 
 static bool lies_in(const struct canonical_geometry *geometry, uint32_t primitive)
 {
-    return primitive - geometry->first_primitive < geometry->primitive_count; /* below the first one it wraps around */
+    /* wraps around for primitives below the first one */
+    return primitive - geometry->first_primitive < geometry->primitive_count;
 }
 
 static void write_triangle(const struct canonical_geometry *geometry, uint32_t primitive, unsigned char *record)
@@ -105,7 +110,7 @@ static void write_instance(const struct canonical_geometry *geometry, uint32_t p
 {
     const unsigned char *source = geometry->instances + (uint64_t)64 * primitive;
     uint64_t reference = bytes_get64(source + 56);
-    assert(reference != 0); /* inactive instances are in no tree */
+    assert(reference != 0); /* no tree contains inactive instances */
     struct portable_instance instance = {
         .custom_and_mask = bytes_get32(source + 48),
         .sbt_and_flags = bytes_get32(source + 52),
@@ -156,7 +161,7 @@ void portable_records_mark(const struct canonical *canonical, const uint32_t *re
     }
 }
 
-/* Marks the vertices of some of a geometry's triangles. */
+/* Marks the vertices of a range of one geometry's triangles. */
 static void mark_triangles(const struct canonical_geometry *geometry, uint32_t first, uint32_t count, uint8_t *used)
 {
     const struct corners corners = corners_of(geometry);

@@ -13,8 +13,8 @@ const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', '
                                                  't', 'a', 'b', 'l', 'e', 0,   0,   PORTABLE_VERSION};
 
 /*
- * What takes a few microseconds is not worth waking a thread for: those who count vertices do more at once than those
- * who copy them.
+ * A chunk must be worth more than waking a thread, which takes a few microseconds. Counting vertices is faster than
+ * copying them, so its chunks are larger.
  */
 enum { NODE_CHUNK = 256, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, COPY_CHUNK = 8192, MARK_CHUNK = 8192 };
 
@@ -24,10 +24,10 @@ struct writing {
     uint64_t body_offset;
     unsigned char *blob, *body;
     struct portable_records records;
-    bool avx2; /* the AVX2 version may be used */
-    uint32_t *first_kept; /* of each chunk of vertices: how many are kept before it; then their sum */
-    uint8_t *used; /* of each vertex: whether a record names it */
-    uint32_t *remap; /* of each vertex: where it is kept; NULL when all are */
+    bool avx2; /* this machine has AVX2 */
+    uint32_t *first_kept; /* for each chunk of vertices: how many are kept before it; at the end their sum */
+    uint8_t *used; /* for each vertex: 1 if a record names it */
+    uint32_t *remap; /* for each vertex: its new number; NULL if all vertices are kept */
 };
 
 static enum portable_content content_of(const struct canonical *canonical, uint32_t layout_flags)
@@ -48,7 +48,7 @@ static void fill_bounds(const struct ir *ir, float ret_bounds[6])
     memcpy(ret_bounds + 3, box.max, sizeof box.max);
 }
 
-/* Counts below 2^32 times small sizes: these sums do not overflow. */
+/* Counts are below 2^32 and sizes are small, so that these sums do not overflow. */
 static void place_sections(struct portable_header *header)
 {
     header->node_offset = sizeof *header;
@@ -92,10 +92,10 @@ static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
 /* A node's refs in the order of its records. */
 struct node_refs {
     uint32_t count;
-    uint32_t refs[WIDE_ARITY * PORTABLE_LEAF_MAX + PORTABLE_LEAF_MAX - 1]; /* filled by leaf_max at a time */
+    uint32_t refs[WIDE_ARITY * PORTABLE_LEAF_MAX + PORTABLE_LEAF_MAX - 1]; /* each step writes leaf_max entries */
 };
 
-/* Without branches on what hangs in a slot, which cannot be foreseen; a slot without refs gives none. */
+/* The loop does not branch on the contents of a slot, which are unpredictable; a slot without refs adds none. */
 static void gather_refs(const struct writing *w, const struct wide_node *wide, struct node_refs *ret)
 {
     uint32_t *next = ret->refs;
@@ -110,7 +110,7 @@ static void gather_refs(const struct writing *w, const struct wide_node *wide, s
     ret->count = (uint32_t)(next - ret->refs);
 }
 
-/* A node, and boxes where it has none of its own to point to: over all motion keys. */
+/* Returns the box of an ir node over all motion keys, in `storage` if it has to be computed. */
 static const struct box *box_of(const struct ir *ir, uint32_t node, struct box *storage)
 {
     if (ir->key_count == 1)
@@ -120,13 +120,16 @@ static const struct box *box_of(const struct ir *ir, uint32_t node, struct box *
     return storage;
 }
 
-/* All bits set, or none. */
+/* Returns all bits set, or none. */
 static inline uint32_t mask_of(bool condition)
 {
     return 0u - (uint32_t)condition;
 }
 
-/* What hangs in a slot cannot be foreseen, so nothing branches on it. An empty slot has the box of another one. */
+/*
+ * The loops do not branch on the contents of a slot, which are unpredictable. An empty slot takes the box of another
+ * one.
+ */
 static void write_node(const struct writing *w, const struct wide_node *wide, struct portable_node *node)
 {
     static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
@@ -156,7 +159,10 @@ static void write_node(const struct writing *w, const struct wide_node *wide, st
     node->first_record = wide->first_leaf;
 }
 
-/* What a node is written from lies far apart: boxes in the order of the tree, primitives in that of the request. */
+/*
+ * The data of a node are far apart in memory: boxes are in the order of the tree, primitives in the order of the
+ * request.
+ */
 static void prefetch_node(const struct writing *w, const struct wide_node *wide, struct node_refs *ret_refs)
 {
     gather_refs(w, wide, ret_refs);
@@ -199,15 +205,15 @@ static uint32_t vertex_chunks(const struct writing *w)
     return (uint32_t)chunks_of(w->records.canonical->vertex_count, VERTEX_CHUNK);
 }
 
-/* How many triangles are looked at to mark vertices. */
+/* Returns how many triangles are read to mark vertices. */
 static uint32_t names_to_mark(const struct writing *w)
 {
     return w->input->complete ? w->input->canonical->primitive_count : w->input->ir->ref_count;
 }
 
 /*
- * The chunk of a task: those that run at once are a thread's share apart. Neighbours name the same vertices, and
- * processors would take the lines of marks from each other.
+ * Returns the chunk of a task, such that tasks that run at the same time are one thread's share apart. Neighbouring
+ * chunks name the same vertices, and processors would contend for the cache lines of their marks.
  */
 static size_t chunk_apart(size_t task, size_t chunks, size_t threads)
 {
@@ -263,7 +269,7 @@ static void remap_chunk(void *context, size_t index)
     }
 }
 
-/* False when cancelled: what follows is for nothing, but does no harm. */
+/* Returns false if cancelled: the following steps then work on incomplete data, which is harmless. */
 static bool run_all(struct writing *w, size_t count, parallel_task task)
 {
     return parallel_for_until(w->input->parallel, w->input->cancel, count, task, w);
@@ -274,7 +280,7 @@ static enum bvhd_status report_cancelled(struct bvhd_error *error)
     return bvhd_error_set(error, BVHD_CANCELLED, "blob", "cancelled");
 }
 
-/* Vertices that no record names are dropped; the others keep their order. */
+/* Drops the vertices that no record names; the others keep their order. */
 static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct bvhd_error *error)
 {
     uint32_t all = w->header.vertex_count;
@@ -318,7 +324,7 @@ static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
     return BVHD_OK;
 }
 
-/* Copies kept vertices `begin` to `end` of one geometry to their places. */
+/* Copies the kept ones among vertices [begin, end) of one geometry to their places. */
 static void copy_run(const struct writing *w, const struct canonical_geometry *geometry, size_t begin, size_t end)
 {
     if (begin == end)
@@ -334,7 +340,7 @@ static void copy_run(const struct writing *w, const struct canonical_geometry *g
             memcpy(vertices + (size_t)12 * w->remap[i], source, 12);
 }
 
-/* The last geometry that starts at or before a vertex; that is never one without vertices. */
+/* Returns the last geometry that starts at or before a vertex; it is never one without vertices. */
 static uint32_t geometry_of_vertex(const struct canonical *canonical, size_t vertex)
 {
     uint32_t low = 0, high = canonical->geometry_count;
@@ -363,7 +369,7 @@ static void copy_vertices(const struct writing *w, size_t index)
     }
 }
 
-/* Nodes first: their tasks take longer, and threads end together. */
+/* Nodes come first, because their tasks take longer: the threads then finish at about the same time. */
 static void write_chunk(void *context, size_t index)
 {
     const struct writing *w = context;
@@ -388,7 +394,7 @@ static void write_tables(const struct writing *w)
     memcpy(w->body, header, sizeof *header);
 }
 
-/* Handle i is i + 1, like the references of the canonical copy, until a loader puts the device's own in its place. */
+/* Handle i is i + 1, as in the references of the canonical copy, until a loader replaces it by the device's own. */
 static void write_serialized_header(const struct writing *w)
 {
     uint32_t handles = w->header.content == PORTABLE_INSTANCES ? w->input->canonical->reference_count : 0;

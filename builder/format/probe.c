@@ -15,7 +15,7 @@ enum {
     HEADER = SIZES + 8 * PROBE_COUNT
 };
 
-/* What a structure takes in the block: each begins at a multiple of 8. */
+/* Returns how much space a structure takes in the block, where each begins at a multiple of 8. */
 static uint64_t room(uint64_t size)
 {
     return bytes_align(size, 8);

@@ -9,7 +9,9 @@
 #include "builder/format/lavapipe_write.h"
 #include "builder/format/serialized.h"
 
-/* How far a layout came: structures that it reproduces, bytes of the next one. */
+/*
+ * The progress of one attempt: the number of structures that a layout reproduces, and of equal bytes in the next one.
+ */
 struct attempt {
     enum lavapipe_variant variant;
     struct device_format format;
@@ -23,7 +25,7 @@ static const char *name_of(int structure)
     return names[structure];
 }
 
-/* Puts the device's addresses where the writer puts rows: into handles and leaves. */
+/* Replaces the rows that the writer stored, in handles and leaves, by the device's addresses. */
 static void set_addresses(const struct probe *probe, const struct lavapipe_view *theirs, unsigned char *blob)
 {
     unsigned char *leaves = blob + SERIALIZED_HANDLES + 8 * theirs->handle_count + theirs->leaf_offset;
@@ -36,8 +38,8 @@ static void set_addresses(const struct probe *probe, const struct lavapipe_view 
 }
 
 /*
- * Whoever bounds an instance rounds as it likes: some multiply and add at once, some round outward. What differs by no
- * more than such roundings is taken over.
+ * Every driver rounds the bounds of instances in its own way: some use fused multiply-add, some round outward.
+ * Differences no larger than such roundings are taken over from the device's bytes.
  */
 static void take_over_rounding(const unsigned char *theirs, unsigned char *ours, int count)
 {
@@ -56,7 +58,7 @@ static void take_over_bounds(const struct lavapipe_view *theirs, struct bytes bl
         take_over_rounding(theirs->body + at, ours + body + at, 12);
 }
 
-/* The first byte that differs, or the size when none does. */
+/* Returns the first byte that differs, or the smaller size if none does. */
 static uint64_t compare(struct bytes theirs, const unsigned char *ours, uint64_t our_size)
 {
     uint64_t at = 0, common = our_size < theirs.size ? our_size : theirs.size;
@@ -66,7 +68,8 @@ static uint64_t compare(struct bytes theirs, const unsigned char *ours, uint64_t
 }
 
 /*
- * Writes the structure again, with the device's topology. *ret_byte: how far both are equal; UINT64_MAX when they are.
+ * Writes the structure again with the device's topology. *ret_byte is the first difference, or UINT64_MAX if there is
+ * none.
  */
 static enum bvhd_status reproduce(const struct probe *probe, int structure, const struct lavapipe_view *view,
                                   struct memory *memory, uint64_t *ret_byte, struct bvhd_error *error)
@@ -87,7 +90,7 @@ static enum bvhd_status reproduce(const struct probe *probe, int structure, cons
                                        .parallel = &parallel_serial};
     status = lavapipe_write_at(&input, topology.places, &ours, &sizes, error);
     if (status == BVHD_OK) {
-        /* Without the sizes in common, no place in one is that place in the other. */
+        /* If the sizes differ, the same offset means different things in the two blobs. */
         bool alike = sizes.total == theirs.size && bytes_get64(ours + 48) == view->handle_count &&
                      sizes.nodes == view->leaf_offset - LAVAPIPE_HEADER;
         if (alike && structure == PROBE_INSTANCES) {
@@ -102,12 +105,12 @@ static enum bvhd_status reproduce(const struct probe *probe, int structure, cons
     return status;
 }
 
-/* BVHD_OK with ret_attempt->structure == PROBE_COUNT: the variant it is. Only a lack of memory is an error. */
+/* Tries one variant. It matches if ret_attempt->structure is PROBE_COUNT. Only a lack of memory is an error. */
 static enum bvhd_status attempt(const struct probe *probe, enum lavapipe_variant variant, struct memory *memory,
                                 struct attempt *ret_attempt, struct bvhd_error *error)
 {
     struct attempt made = {.variant = variant};
-    struct bvhd_error other; /* another layout's structure is no error */
+    struct bvhd_error other; /* a structure of another layout is no error */
     for (; made.structure < PROBE_COUNT; made.structure++) {
         struct lavapipe_view view;
         enum bvhd_status status = lavapipe_open(probe->structures[made.structure], variant, memory, &view, &other);

@@ -2,9 +2,9 @@
 #include "builder/format/probe.h"
 
 /*
- * Chosen so that a layout shows what it does: coordinates whose products and sums are exact in float, so that no order
- * of operations hides it; negative zeros inside of the bounds; counts, flags, masks and offsets that are all different;
- * a matrix that shears, mirrors and does not scale evenly, whose inverse is not exact.
+ * The values are chosen to reveal the layout: coordinates whose products and sums are exact in float, so that the order
+ * of operations does not matter; negative zeros inside the bounds; counts, flags, masks and offsets that are all
+ * different; a matrix that shears, mirrors and scales unevenly, and whose inverse is not exact.
  */
 enum { TRIANGLES = 5, OPAQUE_TRIANGLES = 3, AABBS = 4, OPAQUE_AABBS = 1, INSTANCES = 2 };
 
@@ -23,7 +23,7 @@ static const struct box bounds[] = {
     [PROBE_AABBS] = {{-6, -2, -3}, {10.25f, 8, 16}},
 };
 
-/* As Vulkan has them: matrix, custom index and mask, offset and flags, reference. */
+/* A Vulkan instance record: matrix, custom index and mask, offset and flags, reference. */
 struct record {
     float matrix[12];
     uint32_t custom_and_mask, offset_and_flags;
