@@ -5,7 +5,7 @@
 
 #include "builder/kernel/bins_kernels.h"
 
-/* Evaluating planes costs as much as binning some refs a plane; where there are few refs, few planes are enough. */
+/* Evaluating a plane costs as much as binning several refs, so few refs get few planes. */
 static uint32_t bins_for(uint32_t count)
 {
     uint32_t bins = 4 + count / 16;
@@ -33,7 +33,7 @@ static inline void add_centroid(struct vec4_box *centroids, const struct primiti
     vec4_box_grow(centroids, centroid, centroid);
 }
 
-/* Two boxes in turns, since each waits for what it was before. */
+/* Grows two boxes alternately, because each operation waits for the one before on the same box. */
 struct vec4_box bins_centroids(const struct primitive_ref *refs, uint32_t count)
 {
     struct vec4_box even = vec4_box_empty(), odd = vec4_box_empty();
@@ -48,13 +48,13 @@ struct vec4_box bins_centroids(const struct primitive_ref *refs, uint32_t count)
 void bins_map(const struct vec4_box *centroids, uint32_t count, struct bins_mapping *ret_mapping)
 {
     ret_mapping->bins = bins_for(count);
-    /* A little less than the number of bins, so that the largest centroid falls into the last one. */
+    /* The scale is a little less than the number of bins, so that the largest centroid falls into the last bin. */
     vec4 scale = vec4_all((float)ret_mapping->bins - 0.01f) / vec4_xyz(centroids->max - centroids->min);
     ret_mapping->base = centroids->min;
     ret_mapping->scale = vec4_xyz(vec4_and(scale, (scale > vec4_all(0)) & (scale <= vec4_all(FLT_MAX))));
 }
 
-/* As vec4_box_grow, of a box with negated maximum. */
+/* Grows a box whose maximum is negated. */
 static inline void grow(struct vec4_box *box, const struct vec4_box *bin)
 {
     box->min = vec4_min(bin->min, box->min);
@@ -82,8 +82,8 @@ void bins_add(struct bins *bins, const struct bins_mapping *mapping, const struc
     enum { TWO_SETS_FROM = 1024 };
     struct bins *sets[2] = {bins, bins}, other;
     /*
-     * Neighbours tend to fall into one bin, and each would wait for the other's box: with two sets only every second
-     * does.
+     * Neighbours tend to fall into the same bin, where each update waits for the one before. With two sets only every
+     * second ref goes to the same box.
      */
     if (count >= TWO_SETS_FROM) {
         sets[1] = &other;
@@ -111,7 +111,8 @@ void bins_merge(struct bins *bins, const struct bins_mapping *mapping, const str
 }
 
 /*
- * Grows three boxes, one an axis, by those of a bin, and returns their half areas: of negated sides, which is the same.
+ * Grows three boxes, one for each axis, by the boxes of a bin, and returns their half areas. Sides come out negated,
+ * which does not change the products.
  */
 static inline vec4 grow_all(struct vec4_box boxes[3], const struct bins *bins, uint32_t bin)
 {
@@ -122,14 +123,14 @@ static inline vec4 grow_all(struct vec4_box boxes[3], const struct bins *bins, u
     return x * y + y * z + z * x;
 }
 
-/* The best plane of each axis, a lane an axis. */
+/* The best plane of each axis, one lane for each axis. */
 struct candidates {
     vec4 cost;
-    vec4 larger; /* the larger side's count */
-    vec4 bin; /* 0: none */
+    vec4 larger; /* number of refs on the larger side */
+    vec4 bin; /* 0 when there is none */
 };
 
-/* Where nothing lies on one side its area is infinite and its count 0: the cost is NaN and never taken. */
+/* When one side is empty its area is infinite and its count 0, so the cost is NaN and the plane is never chosen. */
 static struct candidates find_candidates(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count)
 {
     vec4 right_costs[BINS_MAX], right_counts[BINS_MAX];

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bins.h - the kernels of binned SAH (Wald 2007): sort refs into bins by their centroids along all three axes, choose
- * the cheapest plane between bins, partition by it. For split.c, which works on many chunks at once, and spatial.c,
- * which goes down to the leaves.
+ * bins.h - the kernels of binned SAH (Wald 2007): they sort refs into bins by their centroids along all three axes,
+ * choose the cheapest plane between bins, and partition the refs by it. split.c uses them on many chunks at once,
+ * binned.c and spatial.c on their way down to the leaves.
  *
- * Centroids are min + max, twice the centre. Magnitudes are at most 2^40 (rescale.h), so that areas times counts stay
- * in float's range. Results depend on the refs, their order and nothing else. Fourth lanes of boxes are of no meaning.
+ * A centroid is min + max, which is twice the centre. Magnitudes are at most 2^40 (rescale.h), so that areas times
+ * counts stay in float's range. Results depend only on the refs and their order. The fourth lanes of boxes have no
+ * meaning. All functions may run on any thread; none allocates or fails.
  */
 #ifndef BVHD_BINS_H
 #define BVHD_BINS_H
@@ -15,57 +16,61 @@
 
 enum { BINS_MAX = 32 };
 
-/* How centroids become bin numbers. */
+/* The map from centroids to bin numbers. */
 struct bins_mapping {
-    vec4 base, scale; /* bin = (centroid - base) * scale; scale 0 on an axis along which nothing can be separated */
+    /* bin = (centroid - base) * scale; scale is 0 on an axis along which nothing can be separated */
+    vec4 base, scale;
     uint32_t bins; /* at most BINS_MAX; fewer for few refs */
 };
 
-/* Of each bin the box's minimum and negated maximum, so that one operation grows both. */
+/* The contents of the bins: of each one the box's minimum and its negated maximum, so that one operation grows both. */
 struct bins {
     _Alignas(32) struct vec4_box boxes[3][BINS_MAX]; /* by axis */
-    vec4_int counts[BINS_MAX]; /* a lane an axis */
+    vec4_int counts[BINS_MAX]; /* one lane for each axis */
 };
 
-/* A plane: refs whose bin on `axis` is below `bin` go left. Both sides get at least one ref. */
+/* A dividing plane: refs whose bin on `axis` is below `bin` go left. Both sides get at least one ref. */
 struct bins_plane {
     unsigned axis;
     uint32_t bin;
     uint32_t left_count;
-    struct vec4_box left, right; /* of the refs */
+    struct vec4_box left, right; /* boxes of the refs on each side */
 };
 
-/* Box and centroid box of refs; as primitive_ref_bounds, in registers. */
+/* Computes the box of the refs and the box of their centroids, like primitive_ref_bounds, but in registers. */
 void bins_bound(const struct primitive_ref *refs, uint32_t count, struct vec4_box *ret_bounds,
                 struct vec4_box *ret_centroids);
 
-/* The centroid box alone, in half the time; of zeros on its sides the sign is of no meaning. */
+/* Computes only the box of the centroids, in half the time. The sign of a zero side has no meaning. */
 struct vec4_box bins_centroids(const struct primitive_ref *refs, uint32_t count);
 
+/* Chooses the map for `count` refs with these centroids. */
 void bins_map(const struct vec4_box *centroids, uint32_t count, struct bins_mapping *ret_mapping);
 
+/* Empties the bins; adds refs to them; adds the refs of other bins with the same map. */
 void bins_clear(struct bins *bins, const struct bins_mapping *mapping);
 void bins_add(struct bins *bins, const struct bins_mapping *mapping, const struct primitive_ref *refs, uint32_t count);
 void bins_merge(struct bins *bins, const struct bins_mapping *mapping, const struct bins *other);
 
 /*
- * The cheapest plane; of equals the one that divides best, then the first of an axis, then the first axis. False when
- * there is none. `count`: of all refs in the bins.
+ * Chooses the plane of least cost; among equal costs the one that divides most evenly, then the first on its axis, then
+ * the first axis. `count`: number of all refs in the bins. Returns false when there is no plane.
  */
 bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, uint32_t count,
                  struct bins_plane *ret_plane);
 
-/* The plane for refs in one array: as bins_map, bins_add and bins_choose. */
+/* Finds the plane for refs in one array, as bins_map, bins_clear, bins_add and bins_choose together do. */
 bool bins_find(const struct primitive_ref *refs, uint32_t count, const struct vec4_box *centroids,
                struct bins_mapping *ret_mapping, struct bins_plane *ret_plane);
 
-/* The other way to divide: in the middle of the order as it is. Axis and bin of the plane are not set. */
+/* Divides the refs in the middle of their present order, where there is no plane. Sets no axis and no bin. */
 void bins_halve(const struct primitive_ref *refs, uint32_t count, struct bins_plane *ret_plane,
                 struct vec4_box ret_centroids[2]);
 
+/* Returns how many refs the plane sends left. */
 uint32_t bins_left_count(const struct bins *bins, const struct bins_plane *plane);
 
-/* Copies the refs to the ends of two arrays, in their order; returns both sides' centroid boxes. */
+/* Copies the refs in their order to `left` and to `right`, upwards, and returns the centroid boxes of both sides. */
 void bins_partition(const struct bins_mapping *mapping, const struct bins_plane *plane,
                     const struct primitive_ref *refs, uint32_t count, struct primitive_ref *left,
                     struct primitive_ref *right, struct vec4_box ret_centroids[2]);

@@ -5,7 +5,7 @@
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
 
-/* The fourth lanes hold integers that may look like denormals, slow to multiply: they are cleared. */
+/* The fourth lanes hold integers, which may look like denormals and be slow to multiply, so they are cleared. */
 ALWAYS_INLINE vec4 place(const struct bins_mapping *mapping, vec4 centroid)
 {
     return vec4_xyz(centroid - mapping->base) * mapping->scale;
@@ -43,13 +43,13 @@ static void add_plain(struct bins *const sets[2], const struct bins_mapping *map
     }
 }
 
-/* A bit of each ref: it goes left. */
+/* Returns 1 when the ref goes left, else 0. */
 ALWAYS_INLINE int32_t goes_left(const struct bins_mapping *mapping, vec4 threshold, vec4 centroid)
 {
     return vec4_bits(place(mapping, centroid) < threshold) != 0;
 }
 
-/* Below it on the plane's axis; on the others nothing is. */
+/* Returns a vector that is the plane on its axis and below everything on the others. */
 ALWAYS_INLINE vec4 threshold_of(const struct bins_plane *plane)
 {
     vec4 threshold = vec4_all(-INFINITY);
@@ -57,7 +57,10 @@ ALWAYS_INLINE vec4 threshold_of(const struct bins_plane *plane)
     return threshold;
 }
 
-/* All bits set make a NaN, which the box of the other side does not take. */
+/*
+ * Grows the box of the ref's side. For the other side the centroid becomes all ones, a NaN, which vec4_box_grow
+ * ignores.
+ */
 ALWAYS_INLINE void grow_side(struct vec4_box sides[2], int32_t left, vec4 centroid)
 {
     vec4_int to_left = {-left, -left, -left, -left};

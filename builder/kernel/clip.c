@@ -13,9 +13,10 @@ bool clip_allowed(const struct canonical *canonical)
 }
 
 /*
- * Where the edges whose ends are on different sides meet the plane. With u = 2^-24, rounding moves an interpolated
- * point by at most 5 u |q-p|, its sum and the slack's by 2 u of the larger end: less than 8 u (|p| + |q|). On the
- * plane's axis the position is exact. Lanes of edges that do not cross it hold anything before they are masked.
+ * Returns the box of the points in which edges cross the plane. With u = 2^-24, rounding moves an interpolated point of
+ * an edge from p to q by at most 5 u |q-p|, and the additions of point and slack by 2 u of the larger end: less than 8
+ * u (|p| + |q|) together. On the plane's axis the position is exact. Lanes of edges that do not cross hold anything
+ * before they are masked.
  */
 static inline struct vec4_box crossings(const struct clip_triangle *triangle, unsigned axis, vec4 position,
                                         vec4_int on_axis)
@@ -33,7 +34,7 @@ static inline struct vec4_box crossings(const struct clip_triangle *triangle, un
     return box;
 }
 
-/* A corner belongs to the side that it is on, one in the plane to both. */
+/* Grows the box by the corners that belong to a side; a corner in the plane belongs to both sides. */
 static inline void grow_by_corners(struct vec4_box *box, const vec4 corners[3], vec4_int belongs)
 {
     for (int i = 0; i < 3; i++) {
@@ -43,7 +44,9 @@ static inline void grow_by_corners(struct vec4_box *box, const vec4 corners[3], 
     }
 }
 
-/* `box` cut to `limit`; on an axis where nothing would be left, which only rounding can bring about, `limit` itself. */
+/*
+ * Cuts `box` to `limit`. On an axis where nothing would be left, which only rounding can cause, the result is `limit`.
+ */
 static inline struct vec4_box cut_to(struct vec4_box box, struct vec4_box limit)
 {
     vec4 min = vec4_max(box.min, limit.min), max = vec4_min(box.max, limit.max);
@@ -79,7 +82,7 @@ void clip_cut(const struct clip_triangle *triangle, const struct vec4_box *limit
     struct vec4_box common = crossings(triangle, axis, plane, on_axis), sides[2] = {common, common};
     grow_by_corners(&sides[0], triangle->corners, triangle->along[axis] <= plane);
     grow_by_corners(&sides[1], triangle->corners, triangle->along[axis] >= plane);
-    /* A plane outside of the box leaves all of it on one side, and its face on the other. */
+    /* A plane outside of the box leaves the whole box on one side, and its face on the other. */
     vec4 cut = vec4_select(on_axis, vec4_max(old.min, vec4_min(old.max, plane)), old.max);
     *ret_left = cut_to(sides[0], (struct vec4_box){old.min, cut});
     *ret_right = cut_to(sides[1], (struct vec4_box){vec4_select(on_axis, cut, old.min), old.max});

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * clip.h - the boxes of a triangle's parts on both sides of a plane, for spatial splits (Stich 2009).
+ * clip.h - cuts a triangle's box at a plane into the boxes of the parts on both sides, for spatial splits (Stich 2009).
  *
- * Rounded outward, by 2^-21 of the coordinates, never larger than the part of the old box on that side and never empty:
- * what a ray can meet of the triangle inside the old box lies in one of the two. Magnitudes are at most 2^40
- * (rescale.h).
+ * The boxes are rounded outward, by 2^-21 of the coordinates. Neither is larger than the part of the old box on its
+ * side, and neither is empty. Every point of the triangle in the old box that a ray can meet lies in one of the two.
+ * Magnitudes are at most 2^40 (rescale.h).
  */
 #ifndef BVHD_CLIP_H
 #define BVHD_CLIP_H
@@ -14,22 +14,25 @@
 #include "builder/kernel/vec4.h"
 
 /*
- * True when every primitive may be referenced more than once: triangles only, none of a geometry whose any-hit shader
- * must run once.
+ * True when every primitive may be referenced more than once: all are triangles, and none belongs to a geometry whose
+ * any-hit shader must run only once (NO_DUPLICATE_ANY_HIT without OPAQUE).
  */
 bool clip_allowed(const struct canonical *canonical);
 
-/* A triangle, to be cut more than once. */
+/* A triangle loaded for one or several cuts. */
 struct clip_triangle {
-    vec4 corners[3], edges[3]; /* an edge leads to the next corner */
-    vec4 slacks[3]; /* how far off a point of the edge may be */
-    vec4 along[3]; /* by axis: of each corner a lane */
+    vec4 corners[3], edges[3]; /* edges[i] leads from corner i to the next one */
+    vec4 slacks[3]; /* how far off a computed point of each edge may be */
+    vec4 along[3]; /* corners by axis, one lane for each corner */
 };
 
-/* Flat primitive `id` of a canonical that clip_allowed holds for. */
+/* Loads primitive `id`, numbered over all geometries, of a canonical copy for which clip_allowed is true. */
 struct clip_triangle clip_load(const struct canonical *canonical, uint32_t id);
 
-/* The parts of the triangle within `limit`, its box or a part of it, below and above `position` on `axis`. */
+/*
+ * Computes the boxes of the triangle's parts below and above `position` on `axis`. `limit` is the triangle's box or a
+ * part of it; both results lie inside.
+ */
 void clip_cut(const struct clip_triangle *triangle, const struct vec4_box *limit, unsigned axis, float position,
               struct vec4_box *ret_left, struct vec4_box *ret_right);
 

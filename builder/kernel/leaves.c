@@ -5,8 +5,8 @@
 #include <string.h>
 
 /*
- * A ref of each part: what follows from the ref before is a long chain of operations, but four parts go along it
- * together.
+ * One ref of each range, by lanes. Each step of the dynamic programming waits for the one before it; four ranges take
+ * their steps together.
  */
 struct lanes {
     vec4 min[3], max[3];
@@ -33,7 +33,8 @@ static inline struct lanes load_lanes(const struct primitive_ref *const refs[LEA
     transpose(a.max, b.max, c.max, d.max, max);
     memcpy(lanes.min, min, sizeof lanes.min);
     memcpy(lanes.max, max, sizeof lanes.max);
-    lanes.primitives = (vec4_int)min[3] + 1; /* behind a ref's minimum stands how many primitives follow its first */
+    /* The lane after a ref's minimum holds how many primitives follow its first one. */
+    lanes.primitives = (vec4_int)min[3] + 1;
     return lanes;
 }
 
@@ -53,8 +54,9 @@ static inline vec4 half_areas(const struct lanes *lanes)
 }
 
 /*
- * Of the row so far: its last ref, the last two, and by how much the least cost of all before these two, and three, is
- * above that of all.
+ * The state of the dynamic programming after some refs: the last ref and the box of the last two. before_two and
+ * before_three: the least cost of everything before a leaf that holds the next ref and the last one, or the last two,
+ * with the cut before that leaf, minus the least cost of all refs so far.
  */
 struct rows {
     struct lanes last, last_two;
@@ -67,8 +69,8 @@ static inline vec4 leaf_cost(vec4 area, vec4_int primitives, vec4_int most)
 }
 
 /*
- * Goes on by a ref in each part; returns the lengths of the last leaves. Sums that are no numbers are less than
- * nothing.
+ * Advances by one ref in each range, and returns the length of the last leaf of the cheapest cut. A cost that is NaN
+ * never compares less, so it is not chosen.
  */
 static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_int most, float cut_cost)
 {
@@ -92,8 +94,8 @@ static uint32_t part_length(uint32_t count)
 }
 
 /*
- * Fills ret_lengths[i]: how many refs the last leaf has if the row ends with ref i. Parts that are shorter than the
- * first go on with their last ref.
+ * Fills ret_lengths[i] with the number of refs that the last leaf has when the range ends with ref i. Ranges that are
+ * shorter than the first repeat the last ref, without effect.
  */
 static void choose(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options,
                    uint8_t *ret_lengths)
@@ -120,8 +122,8 @@ static void choose(const struct primitive_ref *refs, uint32_t count, const struc
 }
 
 /*
- * A part on the way from its end to its begin; no leaf is in two. Lengths go from where they were chosen to its end, of
- * which the choices are behind us.
+ * A walk through one range from its end to its start, which collects the chosen lengths; no leaf lies in two ranges.
+ * The lengths are stored at the end of the range, over choices that the walk has passed.
  */
 struct walk {
     const uint8_t *begin, *at;
@@ -135,7 +137,7 @@ static inline void walk_on(struct walk *walk)
     walk->at -= length;
 }
 
-/* Each step waits for the one before, but those of four parts go on together. */
+/* Takes `steps` steps in all ranges alternately, because each step waits for the one before it in the same range. */
 static void walk_together(struct walk walks[LEAVES_PARTS], size_t steps)
 {
     struct walk own[LEAVES_PARTS];
@@ -146,7 +148,7 @@ static void walk_together(struct walk walks[LEAVES_PARTS], size_t steps)
     memcpy(walks, own, sizeof own);
 }
 
-/* How many steps even the part with the least left has before it. */
+/* Returns how many steps every range can take without reaching its start. */
 static size_t steps_for_all(const struct walk walks[LEAVES_PARTS])
 {
     size_t least = SIZE_MAX;

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * leaves.h - cuts a row of refs whose neighbours are near each other into leaves, before there is a tree: what is
- * sorted and clustered afterwards is a half or a third as much.
+ * leaves.h - cuts a sequence of refs, whose neighbours are near each other, into leaves before a tree is built. The
+ * builder then sorts and clusters a half or a third as many items.
  *
- * Leaves are runs of the row. Of all ways to cut it the one of least cost, by dynamic programming: a leaf costs its
- * half area times its primitives. A cut costs a multiple of what a node above the two refs beside it would, their
- * common half area, but of no more than the smaller one twice: what is large only because the other one is says nothing
- * about this place.
+ * Leaves are runs of the sequence. leaves_cut finds the cheapest way to cut it, by dynamic programming: a leaf costs
+ * its half area times its primitives. A cut between two refs costs `cut_cost` times the half area of their common box,
+ * which is what a node above both would cost, but that area counts at most as twice the smaller ref's: a large ref
+ * beside a small one says nothing about whether to cut there.
  *
- * A row is cut into LEAVES_PARTS of one length first (the last ones may be shorter): they are worked on side by side.
+ * The sequence is first divided into LEAVES_PARTS ranges of equal length (the last ones may be shorter), because their
+ * chains of dependent operations then run side by side.
  */
 #ifndef BVHD_LEAVES_H
 #define BVHD_LEAVES_H
@@ -17,30 +18,32 @@
 #include "builder/kernel/vec4.h"
 
 enum {
-    LEAVES_REFS_MAX = 3, /* refs a leaf */
+    LEAVES_REFS_MAX = 3, /* most refs in a leaf */
     LEAVES_PARTS = 4
 };
 
 struct leaves_options {
-    uint32_t leaf_max; /* >= 1; primitives a leaf */
+    uint32_t leaf_max; /* most primitives in a leaf; >= 1 */
     /*
-     * Below 1: only what is no worse in one leaf; above: larger leaves, less of everything that follows, a little more
-     * for rays.
+     * Relative to the cost of a node. Below 1, refs share a leaf only where the tree is no worse for it; above 1 leaves
+     * become larger, which makes the rest of the build shorter and costs the rays a little.
      */
     float cut_cost;
 };
 
 /*
- * ret_lengths: room for `count` >= 1; how many refs each leaf has, in their order. Returns how many leaves there are.
- * No leaf has more than LEAVES_REFS_MAX refs, or, if it has more than one, more than leaf_max primitives. Boxes may be
- * of any size; where areas leave float's range refs stay alone. The same on every machine.
+ * Cuts `count` >= 1 refs. ret_lengths has room for `count` bytes, and gets the number of refs of each leaf, in their
+ * order. Returns the number of leaves.
+ *
+ * No leaf has more than LEAVES_REFS_MAX refs; a leaf of several refs has at most leaf_max primitives. Boxes may be of
+ * any size; refs whose areas exceed float's range stay alone. The result is the same on every machine.
  */
 uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options,
                     uint8_t *ret_lengths);
 
 /*
- * The box of `count` refs, 1 <= count <= LEAVES_REFS_MAX; fourth lanes are of no meaning. Without a branch on how many,
- * which nobody can foresee: one of them again where there are fewer.
+ * Returns the box of `count` refs, 1 <= count <= LEAVES_REFS_MAX. The fourth lanes have no meaning. There is no branch
+ * on the count, because it is unpredictable: with fewer refs, one of them is added again.
  */
 static inline struct vec4_box leaves_box(const struct primitive_ref *refs, uint32_t count)
 {

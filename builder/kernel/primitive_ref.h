@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* primitive_ref.h - what builders sort: a box with the number of the primitive that it bounds. */
+/* primitive_ref.h - defines the refs that builders sort: a box with the number of the primitive that it bounds. */
 #ifndef BVHD_PRIMITIVE_REF_H
 #define BVHD_PRIMITIVE_REF_H
 
@@ -8,18 +8,24 @@
 #include "proto/base/box.h"
 
 /*
- * A box and its owner in 32 bytes, a vector register each half; Embree's RTCBuildPrimitive looks the same, so
- * benchmarks hand it over without a copy.
+ * A reference to a primitive in 32 bytes, which are two vector registers. Embree's RTCBuildPrimitive has the same
+ * layout, so benchmarks hand over an array without a copy.
  */
 struct primitive_ref {
     float min[3];
-    /* 0; of a run (primitive_collect_blocks) how many primitives follow the first; from then on the builder's own */
+    /*
+     * Number of primitives that follow the first one in a run (primitive_collect_blocks), else 0. Once a builder has
+     * read it, the field is free for its own use.
+     */
     uint32_t link;
     float max[3];
-    uint32_t id; /* flat primitive id */
+    uint32_t id; /* number of the primitive (of the run's first one), counted over all geometries */
 };
 
-/* The box of all refs, and that of min + max of each, which is twice its centre; both are empty when there are no refs. */
+/*
+ * Computes the box of all refs, and the box of their centroids min + max, which are twice the centres. Both are empty
+ * when there are no refs.
+ */
 void primitive_ref_bounds(const struct primitive_ref *refs, uint32_t count, struct box *ret_bounds,
                           struct box *ret_centroids);
 

@@ -5,16 +5,20 @@
 
 #include "proto/base/parallel.h"
 
-/* A cut is tried where it may save this part of the cost, and made where it costs less than that part of a division. */
+/*
+ * A cut is tried where it may save at least this share of the division's cost, and made where it costs less than this
+ * share of it.
+ */
 static const float SAVING_LEAST = 0.02f, COST_MOST = 0.99f;
 
 /*
- * A ref costs the tree's cost / count. The cost is not known yet; it grows about as the root of the leaves' areas, so
- * that stands in for it. The factor is where fewer refs begin to lose on most scenes.
+ * A ref costs the tree's cost / count on average. That cost is not known yet; it grows about as the square root of the
+ * sum of the leaves' areas, which stands in for it. A larger factor makes fewer refs; this one is the point from which
+ * on that loses on most scenes.
  */
 static const double PRICE = 4;
 
-/* A ref that crosses all planes takes some microseconds. */
+/* Refs between two checks of the cancel flag; one that crosses all planes takes some microseconds. */
 enum { LOOK_EVERY = 512 };
 
 static bool lay_axis(struct spatial_grid *grid, unsigned axis, float low, float high)
@@ -50,7 +54,10 @@ void spatial_grid_narrow(const struct vec4_box *bounds, unsigned axis, struct sp
             grid->scale[i] = 0;
 }
 
-/* The last bin that begins at `value` or below; planes decide, the quotient is where to look first. */
+/*
+ * Returns the last bin that starts at `value` or below it. The quotient is a first guess; comparisons with the planes
+ * decide.
+ */
 static inline uint32_t bin_at(const struct spatial_grid *grid, unsigned axis, float value)
 {
     const float *planes = grid->planes[axis];
@@ -63,7 +70,10 @@ static inline uint32_t bin_at(const struct spatial_grid *grid, unsigned axis, fl
     return bin;
 }
 
-/* Bins that a ref is in: what ends in a plane is not beyond it, what is flat in a plane is above it. */
+/*
+ * The bins that a ref lies in. A ref that ends in a plane does not reach beyond it; a flat ref in a plane lies above
+ * it.
+ */
 struct span {
     uint32_t first, last;
 };
@@ -90,7 +100,7 @@ static inline void grow(struct vec4_box *box, const struct vec4_box *by)
     vec4_box_grow(box, by->min, by->max);
 }
 
-/* Cuts a ref at each plane that it crosses. */
+/* Cuts a ref at each plane that it crosses, and adds the parts to their bins. */
 static void add_parts(struct vec4_box boxes[], const float planes[], const struct clip_triangle *triangle,
                       struct vec4_box rest, unsigned axis, struct span span)
 {
@@ -126,7 +136,7 @@ static void add_ref(struct spatial_bins *bins, const struct canonical *canonical
     }
 }
 
-/* Everything right of each plane, summed up. */
+/* The sum of everything right of a plane. */
 struct suffix {
     struct vec4_box box;
     uint32_t count;
@@ -187,7 +197,7 @@ bool spatial_bins_choose(const struct spatial_bins *bins, const struct spatial_g
     return true;
 }
 
-/* Half the area of what two sides have in common. */
+/* Returns half the area of what both sides have in common. */
 static float overlap_of(const struct bins_plane *plane)
 {
     struct vec4_box common = {vec4_max(plane->left.min, plane->right.min), vec4_min(plane->left.max, plane->right.max)};
@@ -201,7 +211,10 @@ static float cost_of(const struct vec4_box *left, uint32_t left_count, const str
     return vec4_box_half_area(*left) * (float)left_count + vec4_box_half_area(*right) * (float)right_count;
 }
 
-/* What is saved of a cost when both sides end in the middle of their overlap, as if nothing had to be on both. */
+/*
+ * Returns what would be saved if both sides ended in the middle of their overlap and no ref were on both: an upper
+ * bound of what a cut there can save.
+ */
 static float saving_of(const struct bins_plane *plane, uint32_t count)
 {
     struct vec4_box left = plane->left, right = plane->right;
@@ -243,11 +256,11 @@ uint32_t spatial_share_room(uint32_t capacity, const struct spatial_side sides[2
     return sides[0].count + (sum > 0 ? (uint32_t)(slack * (weights[0] / sum)) : slack / 2);
 }
 
-/* Both sides as they fill up. */
+/* Both sides while they are being filled. */
 struct filling {
-    struct primitive_ref *left, *right; /* the next place, one above the next place */
+    struct primitive_ref *left, *right; /* left: the next place; right: one above the next place */
     struct spatial_side sides[2];
-    struct vec4_box boxes[2]; /* what is expected of the plane, grown by refs that are left whole */
+    struct vec4_box boxes[2]; /* boxes that the plane expects, grown by refs that stay whole */
     uint32_t counts[2];
 };
 
@@ -264,7 +277,7 @@ static inline void put(struct filling *filling, int side, struct vec4_box box, c
     filled->count++;
 }
 
-/* The side on which a ref costs less as a whole than cut on both, or -1. */
+/* Returns the side on which a ref costs less as a whole than cut on both, or -1. */
 static int cheaper_side(const struct vec4_box boxes[2], const uint32_t counts[2], const struct vec4_box *box)
 {
     float best = 0, areas[2];

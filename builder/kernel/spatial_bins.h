@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * spatial_bins.h - the kernels of spatial splits (Stich 2009): sort the parts of triangles between equidistant planes
- * into bins along those axes that the grid leaves, choose the cheapest plane, cut by it. Beside bins.h, which sorts
- * whole refs by their centroids.
+ * spatial_bins.h - the kernels of spatial splits (Stich 2009): they sort the parts of triangles between equidistant
+ * planes into bins, along the axes that the grid uses, choose the cheapest plane, and cut the refs by it. bins.h, in
+ * contrast, sorts whole refs by their centroids.
  *
- * Magnitudes are at most 2^40 (rescale.h). Results depend on the refs, their order and nothing else.
+ * Magnitudes are at most 2^40 (rescale.h). Results depend only on the refs and their order. All functions may run on
+ * any thread and allocate nothing.
  */
 #ifndef BVHD_SPATIAL_BINS_H
 #define BVHD_SPATIAL_BINS_H
@@ -15,93 +16,102 @@
 #include "builder/kernel/clip.h"
 
 /*
- * A triangle is cut at each plane that it crosses: eight would take a twentieth less of a build, and lose up to three
- * hundredths of the rays' work.
+ * Number of bins along an axis. A triangle is cut at each plane that it crosses; eight bins would make a build about 5
+ * % faster, and rays up to 3 % slower.
  */
 enum { SPATIAL_BINS = 16 };
 
-/* Where the planes are: planes[axis][k] is between bins k - 1 and k. */
+/* The planes: planes[axis][k] lies between bins k - 1 and k. */
 struct spatial_grid {
     float planes[3][SPATIAL_BINS];
-    float scale[3]; /* bins per length; 0 on an axis too short for different planes */
+    float scale[3]; /* bins per unit of length; 0 on an axis that is not used, or too short for distinct planes */
     float base[3];
 };
 
-/* Parts in a bin, grown by boxes; how many refs begin and end in it. */
+/* The contents of the bins: boxes of the parts in each one, and how many refs begin and end in it. */
 struct spatial_bins {
     struct vec4_box boxes[3][SPATIAL_BINS]; /* by axis */
     uint32_t begins[3][SPATIAL_BINS], ends[3][SPATIAL_BINS];
 };
 
-/* Refs that begin below the plane go left, those that end above it go right; so some go to both sides, cut in two. */
+/*
+ * A plane that cuts: refs that begin below it go left, refs that end above it go right, so some go to both sides in two
+ * parts.
+ */
 struct spatial_plane {
     unsigned axis;
-    uint32_t bin; /* planes[axis][bin] */
-    float cost; /* half areas times counts */
+    uint32_t bin; /* the plane is planes[axis][bin] */
+    float cost; /* half area times count, summed over both sides */
     uint32_t left_count, right_count;
-    struct vec4_box left, right; /* of the refs' parts */
-    bool cut_all; /* none that crosses the plane is left whole; heeded by spatial_assign alone */
+    struct vec4_box left, right; /* boxes of the refs' parts on each side */
+    bool cut_all; /* cut every ref that crosses, leave none whole; only spatial_assign reads this */
 };
 
-/* A set of refs on one side of a plane. */
+/* The refs on one side of a plane. */
 struct spatial_side {
-    struct vec4_box bounds, centroids; /* as bins_bound */
+    struct vec4_box bounds, centroids; /* as bins_bound computes them */
     uint32_t count; /* >= 1 */
 };
 
+/* Lays SPATIAL_BINS - 1 equidistant planes across each axis of the bounds. */
 void spatial_grid_lay(const struct vec4_box *bounds, struct spatial_grid *ret_grid);
 /*
- * Leaves planes across `axis` and across the longest one, on which nearly all cuts are made: what is not tried takes no
- * time.
+ * Keeps only the planes across `axis` and across the longest axis, on which nearly all cuts are made, to save the time
+ * for the others.
  */
 void spatial_grid_narrow(const struct vec4_box *bounds, unsigned axis, struct spatial_grid *grid);
 
 void spatial_bins_clear(struct spatial_bins *bins);
-/* False when *cancel was set on the way (`cancel` may be NULL). */
+/* Adds the parts of `count` refs. Returns false when *cancel was set meanwhile; `cancel` may be NULL. */
 bool spatial_bins_add(struct spatial_bins *bins, const struct canonical *canonical, const struct spatial_grid *grid,
                       const struct primitive_ref *refs, uint32_t count, const atomic_bool *cancel);
+/* Adds the contents of other bins of the same grid. */
 void spatial_bins_merge(struct spatial_bins *bins, const struct spatial_bins *other);
 
 /*
- * The cheapest plane with something on both sides, and at most `most` refs on both together; false when there is none.
+ * Chooses the plane of least cost that has something on both sides, and at most `most` refs on both together. Returns
+ * false when there is none.
  */
 bool spatial_bins_choose(const struct spatial_bins *bins, const struct spatial_grid *grid, uint32_t most,
                          struct spatial_plane *ret_plane);
 
 /*
- * What a ref more has to save, in half areas times counts, so that room and time go where they save most: in proportion
- * to what a ref costs on average. Of `count` refs whose half areas are `areas` together, in a structure of half the
- * area `whole`.
+ * Returns what an additional ref has to save, in half areas times counts, in proportion to the average cost of a ref;
+ * so room and time go where they save most. `areas`: sum of the half areas of the structure's `count` refs; `whole`:
+ * half area of the structure.
  */
 float spatial_price(double areas, float whole, uint32_t count);
 
 /*
- * Whether a cut may pay where the best division of a node's `count` whole refs is `plane`, with room for `slack` refs
- * more: asked first, since looking for one costs as much as all else together. Whether the cut that was found does.
+ * spatial_worth_a_try: true when a cut may pay in a node of `count` whole refs whose best division is `plane`, with
+ * room for `slack` more refs. Call it first, because finding a cut costs as much as all the rest of the node.
+ * spatial_is_better: true when the cut that was found does pay.
  */
 bool spatial_worth_a_try(const struct bins_plane *plane, uint32_t count, uint32_t slack, float price);
 bool spatial_is_better(const struct spatial_plane *cut, const struct bins_plane *plane, uint32_t count, float price);
 
 /*
- * What of a node's room for `capacity` refs its left child gets: beyond their refs, by areas times counts, by which
- * they count in the cost.
+ * Returns how much of a node's room for `capacity` refs its left child gets: the room beyond the refs is shared in
+ * proportion to area times count, which is what the sides cost.
  */
 uint32_t spatial_share_room(uint32_t capacity, const struct spatial_side sides[2]);
 
 /*
- * Copies the refs, or their parts, to both sides: from `left` upwards, from `right` downwards (right[-1] first). A ref
- * that is cheaper whole on one side than cut goes there. Each side gets at most the plane's count, and at least one.
+ * Copies the refs, or their parts, to both sides: from `left` upwards, and from `right` downwards (the first to
+ * right[-1]). A ref that is cheaper whole on one side than cut goes there as a whole. Each side gets at most the
+ * plane's count, and at least one.
  */
 void spatial_partition(const struct canonical *canonical, const struct spatial_grid *grid,
                        const struct spatial_plane *plane, const struct primitive_ref *refs, uint32_t count,
                        struct primitive_ref *left, struct primitive_ref *right, struct spatial_side ret_sides[2]);
 
-/* The side of a ref that is cut, where others have 0 (left) or 1 (right). */
+/* Value of a ref that is cut, in spatial_assign's array, where the others have 0 (left) or 1 (right). */
 enum { SPATIAL_BOTH = 2 };
 
 /*
- * The same for a part of a node's refs, in two steps: where each goes, and how many to each side; then to `left` and
- * `right` upwards. A ref is left whole by what the plane expects of the sides, so that one may be left without any.
+ * Do the same for some of a node's refs, in two steps, so that several threads can share a node. spatial_assign decides
+ * where each ref goes and counts both sides; spatial_send copies them to `left` and `right`, upwards. Whether a ref
+ * stays whole is decided by what the plane expects of the sides, so one side may get no refs.
  */
 void spatial_assign(const struct spatial_grid *grid, const struct spatial_plane *plane,
                     const struct primitive_ref *refs, uint32_t count, uint8_t *ret_sides, uint32_t ret_counts[2]);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vec4.h - four floats at once, for the loops over refs: the compiler's vector type, and the few operations that it has
- * no operator for.
+ * vec4.h - computes with four floats at once, for the loops over refs: the compiler's vector type, and the few
+ * operations for which it has no operator.
  *
- * On x86-64 each is one or two SSE2 instructions; elsewhere the same results come from plain loops. vec4_min(a, b) is a
- * < b ? a : b in each lane, so that a NaN in `a` leaves `b` as it is.
+ * On x86-64 each operation is one or two SSE2 instructions; elsewhere plain loops give the same results. vec4_min(a, b)
+ * is a < b ? a : b in each lane, so a NaN in `a` gives `b`.
  */
 #ifndef BVHD_VEC4_H
 #define BVHD_VEC4_H
@@ -21,14 +21,14 @@
 typedef float vec4 __attribute__((vector_size(16)));
 typedef int32_t vec4_int __attribute__((vector_size(16)));
 typedef float vec4_loose
-    __attribute__((vector_size(16), aligned(4), may_alias)); /* in memory, at any place for a float */
+    __attribute__((vector_size(16), aligned(4), may_alias)); /* in memory, with the alignment of a float */
 
 static inline vec4 vec4_all(float value)
 {
     return (vec4){value, value, value, value};
 }
 
-/* Three floats and a zero, without reading a fourth. */
+/* Loads three floats and a zero, without reading a fourth. */
 static inline vec4 vec4_load3(const float at[3])
 {
 #if defined(__SSE2__)
@@ -62,7 +62,7 @@ static inline vec4 vec4_max(vec4 a, vec4 b)
 #endif
 }
 
-/* x y z w -> y z x w */
+/* Returns y z x w of x y z w. */
 static inline vec4 vec4_rotate(vec4 v)
 {
 #if defined(__SSE2__)
@@ -72,7 +72,7 @@ static inline vec4 vec4_rotate(vec4 v)
 #endif
 }
 
-/* Of three vectors, the vectors of their first, second and third lanes; fourth lanes are of no meaning. */
+/* Returns the vectors of the first, second and third lanes of three vectors. The fourth lanes have no meaning. */
 static inline void vec4_transpose3(vec4 a, vec4 b, vec4 c, vec4 *ret_x, vec4 *ret_y, vec4 *ret_z)
 {
 #if defined(__SSE2__)
@@ -87,7 +87,7 @@ static inline void vec4_transpose3(vec4 a, vec4 b, vec4 c, vec4 *ret_x, vec4 *re
 #endif
 }
 
-/* Bit `lane` is set where the comparison (an all-ones or all-zeros lane) holds. */
+/* Returns the lanes of a comparison (each all ones or all zeros) as bits: bit `lane` is set where it is true. */
 static inline unsigned vec4_bits(vec4_int comparison)
 {
 #if defined(__SSE2__)
@@ -100,7 +100,7 @@ static inline unsigned vec4_bits(vec4_int comparison)
 #endif
 }
 
-/* Bitwise, as on integers. */
+/* Bitwise operations, as on integers. */
 static inline vec4 vec4_and(vec4 v, vec4_int mask)
 {
     return (vec4)((vec4_int)v & mask);
@@ -111,7 +111,7 @@ static inline vec4 vec4_or(vec4 v, vec4_int mask)
     return (vec4)((vec4_int)v | mask);
 }
 
-/* `a` where the mask's lane is all ones, `b` where it is zero. */
+/* Returns `a` where the mask's lane is all ones, `b` where it is zero. */
 static inline vec4 vec4_select(vec4_int mask, vec4 a, vec4 b)
 {
     return (vec4)(((vec4_int)a & mask) | ((vec4_int)b & ~mask));
@@ -128,7 +128,7 @@ static inline vec4 vec4_xyz(vec4 v)
     return vec4_and(v, (vec4_int){-1, -1, -1, 0});
 }
 
-/* A struct box that stays in registers. */
+/* A struct box in registers. */
 struct vec4_box {
     vec4 min, max;
 };
@@ -148,7 +148,10 @@ static inline struct box vec4_box_get(struct vec4_box box)
     return (struct box){{box.min[0], box.min[1], box.min[2]}, {box.max[0], box.max[1], box.max[2]}};
 }
 
-/* 32 bytes at any place for a float, such as a struct primitive_ref: minimum, a lane, maximum, a lane. */
+/*
+ * Loads or stores 32 bytes with the alignment of a float, such as a struct primitive_ref: minimum, one lane, maximum,
+ * one lane.
+ */
 static inline struct vec4_box vec4_box_load(const void *at)
 {
     const vec4_loose *from = at;
@@ -162,7 +165,7 @@ static inline void vec4_box_store(void *at, struct vec4_box box)
     to[1] = box.max;
 }
 
-/* Into memory as it lies in arrays of boxes. */
+/* Stores a packed struct box (24 bytes). */
 static inline void vec4_box_put(struct vec4_box box, struct box *to)
 {
 #if defined(__SSE2__)
@@ -175,18 +178,19 @@ static inline void vec4_box_put(struct vec4_box box, struct box *to)
 #endif
 }
 
-/* Half of the surface. */
+/* Returns half of the surface area. */
 static inline float vec4_box_half_area(struct vec4_box box)
 {
     vec4 size = box.max - box.min, sides = size * vec4_rotate(size);
     return sides[0] + sides[1] + sides[2];
 }
 
-/* As box_half_area. */
+/* Returns the same as box_half_area, computed in double. */
 static inline double vec4_box_half_area_double(struct vec4_box box)
 {
 #if defined(__SSE2__)
-    vec4 min = vec4_xyz(box.min), max = vec4_xyz(box.max); /* what else stands there may be slow to convert */
+    /* The fourth lanes may hold values that are slow to convert. */
+    vec4 min = vec4_xyz(box.min), max = vec4_xyz(box.max);
     __m128d xy = _mm_sub_pd(_mm_cvtps_pd(max), _mm_cvtps_pd(min));
     __m128d z = _mm_sub_pd(_mm_cvtps_pd(_mm_movehl_ps(max, max)), _mm_cvtps_pd(_mm_movehl_ps(min, min)));
     double x = _mm_cvtsd_f64(xy), y = _mm_cvtsd_f64(_mm_unpackhi_pd(xy, xy)), depth = _mm_cvtsd_f64(z);

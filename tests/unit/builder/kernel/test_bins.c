@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_bins.c - tests that binned SAH finds the best plane, partitions stably, and gives the same bits on every
+ * machine.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -31,7 +35,7 @@ static double area_of(const struct primitive_ref *refs, uint32_t count, const st
     return box_half_area(&box);
 }
 
-/* Against every plane, evaluated in double from the refs. */
+/* Compares the chosen plane with every plane, evaluated in double from the refs. */
 static void the_plane_is_the_best_of_all(void **state)
 {
     (void)state;
@@ -78,7 +82,7 @@ static bool same_box(const struct vec4_box *a, const struct box *b)
     return box_contains(&box, b) && box_contains(b, &box);
 }
 
-/* Stable, complete, and with the boxes that the plane and the partition promise. */
+/* A partition is stable and complete, and has the boxes that the plane and the partition promise. */
 static void partitions_keep_order_and_boxes(void **state)
 {
     (void)state;
@@ -134,7 +138,7 @@ static void merged_bins_are_those_of_all(void **state)
     free(refs);
 }
 
-/* Refs without an extent to tell them apart have no plane; two that differ do. */
+/* Refs that no extent tells apart have no plane; two refs that differ have one. */
 static void planes_are_found_where_there_are_any(void **state)
 {
     (void)state;
@@ -151,7 +155,7 @@ static void planes_are_found_where_there_are_any(void **state)
     free(refs);
 }
 
-/* Boxes but for their fourth lanes, with the signs of zeros. */
+/* Compares boxes without their fourth lanes, signs of zeros included. */
 static void assert_same_bits(const struct vec4_box *a, const struct vec4_box *b)
 {
     struct box x = vec4_box_get(*a), y = vec4_box_get(*b);

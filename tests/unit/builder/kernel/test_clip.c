@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_clip.c - tests that the parts of a cut triangle lose no point, are tight, and that splits are refused where they
+ * show.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -32,12 +36,12 @@ static void cut(const struct canonical *canonical, const struct box *box, unsign
     *ret_right = vec4_box_get(right);
 }
 
-/* Cuts again and again; every point of the triangle that lies in the ref's box must lie in the box of its side. */
+/* Every point of the triangle that lies in the ref's box must lie in the box of its side. */
 static void check_points(struct random *random, const float p[9], const struct box *old, unsigned axis, float position,
                          const struct box *left, const struct box *right)
 {
     for (int i = 0; i < 20; i++) {
-        /* Corners, edges and the inside. */
+        /* Take points on corners, on edges, and inside. */
         long double u = random_between(random, 0, 1), v = random_between(random, 0, 1), point[3];
         if (u + v > 1) {
             u = 1 - u;
@@ -66,7 +70,7 @@ static void no_point_is_lost(void **state)
         for (int k = 0; k < 9; k++)
             p[k] = (float)((random_between(&random, -1, 1) + offset) * scale);
         if (round % 5 == 0)
-            p[4] = p[1]; /* an edge in a plane */
+            p[4] = p[1]; /* an edge perpendicular to an axis */
         struct canonical_geometry geometry;
         struct canonical canonical = view(&geometry, p);
         struct box box = box_empty(), left, right;
@@ -91,7 +95,7 @@ static void no_point_is_lost(void **state)
     assert_true(shrunk > cuts / 5);
 }
 
-/* A right triangle in the xy plane, cut at x = 1 of 4: heights are 3/4 and 4 / 4. */
+/* A right triangle in an xy plane with legs of length 4 is cut at x = 1: the parts are 4 and 3 high. */
 static void boxes_are_tight(void **state)
 {
     (void)state;
@@ -103,7 +107,7 @@ static void boxes_are_tight(void **state)
     assert_true(left.min[0] == 0 && left.max[0] == 1 && left.min[1] == 0 && left.max[1] == 4);
     assert_true(right.min[0] == 1 && right.max[0] == 4 && right.min[1] == 0);
     assert_true(right.max[1] >= 3 && right.max[1] < 3.00001f);
-    /* A plane outside of the box leaves both sides whole boxes of it. */
+    /* A plane outside of the box leaves the whole box on one side, and its face on the other. */
     cut(&canonical, &box, 0, 7, &left, &right);
     assert_true(left.max[0] == 4 && right.min[0] == 4 && right.max[0] == 4);
 }

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_leaves.c - tests that leaves_cut() finds the cheapest cut of each range, and keeps to the limits of a leaf. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -24,7 +25,10 @@ static double cut_between(const struct primitive_ref *refs)
     return CUT_COST * fmin(smaller, area_of(refs, 2));
 }
 
-/* What leaves.h says a row costs that is cut into leaves of these lengths; infinite if one is too large. */
+/*
+ * Returns the cost, as leaves.h defines it, of a sequence cut into leaves of these lengths; infinite if one is too
+ * large.
+ */
 static double cost_of(const struct primitive_ref *refs, const uint8_t *lengths, uint32_t leaves, uint32_t leaf_max)
 {
     double cost = 0;
@@ -40,7 +44,10 @@ static double cost_of(const struct primitive_ref *refs, const uint8_t *lengths, 
     return cost;
 }
 
-/* Of all ways to cut `count` refs: each number's digits of base 3, as far as they make up the row, are lengths. */
+/*
+ * Returns the least cost over all ways to cut `count` refs: the base-3 digits of a number, as far as they make up the
+ * sequence, are the lengths.
+ */
 static double least_cost(const struct primitive_ref *refs, uint32_t count, uint32_t leaf_max)
 {
     double least = INFINITY;
@@ -58,7 +65,7 @@ static double least_cost(const struct primitive_ref *refs, uint32_t count, uint3
     return least;
 }
 
-/* Part by part. */
+/* Each range is cut by itself, so costs are compared range by range. */
 static void no_other_cut_is_cheaper(void **state)
 {
     (void)state;
@@ -103,7 +110,7 @@ static void check_cut(const struct primitive_ref *refs, uint32_t count, uint32_t
     free(lengths);
 }
 
-/* Whatever the boxes are, each ref is in one leaf, and none is too large. */
+/* For any boxes each ref is in one leaf, and no leaf is too large. */
 static void every_row_is_covered(void **state)
 {
     (void)state;
@@ -123,7 +130,7 @@ static void every_row_is_covered(void **state)
     }
 }
 
-/* Two halves of a box each share a leaf; what lies far apart does not. */
+/* Two equal boxes share a leaf; boxes that lie far apart do not. */
 static void neighbours_share_a_leaf(void **state)
 {
     (void)state;

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_spatial_bins.c - tests that spatial splits choose the cheapest plane, and send every ref or its parts to the
+ * right side.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -20,8 +24,8 @@ struct fixture {
 };
 
 /*
- * Triangles of a size; `flat`: all in the plane y = 0.5, corners on a coarse lattice, so that they lie in planes of the
- * grid.
+ * Makes triangles of about `size`. With `flat` all lie in the plane y = 0.5, with corners on a coarse lattice, so that
+ * they lie in planes of the grid.
  */
 static void start(struct fixture *f, uint32_t count, double size, bool flat, uint64_t seed)
 {
@@ -53,7 +57,7 @@ static double half_area(const struct vec4_box *box)
     return box_half_area(&plain);
 }
 
-/* A plane's cost and counts, each triangle cut once. */
+/* Computes a plane's cost and counts by cutting each triangle once. */
 static double cost_at(const struct fixture *f, unsigned axis, float position, uint32_t ret_counts[2])
 {
     struct vec4_box sides[2] = {vec4_box_empty(), vec4_box_empty()};
@@ -88,7 +92,7 @@ static double least_cost(const struct fixture *f, uint32_t slack)
     return least;
 }
 
-/* Some of the refs in bins of their own, which are added. */
+/* Adds some of the refs to bins of their own, and merges them. */
 static bool choose(const struct fixture *f, uint32_t slack, struct spatial_plane *ret_plane)
 {
     struct spatial_bins bins, others;
@@ -138,7 +142,10 @@ static void check_side(const struct spatial_side *side, const struct primitive_r
     assert_true(same(&bounds, &side->bounds) && same(&centroids, &side->centroids));
 }
 
-/* Where each ref went: 1 left, 2 right, 3 both. Whole refs are as they were, parts are on their sides. */
+/*
+ * Records where each ref went (1: left, 2: right, 3: both), and checks that whole refs are unchanged and parts lie on
+ * their sides.
+ */
 static void note(const struct fixture *f, const struct spatial_plane *plane, const struct primitive_ref *refs,
                  uint32_t count, int side, unsigned char seen[])
 {
@@ -185,7 +192,7 @@ static void every_ref_goes_somewhere(void **state)
     assert_true(cut > 1000 && left_whole > 100);
 }
 
-/* In chunks, with the sides known beforehand. */
+/* Sends refs in two steps, with the sides decided first. */
 static void chunks_go_where_they_are_sent(void **state)
 {
     (void)state;
@@ -238,15 +245,17 @@ static void cuts_are_tried_where_they_may_pay(void **state)
     assert_true(spatial_worth_a_try(&much, 100, 10, 5));
     assert_false(spatial_worth_a_try(&much, 100, 0, 5));
     assert_false(spatial_worth_a_try(&much, 100, 10, 1e6f));
-    struct spatial_plane cut = {
-        .cost = 50 * 4 + 50 * 4, .left_count = 50, .right_count = 60}; /* the division's: half areas of 4 */
+    struct spatial_plane cut = {/* The cost of the division: half areas of 4. */
+                                .cost = 50 * 4 + 50 * 4,
+                                .left_count = 50,
+                                .right_count = 60};
     assert_false(spatial_is_better(&cut, &much, 100, 0));
     cut.cost = 50 * 4 + 50 * 3;
     assert_true(spatial_is_better(&cut, &much, 100, 4.9f));
-    assert_false(spatial_is_better(&cut, &much, 100, 5.1f)); /* ten more for 50 */
+    assert_false(spatial_is_better(&cut, &much, 100, 5.1f)); /* ten more refs to save 50 */
 }
 
-/* The price of a ref is of the same kind as a cost, whatever the units. */
+/* The price of a ref scales as a cost does, whatever the unit of length. */
 static void prices_follow_areas(void **state)
 {
     (void)state;
@@ -282,7 +291,7 @@ static void room_is_shared_by_what_it_is_worth(void **state)
     assert_int_equal(spatial_share_room(80, sides), 30);
 }
 
-/* What is too thin for planes has none; bounds that overflow nothing either way. */
+/* Axes that are too thin have no planes; a box whose size overflows nothing has planes on its long axis. */
 static void thin_boxes_have_no_planes(void **state)
 {
     (void)state;
