@@ -5,15 +5,15 @@
 #include "builder/piece/full_sweep.h"
 #include "proto/base/parallel.h"
 
-/* Nodes on their way to being divided, as refs whose ids are their numbers. */
+/* A set of nodes that is still to be divided, as refs whose ids are the nodes' numbers. */
 struct part {
     struct vec4_box centroids;
-    struct primitive_ref *refs, *other; /* where they lie, where they may go */
+    struct primitive_ref *refs, *other; /* where the refs lie, and where they may be moved */
     uint32_t count;
-    uint32_t *ret_node; /* where the number of its root goes */
+    uint32_t *ret_node; /* receives the number of the set's root */
 };
 
-/* A node above the parts, before it has a number. */
+/* A node above the sets, before it has a number. */
 struct division {
     uint32_t children[2];
     uint32_t *ret_node;
@@ -24,7 +24,7 @@ static void divide(const struct part *part, struct division *division, struct pa
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2];
-    /* As spatial.c divides refs. */
+    /* Sets are divided as spatial.c divides refs, without cuts. */
     bool halved = !bins_find(part->refs, part->count, &part->centroids, &mapping, &plane);
     if (halved)
         bins_halve(part->refs, part->count, &plane, centroids);
@@ -45,8 +45,8 @@ static inline float cost_of_two(const struct cluster_tree *tree, uint32_t left, 
 }
 
 /*
- * A tree rotation (Kensler 2008): a child of a node may change places with a child of the other, if that makes the
- * other cheaper.
+ * Tree rotation (Kensler 2008): exchanges a child of `node` with a child of its other child, if that makes the other
+ * child cheaper.
  */
 static void rotate(struct cluster_tree *tree, uint32_t node)
 {
@@ -79,8 +79,8 @@ static void rotate(struct cluster_tree *tree, uint32_t node)
 }
 
 /*
- * Above the parts, which are few nodes through which most rays go, and where bins saw a few planes only. Further passes
- * find nothing more.
+ * Improves the nodes above the swept sets: they are few, most rays pass them, and bins considered only a few planes for
+ * them. Further passes find nothing more.
  */
 static void rotate_above(struct cluster_tree *tree, uint32_t first)
 {
@@ -102,7 +102,10 @@ static uint32_t sweep_part(struct cluster_tree *tree, const struct part *part)
     return nodes[2 * count - 2];
 }
 
-/* The larger child waits while the smaller is divided, so that at most 32 wait. False when cancelled. */
+/*
+ * Divides a set down to sets that can be swept. The larger child waits while the smaller one is divided, so at most 32
+ * wait. Returns false when cancelled.
+ */
 static bool divide_part(struct cluster_tree *tree, struct part part, struct division *divisions)
 {
     struct part waiting[33], children[2];
@@ -122,7 +125,7 @@ static bool divide_part(struct cluster_tree *tree, struct part part, struct divi
             break;
         part = waiting[--waiting_count];
     }
-    /* Parents come before their children. */
+    /* Divisions are listed parents first, so going backwards finds the children joined. */
     const uint32_t first = tree->node_count;
     while (division_count-- > 0) {
         const struct division *division = &divisions[division_count];

@@ -7,8 +7,8 @@
 #include "builder/piece/morton.h"
 
 /*
- * One block for a tree. What is not needed before there are inner nodes, the second half of their facts, holds the
- * lengths of leaves while these are made; before that all of it holds the keys of the curve.
+ * Allocates one block for the tree. The second half of the facts, which only inner nodes need, holds the lengths of
+ * leaves while these are made; before that the whole array holds the keys of the curve.
  */
 static enum bvhd_status make_room(struct cluster_tree *tree, struct memory *memory)
 {
@@ -22,8 +22,8 @@ static enum bvhd_status make_room(struct cluster_tree *tree, struct memory *memo
 }
 
 /*
- * Makes `count` refs of the curve, from `first` on, the leaf `index`, which is not behind them. `ids` are listed
- * before; returns how many it adds.
+ * Makes leaf `index` of `count` refs of the curve, from `first` on; `index` <= `first`. Its primitives are listed at
+ * `ids`. Returns how many there are.
  */
 static inline uint32_t make_leaf(struct cluster_tree *tree, uint32_t index, uint32_t first, uint32_t count,
                                  uint32_t ids)
@@ -33,7 +33,8 @@ static inline uint32_t make_leaf(struct cluster_tree *tree, uint32_t index, uint
     const struct vec4_box box = leaves_box(refs, count);
     uint32_t primitives = 0;
     for (uint32_t i = 0; i < count; i++) {
-        for (uint32_t k = 0; k < LEAVES_REFS_MAX; k++) /* there is room for more than are kept */
+        /* a constant number of stores; there is room for more than are kept */
+        for (uint32_t k = 0; k < LEAVES_REFS_MAX; k++)
             tree->ids[ids + primitives + k] = refs[i].id + k;
         primitives += refs[i].link + 1;
     }
@@ -62,8 +63,8 @@ static enum bvhd_status init(struct cluster_tree *tree, const struct cluster_req
 }
 
 /*
- * Copies up to three without a branch on how many, which nobody can foresee: one of them again and again where there
- * are fewer.
+ * Copies up to three ids without a branch on their number, which is unpredictable: with fewer, one of them is copied
+ * again.
  */
 static inline void copy_ids(const uint32_t *ids, uint32_t count, uint32_t *ret_ids)
 {
@@ -75,7 +76,7 @@ static inline void copy_ids(const uint32_t *ids, uint32_t count, uint32_t *ret_i
         ret_ids[i] = ids[i];
 }
 
-/* Below a node that becomes a leaf of several; returns how many primitives there are. */
+/* Copies the ids of all primitives below a node that becomes a leaf, and returns how many there are. */
 static uint32_t copy_subtree(const struct cluster_tree *tree, uint32_t node, uint32_t *ret_ids)
 {
     uint32_t waiting[32], count = 1, sum = 0;
@@ -94,9 +95,9 @@ static uint32_t copy_subtree(const struct cluster_tree *tree, uint32_t node, uin
     return sum;
 }
 
-/* A node whose children become a pair of the ir. */
+/* A node whose children become the next pair of the ir. */
 struct written {
-    uint32_t child; /* as its parent has it */
+    uint32_t child; /* the node's number as its parent has it */
     uint32_t ir_node, level;
 };
 
@@ -108,7 +109,10 @@ struct writer {
     double cost;
 };
 
-/* Whether a node becomes a leaf cannot be foreseen: it is put where it would wait if it were none. */
+/*
+ * Writes one node. Whether it becomes a leaf is unpredictable, so it is always stored as waiting, and counted only if
+ * it is no leaf.
+ */
 static inline void write_node(struct writer *w, uint32_t child, uint32_t ir_node, uint32_t level)
 {
     const struct cluster_tree *tree = w->tree;
@@ -131,7 +135,10 @@ static inline void write_node(struct writer *w, uint32_t child, uint32_t ir_node
     w->waiting_count += !leaf;
 }
 
-/* The larger child waits while the smaller is written, so that at most 32 wait. */
+/*
+ * Writes everything below the waiting nodes. The larger child waits while the smaller one is written, so at most 32
+ * wait.
+ */
 static void write_below(struct writer *w)
 {
     while (w->waiting_count > 0) {

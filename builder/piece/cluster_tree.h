@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * cluster_tree.h - the tree of a piece while it is made by joining clusters: leaves first, of refs that follow each
- * other on a Morton curve, then inner nodes of any two that have no parent yet, by whatever method (ploc.h, binned.h);
- * in the end it is written as an ir.
+ * cluster_tree.h - the tree of a piece while it is made by joining clusters. Leaves come first: refs that follow each
+ * other on a Morton curve. Then any two nodes without a parent are joined by an inner node, by whatever method (ploc.h,
+ * binned.h). At the end the tree is written as an ir.
  *
- * Nodes are refs: their boxes, and of inner ones the numbers of both children. Leaves come first, in the order of the
- * curve.
+ * Nodes are stored as refs: a box, and for an inner node the numbers of both children. The leaves are the first nodes,
+ * in the order of the curve. One thread builds a tree.
  */
 #ifndef BVHD_CLUSTER_TREE_H
 #define BVHD_CLUSTER_TREE_H
@@ -17,47 +17,55 @@
 #include "builder/kernel/vec4.h"
 
 struct cluster_request {
-    struct primitive_ref *refs,
-        *scratch; /* `count` each; what they hold afterwards is of no use. Refs may be runs (primitive.h) */
-    uint32_t count; /* 1 .. 2^31 / 2; magnitudes are at most 2^40 */
-    uint32_t leaf_max; /* 1 .. 31 primitives */
-    float cut_cost; /* of cutting the curve into leaves (leaves.h) */
-    bool fills_leaves; /* whatever fits into a leaf becomes one; otherwise what is no dearer as one by SAH */
-    const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
+    /* `count` refs each; their contents afterwards have no meaning. Refs may be runs (primitive.h). */
+    struct primitive_ref *refs, *scratch;
+    uint32_t count; /* 1 .. 2^30; magnitudes are at most 2^40 */
+    uint32_t leaf_max; /* primitives of a leaf; 1 .. 31 */
+    float cut_cost; /* cost of a cut between two leaves (leaves.h) */
+    /* true: make a leaf of everything that fits into one; false: only of what costs no more as a leaf, by SAH */
+    bool fills_leaves;
+    const atomic_bool *cancel; /* may be NULL; checked every few thousand refs */
 };
 
 struct cluster_facts {
-    float cost; /* SAH, undivided, of the subtree as it will be; 0 of inner nodes with fills_leaves */
-    uint32_t refs : 31; /* primitives */
-    uint32_t leaf : 1; /* all of them in one leaf */
+    /*
+     * SAH cost, not divided by the root's area, of the subtree as it will be written; 0 for inner nodes with
+     * fills_leaves
+     */
+    float cost;
+    uint32_t refs : 31; /* number of primitives */
+    uint32_t leaf : 1; /* they become one leaf */
 };
 
 struct cluster_tree {
     const struct cluster_request *request;
     struct primitive_ref *leaves, *inner;
     uint32_t leaf_count, node_count;
-    uint32_t *ids; /* primitives of all leaves; a leaf's `id` says where its own begin, its `link` how many they are */
-    struct cluster_facts *facts; /* of each node */
+    uint32_t *ids; /* primitives of all leaves; a leaf's own start at index `id`, and are `link` many */
+    struct cluster_facts *facts; /* one for each node */
 };
 
-/* Joins all leaves to one node, whose number is *ret_root. BVHD_NO_MEMORY, BVHD_CANCELLED. */
+/* Joins all leaves into one node, whose number is *ret_root. Returns BVHD_NO_MEMORY or BVHD_CANCELLED. */
 typedef enum bvhd_status cluster_joiner(struct cluster_tree *tree, struct memory *memory, uint32_t *ret_root);
 
 /*
- * Makes the leaves, has them joined, and writes the tree. *ret_ir is made by ir_init from `memory`; ret_depth,
- * ret_cost: its ir_depth, ir_cost. The same bytes on every machine. BVHD_NO_MEMORY, BVHD_CANCELLED.
+ * Makes the leaves, calls `join`, and writes the tree. *ret_ir is allocated from `memory`, and the caller ends it with
+ * ir_finish; *ret_depth and *ret_cost are its ir_depth and ir_cost. The result is the same on every machine. Returns
+ * BVHD_NO_MEMORY or BVHD_CANCELLED.
  */
 enum bvhd_status cluster_tree_build(const struct cluster_request *request, cluster_joiner *join, struct memory *memory,
                                     struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);
 
+/* Returns the ref of a node. */
 static inline struct primitive_ref *cluster_tree_node(const struct cluster_tree *tree, uint32_t node)
 {
     return node < tree->leaf_count ? &tree->leaves[node] : &tree->inner[node - tree->leaf_count];
 }
 
-/* In the number of a child: it becomes a leaf, whatever is below it. */
+/* Bit in the number of a child: the child becomes a leaf, whatever is below it. */
 #define CLUSTER_BECOMES_LEAF UINT32_C(0x80000000)
 
+/* Returns the node's number, with CLUSTER_BECOMES_LEAF where it applies. */
 static inline uint32_t cluster_as_child(const struct cluster_tree *tree, uint32_t node)
 {
     return node | (uint32_t)tree->facts[node].leaf << 31;
@@ -82,7 +90,7 @@ static inline struct vec4_box cluster_box_of_two(const struct cluster_tree *tree
     return box;
 }
 
-/* Fills an inner node. The child with more refs becomes the first one. */
+/* Fills an inner node. The child with more primitives becomes the first one. */
 static inline void cluster_tree_set(struct cluster_tree *tree, uint32_t node, uint32_t left, uint32_t right)
 {
     const uint32_t children[2] = {cluster_as_child(tree, left), cluster_as_child(tree, right)};
@@ -96,7 +104,7 @@ static inline void cluster_tree_set(struct cluster_tree *tree, uint32_t node, ui
     tree->facts[node] = cluster_facts_of(tree, of_left, of_right, box);
 }
 
-/* Makes the next node, above two without a parent; returns its number. */
+/* Makes the next node above two nodes without a parent, and returns its number. */
 static inline uint32_t cluster_tree_join(struct cluster_tree *tree, uint32_t left, uint32_t right)
 {
     uint32_t node = tree->node_count++;

@@ -11,16 +11,15 @@ enum { AXES = 3 };
 _Static_assert(FULL_SWEEP_MOST <= 64, "a set of boxes is a word");
 
 struct sweep {
-    struct vec4_box boxes[FULL_SWEEP_MOST]; /* maxima negated, so that one operation grows both ends */
-    vec4 right_costs[FULL_SWEEP_MOST]; /* of what begins there, a lane an axis */
-    uint8_t order
-        [AXES]
-        [FULL_SWEEP_MOST]; /* boxes along each axis; those of one subtree stand together, on all axes at the same places */
+    struct vec4_box boxes[FULL_SWEEP_MOST]; /* maxima are negated, so that one operation grows both ends */
+    vec4 right_costs[FULL_SWEEP_MOST]; /* cost of the right side of a cut before each place, one lane for each axis */
+    /* boxes sorted along each axis; those of one subtree are adjacent, at the same places on all axes */
+    uint8_t order[AXES][FULL_SWEEP_MOST];
     struct full_sweep_pair *pairs;
     uint32_t count, pair_count;
 };
 
-/* What stands before `at` along the axis goes left. */
+/* A cut: boxes before place `at` along the axis go left. */
 struct cut {
     uint32_t axis, at;
 };
@@ -42,7 +41,7 @@ static inline void start_all(struct vec4_box grown[AXES], const struct sweep *s,
         grown[axis] = s->boxes[s->order[axis][at]];
 }
 
-/* Of negated sides, which is the same. */
+/* Sides come out negated, which does not change the products. */
 static inline vec4 half_areas(const struct vec4_box boxes[AXES])
 {
     vec4 x, y, z;
@@ -63,7 +62,10 @@ static inline void sweep_right(struct sweep *s, uint32_t begin, uint32_t end)
     }
 }
 
-/* Of cuts that cost the same the one in the middle, or the nearest before it: equal boxes make no chain. */
+/*
+ * Among cuts of equal cost it takes the one in the middle, or the nearest before it, so that equal boxes do not become
+ * a chain.
+ */
 static inline struct cut sweep_left(const struct sweep *s, uint32_t begin, uint32_t end)
 {
     const vec4 middle = vec4_all((float)(end - begin) / 2);
@@ -84,7 +86,7 @@ static inline struct cut sweep_left(const struct sweep *s, uint32_t begin, uint3
     return (struct cut){axis, begin + (uint32_t)best_at[axis]};
 }
 
-/* Both sides stay in order along the other axes, too. */
+/* Divides the boxes along all three axes, so that both sides stay sorted. */
 static void divide(struct sweep *s, const struct cut *cut, uint32_t begin, uint32_t end)
 {
     uint64_t left = 0;
@@ -116,7 +118,7 @@ static inline float half_area(struct vec4_box box)
     return product[0] + product[1] + product[2];
 }
 
-/* There are three ways to join three. */
+/* Joins three boxes in the cheapest of the three possible ways. */
 static uint32_t join_three(struct sweep *s, const uint8_t boxes[3])
 {
     const uint8_t a = boxes[0], b = boxes[1], c = boxes[2];
@@ -129,7 +131,10 @@ static uint32_t join_three(struct sweep *s, const uint8_t boxes[3])
     return join(s, join(s, boxes[alone == 0], boxes[alone == 2 ? 1 : 2]), boxes[alone]);
 }
 
-/* Returns the number of the subtree's root. At most as deep as there are boxes. */
+/*
+ * Builds the subtree of the boxes at [begin, end), and returns its root's number. The recursion is at most as deep as
+ * there are boxes.
+ */
 static uint32_t build_below(struct sweep *s, uint32_t begin, uint32_t end)
 {
     const uint8_t *boxes = s->order[0] + begin;
@@ -146,14 +151,14 @@ static uint32_t build_below(struct sweep *s, uint32_t begin, uint32_t end)
     return join(s, left, build_below(s, cut.at, end));
 }
 
-/* Of integers that are ordered as floats are. */
+/* Returns the centroids as integers that have the order of the floats. */
 static inline vec4_int key_of(const struct vec4_box *box)
 {
     vec4_int bits = (vec4_int)(box->min - box->max);
     return bits ^ (bits >> 31 & INT32_MAX);
 }
 
-/* By counting who is before whom, since there are few. Equals stay in their order. */
+/* Sorts by counting, for each box, how many lie before it, which is quick for so few. Equal boxes keep their order. */
 static void sort(struct sweep *s)
 {
     int32_t keys[AXES][FULL_SWEEP_MOST] = {{0}};
@@ -166,7 +171,7 @@ static void sort(struct sweep *s)
         int32_t ranks[FULL_SWEEP_MOST] = {0};
         uint8_t equals[FULL_SWEEP_MOST] = {0};
         for (uint32_t k = 0; k < s->count; k++)
-            for (uint32_t i = 0; i < FULL_SWEEP_MOST; i++) /* as many as vectors are filled with */
+            for (uint32_t i = 0; i < FULL_SWEEP_MOST; i++) /* a constant length, which the compiler vectorises */
                 ranks[i] += keys[axis][i] > keys[axis][k];
         for (uint32_t i = 0; i < s->count; i++)
             s->order[axis][ranks[i] + equals[ranks[i]]++] = (uint8_t)i;
@@ -180,7 +185,9 @@ void full_sweep(const struct primitive_ref *refs, uint32_t count, struct full_sw
     s.count = count;
     s.pair_count = 0;
     for (uint32_t i = 0; i < count; i++) {
-        /* The fourth lanes hold integers that may look like denormals, slow to multiply. */
+        /*
+         * The fourth lanes hold integers, which may look like denormals and be slow to multiply, so they are cleared.
+         */
         struct vec4_box box = vec4_box_load(&refs[i]);
         s.boxes[i] = (struct vec4_box){vec4_xyz(box.min), -vec4_xyz(box.max)};
     }

@@ -5,7 +5,7 @@
 
 enum { AXIS_BITS = 8, CELLS = 1 << AXIS_BITS, DIGIT_BITS = 12, DIGITS = 1 << DIGIT_BITS, PASSES = 2 };
 
-/* Eight bits of each lane, each followed by two zeros. */
+/* Spreads eight bits of each lane, so that two zeros follow each bit. */
 static inline vec4_int spread(vec4_int bits)
 {
     bits = (bits | bits << 8) & 0x00f00f;
@@ -27,7 +27,7 @@ static float cells_per_unit(const struct vec4_box *centroids)
     return longest > 0 && scale <= FLT_MAX ? scale : 0;
 }
 
-/* Codes of all refs, and how often each digit comes in each pass. */
+/* Computes the codes of all refs, and how often each digit occurs in each pass. */
 static void encode(const struct primitive_ref *refs, uint32_t count, struct morton_key *keys,
                    uint32_t histograms[PASSES][DIGITS])
 {

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* morton.h - refs in the order of a Morton curve through their centroids: what is close along it is close in space. */
+/*
+ * morton.h - sorts refs along a Morton curve through their centroids, so that neighbours in the order are close in
+ * space.
+ */
 #ifndef BVHD_MORTON_H
 #define BVHD_MORTON_H
 
@@ -10,8 +13,9 @@ struct morton_key {
 };
 
 /*
- * Copies `count` refs, in order, to `ret_sorted`. Cells are cubes, 256 along the longest side of the centroids' box;
- * refs of one cell keep their order. `keys` has room for 2 * count. Magnitudes are at most 2^40.
+ * Copies `count` refs to `ret_sorted` in the order of the curve. The cells of the curve are cubes, 256 along the
+ * longest side of the centroids' box; refs of one cell keep their order. `keys` has room for 2 * count. Magnitudes are
+ * at most 2^40.
  */
 void morton_sort(const struct primitive_ref *refs, uint32_t count, struct morton_key *keys,
                  struct primitive_ref *ret_sorted);

@@ -6,8 +6,8 @@
 #include "builder/kernel/vec4.h"
 
 /*
- * Far enough away that no box of magnitudes up to 2^40 is nearer to it than to another, near enough that areas are
- * finite.
+ * Coordinate of the padding: so far away that a box of magnitudes up to 2^40 is always nearer to another box, and so
+ * near that areas stay finite.
  */
 static const float far_away = 0x1p60f;
 
@@ -36,7 +36,7 @@ static inline struct box4 load4(const struct nearest_boxes *boxes, int64_t at)
     return box;
 }
 
-/* The smaller of the best keys so far and those of the boxes `offset` further on. */
+/* Returns the smaller ones of the best keys so far and the keys of the boxes `offset` places further on. */
 static inline vec4_int closer4(vec4_int best, const struct box4 *own, const struct nearest_boxes *boxes, int64_t at,
                                int offset)
 {

@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-/* Without branches, since nobody can foresee what is kept. */
+/* Packs without branches, because what is kept is unpredictable. */
 static void pack_words(const void *from, const uint8_t *kept, uint32_t count, void *to)
 {
     const unsigned char *word = from;
@@ -30,7 +30,7 @@ void pack_row_plain(const struct nearest_boxes *boxes, const uint32_t *nodes, co
 
 #define AVX2 __attribute__((target("avx2,bmi2,popcnt")))
 
-/* The numbers of the bytes that are 1, from the lowest on. */
+/* Returns the numbers of the bytes that are 1, lowest first. */
 AVX2 static inline __m256i places_of(uint64_t bytes)
 {
     return _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((int64_t)_pext_u64(UINT64_C(0x0706050403020100), bytes * 0xff)));
@@ -60,7 +60,7 @@ AVX2 static void pack_avx2(const struct nearest_boxes *boxes, const uint32_t *no
     }
 }
 
-/* Where it is no instruction of its own, taking bits together costs more than is gained. */
+/* AMD's Zen 1 and Zen 2 have pext only in slow microcode, which costs more than it saves. */
 static bool is_able(void)
 {
     bool slow = __builtin_cpu_is("znver1") || __builtin_cpu_is("znver2");

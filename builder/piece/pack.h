@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pack.h - moves what stays of a row of boxes together, many at a time. */
+/* pack.h - moves those boxes of a sequence that are kept together, eight at a time where the machine can. */
 #ifndef BVHD_PACK_H
 #define BVHD_PACK_H
 
@@ -8,13 +8,16 @@
 enum { PACK_PAD = 8 };
 
 /*
- * Copies the boxes and nodes of a row for which `kept` is 1, and not 0, in their order, to the begin of another. Up to
- * PACK_PAD behind what is read and written are read and written, too, and have to be 0 in `kept`.
+ * Copies the boxes and nodes whose `kept` is 1 (not 0), in their order, to the start of another sequence. Up to
+ * PACK_PAD entries after those that are read and written are read and written too; their `kept` must be 0.
  */
 void pack_row(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,
               const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes);
 
-/* The two ways to the same row: for every machine, and for those that are quick at AVX2 and BMI2 (NULL elsewhere). */
+/*
+ * Both implementations, which give the same sequence: for every machine, and for machines with fast AVX2 and BMI2
+ * (pack_row_avx2 returns NULL elsewhere).
+ */
 typedef void (*pack_packer)(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept,
                             uint32_t count, const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes);
 void pack_row_plain(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,

@@ -8,7 +8,7 @@
 #include "builder/piece/pack.h"
 #include "proto/base/parallel.h"
 
-/* Neighbours looked at to either side: wider searches cost more time than they save rays. */
+/* Neighbours considered on either side: a wider search costs more build time than it saves the rays. */
 enum { RADIUS = 2 };
 
 /* The clusters of a round, in the order of the curve. */
@@ -17,7 +17,7 @@ struct row {
     uint32_t *nodes;
 };
 
-/* Where the first of a pair goes. */
+/* A pair's first cluster, and its place in the next round. */
 struct move {
     uint32_t from, to;
 };
@@ -25,10 +25,10 @@ struct move {
 struct clustering {
     struct cluster_tree *tree;
     struct row row, next;
-    uint32_t count; /* clusters */
+    uint32_t count; /* clusters in the round */
     int32_t *keys;
     struct move *pairs;
-    uint8_t *kept; /* of each cluster: whether it is in the next row, alone or as the first of a pair */
+    uint8_t *kept; /* for each cluster, 1 if it has a place in the next round, alone or as the first of a pair */
     void *room;
 };
 
@@ -41,7 +41,10 @@ static inline void put(const struct row *row, uint32_t at, uint32_t node, const 
     row->nodes[at] = node;
 }
 
-/* Who chose each other, and who stays alone. Without branches, since nobody can foresee choices. */
+/*
+ * Lists the pairs that chose each other, and marks the clusters that have a place in the next round. There are no
+ * branches, because choices are unpredictable. Returns the number of clusters of the next round.
+ */
 static uint32_t list_moves(struct clustering *c, uint32_t *ret_pairs)
 {
     struct move *moves = c->pairs;
@@ -77,10 +80,10 @@ static void merge(struct clustering *c)
     c->count = count;
 }
 
-/* Until one is left, or few merge. False when cancelled. */
+/* Runs rounds until one cluster is left, or until few merge. Returns false when cancelled. */
 static bool run_rounds(struct clustering *c)
 {
-    /* With merges of fewer than this share of the clusters rounds would go on for long. */
+    /* When a round merges less than this share of the clusters, many more rounds would follow. */
     enum { STALLED = 16 };
     const atomic_bool *cancel = c->tree->request->cancel;
     uint32_t before = UINT32_MAX;
@@ -104,7 +107,10 @@ static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t 
     row->nodes = nodes;
 }
 
-/* One block of words, so that a piece costs one allocation: two rows, moves, keys, and who is kept. */
+/*
+ * Allocates one block for everything, so that a piece costs one allocation: two sequences of clusters, moves, keys and
+ * marks.
+ */
 static enum bvhd_status make_room(struct clustering *c, struct memory *memory)
 {
     uint64_t n = c->tree->leaf_count, stride = n + 2 * NEAREST_PAD;

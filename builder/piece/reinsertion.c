@@ -10,16 +10,16 @@
 
 struct node {
     float min[3];
-    uint32_t first; /* of both children; of a leaf its id, with IS_LEAF */
+    uint32_t first; /* the first of both children; for a leaf its primitive, with IS_LEAF */
     float max[3];
     uint32_t parent;
 };
 
-/* How a subtree is written. */
+/* How a subtree will be written. */
 struct facts {
-    float cost; /* SAH, undivided */
-    uint32_t refs; /* that it names; while they are at most leaf_max, each once */
-    uint32_t ids[REINSERTION_LEAF_MOST]; /* which, while they are at most leaf_max */
+    float cost; /* SAH cost, not divided by the root's area */
+    uint32_t refs; /* refs in it; while they are at most leaf_max, each primitive counts once */
+    uint32_t ids[REINSERTION_LEAF_MOST]; /* the primitives, while they are at most leaf_max */
     bool leaf;
 };
 
@@ -27,30 +27,33 @@ struct tree {
     const struct reinsertion_request *request;
     struct node *nodes;
     struct facts *facts;
-    uint32_t *order; /* of nodes, parents first */
+    uint32_t *order; /* all nodes, parents before children */
     uint32_t count;
-    uint64_t steps; /* nodes looked at so far */
+    uint64_t steps; /* nodes visited so far */
 };
 
-/* Where to put a subtree: beside which node, and by how much that lowers the sum of areas. */
+/* A place for a subtree: the node beside which it would go, and by how much that lowers the sum of areas. */
 struct place {
     uint32_t node;
     float gain;
 };
 
-/* A subtree whose root can at best save `saved` less than the area of what is put there. */
+/*
+ * A subtree to search. Putting a node anywhere into it lowers the sum of areas by at most `saved` minus the node's own
+ * area.
+ */
 struct waiting {
     float saved;
     uint32_t node;
 };
 
 /*
- * Subtrees that wait, looks at a tree by one search: beyond these the best place so far will do. Looks by all, a node
- * of the tree.
+ * Limits of the search: subtrees that wait, and nodes visited, in one search, after which the best place found so far
+ * is used; nodes visited in all searches, for each node of the tree.
  */
 enum { WAITING_MOST = 128, SEARCH_MOST = 1024, STEPS_A_NODE = 256 };
 
-/* Pairs begin at odd numbers. */
+/* Pairs of children start at odd numbers. */
 static inline uint32_t sibling_of(uint32_t node)
 {
     return ((node - 1) ^ 1) + 1;
@@ -66,7 +69,7 @@ static inline struct vec4_box unite(struct vec4_box a, struct vec4_box b)
     return (struct vec4_box){vec4_min(a.min, b.min), vec4_max(a.max, b.max)};
 }
 
-/* Without its other fields. */
+/* Sets the box, and keeps the other fields, which share its lanes. */
 static inline void set_box(struct node *node, struct vec4_box box)
 {
     uint32_t first = node->first, parent = node->parent;
@@ -81,8 +84,8 @@ static inline bool same(struct vec4_box a, struct vec4_box b)
 }
 
 /*
- * Looks for a better place in a subtree: the boxes on the way grow by what is put there, and no subtree is entered that
- * cannot be better.
+ * Searches a subtree for a better place: boxes on the way down would grow by `box`, and a subtree that cannot hold a
+ * better place is not entered. Returns the number of nodes visited.
  */
 static uint32_t search_below(const struct tree *tree, struct vec4_box box, float area, struct waiting at,
                              struct place *best)
@@ -109,7 +112,7 @@ static uint32_t search_below(const struct tree *tree, struct vec4_box box, float
     }
 }
 
-/* Goes up from a node, and down on the other side of each ancestor; or to that ancestor's place. */
+/* Goes up from the node, and searches the other side of each ancestor, and the place beside the ancestor itself. */
 static struct place find_place(struct tree *tree, uint32_t node)
 {
     const struct node *nodes = tree->nodes;
@@ -170,7 +173,10 @@ static void grow_ancestors(struct tree *tree, uint32_t node, struct vec4_box by)
     }
 }
 
-/* The sibling takes its parent's place; the two places that fall free are for the node and what was where it goes. */
+/*
+ * Moves a node beside `target`: its sibling takes their parent's place, and the pair of places that this frees goes to
+ * the target and the node.
+ */
 static void reinsert(struct tree *tree, uint32_t node, uint32_t target)
 {
     struct node *nodes = tree->nodes;
@@ -186,7 +192,10 @@ static void reinsert(struct tree *tree, uint32_t node, uint32_t target)
     grow_ancestors(tree, target, box);
 }
 
-/* Sixteen ranks an octave, in the order of the values: the upper bits of a float that is not negative. */
+/*
+ * Returns the upper bits of a float that is not negative: sixteen ranks for each power of two, in the order of the
+ * values.
+ */
 static inline uint32_t rank_of(float area)
 {
     uint32_t bits;
@@ -196,7 +205,7 @@ static inline uint32_t rank_of(float area)
 
 enum { RANKS = 1 << 12 };
 
-/* The lowest rank above which there are no more nodes than a pass tries. */
+/* Returns the lowest rank such that the nodes of this rank and above are no more than a pass tries. */
 static uint32_t lowest_rank(const struct tree *tree, float share)
 {
     uint64_t most = (uint64_t)((double)share * tree->count), sum = 0;
@@ -218,7 +227,7 @@ static bool improve(struct tree *tree)
         for (uint32_t i = 1; i < tree->count && tree->steps < most; i++) {
             if (i % LOOK_EVERY == 0 && parallel_cancelled(request->cancel))
                 return false;
-            /* Below the root there is one other place, the same. */
+            /* A child of the root could only go back to the same place. */
             if (tree->nodes[i].parent == 0 || rank_of(vec4_box_half_area(box_at(tree, i))) < lowest)
                 continue;
             struct place place = find_place(tree, i);
@@ -245,7 +254,8 @@ static void load(struct tree *tree)
 }
 
 /*
- * The ids of both, each once, as far as there is room; returns how many there are, or one more than there is room for.
+ * Merges the primitives of both children, each once, as long as there is room. Returns how many there are, or room + 1
+ * when there are more.
  */
 static uint32_t merge_ids(const struct facts *left, const struct facts *right, uint32_t room, uint32_t *ret_ids)
 {
@@ -287,7 +297,7 @@ static struct facts facts_of(const struct tree *tree, uint32_t at)
     return facts;
 }
 
-/* Of all nodes, children before their parents. */
+/* Computes the facts of all nodes, children before their parents. */
 static void find_facts(struct tree *tree)
 {
     uint32_t count = 0;
@@ -307,7 +317,7 @@ struct emitted {
     uint32_t node, ir_node;
 };
 
-/* The child with more refs waits while the other is written, so that at most 32 wait. */
+/* Writes the tree. The child with more refs waits while the other one is written, so at most 32 wait. */
 static void emit(const struct tree *tree, struct ir *ir)
 {
     struct emitted waiting[33], at = {0, 0};
@@ -334,7 +344,7 @@ static void emit(const struct tree *tree, struct ir *ir)
     }
 }
 
-/* Each array lives no longer than it is needed: several pieces are at work at once. */
+/* Each array is freed as soon as it is no longer needed, because several pieces are built at once. */
 static enum bvhd_status run(struct tree *tree, struct memory *memory, struct ir *ret_ir)
 {
     tree->nodes = memory_array(memory, tree->count, sizeof *tree->nodes);

@@ -6,7 +6,7 @@
 #include "builder/kernel/spatial_bins.h"
 
 /*
- * A node on its way to being split. Its refs lie anywhere in its room in one of two arrays; its children get their
+ * A node that is still to be split. Its refs lie somewhere in its room in one of the two arrays; its children get their
  * rooms in the other.
  */
 struct part {
@@ -22,7 +22,7 @@ uint32_t spatial_capacity(uint32_t count)
     return capacity <= UINT32_MAX / 2 ? (uint32_t)capacity : count;
 }
 
-/* How cuts did in nodes of one size, by powers of two. */
+/* How often cuts paid in nodes of one size; sizes are powers of two. */
 struct experience {
     uint32_t tried, cut, passed_over;
 };
@@ -32,11 +32,11 @@ struct builder {
     struct experience experience[32];
 };
 
-/* How a part's refs would be divided as they are. */
+/* The best way to divide whole refs. */
 struct division {
     struct bins_mapping mapping;
     struct bins_plane plane;
-    struct vec4_box centroids[2]; /* when halved */
+    struct vec4_box centroids[2]; /* set when halved */
     bool halved;
 };
 
@@ -56,8 +56,8 @@ static void share_room(const struct part *part, const struct spatial_side sides[
 }
 
 /*
- * False where of many tries fewer than one in RARELY has led to a cut, but for one time in AGAIN: meshes without
- * overlaps are not to pay for them.
+ * Returns false where, of many tries, fewer than one in RARELY led to a cut, except for one time in AGAIN: meshes
+ * without overlaps should not pay for the tries.
  */
 static bool is_promising(struct experience *experience)
 {
@@ -66,7 +66,10 @@ static bool is_promising(struct experience *experience)
     return !rare || ++experience->passed_over % AGAIN == 0;
 }
 
-/* Cuts where that is cheaper than the best division of whole refs; false leaves the part's refs as they are. */
+/*
+ * Cuts the refs where that is cheaper than the best division of whole refs. When it returns false, the refs are
+ * unchanged.
+ */
 static bool cut(struct builder *builder, const struct part *part, const struct bins_plane *division,
                 struct spatial_side ret_sides[2])
 {
@@ -126,15 +129,15 @@ static void make_leaf(struct ir *ir, const struct part *part)
     ir->refs[ir->ref_count++] = part->refs->id;
 }
 
-/* A part whose sibling is being split. */
+/* A node that waits while its sibling is being split. */
 struct waiting {
     struct part part;
-    uint32_t both; /* capacity of the two */
-    uint32_t refs_before; /* of the tree, without either */
+    uint32_t both; /* capacity of both siblings together */
+    uint32_t refs_before; /* refs of the tree before either sibling */
     bool is_right;
 };
 
-/* What the sibling left of the room that both had is the part's now. */
+/* Gives the waiting node the room that its sibling has not used. */
 static struct part resume(const struct waiting *waiting, uint32_t ref_count)
 {
     struct part part = waiting->part;
@@ -145,10 +148,10 @@ static struct part resume(const struct waiting *waiting, uint32_t ref_count)
     return part;
 }
 
-/* Nodes of more refs look at the cancel flag: below one there is about a millisecond's work. */
+/* Only nodes with more refs check the cancel flag; below such a node there is about a millisecond of work. */
 enum { LOOK_ABOVE = 512 };
 
-/* The child with more room waits while the other is split to the end, so that at most 32 wait. */
+/* Splits down to leaves. The child with more room waits while the other one is split, so at most 32 wait. */
 static enum bvhd_status split_to_end(struct builder *builder, struct ir *ir, struct part part)
 {
     struct waiting waiting[33];

@@ -245,10 +245,8 @@ static void cuts_are_tried_where_they_may_pay(void **state)
     assert_true(spatial_worth_a_try(&much, 100, 10, 5));
     assert_false(spatial_worth_a_try(&much, 100, 0, 5));
     assert_false(spatial_worth_a_try(&much, 100, 10, 1e6f));
-    struct spatial_plane cut = {/* The cost of the division: half areas of 4. */
-                                .cost = 50 * 4 + 50 * 4,
-                                .left_count = 50,
-                                .right_count = 60};
+    /* The division costs the same: its half areas are 4. */
+    struct spatial_plane cut = {.cost = 50 * 4 + 50 * 4, .left_count = 50, .right_count = 60};
     assert_false(spatial_is_better(&cut, &much, 100, 0));
     cut.cost = 50 * 4 + 50 * 3;
     assert_true(spatial_is_better(&cut, &much, 100, 4.9f));

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_cluster_tree.c - tests that trees joined by ploc_join and binned_join are sound, good by SAH, and end soon. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -14,7 +15,7 @@ struct way {
     float cut_cost;
 };
 
-/* What the tiers ask for, with leaves of several primitives and of one, and what they do not. */
+/* What the build qualities use, with leaves of several primitives and of one, and other values. */
 static const struct way ways[] = {{ploc_join, 3, 4},      {ploc_join, 1, 4},      {ploc_join, 31, 2},
                                   {binned_join, 3, 0.8f}, {binned_join, 1, 0.8f}, {binned_join, 31, 2},
                                   {binned_join, 2, 0.1f}};
@@ -73,7 +74,7 @@ static void every_kind_gives_a_sound_tree(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Distances that grow steadily: everybody's nearest is the one before, so that a round makes few pairs. */
+/* Distances grow steadily, so the nearest box is always the one before, and a round makes few pairs. */
 static void a_row_without_pairs_ends_soon(void **state)
 {
     (void)state;
@@ -96,7 +97,7 @@ static void a_row_without_pairs_ends_soon(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Refs that are runs: of one, two, three primitives by turns. */
+/* Refs that are runs of one, two and three primitives alternately. */
 static void runs_stay_together(void **state)
 {
     (void)state;
@@ -164,7 +165,10 @@ static double median_sah_of(enum test_refs_kind kind)
     return sah;
 }
 
-/* Beside splits in the middle of the longest axis. From below where density is even greedy merging leaves gaps. */
+/*
+ * Compares with splits in the middle of the longest axis. Where the density is even, greedy merging from below leaves
+ * gaps.
+ */
 static void quality_is_that_of_sah(void **state)
 {
     (void)state;

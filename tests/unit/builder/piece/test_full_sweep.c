@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_full_sweep.c - tests that the pairs of a full sweep form one tree, and that no other cut is cheaper. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -31,7 +32,7 @@ static double cost_of(const struct primitive_ref *refs, uint32_t count, uint64_t
     return half_area(&a) * __builtin_popcountll(left) + half_area(&b) * __builtin_popcountll(right);
 }
 
-/* Of all cuts across an axis between different centroids. */
+/* Returns the least cost of all cuts across an axis between different centroids. */
 static double best_cost(const struct primitive_ref *refs, uint32_t count, uint64_t set)
 {
     double best = INFINITY;
@@ -47,7 +48,10 @@ static double best_cost(const struct primitive_ref *refs, uint32_t count, uint64
     return best;
 }
 
-/* Every pair is of what is there and in nobody else's; the last one holds all. ret_sets: refs below each number. */
+/*
+ * Checks that every pair joins two existing subtrees that no other pair has, and that the last one holds all. ret_sets:
+ * the refs below each number.
+ */
 static void check_pairs(const struct full_sweep_pair *pairs, uint32_t count, uint64_t ret_sets[2 * FULL_SWEEP_MOST])
 {
     bool is_taken[2 * FULL_SWEEP_MOST] = {false};
@@ -77,7 +81,7 @@ static void pairs_make_one_tree_of_all(void **state)
         }
 }
 
-/* Three are joined in the best way, cut or not; others are cut where it is cheapest, as far as floats tell. */
+/* Three boxes are joined in the best way; larger sets are cut where it is cheapest, up to rounding. */
 static void no_cut_is_cheaper(void **state)
 {
     (void)state;
@@ -99,7 +103,7 @@ static void no_cut_is_cheaper(void **state)
     }
 }
 
-/* What lies at one place, far from the origin, where floats are coarse. */
+/* The boxes lie close together and far from the origin, where floats are coarse. */
 static void an_offset_does_not_hide_the_order(void **state)
 {
     (void)state;

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_morton.c - tests that refs are sorted along the Morton curve, and that equal ones keep their order. */
 #include "tests/support/unit.h"
 
 #include "builder/piece/morton.h"
 #include "tests/support/builder/test_refs.h"
 
-/* Cell of a centroid along an axis, as morton.h says. */
+/* Returns the cell of a centroid along an axis, as morton.h defines it. */
 static uint32_t cell_of(const struct primitive_ref *ref, const struct box *centroids, int axis)
 {
     double longest = 0;
@@ -16,7 +17,7 @@ static uint32_t cell_of(const struct primitive_ref *ref, const struct box *centr
     return (uint32_t)((ref->min[axis] + ref->max[axis] - centroids->min[axis]) * scale);
 }
 
-/* Bit by bit, from the highest. */
+/* Compares two cells bit by bit, from the highest bit. */
 static int compare(const struct primitive_ref *a, const struct primitive_ref *b, const struct box *centroids)
 {
     for (int bit = 7; bit >= 0; bit--)

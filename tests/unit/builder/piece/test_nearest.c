@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_nearest.c - tests that the nearest neighbour is found, that some pair always agrees, and that both
+ * implementations agree.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -15,7 +19,7 @@ struct world {
     int32_t keys[MOST + 8];
 };
 
-/* Boxes on a grid of `step`, so that coarse ones give many equal areas. */
+/* Makes boxes on a grid of `step`; a coarse one gives many equal areas. */
 static void fill(struct world *world, uint32_t count, double step, double size, uint64_t seed)
 {
     struct random random = {seed};
@@ -64,7 +68,7 @@ static void the_nearest_is_found(void **state)
             }
 }
 
-/* Or clustering would never end. */
+/* Otherwise clustering would never end. */
 static void somebody_always_chooses_each_other(void **state)
 {
     (void)state;
@@ -83,7 +87,7 @@ static void somebody_always_chooses_each_other(void **state)
     }
 }
 
-/* Where all are the same, everybody but a last one has a partner. */
+/* When all boxes are equal, every box except possibly the last has a partner. */
 static void equals_pair_up(void **state)
 {
     (void)state;

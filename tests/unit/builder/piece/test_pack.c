@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_pack.c - tests that kept boxes are packed in their order, by both implementations. */
 #include "tests/support/unit.h"
 
 #include <stdbool.h>
@@ -8,7 +9,7 @@
 
 enum { MOST = 600, ROOM = MOST + 2 * NEAREST_PAD };
 
-/* A row of boxes whose coordinates tell where they are from. */
+/* A sequence of boxes whose coordinates say where they come from. */
 struct row {
     float floats[6][ROOM];
     uint32_t nodes[ROOM];
@@ -73,7 +74,7 @@ static void what_is_kept_comes_in_its_order(void **state)
     check_packer(pack_row);
 }
 
-/* Where the processor has the instructions, and quick ones, they are used. */
+/* The fast implementation is used on processors that have the instructions, and have them fast. */
 static void vectors_do_the_same(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_reinsertion.c - tests that reinsertion keeps trees sound, lowers their cost, and takes a bounded time. */
 #include "tests/support/unit.h"
 
 #include "builder/piece/reinsertion.h"
@@ -18,7 +19,7 @@ static struct ir spatial_tree(struct triangles *f)
     return ir;
 }
 
-/* Halved in the order of the ids, which is random; with `chain`, one after the other. */
+/* Makes a bad tree: halved in the order of the ids, which is random; with `chain`, one ref after the other. */
 static struct ir bad_tree(struct triangles *f, bool chain)
 {
     struct ir ir;
@@ -77,7 +78,8 @@ static struct ir run(struct triangles *f, const struct ir *from, uint32_t leaf_m
 }
 
 /*
- * No subtree of at most leaf_max refs names an id twice: collapsing may make it a leaf. Returns the refs below a node.
+ * Checks that no subtree of at most leaf_max refs names a primitive twice, because collapsing may make it a leaf.
+ * Returns the number of refs in the tree.
  */
 static uint32_t check_names(const struct ir *ir, uint32_t leaf_max, uint32_t *firsts)
 {
@@ -161,7 +163,7 @@ static void cost_goes_down(void **state)
     }
 }
 
-/* Passes of no nodes do nothing, and the last one has a share of its own. */
+/* A pass with a share of 0 does nothing, and the last pass has its own share. */
 static void the_last_pass_has_its_share(void **state)
 {
     (void)state;
@@ -199,7 +201,7 @@ static void bad_trees_become_good(void **state)
     }
 }
 
-/* A chain of all: each step up or down is as long as it is deep. */
+/* In a chain each path up or down is as long as the tree is deep. */
 static void deep_trees_take_no_longer(void **state)
 {
     (void)state;
@@ -213,7 +215,7 @@ static void deep_trees_take_no_longer(void **state)
     triangles_finish(&f);
 }
 
-/* Parts of one triangle end up in one leaf, whatever their number. */
+/* Parts of one triangle that meet in a leaf count once, however many there are. */
 static void parts_that_meet_are_named_once(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_spatial.c - tests that trees with spatial splits are sound, repeatable, and cut only where it pays. */
 #include "tests/support/unit.h"
 
 #include "builder/piece/spatial.h"
@@ -51,7 +52,7 @@ static void every_kind_gives_a_sound_tree(void **state)
                 ir_finish(&ir);
                 triangles_finish(&f);
             }
-    assert_true(refs > triangles + triangles / 20); /* it was about cuts */
+    assert_true(refs > triangles + triangles / 20); /* some were cut */
 }
 
 static void cuts_pay(void **state)
@@ -73,7 +74,7 @@ static void cuts_pay(void **state)
     }
 }
 
-/* Beside a large enough whole no overlap matters; and where nothing may be cut, triangles are not looked at. */
+/* Beside a very large whole no overlap matters. Without room for cuts the triangles are not read. */
 static void small_overlaps_are_left_alone(void **state)
 {
     (void)state;
