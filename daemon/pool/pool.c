@@ -60,7 +60,7 @@ void pool_destroy(struct pool *pool)
     if (!pool)
         return;
     pool_threads_stop(pool);
-    assert(!pool->first_flow && !pool->ended);
+    assert(!pool->flows.first && !pool->ended);
     pthread_mutex_destroy(&pool->lock);
     free(pool);
 }

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/pool/pool_internal.h"
 
+#include "proto/base/container_of.h"
+
 /*
  * A flow's time decides. What a flow without work for free threads missed meanwhile it cannot claim later: it comes
  * back at the level of those that are served. What it had too much is forgiven but for MEMORY_NS of every worker, or a
@@ -50,14 +52,10 @@ static void close_pool(struct pool *pool, uint64_t now)
 
 static void open_job(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
-    if (!pool->first_flow)
+    if (!pool->flows.first)
         open_pool(pool, now);
-    if (flow->open++ > 0)
-        return;
-    flow->previous = pool->last_flow;
-    flow->next = NULL;
-    *(pool->last_flow ? &pool->last_flow->next : &pool->first_flow) = flow;
-    pool->last_flow = flow;
+    if (flow->open++ == 0)
+        list_append(&pool->flows, &flow->link);
 }
 
 void pool_flows_close_job(struct pool *pool, const struct pool_job *job, uint64_t now)
@@ -65,9 +63,8 @@ void pool_flows_close_job(struct pool *pool, const struct pool_job *job, uint64_
     struct pool_flow *flow = job->flow;
     if (--flow->open > 0)
         return;
-    *(flow->previous ? &flow->previous->next : &pool->first_flow) = flow->next;
-    *(flow->next ? &flow->next->previous : &pool->last_flow) = flow->previous;
-    if (!pool->first_flow)
+    list_remove(&pool->flows, &flow->link);
+    if (!pool->flows.first)
         close_pool(pool, now);
 }
 
@@ -115,7 +112,8 @@ static struct pool_work least_served(struct pool *pool, const struct pool_flow *
 {
     struct pool_work best = {NULL, NULL};
     uint64_t least = UINT64_MAX, level = 0;
-    for (struct pool_flow *flow = pool->first_flow; flow; flow = flow->next) {
+    for (struct list_link *link = pool->flows.first; link; link = link->next) {
+        struct pool_flow *flow = container_of(link, struct pool_flow, link);
         uint64_t time = pool_time_at(&flow->time, now), favour = flow == favoured ? FAVOUR_NS : 0;
         uint64_t claim = time > favour ? time - favour : 0;
         struct pool_work work = claim < least ? work_of(flow) : (struct pool_work){NULL, NULL};
@@ -154,8 +152,8 @@ static uint64_t size_beside(const struct pool_job *job)
 static uint64_t spare_size(const struct pool *pool, uint64_t enough)
 {
     uint64_t size = UINT64_MAX;
-    for (const struct pool_run *run = pool->runs; run; run = run->next) {
-        uint64_t most = size_beside(run->job);
+    for (struct list_link *link = pool->runs.first; link; link = link->next) {
+        uint64_t most = size_beside(container_of(link, struct pool_run, link)->job);
         size = most < size ? most : size;
         if (size < enough)
             return 0;
@@ -170,7 +168,8 @@ struct pool_job *pool_flows_spare_job(const struct pool *pool, uint64_t now)
     uint64_t smallest = UINT64_C(1) << __builtin_ctzll(pool->queued_classes), size = spare_size(pool, smallest),
              least = UINT64_MAX;
     struct pool_job *best = NULL;
-    for (const struct pool_flow *flow = size > 0 ? pool->first_flow : NULL; flow; flow = flow->next) {
+    for (struct list_link *link = size > 0 ? pool->flows.first : NULL; link; link = link->next) {
+        const struct pool_flow *flow = container_of(link, struct pool_flow, link);
         uint64_t time = pool_time_at(&flow->time, now);
         struct pool_job *job = time < least ? pool_queue_first_small(&flow->queue, size) : NULL;
         if (job) {

@@ -13,6 +13,7 @@
 #include <semaphore.h>
 
 #include "proto/base/clock.h"
+#include "proto/base/list.h"
 #include "daemon/pool/pool.h"
 #include "daemon/pool/pool_queue.h"
 
@@ -40,7 +41,7 @@ static inline uint64_t pool_time_at(const struct pool_time *time, uint64_t now)
 /* What is looked at in each flow whenever a thread wants work comes first, to be in one line of the cache. */
 struct pool_flow {
     struct pool_time time;
-    struct pool_flow *next, *previous; /* in the pool's list */
+    struct list_link link; /* in the pool's list */
     struct pool_call *calls; /* open ones: by priority, then age of their jobs, then age */
     uint32_t open; /* jobs queued or running: the flow is in the list while there are any */
     uint32_t jobs; /* submitted and not done; loop only */
@@ -53,7 +54,7 @@ struct pool_run {
     struct parallel parallel;
     struct pool *pool;
     struct pool_job *job;
-    struct pool_run *previous, *next; /* in the pool's list */
+    struct list_link link; /* in the pool's list */
 };
 
 /* One call of for_each; lives on its caller's stack. Constant where nothing else is said. */
@@ -82,8 +83,8 @@ struct pool {
     void (*wake)(void *context); /* constant */
     void *wake_context;
 
-    struct pool_flow *first_flow, *last_flow; /* with open jobs */
-    struct pool_run *runs;
+    struct list flows; /* with open jobs */
+    struct list runs;
     uint32_t queued, running; /* jobs */
     uint32_t queued_of[POOL_QUEUE_CLASSES]; /* jobs, by class of size */
     uint64_t queued_classes; /* bit i: class i has some */

@@ -115,18 +115,13 @@ static void end(struct pool *pool, struct pool_flow *flow, uint64_t now)
 
 static void link_run(struct pool *pool, struct pool_run *run)
 {
-    run->next = pool->runs;
-    if (run->next)
-        run->next->previous = run;
-    pool->runs = run;
+    list_prepend(&pool->runs, &run->link);
     pool->running++;
 }
 
 static void unlink_run(struct pool *pool, struct pool_run *run)
 {
-    *(run->previous ? &run->previous->next : &pool->runs) = run->next;
-    if (run->next)
-        run->next->previous = run->previous;
+    list_remove(&pool->runs, &run->link);
     pool->running--;
 }
 

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/pool/watchdog.h"
 
-#include <stddef.h>
 #include <time.h>
+
+#include "proto/base/container_of.h"
 
 static struct watchdog *owner(struct pool_job *job)
 {
-    return (struct watchdog *)(void *)((char *)job - offsetof(struct watchdog, probe));
+    return container_of(job, struct watchdog, probe);
 }
 
 static void run_probe(struct pool_job *job, const struct parallel *parallel)

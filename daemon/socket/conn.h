@@ -15,6 +15,7 @@
 #include "daemon/socket/inlet.h"
 #include "daemon/socket/outbox.h"
 #include "daemon/session/session.h"
+#include "proto/base/list.h"
 
 struct conn_group;
 
@@ -27,11 +28,10 @@ enum conn_state {
 
 struct conn {
     struct conn_group *group;
-    struct conn *next, *previous; /* the group's: all */
-    struct conn *next_due; /* the group's: those that are due */
-    bool is_due, is_later;
+    struct list_link link; /* in the group's list of all */
+    struct list_link due_link;
+    struct list *due_in; /* the group's list that due_link is in; NULL: not due */
     uint64_t cost_ns; /* of its work lately */
-    bool waits_costly; /* due, among those that are costly */
     enum conn_state state;
     int socket;
     struct session_peer peer;

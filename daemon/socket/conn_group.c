@@ -3,6 +3,8 @@
 
 #include <assert.h>
 
+#include "proto/base/container_of.h"
+
 struct conn_limits conn_limits_default(void)
 {
     return (struct conn_limits){
@@ -25,26 +27,25 @@ struct conn_limits conn_limits_default(void)
  */
 enum { COSTLY_NS = 300 * 1000, COSTLY_TURN_NS = 2 * 1000 * 1000, LIGHT_NS = 50 * 1000, TURN_NS = 1000 * 1000 };
 
-static struct conn *take_first(struct conn **first, struct conn ***end)
+static struct conn *member(struct list_link *link)
 {
-    struct conn *conn = *first;
-    if (!conn)
+    return container_of(link, struct conn, link);
+}
+
+static struct conn *take_first(struct list *list)
+{
+    struct list_link *link = list_take_first(list);
+    if (!link)
         return NULL;
-    *first = conn->next_due;
-    if (!*first)
-        *end = first;
-    conn->is_due = conn->waits_costly = false;
+    struct conn *conn = container_of(link, struct conn, due_link);
+    conn->due_in = NULL;
     return conn;
 }
 
-static void append_due(struct conn_group *group, struct conn *conn, bool costly)
+static void append(struct list *list, struct conn *conn)
 {
-    struct conn ***end = costly ? &group->costly_end : &group->due_end;
-    conn->is_due = true;
-    conn->waits_costly = costly;
-    conn->next_due = NULL;
-    **end = conn;
-    *end = &conn->next_due;
+    conn->due_in = list;
+    list_append(list, &conn->due_link);
 }
 
 static void ignore_idle(uv_idle_t *idle)
@@ -55,15 +56,9 @@ static void ignore_idle(uv_idle_t *idle)
 /* What was put off becomes due, and the loop does not wait before it. */
 static void prepare_next_turn(struct conn_group *group)
 {
-    struct conn *conn = group->later;
-    group->later = NULL;
-    group->later_end = &group->later;
-    for (struct conn *next; conn; conn = next) {
-        next = conn->next_due;
-        conn->is_later = false;
+    for (struct conn *conn; (conn = take_first(&group->later));)
         conn_group_due(group, conn);
-    }
-    if (group->due || group->costly)
+    if (group->due.first || group->costly.first)
         uv_idle_start(&group->again, ignore_idle);
     else
         uv_idle_stop(&group->again);
@@ -83,14 +78,13 @@ static void take_turn(uv_prepare_t *prepare)
 {
     struct conn_group *group = prepare->data;
     struct conn *conn;
-    for (uint64_t end = uv_hrtime() + TURN_NS; (conn = take_first(&group->due, &group->due_end));) {
+    for (uint64_t end = uv_hrtime() + TURN_NS; (conn = take_first(&group->due));) {
         if (conn->cost_ns > LIGHT_NS && uv_hrtime() >= end)
-            append_due(group, conn, true);
+            append(&group->costly, conn);
         else
             work(group, conn);
     }
-    for (uint64_t end = uv_hrtime() + COSTLY_TURN_NS;
-         uv_hrtime() < end && (conn = take_first(&group->costly, &group->costly_end));)
+    for (uint64_t end = uv_hrtime() + COSTLY_TURN_NS; uv_hrtime() < end && (conn = take_first(&group->costly));)
         work(group, conn);
     prepare_next_turn(group);
     if (group->changed)
@@ -101,9 +95,6 @@ void conn_group_init(struct conn_group *group, uv_loop_t *loop, struct service *
                      const struct conn_limits *limits)
 {
     *group = (struct conn_group){.loop = loop, .service = service, .limits = *limits};
-    group->due_end = &group->due;
-    group->costly_end = &group->costly;
-    group->later_end = &group->later;
     uv_prepare_init(loop, &group->turn);
     uv_idle_init(loop, &group->again);
     group->turn.data = group;
@@ -112,7 +103,7 @@ void conn_group_init(struct conn_group *group, uv_loop_t *loop, struct service *
 
 void conn_group_finish(struct conn_group *group)
 {
-    assert(!group->first);
+    assert(!group->all.first);
     uv_close((uv_handle_t *)&group->turn, NULL);
     uv_close((uv_handle_t *)&group->again, NULL);
 }
@@ -120,31 +111,31 @@ void conn_group_finish(struct conn_group *group)
 uint32_t conn_group_count_uid(const struct conn_group *group, uint32_t uid)
 {
     uint32_t count = 0;
-    for (const struct conn *conn = group->first; conn; conn = conn->next)
-        count += conn->peer.uid == uid;
+    for (struct list_link *link = group->all.first; link; link = link->next)
+        count += member(link)->peer.uid == uid;
     return count;
 }
 
 void conn_group_goodbye(struct conn_group *group)
 {
-    for (struct conn *conn = group->first, *next; conn; conn = next) {
-        next = conn->next;
-        conn_goodbye(conn);
+    for (struct list_link *link = group->all.first, *next; link; link = next) {
+        next = link->next;
+        conn_goodbye(member(link));
     }
 }
 
 bool conn_group_is_flushed(const struct conn_group *group)
 {
-    for (const struct conn *conn = group->first; conn; conn = conn->next)
-        if (!conn_is_flushed(conn))
+    for (struct list_link *link = group->all.first; link; link = link->next)
+        if (!conn_is_flushed(member(link)))
             return false;
     return true;
 }
 
 void conn_group_close(struct conn_group *group)
 {
-    while (group->first)
-        conn_close(group->first);
+    while (group->all.first)
+        conn_close(member(group->all.first));
 }
 
 static void count_changed(struct conn_group *group, int by)
@@ -155,51 +146,29 @@ static void count_changed(struct conn_group *group, int by)
 
 void conn_group_add(struct conn_group *group, struct conn *conn)
 {
-    conn->next = group->first;
-    if (conn->next)
-        conn->next->previous = conn;
-    group->first = conn;
+    list_prepend(&group->all, &conn->link);
     count_changed(group, 1);
-}
-
-static void remove_from_list(struct conn **first, struct conn ***end, const struct conn *conn)
-{
-    struct conn **at = first;
-    while (*at != conn)
-        at = &(*at)->next_due;
-    *at = conn->next_due;
-    if (*end == &conn->next_due)
-        *end = at;
 }
 
 void conn_group_remove(struct conn_group *group, struct conn *conn)
 {
-    if (conn->waits_costly)
-        remove_from_list(&group->costly, &group->costly_end, conn);
-    else if (conn->is_due)
-        remove_from_list(&group->due, &group->due_end, conn);
-    if (conn->is_later)
-        remove_from_list(&group->later, &group->later_end, conn);
-    conn->is_due = conn->is_later = conn->waits_costly = false;
-    *(conn->previous ? &conn->previous->next : &group->first) = conn->next;
-    if (conn->next)
-        conn->next->previous = conn->previous;
+    if (conn->due_in)
+        list_remove(conn->due_in, &conn->due_link);
+    conn->due_in = NULL;
+    list_remove(&group->all, &conn->link);
     count_changed(group, -1);
 }
 
 void conn_group_due(struct conn_group *group, struct conn *conn)
 {
-    if (conn->is_due || conn->is_later || conn == group->working) /* its work ends with a look at everything */
+    if (conn->due_in || conn == group->working) /* its work ends with a look at everything */
         return;
-    append_due(group, conn, conn->lost || conn->cost_ns > COSTLY_NS); /* who has left waits for nothing */
+    bool is_costly = conn->lost || conn->cost_ns > COSTLY_NS; /* who has left waits for nothing */
+    append(is_costly ? &group->costly : &group->due, conn);
 }
 
 void conn_group_later(struct conn_group *group, struct conn *conn)
 {
-    if (conn->is_later || conn->is_due)
-        return;
-    conn->is_later = true;
-    conn->next_due = NULL;
-    *group->later_end = conn;
-    group->later_end = &conn->next_due;
+    if (!conn->due_in)
+        append(&group->later, conn);
 }

@@ -40,12 +40,12 @@ struct conn_group {
     void *context;
     uv_prepare_t turn;
     uv_idle_t again; /* runs while something is left for the next turn: the loop does not wait */
-    struct conn *first;
+    struct list all;
     uint32_t count;
     struct conn *working; /* whose work is done now */
-    struct conn *due, **due_end; /* in this turn */
-    struct conn *costly, **costly_end; /* after those, as time allows */
-    struct conn *later, **later_end; /* in the next */
+    struct list due; /* in this turn */
+    struct list costly; /* after those, as time allows */
+    struct list later; /* in the next */
     struct log_limit broken_log;
 };
 

@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 
 #include "daemon/socket/conn_group.h"
+#include "proto/base/container_of.h"
 #include "tests/support/daemon/fake_session.h"
 #include "tests/support/proto/frames.h"
 
@@ -45,6 +46,12 @@ static inline void bed_open(struct bed *bed, const struct conn_limits *limits)
     conn_group_init(&bed->group, &bed->loop, fake_service_face(&bed->service), limits ? limits : &defaults);
     for (int i = 0; i < BED_CLIENTS; i++)
         bed->clients[i].socket = -1;
+}
+
+/* The daemon's side of the connection that came last. */
+static inline struct conn *bed_newest_conn(const struct bed *bed)
+{
+    return container_of(bed->group.all.first, struct conn, link);
 }
 
 /* A client's end; its connection is open. */

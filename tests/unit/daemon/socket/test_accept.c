@@ -58,8 +58,8 @@ static void test_clients_come_and_go(void **state)
     for (int i = 0; i < 20; i++) {
         struct bed_client *client = knock(&door);
         bed_hello(&door.bed, client);
-        assert_int_equal(door.bed.group.first->peer.uid, getuid());
-        assert_int_equal(door.bed.group.first->peer.pid, getpid());
+        assert_int_equal(bed_newest_conn(&door.bed)->peer.uid, getuid());
+        assert_int_equal(bed_newest_conn(&door.bed)->peer.pid, getpid());
         assert_int_equal(door.bed.service.descriptors.used, 1);
         bed_hang_up(client);
         bed_pump(&door.bed, 0);

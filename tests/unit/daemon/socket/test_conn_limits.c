@@ -18,7 +18,7 @@ static int send_buffer(const struct bed *bed)
 {
     int size = 0;
     socklen_t length = sizeof size;
-    getsockopt(bed->group.first->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
+    getsockopt(bed_newest_conn(bed)->socket, SOL_SOCKET, SO_SNDBUF, &size, &length);
     return size;
 }
 
@@ -354,7 +354,7 @@ static void refused_by_the_kernel(void)
     bed_pump(&bed, 30);
     assert_int_equal(bed.service.sent, 1);
     assert_int_equal(bed.service.descriptors.unread, 0);
-    assert_int_equal(bed.group.first->writing, OUTBOX_WAITING);
+    assert_int_equal(bed_newest_conn(&bed)->writing, OUTBOX_WAITING);
     assert_int_equal(recv(reader, &byte, 1, 0), 1); /* without room for descriptors: they are let go of */
     bed_expect(&bed, client, FRAME_RESULT, 1);
     bed_expect(&bed, client, FRAME_RESULT, 2);
