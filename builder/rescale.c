@@ -58,7 +58,7 @@ static bool bound_all(struct primitive_refs *refs, const atomic_bool *cancel)
 bool rescale_refs(struct primitive_refs *refs, const struct build_context *context)
 {
     struct scaling scaling = {refs->refs, refs->count, ldexp(1, -ilogbf(magnitude(&refs->bounds)))};
-    size_t chunks = ((size_t)refs->count + CHUNK - 1) / CHUNK;
+    size_t chunks = parallel_chunks(CHUNK, refs->count);
     return parallel_for_until(context->parallel, context->cancel, chunks, scale_chunk, &scaling) &&
            bound_all(refs, context->cancel);
 }
@@ -94,7 +94,7 @@ static void restore_chunk(void *context, size_t index)
 bool rescale_restore(const struct canonical *canonical, const struct build_context *context, struct ir *ir)
 {
     struct restoring restoring = {canonical, ir};
-    size_t chunks = ((size_t)ir->node_count + CHUNK - 1) / CHUNK;
+    size_t chunks = parallel_chunks(CHUNK, ir->node_count);
     if (!parallel_for_until(context->parallel, context->cancel, chunks, restore_chunk, &restoring))
         return false;
     for (uint32_t node = ir->node_count; node-- > 0;) {

@@ -3,6 +3,8 @@
 
 #include <assert.h>
 
+#include "proto/base/prefix.h"
+
 struct canonical_instance canonical_instance(const struct canonical_geometry *geometry, uint32_t index)
 {
     assert(index < geometry->primitive_count);
@@ -22,17 +24,6 @@ struct canonical_instance canonical_instance(const struct canonical_geometry *ge
 uint32_t canonical_geometry_of(const struct canonical *canonical, uint32_t primitive)
 {
     assert(primitive < canonical->primitive_count);
-    /*
-     * The last geometry that starts at or before the primitive is never empty, because the next one would start at the
-     * same place.
-     */
-    uint32_t low = 0, high = canonical->geometry_count;
-    while (high - low > 1) {
-        uint32_t middle = low + (high - low) / 2;
-        if (canonical->geometries[middle].first_primitive <= primitive)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
+    return prefix_find(&canonical->geometries[0].first_primitive, sizeof canonical->geometries[0],
+                       canonical->geometry_count, primitive);
 }

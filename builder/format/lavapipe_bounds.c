@@ -135,6 +135,6 @@ bool lavapipe_bounds_inflate(const struct canonical *canonical, const struct par
     if (ir->node_count == 0)
         return true;
     struct inflation inflation = {canonical, ir, largest_side(&ir->boxes[0][0]) * 0x1p-16f};
-    size_t chunks = ((size_t)ir->node_count + NODE_CHUNK - 1) / NODE_CHUNK;
+    size_t chunks = parallel_chunks(NODE_CHUNK, ir->node_count);
     return parallel_for_until(parallel, cancel, chunks, inflate_leaves, &inflation) && refit(ir, cancel);
 }

@@ -31,7 +31,7 @@ uint32_t lavapipe_box_room(uint32_t primitives)
 /* Returns false if cancelled: the following steps then work on incomplete data, which is harmless. */
 static bool run_all(struct writing *w, size_t total, size_t chunk, parallel_task task)
 {
-    return parallel_for_until(w->input->parallel, w->input->cancel, (total + chunk - 1) / chunk, task, w);
+    return parallel_for_until(w->input->parallel, w->input->cancel, parallel_chunks(chunk, total), task, w);
 }
 
 static enum bvhd_status report_cancelled(struct bvhd_error *error)

@@ -8,6 +8,7 @@
 
 #include "builder/format/portable_records.h"
 #include "builder/format/serialized.h"
+#include "proto/base/prefix.h"
 
 struct reading {
     struct bytes body;
@@ -319,13 +320,6 @@ enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct 
 
 uint32_t portable_geometry_of(const struct portable_view *view, uint32_t id)
 {
-    uint32_t low = 0, high = view->header->geometry_count;
-    while (high - low > 1) {
-        uint32_t middle = low + (high - low) / 2;
-        if (view->geometries[middle].first_primitive <= id)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
+    return prefix_find(&view->geometries[0].first_primitive, sizeof view->geometries[0], view->header->geometry_count,
+                       id);
 }

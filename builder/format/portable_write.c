@@ -7,6 +7,7 @@
 #include "builder/format/portable_quantise.h"
 #include "builder/format/portable_records.h"
 #include "builder/format/serialized.h"
+#include "proto/base/prefix.h"
 
 const uint8_t portable_driver_uuid[16] = "bvhd portable";
 const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', 'o', 'r',
@@ -171,14 +172,9 @@ static void prefetch_node(const struct writing *w, const struct wide_node *wide,
         __builtin_prefetch(&w->input->ir->boxes[0][wide->slots[slot].node]);
 }
 
-static size_t chunks_of(size_t count, size_t chunk)
-{
-    return count / chunk + (count % chunk != 0);
-}
-
 static size_t node_chunks(const struct writing *w)
 {
-    return chunks_of(w->input->wide->node_count, NODE_CHUNK);
+    return parallel_chunks(NODE_CHUNK, w->input->wide->node_count);
 }
 
 static void write_nodes(const struct writing *w, size_t index)
@@ -202,7 +198,7 @@ static void write_nodes(const struct writing *w, size_t index)
 
 static uint32_t vertex_chunks(const struct writing *w)
 {
-    return (uint32_t)chunks_of(w->records.canonical->vertex_count, VERTEX_CHUNK);
+    return (uint32_t)parallel_chunks(VERTEX_CHUNK, w->records.canonical->vertex_count);
 }
 
 /* Returns how many triangles are read to mark vertices. */
@@ -225,7 +221,7 @@ static void mark_used(void *context, size_t index)
 {
     struct writing *w = context;
     size_t begin, end, names = names_to_mark(w);
-    size_t chunk = chunk_apart(index, chunks_of(names, MARK_CHUNK), w->input->parallel->threads);
+    size_t chunk = chunk_apart(index, parallel_chunks(MARK_CHUNK, names), w->input->parallel->threads);
     parallel_chunk(chunk, MARK_CHUNK, names, &begin, &end);
     if (w->input->complete)
         portable_records_mark_range(w->input->canonical, (uint32_t)begin, (uint32_t)(end - begin), w->used);
@@ -304,7 +300,7 @@ static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *erro
     if (!w->used || !w->first_kept)
         return bvhd_error_set(error, BVHD_NO_MEMORY, "vertices", "a table of %" PRIu32, all);
     memset(w->used, 0, all);
-    run_all(w, chunks_of(names_to_mark(w), MARK_CHUNK), mark_used);
+    run_all(w, parallel_chunks(MARK_CHUNK, names_to_mark(w)), mark_used);
     if (!run_all(w, chunks, count_kept))
         return report_cancelled(error);
     sum_kept(w);
@@ -343,15 +339,8 @@ static void copy_run(const struct writing *w, const struct canonical_geometry *g
 /* Returns the last geometry that starts at or before a vertex; it is never one without vertices. */
 static uint32_t geometry_of_vertex(const struct canonical *canonical, size_t vertex)
 {
-    uint32_t low = 0, high = canonical->geometry_count;
-    while (high - low > 1) {
-        uint32_t middle = low + (high - low) / 2;
-        if (canonical->geometries[middle].first_vertex <= vertex)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
+    return prefix_find(&canonical->geometries[0].first_vertex, sizeof canonical->geometries[0],
+                       canonical->geometry_count, vertex);
 }
 
 static void copy_vertices(const struct writing *w, size_t index)
@@ -426,7 +415,7 @@ static struct layout_sizes sizes_of(const struct writing *w)
 
 static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
 {
-    size_t copies = w->header.vertex_count > 0 ? chunks_of(w->records.canonical->vertex_count, COPY_CHUNK) : 0;
+    size_t copies = w->header.vertex_count > 0 ? parallel_chunks(COPY_CHUNK, w->records.canonical->vertex_count) : 0;
     if (!run_all(w, node_chunks(w) + copies, write_chunk))
         return report_cancelled(error);
     write_tables(w);

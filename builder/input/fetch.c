@@ -5,6 +5,7 @@
 
 #include "builder/input/canonical_form.h"
 #include "proto/base/place.h"
+#include "proto/base/prefix.h"
 #include "builder/input/transform.h"
 #include "builder/input/validate.h"
 #include "builder/input/vertex_format.h"
@@ -105,15 +106,9 @@ static uint32_t count_of(const struct canonical_geometry *geometry, enum form_pa
 /* Returns the last geometry whose items start at or before `item`. */
 static uint32_t geometry_of(const struct canonical *view, enum form_part part, uint32_t item)
 {
-    uint32_t low = 0, high = view->geometry_count;
-    while (high - low > 1) {
-        uint32_t middle = low + (high - low) / 2;
-        if (first_of(&view->geometries[middle], part) <= item)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
+    const struct canonical_geometry *geometries = view->geometries;
+    const uint32_t *firsts = part == FORM_PRIMITIVES ? &geometries[0].first_primitive : &geometries[0].first_vertex;
+    return prefix_find(firsts, sizeof geometries[0], view->geometry_count, item);
 }
 
 /*
@@ -471,11 +466,6 @@ static bool needs_rebase(struct fetch *fetch)
     return needs;
 }
 
-static size_t chunks(size_t items, size_t chunk)
-{
-    return items / chunk + (items % chunk != 0);
-}
-
 static enum bvhd_status cancelled(const struct fetch *fetch, struct bvhd_error *error)
 {
     return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", fetch->index).text, "cancelled");
@@ -484,7 +474,7 @@ static enum bvhd_status cancelled(const struct fetch *fetch, struct bvhd_error *
 enum bvhd_status fetch_primitives(struct fetch *fetch, unsigned char *block, const struct build_context *context,
                                   struct bvhd_error *error)
 {
-    size_t count = chunks(fetch->view.primitive_count, PRIMITIVE_CHUNK);
+    size_t count = parallel_chunks(PRIMITIVE_CHUNK, fetch->view.primitive_count);
     fetch->block = block;
     if (!parallel_for_until(context->parallel, context->cancel, count, primitive_task, fetch))
         return cancelled(fetch, error);
@@ -526,7 +516,7 @@ static void vertex_task(void *context, size_t chunk)
 enum bvhd_status fetch_positions(struct fetch *fetch, unsigned char *block, const struct build_context *context,
                                  struct bvhd_error *error)
 {
-    size_t count = chunks(fetch->view.vertex_count, VERTEX_CHUNK);
+    size_t count = parallel_chunks(VERTEX_CHUNK, fetch->view.vertex_count);
     fetch->block = block;
     return parallel_for_until(context->parallel, context->cancel, count, vertex_task, fetch) ? BVHD_OK
                                                                                              : cancelled(fetch, error);

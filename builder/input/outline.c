@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "builder/kernel/vec4.h"
+#include "proto/base/prefix.h"
 
 /*
  * First lanes of the directions: sums and differences of an axis and the next one, and the corners. GROUPS vectors of
@@ -84,15 +85,9 @@ static size_t first_of(const struct canonical *canonical, uint32_t geometry)
 /* Returns the geometry that the element is in: the last one that starts at or before it. */
 static uint32_t geometry_of(const struct canonical *canonical, size_t element)
 {
-    uint32_t low = 0, high = canonical->geometry_count;
-    while (high - low > 1) {
-        uint32_t middle = low + (high - low) / 2;
-        if (first_of(canonical, middle) <= element)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
+    const struct canonical_geometry *geometries = canonical->geometries;
+    const uint32_t *firsts = is_of_boxes(canonical) ? &geometries[0].first_primitive : &geometries[0].first_vertex;
+    return prefix_find(firsts, sizeof geometries[0], canonical->geometry_count, element);
 }
 
 /* Extents along each direction, separately for four vertices at a time. */
@@ -264,7 +259,7 @@ bool outline_find(const struct canonical *canonical, const struct build_context 
         finding.count = is_of_boxes(canonical) ? canonical->primitive_count : canonical->vertex_count;
     finding.share_size = finding.count / MOST_SHARES + 1;
     finding.share_size = finding.share_size < LEAST_SHARE ? LEAST_SHARE : finding.share_size;
-    size_t shares = (finding.count + finding.share_size - 1) / finding.share_size;
+    size_t shares = parallel_chunks(finding.share_size, finding.count);
     if (!parallel_for_until(context->parallel, context->cancel, shares, find_share, &finding) ||
         parallel_cancelled(context->cancel))
         return false;

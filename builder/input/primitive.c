@@ -433,7 +433,7 @@ enum bvhd_status primitive_collect_blocks(const struct canonical *canonical, con
     struct collection collection = {.canonical = canonical, .runs = runs};
     struct primitive_refs refs = {.bounds = box_empty(), .centroids = box_empty()};
     enum bvhd_status status = BVHD_OK;
-    collection.block_count = ((size_t)canonical->primitive_count + PRIMITIVE_BLOCK - 1) / PRIMITIVE_BLOCK;
+    collection.block_count = parallel_chunks(PRIMITIVE_BLOCK, canonical->primitive_count);
     if (collection.block_count > 0)
         status = collect(&collection, context, &refs);
     memory_free(context->memory, collection.blocks);

@@ -310,7 +310,7 @@ static enum bvhd_status scatter(struct scatter *s, struct split_tree *tree)
     uint32_t count = s->request->count;
     s->outsize = outsize_share * (float)box_half_area(&s->request->bounds);
     s->outsize = s->outsize > 0 ? s->outsize : INFINITY;
-    s->chunk_count = s->request->blocks ? s->request->block_count : (uint32_t)(((uint64_t)count + CHUNK - 1) / CHUNK);
+    s->chunk_count = s->request->blocks ? s->request->block_count : (uint32_t)parallel_chunks(CHUNK, count);
     enum bvhd_status status = find_planes(s);
     if (status != BVHD_OK)
         return status;

@@ -69,7 +69,7 @@ static struct primitive_ref *target(const struct splitter *s)
 
 static uint32_t chunk_count(const struct splitter *s)
 {
-    return (s->part.count - 1) / CHUNK + 1;
+    return (uint32_t)parallel_chunks(CHUNK, s->part.count);
 }
 
 static bool each_chunk(struct splitter *s, parallel_task task)
@@ -390,7 +390,7 @@ static enum bvhd_status split(struct splitter *s)
     const struct spatial_split_request *request = s->request;
     s->node_capacity = 64;
     s->tree.nodes = memory_array(s->memory, s->node_capacity, sizeof *s->tree.nodes);
-    s->chunks = memory_array(s->memory, ((uint64_t)request->capacity + CHUNK - 1) / CHUNK, sizeof *s->chunks);
+    s->chunks = memory_array(s->memory, parallel_chunks(CHUNK, request->capacity), sizeof *s->chunks);
     s->sides = memory_array(s->memory, request->capacity, sizeof *s->sides);
     if (!s->tree.nodes || !s->chunks || !s->sides)
         return BVHD_NO_MEMORY;

@@ -277,7 +277,7 @@ static void cut_into_chunks(struct splitter *splitter)
         struct division *division = &splitter->divisions[i];
         bins_map(&part->centroids, part->count, &division->mapping);
         division->first_chunk = splitter->chunk_count;
-        division->chunk_count = (part->count + CHUNK - 1) / CHUNK;
+        division->chunk_count = (uint32_t)parallel_chunks(CHUNK, part->count);
         for (uint32_t k = 0; k < division->chunk_count; k++) {
             struct chunk *chunk = &splitter->chunks[splitter->chunk_count++];
             size_t begin, end;

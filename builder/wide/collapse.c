@@ -101,7 +101,7 @@ static void make_late_rows(struct collapsing *c, size_t tasks)
 
 static size_t task_count(const struct ir *ir)
 {
-    return ((size_t)collapse_rows(ir) + TASK_ROWS - 1) / TASK_ROWS;
+    return parallel_chunks(TASK_ROWS, collapse_rows(ir));
 }
 
 static bool allocate(struct collapsing *c, struct memory *memory)

@@ -47,6 +47,12 @@ static inline bool parallel_cancelled_at(const atomic_bool *cancel, size_t step)
 bool parallel_for_until(const struct parallel *parallel, const atomic_bool *cancel, size_t count, parallel_task task,
                         void *context);
 
+/* How many chunks of `chunk` things `total` things are cut into; only the last one may be smaller. */
+static inline size_t parallel_chunks(size_t chunk, size_t total)
+{
+    return total / chunk + (total % chunk != 0);
+}
+
 /*
  * Computes the half-open range [*ret_begin, *ret_end) of chunk `index` when `total` things are cut into chunks of
  * `chunk`.

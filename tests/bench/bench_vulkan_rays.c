@@ -120,7 +120,7 @@ static enum bvhd_status allocate(struct making *making, const struct bench_rays_
 
 static size_t chunks_of(const struct making *making, enum bench_rays_kind kind)
 {
-    return (making->rays->count[kind] + CHUNK - 1) / CHUNK;
+    return parallel_chunks(CHUNK, making->rays->count[kind]);
 }
 
 static enum bvhd_status make_primary(struct making *making, const struct parallel *parallel, struct memory *memory,

@@ -222,7 +222,7 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
         trace.total += (uint64_t)meshes[i].triangle_count * ray_count;
     for (uint32_t i = 0; i < ray_count; i++)
         ret_answers[i] = (struct oracle_answer){.kind = ORACLE_MISS};
-    parallel_for(parallel, ((size_t)ray_count + CHUNK - 1) / CHUNK, trace_chunk, &trace);
+    parallel_for(parallel, parallel_chunks(CHUNK, ray_count), trace_chunk, &trace);
     if (!atomic_load(&trace.failed))
         return BVHD_OK;
     oracle_finish(ret_answers, ray_count, memory);

@@ -189,7 +189,7 @@ enum bvhd_status agreement_watch(void *context, bool is_camera, const struct ray
     wave.count = wave.first < count ? (count - wave.first - 1) / wave.stride + 1 : 0;
     if (!has_room(agreement, wave.count))
         return no_memory(error);
-    parallel_for(agreement->parallel, (wave.count + CHUNK - 1) / CHUNK, compare_chunk, &wave);
+    parallel_for(agreement->parallel, parallel_chunks(CHUNK, wave.count), compare_chunk, &wave);
     agreement->checked += wave.count;
     for (uint64_t i = 0; i < wave.count; i++) {
         uint64_t at = wave.first + i * wave.stride;

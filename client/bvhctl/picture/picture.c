@@ -164,7 +164,7 @@ static void add_edges(void *context, size_t index)
 
 static void in_chunks(struct rendering *rendering, uint32_t pixels, parallel_task task)
 {
-    parallel_for(rendering->options->parallel, (pixels + CHUNK - 1) / CHUNK, task, rendering);
+    parallel_for(rendering->options->parallel, parallel_chunks(CHUNK, pixels), task, rendering);
 }
 
 static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_error *error)

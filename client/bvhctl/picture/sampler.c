@@ -53,7 +53,7 @@ static enum bvhd_status trace_wave(struct sampler *sampler, bool is_camera, uint
 
 static uint32_t chunk_count(const struct sampler *sampler)
 {
-    return (sampler->count + CHUNK - 1) / CHUNK;
+    return (uint32_t)parallel_chunks(CHUNK, sampler->count);
 }
 
 static void in_chunks(struct sampler *sampler, parallel_task task)

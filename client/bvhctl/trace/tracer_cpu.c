@@ -37,7 +37,7 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
     struct tracer_cpu *cpu = (struct tracer_cpu *)tracer;
     struct job job = {cpu->structures, rays, count, ret_hits};
     double start = clock_ms();
-    parallel_for(cpu->parallel, (count + CHUNK - 1) / CHUNK, trace_chunk, &job);
+    parallel_for(cpu->parallel, parallel_chunks(CHUNK, count), trace_chunk, &job);
     if (ret_seconds)
         *ret_seconds = (clock_ms() - start) / 1e3;
     return BVHD_OK;

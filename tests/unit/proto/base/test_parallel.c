@@ -39,7 +39,8 @@ static void chunks_cover_the_whole(void **state)
     (void)state;
     for (size_t total = 0; total < 50; total++)
         for (size_t chunk = 1; chunk < 60; chunk++) {
-            size_t reached = 0, count = (total + chunk - 1) / chunk;
+            size_t reached = 0, count = parallel_chunks(chunk, total);
+            assert_int_equal(count, (total + chunk - 1) / chunk);
             for (size_t i = 0; i < count; i++) {
                 size_t begin, end;
                 parallel_chunk(i, chunk, total, &begin, &end);
@@ -58,6 +59,8 @@ static void chunks_reach_the_largest_size(void **state)
     size_t begin, end;
     parallel_chunk(1, SIZE_MAX / 2 + 1, SIZE_MAX, &begin, &end);
     assert_true(begin == SIZE_MAX / 2 + 1 && end == SIZE_MAX);
+    assert_int_equal(parallel_chunks(SIZE_MAX / 2 + 1, SIZE_MAX), 2);
+    assert_int_equal(parallel_chunks(SIZE_MAX, SIZE_MAX), 1);
 }
 
 struct stopping {

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * prefix.h - finds which range a number is in, when ranges follow each other and each stores its first number.
+ *
+ * Primitives and vertices are numbered through over all geometries of a build: geometry g has the numbers from the sum
+ * of the counts before it on.
+ */
+#ifndef BVHD_PREFIX_H
+#define BVHD_PREFIX_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/*
+ * The index of the last of `count` ranges whose first number is at most `number`, or 0. `firsts` is the first number of
+ * range 0, and each range's is `stride` bytes after the one before; they ascend, and firsts[0] <= number. A range
+ * without numbers is never found, unless it is the last one: the next range starts at the same number.
+ */
+static inline uint32_t prefix_find(const uint32_t *firsts, size_t stride, uint32_t count, uint64_t number)
+{
+    uint32_t low = 0, high = count;
+    while (high - low > 1) {
+        uint32_t middle = low + (high - low) / 2;
+        const uint32_t *first = (const void *)((const char *)firsts + middle * stride);
+        if (*first <= number)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+#endif
