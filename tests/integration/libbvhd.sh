@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # libbvhd.sh SOURCE BUILD COMPILER... - the installed client library, as other people's programs meet it: headers, exported names, dependencies, both
-# kinds of linking, and the README's example against a real daemon. COMPILER with its sanitizers, if any. Installs below a scratch folder. Prints
+# kinds of linking, and the example of docs/library.md against a real daemon. COMPILER with its sanitizers, if any. Installs below a scratch folder. Prints
 # each expectation that does not hold; status 1 when one does not.
 # shellcheck disable=SC2016,SC2046,SC2086 # compilers and flags are lists of words
 set -u
@@ -91,9 +91,9 @@ for compiler_cpp in g++ clang++; do
     done
 done
 
-# The README's example: compiled as a stranger would, linked both ways; a daemon answers, and then none does.
-sed -n '/^```c$/,/^```$/{/^```/!p}' "$source/README.md" >example.c
-expect_quietly "the README has an example of 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -eq 30 ]
+# The example of docs/library.md: compiled as a stranger would, linked both ways; a daemon answers, and then none does.
+sed -n '/^```c$/,/^```$/{/^```/!p}' "$source/docs/library.md" >example.c
+expect_quietly "docs/library.md has an example of 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -eq 30 ]
 export LD_LIBRARY_PATH="$libraries"
 expect_quietly 'the example, shared' $compiler -std=c99 -pedantic -Wall -Wextra -Werror example.c -o example $(pkg --cflags --libs)
 expect_quietly 'it uses the shared library' sh -c "ldd ./example | grep -q '$libraries/libbvhd.so.0'"
