@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # house_rules.sh ROOT - the rules of the house that no compiler checks: includes are paths from the root and point one
 # way, each foreign library has its door, every source says its licence, no line has more than 120 columns and no file
-# 600 lines or more, and every header is named by the README of its folder. Prints what breaks them; status 1 when
-# anything does.
+# 600 lines or more, every header is named by the README of its folder, links in documents lead somewhere, and the
+# picture of the folders agrees with their table. Prints what breaks them; status 1 when anything does.
 # house_rules.sh --self-test - breaks each rule in a scratch tree and fails unless that is found.
 # shellcheck disable=SC2016 # awk's dollars are not the shell's
 set -eu
@@ -181,6 +181,88 @@ check_headers()
     done
 }
 
+# Markdown files, beside what builds write.
+documents()
+{
+    find . \( -path ./build -o -path ./.git \) -prune -o -name '*.md' -print | sed 's|^\./||' | sort
+}
+
+# "file|DOCUMENT|TARGET" for each relative link of the documents, and "line|COMPLAINT" for each line of prose that is
+# too long. Code blocks, tables and pictures may be wider.
+read_documents()
+{
+    documents | xargs awk '
+        FNR == 1 { is_code = 0 }
+        /^```/ { is_code = !is_code; next }
+        is_code || /^    / { next }
+        length > 100 && !/^[|]/ && !/^!\[/ {
+            print "line|" FILENAME ":" FNR ": more than 100 columns of prose"
+        }
+        {
+            line = $0
+            folder = FILENAME
+            if (!sub(/[^\/]*$/, "", folder))
+                folder = ""
+            while (match(line, /\]\([^) ]*\)/)) {
+                target = substr(line, RSTART + 2, RLENGTH - 3)
+                line = substr(line, RSTART + RLENGTH)
+                if (target !~ /^[a-z]*:/)
+                    print "file|" FILENAME "|" (target ~ /^#/ ? FILENAME : folder) target
+            }
+        }'
+}
+
+# anchors FILE - what its headings are called in links.
+anchors()
+{
+    sed -n '/^```/,/^```/d; s/^##* //p' "$1" | tr 'A-Z ' 'a-z-' | sed 's/[^-a-z0-9_]//g'
+}
+
+# Relative links lead to files and headings that exist, and prose has at most 100 columns.
+check_documents()
+{
+    [ -n "$(documents)" ] || return 0
+    read_documents >"$scratch/documents"
+    sed -n 's/^line|//p' "$scratch/documents" >"$scratch/lines"
+    while read -r line; do
+        complain "$line"
+    done <"$scratch/lines"
+    grep '^file|' "$scratch/documents" | sort -u >"$scratch/links" || :
+    while IFS='|' read -r _ document target; do
+        path=${target%%#*}
+        if [ ! -e "$path" ]; then
+            complain "$document: no such file: $target"
+        elif [ "$path" != "$target" ] && ! anchors "$path" | grep -qx -e "${target#*#}"; then
+            complain "$document: no such heading: $target"
+        fi
+    done <"$scratch/links"
+}
+
+# The picture of the folders has every folder, and no arrow that the table does not allow.
+check_picture()
+{
+    picture=docs/pictures/architecture.dot
+    [ -f "$picture" ] || return 0
+    { folders | sed 's/^/folder /'; sed -n 's/^ *\("[^;]*\).*/picture \1/p' "$picture" | tr -d '"'; } | awk '
+        $1 == "folder" {
+            known[$2] = 1
+            for (i = 3; i <= NF; i++)
+                may[$2, $i] = 1
+        }
+        $1 == "picture" && $3 == "->" && !(($2, $4) in may) {
+            print "an arrow that the table does not allow: " $2 " -> " $4
+        }
+        $1 == "picture" && $3 != "->" { drawn[$2] = 1 }
+        END {
+            for (folder in known)
+                if (!(folder in drawn))
+                    print folder " is missing"
+        }' >"$scratch/picture"
+    while read -r line; do
+        complain "$picture: $line"
+    done <"$scratch/picture"
+}
+
 check_house()
 {
     cd "$1"
@@ -190,6 +272,8 @@ check_house()
     check_includes
     check_files
     check_headers
+    check_documents
+    check_picture
     [ ! -s "$scratch/complaints" ]
 }
 
@@ -237,6 +321,23 @@ test_pairs()
     find "$tree" -name 'to_*.c' -exec rm {} +
 }
 
+# A picture with all folders and arrows is good; one folder less or one arrow more is not.
+test_pictures()
+{
+    mkdir -p "$tree/docs/pictures"
+    folders | awk '{
+        print "\"" $1 "\" [label = \"x\"];"
+        for (i = 2; i <= NF; i++)
+            print "\"" $1 "\" -> \"" $i "\";"
+    }' >"$tree/good"
+    dot=docs/pictures/architecture.dot
+    cp "$tree/good" "$tree/$dot"
+    (check_house "$tree") || { echo "a good picture was refused"; exit 1; }
+    grep -v '^"daemon/pool" \[' "$tree/good" >"$tree/$dot" && must_fail 'a folder that is not drawn' "$dot"
+    { cat "$tree/good" && echo '"client" -> "daemon";'; } >"$tree/$dot"
+    must_fail 'an arrow against the direction' "$dot"
+}
+
 self_test()
 {
     tree=$(mktemp -d)
@@ -274,6 +375,15 @@ self_test()
     for name in tests/a.c tests/a.sh tests/meson.build client/a.glsl; do
         { echo "$spdx" && printf '%0121d\n' 0; } >"$tree/$name" && must_fail "a line of 121 columns: $name" "$name"
     done
+    printf '%0100d x\n' 0 >"$tree/tests/a.md" && must_fail 'prose of 102 columns' tests/a.md
+    { printf '| %0100d |\n\n    %0100d\n\n```\n%0100d\n```\n' 0 0 0; } >"$tree/tests/b.md"
+    printf '# A Heading: `x`\n\n[here](#a-heading-x) [up](../builder/README.md) [other](https://example.org/)\n' \
+        >>"$tree/tests/b.md"
+    (check_house "$tree") || { echo "good documents were refused"; exit 1; }
+    for link in no.md ../README.md '#a-heading' b.md#heading; do
+        printf '[there](%s)\n' "$link" >"$tree/tests/a.md" && must_fail "a link to nowhere: $link" tests/a.md
+    done
+    test_pictures
 }
 
 case ${1-} in
