@@ -17,7 +17,7 @@ static double larger(double a, double b)
     return a > b ? a : b;
 }
 
-/* How far from the origin the structure reaches along an axis. */
+/* Returns how far from the ray's origin the structure reaches along an axis. */
 static double reach(const double origin[3], const float bounds[6], int axis)
 {
     return larger(fabs(bounds[axis] - origin[axis]), fabs(bounds[3 + axis] - origin[axis]));
@@ -35,7 +35,9 @@ static bool in_float_range(const double origin[3], const double direction[3], co
     return largest >= structure_min && largest <= range_max && longest >= direction_min;
 }
 
-/* An upper bound of a sum of errors: a thousandth more than covers the rounding of the sum and of this. */
+/*
+ * Returns an upper bound of a sum of errors. The added thousandth covers the rounding of the sum and of this function.
+ */
 static float round_up(double error)
 {
     return (float)(1.001 * error + underflow_error);
@@ -65,7 +67,7 @@ bool boxtest_init(const double origin[3], const double direction[3], float tmin,
     double speed = fabs(direction[main_axis(direction)]), farthest = 0;
     for (int axis = 0; axis < 3; axis++)
         farthest = larger(farthest, reach(origin, bounds, axis));
-    /* No point of the structure is met at a greater |t|. */
+    /* No point of the structure is met at a larger |t|. */
     double t_reach = farthest / speed;
 
     struct boxtest_ray ray = {.tmin = tmin};
@@ -137,7 +139,7 @@ unsigned boxtest_double(const struct boxtest_exact *ray, const struct portable_n
     return kernel_double(ray, node, tmax, ret_near);
 }
 
-/* Subtraction and division round twice, at most 2^-52 in all. */
+/* Subtraction and division round twice, by at most 2^-52 together. */
 static const double aabb_gamma = 0x1p-50;
 
 bool boxtest_aabb(const double origin[3], const double direction[3], const float min[3], const float max[3],

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * boxtest_avx2.c - the functions of boxtest.h for machines with AVX2, FMA and BMI. The set-up is what a ray through a
- * small structure costs most.
+ * boxtest_avx2.c - the functions of boxtest.h for machines with AVX2, FMA and BMI. The set-up is the largest cost of a
+ * ray through a small structure.
  */
 #include "builder/traverse/boxtest_setup.h"
 
@@ -24,14 +24,14 @@ BOXTEST_AVX2_INLINE __m256d absolute(__m256d vector)
     return _mm256_andnot_pd(_mm256_set1_pd(-0.0), vector);
 }
 
-/* The largest lane, in all lanes. */
+/* Returns the largest lane, in all lanes. */
 BOXTEST_AVX2_INLINE __m256d largest(__m256d vector)
 {
     __m256d pairs = _mm256_max_pd(vector, _mm256_permute_pd(vector, 5));
     return _mm256_max_pd(pairs, _mm256_permute2f128_pd(pairs, pairs, 1));
 }
 
-/* Three floats and 0. */
+/* Loads three floats and 0. */
 BOXTEST_AVX2_INLINE __m256d load_floats(const float from[3])
 {
     return _mm256_cvtps_pd(_mm_maskload_ps(from, _mm_setr_epi32(-1, -1, -1, 0)));
@@ -42,7 +42,7 @@ BOXTEST_AVX2_INLINE bool all_up_to(__m256d vector, double limit)
     return _mm256_movemask_pd(_mm256_cmp_pd(vector, _mm256_set1_pd(limit), _CMP_LE_OQ)) == 15;
 }
 
-/* The sum of errors, rounded up, where it is of use. */
+/* Stores the sum of errors, rounded up, or FLT_MAX for parallel axes. */
 BOXTEST_AVX2_INLINE void store_slack(__m256d error, __m256d parallel, float ret_slack[4])
 {
     __m256d bound = _mm256_fmadd_pd(error, _mm256_set1_pd(1.001), _mm256_set1_pd(underflow_error));

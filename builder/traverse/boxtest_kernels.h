@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * boxtest_kernels.h - the inner part of boxtest.h, to be compiled into the loops that use it: in plain C, in double,
- * and eight wide.
+ * boxtest_kernels.h - the inner part of boxtest.h, which is compiled into the loops that use it: in plain C, in double,
+ * and with AVX2.
  *
- * Comparisons are written so that a NaN, which only a node that no writer makes can cause, misses.
+ * Comparisons are written so that a NaN, which only a node that no writer makes can cause, is a miss.
  */
 #ifndef BVHD_BOXTEST_KERNELS_H
 #define BVHD_BOXTEST_KERNELS_H
@@ -20,24 +20,24 @@
 
 #define BOXTEST_INLINE static inline __attribute__((always_inline))
 
-/* For which rays and structures float will do. */
+/* The ranges of rays and structures in which float suffices. */
 static const double range_max = 0x1p60, structure_min = 0x1p-60, direction_min = 0x1p-32;
 /*
- * Axes whose direction is this much below the longest count as parallel: float's rounding of the position is of that
- * size.
+ * An axis whose direction is less than this share of the longest counts as parallel: float's rounding of the position
+ * is of that size.
  */
 static const double parallel_ratio = 0x1p-30;
 static const double corner_error = 0x1p-50, t_error = 0x1p-40, underflow_error = 0x1p-118;
-/* 8u of the distance is 1/64 of 256 steps of this size. */
+/* 8u of the distance is 1/64 of 256 steps of this share of the distance. */
 static const double wide_share = 0x1p-23;
 
-/* By the signs of the direction: bit a for axis a. */
+/* Indexed by the signs of the direction: bit a for axis a. */
 extern const struct boxtest_planes boxtest_planes[8];
 
 static const float boxtest_gamma = 0x1p-21f;
 static const double boxtest_gamma_double = 0x1p-49;
 
-/* 2^(exponent - 127), 0 for exponent 0: the bits of a float. */
+/* Returns 2^(exponent - 127), or 0 for exponent 0, by building the bits of a float. */
 BOXTEST_INLINE float boxtest_scale(uint8_t exponent)
 {
     uint32_t bits = (uint32_t)exponent << 23;
@@ -83,7 +83,7 @@ BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct
     return ray->parallel_axes ? boxtest_beside(ray, node, hits) : hits;
 }
 
-/* Whether child s reaches the ray's position along an axis that it is exactly parallel to. */
+/* Returns whether child s reaches the ray's position along an axis that the ray is exactly parallel to. */
 BOXTEST_INLINE bool is_beside(double offset, double lo, double hi, double moved)
 {
     double slack = boxtest_gamma_double * (fabs(offset) + fabs(lo) + fabs(hi)) + moved;
@@ -127,8 +127,8 @@ BOXTEST_INLINE double lesser_double(double a, double b)
 }
 
 /*
- * One box of floats, as nodes of two children have them. Its planes are moved, divided and compared in double: three
- * roundings, of 2^-53 each, of their distances. Empty and NaN boxes are never met.
+ * Tests one box of floats, from a node with two children. Its planes are moved, divided and compared in double, which
+ * rounds their distances three times by at most 2^-53 each. Empty and NaN boxes are never met.
  */
 BOXTEST_INLINE bool kernel_box(const struct boxtest_exact *ray, const float min[3], const float max[3], double tmax,
                                double *ret_near)
@@ -156,14 +156,14 @@ BOXTEST_INLINE bool kernel_box(const struct boxtest_exact *ray, const float min[
 
 #define BOXTEST_AVX2_INLINE BOXTEST_AVX2 static inline __attribute__((always_inline))
 
-/* Eight quantised planes as floats. */
+/* Loads eight quantised planes as floats. */
 BOXTEST_AVX2_INLINE __m256 load_planes(const struct portable_node *node, uint32_t at)
 {
     return _mm256_cvtepi32_ps(
         _mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)((const char *)node + at))));
 }
 
-/* One axis' interval of each child; `exponents` are those of the node in each lane. */
+/* Computes each child's interval along one axis; every lane of `exponents` holds the node's exponents. */
 BOXTEST_AVX2_INLINE void span_avx2(const struct boxtest_ray *ray, const struct portable_node *node, int axis,
                                    __m256i exponents, __m256i *ret_near, __m256i *ret_far)
 {
@@ -177,14 +177,14 @@ BOXTEST_AVX2_INLINE void span_avx2(const struct boxtest_ray *ray, const struct p
 }
 
 /*
- * As boxtest_avx2(), but empty slots may be among the result, and axes that are parallel are not looked at. Distances
- * are compared as integers, which is faster: floats have the same order then unless both are negative. Of two negative
- * ones the larger integer is the lesser float, so that intervals become no shorter.
+ * Works like boxtest_avx2(), but the result can contain empty slots, and it ignores parallel axes. Distances are
+ * compared as integers, which is faster: floats have the same order as integers unless both are negative. Of two
+ * negative floats the larger integer is the lesser float, so that intervals never become shorter.
  */
 BOXTEST_AVX2_INLINE unsigned kernel_avx2_slots(const struct boxtest_ray *ray, const struct portable_node *node,
                                                float tmax, float ret_near[8])
 {
-    int exponents = (int)bytes_get32(node->exponent); /* and, in the fourth lane and unused, the mask */
+    int exponents = (int)bytes_get32(node->exponent); /* the fourth lane holds the inner mask, which is unused */
     __m128 scale = _mm_castsi128_ps(_mm_slli_epi32(_mm_cvtepu8_epi32(_mm_cvtsi32_si128(exponents)), 23));
     __m128 is_small =
         _mm_and_ps(_mm_cmplt_ps(scale, _mm_load_ps(ray->wide_scale)), _mm_cmpgt_ps(scale, _mm_setzero_ps()));

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * boxtest_setup.h - boxtest_init_floats(), to be compiled into what starts with it: the set-up is what a ray through a
- * small structure costs most.
+ * boxtest_setup.h - boxtest_init_floats() as an inline function for the traversals that start with it, because the
+ * set-up is the largest cost of a ray through a small structure.
  */
 #ifndef BVHD_BOXTEST_SETUP_H
 #define BVHD_BOXTEST_SETUP_H
@@ -10,7 +10,7 @@
 
 #ifdef BOXTEST_AVX2
 
-/* The largest of the first three lanes, in these three. */
+/* Returns the largest of the first three lanes, in these three. */
 BOXTEST_AVX2_INLINE __m128 largest_float(__m128 vector)
 {
     __m128 next = _mm_permute_ps(vector, _MM_SHUFFLE(3, 0, 2, 1)),
@@ -18,26 +18,26 @@ BOXTEST_AVX2_INLINE __m128 largest_float(__m128 vector)
     return _mm_max_ps(_mm_max_ps(vector, next), last);
 }
 
-/* The sizes of the first three lanes, and 0. */
+/* Returns the absolute values of the first three lanes, and 0. */
 BOXTEST_AVX2_INLINE __m128 absolute_xyz(__m128 vector)
 {
     return _mm_and_ps(vector, _mm_castsi128_ps(_mm_setr_epi32(INT32_MAX, INT32_MAX, INT32_MAX, 0)));
 }
 
-/* The larger of two numbers that are not negative; a NaN is larger than all. As integers they have that order. */
+/* Returns the larger of two non-negative numbers, NaN being the largest. As integers they have that order. */
 BOXTEST_AVX2_INLINE __m128 larger_size(__m128 a, __m128 b)
 {
     return _mm_castsi128_ps(_mm_max_epi32(_mm_castps_si128(a), _mm_castps_si128(b)));
 }
 
-/* Of numbers that are not negative: the lanes that pass the limit, as bits. */
+/* Returns the lanes that exceed the limit, as bits; the numbers are not negative. */
 BOXTEST_AVX2_INLINE int lanes_beyond(__m128 vector, double limit)
 {
     __m128i beyond = _mm_cmpgt_epi32(_mm_castps_si128(vector), _mm_castps_si128(_mm_set1_ps((float)limit)));
     return _mm_movemask_ps(_mm_castsi128_ps(beyond));
 }
 
-/* What differs for rays that are parallel to an axis. */
+/* Overwrites the values that differ for rays that are parallel to an axis. */
 BOXTEST_AVX2 static inline void setup_parallel(__m128 parallel, __m128 speeds, __m128 distance, __m128 t_reach,
                                                struct boxtest_ray *ray)
 {
@@ -51,8 +51,8 @@ BOXTEST_AVX2 static inline void setup_parallel(__m128 parallel, __m128 speeds, _
 }
 
 /*
- * boxtest_init_floats(). Rounding of the terms, of their sums and of constants is less than the thousandth; what
- * underflows less than a part of the last term.
+ * Implements boxtest_init_floats(). The factor 1.001 covers the rounding of the terms, of their sums and of the
+ * constants; the last term covers underflow.
  */
 BOXTEST_AVX2_INLINE bool setup_floats(__m128 origin, __m128 direction, float tmin, const float bounds[6],
                                       struct boxtest_ray *ret_ray)

@@ -6,14 +6,14 @@
 #include "builder/traverse/boxtest_kernels.h"
 #include "builder/traverse/traverse_state.h"
 
-/* A ray on its way. Levels nest by calls, each with a stack of its own. */
+/* The state of one ray. Levels nest by calls, each with its own stack. */
 struct walk {
-    struct traverse_state state; /* first: identify() gets it */
+    struct traverse_state state; /* first, because identify() gets it */
     const struct lavapipe_scene *scene;
     const struct lavapipe_view *view; /* the bottom level that is being traversed */
 };
 
-/* What to do with the leaf that the ray reached. */
+/* Processes a leaf that the ray reached. */
 typedef void (*visit_leaf)(struct walk *walk, uint32_t leaf);
 
 static uint64_t id_of(uint32_t geometry_and_flags, uint32_t primitive)
@@ -31,8 +31,8 @@ static void identify(const struct traverse_state *state, uint32_t bottom, uint64
 }
 
 /*
- * Around all that the structure holds. The bounds in its header are for the driver, and whoever wrote it may have put
- * anything there.
+ * Computes bounds around everything that the structure holds. The bounds in its header are for the driver, and an
+ * untrusted writer may have put anything there.
  */
 static void bounds_of(const struct lavapipe_box *root, float ret_bounds[6])
 {
@@ -48,14 +48,14 @@ static void bounds_of(const struct lavapipe_box *root, float ret_bounds[6])
     }
 }
 
-/* Children that the ray meets, with where it does at the earliest. */
+/* The stack: children that the ray meets, with lower bounds of their distances. */
 struct waiting {
-    uint32_t references[LAVAPIPE_MAX_LEVELS]; /* of each level at most one waits while the other is visited */
+    uint32_t references[LAVAPIPE_MAX_LEVELS]; /* on each level at most one child waits while the other is visited */
     double distances[LAVAPIPE_MAX_LEVELS];
     unsigned count;
 };
 
-/* What to visit next of a box: the nearer of the children that are met, the other one has to wait. */
+/* Returns which child of a box to visit next: the nearer one that is met. The other one is pushed. */
 static uint32_t enter_box(struct walk *walk, const struct boxtest_exact *ray, const struct lavapipe_box *box,
                           struct waiting *waiting)
 {
@@ -73,7 +73,7 @@ static uint32_t enter_box(struct walk *walk, const struct boxtest_exact *ray, co
     return box->children[!later];
 }
 
-/* What has waited longest is farthest, or was met before there was a closer hit. */
+/* Pops the next child that can still hold the answer: entries beyond the closest hit so far are dropped. */
 static uint32_t next_waiting(const struct walk *walk, struct waiting *waiting)
 {
     while (waiting->count > 0)
@@ -82,7 +82,7 @@ static uint32_t next_waiting(const struct walk *walk, struct waiting *waiting)
     return LAVAPIPE_NONE;
 }
 
-/* Goes through a structure with the ray in the state's origin and direction. */
+/* Traverses a structure with the ray in the state's origin and direction. */
 static void visit_boxes(struct walk *walk, const struct lavapipe_view *view, visit_leaf leaf)
 {
     struct traverse_state *state = &walk->state;

@@ -45,7 +45,7 @@ static bool init_avx2(const struct traverse_walk *walk, struct boxtest_ray *ret_
     return boxtest_init_avx2(walk->state.origin, walk->state.direction, ray->tmin, bounds, ret_ray);
 }
 
-/* Goes through walk->view with the ray in the state's origin and direction. */
+/* Traverses walk->view with the ray in the state's origin and direction. */
 static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
 {
     const struct portable_header *header = walk->view->header;
@@ -63,7 +63,7 @@ static void visit_nodes(struct traverse_walk *walk, traverse_leaf leaf)
     } else if (!walk->state.options->exact_only && boxtest_init(origin, direction, tmin, header->bounds, &ray)) {
         traverse_loop_float(walk, &ray, leaf);
     } else if (traverse_state_is_usable(&walk->state)) {
-        /* What float box tests accept is usable in any case. */
+        /* A ray that the float box tests accept is usable in any case. */
         boxtest_init_exact(origin, direction, tmin, header->bounds, &exact);
         traverse_loop_double(walk, &exact, leaf);
     }
@@ -115,7 +115,10 @@ static void visit_scene(struct traverse_walk *walk)
     }
 }
 
-/* One bottom level of triangles in world space, the shortest way. False: it has to be the long one. */
+/*
+ * Traverses one bottom level of triangles in world space, in the fastest way. Returns false if the general way is
+ * needed.
+ */
 static inline bool visit_triangles_only(struct traverse_walk *walk)
 {
     const struct scene *scene = walk->scene;
@@ -127,7 +130,7 @@ static inline bool visit_triangles_only(struct traverse_walk *walk)
     return !traverse_state_settle(&walk->state, NULL, false) || traverse_avx2_world(&walk->state, scene->bottoms[0]);
 }
 
-/* boxtest_has_avx2(), asked once: whoever comes first, or together, finds the same. */
+/* Calls boxtest_has_avx2() once. Threads that come first at the same time find the same result. */
 static inline bool has_avx2(void)
 {
     enum { UNKNOWN, NO, YES };

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * traverse_avx2.c - rays through triangles, eight boxes at a time: what nearly all rays ask for, and so in one piece.
- * It does what the loops of traverse_loops.c do with leaves of triangles, in fewer instructions and with fewer branches
- * that nobody can foretell.
+ * traverse_avx2.c - traces rays through triangles, eight boxes at a time. Nearly all rays take this path, so it is one
+ * piece of code. It gives the same results as the loops of traverse_loops.c with leaves of triangles, with fewer
+ * instructions and fewer unpredictable branches.
  *
- * On the stack a child is a node, or a leaf: 3 in the two highest bits, or the number of its records less 1; below that
- * the node, or the first record. So of children at equal distances leaves come first.
+ * A child on the stack is a node, or a leaf: the two highest bits are 3, or the number of its records less 1; below
+ * them is the node, or the first record. So of children at equal distances leaves come first.
  */
 #include "builder/traverse/boxtest_setup.h"
 #include "builder/traverse/traverse_walk.h"
@@ -13,14 +13,14 @@
 
 #ifdef BOXTEST_AVX2
 
-/* Each level leaves at most 7 siblings waiting; the last one may add all 8. */
+/* Each level leaves at most 7 siblings on the stack; the last one can add all 8. */
 enum { STACK_SIZE = 7 * PORTABLE_MAX_DEPTH + 1 };
 
 enum { CHILD_KIND_SHIFT = 30, CHILD_INDEX_MASK = (1 << CHILD_KIND_SHIFT) - 1, CHILD_NODE = 3 };
 
 _Static_assert(PORTABLE_LEAF_MAX <= 3 && PORTABLE_MAX_ROWS - 1 <= (int)CHILD_INDEX_MASK, "a child fits into 32 bits");
 
-/* What a ray through triangles takes along. */
+/* The data of one ray through triangles. */
 struct avx2_walk {
     struct traverse_state *state;
     const struct portable_view *view;
@@ -33,13 +33,13 @@ BOXTEST_AVX2_INLINE __m256i load_bytes(const uint8_t from[8])
     return _mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)from));
 }
 
-/* The node in the slot of an inner child. */
+/* Returns the node in the slot of an inner child. */
 BOXTEST_AVX2_INLINE uint32_t inner_child(const struct portable_node *node, unsigned slot)
 {
     return node->first_child + (uint32_t)__builtin_popcount(_bzhi_u32(node->inner_mask, slot));
 }
 
-/* What waits on the stack comes into the caches meanwhile. */
+/* Prefetches a child that is pushed on the stack. */
 BOXTEST_AVX2_INLINE void prefetch_child(const struct portable_view *view, uintptr_t record_rows, uint32_t child)
 {
     enum { ROW = 16 };
@@ -48,12 +48,12 @@ BOXTEST_AVX2_INLINE void prefetch_child(const struct portable_view *view, uintpt
     const uintptr_t rows = (uintptr_t)(is_node ? (const void *)view->nodes : view->records);
     const uintptr_t address = rows + ROW * (index * (is_node ? node_rows : record_rows));
     __builtin_prefetch((const void *)address);
-    __builtin_prefetch((const void *)(address + 64)); /* nodes end in another line than they begin in */
+    __builtin_prefetch((const void *)(address + 64)); /* a node can end in another cache line than it begins in */
 }
 
 /*
- * The records whose bits are set, from `first` on. False: the ray's way ends here. To be compiled once for each value
- * of is_indexed.
+ * Tests the records whose bits are set, counted from `first`. Returns false if the ray is finished. It is compiled once
+ * for each value of is_indexed.
  */
 BOXTEST_AVX2_INLINE bool meet_records(const struct avx2_walk *walk, uint32_t first, uint32_t bits, bool is_indexed)
 {
@@ -81,7 +81,7 @@ BOXTEST_AVX2_INLINE bool meet(const struct avx2_walk *walk, uint32_t first, uint
     return is_indexed ? meet_records(walk, first, bits, true) : meet_records(walk, first, bits, false);
 }
 
-/* The children that the ray meets; empty slots may be among them. */
+/* Returns the children that the ray meets; empty slots can be among them. */
 BOXTEST_AVX2_INLINE unsigned test_boxes(const struct avx2_walk *walk, const struct portable_node *node,
                                         float ret_near[8])
 {
@@ -90,25 +90,25 @@ BOXTEST_AVX2_INLINE unsigned test_boxes(const struct avx2_walk *walk, const stru
 }
 
 /*
- * Slot by slot, not by the bits that are set: a leaf that the processor foretells is fetched before its box is decided.
- * False: the ray's way ends here.
+ * Goes slot by slot, not by the bits that are set: the processor can then fetch a predicted leaf before its box test is
+ * decided. Returns false if the ray is finished.
  */
 BOXTEST_AVX2_INLINE bool meet_leaves(const struct avx2_walk *walk, const struct portable_node *node, unsigned leaves,
                                      bool is_indexed)
 {
     for (unsigned slot = 0; slot < 8; slot++) {
-        const uint32_t meta = node->meta[slot]; /* the count is in unary: as many bits */
+        const uint32_t meta = node->meta[slot]; /* the count is in unary: that many bits are set */
         if (leaves >> slot & 1 && !meet(walk, node->first_record + (meta & 31), meta >> 5, is_indexed))
             return false;
     }
     return true;
 }
 
-/* The inner children of the slots `inner` onto the stack, the farthest along the ray's octant on top. */
+/* Pushes the inner children in the slots `inner`, with the farthest along the ray's octant on top. */
 BOXTEST_AVX2_INLINE uint32_t *push_inner(const struct portable_node *node, unsigned inner, unsigned backward,
                                          uint32_t *top)
 {
-    /* What follows from the octant alone is not worth to be prepared for a ray that meets few nodes. */
+    /* Keeps the compiler from precomputing values of the octant, which does not pay for a ray that meets few nodes. */
     __asm__("" : "+r"(backward));
     for (unsigned i = 0; i < 8; i++)
         if (inner >> (i ^ backward) & 1)
@@ -117,8 +117,8 @@ BOXTEST_AVX2_INLINE uint32_t *push_inner(const struct portable_node *node, unsig
 }
 
 /*
- * The first hit that comes along. Leaves come first, then the inner children farthest along the ray's octant: most rays
- * of this kind start on a surface, which is what is near, and looks out for another one.
+ * Finds any hit. Leaves come first, then the inner children farthest along the ray's octant: most rays of this kind
+ * start on a surface, which is near, and search for another one.
  */
 BOXTEST_AVX2 static void find_any(struct avx2_walk *walk)
 {
@@ -141,19 +141,19 @@ BOXTEST_AVX2 static void find_any(struct avx2_walk *walk)
     walk->state->counters.nodes += visited;
 }
 
-/* What hangs in a slot. */
+/* Returns the stack entry of the child in a slot. */
 BOXTEST_AVX2_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned slot)
 {
     if (node->inner_mask >> slot & 1)
         return inner_child(node, slot) | (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
-    /* 1, 3, 7 in unary become 0, 1, 2. */
+    /* The unary counts 1, 3, 7 become 0, 1, 2. */
     uint32_t meta = node->meta[slot], kind = (meta >> 6) - (meta >> 7);
     return kind << CHILD_KIND_SHIFT | (node->first_record + (meta & 31));
 }
 
 /*
- * A child and its distance, as one number that orders like the distance, unless that is negative: then the order is
- * another one.
+ * Packs a child and its distance into one number that orders like the distance, unless the distance is negative: then
+ * the order differs.
  */
 static inline uint64_t to_key(uint32_t near, uint32_t child)
 {
@@ -165,7 +165,7 @@ BOXTEST_AVX2_INLINE float near_of(uint64_t key)
     return _mm_cvtss_f32(_mm_castsi128_ps(_mm_cvtsi32_si128((int)(key >> 32))));
 }
 
-/* Puts all but the nearest of the `hits` onto the stack, the nearest of them on top. */
+/* Pushes all `hits` but the nearest, with the nearest of them on top, and returns the nearest. */
 BOXTEST_AVX2_INLINE uint64_t push_all_but_nearest(const struct avx2_walk *walk, uintptr_t record_rows,
                                                   const uint32_t near[8], const struct portable_node *node,
                                                   unsigned hits, uint64_t **top)
@@ -189,7 +189,7 @@ BOXTEST_AVX2 static void find_closest(struct avx2_walk *walk)
 {
     const struct portable_node *nodes = walk->view->nodes;
     const bool is_indexed = walk->view->header->content == PORTABLE_INDEXED_TRIANGLES;
-    const uintptr_t record_rows = is_indexed ? 1 : 3; /* of 16 bytes */
+    const uintptr_t record_rows = is_indexed ? 1 : 3; /* in units of 16 bytes */
     uint64_t stack[STACK_SIZE], *top = stack, visited = 0;
     uint32_t child = (uint32_t)CHILD_NODE << CHILD_KIND_SHIFT;
     for (;;) {

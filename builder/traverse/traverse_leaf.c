@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * traverse_leaf.c - what a ray does at a leaf: intersections, opacity, facing, candidates, and which of two hits is the
- * answer.
+ * traverse_leaf.c - what a ray does at a leaf: intersections, opacity, facing, any-hit callbacks, and the choice
+ * between two hits.
  */
 #include <float.h>
 #include <math.h>
@@ -29,7 +29,7 @@ void traverse_leaf_describe(const struct traverse_state *state, const struct tra
     };
 }
 
-/* The order of equal t: whether it comes before the best so far. */
+/* The order of hits with equal t: whether this one comes before the best so far. */
 static inline bool comes_first(const struct traverse_state *state, uint64_t id)
 {
     uint32_t instance = state->instance.instance, best = state->best_instance.instance;
@@ -37,9 +37,9 @@ static inline bool comes_first(const struct traverse_state *state, uint64_t id)
 }
 
 /*
- * A distance to 32 significant bits: what is equal there counts as equal. Triangles in one plane are at the same
- * distance but for the last bits of double, which would choose among them otherwise; and shaders, which know distances
- * to some 40 bits, would choose others.
+ * Rounds a distance to 32 significant bits, within which distances count as equal. Triangles in one plane are at the
+ * same distance except for the last bits of double, which must not choose among them. Shaders, which know distances to
+ * about 40 bits, would choose others.
  */
 static inline double round_distance(double t)
 {
@@ -50,7 +50,7 @@ static inline double round_distance(double t)
     return t;
 }
 
-/* Whether it comes before the best so far, if there is one. */
+/* Returns whether a hit comes before the best so far, if there is one. */
 static inline bool is_closer(const struct traverse_state *state, double t, uint64_t id)
 {
     if (!state->is_hit)
@@ -60,8 +60,8 @@ static inline bool is_closer(const struct traverse_state *state, double t, uint6
 }
 
 /*
- * Whether `found` could become the answer: triangles within the open interval, AABBs within the closed one, then the
- * closest.
+ * Returns whether `found` can become the answer: triangles within the open interval, AABBs within the closed one, then
+ * the closest.
  */
 static inline bool is_better(const struct traverse_state *state, const struct traverse_found *found)
 {
@@ -69,12 +69,12 @@ static inline bool is_better(const struct traverse_state *state, const struct tr
     return (found->is_aabb ? t >= tmin && t <= tmax : t > tmin && t < tmax) && is_closer(state, t, found->id);
 }
 
-/* The interval ends at t. What is beyond by less than what counts as equal may still be the answer. */
+/* Moves the end of the interval to t. A hit beyond it that still counts as equal can be the answer. */
 static inline void shorten(struct traverse_state *state, double t)
 {
     double rounded = round_distance(t), farthest_equal = rounded + 0x1p-31 * fabs(rounded);
     state->tmax = farthest_equal;
-    /* A float that is not less, without a branch: which way it is rounded nobody can foretell. */
+    /* A float that is not less, computed without a branch, because the direction of rounding is unpredictable. */
     state->tmax_above = (float)(farthest_equal + 0x1p-23 * fabs(farthest_equal) + FLT_MIN * FLT_EPSILON);
     state->best_instance = state->instance;
     state->is_hit = true;
@@ -92,7 +92,7 @@ static bool is_opaque(const struct traverse_state *state, const struct traverse_
     return state->opacity == OPACITY_AS_BUILT ? found->is_opaque : state->opacity == OPACITY_OPAQUE;
 }
 
-/* Asks the caller about a candidate. */
+/* Calls the any-hit callback for a candidate. */
 static void offer(struct traverse_state *state, struct traverse_found found)
 {
     struct ray_hit hit;
@@ -108,7 +108,7 @@ static void offer(struct traverse_state *state, struct traverse_found found)
     state->is_done = state->is_done || verdict == CANDIDATE_ACCEPT_AND_END;
 }
 
-/* Values go by value here: kept in registers, they are stored once. */
+/* Takes the struct by value, which keeps it in registers until it is stored once. */
 static inline void consider(struct traverse_state *state, struct traverse_found found)
 {
     bool opaque = is_opaque(state, &found);
@@ -121,8 +121,8 @@ static inline void consider(struct traverse_state *state, struct traverse_found 
 }
 
 /*
- * What nearly all rays ask for: a triangle that counts whatever its facing and opacity, without anybody to be asked.
- * Field by field into its place.
+ * Accepts a triangle that counts whatever its facing and opacity, without a callback, as for nearly all rays. It stores
+ * the fields one by one.
  */
 static inline void take(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque,
                         const struct triangle_hit *hit)

@@ -1,26 +1,27 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * traverse_loop.h - the loop over the nodes of one level, compiled once for each kind of box test. Not a header:
- * traverse_loops.c includes it with these defined:
+ * traverse_loop.h - the loop over the nodes of one level, compiled once for each kind of box test. It is not an
+ * ordinary header: traverse_loops.c includes it with these macros defined:
  *
  *   LOOP_NAME     the function
  *   LOOP_TARGET   its attributes
- *   LOOP_REAL     what distances are: float or double
+ *   LOOP_REAL     the type of distances: float or double
  *   LOOP_RAY      the box test's ray
  *   LOOP_BOXES    the box test
  *   LOOP_LIMIT    the member of the state that holds the end of the interval
  *   LOOP_LEAF     what to do at a leaf
  *
- * Children are visited nearest first (with flip_order: farthest first), without branches that could not be foretold;
- * those that wait on the stack are dropped when they come up and a closer hit has been found meanwhile. A stack entry
- * is a node, or a leaf: its records' number in the two highest bits, the first one below.
+ * The loop visits the nearest child first (with flip_order: the farthest first), and avoids unpredictable branches. A
+ * stack entry that is popped is dropped if a closer hit has been found since it was pushed. An entry is a node, or a
+ * leaf: the number of its records in the two highest bits, the first record below.
  */
 LOOP_TARGET void LOOP_NAME(struct traverse_walk *walk, const LOOP_RAY *ray, traverse_leaf leaf)
 {
-    LOOP_REAL distances[STACK_SIZE]; /* the stack, in two arrays: */
-    uint32_t children[STACK_SIZE]; /* what is stored in one piece can be loaded at once */
+    /* The stack is two arrays, because a value that was stored in one piece can be loaded again without a stall. */
+    LOOP_REAL distances[STACK_SIZE];
+    uint32_t children[STACK_SIZE];
     struct traverse_state *state = &walk->state;
-    const struct portable_view view = *walk->view; /* a copy that nothing else can change */
+    const struct portable_view view = *walk->view; /* a copy, which stores through other pointers cannot change */
     const struct portable_node *nodes = view.nodes;
     const size_t size = record_size(&view);
     const bool flip = state->options->flip_order;

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* traverse_loops.c - the loops over nodes: with float boxes in plain C and eight wide, and with boxes in double. */
+/* traverse_loops.c - the loops over nodes: with float boxes in plain C and with AVX2, and with boxes in double. */
 #include "builder/traverse/boxtest_kernels.h"
 #include "builder/traverse/traverse_walk.h"
 
-/* Each level leaves at most 7 siblings waiting; the last one may add all 8. */
+/* Each level leaves at most 7 siblings on the stack; the last one can add all 8. */
 enum { STACK_SIZE = 7 * PORTABLE_MAX_DEPTH + 1 };
 
 enum { CHILD_COUNT_SHIFT = 30, CHILD_INDEX_MASK = (1 << CHILD_COUNT_SHIFT) - 1 };
 
 _Static_assert(PORTABLE_LEAF_MAX <= 3 && PORTABLE_MAX_ROWS - 1 <= (int)CHILD_INDEX_MASK, "a child fits into 32 bits");
 
-/* The stack entry for what hangs in a slot. */
+/* Returns the stack entry of the child in a slot. */
 BOXTEST_INLINE uint32_t child_in_slot(const struct portable_node *node, unsigned slot)
 {
     uint32_t inner = node->inner_mask, meta = node->meta[slot], unary = meta >> 5;
@@ -26,7 +26,7 @@ BOXTEST_INLINE size_t record_size(const struct portable_view *view)
     return sizes[view->header->content];
 }
 
-/* What waits on the stack comes into the caches meanwhile. */
+/* Prefetches a child that is pushed on the stack. */
 BOXTEST_INLINE void prefetch_child(const struct portable_view *view, size_t size, uint32_t child)
 {
     uintptr_t index = child & CHILD_INDEX_MASK;

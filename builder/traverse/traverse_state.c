@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* traverse_state.c - where a ray begins, how it comes into a bottom level, and what is said in the end. */
+/* traverse_state.c - puts a ray into object space and into bottom levels, and decides whether it can hit anything. */
 #include "builder/traverse/traverse_state.h"
 
 #include <math.h>
@@ -17,8 +17,8 @@ static double dot(const double a[3], const double b[3])
 }
 
 /*
- * The matrix is inverted in double (Cramer's rule), once for the visit. The inverses that layouts store are rounded to
- * float, which is not enough for rays to meet at shared edges what the exact ray meets.
+ * The matrix is inverted in double (Cramer's rule), once per visit. The inverses that layouts store are rounded to
+ * float, which is not precise enough: rays would not meet the same side of shared edges as the exact ray.
  */
 void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12])
 {

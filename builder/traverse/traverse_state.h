@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * traverse_state.h - one ray on its way, whatever the layout: the semantics of traverse.h, which exist once. Internal.
+ * traverse_state.h - the state of one ray for every layout: the semantics of traverse.h, implemented once. Internal.
  *
- * A layout's traversal brings what walks its nodes and reads its leaves. For each bottom level that the ray comes to,
- * it says so (traverse_state_enter, before that traverse_state_to_object for that of an instance), and hands over what
- * lies at the leaves that the ray may meet (traverse_leaf_...), as long as is_done is not set and up to the distance
- * tmax.
+ * A layout's traversal provides the walk over its nodes and the reading of its leaves. For each bottom level that the
+ * ray reaches it calls traverse_state_enter (for that of an instance, traverse_state_to_object before), and it passes
+ * the primitives of the leaves that the ray may meet up to the distance tmax to traverse_leaf_..., until is_done is
+ * set.
  */
 #ifndef BVHD_TRAVERSE_STATE_H
 #define BVHD_TRAVERSE_STATE_H
@@ -14,20 +14,20 @@
 #include "builder/traverse/traverse.h"
 #include "builder/traverse/triangle.h"
 
-/* Through which instance a bottom level is seen. */
+/* The instance through which a bottom level is reached. */
 struct traverse_instance {
     uint32_t custom_and_mask, sbt_and_flags; /* as in Vulkan's record */
-    uint32_t instance; /* position in the request; RAY_NO_INSTANCE without a top level */
+    uint32_t instance; /* position in the request; RAY_NO_INSTANCE if there is no top level */
     uint32_t bottom; /* row of the scene's bottoms */
 };
 
-/* Something that was hit, or may be. */
+/* A hit, or a candidate. */
 struct traverse_found {
     double t, u, v;
-    /* of the primitive in its bottom level, in the layout's terms: in the order of (geometry, primitive) */
+    /* the primitive in its bottom level, in the layout's terms; ordered by (geometry, primitive) */
     uint64_t id;
     uint32_t record;
-    bool is_opaque; /* its geometry is */
+    bool is_opaque; /* its geometry is opaque */
     bool front_face, is_aabb;
 };
 
@@ -39,11 +39,11 @@ struct traverse_state {
     const struct traverse_options *options; /* never NULL */
     struct traverse_counters counters;
 
-    /* The layout's: which primitive an id is. */
+    /* Provided by the layout: finds the primitive of an id. */
     void (*identify)(const struct traverse_state *state, uint32_t bottom, uint64_t id, uint32_t *ret_geometry,
                      uint32_t *ret_primitive);
 
-    /* What is of interest ends here: the closest hit so far, else the ray's tmax. */
+    /* The end of the interval in which a hit can still be the answer: the closest hit so far, or the ray's tmax. */
     double tmax;
     float tmax_above; /* rounded up */
     bool is_hit, is_done;
@@ -53,17 +53,17 @@ struct traverse_state {
     /* The bottom level that is being traversed, and the ray in its space. */
     struct traverse_instance instance;
     bool cull_front, cull_back, is_flipped;
-    bool is_plain; /* no triangle is culled, nobody is asked about one */
+    bool is_plain; /* no triangle is culled, and there is no any-hit callback */
     enum traverse_opacity opacity;
     double origin[3], direction[3];
     struct triangle_ray triangle_ray;
 };
 
-/* Begins. The ray is nowhere yet. False: its interval is empty, and nothing is hit. */
+/* Starts a ray, which is in no space yet. Returns false if its interval is empty, so that nothing is hit. */
 static inline bool traverse_state_begin(struct traverse_state *state, const struct ray *ray,
                                         const struct traverse_options *options)
 {
-    /* Field by field: clearing all of it costs more than a short traversal. */
+    /* The fields are set one by one, because clearing the whole struct costs more than a short traversal. */
     static const struct traverse_options defaults = {0};
     state->ray = ray;
     state->options = options ? options : &defaults;
@@ -83,7 +83,7 @@ static inline void traverse_state_to_world(struct traverse_state *state)
     }
 }
 
-/* Begins in world space. */
+/* Starts a ray in world space. */
 static inline bool traverse_state_start(struct traverse_state *state, const struct ray *ray,
                                         const struct traverse_options *options)
 {
@@ -92,10 +92,10 @@ static inline bool traverse_state_start(struct traverse_state *state, const stru
     return is_possible;
 }
 
-/* Puts the ray into the space of an instance. */
+/* Puts the ray into the object space of an instance. */
 void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12]);
 
-/* Opacity: the ray's flags come before the instance's, those before the geometry's. */
+/* Returns the opacity: the ray's flags take precedence over the instance's, and those over the geometry's. */
 static inline enum traverse_opacity traverse_state_opacity(uint32_t ray_flags, uint32_t instance_flags)
 {
     if (ray_flags & (RAY_OPAQUE | RAY_NO_OPAQUE))
@@ -105,7 +105,7 @@ static inline enum traverse_opacity traverse_state_opacity(uint32_t ray_flags, u
     return OPACITY_AS_BUILT;
 }
 
-/* traverse_state_enter() but for the triangle_ray. */
+/* Does the work of traverse_state_enter() except for the triangle_ray. */
 static inline bool traverse_state_settle(struct traverse_state *state, const struct traverse_instance *instance,
                                          bool is_aabbs)
 {
@@ -116,7 +116,7 @@ static inline bool traverse_state_settle(struct traverse_state *state, const str
     state->instance = instance ? *instance : no_instance;
     state->is_plain = !is_aabbs && !(ray_flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT) && !state->options->candidate;
     if (state->is_plain) {
-        /* Neither culling nor opacity is looked at. */
+        /* Culling and opacity are not used. */
         state->is_flipped = instance_flags & INSTANCE_FLIP_FACING;
         return true;
     }
@@ -129,28 +129,28 @@ static inline bool traverse_state_settle(struct traverse_state *state, const str
 }
 
 /*
- * Makes the state ready for the primitives of a bottom level; the ray is in its space already. `instance` NULL: there
- * is no top level. False: the ray's flags skip all of them.
+ * Prepares the state for the primitives of a bottom level; the ray is already in its space. `instance` is NULL if there
+ * is no top level. Returns false if the ray's flags skip all primitives.
  */
 bool traverse_state_enter(struct traverse_state *state, const struct traverse_instance *instance, bool is_aabbs);
 
-/* Whether the ray, in the space that it is in, can hit anything. */
+/* Returns whether the ray can hit anything in its current space. */
 bool traverse_state_is_usable(const struct traverse_state *state);
 
-/* traverse_leaf.c: one primitive at a leaf. `record` is its row in the layout's terms. */
+/* Process one primitive at a leaf (traverse_leaf.c). `record` is its row in the layout's terms. */
 void traverse_leaf_triangle(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque,
                             const float *const corners[3]);
-/* The same of a triangle that the ray's line meets. Nothing happens unless tmin < t <= the state's tmax. */
+/* Does the same for a triangle that the ray's line meets. Nothing happens unless tmin < t <= the state's tmax. */
 void traverse_leaf_hit(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque,
                        const struct triangle_hit *hit);
 void traverse_leaf_aabb(struct traverse_state *state, uint32_t record, uint64_t id, bool is_opaque, const float min[3],
                         const float max[3]);
 
-/* traverse_leaf.c: the answer in the caller's terms. */
+/* Converts the answer to the caller's terms (traverse_leaf.c). */
 void traverse_leaf_describe(const struct traverse_state *state, const struct traverse_found *found,
                             const struct traverse_instance *instance, struct ray_hit *ret_hit);
 
-/* The answer. */
+/* Ends a ray: adds up the counters and returns the answer. */
 static inline bool traverse_state_finish(const struct traverse_state *state, struct ray_hit *ret_hit,
                                          struct traverse_counters *counters)
 {

@@ -9,10 +9,7 @@ struct corner {
     double x, y, z;
 };
 
-/*
- * By the axis along which the direction is longest, and whether it goes backwards: without branches, which no ray would
- * follow.
- */
+/* Indexed by the sign and the axis of the longest direction; a table avoids branches, which would be unpredictable. */
 const int triangle_axis_orders[2][3][4] = {
     {{1, 2, 0, 3}, {2, 0, 1, 3}, {0, 1, 2, 3}},
     {{2, 1, 0, 3}, {0, 2, 1, 3}, {1, 0, 2, 3}},
@@ -46,8 +43,8 @@ static double edge_function(const struct corner *from, const struct corner *to)
 }
 
 /*
- * The edge function to about twice double's precision, rounded once: the two products' rounding errors are doubles
- * themselves. Its sign is exact. Swapping the ends changes the sign and nothing else.
+ * Computes the edge function to about twice double's precision, rounded once: the rounding errors of the two products
+ * are doubles themselves. Its sign is exact. Swapping the ends changes only the sign.
  */
 static double edge_function_exact(const struct corner *from, const struct corner *to)
 {
@@ -57,7 +54,8 @@ static double edge_function_exact(const struct corner *from, const struct corner
 }
 
 /*
- * Of the edge function after moving the ray by (e, e * e), e > 0 infinitely small: 0 only for an edge without length.
+ * Returns the sign of the edge function after moving the ray by (e, e * e), e > 0 infinitely small: 0 only for an edge
+ * without length.
  */
 static int edge_sign(const struct corner *from, const struct corner *to, double value)
 {
@@ -68,7 +66,10 @@ static int edge_sign(const struct corner *from, const struct corner *to, double 
     return (value > 0) - (value < 0);
 }
 
-/* Fills edges[3] with edge functions of full relative precision, when the ray is on their common side. */
+/*
+ * Fills ret_edges[3] with edge functions of full relative precision. Returns true if the ray is on the same side of all
+ * three.
+ */
 static bool decide_exactly(const struct corner corners[3], double ret_edges[3])
 {
     int signs = 0;
@@ -91,8 +92,8 @@ static bool is_cancelled(const struct corner corners[3], double sum)
 }
 
 /*
- * Whether the triangle has no area, as the builder decides it when it leaves such triangles out. Kept ones must not be
- * hit either, but rounding in the ray's space can give them some.
+ * Returns whether the triangle has no area, by the test with which the builder leaves such triangles out. The builder
+ * keeps some of them, which must not be hit either, but rounding in the ray's space can give them some area.
  */
 static bool is_flat(const float v0[3], const float v1[3], const float v2[3])
 {

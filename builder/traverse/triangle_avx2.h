@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * triangle_avx2.h - triangle_intersect() with the three corners side by side in a register. The same operations on the
- * same numbers, so that the answers are the same to the last bit; what has to be decided exactly is left to
- * triangle_intersect().
+ * triangle_avx2.h - triangle_intersect() with the three corners side by side in a register. It does the same operations
+ * on the same numbers, so that the answers are the same to the last bit; triangles that have to be decided exactly are
+ * passed to triangle_intersect().
  */
 #ifndef BVHD_TRIANGLE_AVX2_H
 #define BVHD_TRIANGLE_AVX2_H
@@ -15,7 +15,7 @@
 /* A triangle_ray with each number in all lanes. */
 struct triangle_avx2_ray {
     __m256d origin[3], shear[3];
-    __m128i order; /* the axes */
+    __m128i order; /* the axis of each component */
 };
 
 BOXTEST_AVX2_INLINE void triangle_avx2_spread(const struct triangle_ray *ray, struct triangle_avx2_ray *ret_ray)
@@ -27,7 +27,7 @@ BOXTEST_AVX2_INLINE void triangle_avx2_spread(const struct triangle_ray *ray, st
     ret_ray->order = _mm_loadu_si128((const __m128i *)(const void *)ray->axis);
 }
 
-/* Three values, one for each corner, or for each edge; the fourth is of no use. */
+/* Three values, one for each corner or each edge; the fourth lane is unused. */
 struct triangle_lanes {
     __m256d x, y, z;
 };
@@ -38,8 +38,8 @@ BOXTEST_AVX2_INLINE __m256d triangle_avx2_move(__m128 along_axis, __m256d origin
 }
 
 /*
- * The corners in the ray's space. 16 bytes are read of each: behind the last vertex of a structure with triangles
- * stands at least one geometry.
+ * Returns the corners in the ray's space. It reads 16 bytes of each vertex, which is safe because at least one geometry
+ * follows the last vertex of a structure with triangles.
  */
 BOXTEST_AVX2_INLINE struct triangle_lanes triangle_avx2_corners(const struct triangle_avx2_ray *ray, const float *v0,
                                                                 const float *v1, const float *v2)
@@ -55,7 +55,8 @@ BOXTEST_AVX2_INLINE struct triangle_lanes triangle_avx2_corners(const struct tri
 }
 
 /*
- * triangle_ray_init() of a ray that is known in float; the fourth lanes are of no use. The same quotients and products.
+ * Does the work of triangle_ray_init() for a ray that is known in float, with the same quotients and products; the
+ * fourth lanes are unused.
  */
 BOXTEST_AVX2_INLINE void triangle_avx2_init(__m128 origin, __m128 direction, struct triangle_ray *ret_ray,
                                             struct triangle_avx2_ray *ret_wide)
@@ -78,7 +79,7 @@ BOXTEST_AVX2_INLINE void triangle_avx2_init(__m128 origin, __m128 direction, str
         order};
 }
 
-/* The sum of three lanes, in their order. */
+/* Returns the sum of three lanes, added in their order. */
 BOXTEST_AVX2_INLINE double triangle_avx2_sum(__m256d lanes)
 {
     __m128d low = _mm256_castpd256_pd128(lanes), high = _mm256_extractf128_pd(lanes, 1);
@@ -89,13 +90,13 @@ BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray 
                                                  const float *const vertices[3], struct triangle_hit *ret_hit)
 {
     struct triangle_lanes corners = triangle_avx2_corners(wide, vertices[0], vertices[1], vertices[2]);
-    /* Lane k: the edge from corner k + 1 to corner k + 2. */
+    /* Lane k holds the edge from corner k + 1 to corner k + 2. */
     __m256d from_x = _mm256_permute4x64_pd(corners.x, _MM_SHUFFLE(3, 0, 2, 1));
     __m256d from_y = _mm256_permute4x64_pd(corners.y, _MM_SHUFFLE(3, 0, 2, 1));
     __m256d to_x = _mm256_permute4x64_pd(corners.x, _MM_SHUFFLE(3, 1, 0, 2));
     __m256d to_y = _mm256_permute4x64_pd(corners.y, _MM_SHUFFLE(3, 1, 0, 2));
     __m256d left = _mm256_mul_pd(to_x, from_y), right = _mm256_mul_pd(to_y, from_x);
-    /* The sign of left - right, or that it is 0. */
+    /* The signs of left - right; both bits are 0 where it is 0. */
     int below = _mm256_movemask_pd(_mm256_cmp_pd(left, right, _CMP_LT_OQ)) & 7;
     int above = _mm256_movemask_pd(_mm256_cmp_pd(left, right, _CMP_GT_OQ)) & 7;
     if (below != 0 && above != 0)
@@ -105,7 +106,7 @@ BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray 
     __m256d edges = _mm256_sub_pd(left, right);
     double sum = triangle_avx2_sum(edges);
     double products = triangle_avx2_sum(_mm256_add_pd(_mm256_andnot_pd(sign, left), _mm256_andnot_pd(sign, right)));
-    /* Twice as much as is_cancelled() asks for: this sum may be rounded in another way. */
+    /* The threshold is twice that of is_cancelled(), because this sum may be rounded differently. */
     bool is_clear = (below | above) == 7 && fabs(sum) >= 2 * triangle_cancellation * products && fabs(sum) <= DBL_MAX;
     if (__builtin_expect(!is_clear, 0))
         return triangle_intersect(ray, vertices[0], vertices[1], vertices[2], ret_hit);
