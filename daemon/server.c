@@ -99,7 +99,7 @@ static void watch_idleness(struct server *server)
         uv_timer_start(&server->idle, on_idle, server->config->idle_exit_ms, 0);
 }
 
-static void on_turn(void *context)
+static void on_group_changed(void *context)
 {
     struct server *server = context;
     if (server->draining && service_pending(server->service) == 0 && conn_group_is_flushed(&server->group))
@@ -173,7 +173,7 @@ static enum bvhd_status start(struct server *server, struct bvhd_error *error)
         return status;
     struct conn_limits limits = conn_limits_default();
     conn_group_init(&server->group, &server->loop, server->service, &limits);
-    server->group.changed = on_turn;
+    server->group.changed = on_group_changed;
     server->group.context = server;
     status =
         accept_open(&server->acceptor, &server->group, server->listener.socket, server->config->max_connections, error);

@@ -4,27 +4,27 @@
 #include <assert.h>
 #include <stddef.h>
 
-/* In front of the lane where the ring begins: at the end of the round. */
+/* Inserts a lane at the end of the ring, level with the others at least. */
 static void join_ring(struct fair_queue *queue, struct fair_lane *lane)
 {
     if (lane->given < queue->level)
         lane->given = queue->level;
-    struct fair_lane *turn = queue->turn;
-    if (!turn) {
+    struct fair_lane *first = queue->ring;
+    if (!first) {
         lane->previous = lane->next = lane;
-        queue->turn = lane;
+        queue->ring = lane;
         return;
     }
-    lane->next = turn;
-    lane->previous = turn->previous;
-    turn->previous->next = lane;
-    turn->previous = lane;
+    lane->next = first;
+    lane->previous = first->previous;
+    first->previous->next = lane;
+    first->previous = lane;
 }
 
 static void leave_ring(struct fair_queue *queue, struct fair_lane *lane)
 {
-    if (queue->turn == lane)
-        queue->turn = lane->next == lane ? NULL : lane->next;
+    if (queue->ring == lane)
+        queue->ring = lane->next == lane ? NULL : lane->next;
     lane->previous->next = lane->next;
     lane->next->previous = lane->previous;
     lane->previous = lane->next = NULL;
@@ -62,8 +62,8 @@ void fair_queue_hold(struct fair_queue *queue, struct fair_lane *lane, bool held
 
 static struct fair_lane *next_lane(const struct fair_queue *queue)
 {
-    struct fair_lane *least = queue->turn;
-    for (struct fair_lane *lane = least ? least->next : NULL; lane && lane != queue->turn; lane = lane->next)
+    struct fair_lane *least = queue->ring;
+    for (struct fair_lane *lane = least ? least->next : NULL; lane && lane != queue->ring; lane = lane->next)
         if (lane->given < least->given)
             least = lane;
     return least;
@@ -105,7 +105,7 @@ void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
 void fair_queue_pop(struct fair_queue *queue, uint64_t cost)
 {
     struct fair_lane *lane = next_lane(queue);
-    queue->turn = lane->next;
+    queue->ring = lane->next;
     queue->level = lane->given;
     lane->given += cost;
     fair_queue_remove(queue, first_of(lane));

@@ -9,8 +9,8 @@
 #include "builder/input/prepare.h"
 
 /*
- * WAITING for memory -> BUILDING on a worker -> landed, or back to WAITING to be alone. ABANDONED: nobody waits any
- * more, and the worker has been told to stop.
+ * WAITING for memory -> BUILDING on a worker -> landed, or back to WAITING to be tried again alone. A flight is
+ * ABANDONED when its last waiter has left while it was built: the worker has been told to stop.
  */
 enum flight_state { FLIGHT_WAITING, FLIGHT_BUILDING, FLIGHT_ABANDONED };
 
@@ -20,30 +20,18 @@ struct flight {
     enum flight_state state;
     struct preparation *preparation;
     struct flight_waiter *first, *last;
-    struct fair_entry entry; /* while WAITING */
-    uint64_t bytes; /* what the build may take */
-    bool exclusive; /* it is tried again, alone */
-    uint64_t started; /* flights->started when it did */
-    bool accompanied; /* other builds ran then */
+    struct memory_waiter memory; /* waits while WAITING; its claim is exclusive when the build is tried again */
+    uint64_t started; /* the value of flights->started after the build started */
+    bool accompanied; /* other builds ran when it started */
     struct pool_job job;
-    /* the worker's answer */
+    /* written by the worker */
     enum bvhd_status status;
     struct bvhd_error error;
     struct blob *blob;
 };
 
-/* What frees a large copy. */
-struct disposal {
-    struct pool_job job;
-    struct flights *flights;
-    struct preparation *preparation;
-    uint64_t promised;
-    enum admission_class class;
-};
-
-enum { DISPOSED_AT_ONCE = 1024 * 1024 };
-
-enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct bvhd_error *error)
+enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct admission *admission,
+                              struct bvhd_error *error)
 {
     uint64_t size = 16;
     while (size < most)
@@ -53,25 +41,25 @@ enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct bvh
         return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for a table of %u builds", most);
     memset(flights->buckets, 0, size * sizeof *flights->buckets);
     flights->mask = size - 1;
-    memset(flights->waiting, 0, sizeof flights->waiting);
-    flights->running = flights->disposals = 0;
+    memory_queue_init(&flights->waiting, admission, ADMISSION_BUILD);
+    flights->running = 0;
     flights->started = 0;
     return BVHD_OK;
 }
 
 uint32_t flights_waiting(const struct flights *flights)
 {
-    return flights->waiting[ADMISSION_SMALL].count + flights->waiting[ADMISSION_LARGE].count;
+    return memory_queue_count(&flights->waiting);
 }
 
 void flights_finish(struct flights *flights)
 {
-    assert(flights->running == 0 && flights->disposals == 0 && flights_waiting(flights) == 0);
+    assert(flights->running == 0 && flights_waiting(flights) == 0);
     memory_free(flights->memory, flights->buckets);
     flights->buckets = NULL;
 }
 
-/* Keys are cryptographic hashes: any of their bytes spread. */
+/* Keys are cryptographic hashes, so any of their bytes are a good hash. */
 static struct flight **bucket_of(const struct flights *flights, const struct key *key)
 {
     return &flights->buckets[bytes_get64(key->bytes) & flights->mask];
@@ -96,10 +84,10 @@ static void leave_table(struct flight *flight)
 uint64_t flights_build_bytes(const struct preparation *preparation)
 {
     /*
-     * Peaks for a primitive, vertices apart, with so many threads that all pieces are built at once: a ref and its
-     * scratch, 64 bytes, and what their trees take beside them: of clusters (cluster_tree.h) up to 177, when ploc.h
-     * gives up at once and binned.h takes over; with quality high 1.4 refs a primitive, each of which takes 180 more
-     * during reinsertion; top levels are never split.
+     * Peak bytes per primitive, without its vertices, for as many threads as there are pieces, so that all pieces are
+     * built at once. A ref and its scratch take 64 bytes. The trees take up to 177 beside them: clusters
+     * (cluster_tree.h) do so when ploc.h gives up at once and binned.h takes over. Quality high has 1.4 refs per
+     * primitive, each of which takes 180 more during reinsertion. Top levels are never split.
      */
     enum { CLUSTERS = 248, HIGH = 344, VERTEX = 12, FIXED = 16 * 1024 };
     const struct canonical *canonical = &preparation->canonical;
@@ -107,87 +95,19 @@ uint64_t flights_build_bytes(const struct preparation *preparation)
     return canonical->primitive_count * each + (uint64_t)canonical->vertex_count * VERTEX + FIXED;
 }
 
-static void dispose_run(struct pool_job *job, const struct parallel *parallel)
-{
-    struct disposal *disposal = (void *)job;
-    (void)parallel;
-    preparation_destroy(disposal->preparation);
-}
-
-static void dispose_done(struct pool_job *job)
-{
-    struct disposal *disposal = (void *)job;
-    struct flights *flights = disposal->flights;
-    flights->disposals--;
-    admission_end(&flights->admission->prepares[disposal->class], disposal->promised);
-    memory_free(flights->memory, disposal);
-}
-
-void flights_dispose(struct flights *flights, struct preparation *preparation)
-{
-    struct disposal *disposal = NULL;
-    if (!preparation)
-        return;
-    if (preparation->canonical.size > DISPOSED_AT_ONCE)
-        disposal = memory_alloc(flights->memory, sizeof *disposal);
-    if (!disposal) {
-        admission_end(&flights->admission->prepares[preparation->class], preparation->promised);
-        preparation_destroy(preparation);
-        return;
-    }
-    *disposal =
-        (struct disposal){.job = {.run = dispose_run, .done = dispose_done, .flow = flights->housekeeping, .size = 1},
-                          .flights = flights,
-                          .preparation = preparation,
-                          .promised = preparation->promised,
-                          .class = preparation->class};
-    flights->disposals++;
-    pool_submit(flights->pool, &disposal->job);
-}
-
 static void flight_destroy(struct flight *flight)
 {
-    flights_dispose(flight->flights, flight->preparation);
+    disposals_add(flight->flights->disposals, flight->preparation);
     blob_unref(flight->blob);
     memory_free(flight->flights->memory, flight);
 }
 
-static uint32_t fair_priority(int priority)
-{
-    return priority > 0 ? 0 : priority == 0 ? 1 : 2;
-}
-
-static enum admission_class class_of(const struct flight *flight)
-{
-    return flight->exclusive ? ADMISSION_LARGE : flight->preparation->class;
-}
-
-/* Waits for memory in the name of its first waiter. */
+/* Queues the flight on behalf of its first waiter. */
 static void wait_for_memory(struct flight *flight)
 {
-    enum admission_class class = class_of(flight);
     flight->state = FLIGHT_WAITING;
-    fair_queue_add(&flight->flights->waiting[class], &flight->first->client->lanes[class], &flight->entry,
-                   fair_priority(flight->first->priority));
-}
-
-enum bvhd_status flights_start(struct flights *flights, struct preparation *preparation, struct flight_waiter *waiter,
-                               struct bvhd_error *error)
-{
-    struct flight *flight = memory_alloc(flights->memory, sizeof *flight);
-    if (!flight) {
-        flights_dispose(flights, preparation);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for another build");
-    }
-    *flight =
-        (struct flight){.flights = flights, .preparation = preparation, .bytes = flights_build_bytes(preparation)};
-    struct flight **bucket = bucket_of(flights, &preparation->key);
-    flight->next = *bucket;
-    *bucket = flight;
-    flight_join(flight, waiter);
-    waiter->own = true;
-    wait_for_memory(flight);
-    return BVHD_OK;
+    flight->memory.priority = flight->first->priority;
+    memory_queue_add(&flight->flights->waiting, &flight->first->client->lanes, &flight->memory);
 }
 
 void flight_join(struct flight *flight, struct flight_waiter *waiter)
@@ -217,7 +137,7 @@ static void unlink_waiter(struct flight *flight, struct flight_waiter *waiter)
     waiter->previous = waiter->next = NULL;
 }
 
-/* Nobody waits any more. */
+/* Its last waiter has left. */
 static void abandon(struct flight *flight)
 {
     leave_table(flight);
@@ -237,14 +157,19 @@ void flight_leave(struct flights *flights, struct flight_waiter *waiter)
     bool was_first = flight->first == waiter;
     unlink_waiter(flight, waiter);
     if (was_first)
-        fair_queue_remove(&flights->waiting[class_of(flight)], &flight->entry);
+        memory_queue_remove(&flights->waiting, &flight->memory);
     if (!flight->first)
         abandon(flight);
     else if (was_first && flight->state == FLIGHT_WAITING)
         wait_for_memory(flight);
 }
 
-/* On a worker. */
+static struct admission *admission_of(const struct flight *flight)
+{
+    return flight->flights->waiting.admission;
+}
+
+/* Runs on a worker. */
 static enum bvhd_status build_blob(struct flight *flight, const struct parallel *parallel)
 {
     struct preparation *preparation = flight->preparation;
@@ -252,8 +177,7 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     struct blob_writer writer;
     struct build_stats stats;
     unsigned char *bytes;
-    memory_init_within(&memory, class_of(flight) == ADMISSION_LARGE ? flight->flights->large : flight->flights->memory,
-                       UINT64_MAX);
+    memory_init_within(&memory, admission_of(flight)->memory[flight->memory.claim.class], UINT64_MAX);
     blob_writer_init(&writer, flight->flights->account);
     const struct build_context context = {
         .memory = &memory, .parallel = parallel, .cancel = &flight->job.cancel, .output = &writer.output};
@@ -277,7 +201,7 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     return BVHD_OK;
 }
 
-static struct flight *flight_of(struct pool_job *job)
+static struct flight *flight_of_job(struct pool_job *job)
 {
     return (struct flight *)(void *)((unsigned char *)job - offsetof(struct flight, job));
 }
@@ -287,10 +211,10 @@ static bool is_shortage(enum bvhd_status status)
     return status == BVHD_NO_MEMORY || status == BVHD_BUSY;
 }
 
-/* The copy goes here, where it takes no time from the loop; after a shortage it may be needed again. */
+/* Frees the canonical copy, which would keep the loop; after a shortage the copy may be needed again. */
 static void build_run(struct pool_job *job, const struct parallel *parallel)
 {
-    struct flight *flight = flight_of(job);
+    struct flight *flight = flight_of_job(job);
     flight->status = build_blob(flight, parallel);
     if (!is_shortage(flight->status))
         prepare_finish(&flight->preparation->canonical, &flight->preparation->memory);
@@ -317,7 +241,9 @@ static void log_end(const struct flight *flight, double ms)
                   log_quote(flight->error.text).text);
 }
 
-/* Waiters hear of it one by one; each may do anything but join this flight, which has left the table. */
+/*
+ * Tells the waiters one by one. Each may do anything then; none can join this flight, since it has left the table.
+ */
 static void land(struct flight *flight, double ms)
 {
     struct flight_landing landing = {.blob = flight->blob, .error = &flight->error, .build_ms = ms};
@@ -330,21 +256,34 @@ static void land(struct flight *flight, double ms)
     }
 }
 
+static void end_promise(struct flight *flight)
+{
+    const struct admission_claim *claim = &flight->memory.claim;
+    struct admission *admission = admission_of(flight);
+    if (claim->class == ADMISSION_LARGE)
+        admission->exclusive = false;
+    admission_end(&admission->builds[claim->class], claim->bytes);
+}
+
+/* True after a shortage that other builds may have caused. */
+static bool may_be_retried(const struct flight *flight)
+{
+    bool alone = !flight->accompanied && flight->started == flight->flights->started;
+    return is_shortage(flight->status) && flight->state == FLIGHT_BUILDING && !alone && !flight->memory.claim.exclusive;
+}
+
 static void build_done(struct pool_job *job)
 {
-    struct flight *flight = flight_of(job);
+    struct flight *flight = flight_of_job(job);
     struct flights *flights = flight->flights;
     double ms = job->ran ? (double)(job->ended_ns - job->started_ns) * 1e-6 : 0;
     if (!job->ran)
         flight->status = bvhd_error_set(&flight->error, BVHD_CANCELLED, "", "cancelled");
     flights->running--;
-    enum admission_class class = class_of(flight);
-    flights->admission->exclusive = flights->admission->exclusive && class == ADMISSION_SMALL;
-    admission_end(&flights->admission->builds[class], flight->bytes);
-
-    bool alone = !flight->accompanied && flight->started == flights->started;
-    if (is_shortage(flight->status) && flight->state == FLIGHT_BUILDING && !alone && !flight->exclusive) {
-        flight->exclusive = true;
+    end_promise(flight);
+    if (may_be_retried(flight)) {
+        flight->memory.claim.class = ADMISSION_LARGE;
+        flight->memory.claim.exclusive = true;
         flights->counters->builds_retried++;
         wait_for_memory(flight);
         return;
@@ -360,16 +299,21 @@ static void build_done(struct pool_job *job)
     flight_destroy(flight);
 }
 
-static void start_build(struct flight *flight)
+static struct flight *flight_of_memory(struct memory_waiter *waiter)
 {
+    return (struct flight *)(void *)((unsigned char *)waiter - offsetof(struct flight, memory));
+}
+
+static void start_build(struct memory_waiter *waiter)
+{
+    struct flight *flight = flight_of_memory(waiter);
     struct flights *flights = flight->flights;
     struct flight_waiter *first = flight->first;
-    enum admission_class class = class_of(flight);
-    flight->accompanied =
-        flights->admission->builds[ADMISSION_SMALL].count + flights->admission->builds[ADMISSION_LARGE].count > 0;
+    struct admission *admission = admission_of(flight);
+    /* One of the promises is its own. */
+    flight->accompanied = admission->builds[ADMISSION_SMALL].count + admission->builds[ADMISSION_LARGE].count > 1;
     flight->started = ++flights->started;
-    admission_give(&flights->admission->builds[class], flight->bytes);
-    flights->admission->exclusive = flights->admission->exclusive || flight->exclusive;
+    admission->exclusive = admission->exclusive || waiter->claim.exclusive;
     flight->state = FLIGHT_BUILDING;
     flight->job = (struct pool_job){
         .run = build_run,
@@ -383,26 +327,29 @@ static void start_build(struct flight *flight)
     pool_submit(flights->pool, &flight->job);
 }
 
-static struct flight *flight_of_entry(struct fair_entry *entry)
+enum bvhd_status flights_start(struct flights *flights, struct preparation *preparation, struct flight_waiter *waiter,
+                               struct bvhd_error *error)
 {
-    return (struct flight *)(void *)((unsigned char *)entry - offsetof(struct flight, entry));
-}
-
-static void pump_class(struct flights *flights, enum admission_class class)
-{
-    struct fair_queue *waiting = &flights->waiting[class];
-    struct fair_entry *entry;
-    while ((entry = fair_queue_peek(waiting))) {
-        struct flight *flight = flight_of_entry(entry);
-        if (!admission_may_build(flights->admission, class, flight->bytes, flight->exclusive))
-            return;
-        fair_queue_pop(waiting, flight->bytes);
-        start_build(flight);
+    struct flight *flight = memory_alloc(flights->memory, sizeof *flight);
+    if (!flight) {
+        disposals_add(flights->disposals, preparation);
+        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for another build");
     }
+    *flight = (struct flight){
+        .flights = flights,
+        .preparation = preparation,
+        .memory = {.start = start_build, .claim = {flights_build_bytes(preparation), preparation->class, false}},
+    };
+    struct flight **bucket = bucket_of(flights, &preparation->key);
+    flight->next = *bucket;
+    *bucket = flight;
+    flight_join(flight, waiter);
+    waiter->own = true;
+    wait_for_memory(flight);
+    return BVHD_OK;
 }
 
 void flights_pump(struct flights *flights)
 {
-    pump_class(flights, ADMISSION_SMALL);
-    pump_class(flights, ADMISSION_LARGE);
+    memory_queue_start(&flights->waiting);
 }

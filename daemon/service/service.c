@@ -4,13 +4,16 @@
 
 #include "proto/base/clock.h"
 #include "daemon/system/machine.h"
-#include "daemon/session/request.h"
 #include "daemon/service/service_internal.h"
 
 enum { DEFAULT_CREDITS = 1024, DEFAULT_QUEUE = 16384, DEFAULT_POOL = 64 << 20, DEFAULT_CACHE = 1 << 30 };
 
-/* Inline payloads may take this part of the budget, pools as much beside it as session.c allows. */
-enum { INLINE_PART = 8 };
+/*
+ * Inline payloads may take up to the budget divided by INLINE_DIVISOR. Clients' pools are not part of the budget;
+ * session_frames.c limits them. Large steps leave the budget divided by SMALL_DIVISOR free, even if they need more than
+ * was promised to them.
+ */
+enum { INLINE_DIVISOR = 8, SMALL_DIVISOR = 4 };
 
 struct service_options service_options_default(void)
 {
@@ -40,51 +43,53 @@ static enum bvhd_status out_of_memory(struct bvhd_error *error)
     return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for the service");
 }
 
-/* What large steps must leave, whatever they had promised. */
-enum { SMALL_PART = 4 };
-
-static void init_plain_parts(struct service *service)
+/* Initialises the members that need no memory. */
+static void init_accounts(struct service *service)
 {
     const struct service_options *options = &service->options;
     memory_init(&service->memory, options->memory);
-    memory_init_within(&service->inlines, &service->memory, options->memory / INLINE_PART);
-    memory_init_within(&service->large, &service->memory, options->memory - options->memory / SMALL_PART);
-    memory_init(&service->replies, UINT64_MAX);
+    memory_init_within(&service->inlines, &service->memory, options->memory / INLINE_DIVISOR);
+    memory_init_within(&service->large, &service->memory, options->memory - options->memory / SMALL_DIVISOR);
+    memory_init(&service->unlimited, UINT64_MAX);
     descriptors_init(&service->descriptors);
-    blob_account_init(&service->account, &service->replies, &service->descriptors);
-    service->admission.limit = options->memory;
+    blob_account_init(&service->account, &service->unlimited, &service->descriptors);
+    service->admission = (struct admission){.limit = options->memory, .memory = {&service->memory, &service->large}};
+    memory_queue_init(&service->preparing, &service->admission, ADMISSION_PREPARE);
     service->started_ns = clock_ns();
 }
 
-static enum bvhd_status create_parts(struct service *service, void (*wake)(void *context), void *wake_context,
-                                     struct bvhd_error *error)
+static enum bvhd_status create_modules(struct service *service, void (*wake)(void *context), void *wake_context,
+                                       struct bvhd_error *error)
 {
     enum bvhd_status status = pool_create(service->options.workers, wake, wake_context, &service->pool, error);
     if (status != BVHD_OK)
         return status;
-    service->housekeeping = pool_flow_create(service->pool);
-    service->cache = cache_create(service->options.cache, &service->replies);
-    if (!service->housekeeping || !service->cache)
+    service->cache = cache_create(service->options.cache, &service->unlimited);
+    service->disposals = (struct disposals){
+        .pool = service->pool,
+        .flow = pool_flow_create(service->pool),
+        .memory = &service->memory,
+        .admission = &service->admission,
+    };
+    if (!service->disposals.flow || !service->cache)
         return out_of_memory(error);
     service->flights = (struct flights){
         .pool = service->pool,
-        .housekeeping = service->housekeeping,
         .memory = &service->memory,
-        .large = &service->large,
-        .admission = &service->admission,
+        .disposals = &service->disposals,
         .cache = service->cache,
         .account = &service->account,
         .counters = &service->counters,
     };
-    return flights_init(&service->flights, service->options.max_queue, error);
+    return flights_init(&service->flights, service->options.max_queue, &service->admission, error);
 }
 
-static void destroy_parts(struct service *service)
+static void destroy_modules(struct service *service)
 {
     if (service->flights.buckets)
         flights_finish(&service->flights);
-    if (service->housekeeping)
-        pool_flow_end(service->pool, service->housekeeping);
+    if (service->disposals.flow)
+        pool_flow_end(service->pool, service->disposals.flow);
     pool_destroy(service->pool);
     cache_destroy(service->cache);
 }
@@ -98,10 +103,10 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
     service->options = complete(options);
     service->wake = wake;
     service->wake_context = wake_context;
-    init_plain_parts(service);
-    enum bvhd_status status = create_parts(service, wake, wake_context, error);
+    init_accounts(service);
+    enum bvhd_status status = create_modules(service, wake, wake_context, error);
     if (status != BVHD_OK) {
-        destroy_parts(service);
+        destroy_modules(service);
         free(service);
         return status;
     }
@@ -110,17 +115,17 @@ enum bvhd_status service_create(const struct service_options *options, void (*wa
 }
 
 /*
- * Nobody waits for anything any more; what workers still have they have been told to leave. Counted here, not by the
- * pool: what has ended there may still have to be collected.
+ * Waits until the workers have nothing of the service any more. No client waits for a result by then, and all jobs have
+ * been told to stop. The counts are those of the loop, not of the pool, whose ended jobs may still have to be
+ * collected.
  */
 static void await_workers(struct service *service)
 {
     static const struct timespec moment = {.tv_nsec = 200 * 1000};
-    const struct flights *flights = &service->flights;
     for (;;) {
         while (service_collect(service))
             ;
-        if (flights->running == 0 && flights->disposals == 0 && !service->sessions)
+        if (service->flights.running == 0 && service->disposals.running == 0 && !service->sessions.first)
             return;
         nanosleep(&moment, NULL);
     }
@@ -130,25 +135,25 @@ void service_destroy(struct service *service)
 {
     if (!service)
         return;
-    assert(service->session_count == 0);
+    assert(service->sessions.open == 0);
     await_workers(service);
-    destroy_parts(service);
-    assert(atomic_load(&service->memory.live) == 0 && atomic_load(&service->replies.live) == 0);
+    destroy_modules(service);
+    assert(atomic_load(&service->memory.live) == 0 && atomic_load(&service->unlimited.live) == 0);
     free(service);
 }
 
 void service_pump(struct service *service)
 {
-    request_pump(service);
+    memory_queue_start(&service->preparing);
     flights_pump(&service->flights);
-    request_tell(service);
-    if (admission_turn_is_over(&service->admission))
+    deferred_run(&service->deferred);
+    if (admission_is_exhausted(&service->admission))
         service->wake(service->wake_context);
 }
 
 bool service_collect(struct service *service)
 {
-    admission_begin_turn(&service->admission);
+    admission_begin_iteration(&service->admission);
     bool more = pool_collect(service->pool);
     if (cache_trim(service->cache)) {
         service->wake(service->wake_context);
@@ -165,12 +170,12 @@ void service_drain(struct service *service)
 
 uint32_t service_pending(const struct service *service)
 {
-    return service->under_way;
+    return service->sessions.items;
 }
 
 struct memory *service_frame_memory(struct service *service)
 {
-    return &service->replies;
+    return &service->unlimited;
 }
 
 struct descriptors *service_descriptors(struct service *service)
@@ -188,6 +193,13 @@ void service_count_connections(struct service *service, uint32_t open)
     service->connections = open;
 }
 
+uint64_t service_uncached_bytes(const struct service *service)
+{
+    uint64_t live = atomic_load_explicit(&service->account.live_bytes, memory_order_relaxed),
+             kept = cache_load(service->cache).bytes;
+    return live > kept ? live - kept : 0;
+}
+
 static void count_memory(const struct service *service, struct counters *counters)
 {
     struct cache_load cache = cache_load(service->cache);
@@ -201,7 +213,7 @@ static void count_memory(const struct service *service, struct counters *counter
     counters->memory_peak = atomic_load_explicit(&service->memory.peak, memory_order_relaxed);
     counters->memory_limit = service->memory.limit;
     counters->memory_promised = admission_promised(&service->admission);
-    counters->pool_bytes = service->pool_bytes;
+    counters->pool_bytes = service->sessions.pool_bytes;
     counters->descriptors_limit = service->descriptors.limit;
     counters->descriptors_used = service->descriptors.limit - descriptors_left(&service->descriptors);
 }
@@ -217,9 +229,9 @@ struct counters service_counters(const struct service *service)
     counters.workers = pool_threads(service->pool);
     counters.uptime_ms = (clock_ns() - service->started_ns) / 1000000;
     counters.connections = service->connections;
-    counters.sessions = service->session_count + service->closing_count;
-    counters.queue_depth = service->under_way;
-    counters.prepares_waiting = service->preparing[ADMISSION_SMALL].count + service->preparing[ADMISSION_LARGE].count;
+    counters.sessions = service->sessions.open + service->sessions.closing;
+    counters.queue_depth = service->sessions.items;
+    counters.prepares_waiting = memory_queue_count(&service->preparing);
     counters.builds_waiting = flights_waiting(&service->flights);
     counters.builds_running = service->flights.running;
     count_memory(service, &counters);

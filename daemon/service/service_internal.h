@@ -1,59 +1,77 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* service_internal.h - the inside of a service, for its sessions and their requests. */
+/*
+ * service_internal.h - the inside of the service, for the sessions and their requests.
+ *
+ * Most members are modules, which are used through their own functions. The counters may be incremented directly.
+ */
 #ifndef BVHD_SERVICE_INTERNAL_H
 #define BVHD_SERVICE_INTERNAL_H
 
 #include "daemon/service/admission.h"
 #include "daemon/service/counters.h"
-#include "daemon/service/fair_queue.h"
+#include "daemon/service/deferred.h"
+#include "daemon/service/disposal.h"
 #include "daemon/service/flight.h"
+#include "daemon/service/memory_queue.h"
 #include "daemon/service/service.h"
 
 struct session;
-struct request;
 
-/* Requests with payloads that are not needed any more, of which their clients do not know yet. */
-struct request_news {
-    struct request *first, *last;
+/*
+ * All sessions, and what they have under way together. The session layer keeps these up to date and enforces its quotas
+ * by them; the service only reads them.
+ */
+struct session_totals {
+    struct session *first; /* of the list of all that exist */
+    uint32_t open; /* sessions that are not closed */
+    uint32_t closing; /* closed sessions of which a worker still has something */
+    uint32_t items; /* under way, of sessions that are not closed */
+    uint64_t pool_bytes; /* of the clients' pools */
+    uint64_t backlog_bytes; /* of results that have not left */
 };
 
 struct service {
+    /* constant after the start */
     struct service_options options;
     void (*wake)(void *context);
     void *wake_context;
-    struct memory memory; /* the budget */
-    struct memory inlines; /* of inline payloads, a share of it */
-    struct memory large; /* of prepares and builds that are not small, a share of it */
-    /* and frames that arrive; without limit: bounded by connections and credits, and no budget may be in the way */
-    struct memory replies;
+    uint64_t started_ns;
+
+    /* accounts of memory */
+    struct memory memory; /* the budget, of which the next two are shares */
+    struct memory inlines; /* inline payloads */
+    struct memory large; /* large prepares and builds */
+    /* replies, frames that arrive, results: no budget may be in their way, since credits and quotas bound them */
+    struct memory unlimited;
     struct descriptors descriptors;
     struct blob_account account;
+
+    /* modules */
     struct pool *pool;
-    struct pool_flow *housekeeping;
     struct cache *cache;
     struct admission admission;
-    struct fair_queue preparing[ADMISSION_CLASSES]; /* items that wait for memory */
+    struct memory_queue preparing; /* items that wait for memory to be prepared */
+    struct disposals disposals;
     struct flights flights;
-    struct request_news news;
-    struct counters counters;
-    struct session *sessions; /* all that exist */
-    uint32_t session_count; /* those that are not closed */
-    uint32_t closing_count; /* closed, but a worker has something of theirs */
-    uint32_t under_way; /* items of those that are not closed */
+    struct deferred_calls deferred; /* run by service_pump */
+    struct counters counters; /* sums; service_counters fills in the levels */
+
+    /* kept by others */
+    struct session_totals sessions;
     uint32_t connections;
-    uint64_t pool_bytes;
-    uint64_t backlog_bytes; /* of results that have not left, all sessions together */
-    uint64_t started_ns;
     bool draining;
 };
 
 /*
- * Whoever has asked for something, or let go of something, calls it before the loop goes on: starts what memory now
- * allows, and tells clients of payloads that are free.
+ * Starts what memory now allows, then runs the deferred calls. It is called at the end of everything that asks the
+ * service for something or gives something back: a frame, the end of a session, an iteration of the loop.
  */
 void service_pump(struct service *service);
 
-/* The counters with their levels. */
+/* Bytes of results that exist beside those that the cache keeps. */
+uint64_t service_uncached_bytes(const struct service *service);
+
+/* The counters, levels included. */
 struct counters service_counters(const struct service *service);
 
 #endif

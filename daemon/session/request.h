@@ -1,15 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * request.h - what a client has asked for: items, each on its way to its answer. Loop thread only.
+ * request.h - the requests of one client (BUILD and GET): items, each of which is on its way to its result. For the
+ * loop thread only.
  *
- *     NEW -> WAITING (for memory) -> PREPARING (a worker) -> JOINED (a flight) -> ANSWERED
+ * An item of BUILD passes through these states:
  *
- * PREPARING goes back to WAITING when it finds that it needs more memory. An item that is cancelled while a worker has
- * it is LEAVING: its result is told, the rest follows when the worker lets go of it. Items of GET are NEW, then JOINED
- * or ANSWERED.
+ *     NEW -> WAITING (for memory) -> PREPARING (on a worker) -> JOINED (waits for a flight) -> ANSWERED
  *
- * A request reports to its client: one result an item, news of payloads that are not needed any more (gathered, until
- * request_tell), and its end, after which it is gone.
+ * It goes back from PREPARING to WAITING when the worker finds that it needs more memory than it was promised. An item
+ * that is cancelled while a worker has it is LEAVING: its result is sent at once, and the rest follows when the worker
+ * is done. An item of GET is NEW, then JOINED or ANSWERED.
+ *
+ * A request reports to its client: one result for each item; which payloads are not needed any more (gathered, and
+ * reported at the end of the loop iteration); and its own end, after which it is freed.
  */
 #ifndef BVHD_REQUEST_H
 #define BVHD_REQUEST_H
@@ -22,40 +25,44 @@ enum item_state { ITEM_NEW, ITEM_WAITING, ITEM_PREPARING, ITEM_JOINED, ITEM_LEAV
 struct request;
 struct request_client;
 
-/* How a request reports. None may call back into it. */
+/* How a request reports to the session. None of these may call a function of this header. */
 struct request_events {
+    /* An item has its result. `blob` is borrowed, and NULL after an error. */
     void (*result)(struct request_client *client, const struct request *request, const struct control_result *result,
                    struct blob *blob);
-    /* `items` NULL: there was no memory to say which. */
+    /* The payloads of these items are not needed any more. `items` is NULL if there was no memory for the list. */
     void (*prepared)(struct request_client *client, const struct request *request, const struct control_items *items);
-    void (*unpooled)(struct request_client *client); /* one payload of the pool is not needed any more */
-    void (*moved)(struct request_client *client); /* `ahead` is another */
-    void (*ended)(struct request_client *client, struct request *request); /* just before it is freed */
+    /* One payload in the client's pool is not needed any more. */
+    void (*pool_released)(struct request_client *client);
+    /* client->started_bytes has changed. */
+    void (*started_changed)(struct request_client *client);
+    /* The request is about to be freed. */
+    void (*ended)(struct request_client *client, struct request *request);
 };
 
 /* What requests know of the session that they belong to. */
 struct request_client {
     struct service *service;
     const struct request_events *events;
+    struct memory_lanes lanes; /* for preparing */
     struct flight_client flights;
-    struct fair_lane lanes[ADMISSION_CLASSES]; /* for preparing */
-    /* bytes promised to items between their start and their answer: about what their results may take */
-    uint64_t ahead;
-    bool gone; /* nothing is reported but the end */
+    /* claims of the items that have started and are not answered: an estimate of what their results take */
+    uint64_t started_bytes;
+    bool gone; /* nothing is reported any more, except the end of requests */
 };
 
 struct item {
     struct request *request;
-    uint32_t index;
+    uint32_t index; /* in its request */
     enum item_state state;
     bool pooled; /* its payload lies in the client's pool */
-    bool is_prepared, is_told; /* the payload is not needed any more; the client knows */
+    bool is_prepared; /* its payload is not needed any more */
+    bool is_reported; /* the client knows that it is prepared */
     struct control_item asked;
     struct preparation_source source; /* until a preparation takes it */
     struct preparation *preparation; /* from its first PREPARING until a flight takes it */
-    uint64_t promise; /* bytes it asks for */
-    uint64_t ahead; /* its part of the client's */
-    struct fair_entry entry; /* while WAITING */
+    struct memory_waiter memory; /* waits while WAITING; its claim is for preparing */
+    uint64_t started_bytes; /* its share of the client's */
     struct pool_job job; /* while PREPARING and LEAVING */
     struct flight_waiter waiter; /* while JOINED */
     struct key key;
@@ -71,9 +78,9 @@ struct request {
     struct handle_entry *destinations; /* sorted */
     uint32_t destination_count;
     uint32_t open; /* items that are not ANSWERED */
-    uint32_t untold; /* items whose payload the client believes to be needed; both 0: the request ends */
-    uint32_t to_tell; /* of those, the ones whose payload is not */
-    struct request *next_news, *previous_news; /* the service's: requests with something to tell */
+    uint32_t unreported; /* items whose payload is needed for all that the client knows; both 0: the request ends */
+    uint32_t to_report; /* those of them that are prepared */
+    struct deferred_call report; /* deferred while `to_report` is not 0 */
     struct request *next; /* the session's, with the same bucket */
     uint32_t attachments; /* descriptors that came with it */
     uint32_t count;
@@ -84,31 +91,31 @@ struct request_head {
     uint64_t number;
     int priority;
     bool is_build;
-    uint32_t count;
+    uint32_t count; /* of items */
 };
 
-/* Its items are NEW; each has to be given to exactly one of the next four. NULL without memory. */
+/*
+ * All its items are NEW; each has to be given to exactly one of item_start, item_refuse and item_get. NULL without
+ * memory.
+ */
 struct request *request_create(struct request_client *client, const struct request_head *head);
 
-/* Queues an item of BUILD: asked, source and pooled are filled, the source's refs are the item's. */
+/* Queues an item of BUILD, whose asked, source and pooled are filled. Takes the refs of the source. */
 void item_start(struct item *item);
-/* Fails one before anything was begun; refs of its source are dropped. */
+
+/* Answers a NEW item with an error, and drops the refs of its source. */
 void item_refuse(struct item *item, const struct bvhd_error *error);
-/* An item of GET. */
+
+/* Answers an item of GET from the cache, or lets it join the flight of its key. */
 void item_get(struct item *item, const struct key *key);
-/* The client is not interested any more; harmless in every state. */
+
+/* The client is not interested any more. Allowed in every state; does nothing after the result. */
 void item_cancel(struct item *item);
 
-/* Cancels all items. The request may be gone afterwards. */
+/* Cancels all items. May free the request. */
 void request_cancel(struct request *request);
 
-/* Frees the request if nothing of it is left to do or to say. After every group of calls above. */
+/* Frees the request if it has nothing left to do or to report. To be called after every group of the calls above. */
 void request_settle(struct request *request);
-
-/* Tells all clients of their payloads that are not needed any more. */
-void request_tell(struct service *service);
-
-/* Lets items start as memory allows. */
-void request_pump(struct service *service);
 
 #endif

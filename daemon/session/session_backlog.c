@@ -3,24 +3,23 @@
 
 #include "daemon/session/session_internal.h"
 
-/* Parts of the budget for requests and builds: for one session, for all of them. */
-enum { PART_OF_ONE = 8, PART_OF_ALL = 2 };
+/* The share of one session, and that of all sessions together: the budget divided by these. */
+enum { SESSION_DIVISOR = 8, ALL_DIVISOR = 2 };
 
 bool session_backlog_is_long(const struct session *session)
 {
     const struct service *service = session->service;
-    bool crowded = service->backlog_bytes > service->options.memory / PART_OF_ALL;
-    return session->backlog.bytes > (crowded ? 0 : service->options.memory / PART_OF_ONE);
+    bool crowded = service->sessions.backlog_bytes > service->options.memory / ALL_DIVISOR;
+    return session->backlog.bytes > (crowded ? 0 : service->options.memory / SESSION_DIVISOR);
 }
 
-/* What it has asked for waits while its backlog is long. Returns whether it no longer does. */
+/* Holds the session's items while it is too far ahead of its client. Returns whether items were released. */
 static bool hold(struct session *session)
 {
-    uint64_t ahead = session->backlog.bytes + session->client.ahead;
-    bool hold = session_backlog_is_long(session) || ahead > session->service->options.memory / PART_OF_ONE;
-    bool held = session->client.lanes[ADMISSION_LARGE].held;
-    for (int class = 0; class < ADMISSION_CLASSES; class ++)
-        fair_queue_hold(&session->service->preparing[class], &session->client.lanes[class], hold);
+    uint64_t ahead = session->backlog.bytes + session->client.started_bytes;
+    bool hold = session_backlog_is_long(session) || ahead > session->service->options.memory / SESSION_DIVISOR;
+    bool held = memory_lanes_are_held(&session->client.lanes);
+    memory_queue_hold(&session->service->preparing, &session->client.lanes, hold);
     return held && !hold;
 }
 
@@ -33,26 +32,24 @@ void session_backlog_review(struct session *session)
 void session_backlog_drop(struct session *session)
 {
     if (!session->backlog.dropped)
-        session->service->backlog_bytes -= session->backlog.bytes;
+        session->service->sessions.backlog_bytes -= session->backlog.bytes;
     session->backlog.dropped = true;
 }
 
 /*
- * A result that many wait for counts for each of them, but lies in memory once, and what the cache keeps is in its
- * budget. Nobody who reads has to go because all get the same.
+ * A result that many clients wait for counts once for each of them, but lies in memory once, and the cache has a budget
+ * of its own. So the backlogs alone do not say that memory is short: no client has to go because all get the same.
  */
 static bool is_too_much(const struct service *service)
 {
-    uint64_t live = atomic_load_explicit(&service->account.live_bytes, memory_order_relaxed),
-             kept = cache_load(service->cache).bytes;
-    uint64_t beside = live > kept ? live - kept : 0;
-    return service->backlog_bytes > service->options.memory && beside > service->options.memory;
+    uint64_t budget = service->options.memory;
+    return service->sessions.backlog_bytes > budget && service_uncached_bytes(service) > budget;
 }
 
 static void end_longest(struct service *service)
 {
     struct session *longest = NULL;
-    for (struct session *session = service->sessions; session; session = session->next)
+    for (struct session *session = service->sessions.first; session; session = session->next)
         if (!session->backlog.dropped && (!longest || session->backlog.bytes > longest->backlog.bytes))
             longest = session;
     if (!longest)
@@ -67,7 +64,7 @@ void session_backlog_add(struct session *session, uint64_t bytes)
     session->backlog.bytes += bytes;
     if (session->backlog.dropped)
         return;
-    service->backlog_bytes += bytes;
+    service->sessions.backlog_bytes += bytes;
     hold(session);
     if (is_too_much(service))
         end_longest(service);
@@ -79,7 +76,7 @@ void session_backlog_take(struct session *session, uint64_t bytes)
     session->backlog.bytes -= bytes;
     if (session->backlog.dropped)
         return;
-    session->service->backlog_bytes -= bytes;
+    session->service->sessions.backlog_bytes -= bytes;
     if (hold(session))
         service_pump(session->service);
 }

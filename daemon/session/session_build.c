@@ -6,20 +6,20 @@
 #include "builder/input/validate.h"
 
 /*
- * Memfds of one connection's requests that may be under way: each is a descriptor, and then a mapping, of which a
- * process has some 65,000.
+ * The most memfds of one connection's requests at a time. Each is a descriptor first and a mapping later, of which a
+ * process can have about 65,000.
  */
 enum { MAX_ATTACHMENTS = 256 };
 
-/* A BUILD on its way to a request. */
+/* What a BUILD frame consists of, until it has become a request. */
 struct intake {
     struct session *session;
     const struct frame *frame;
     const struct control_build *message;
     struct attachment *attachments[CONTROL_MAX_MEMFDS];
-    uint32_t attachment_count; /* the descriptors of these are taken */
-    struct payload *inlined; /* NULL: no item lies there */
-    struct bvhd_error *rules; /* of the batch, one an item; NULL: none is broken */
+    uint32_t attachment_count; /* those whose descriptors are taken from the frame */
+    struct payload *inlined; /* a copy of the inline bytes; NULL: no item lies there */
+    struct bvhd_error *rules; /* one for each item: the rules between items that it breaks; NULL: not checked */
 };
 
 static struct service *service_of(const struct intake *intake)
@@ -60,7 +60,10 @@ static bool has_destinations(const struct control_build *message)
     return false;
 }
 
-/* The rules between items, by their handles alone; those on references follow when the payloads are read. */
+/*
+ * Checks the rules between items that their handles alone can break. The rules on references follow when the payloads
+ * are read. False without memory.
+ */
 static bool check_batch(struct intake *intake)
 {
     const struct control_build *message = intake->message;
@@ -77,7 +80,7 @@ static bool check_batch(struct intake *intake)
     return good;
 }
 
-/* The table for the rule on references. */
+/* Makes the table of destinations by which a worker checks the rule on references. False without memory. */
 static bool list_destinations(struct intake *intake, struct request *request)
 {
     const struct control_build *message = intake->message;
@@ -117,32 +120,32 @@ static struct request *make_request(struct intake *intake)
     return request;
 }
 
-/* Where a payload lies, how large that is, and a borrowed reference. */
-struct place_of_payload {
+/* Where an item's payload lies: one of the two, borrowed, and its size in bytes. */
+struct payload_place {
     struct payload *payload;
     struct attachment *attachment;
     uint64_t size;
 };
 
 static enum bvhd_status find_payload(const struct intake *intake, const struct control_item *item, const char *where,
-                                     struct place_of_payload *ret_place, struct bvhd_error *error)
+                                     struct payload_place *ret_place, struct bvhd_error *error)
 {
     const struct session *session = intake->session;
     switch (item->payload_source) {
     case SOURCE_INLINE:
-        *ret_place = (struct place_of_payload){intake->inlined, NULL, intake->frame->inline_bytes.size};
+        *ret_place = (struct payload_place){intake->inlined, NULL, intake->frame->inline_bytes.size};
         return BVHD_OK;
     case SOURCE_POOL:
         if (!session->pool)
             return bvhd_error_set(error, BVHD_INVALID, where, "the connection has no pool");
-        *ret_place = (struct place_of_payload){session->pool, NULL, session->pool_size};
+        *ret_place = (struct payload_place){session->pool, NULL, session->pool_size};
         return BVHD_OK;
     case SOURCE_MEMFD:
         if (item->memfd >= intake->message->memfd_count)
             return bvhd_error_set(error, BVHD_INVALID, where, "memfd %u of %u", item->memfd,
                                   intake->message->memfd_count);
-        *ret_place = (struct place_of_payload){NULL, intake->attachments[item->memfd],
-                                               intake->message->memfd_sizes[item->memfd]};
+        *ret_place =
+            (struct payload_place){NULL, intake->attachments[item->memfd], intake->message->memfd_sizes[item->memfd]};
         return BVHD_OK;
     default:
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where, "payload source %u is not known", item->payload_source);
@@ -154,7 +157,7 @@ static enum bvhd_status locate(const struct intake *intake, uint32_t index, stru
     const struct control_item *asked = &intake->message->items[index];
     uint64_t most = service_of(intake)->options.memory;
     struct place where = place("infos[%u].payload", index);
-    struct place_of_payload found = {0};
+    struct payload_place found = {0};
     if (intake->rules && intake->rules[index].status != BVHD_OK) {
         *error = intake->rules[index];
         return error->status;
@@ -193,7 +196,7 @@ static void start_items(const struct intake *intake, struct request *request)
     }
 }
 
-/* False: there is no memory for it now. */
+/* False if there is no memory for the request now. */
 static bool start_request(struct intake *intake)
 {
     if (!take_attachments(intake) || !take_inlined(intake))
@@ -231,7 +234,7 @@ static void take_message(struct session *session, const struct frame *frame, con
 
 enum bvhd_status session_build(struct session *session, const struct frame *frame, struct bvhd_error *error)
 {
-    struct memory *memory = &session->service->replies;
+    struct memory *memory = session_memory(session);
     struct control_build *message;
     enum bvhd_status status = control_unpack_build(frame->control, memory, &message, error);
     if (status == BVHD_OK && message->memfd_count != frame->header.descriptors) {

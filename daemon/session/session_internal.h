@@ -1,5 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* session_internal.h - the inside of a session, for the files that it is made of. */
+/*
+ * session_internal.h - the inside of a session, for the files that it is made of.
+ *
+ * session.c: opening, closing, replies, requests by number, quotas. session_frames.c: one function for each type of
+ * frame. session_build.c: FRAME_BUILD. session_backlog.c: results that the client has not read.
+ */
 #ifndef BVHD_SESSION_INTERNAL_H
 #define BVHD_SESSION_INTERNAL_H
 
@@ -11,7 +16,7 @@ enum { SESSION_BUCKETS = 64 };
 /* Results that have not left. */
 struct session_backlog {
     uint64_t bytes;
-    bool dropped; /* the service's sum is without them: the session is about to end */
+    bool dropped; /* the session is about to end, and the service's sum does not include it any more */
 };
 
 struct session {
@@ -19,59 +24,95 @@ struct session {
     struct service *service;
     struct session_peer peer;
     struct session_link link;
-    struct session *next, *previous; /* the service's */
-    bool open; /* HELLO was answered */
-    bool goodbye; /* said */
+    struct session *next, *previous; /* in the service's list */
+    bool open; /* HELLO was answered with WELCOME */
+    bool goodbye; /* GOODBYE was sent */
     bool closed;
-    struct bvhd_error failure; /* a reply found no memory */
+    struct bvhd_error failure; /* why the connection has to end; BVHD_OK: it does not */
     struct payload *pool; /* NULL: none */
     uint64_t pool_size;
-    uint32_t pool_users; /* items whose payload lies there */
+    uint32_t pool_users; /* items whose payload lies in the pool and is still needed */
     struct request *requests[SESSION_BUCKETS]; /* by number */
     uint32_t request_count;
     uint32_t under_way; /* items whose result has not left */
-    uint32_t attachments; /* memfds of requests under way */
+    uint32_t attachments; /* memfds of requests that have not ended */
     struct session_backlog backlog;
 };
 
+/* The account for messages and replies. */
+static inline struct memory *session_memory(const struct session *session)
+{
+    return service_frame_memory(session->service);
+}
+
+/* ---- replies ---- */
+
+/* Sends a reply; NULL means that there was no memory for it, which ends the connection. */
+void session_send(struct session *session, struct reply *reply);
+
+/* Sends a frame without a control message. */
+void session_send_plain(struct session *session, enum frame_type type, uint64_t request);
+
+/* Answers a request with ERROR, and counts it. */
+void session_send_error(struct session *session, uint64_t request, const struct bvhd_error *error);
+
+/* Answers a request with BUSY, and counts it. */
 void session_send_busy(struct session *session, uint64_t request);
 
-/* The connection has to go, and the client is told why. */
+/* Ends the connection, and tells the client why. Only the first call has an effect. */
 void session_end(struct session *session, enum bvhd_status status, const char *text);
 
-/*
- * session_backlog.c: results lie in memory that no budget counts. A session with more than its part of the budget on
- * its way, from the start of an item until its result has left, is given nothing more to do until there is less; while
- * results of all sessions together take more than theirs, no session is that has any. When that does not help, since
- * many have a little each, and results beside the cache do fill the budget, the one with most of it has to go. Who
- * comes with new requests while too many results wait is told to come later.
- */
-void session_backlog_review(struct session *session); /* what is ahead has changed */
-void session_backlog_add(struct session *session, uint64_t bytes);
-void session_backlog_take(struct session *session, uint64_t bytes);
-void session_backlog_drop(struct session *session);
-bool session_backlog_is_long(const struct session *session);
+/* Ends the connection because there is no memory for a reply. */
+void session_fail(struct session *session);
 
-/* The request of that number, or NULL. */
+/* ---- requests ---- */
+
+/* Returns the request of that number, or NULL. */
 struct request *session_find(const struct session *session, uint64_t number);
+
 void session_add(struct session *session, struct request *request);
 
-/* Whether so many more items can be taken; answers BUSY or an error otherwise. */
+/* Whether that many more items can be taken. If not, it has answered the request with BUSY or ERROR. */
 bool session_admits(struct session *session, uint64_t request, uint32_t items);
 
+/* ---- frames ---- */
+
 /*
- * A control message that could not be unpacked, but is whole (too large, or of a later version): answers the request
- * with the error. False for anything else, which breaks the protocol.
+ * Answers a request whose control message is whole but cannot be unpacked, because it is too large or of a later
+ * version, with the error. Returns false for any other status, which breaks the protocol.
  */
 bool session_refuses(struct session *session, uint64_t request, enum bvhd_status status,
                      const struct bvhd_error *error);
 
-/*
- * session_build.c: FRAME_BUILD. Takes the frame's descriptors. Anything but BVHD_OK breaks the protocol.
- */
+/* Closes a frame's descriptors from number `first` on, and gives back their counts. */
+void session_drop_descriptors(struct session *session, const struct frame *frame, uint32_t first);
+
+/* Handles FRAME_BUILD, and takes the frame's descriptors. Any other result than BVHD_OK breaks the protocol. */
 enum bvhd_status session_build(struct session *session, const struct frame *frame, struct bvhd_error *error);
 
-/* Closes descriptors of a frame from `first` on, and gives back their counts. */
-void session_drop_descriptors(struct session *session, const struct frame *frame, uint32_t first);
+/*
+ * ---- backpressure ----
+ *
+ * Results that clients have not read lie in memory that no budget counts, so a session must not get far ahead of its
+ * client. The bytes of a result count as ahead from the start of its item until the result has left.
+ *
+ * * While a session is ahead by more than its share of the budget, none of its items starts.
+ * * While the backlogs of all sessions together exceed their share, no session that has a backlog may start an item.
+ * * While a backlog is long in that sense, new requests are answered with BUSY.
+ * * If that does not help, because many sessions have a little each and the results beside the cache fill the whole
+ *   budget, the session with the longest backlog is ended.
+ */
+
+/* Holds or releases the session's items, after client.started_bytes has changed. */
+void session_backlog_review(struct session *session);
+
+/* A result of that many bytes was sent, or has left. */
+void session_backlog_add(struct session *session, uint64_t bytes);
+void session_backlog_take(struct session *session, uint64_t bytes);
+
+/* Takes the session's backlog out of the service's sum, before the session ends. */
+void session_backlog_drop(struct session *session);
+
+bool session_backlog_is_long(const struct session *session);
 
 #endif

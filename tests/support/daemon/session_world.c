@@ -115,7 +115,7 @@ static void let_replies_leave(struct world_client *client)
     client->end_held = &client->first_held;
 }
 
-void world_turn(struct session_world *world)
+void world_iterate(struct session_world *world)
 {
     service_collect(world->service);
     for (uint32_t i = 0; i < world->client_count; i++) {
@@ -136,7 +136,7 @@ void world_await(struct session_world *world, bool (*reached)(void *context), vo
 {
     double begin = seconds();
     for (;;) {
-        world_turn(world);
+        world_iterate(world);
         if (reached(context))
             return;
         if (seconds() - begin > 30)
@@ -175,10 +175,10 @@ static bool is_idle(void *context)
     struct service *service = world->service;
     struct pool_load load = pool_load(service->pool);
     bool requests = false;
-    for (struct session *session = service->sessions; session; session = session->next)
+    for (struct session *session = service->sessions.first; session; session = session->next)
         requests = requests || session->request_count > 0;
-    bool flies = service->flights.running > 0 || service->flights.disposals > 0;
-    return load.queued == 0 && load.running == 0 && !flies && service->closing_count == 0 && !requests;
+    bool flies = service->flights.running > 0 || service->disposals.running > 0;
+    return load.queued == 0 && load.running == 0 && !flies && service->sessions.closing == 0 && !requests;
 }
 
 void world_finish(struct session_world *world)
@@ -189,7 +189,7 @@ void world_finish(struct session_world *world)
     for (uint32_t i = 0; i < world->client_count; i++)
         world_leave(&world->clients[i]);
     world_await(world, is_idle, world);
-    assert_int_equal(service->under_way, 0);
+    assert_int_equal(service->sessions.items, 0);
     for (int class = 0; class < ADMISSION_CLASSES; class ++) {
         assert_int_equal(service->admission.prepares[class].count, 0);
         assert_int_equal(service->admission.prepares[class].bytes, 0);
@@ -197,8 +197,8 @@ void world_finish(struct session_world *world)
         assert_int_equal(service->admission.builds[class].bytes, 0);
     }
     assert_int_equal(atomic_load(&service->large.live), 0);
-    assert_int_equal(service->pool_bytes, 0);
-    assert_int_equal(service->backlog_bytes, 0);
+    assert_int_equal(service->sessions.pool_bytes, 0);
+    assert_int_equal(service->sessions.backlog_bytes, 0);
     assert_int_equal(atomic_load(&service->inlines.live), 0);
     service_destroy(service); /* asserts that no memory is left */
     for (uint32_t i = 0; i < world->client_count; i++) {
@@ -238,7 +238,7 @@ struct world_gate *world_shut(struct session_world *world)
 {
     assert_true(world->gate_count < WORLD_GATES);
     struct world_gate *gate = &world->gates[world->gate_count++];
-    gate->job = (struct pool_job){.run = gate_run, .done = gate_done, .flow = world->service->housekeeping};
+    gate->job = (struct pool_job){.run = gate_run, .done = gate_done, .flow = world->service->disposals.flow};
     sem_init(&gate->opened, 0, 0);
     pool_submit(world->service->pool, &gate->job);
     while (!atomic_load(&gate->running))

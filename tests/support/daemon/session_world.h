@@ -68,7 +68,7 @@ void world_init(struct session_world *world, const struct service_options *optio
 void world_finish(struct session_world *world);
 
 /* Lets replies leave, takes up what workers have done. */
-void world_turn(struct session_world *world);
+void world_iterate(struct session_world *world);
 
 /* Turns until `reached` says yes; fails the test after 30 s. */
 void world_await(struct session_world *world, bool (*reached)(void *context), void *context);

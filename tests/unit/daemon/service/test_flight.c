@@ -173,10 +173,10 @@ static void check_leaving_late(enum leaving how)
     world_await_state(second, 1, 0, ITEM_JOINED);
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
     builds_go();
-    world_turn(&world);
+    world_iterate(&world);
     assert_int_equal(world_counters(&world).builds_running, 1);
     leave(first, how);
-    world_turn(&world);
+    world_iterate(&world);
     assert_int_equal(world_counters(&world).builds_running, 1);
     world_open(gates[0]);
     world_open(gates[1]);
@@ -250,7 +250,7 @@ static void test_a_withdrawn_build_is_not_inherited(void **state)
     world_await_state(client, 1, 0, ITEM_JOINED);
     builds_go();
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
-    world_turn(&world);
+    world_iterate(&world);
     assert_int_equal(world_counters(&world).builds_running, 1);
     assert_int_equal(world_cancel(client, 1, NULL, 0), BVHD_OK);
     world_build_mesh(client, 2, &mesh);
@@ -353,7 +353,7 @@ static void test_a_shortage_beside_others_is_tried_again(void **state)
     assert_non_null(block);
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
     builds_go();
-    world_turn(&world);
+    world_iterate(&world);
     assert_int_equal(world_counters(&world).builds_running, 2);
     world_open(gates[0]);
     world_open(gates[1]);

@@ -78,7 +78,7 @@ static void test_it_ends_while_workers_are_busy(void **state)
         int descriptor = world_memfd(mesh.payload, mesh.size, WORLD_SEALS_ONCE);
         world_build(client, 1, &build, (struct bytes){0}, &descriptor);
         for (int i = 0; i < turns; i++) {
-            world_turn(&world);
+            world_iterate(&world);
             usleep(1000);
         }
         world_leave(client);
@@ -98,8 +98,8 @@ static void dispose_of_a_large_copy(struct service *service)
     preparation->promised = preparation->canonical.size = 2 << 20;
     preparation->canonical.owned = memory_alloc(&preparation->memory, preparation->canonical.size);
     admission_give(&service->admission.prepares[ADMISSION_LARGE], preparation->promised);
-    flights_dispose(&service->flights, preparation);
-    assert_int_equal(service->flights.disposals, 1);
+    disposals_add(&service->disposals, preparation);
+    assert_int_equal(service->disposals.running, 1);
 }
 
 /* Also when that ends just when nobody looks. */
@@ -133,7 +133,7 @@ static void test_pending_counts_what_has_not_left(void **state)
     world_await_result(other, 1, 0);
     assert_int_equal(service_pending(world.service), 2);
     client->hold = false;
-    world_turn(&world);
+    world_iterate(&world);
     assert_int_equal(service_pending(world.service), 1);
     world_leave(other);
     assert_int_equal(service_pending(world.service), 0);
@@ -145,7 +145,7 @@ static void test_pending_counts_what_has_not_left(void **state)
 static void test_items_start_in_portions(void **state)
 {
     (void)state;
-    enum { ITEMS = 2 * ADMISSION_TURN_STARTS + 10 };
+    enum { ITEMS = 2 * ADMISSION_ITERATION_STARTS + 10 };
     static struct session_world world;
     static struct control_item items[ITEMS];
     struct service_options options = world_options();
@@ -157,17 +157,17 @@ static void test_items_start_in_portions(void **state)
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
     for (int i = 0; i < ITEMS; i++)
         items[i] = world_item(&mesh.input, mesh.size, SOURCE_INLINE, 0);
-    world_turn(&world);
+    world_iterate(&world);
     while (sem_trywait(&world.woken) == 0)
         ;
     struct control_build build = {.item_count = ITEMS, .items = items};
     world_build(client, 1, &build, (struct bytes){mesh.payload, mesh.size}, NULL);
     for (int turns = 1; turns <= 3; turns++) {
-        uint32_t started = turns < 3 ? turns * ADMISSION_TURN_STARTS : ITEMS;
+        uint32_t started = turns < 3 ? turns * ADMISSION_ITERATION_STARTS : ITEMS;
         assert_int_equal(world_counters(&world).prepares_started, started);
         assert_int_equal(world_counters(&world).prepares_waiting, ITEMS - started);
         assert_int_equal(sem_trywait(&world.woken) == 0, turns < 3);
-        world_turn(&world);
+        world_iterate(&world);
     }
     world_open(gates[0]);
     world_open(gates[1]);

@@ -168,7 +168,7 @@ static void test_memfds_under_way_have_a_limit(void **state)
     world_open(gates[0]);
     world_open(gates[1]);
     while (client->session->request_count > 0)
-        world_turn(&world);
+        world_iterate(&world);
     int files[4];
     for (int i = 0; i < 4; i++)
         files[i] = world_memfd(mesh.payload, mesh.size, WORLD_SEALS_ONCE);
@@ -369,7 +369,7 @@ static void test_small_ones_pass_large_ones(void **state)
     void *block = memory_alloc(&service->large, service->large.limit);
     assert_non_null(block);
     service->admission.limit =
-        (preparation_guess(&item) - 1) * ADMISSION_SMALL_PART; /* a little too much to be small */
+        (preparation_guess(&item) - 1) * ADMISSION_SMALL_DIVISOR; /* a little too much to be small */
     admission_give(&service->admission.prepares[ADMISSION_LARGE], service->admission.limit);
     world_build_mesh(clients[0], 1, &large);
     world_await_state(clients[0], 1, 0, ITEM_WAITING);

@@ -35,11 +35,11 @@ static void test_results_count_until_they_leave(void **state)
     world_build_mesh(client, 1, &mesh);
     world_await_result(client, 1, 0);
     assert_true(client->session->backlog.bytes > 1000);
-    assert_int_equal(world.service->backlog_bytes, client->session->backlog.bytes);
+    assert_int_equal(world.service->sessions.backlog_bytes, client->session->backlog.bytes);
     client->hold = false;
-    world_turn(&world);
+    world_iterate(&world);
     assert_int_equal(client->session->backlog.bytes, 0);
-    assert_int_equal(world.service->backlog_bytes, 0);
+    assert_int_equal(world.service->sessions.backlog_bytes, 0);
 }
 
 static void prepares_stop(void)
@@ -66,7 +66,7 @@ static void test_who_does_not_read_gets_nothing_more_to_do(void **state)
     prepares_go();
     world_build_mesh(client, 2, &mesh);
     world_get(client, 3, &(struct key){{1}}, 1);
-    world_turn(&world);
+    world_iterate(&world);
     assert_non_null(world_find(client, FRAME_BUSY, 2, 0));
     assert_non_null(world_find(client, FRAME_BUSY, 3, 0));
     world_build_mesh(other, 1, &mesh);
@@ -94,7 +94,7 @@ static void test_who_is_held_can_cancel_and_leave(void **state)
     assert_int_equal(world_status(client, 1, 0), BVHD_CANCELLED);
     world_leave(other);
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
-    assert_int_equal(world.service->backlog_bytes, LONG);
+    assert_int_equal(world.service->sessions.backlog_bytes, LONG);
 }
 
 /* What is under way will be results: it counts before it is. */
@@ -109,7 +109,7 @@ static void test_nobody_starts_more_than_its_part(void **state)
         world_build_mesh(client, i + 1, &meshes[i]);
     }
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
-    session_backlog_add(client->session, MEMORY / 8 - client->session->client.ahead); /* as much as may be */
+    session_backlog_add(client->session, MEMORY / 8 - client->session->client.started_bytes); /* as much as may be */
     world_build_mesh(client, 7, &mesh);
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
     world_build_mesh(client, 8, &mesh);
@@ -120,9 +120,9 @@ static void test_nobody_starts_more_than_its_part(void **state)
         world_open(gates[i]);
     for (uint32_t i = 1; i <= 8; i++)
         world_check_bytes(world_await_result(client, i, 0), i > 6 ? &mesh.input : &meshes[i - 1].input);
-    world_turn(&world);
+    world_iterate(&world);
     session_backlog_take(client->session, client->session->backlog.bytes);
-    assert_int_equal(client->session->client.ahead, 0);
+    assert_int_equal(client->session->client.started_bytes, 0);
     for (uint32_t i = 0; i < 6; i++)
         world_mesh_finish(&meshes[i]);
 }
@@ -158,9 +158,9 @@ static void test_the_one_furthest_behind_has_to_go(void **state)
             assert_int_equal(clients[k]->failed, i == 8 && k == 3);
     }
     assert_int_equal(clients[3]->session->failure.status, BVHD_TOO_LARGE);
-    assert_true(world.service->backlog_bytes <= MEMORY);
+    assert_true(world.service->sessions.backlog_bytes <= MEMORY);
     session_backlog_take(clients[3]->session, 1); /* what leaves of it now no longer counts */
-    assert_int_equal(world.service->backlog_bytes, 8 * (MEMORY / 8 - 100));
+    assert_int_equal(world.service->sessions.backlog_bytes, 8 * (MEMORY / 8 - 100));
     atomic_fetch_sub(&world.service->account.live_bytes, MEMORY + 1);
 }
 
@@ -173,7 +173,7 @@ static void test_nobody_has_to_go_for_the_same_result(void **state)
         clients[i] = world_join(&world);
         session_backlog_add(clients[i]->session, MEMORY / 8);
     }
-    assert_true(world.service->backlog_bytes > MEMORY);
+    assert_true(world.service->sessions.backlog_bytes > MEMORY);
     for (int i = 0; i < 12; i++)
         assert_false(clients[i]->failed);
 }

@@ -214,7 +214,7 @@ static void act(struct actor *actor)
     case 7:
     case 8:
     case 9:
-        world_turn(&world);
+        world_iterate(&world);
         break;
     default:
         random_build(actor);
@@ -296,7 +296,7 @@ static struct memory *budget(struct service *service)
 
 static struct memory *replies(struct service *service)
 {
-    return &service->replies;
+    return &service->unlimited;
 }
 
 static struct memory *inlines(struct service *service)

@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/service/disposal.h"
+
+struct disposal {
+    struct pool_job job;
+    struct disposals *disposals;
+    struct preparation *preparation;
+    uint64_t promised;
+    enum admission_class class;
+};
+
+/* Copies up to this many bytes are freed on the loop: that is quicker than a job. */
+enum { FREED_AT_ONCE = 1024 * 1024 };
+
+static void free_copy(struct pool_job *job, const struct parallel *parallel)
+{
+    struct disposal *disposal = (void *)job;
+    (void)parallel;
+    preparation_destroy(disposal->preparation);
+}
+
+static void copy_is_freed(struct pool_job *job)
+{
+    struct disposal *disposal = (void *)job;
+    struct disposals *disposals = disposal->disposals;
+    disposals->running--;
+    admission_end(&disposals->admission->prepares[disposal->class], disposal->promised);
+    memory_free(disposals->memory, disposal);
+}
+
+void disposals_add(struct disposals *disposals, struct preparation *preparation)
+{
+    struct disposal *disposal = NULL;
+    if (!preparation)
+        return;
+    if (preparation->canonical.size > FREED_AT_ONCE)
+        disposal = memory_alloc(disposals->memory, sizeof *disposal);
+    if (!disposal) {
+        admission_end(&disposals->admission->prepares[preparation->class], preparation->promised);
+        preparation_destroy(preparation);
+        return;
+    }
+    *disposal = (struct disposal){.job = {.run = free_copy, .done = copy_is_freed, .flow = disposals->flow, .size = 1},
+                                  .disposals = disposals,
+                                  .preparation = preparation,
+                                  .promised = preparation->promised,
+                                  .class = preparation->class};
+    disposals->running++;
+    pool_submit(disposals->pool, &disposal->job);
+}

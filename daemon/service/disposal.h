@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * disposal.h - frees canonical copies that are no longer needed, and takes the promises of their prepares back.
+ *
+ * Unmapping a large copy takes milliseconds, in which the loop would stop for all clients, so a worker does it. For the
+ * loop thread only.
+ */
+#ifndef BVHD_DISPOSAL_H
+#define BVHD_DISPOSAL_H
+
+#include "daemon/pool/pool.h"
+#include "daemon/service/admission.h"
+#include "daemon/service/preparation.h"
+
+struct disposals {
+    struct pool *pool;
+    struct pool_flow *flow; /* the scheduler's account for jobs that free memory */
+    struct memory *memory; /* for the jobs */
+    struct admission *admission;
+    uint32_t running; /* copies that are with a worker */
+};
+
+/* Frees a preparation, and ends its promise when it is gone. NULL-safe. Never fails: without memory for a job it is
+ * freed at once. */
+void disposals_add(struct disposals *disposals, struct preparation *preparation);
+
+#endif

@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * memory_queue.h - the steps of one kind (prepares or builds) that wait until memory can be promised to them.
+ *
+ * Each admission class has a queue of its own, so that a small step never waits behind a large one. Within a class,
+ * clients get memory in fair shares (fair_queue.h): the step that is next keeps its place until its claim can be
+ * promised. The queue owns nothing and never fails: waiters and lanes lie in their owners' structs. For the loop thread
+ * only.
+ */
+#ifndef BVHD_MEMORY_QUEUE_H
+#define BVHD_MEMORY_QUEUE_H
+
+#include "daemon/service/admission.h"
+#include "daemon/service/fair_queue.h"
+
+/* One client's places in a queue. Zeroed means empty; it may be freed when nothing of the client waits. */
+struct memory_lanes {
+    struct fair_lane lanes[ADMISSION_CLASSES];
+};
+
+static inline bool memory_lanes_are_held(const struct memory_lanes *lanes)
+{
+    return lanes->lanes[ADMISSION_LARGE].held;
+}
+
+/* A step that can wait. It lies in its owner's struct; zeroed means that it does not wait. */
+struct memory_waiter {
+    /* Called once the claim has been promised and the waiter has left the queue. The owner takes the promise back. */
+    void (*start)(struct memory_waiter *waiter);
+    struct admission_claim claim;
+    int priority; /* PRIORITY_ */
+    struct fair_entry entry; /* belongs to the queue */
+};
+
+struct memory_queue {
+    struct admission *admission;
+    enum admission_step step;
+    struct fair_queue waiting[ADMISSION_CLASSES];
+};
+
+void memory_queue_init(struct memory_queue *queue, struct admission *admission, enum admission_step step);
+
+/* Queues a waiter whose start, claim and priority are filled. It must not wait anywhere else. */
+void memory_queue_add(struct memory_queue *queue, struct memory_lanes *lanes, struct memory_waiter *waiter);
+
+/* Takes a waiter out. Does nothing if it does not wait. */
+void memory_queue_remove(struct memory_queue *queue, struct memory_waiter *waiter);
+
+/* While a client is held, the queue passes its waiters over. */
+void memory_queue_hold(struct memory_queue *queue, struct memory_lanes *lanes, bool held);
+
+/* The number of waiters, including held ones. */
+uint32_t memory_queue_count(const struct memory_queue *queue);
+
+/* Promises memory to as many waiters as admission control allows, and starts them. */
+void memory_queue_start(struct memory_queue *queue);
+
+#endif

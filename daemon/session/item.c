@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/session/item_internal.h"
+
+#include <assert.h>
+#include <stddef.h>
+#include <stdio.h>
+
+#include "daemon/system/log.h"
+#include "proto/base/clock.h"
+#include "proto/base/place.h"
+
+#define STATE(state) (1u << ITEM_##state)
+
+/* The states that may follow each state. */
+static const unsigned may_follow[ITEM_STATES] = {
+    [ITEM_NEW] = STATE(WAITING) | STATE(JOINED) | STATE(ANSWERED),
+    [ITEM_WAITING] = STATE(PREPARING) | STATE(ANSWERED),
+    [ITEM_PREPARING] = STATE(WAITING) | STATE(JOINED) | STATE(LEAVING) | STATE(ANSWERED),
+    [ITEM_JOINED] = STATE(ANSWERED),
+    [ITEM_LEAVING] = STATE(ANSWERED),
+};
+
+static void set_started(struct item *item, uint64_t bytes)
+{
+    struct request_client *client = item->request->client;
+    if (item->started_bytes == bytes)
+        return;
+    client->started_bytes += bytes - item->started_bytes;
+    item->started_bytes = bytes;
+    if (!client->gone)
+        client->events->started_changed(client);
+}
+
+void item_enter(struct item *item, enum item_state state)
+{
+    assert(may_follow[item->state] & 1u << state);
+    item->state = state;
+    set_started(item, state == ITEM_WAITING || state == ITEM_ANSWERED ? 0 : item->memory.claim.bytes);
+    item->request->open -= state == ITEM_ANSWERED;
+}
+
+struct preparation *item_take_preparation(struct item *item)
+{
+    struct preparation *preparation = item->preparation;
+    item->preparation = NULL;
+    return preparation;
+}
+
+/* ---- results ---- */
+
+static void answer(struct item *item, struct control_result *result, struct blob *blob)
+{
+    struct request *request = item->request;
+    if (request->client->gone)
+        return;
+    double total = (double)(clock_ns() - request->arrived_ns) * 1e-6;
+    double rest = total - item->prepare_ms - result->build_ms;
+    result->item = item->index;
+    result->prepare_ms = item->prepare_ms;
+    result->queued_ms = rest > 0 ? rest : 0;
+    request->client->events->result(request->client, request, result, blob);
+}
+
+static void answer_error(struct item *item, const struct bvhd_error *error)
+{
+    if (error->status == BVHD_INTERNAL || error->status == BVHD_IO)
+        log_event(error->status == BVHD_INTERNAL ? LOG_ERROR : LOG_WARNING, "item_failed", "status=%s why=%s",
+                  bvhd_status_name(error->status), log_quote(error->text).text);
+    struct control_result result = {.error = *error};
+    answer(item, &result, NULL);
+}
+
+static struct control_summary summary_of(const struct blob *blob)
+{
+    const struct build_stats *stats = &blob->stats;
+    struct control_summary summary = {
+        .primitives = stats->primitives,
+        .triangles = stats->triangles,
+        .instances = stats->instances,
+        .inactive = stats->inactive,
+        .degenerate = stats->degenerate,
+        .skipped = stats->skipped,
+        .refs = stats->refs,
+        .peak_bytes = blob->peak_bytes,
+        .depth = stats->depth,
+        .target = blob->target,
+        .quality = stats->quality,
+        .sah = stats->sah,
+        .build_ms = blob->build_ms,
+    };
+    snprintf(summary.method, sizeof summary.method, "%s", stats->method);
+    memcpy(summary.bounds, &stats->bounds, sizeof summary.bounds);
+    memcpy(summary.slabs, &stats->slabs, sizeof summary.slabs);
+    return summary;
+}
+
+static void answer_blob(struct item *item, struct blob *blob, enum result_origin origin, double build_ms)
+{
+    struct control_result result = {
+        .key = blob->key, .size = blob->size, .origin = origin, .build_ms = build_ms, .summary = summary_of(blob)};
+    answer(item, &result, blob);
+}
+
+static void drop_source(struct preparation_source *source)
+{
+    payload_unref(source->payload);
+    attachment_unref(source->attachment);
+    *source = (struct preparation_source){0};
+}
+
+void item_refuse(struct item *item, const struct bvhd_error *error)
+{
+    item_enter(item, ITEM_ANSWERED);
+    drop_source(&item->source);
+    if (item->request->is_build)
+        item_note_prepared(item);
+    answer_error(item, error);
+}
+
+void item_fail(struct item *item, const struct bvhd_error *error)
+{
+    item_enter(item, ITEM_ANSWERED);
+    if (!item->is_prepared && item->request->is_build)
+        item_note_prepared(item);
+    answer_error(item, error);
+}
+
+/* ---- the cache and flights ---- */
+
+static struct item *item_of_waiter(struct flight_waiter *waiter)
+{
+    return (struct item *)(void *)((unsigned char *)waiter - offsetof(struct item, waiter));
+}
+
+static void landed(struct flight_waiter *waiter, const struct flight_landing *landing)
+{
+    struct item *item = item_of_waiter(waiter);
+    item_enter(item, ITEM_ANSWERED);
+    if (landing->blob)
+        answer_blob(item, landing->blob, landing->own ? ORIGIN_BUILT : ORIGIN_COALESCED,
+                    landing->own ? landing->build_ms : 0);
+    else
+        answer_error(item, landing->error);
+    request_settle(item->request);
+}
+
+static struct flight_waiter *waiter_of(struct item *item)
+{
+    struct request *request = item->request;
+    item->waiter =
+        (struct flight_waiter){.landed = landed, .client = &request->client->flights, .priority = request->priority};
+    return &item->waiter;
+}
+
+/* Answers with the blob that the cache had (NULL: none), or joins the flight of the key. False if there is neither. */
+static bool join_or_answer(struct item *item, struct blob *blob)
+{
+    struct service *service = item_service(item);
+    struct flight *flight = blob ? NULL : flights_find(&service->flights, &item->key);
+    if (blob) {
+        item_enter(item, ITEM_ANSWERED);
+        service->counters.hits_memory++;
+        answer_blob(item, blob, ORIGIN_MEMORY, 0);
+    } else if (flight) {
+        item_enter(item, ITEM_JOINED);
+        service->counters.coalesced++;
+        flight_join(flight, waiter_of(item));
+    } else {
+        service->counters.misses++;
+        return false;
+    }
+    return true;
+}
+
+static void get_was_looked_up(void *context, struct blob *blob)
+{
+    struct item *item = context;
+    struct bvhd_error error;
+    if (join_or_answer(item, blob))
+        return;
+    bvhd_error_set(&error, BVHD_NOT_FOUND, place("keys[%u]", item->index).text, "no structure of this key is known");
+    item_refuse(item, &error);
+}
+
+void item_get(struct item *item, const struct key *key)
+{
+    item->key = *key;
+    cache_get(item_service(item)->cache, key, get_was_looked_up, item);
+}
+
+static void start_flight(struct item *item)
+{
+    struct service *service = item_service(item);
+    struct bvhd_error error;
+    enum bvhd_status status = flights_start(&service->flights, item_take_preparation(item), waiter_of(item), &error);
+    if (status == BVHD_OK)
+        item_enter(item, ITEM_JOINED);
+    else
+        item_fail(item, &error);
+}
+
+static void build_was_looked_up(void *context, struct blob *blob)
+{
+    struct item *item = context;
+    if (join_or_answer(item, blob))
+        disposals_add(&item_service(item)->disposals, item_take_preparation(item));
+    else
+        start_flight(item);
+}
+
+void item_find_result(struct item *item)
+{
+    cache_get(item_service(item)->cache, &item->key, build_was_looked_up, item);
+}
+
+/* ---- cancellation ---- */
+
+/* Takes the item out of queues and flights. What a worker has stays until the worker is done. */
+static void withdraw(struct item *item)
+{
+    struct service *service = item_service(item);
+    switch (item->state) {
+    case ITEM_WAITING:
+        memory_queue_remove(&service->preparing, &item->memory);
+        drop_source(&item->source);
+        preparation_destroy(item_take_preparation(item));
+        item_enter(item, ITEM_ANSWERED);
+        item_note_prepared(item);
+        break;
+    case ITEM_PREPARING:
+        item_enter(item, ITEM_LEAVING);
+        pool_cancel(service->pool, &item->job);
+        break;
+    default:
+        flight_leave(&service->flights, &item->waiter);
+        item_enter(item, ITEM_ANSWERED);
+    }
+}
+
+void item_cancel(struct item *item)
+{
+    struct bvhd_error error;
+    if (item->state == ITEM_LEAVING || item->state == ITEM_ANSWERED)
+        return;
+    withdraw(item);
+    item_service(item)->counters.cancelled++;
+    bvhd_error_set(&error, BVHD_CANCELLED, "", "cancelled");
+    answer_error(item, &error);
+}
