@@ -72,12 +72,6 @@ static enum bvhd_status stage_end(struct construction *construction, double *ms)
     return context_cancelled(construction->context) ? cancelled(construction) : BVHD_OK;
 }
 
-static enum bvhd_status no_memory(const struct construction *construction)
-{
-    return bvhd_error_set(construction->error, BVHD_NO_MEMORY, "", "no memory to build over %u primitives",
-                          construction->canonical->primitive_count);
-}
-
 static void count_primitives(const struct canonical *canonical, struct build_stats *stats)
 {
     stats->primitives = canonical->primitive_count;
@@ -237,7 +231,8 @@ static enum bvhd_status split(struct construction *construction)
     const struct build_context *context = construction->context;
     const struct primitive_refs *refs = &construction->refs;
     if (!make_room(construction))
-        return no_memory(construction);
+        return bvhd_error_no_memory(construction->error, "", "no memory to build over %u primitives",
+                                    construction->canonical->primitive_count);
     struct split_request request = {
         .refs = refs->refs,
         .scratch = construction->scratch,

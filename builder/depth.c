@@ -183,7 +183,7 @@ static enum bvhd_status allocate(struct limiter *limiter, struct bvhd_error *err
     limiter->pairs = memory_array(ir->memory, leaves, sizeof *limiter->pairs);
     limiter->leaves = memory_array(ir->memory, leaves, sizeof *limiter->leaves);
     if (!limiter->facts || !limiter->stack || !limiter->pairs || !limiter->leaves)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to limit a tree's depth");
+        return bvhd_error_no_memory(error, "", "no memory to limit a tree's depth");
     return BVHD_OK;
 }
 

@@ -41,7 +41,7 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
                               "%zu bytes instead of sizeof(struct bvhd_client_options)", options->struct_size);
     struct bvhd_client *client = memory_alloc(&library_memory, sizeof *client);
     if (!client)
-        return bvhd_error_set(ret_error, BVHD_NO_MEMORY, "client", "no memory for it");
+        return bvhd_error_no_memory(ret_error, "client", "no memory for it");
     *client = (struct bvhd_client){
         .connect_timeout = ns_or(options->connect_timeout_ms, DEFAULT_CONNECT_TIMEOUT_MS),
         .lost_after = ns_or(options->lost_after_ms, DEFAULT_LOST_AFTER_MS),
@@ -51,7 +51,7 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
     placement_init(&client->placement, &library_memory, pool_size);
     enum bvhd_status status = BVHD_OK;
     if (!address_init(&client->address, options->socket_path))
-        status = bvhd_error_set(ret_error, BVHD_NO_MEMORY, "client", "no memory for it");
+        status = bvhd_error_no_memory(ret_error, "client", "no memory for it");
     if (status == BVHD_OK)
         status = client_wait_init(client, ret_error);
     if (status == BVHD_OK) {

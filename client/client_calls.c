@@ -71,7 +71,7 @@ static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout
     if (status != BVHD_OK)
         return status;
     if (!connection_send_empty(client_link_open(client), type, &call->waiter, clock_ns()))
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "client", "no memory for a request");
+        return bvhd_error_no_memory(error, "client", "no memory for a request");
     if (!client_wait_until(client, moment, is_answered, call)) {
         forget(call);
         return bvhd_error_set(error, BVHD_UNAVAILABLE, "client", "no answer within %d ms", timeout_ms);

@@ -35,7 +35,7 @@ static struct bvhd_batch *create_batch(struct bvhd_client *client, uint32_t coun
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "batch", "no memory for it");
+    return bvhd_error_no_memory(error, "batch", "no memory for it");
 }
 
 /* Older batches of the same priority come first. */

@@ -64,7 +64,7 @@ static enum bvhd_status say_hello(struct connection *connection, struct bvhd_err
         .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "libbvhd " BVHD_VERSION};
     struct exchange *exchange = exchange_create(FRAME_HELLO, 0);
     if (!exchange)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "connection", "no memory for it");
+        return bvhd_error_no_memory(error, "connection", "no memory for it");
     exchange->expects = false; /* WELCOME answers the connection */
     enum bvhd_status status = control_pack_hello(&hello, &library_memory, &exchange->control, error);
     if (status != BVHD_OK) {
@@ -81,7 +81,7 @@ enum bvhd_status connection_create(const char *path, uint64_t now, struct connec
 {
     struct connection *connection = memory_alloc(&library_memory, sizeof *connection);
     if (!connection)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "connection", "no memory for it");
+        return bvhd_error_no_memory(error, "connection", "no memory for it");
     *connection = (struct connection){.socket = -1, .opened_at = now, .heard_at = now};
     frame_parser_init(&connection->parser, &library_memory, FRAME_MAX_CONTROL, FRAME_MAX_INLINE);
     exchange_table_init(&connection->table);

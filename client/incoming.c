@@ -281,7 +281,7 @@ static enum bvhd_status take_counters(const struct arrival *arrival)
     struct bvhd_counters *counters = counter_list_create(message);
     struct bvhd_error result = {.status = BVHD_OK};
     if (!counters)
-        bvhd_error_set(&result, BVHD_NO_MEMORY, "counters", "no memory for them");
+        bvhd_error_no_memory(&result, "counters", "no memory for them");
     answer_waiter(arrival->exchange, &result, counters);
     client_link_end(arrival->client, arrival->connection, arrival->exchange);
     client_stir(arrival->client);

@@ -30,7 +30,7 @@ enum bvhd_status memfd_create_mapped(const char *name, uint64_t size, int *ret_d
                                      struct bvhd_error *error)
 {
     if (size > INT64_MAX)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "memfd", "%llu bytes", (unsigned long long)size);
+        return bvhd_error_no_memory(error, "memfd", "%llu bytes", (unsigned long long)size);
     int descriptor = create(name);
     if (descriptor < 0)
         return refused(error, "memfd_create");
@@ -71,7 +71,7 @@ enum bvhd_status memfd_writer_init(struct memfd_writer *writer, int descriptor, 
 {
     unsigned char *gathered = memory_alloc(memory, GATHER_SIZE);
     if (!gathered)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "memfd", "no memory for it");
+        return bvhd_error_no_memory(error, "memfd", "no memory for it");
     *writer = (struct memfd_writer){
         .memory = memory, .descriptor = descriptor, .offset = offset, .gathered = gathered, .error = error};
     return BVHD_OK;

@@ -343,7 +343,7 @@ static void send_frame(struct bvhd_batch *batch, struct connection *connection)
         sent = send_draft(&draft);
     } else {
         struct bvhd_error error;
-        bvhd_error_set(&error, BVHD_NO_MEMORY, "batch", "no memory for a request");
+        bvhd_error_no_memory(&error, "batch", "no memory for a request");
         client_batch_fail_unsent(batch, &error);
     }
     if (!sent)

@@ -28,7 +28,7 @@ static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bv
 {
     struct bvhd_blob *blob = memory_alloc(&library_memory, sizeof *blob);
     if (!blob)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "result", "no memory for it");
+        return bvhd_error_no_memory(error, "result", "no memory for it");
     *blob = (struct bvhd_blob){.mapped = mapped, .data = data, .size = size};
     atomic_init(&blob->refs, 1);
     *ret_blob = blob;
@@ -39,8 +39,7 @@ enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blo
 {
     void *data = memory_alloc(&library_memory, bytes.size);
     if (!data)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "result", "no memory for %llu bytes",
-                              (unsigned long long)bytes.size);
+        return bvhd_error_no_memory(error, "result", "no memory for %llu bytes", (unsigned long long)bytes.size);
     memcpy(data, bytes.data, bytes.size);
     enum bvhd_status status = create(data, bytes.size, false, ret_blob, error);
     if (status != BVHD_OK)

@@ -61,8 +61,7 @@ static const struct {
 
 static enum bvhd_status no_memory(const struct entry *entry)
 {
-    return bvhd_error_set(entry->error, BVHD_NO_MEMORY, place("infos[%u]", entry->index).text,
-                          "no memory for the description");
+    return bvhd_error_no_memory(entry->error, place("infos[%u]", entry->index).text, "no memory for the description");
 }
 
 static enum bvhd_status check_chain(const struct entry *entry, enum bvhd_vuid vuid, struct place where,

@@ -14,8 +14,7 @@ enum bvhd_status ir_init(struct ir *ir, struct memory *memory, uint32_t nodes, u
     made.refs = refs ? memory_array(memory, refs, sizeof *made.refs) : NULL;
     if ((nodes && !(made.nodes && made.boxes[0])) || (refs && !made.refs)) {
         ir_finish(&made);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for a tree of %u nodes and %u references", nodes,
-                              refs);
+        return bvhd_error_no_memory(error, "", "no memory for a tree of %u nodes and %u references", nodes, refs);
     }
     *ir = made;
     return BVHD_OK;
@@ -164,7 +163,7 @@ enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const s
     check.seen_primitives = zeroed(memory, (uint64_t)primitive_count + 1, 1);
     enum bvhd_status status;
     if (!check.spans || !check.seen_nodes || !check.seen_primitives)
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to check a tree");
+        status = bvhd_error_no_memory(error, "", "no memory to check a tree");
     else
         status = ir->node_count ? check_nodes(&check) : check_empty(&check);
     if (status == BVHD_OK)

@@ -33,8 +33,8 @@ static struct form_geometry *rows_of(const struct work *work)
 
 static enum bvhd_status no_memory(const struct work *work, uint64_t size)
 {
-    return bvhd_error_set(work->error, BVHD_NO_MEMORY, place("infos[%u]", work->index).text, "%llu bytes",
-                          (unsigned long long)size);
+    return bvhd_error_no_memory(work->error, place("infos[%u]", work->index).text, "%llu bytes",
+                                (unsigned long long)size);
 }
 
 static enum bvhd_status too_large(const struct work *work, const char *what)

@@ -294,7 +294,7 @@ enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *s
         return bvhd_error_set(error, BVHD_TOO_LARGE, "", "more references than 32 bits can name");
     uint32_t *levels = memory_array(pieces->memory, pieces->tree->node_count, sizeof *levels);
     if (!levels)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to join a tree");
+        return bvhd_error_no_memory(error, "", "no memory to join a tree");
     enum bvhd_status status = make_room(&join.ir, spare, pieces->memory, (uint32_t)nodes, (uint32_t)refs, error);
     if (status == BVHD_OK) {
         join.ir.node_count = (uint32_t)nodes;
@@ -345,7 +345,7 @@ enum bvhd_status pieces_join_wide(const struct pieces *pieces, const struct para
         if (status == BVHD_OK)
             sum_up(pieces, &top, levels, ret_depth, ret_cost);
     } else {
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory to join trees");
+        status = bvhd_error_no_memory(error, "", "no memory to join trees");
     }
     memory_free(pieces->memory, levels);
     memory_free(pieces->memory, list);

@@ -126,7 +126,7 @@ static enum bvhd_status keep_structure(struct run *run, const struct assembly *a
     const struct bvhd_result *item = &assembly->items[index];
     char *path = files_join(&run->memory, run->options->output, files[index]);
     if (!path)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, files[index], "no memory to write it");
+        return bvhd_error_no_memory(error, files[index], "no memory to write it");
     bool changed = false;
     enum bvhd_status status = files_write(path, (struct bytes){item->data, item->size}, &run->memory, &changed, error);
     memory_free(&run->memory, path);
@@ -201,7 +201,7 @@ static enum bvhd_status build_imported(struct run *run, const struct import *imp
     struct assembly assembly;
     char **files = make_file_names(import);
     if (!files)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, import->name, "no memory for its files' names");
+        return bvhd_error_no_memory(error, import->name, "no memory for its files' names");
     progress_begin(&run->progress, "building", import->name);
     enum bvhd_status status = assemble(import, run->options, run->backend, &assembly, error);
     progress_end(&run->progress);
@@ -246,7 +246,7 @@ static enum bvhd_status check_names(const struct options *options, struct memory
         names[count] = raw ? manifest_safe_name(raw, memory) : NULL;
         memory_free(memory, raw);
         if (!names[count])
-            status = bvhd_error_set(error, BVHD_NO_MEMORY, options->operands[count], "no memory for its name");
+            status = bvhd_error_no_memory(error, options->operands[count], "no memory for its name");
         for (int i = 0; i < count && !status; i++)
             if (!strcmp(names[i], names[count]))
                 status =
@@ -256,7 +256,7 @@ static enum bvhd_status check_names(const struct options *options, struct memory
     for (int i = 0; i < count; i++)
         memory_free(memory, names[i]);
     memory_free(memory, names);
-    return names ? status : bvhd_error_set(error, BVHD_NO_MEMORY, "build", "no memory for the scenes' names");
+    return names ? status : bvhd_error_no_memory(error, "build", "no memory for the scenes' names");
 }
 
 static enum bvhd_status write_manifest(struct run *run, struct bvhd_error *error)
@@ -268,7 +268,7 @@ static enum bvhd_status write_manifest(struct run *run, struct bvhd_error *error
     char *path = files_join(&run->notes, run->options->output, MANIFEST_NAME);
     enum bvhd_status status = BVHD_OK;
     if (!path || json->failed)
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, MANIFEST_NAME, "no memory for the manifest");
+        status = bvhd_error_no_memory(error, MANIFEST_NAME, "no memory for the manifest");
     else
         status =
             files_write(path, (struct bytes){(const unsigned char *)json->data, json->size}, &run->notes, NULL, error);

@@ -30,11 +30,6 @@ struct tally {
     double t_rel_err_max;
 };
 
-static enum bvhd_status no_memory(struct bvhd_error *error)
-{
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "check", "no memory for the rays");
-}
-
 static enum bvhd_status open_both(struct run *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
@@ -57,7 +52,7 @@ static enum bvhd_status ask_oracle(struct run *run, struct bvhd_error *error)
     run->rays = memory_array(memory, run->ray_count, sizeof *run->rays);
     run->answers = memory_array(memory, run->ray_count, sizeof *run->answers);
     if (!run->rays || !run->answers)
-        return no_memory(error);
+        return bvhd_error_no_memory(error, "check", "no memory for the rays");
     rays_make(run->meshes, run->mesh_count, run->options->seed, run->ray_count, run->rays);
     progress_begin(&run->local.progress, "brute force over", run->import.name);
     enum bvhd_status status =

@@ -58,7 +58,7 @@ static enum bvhd_status find(struct list *list, struct bvhd_error *error)
     }
     list->devices = memory_array(&list->memory, count, sizeof *list->devices);
     if (!list->devices)
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, "devices", "no memory for the list of devices");
+        status = bvhd_error_no_memory(error, "devices", "no memory for the list of devices");
     for (uint32_t i = 0; i < count && !status; i++) {
         list->devices[i] = (struct found){.properties = properties[i]};
         probe(&list->devices[i], &list->memory);

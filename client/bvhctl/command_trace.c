@@ -100,7 +100,7 @@ static enum bvhd_status doubt_cpu(struct run *run, struct bvhd_error *error)
     struct tracer_hit *hits = memory_array(memory, CHECKED_RAYS, sizeof *hits);
     enum bvhd_status status = BVHD_OK;
     if (!rays || !hits)
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the rays");
+        status = bvhd_error_no_memory(error, "trace", "no memory for the rays");
     if (!status) {
         make_checked_rays(run, count, rays);
         status = run->choice.tracer->trace(run->choice.tracer, rays, count, hits, NULL, error);

@@ -26,7 +26,7 @@ enum bvhd_status watchdog_init(struct watchdog *watchdog, struct pool *pool, uin
 {
     struct pool_flow *flow = pool_flow_create(pool);
     if (!flow)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "watchdog", "no memory for its flow");
+        return bvhd_error_no_memory(error, "watchdog", "no memory for its flow");
     *watchdog = (struct watchdog){.pool = pool, .patience_ms = patience_ms, .probe.flow = flow};
     return BVHD_OK;
 }

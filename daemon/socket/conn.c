@@ -339,8 +339,7 @@ enum bvhd_status conn_open(struct conn_group *group, int socket, const struct se
                            struct bvhd_error *error)
 {
     struct conn *conn = calloc(1, sizeof *conn);
-    enum bvhd_status status =
-        conn ? BVHD_OK : bvhd_error_set(error, BVHD_NO_MEMORY, "connection", "no memory for a connection");
+    enum bvhd_status status = conn ? BVHD_OK : bvhd_error_no_memory(error, "connection", "no memory for a connection");
     if (!status) {
         conn->group = group;
         conn->peer = *peer;

@@ -71,3 +71,14 @@ enum bvhd_status bvhd_error_rule(struct bvhd_error *error, enum bvhd_vuid vuid, 
     }
     return BVHD_INVALID;
 }
+
+enum bvhd_status bvhd_error_no_memory(struct bvhd_error *error, const char *where, const char *format, ...)
+{
+    if (error) {
+        va_list arguments;
+        va_start(arguments, format);
+        fill(error, BVHD_NO_MEMORY, BVHD_VUID_NONE, where, format, arguments);
+        va_end(arguments);
+    }
+    return BVHD_NO_MEMORY;
+}

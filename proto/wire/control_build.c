@@ -96,7 +96,7 @@ enum bvhd_status control_pack_build(const struct control_build *build, struct me
         return too_many("build.memfds", build->memfd_count, CONTROL_MAX_MEMFDS, error);
     struct item_row *rows = memory_array(memory, build->item_count, sizeof *rows);
     if (build->item_count > 0 && !rows)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "build.items", "%u items", build->item_count);
+        return bvhd_error_no_memory(error, "build.items", "%u items", build->item_count);
     for (uint32_t i = 0; i < build->item_count; i++)
         rows[i] = item_to_row(&build->items[i]);
     Bvhd__Build message;

@@ -63,7 +63,7 @@ static enum bvhd_status make_plain(const struct control_kind *kind, const Protob
         return too_large(kind, error);
     void *plain = memory_alloc(memory, size);
     if (!plain)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, kind->name, "%" PRIu64 " bytes", size);
+        return bvhd_error_no_memory(error, kind->name, "%" PRIu64 " bytes", size);
     memset(plain, 0, kind->size);
     kind->fill(message, plain);
     *ret_plain = plain;
@@ -78,7 +78,7 @@ enum bvhd_status control_decode(const struct control_kind *kind, struct bytes by
         return too_large(kind, error);
     struct scratch scratch = {.block = memory_alloc(memory, share), .size = share};
     if (!scratch.block)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, kind->name, "%" PRIu64 " bytes", share);
+        return bvhd_error_no_memory(error, kind->name, "%" PRIu64 " bytes", share);
     ProtobufCAllocator allocator = {scratch_alloc, scratch_free, &scratch};
     const uint8_t *data = bytes.size ? bytes.data : (const uint8_t *)"";
     ProtobufCMessage *message = protobuf_c_message_unpack(kind->descriptor, &allocator, bytes.size, data);
@@ -103,7 +103,7 @@ enum bvhd_status control_encode(const ProtobufCMessage *message, struct memory *
     }
     unsigned char *block = memory_alloc(memory, size);
     if (!block)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "control", "%zu bytes", size);
+        return bvhd_error_no_memory(error, "control", "%zu bytes", size);
     protobuf_c_message_pack(message, block);
     *ret_bytes = (struct bytes){block, size};
     return BVHD_OK;

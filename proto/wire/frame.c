@@ -147,7 +147,7 @@ static enum bvhd_status grow(struct frame_parser *parser, uint64_t capacity, str
     uint64_t larger = capacity < READ_AHEAD ? READ_AHEAD : capacity;
     unsigned char *buffer = memory_resize(parser->memory, parser->buffer, larger);
     if (!buffer)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "frame", "%llu bytes", (unsigned long long)larger);
+        return bvhd_error_no_memory(error, "frame", "%llu bytes", (unsigned long long)larger);
     parser->buffer = buffer;
     parser->capacity = larger;
     return BVHD_OK;

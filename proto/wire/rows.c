@@ -350,11 +350,6 @@ static enum bvhd_status read_references(const struct reading *reading, const str
     return status;
 }
 
-static enum bvhd_status no_memory(const struct reading *reading)
-{
-    return bvhd_error_set(reading->error, BVHD_NO_MEMORY, place("infos[%u]", reading->index).text, "rows");
-}
-
 enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape, uint32_t index, struct memory *memory,
                            struct build_input *input, struct bvhd_error *error)
 {
@@ -372,7 +367,7 @@ enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape,
     struct geometry *geometries = memory_array(memory, geometry_range.count, sizeof *geometries);
     struct reference *references = memory_array(memory, reference_range.count, sizeof *references);
     if ((geometry_range.count > 0 && !geometries) || (reference_range.count > 0 && !references))
-        status = no_memory(&reading);
+        status = bvhd_error_no_memory(error, place("infos[%u]", index).text, "rows");
     if (status == BVHD_OK)
         status = read_geometries(&reading, &geometry_range, geometries);
     if (status == BVHD_OK)

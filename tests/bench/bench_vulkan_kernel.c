@@ -97,7 +97,7 @@ static enum bvhd_status load_scene(struct bench_kernel *self, const struct struc
 {
     struct bvhd_vulkan_bytes *blobs = memory_array(self->memory, structures->file_count, sizeof *blobs);
     if (!blobs)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, self->name, "no memory for the list of structures");
+        return bvhd_error_no_memory(error, self->name, "no memory for the list of structures");
     for (uint32_t i = 0; i < structures->file_count; i++)
         blobs[i] = (struct bvhd_vulkan_bytes){structures->blobs[i].data, structures->blobs[i].size};
     struct bvhd_vulkan_scene_options options = {
@@ -227,7 +227,7 @@ enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, bool sta
 {
     struct bench_kernel *self = memory_alloc(memory, sizeof *self);
     if (!self)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, text, "no memory");
+        return bvhd_error_no_memory(error, text, "no memory");
     *self = (struct bench_kernel){
         .tracer = {.target = TARGET_PORTABLE, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory};
     self->most_rays = gpu->properties.max_storage_range / sizeof(struct device_ray);

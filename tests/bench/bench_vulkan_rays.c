@@ -115,7 +115,7 @@ static enum bvhd_status allocate(struct making *making, const struct bench_rays_
         making->hits = memory_array(memory, count, sizeof *making->hits);
         is_complete = is_complete && making->hits;
     }
-    return is_complete ? BVHD_OK : bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory for %u rays", count);
+    return is_complete ? BVHD_OK : bvhd_error_no_memory(error, "rays", "no memory for %u rays", count);
 }
 
 static size_t chunks_of(const struct making *making, enum bench_rays_kind kind)

@@ -12,7 +12,7 @@
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "scene", "no memory");
+    return bvhd_error_no_memory(error, "scene", "no memory");
 }
 
 /* ---- Taking it apart ---- */

@@ -94,7 +94,7 @@ static enum bvhd_status surface_init(struct surface *surface, const struct bench
     memory_free(scene->memory, rows);
     if (!surface->areas) {
         memory_free(scene->memory, surface->places);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory for the places of triangles");
+        return bvhd_error_no_memory(error, "rays", "no memory for the places of triangles");
     }
     sum_areas(surface);
     return BVHD_OK;

@@ -56,7 +56,7 @@ enum bvhd_status depfile_write(struct depfile *depfile, const char *path, struct
 {
     append(depfile, "\n", 1);
     if (depfile->failed)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the list of files");
+        return bvhd_error_no_memory(error, path, "no memory for the list of files");
     return files_write(path, (struct bytes){(const unsigned char *)depfile->text, depfile->size}, depfile->memory, NULL,
                        error);
 }

@@ -74,7 +74,7 @@ enum bvhd_status files_read(const char *path, uint64_t limit, struct memory *mem
         status = bvhd_error_set(error, BVHD_TOO_LARGE, path, "%llu bytes, at most %llu are read",
                                 (unsigned long long)size, (unsigned long long)limit);
     else if (size && !(data = memory_alloc(memory, size)))
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for %llu bytes", (unsigned long long)size);
+        status = bvhd_error_no_memory(error, path, "no memory for %llu bytes", (unsigned long long)size);
     else if (!read_all(descriptor, data, size))
         status = system_error(error, path, errno);
     close(descriptor);
@@ -157,7 +157,7 @@ enum bvhd_status files_write(const char *path, struct bytes content, struct memo
         uint64_t size = strlen(place) + sizeof ".XXXXXX";
         char *temporary = memory_alloc(memory, size);
         if (!temporary)
-            return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for its name");
+            return bvhd_error_no_memory(error, path, "no memory for its name");
         snprintf(temporary, size, "%s.XXXXXX", place);
         status = replace(place, temporary, content, error);
         memory_free(memory, temporary);

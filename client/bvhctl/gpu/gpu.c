@@ -209,7 +209,7 @@ enum bvhd_status gpu_open(const char *name, struct memory *memory, struct gpu **
     if (!gpu || !owner) {
         memory_free(memory, owner);
         memory_free(memory, gpu);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, name, "no memory for the device");
+        return bvhd_error_no_memory(error, name, "no memory for the device");
     }
     *owner = (struct gpu_instance){.loader = NULL};
     *gpu = (struct gpu){.owner = owner, .memory = memory};

@@ -230,7 +230,7 @@ static enum bvhd_status read_devices(const struct gpu_instance *instance, const 
     struct gpu_candidate *list = memory_array(memory, count, sizeof *list);
     uint32_t used = 0;
     if (!list)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "devices", "no memory for the list of devices");
+        return bvhd_error_no_memory(error, "devices", "no memory for the list of devices");
     for (uint32_t i = 0; i < count; i++)
         used += gpu_properties_read(instance, devices[i], memory, &list[used]);
     if (!used) {
@@ -257,7 +257,7 @@ enum bvhd_status gpu_instance_list(const struct gpu_instance *instance, struct m
                               "no Vulkan driver has a device here (Debian: package mesa-vulkan-drivers)");
     VkPhysicalDevice *devices = memory_array(memory, count, sizeof(VkPhysicalDevice));
     if (!devices)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "devices", "no memory for the list of devices");
+        return bvhd_error_no_memory(error, "devices", "no memory for the list of devices");
     result = instance->vk.EnumeratePhysicalDevices(instance->handle, &count, devices);
     enum bvhd_status status = result < 0 ? gpu_result("vkEnumeratePhysicalDevices", result, error) : BVHD_OK;
     if (!status)
@@ -277,7 +277,7 @@ enum bvhd_status gpu_list(struct memory *memory, struct gpu_properties **ret_lis
     if (!status)
         status = gpu_instance_list(&instance, memory, &found, &count, error);
     if (!status && !(list = memory_array(memory, count, sizeof *list)))
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, "devices", "no memory for the list of devices");
+        status = bvhd_error_no_memory(error, "devices", "no memory for the list of devices");
     if (!status) {
         for (uint32_t i = 0; i < count; i++)
             list[i] = found[i].properties;

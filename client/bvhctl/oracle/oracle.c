@@ -226,7 +226,7 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
     if (!atomic_load(&trace.failed))
         return BVHD_OK;
     oracle_finish(ret_answers, ray_count, memory);
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "rays", "no memory to trace %u rays by brute force", ray_count);
+    return bvhd_error_no_memory(error, "rays", "no memory to trace %u rays by brute force", ray_count);
 }
 
 void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct memory *memory)

@@ -168,7 +168,7 @@ static void keep_case(struct agreement *agreement, const struct ray *ray, const 
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory to compare with the CPU");
+    return bvhd_error_no_memory(error, "trace", "no memory to compare with the CPU");
 }
 
 /* Every stride-th ray of all waves of its kind; returns the first one in this wave. */

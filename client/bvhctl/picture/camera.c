@@ -300,7 +300,7 @@ enum bvhd_status camera_choose(const struct stage *stage, double aspect, const s
     struct contest contest = {.stage = stage, .aspect = aspect, .inside = !is_slow && is_enclosing(stage)};
     contest.scores = memory_array(memory, VIEWS, sizeof *contest.scores);
     if (!contest.scores)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory to choose a view");
+        return bvhd_error_no_memory(error, "trace", "no memory to choose a view");
     for (int i = 0; i < VIEWS; i++)
         contest.scores[i] = -2;
     int count = contest.inside ? INSIDE_VIEWS : OUTSIDE_VIEWS, best = 0;

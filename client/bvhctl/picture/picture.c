@@ -17,8 +17,7 @@ enum {
 
 static enum bvhd_status no_memory(const struct picture_options *options, struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for a picture of %u x %u", options->width,
-                          options->height);
+    return bvhd_error_no_memory(error, "trace", "no memory for a picture of %u x %u", options->width, options->height);
 }
 
 struct rendering {
@@ -315,7 +314,7 @@ enum bvhd_status picture_write_png(const struct picture *picture, const char *pa
     png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(image);
     unsigned char *data = memory_alloc(picture->memory, size);
     if (!data)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the PNG file");
+        return bvhd_error_no_memory(error, path, "no memory for the PNG file");
     enum bvhd_status status = BVHD_OK;
     if (!png_image_write_to_memory(&image, data, &size, 0, picture->rgb, 0, NULL))
         status = bvhd_error_set(error, BVHD_INTERNAL, path, "libpng: %s", image.message);

@@ -22,7 +22,7 @@ enum bvhd_status sampler_init(struct sampler *sampler, const struct sampler_opti
     if (sampler->samples && sampler->wave && sampler->hits && sampler->chunks)
         return BVHD_OK;
     sampler_finish(sampler);
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for %u samples at once", options->batch);
+    return bvhd_error_no_memory(error, "trace", "no memory for %u samples at once", options->batch);
 }
 
 void sampler_finish(struct sampler *sampler)

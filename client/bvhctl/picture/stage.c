@@ -126,7 +126,7 @@ static enum bvhd_status find_instances(struct stage *stage, struct bvhd_error *e
     stage->instance_count = structure_instance_count(top);
     stage->instances = memory_array(stage->memory, (uint64_t)stage->instance_count + 1, sizeof *stage->instances);
     if (!stage->instances)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the instances");
+        return bvhd_error_no_memory(error, "trace", "no memory for the instances");
     for (uint32_t i = 0; i < stage->instance_count; i++) {
         stage->instances[i] = structure_instance(top, i);
         stage->triangle_count += structure_triangle_count(&files[stage->instances[i].bottom].structure);
@@ -298,7 +298,7 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
     stage->samples = memory_array(stage->memory, STAGE_SAMPLES, sizeof *stage->samples);
     enum bvhd_status status = BVHD_OK;
     if (!sorted || !stage->samples)
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for samples of the scene");
+        status = bvhd_error_no_memory(error, "trace", "no memory for samples of the scene");
     else
         sample_triangles(stage);
     if (!status && stage->even_count == 0)

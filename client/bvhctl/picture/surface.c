@@ -96,7 +96,7 @@ enum bvhd_status surfaces_init(struct surfaces *surfaces, const struct structure
     if (find_instances(surfaces) && find_bottoms(surfaces))
         return BVHD_OK;
     surfaces_finish(surfaces);
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory to find triangles");
+    return bvhd_error_no_memory(error, "trace", "no memory to find triangles");
 }
 
 void surfaces_finish(struct surfaces *surfaces)

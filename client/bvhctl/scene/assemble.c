@@ -16,7 +16,7 @@ struct job {
 
 static enum bvhd_status no_memory(const struct job *job)
 {
-    return bvhd_error_set(job->error, BVHD_NO_MEMORY, job->import->name, "no memory to describe the scene");
+    return bvhd_error_no_memory(job->error, job->import->name, "no memory to describe the scene");
 }
 
 /* A handle only has to differ from the others: part + 1; one more for the top level. */

@@ -15,7 +15,7 @@
 /* One place for "no memory": every allocation here is for the scene as a whole. */
 static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the scene, or more than --memory allows");
+    return bvhd_error_no_memory(error, path, "no memory for the scene, or more than --memory allows");
 }
 
 static char *copy_name(struct memory *memory, const struct aiString *name)

@@ -222,7 +222,7 @@ static enum bvhd_status take_import(struct cursor *cursor, const struct outcome 
     take_files(cursor, outcome->import.file_count, &import);
     if (!cursor->ok) {
         import_finish(&import);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for the scene, or more than --memory allows");
+        return bvhd_error_no_memory(error, path, "no memory for the scene, or more than --memory allows");
     }
     *ret_import = import;
     return BVHD_OK;
@@ -243,7 +243,7 @@ static enum bvhd_status take_outcome(int descriptor, const char *path, struct me
                             memory, true};
     enum bvhd_status status = outcome.error.status;
     if (!outcome.is_complete)
-        status = bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory to pass the scene on");
+        status = bvhd_error_no_memory(error, path, "no memory to pass the scene on");
     else if (status)
         *error = outcome.error;
     else

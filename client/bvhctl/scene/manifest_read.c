@@ -26,7 +26,7 @@ static enum bvhd_status corrupt(const struct reader *reader, const char *member,
 
 static enum bvhd_status no_memory(const struct reader *reader)
 {
-    return bvhd_error_set(reader->error, BVHD_NO_MEMORY, reader->path, "no memory for the manifest");
+    return bvhd_error_no_memory(reader->error, reader->path, "no memory for the manifest");
 }
 
 /* A name that stays inside its directory. */
@@ -166,7 +166,7 @@ enum bvhd_status manifest_read(const char *directory, struct memory *memory, str
     struct reader reader = {.memory = memory, .error = error};
     char *path = files_join(memory, directory, MANIFEST_NAME);
     if (!path)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, directory, "no memory for the manifest");
+        return bvhd_error_no_memory(error, directory, "no memory for the manifest");
     snprintf(reader.path, sizeof reader.path, "%s", path);
     enum bvhd_status status = read_file(&reader, path, &manifest);
     memory_free(memory, path);

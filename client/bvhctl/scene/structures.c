@@ -12,7 +12,7 @@
 
 static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, where, "no memory to open it");
+    return bvhd_error_no_memory(error, where, "no memory to open it");
 }
 
 /* Puts the file's name before the place inside it. */

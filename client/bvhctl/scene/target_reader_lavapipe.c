@@ -19,7 +19,7 @@ static const char *const content_names[] = {
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "leaves", "no memory to count them");
+    return bvhd_error_no_memory(error, "leaves", "no memory to count them");
 }
 
 /* The primitive that a leaf holds. */

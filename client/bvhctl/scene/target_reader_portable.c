@@ -31,7 +31,7 @@ static enum bvhd_status open_structure(struct structure *structure, struct bvhd_
     structure->geometries =
         memory_array(structure->memory, (uint64_t)header->geometry_count + 1, sizeof *structure->geometries);
     if (!structure->geometries)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "geometries", "no memory for them");
+        return bvhd_error_no_memory(error, "geometries", "no memory for them");
     for (uint32_t i = 0; i < header->geometry_count; i++) {
         const struct portable_geometry *row = &view->geometries[i];
         structure->geometries[i] =

@@ -102,7 +102,7 @@ enum bvhd_status unpack_structures(const struct structures *structures, struct m
     struct unpacked unpacked = {.memory = memory};
     if (!unpack_all(structures, &unpacked)) {
         unpack_finish(&unpacked);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "trace", "no memory for the triangles");
+        return bvhd_error_no_memory(error, "trace", "no memory for the triangles");
     }
     *ret_unpacked = unpacked;
     return BVHD_OK;

@@ -50,7 +50,7 @@ static const char *explicit_socket(const struct options *options)
 
 static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, path, "no memory for its name");
+    return bvhd_error_no_memory(error, path, "no memory for its name");
 }
 
 /* A client on the socket of `connect`, which it takes, on failure too. */

@@ -26,7 +26,7 @@ static char idle_seconds[] = "60";
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "daemon", "no memory to start it");
+    return bvhd_error_no_memory(error, "daemon", "no memory to start it");
 }
 
 static void nap(void)

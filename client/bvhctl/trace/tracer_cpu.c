@@ -54,7 +54,7 @@ enum bvhd_status tracer_cpu_create(const struct structures *structures, const st
 {
     struct tracer_cpu *cpu = memory_alloc(memory, sizeof *cpu);
     if (!cpu)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "cpu", "no memory to trace");
+        return bvhd_error_no_memory(error, "cpu", "no memory to trace");
     *cpu = (struct tracer_cpu){.tracer = {"cpu", structures->target, trace, destroy},
                                .structures = structures,
                                .parallel = parallel,

@@ -68,7 +68,7 @@ enum bvhd_status tracer_native_create(struct gpu *gpu, const struct structures *
                               "has no ray queries: it takes the portable target");
     struct tracer_native *self = memory_alloc(memory, sizeof *self);
     if (!self)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, structures->name, "no memory for the tracer");
+        return bvhd_error_no_memory(error, structures->name, "no memory for the tracer");
     *self = (struct tracer_native){
         .tracer = {.device = gpu->properties.name, .target = structures->target, .trace = trace, .destroy = destroy},
         .gpu = gpu,

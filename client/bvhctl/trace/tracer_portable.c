@@ -103,7 +103,7 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
                               bvhd_target_name((enum bvhd_target)structures->target));
     struct tracer_portable *self = memory_alloc(memory, sizeof *self);
     if (!self)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, structures->name, "no memory for the tracer");
+        return bvhd_error_no_memory(error, structures->name, "no memory for the tracer");
     *self = (struct tracer_portable){.scene = NULL};
     enum bvhd_status status = create_kernel(self, gpu, memory, error);
     if (status) {

@@ -27,7 +27,7 @@ enum bvhd_status tracer_query_create(struct gpu *gpu, VkAccelerationStructureKHR
         return bvhd_error_set(error, BVHD_UNSUPPORTED, gpu->properties.name, "has no ray queries (VK_KHR_ray_query)");
     struct tracer_query *self = memory_alloc(memory, sizeof *self);
     if (!self)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, gpu->properties.name, "no memory for the tracer");
+        return bvhd_error_no_memory(error, gpu->properties.name, "no memory for the tracer");
     *self = (struct tracer_query){.top = top};
     enum bvhd_status status = tracer_device_init(&self->device, gpu, &kernel, memory, error);
     if (status) {

@@ -28,7 +28,7 @@ enum bvhd_status tracer_scene_create(struct gpu *gpu, const struct structures *s
     struct bvhd_error inner = {0};
     struct bvhd_vulkan_bytes *blobs = memory_array(memory, structures->file_count, sizeof *blobs);
     if (!blobs)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, structures->name, "no memory for the list of structures");
+        return bvhd_error_no_memory(error, structures->name, "no memory for the list of structures");
     for (uint32_t i = 0; i < structures->file_count; i++)
         blobs[i] = (struct bvhd_vulkan_bytes){structures->blobs[i].data, structures->blobs[i].size};
     const struct bvhd_vulkan_scene_options options = {

@@ -44,7 +44,7 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
 {
     (void)peer;
     if (fake(service)->refuse)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "session", "told to refuse");
+        return bvhd_error_no_memory(error, "session", "told to refuse");
     struct session *session = calloc(1, sizeof *session);
     *session = (struct session){.service = fake(service), .link = *link};
     session->service->opened++;
@@ -100,7 +100,7 @@ static void take_long(void)
 static void fail(struct session *session)
 {
     struct bvhd_error error;
-    bvhd_error_set(&error, BVHD_NO_MEMORY, "session", "told to fail");
+    bvhd_error_no_memory(&error, "session", "told to fail");
     session->link.fail(session->link.context, &error);
 }
 

@@ -154,7 +154,7 @@ static enum bvhd_status describe(struct driver_build *build, const struct canoni
     build->ranges = memory_array(build->memory, count + 1, sizeof *build->ranges);
     build->counts = memory_array(build->memory, count + 1, sizeof *build->counts);
     if (!build->geometries || !build->ranges || !build->counts)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "driver build", "no memory for the geometries");
+        return bvhd_error_no_memory(error, "driver build", "no memory for the geometries");
     for (uint32_t i = 0; i < count; i++) {
         build->geometries[i] = describe_geometry(build, canonical, &canonical->geometries[i]);
         build->counts[i] = canonical->geometries[i].primitive_count;
@@ -409,8 +409,7 @@ enum bvhd_status driver_structure_serialize(struct gpu *gpu, const struct driver
     if (!status)
         status = copy_to_bytes(gpu, structure, buffer.address + shift, error);
     if (!status && !(data = memory_array(memory, size ? size : 1, 1)))
-        status =
-            bvhd_error_set(error, BVHD_NO_MEMORY, "serialize", "no memory for %llu bytes", (unsigned long long)size);
+        status = bvhd_error_no_memory(error, "serialize", "no memory for %llu bytes", (unsigned long long)size);
     if (!status) {
         memcpy(data, (const unsigned char *)buffer.mapped + shift, size);
         *ret_data = data;

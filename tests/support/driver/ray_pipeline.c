@@ -188,7 +188,7 @@ static enum bvhd_status create_table(struct ray_pipeline *self, struct bvhd_erro
     uint32_t size = limits.shaderGroupHandleSize, base = limits.shaderGroupBaseAlignment;
     unsigned char *handles = memory_array(self->memory, GROUPS, size);
     if (!handles)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "ray pipeline", "no memory for its handles");
+        return bvhd_error_no_memory(error, "ray pipeline", "no memory for its handles");
     self->record_size = (size + base - 1) / base * base;
     enum bvhd_status status = gpu_result("vkGetRayTracingShaderGroupHandlesKHR",
                                          gpu->vk.GetRayTracingShaderGroupHandlesKHR(
@@ -377,7 +377,7 @@ enum bvhd_status ray_pipeline_create(struct gpu *gpu, VkAccelerationStructureKHR
         return bvhd_error_set(error, BVHD_UNSUPPORTED, gpu->properties.name, "the device has no ray-tracing pipelines");
     struct ray_pipeline *self = memory_alloc(memory, sizeof *self);
     if (!self)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "ray pipeline", "no memory");
+        return bvhd_error_no_memory(error, "ray pipeline", "no memory");
     *self = (struct ray_pipeline){.tracer = {.device = gpu->properties.name, .trace = trace, .destroy = destroy},
                                   .gpu = gpu,
                                   .memory = memory,

@@ -65,11 +65,23 @@ static void a_rule_is_invalid_and_named(void **state)
     assert_string_equal(error.text, "5");
 }
 
+static void no_memory_is_an_error_without_a_rule(void **state)
+{
+    (void)state;
+    struct bvhd_error error;
+    assert_int_equal(bvhd_error_no_memory(&error, "blob", "%u bytes", 7u), BVHD_NO_MEMORY);
+    assert_int_equal(error.status, BVHD_NO_MEMORY);
+    assert_int_equal(error.vuid, BVHD_VUID_NONE);
+    assert_string_equal(error.where, "blob");
+    assert_string_equal(error.text, "7 bytes");
+}
+
 static void without_an_error_only_the_status_comes_back(void **state)
 {
     (void)state;
     assert_int_equal(bvhd_error_set(NULL, BVHD_IO, "x", "%s", "y"), BVHD_IO);
     assert_int_equal(bvhd_error_rule(NULL, BVHD_VUID_03654, "x", "%s", "y"), BVHD_INVALID);
+    assert_int_equal(bvhd_error_no_memory(NULL, "x", "%s", "y"), BVHD_NO_MEMORY);
 }
 
 static void no_place_is_an_empty_place(void **state)
@@ -119,6 +131,7 @@ int main(void)
         cmocka_unit_test(unknown_numbers_have_a_name),
         cmocka_unit_test(an_error_holds_what_it_was_given),
         cmocka_unit_test(a_rule_is_invalid_and_named),
+        cmocka_unit_test(no_memory_is_an_error_without_a_rule),
         cmocka_unit_test(without_an_error_only_the_status_comes_back),
         cmocka_unit_test(no_place_is_an_empty_place),
         cmocka_unit_test(long_words_are_cut),
