@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* commands.h - one function a command, with the parsed command line; returns the exit code. */
+/*
+ * commands.h - one function for each command of bvhctl. It takes the parsed command line, prints everything that the
+ * user is to see and returns the exit code.
+ */
 #ifndef BVHCTL_COMMANDS_H
 #define BVHCTL_COMMANDS_H
 
@@ -8,7 +11,7 @@
 #include "client/bvhctl/base/options.h"
 #include "client/bvhctl/base/report.h"
 
-/* `cancel` is set when the user interrupts. */
+/* `cancel` becomes true, from a signal handler, when the user interrupts. */
 enum exit_code command_build(const struct options *options, const atomic_bool *cancel);
 enum exit_code command_check(const struct options *options);
 enum exit_code command_inspect(const struct options *options);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* depfile.h - a rule in make's syntax that says what a result was read from, for build systems. */
+/* depfile.h - a rule in make's syntax that tells a build system which files a result depends on. */
 #ifndef BVHCTL_DEPFILE_H
 #define BVHCTL_DEPFILE_H
 
@@ -11,17 +11,17 @@
 struct depfile {
     char *text; /* terminated */
     uint64_t size, capacity;
-    bool failed;
+    bool failed; /* there was no memory; depfile_write reports it */
     struct memory *memory;
 };
 
 /* Begins a rule for `target`. End with depfile_finish. */
 void depfile_init(struct depfile *depfile, struct memory *memory, const char *target);
 
-/* Blanks, '#', '$' and '\' in front of them are quoted as make wants it. */
+/* Adds a file that the target depends on. Blanks, '#', '$' and '\' in front of them are quoted for make. */
 void depfile_add(struct depfile *depfile, const char *path);
 
-/* Writes the rule; an unchanged file keeps its time. */
+/* Writes the rule to the file `path`. A file that has it already keeps its modification time. */
 enum bvhd_status depfile_write(struct depfile *depfile, const char *path, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */

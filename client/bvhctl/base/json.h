@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * json.h - writing JSON: values are appended in order to a growing text.
+ * json.h - writes JSON: each call appends a value to a growing text.
  *
- * `key` is the member's name inside an object and NULL inside an array or at the top. Failure (no memory) is
- * remembered: look at `failed` once, at the end. Texts come from files and may be any bytes: what is not UTF-8 is
- * replaced. Numbers that are not finite become null.
+ * `key` is the member's name inside an object, and NULL inside an array or at the top. When there is no memory,
+ * `failed` becomes true and stays so: the caller checks it once, at the end. Texts come from files and can be any
+ * bytes: sequences that are not UTF-8 are replaced. Numbers that are not finite become null.
  */
 #ifndef BVHCTL_JSON_H
 #define BVHCTL_JSON_H
@@ -20,8 +20,8 @@ struct json {
     uint64_t size, capacity;
     unsigned depth;
     bool lines; /* one value a line, indented; else all in one line */
-    bool empty; /* nothing yet in the innermost object or array */
-    bool failed;
+    bool empty; /* the innermost object or array has no value yet */
+    bool failed; /* there was no memory: the text is not complete */
 };
 
 void json_init(struct json *json, struct memory *memory, bool lines);
@@ -34,13 +34,13 @@ void json_array(struct json *json, const char *key);
 void json_array_end(struct json *json);
 void json_text(struct json *json, const char *key, const char *value);
 void json_integer(struct json *json, const char *key, uint64_t value);
-/* The shortest decimal that reads back as the same double. */
+/* Writes the shortest decimal that reads back as the same double. */
 void json_number(struct json *json, const char *key, double value);
 void json_bool(struct json *json, const char *key, bool value);
 void json_null(struct json *json, const char *key);
-/* The values of another text, written with json_init's `lines` as here, as the next ones of the array that is open. */
+/* Appends the values of another text to the array that is open. Both texts were begun with the same `lines`. */
 void json_append(struct json *json, const struct json *values);
-/* A final newline. */
+/* Ends the text with a newline. */
 void json_newline(struct json *json);
 
 #endif

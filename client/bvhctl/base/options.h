@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* options.h - the command line of bvhctl: what each command takes, parsed and checked. */
+/* options.h - parses and checks the command line of bvhctl, and prints the help texts. */
 #ifndef BVHCTL_OPTIONS_H
 #define BVHCTL_OPTIONS_H
 
@@ -27,7 +27,7 @@ struct bvhd_format;
 
 struct options {
     enum command command;
-    enum command help_about; /* COMMAND_HELP: COMMAND_COUNT for bvhctl as a whole */
+    enum command help_about; /* of COMMAND_HELP: the command, or COMMAND_COUNT for bvhctl as a whole */
     bool json;
     bool local;
     const char *socket; /* NULL: not given */
@@ -37,32 +37,38 @@ struct options {
 
     const char *output;
     const char *depfile;
-    const char *probe; /* build: a file that says what the device loads; NULL: not given */
-    struct build_options build; /* the target is 0 when `probe` is to decide; the device is that of `format` */
-    /* what the device loads: not parsed, but set once it is known; NULL for the portable target */
+    const char *probe; /* build: the file with the probe of the device to build for; NULL: not given */
+    struct build_options build; /* `target` is 0 when the probe decides it; `device` is unused, see `format` */
+    /*
+     * the format that the device loads; NULL for the portable target. Not parsed: `bvhctl build` sets it after it has
+     * read the probe
+     */
     const struct bvhd_format *format;
     uint32_t build_flags; /* BUILD_ */
     uint32_t geometry_flags; /* GEOMETRY_ */
     uint32_t threads; /* 0: one for each processor */
-    uint64_t memory; /* bytes that may be in use at once */
-    double rays; /* build: expected rays a primitive; check: how many to send; 0: not given */
+    uint64_t memory; /* budget in bytes */
+    double rays; /* build: expected rays a primitive; check: number of rays to trace; 0: not given */
 
     uint64_t seed;
     bool flip_order;
-    const char *scene; /* which of a directory's scenes; NULL: the only or first one */
+    const char *scene; /* name of the scene in the directory; NULL: the first one */
 
     const char *device;
     uint32_t width, height;
     const char *up; /* "auto", "x", "y", "z" */
 };
 
-/* BVHD_INVALID with the option in `where`. The words of argv are pointed to, and permuted. */
+/*
+ * Parses the command line. BVHD_INVALID with the option in `where`. *ret_options points into argv, whose words are
+ * permuted, so that argv must outlive it.
+ */
 enum bvhd_status options_parse(int argc, char **argv, struct options *ret_options, struct bvhd_error *error);
 
-/* Whether --json stands anywhere: needed when parsing fails. */
+/* Returns whether --json is among the words: errors of options_parse are printed as JSON then. */
 bool options_want_json(int argc, char *const *argv);
 
-/* Prints the help of one command, or of bvhctl as a whole for COMMAND_COUNT, to stdout. */
+/* Prints to stdout the help of one command, or, for COMMAND_COUNT, that of bvhctl as a whole. */
 void options_print_help(enum command about);
 
 #endif

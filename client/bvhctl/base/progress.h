@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* progress.h - one line on the terminal that says how far a long step is. Silent when stderr is no terminal. */
+/*
+ * progress.h - one line on the terminal that says how far a long step is. Nothing is printed when stderr is not a
+ * terminal.
+ */
 #ifndef BVHCTL_PROGRESS_H
 #define BVHCTL_PROGRESS_H
 
@@ -10,16 +13,19 @@
 struct progress {
     bool shown; /* stderr is a terminal */
     char label[64];
-    _Atomic int64_t next; /* milliseconds: not drawn again before */
+    _Atomic int64_t next; /* time in milliseconds before which the line is not drawn again */
 };
 
-/* The step that follows: "building dragon". */
+/* Names the step that begins: "building" and "dragon" are printed as "building dragon". */
 void progress_begin(struct progress *progress, const char *verb, const char *name);
 
-/* `context` is a struct progress. From any thread, as often as one likes: it draws ten times a second at most. */
+/*
+ * Draws the line, at most ten times a second. `context` is a struct progress. May be called from any thread, at any
+ * rate.
+ */
 void progress_update(void *context, uint64_t done, uint64_t total);
 
-/* Wipes the line, so that the next output starts on a clean one. */
+/* Erases the line, so that the next output starts on an empty one. */
 void progress_end(struct progress *progress);
 
 #endif

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * gpu.h - Vulkan devices: which there are, and one of them opened for compute. The Vulkan loader is found at run time
- * (dlopen), so bvhctl starts without it.
+ * gpu.h - lists the Vulkan devices and opens one of them for compute. The Vulkan loader is found at run time (dlopen),
+ * so that bvhctl starts without it.
  *
- * Everything that Vulkan can do here goes through struct gpu's function table: `gpu->vk.CmdDispatch(...)`, looked up
- * for this device.
+ * Vulkan is called through the function table of struct gpu, `gpu->vk.CmdDispatch(...)`, which is looked up for its
+ * device. All functions but gpu_list, gpu_open and gpu_messages are called by one thread at a time for each device.
  */
 #ifndef BVHCTL_GPU_H
 #define BVHCTL_GPU_H
@@ -22,27 +22,26 @@ struct gpu_properties {
     VkPhysicalDeviceType type;
     uint32_t api_version;
     bool has_acceleration_structure, has_ray_query, has_ray_pipeline, has_buffer_address; /* with Vulkan 1.2 or newer */
-    bool has_position_fetch; /* likewise; never when the Vulkan headers that this was built with do not know it */
-    bool has_doubles,
-        /* likewise, in shaders; quick: that a few of them do not hold up what else a shader does, as far as is known */
-        has_quick_doubles;
+    bool has_position_fetch; /* false, too, when the Vulkan headers that bvhctl was built with do not have it */
+    bool has_doubles; /* in shaders */
+    bool has_quick_doubles; /* a few operations on doubles do not slow down a shader, as far as is known */
     uint64_t memory; /* bytes of its largest device-local heap */
-    uint64_t max_storage_range; /* bytes of a storage buffer that a shader can bind */
-    uint32_t max_groups; /* in x, of a dispatch */
-    char number[12]; /* its place in gpu_list, from 0: for gpu_open, whatever others are called */
+    uint64_t max_storage_range; /* most bytes of a storage buffer that a shader can bind */
+    uint32_t max_groups; /* most workgroups of a dispatch, in x */
+    char number[12]; /* its place in gpu_list, from "0": a name for gpu_open that no other device has */
     uint32_t subgroup_size;
-    uint32_t multiprocessors; /* of NVIDIA's; 0: not told */
+    uint32_t multiprocessors; /* of a device of NVIDIA; 0: unknown */
 };
 
 /*
- * Lists the devices that could be opened, best first: discrete, integrated, virtual, CPU; the loader's order among
- * equals. BVHD_UNAVAILABLE when there is no loader or no driver, with what is missing. The caller frees *ret_list with
- * memory_free.
+ * Lists the devices that can be opened, the best first: discrete, integrated, virtual, CPU, and among equals in the
+ * loader's order. BVHD_UNAVAILABLE when there is no loader or no driver; the text says what is missing. The caller
+ * frees *ret_list with memory_free.
  */
 enum bvhd_status gpu_list(struct memory *memory, struct gpu_properties **ret_list, uint32_t *ret_count,
                           struct bvhd_error *error);
 
-/* The functions of a device that are in use; NULL where its extension is missing. */
+/* The functions of a device that bvhctl calls. A function is NULL when its extension is missing. */
 struct gpu_functions {
 #define GPU_FUNCTION(name) PFN_vk##name name;
 #include "client/bvhctl/gpu/gpu_functions.def"
@@ -59,29 +58,32 @@ struct gpu {
     struct bvhd_vulkan_queue queue; /* compute and transfer */
     PFN_vkGetInstanceProcAddr get_instance_proc_addr;
     struct gpu_functions vk;
-    struct bvhd_vulkan_device *library; /* libbvhd's view of it */
+    struct bvhd_vulkan_device *library; /* the device as libbvhd has it */
     struct vulkan_work work;
     double timestamp_ms; /* milliseconds of one tick; 0: the queue has no timestamps */
     uint64_t timestamp_mask; /* the bits of a tick count that are valid */
-    bool has_small_halves; /* shaders keep denormal halves (gpu_keeps_small_halves), and are quick to; not a CPU's */
-    struct gpu_instance *owner; /* of the instance, with the loader */
+    /* Shaders keep denormal halves (gpu_keeps_small_halves) without losing speed; false for CPUs. */
+    bool has_small_halves;
+    struct gpu_instance *owner; /* it owns `instance` and the loader */
     struct memory *memory;
 };
 
 /*
- * Opens the device whose name contains `name`, letter case ignored ("auto": the first of gpu_list; a number below their
- * count: that one of them); all features that struct gpu_properties names are enabled. BVHD_NOT_FOUND lists what there
- * is. With $BVHD_VALIDATE set to 1 the Khronos validation layer is loaded, its absence an error, and its messages of
- * warnings and errors go to stderr and are counted by gpu_messages. End with gpu_close.
+ * Opens a device. `name` is a part of its name in any letter case, its number in gpu_list, or "auto" for the first of
+ * gpu_list. All features that struct gpu_properties names are enabled. BVHD_NOT_FOUND: no device has that name; the
+ * text lists those that there are. End with gpu_close.
+ *
+ * With $BVHD_VALIDATE set to 1, the Khronos validation layer is loaded, and it is an error if that is missing. Its
+ * warnings and errors go to stderr and are counted by gpu_messages.
  */
 enum bvhd_status gpu_open(const char *name, struct memory *memory, struct gpu **ret_gpu, struct bvhd_error *error);
 /* NULL-safe. */
 void gpu_close(struct gpu *gpu);
 
-/* vkGetPhysicalDeviceProperties2, for what the properties do not tell; the caller has filled in the chain. */
+/* Calls vkGetPhysicalDeviceProperties2. The caller has filled in the pNext chain. */
 void gpu_properties(struct gpu *gpu, VkPhysicalDeviceProperties2 *properties);
 
-/* Messages of the validation layer so far, of all devices of the process. */
+/* Returns the number of messages of the validation layer so far, about all devices of the process. */
 unsigned gpu_messages(void);
 
 /* ---- Memory ---- */
@@ -90,15 +92,15 @@ struct gpu_buffer {
     VkBuffer buffer;
     VkDeviceMemory memory;
     VkDeviceSize size;
-    void *mapped; /* GPU_UPLOAD and GPU_READBACK: host-visible and coherent, mapped as long as it lives */
-    VkDeviceAddress address; /* 0 where the device has no addresses */
+    void *mapped; /* of GPU_UPLOAD and GPU_READBACK, which are host-visible and coherent: mapped while it lives */
+    VkDeviceAddress address; /* 0 when the device has no buffer addresses */
 };
 
 enum gpu_place { GPU_DEVICE, GPU_UPLOAD, GPU_READBACK };
 
 /*
- * Of at least one byte. Usage is completed with the device address where there are addresses. BVHD_NO_MEMORY,
- * BVHD_TOO_LARGE.
+ * Creates a buffer with memory of its own. `size` is at least 1. Where the device has buffer addresses, the usage for
+ * them is added. BVHD_NO_MEMORY, BVHD_TOO_LARGE.
  */
 enum bvhd_status gpu_buffer_create(struct gpu *gpu, VkDeviceSize size, VkBufferUsageFlags usage, enum gpu_place place,
                                    struct gpu_buffer *ret_buffer, struct bvhd_error *error);
@@ -108,15 +110,15 @@ void gpu_buffer_destroy(struct gpu *gpu, struct gpu_buffer *buffer);
 /* ---- Work ---- */
 
 /*
- * Begins the device's command buffer, one at a time; gpu_submit ends it, submits and waits: also after a failure
- * nothing of it is under way.
+ * Begins the device's command buffer, of which there is one. gpu_submit ends it, submits it and waits for it; even
+ * after a failure the device does not execute it any more.
  */
 enum bvhd_status gpu_begin(struct gpu *gpu, VkCommandBuffer *ret_commands, struct bvhd_error *error);
 enum bvhd_status gpu_submit(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error);
 
 /*
- * The time that the device takes for a part of a command buffer. Without timestamps (gpu->timestamp_ms is 0) start and
- * stop record nothing, and the seconds are negative.
+ * Measures the time that the device takes for the commands between start and stop. On a device without timestamps
+ * (gpu->timestamp_ms is 0), start and stop record nothing, and the seconds are negative.
  */
 struct gpu_timer {
     VkQueryPool pool;
@@ -127,19 +129,22 @@ enum bvhd_status gpu_timer_create(struct gpu *gpu, struct gpu_timer *ret_timer, 
 void gpu_timer_destroy(struct gpu *gpu, struct gpu_timer *timer);
 void gpu_timer_start(struct gpu *gpu, struct gpu_timer *timer, VkCommandBuffer commands);
 void gpu_timer_stop(struct gpu *gpu, struct gpu_timer *timer, VkCommandBuffer commands);
-/* After the command buffer has been submitted, by gpu_submit. */
+/* To be called after gpu_submit has returned. */
 double gpu_timer_seconds(struct gpu *gpu, const struct gpu_timer *timer);
 
-/* "vkCreateBuffer" and its result as a status with a text; BVHD_OK for VK_SUCCESS. */
+/*
+ * Converts the result of a Vulkan function, whose name is `call` ("vkCreateBuffer"), to a status with a text. BVHD_OK
+ * for VK_SUCCESS.
+ */
 enum bvhd_status gpu_result(const char *call, VkResult result, struct bvhd_error *error);
 
-/* A compute pipeline from SPIR-V, with specialisation constants 0 .. count - 1. */
+/* A compute pipeline, with one descriptor set and a pool for it. */
 struct gpu_kernel {
     VkDescriptorSetLayout set_layout;
     VkPipelineLayout layout;
     VkPipeline pipeline;
     VkDescriptorPool pool;
-    VkDescriptorSet set; /* one, over `bindings` storage buffers, and after them `structures` acceleration structures */
+    VkDescriptorSet set; /* of `bindings` storage buffers, and after them `structures` acceleration structures */
     uint32_t bindings, structures, push_size;
 };
 
@@ -148,7 +153,7 @@ struct gpu_kernel_options {
     size_t size; /* bytes */
     uint32_t bindings, structures;
     uint32_t push_size; /* bytes of push constants */
-    const uint32_t *constants;
+    const uint32_t *constants; /* the specialisation constants 0 .. constant_count - 1 */
     uint32_t constant_count;
 };
 
@@ -157,23 +162,23 @@ enum bvhd_status gpu_kernel_create(struct gpu *gpu, const struct gpu_kernel_opti
 /* NULL-safe, idempotent. */
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel *kernel);
 /*
- * Points binding i at buffers[i], and the acceleration structures behind them. Of a buffer above
- * properties.max_storage_range the first so many bytes are bound; the rest has to be reached by its address. Not while
- * the kernel runs.
+ * Binds buffers[i] to binding i, and the acceleration structures to the bindings after them. Of a buffer larger than
+ * properties.max_storage_range only the first max_storage_range bytes are bound; shaders must reach the others by their
+ * address. The kernel must not be running.
  */
 void gpu_kernel_bind(struct gpu *gpu, struct gpu_kernel *kernel, const struct gpu_buffer *const *buffers,
                      const VkAccelerationStructureKHR *structures);
 
 /*
- * Records its binding, its push constants (`push_size` of its options, NULL for none) and a dispatch of so many
- * workgroups in x.
+ * Records the binding of the pipeline and its descriptor set, its push constants (`push` has as many bytes as the
+ * options said, and is NULL for none) and a dispatch of `groups` workgroups in x.
  */
 void gpu_kernel_record(struct gpu *gpu, const struct gpu_kernel *kernel, VkCommandBuffer commands, const void *push,
                        uint32_t groups);
 
 /*
- * Whether shaders make floats of denormal halves, those of bytes, as they are: Vulkan lets a device take them for 0.
- * Asks the device; false, too, when it cannot be asked.
+ * Returns whether shaders convert denormal halves (16-bit floats) to floats exactly: Vulkan allows a device to take
+ * them for 0. It runs a kernel on the device to find out, and returns false when that fails.
  */
 bool gpu_keeps_small_halves(struct gpu *gpu);
 

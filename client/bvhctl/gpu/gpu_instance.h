@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* gpu_instance.h - the Vulkan loader, an instance, its devices and what they can do. The insides of gpu.h. */
+/* gpu_instance.h - the internals of gpu.h: the Vulkan loader, an instance, its devices and their properties. */
 #ifndef BVHCTL_GPU_INSTANCE_H
 #define BVHCTL_GPU_INSTANCE_H
 
@@ -15,23 +15,23 @@ struct gpu_instance {
     void *loader; /* of dlopen */
     PFN_vkGetInstanceProcAddr get_instance_proc_addr;
     VkInstance handle;
-    uint32_t version; /* of Vulkan, that it was created for */
+    uint32_t version; /* the version of Vulkan that it was created for */
     VkDebugUtilsMessengerEXT messenger; /* with $BVHD_VALIDATE */
     struct gpu_instance_functions vk;
 };
 
 /*
- * Finds the loader and creates an instance. BVHD_UNAVAILABLE: no loader, no driver, no validation layer where it was
- * asked for. End with gpu_instance_finish.
+ * Finds the loader and creates an instance. BVHD_UNAVAILABLE: there is no loader, no driver, or not the validation
+ * layer that $BVHD_VALIDATE asks for. End with gpu_instance_finish.
  */
 enum bvhd_status gpu_instance_init(struct gpu_instance *instance, struct memory *memory, struct bvhd_error *error);
 /* NULL-safe, idempotent. */
 void gpu_instance_finish(struct gpu_instance *instance);
 
-/* What a device has beyond what struct gpu_properties tells: which of it gpu_open enables. */
+/* What gpu_open has to know about a device beyond struct gpu_properties. */
 struct gpu_features {
-    bool has_queue; /* one family computes */
-    uint32_t family; /* which one */
+    bool has_queue; /* a queue family can compute */
+    uint32_t family; /* its index */
     uint32_t timestamp_bits;
     float timestamp_ns; /* nanoseconds of a tick */
     bool has_executable_info, has_subgroup_size_control, needs_portability_subset;
@@ -43,18 +43,21 @@ struct gpu_candidate {
     struct gpu_features features;
 };
 
-/* The devices that can be opened, best first; the caller frees *ret_list. BVHD_UNAVAILABLE when there is none. */
+/*
+ * Lists the devices that can be opened, the best first. The caller frees *ret_list with memory_free. BVHD_UNAVAILABLE
+ * when there is none.
+ */
 enum bvhd_status gpu_instance_list(const struct gpu_instance *instance, struct memory *memory,
                                    struct gpu_candidate **ret_list, uint32_t *ret_count, struct bvhd_error *error);
 
 /*
- * Fills properties and features of one device. False for a device that cannot be opened: older than Vulkan 1.1, or
- * without a queue that computes.
+ * Fills in the properties and features of one device. Returns false for a device that cannot be opened because it is
+ * older than Vulkan 1.1 or has no queue that can compute.
  */
 bool gpu_properties_read(const struct gpu_instance *instance, VkPhysicalDevice device, struct memory *memory,
                          struct gpu_candidate *ret_candidate);
 
-/* Puts a struct at the head of a pNext chain, when it is wanted. */
+/* Puts a struct at the head of a pNext chain if `is_wanted`. */
 static inline void gpu_chain(void **chain, bool is_wanted, void *entry, void **entry_next)
 {
     if (!is_wanted)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* inspect_probe.h - what `bvhctl inspect` says of a probe's file. */
+/* inspect_probe.h - reads a probe's file for `bvhctl inspect`, and prints what it contains. */
 #ifndef BVHCTL_INSPECT_PROBE_H
 #define BVHCTL_INSPECT_PROBE_H
 
@@ -8,24 +8,24 @@
 #include "builder/format/probe.h"
 
 struct inspect_probe {
-    unsigned char *data; /* from memory */
+    unsigned char *data; /* the file; owned */
     uint64_t size;
-    struct probe probe; /* over data */
-    const char *target; /* what reproduces it; NULL: nothing */
-    struct bvhd_format format; /* of that */
-    struct bvhd_error why_not;
+    struct probe probe; /* points into `data` */
+    const char *target; /* the name of the target that the device loads; NULL: none that is known */
+    struct bvhd_format format; /* of that target */
+    struct bvhd_error why_not; /* without a target: the reason */
 };
 
 /*
- * BVHD_NOT_FOUND: the file is no probe at all. BVHD_CORRUPT, BVHD_INCOMPATIBLE: not a sound one. End with
- * inspect_probe_close.
+ * Reads the file, which is hostile. BVHD_NOT_FOUND: the file is not a probe. BVHD_CORRUPT, BVHD_INCOMPATIBLE: it is a
+ * probe with an error, or one of another version. End with inspect_probe_close.
  */
 enum bvhd_status inspect_probe_open(const char *path, struct memory *memory, struct inspect_probe *ret_probe,
                                     struct bvhd_error *error);
 void inspect_probe_close(struct inspect_probe *probe, struct memory *memory);
 
-/* As people write them, with hyphens. */
 enum { INSPECT_UUID = 40 };
+/* Writes a UUID in the usual form, with hyphens. */
 void inspect_uuid(const uint8_t uuid[16], char ret_text[INSPECT_UUID]);
 
 void inspect_probe_print(const char *path, const struct inspect_probe *probe);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * probe_source.h - what the device loads that structures are built for: from a probe's file, or from the devices of
- * this machine.
+ * probe_source.h - finds the format that structures are built in: the one that a device loads, which is known from a
+ * probe's file or by probing the devices of this machine.
  */
 #ifndef BVHCTL_PROBE_SOURCE_H
 #define BVHCTL_PROBE_SOURCE_H
@@ -13,20 +13,20 @@
 struct gpu;
 
 struct probe_source {
-    const char *file; /* of `bvhctl probe`, hostile; NULL: the first device of this machine that loads `target` */
-    enum target target; /* a native one, or, with a file, 0: whatever the device loads */
+    const char *file; /* as `bvhctl probe` writes it, hostile; NULL: the first device here that loads `target` */
+    enum target target; /* a native one; with a file also 0, for whatever the device loads */
 };
 
 /*
- * BVHD_UNSUPPORTED with the option in `where` when the device, or every device of this machine, loads something else; a
- * file's errors name the file.
+ * Reads the file or probes the devices. BVHD_UNSUPPORTED, with the option in `where`, when the device of the file, or
+ * every device of this machine, loads another format. Errors of a file have its name in `where`.
  */
 enum bvhd_status probe_source_read(const struct probe_source *source, struct memory *memory,
                                    struct bvhd_format *ret_format, struct bvhd_error *error);
 
 /*
- * What a device loads natively that is open already. BVHD_UNSUPPORTED: nothing that this version knows, or nothing at
- * all.
+ * Probes an open device for the format that it loads natively. BVHD_UNSUPPORTED: it loads none, or none that this
+ * version of bvhctl knows.
  */
 enum bvhd_status probe_source_ask(struct gpu *gpu, struct bvhd_format *ret_format, struct bvhd_error *error);
 

@@ -2,10 +2,10 @@
 /*
  * oracle.h - the reference that traversal is judged by: brute force over all triangles, in double precision.
  *
- * No acceleration structure, no code shared with traverse.h. For every triangle that a ray might meet, bounds say how
- * far its edge functions and its t move when every input (vertex, matrix and ray component) moves by one float ulp: it
- * is surely hit, surely missed, or may be hit. A ray is certain when no triangle that may be hit could change its
- * answer; triangles whose t intervals overlap are tied, and any of them is right.
+ * It uses no acceleration structure and shares no code with traverse.h. For every triangle that a ray might meet,
+ * bounds say how far its edge functions and its t move when every input (vertex, matrix and ray component) moves by one
+ * float ulp. By them the triangle is surely hit, surely missed, or possibly hit. The answer for a ray is certain when
+ * no possibly hit triangle could change it. Triangles whose t intervals overlap are tied, and any of them is right.
  */
 #ifndef BVHD_ORACLE_H
 #define BVHD_ORACLE_H
@@ -14,7 +14,7 @@
 #include "proto/base/parallel.h"
 #include "builder/traverse/traverse.h"
 
-/* Triangles as imported, with the transform of one instance of them. */
+/* The triangles of one geometry, with the transform of one instance of it. */
 struct oracle_mesh {
     const float *positions; /* xyz */
     const uint32_t *indices; /* three a triangle; NULL: triangle i is vertices 3i .. 3i+2 */
@@ -25,31 +25,32 @@ struct oracle_mesh {
 
 enum oracle_kind { ORACLE_MISS, ORACLE_HIT, ORACLE_UNCERTAIN };
 
-/* Primitives `primitive` .. `primitive + count - 1`: identical triangles that follow each other are told once. */
+/* Primitives `primitive` .. `primitive + count - 1`: a run of identical triangles is listed as one. */
 struct oracle_triangle_id {
     uint32_t instance, geometry, primitive;
     uint32_t count;
-    double t; /* of a tied one */
+    double t; /* the same for all of them */
 };
 
 struct oracle_answer {
     enum oracle_kind kind;
     double t; /* of the closest sure hit */
-    double t_low, t_high; /* its interval over one-ulp moves */
-    double t_end; /* ORACLE_HIT: the largest t that may be reported, of all tied ones */
-    uint32_t tied_count; /* ORACLE_HIT: the triangles that may be reported, the closest first */
-    struct oracle_triangle_id *tied; /* owned by the answers; freed by oracle_finish */
+    double t_low, t_high; /* the interval of that t while inputs move by one ulp */
+    double t_end; /* ORACLE_HIT: the largest t of all tied triangles */
+    uint32_t tied_count;
+    struct oracle_triangle_id *tied; /* ORACLE_HIT: the tied triangles, the closest first; freed by oracle_finish */
 };
 
 enum oracle_verdict { ORACLE_RIGHT, ORACLE_UNDECIDED, ORACLE_WRONG_MISS, ORACLE_WRONG_HIT, ORACLE_WRONG_PRIMITIVE };
 
 /*
- * Fills ret_answers[ray_count]; end with oracle_finish. On failure nothing is held. RAY_ flags but culling by facing,
- * which is honoured (in the mesh's own space), are ignored; every triangle counts as opaque. Triangles with a corner
- * that is not finite, or with two equal corners, are never hit; thin ones whose sides an ulp could swap are hit at most
- * possibly. The same answers for any number of threads.
+ * Fills ret_answers[ray_count]; end with oracle_finish, except after a failure. Of the RAY_ flags, culling by facing is
+ * honoured, in the mesh's own space, and the others are ignored; every triangle counts as opaque. Triangles with a
+ * corner that is not finite, or with two equal corners, are never hit. Thin triangles whose sides could change places
+ * within an ulp are never surely hit. The answers are the same for any number of threads.
  *
- * progress(context, done, total) may be NULL; called from any thread, in pairs of ray and triangle.
+ * progress(progress_context, done, total), which may be NULL, is called from any thread; it counts pairs of a ray and a
+ * triangle.
  */
 enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_count, const struct ray *rays,
                               uint32_t ray_count, struct memory *memory, const struct parallel *parallel,
@@ -58,9 +59,9 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
 void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct memory *memory);
 
 /*
- * `hit` NULL: the traversal missed. WRONG_HIT: there is nothing to be hit, or the right triangle is reported at a t
- * that it cannot have. *ret_t_rel_err (may be NULL): |t - own t| / |own t| of the triangle that is hit, when right;
- * else 0.
+ * Judges an answer of traversal: `hit`, or NULL for a miss. The verdict WRONG_HIT means that there is nothing to hit,
+ * or that the right triangle is reported at a t that it cannot have. *ret_t_rel_err (which may be NULL) becomes |t -
+ * own t| / |own t| of the triangle that is hit when the verdict is ORACLE_RIGHT, and 0 otherwise.
  */
 enum oracle_verdict oracle_judge(const struct oracle_answer *answer, const struct ray_hit *hit, double *ret_t_rel_err);
 

@@ -1,28 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * oracle_filter.h - which triangles of a block a ray's line may come near: the fast half of the oracle.
+ * oracle_filter.h - the fast first pass of the oracle: finds the triangles of a block that a ray may meet.
  *
- * A pair is dropped when the distance between the line and the centre of the triangle's bounding sphere exceeds the
- * sphere's radius and all that one-ulp moves of the inputs and rounding could add. It never drops a pair that
- * oracle_triangle.h would not call absent.
+ * A pair of a ray and a triangle is dropped when the distance between the ray's line and the centre of the triangle's
+ * bounding sphere exceeds the sphere's radius plus all that one-ulp moves of the inputs and rounding could add. A pair
+ * is only dropped if oracle_triangle.h would call the triangle absent.
  */
 #ifndef BVHD_ORACLE_FILTER_H
 #define BVHD_ORACLE_FILTER_H
 
 #include "client/bvhctl/oracle/oracle_triangle.h"
 
-enum { ORACLE_FILTER_BLOCK = 256 }; /* 8 KiB of spheres: stays in the first-level cache while rays pass */
+enum { ORACLE_FILTER_BLOCK = 256 }; /* 8 KiB of spheres, which stay in the first-level cache for all rays */
 
 struct oracle_filter_block {
     double centre[3][ORACLE_FILTER_BLOCK];
-    double reach[ORACLE_FILTER_BLOCK]; /* the radius, and what directions that turn by `wobble` add */
-    double wobble;
+    double reach[ORACLE_FILTER_BLOCK]; /* the radius, plus what directions that turn by `wobble` add */
+    double wobble; /* of oracle_filter_begin */
     uint32_t count;
 };
 
 /*
- * Coordinates across the line: two unit vectors perpendicular to it and to each other, and where the origin lies along
- * them.
+ * Coordinates across a ray's line: two unit vectors perpendicular to it and to each other, and the ray's origin along
+ * each of them.
  */
 struct oracle_filter_ray {
     double across[2][3];
@@ -30,16 +30,18 @@ struct oracle_filter_ray {
     double slack;
 };
 
-/* Returns the angle by which the ray's direction may turn, with rounding. The ray is ORACLE_RAY_GOOD. */
+/*
+ * Prepares a ray, which must be ORACLE_RAY_GOOD. Returns the angle by which its direction may turn, rounding included.
+ */
 double oracle_filter_ray_init(struct oracle_filter_ray *ret_filter, const struct ray *ray);
 
-/* Empties the block; `wobble` is the largest of the rays that will be scanned. */
+/* Empties the block. `wobble` is the largest angle that oracle_filter_ray_init has returned for the rays to come. */
 void oracle_filter_begin(struct oracle_filter_block *block, double wobble);
 void oracle_filter_add(struct oracle_filter_block *block, struct radial corners[3][3]);
 
 /*
- * The indices of the triangles that the ray may meet, ascending, to ret_near; returns how many. The same on every
- * instruction set.
+ * Writes the indices of the triangles that the ray may meet to ret_near, ascending, and returns their number. The
+ * result is the same on every instruction set.
  */
 uint32_t oracle_filter_scan(const struct oracle_filter_block *block, const struct oracle_filter_ray *ray,
                             uint16_t ret_near[ORACLE_FILTER_BLOCK]);

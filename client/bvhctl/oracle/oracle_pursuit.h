@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * oracle_pursuit.h - what one ray has met so far, and what follows from it.
+ * oracle_pursuit.h - collects the triangles that one ray meets, and derives the oracle's answer from them.
  *
- * Kept are the sure hits that may still be the closest, and the triangles whose edges leave a doubt, which their
- * neighbours may settle.
+ * It keeps the sure hits that may still be the closest, and the possible hits whose doubt is about their edges alone,
+ * because oracle_patch.h may remove that doubt with the help of their neighbours.
  */
 #ifndef BVHD_ORACLE_PURSUIT_H
 #define BVHD_ORACLE_PURSUIT_H
@@ -27,8 +27,8 @@ struct oracle_pursuit {
     struct oracle_ray ray;
     enum oracle_ray_kind kind;
     double best_high; /* no sure hit beyond it can be the closest */
-    double doubt_low; /* from where on triangles are possible that no neighbour settles */
-    struct oracle_contender *contenders;
+    double doubt_low; /* the smallest t of a possible hit that no neighbour can make certain */
+    struct oracle_contender *contenders; /* sure hits that may be the closest */
     uint32_t count, capacity;
     struct oracle_doubts *doubts; /* NULL: none */
 };
@@ -36,11 +36,11 @@ struct oracle_pursuit {
 void oracle_pursuit_init(struct oracle_pursuit *ret_pursuit, const struct ray *ray);
 void oracle_pursuit_finish(struct oracle_pursuit *pursuit, struct memory *memory);
 
-/* False when there is no memory. */
+/* Tests the ray against one triangle and takes note of a hit. Returns false when there is no memory. */
 bool oracle_pursuit_meet(struct oracle_pursuit *pursuit, const struct oracle_triangle *triangle,
                          const struct oracle_triangle_id *id, struct memory *memory);
 
-/* The answer after the last triangle. False when there is no memory for the tied triangles. */
+/* Gives the answer after the last triangle. Returns false when there is no memory for the tied triangles. */
 bool oracle_pursuit_answer(struct oracle_pursuit *pursuit, struct memory *memory, struct oracle_answer *ret_answer);
 
 #endif

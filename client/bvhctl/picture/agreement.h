@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * agreement.h - whether a tracer's answers are right: compared with the CPU traversal ray by ray, and by brute force in
- * double where the two differ.
+ * agreement.h - checks whether a tracer's answers are right. They are compared ray by ray with those of the CPU
+ * traversal and, where the two differ, with brute force in double (the oracle).
  *
- * Answers agree when the same triangle of the same instance is hit from the same side, or nothing by both; of rays that
- * any hit ends, when both or none are ended. t may differ by rounding: by what the distance to the triangle's plane
- * moves when the coordinates that it follows from - of the ray's origin, of the way to the hit, of the corners, of the
- * instance's place - are each off by 8 units of float's precision. That is a few roundings of a computation in float,
- * and grows, as their effect does, where the ray grazes the triangle. Barycentrics are not compared: those of slivers
- * are all rounding.
+ * Two answers agree when both report the same triangle of the same instance from the same side, or both report a miss.
+ * For rays that end at any hit it is enough that both report a hit. t may differ by rounding: by the amount that the
+ * distance to the triangle's plane changes when the coordinates it is computed from (the ray's origin, the vector to
+ * the hit, the corners, the position of the instance) are each off by 8 units of float's precision. That is a few
+ * roundings of a computation in float and, like the effect of roundings, it grows where the ray grazes the triangle.
+ * Barycentrics are not compared, because those of slivers are dominated by rounding.
  *
- * Of answers that differ, the oracle tells those that are uncertain, and those that are both right, because triangles
- * are tied. Drivers trace structures of their own format in float, without knowing their errors, and lavapipe takes
- * rays into an instance by an inverse of its matrix that may be off by many units in the last place. So of native
- * structures a ray is uncertain, too, where the oracle, going by that inverse, says what the device says of the ray or
- * of one that is 8 units beside it. All others are mismatches.
+ * For answers that differ, the oracle finds out which rays are uncertain, and which answers are both right because
+ * triangles are tied. Drivers trace structures of their own format in float without bounds on their errors, and
+ * lavapipe transforms rays into an instance by an inverse of its matrix that may be off by many units in the last
+ * place. Therefore a ray through native structures is also uncertain when the oracle, using that inverse, gives the
+ * device's answer for the ray or for one that is 8 units beside it. All other answers that differ are mismatches.
  */
 #ifndef BVHCTL_AGREEMENT_H
 #define BVHCTL_AGREEMENT_H
@@ -26,40 +26,41 @@ struct agreement_case;
 struct agreement {
     const struct surfaces *surfaces;
     const struct parallel *parallel;
-    uint32_t camera_stride, other_stride; /* of rays, one in so many is compared */
-    uint64_t camera_seen, other_seen;
-    uint64_t checked, differing; /* of agreement_doubt's, all count as differing */
-    uint64_t uncertain, mismatches; /* after agreement_judge */
+    uint32_t camera_stride, other_stride; /* every n-th camera ray, and every n-th other ray, is compared */
+    uint64_t camera_seen, other_seen; /* rays, compared or not */
+    uint64_t checked, differing; /* rays that were compared; all those of agreement_doubt count as differing */
+    uint64_t uncertain, mismatches; /* of those that differ; complete after agreement_judge */
     struct agreement_case *cases; /* for the oracle */
     uint32_t case_count;
-    unsigned char *verdicts; /* of a wave */
+    unsigned char *verdicts; /* of one wave, by ray */
     uint64_t verdict_capacity;
     struct memory *memory;
 };
 
 /*
- * For pictures of `pixels` pixels: of camera rays about 4 million, spread over the picture, are compared (all of them
- * below a million pixels), of the rays that follow a million. End with agreement_finish.
+ * Prepares the comparison for a picture of `pixels` pixels. About 4 million camera rays, spread over the picture, are
+ * compared (all of them if there are fewer than a million pixels), and about a million of the other rays. End with
+ * agreement_finish.
  */
 void agreement_init(struct agreement *agreement, const struct surfaces *surfaces, uint64_t pixels,
                     const struct parallel *parallel, struct memory *memory);
 /* NULL-safe, idempotent. */
 void agreement_finish(struct agreement *agreement);
 
-/* Compares a wave; a sampler_watch, `context` is the agreement. BVHD_NO_MEMORY. */
+/* Compares the rays of a wave. It is a sampler_watch whose `context` is the agreement. BVHD_NO_MEMORY. */
 enum bvhd_status agreement_watch(void *context, bool is_camera, const struct ray *rays, const struct tracer_hit *hits,
                                  uint64_t count, struct bvhd_error *error);
 
 /*
- * Leaves it to the oracle alone whether these are right: for what the CPU has traced. At most 4096 in all.
+ * Has the oracle alone judge these hits, which the CPU traversal itself has found. At most 4096 in all.
  * BVHD_NO_MEMORY.
  */
 enum bvhd_status agreement_doubt(struct agreement *agreement, const struct ray *rays, const struct tracer_hit *hits,
                                  uint32_t count, struct bvhd_error *error);
 
 /*
- * Asks the oracle, over the triangles in the structures. Of more than 4096 cases, or fewer in scenes of many millions
- * of triangles, the rest are mismatches unasked. `progress` as for oracle_trace.
+ * Has the oracle judge the answers that differ, over the triangles in the structures. It judges at most 4096 of them,
+ * or fewer in scenes of many millions of triangles; the others count as mismatches. `progress` is that of oracle_trace.
  */
 enum bvhd_status agreement_judge(struct agreement *agreement,
                                  void (*progress)(void *context, uint64_t done, uint64_t total), void *progress_context,

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * light.h - what a camera ray sees: a sun with a soft edge, the sky, one bounce of both, and a floor that fades into
- * the distance.
+ * light.h - computes the light that a camera ray receives: from a sun with a soft edge, from the sky, by one bounce of
+ * both, and from a floor that fades into the distance.
  *
- * In steps, with rays traced in between, many samples' at once (sampler.h):
+ * It works in steps, between which the caller (sampler.h) traces the rays of many samples at once:
  *
- *     light_begin    the camera's ray
- *     light_meet     what it met        -> whether a ray to the sun is needed, and rays that look for ambient light
- *     light_reflect  what those met     -> whether rays to the sun are needed from there
- *     light_settle   which of those got through
+ *     light_begin         gives the camera's ray
+ *     light_meet          takes its hit; says whether a ray to the sun is needed (light_shadow_ray)
+ *     light_ambient_rays  gives the rays that look for ambient light
+ *     light_reflect       takes their hits; says whether rays to the sun are needed from there
  *
- * Random numbers come from the sample's seed alone, so pictures are the same for any number of threads and rays at
- * once.
+ * The caller adds the `gain` of each shadow ray that hits nothing. Random numbers depend on the sample's seed alone, so
+ * that pictures are the same for any number of threads and any number of rays at once.
  */
 #ifndef BVHCTL_LIGHT_H
 #define BVHCTL_LIGHT_H
@@ -23,7 +23,7 @@ struct light {
     const struct stage *stage;
     const struct surfaces *surfaces; /* of the stage's structures */
     const struct camera *camera;
-    struct vector sun; /* unit direction towards it */
+    struct vector sun; /* the unit direction towards it */
     bool has_floor;
 };
 
@@ -32,10 +32,10 @@ void light_init(struct light *light, const struct stage *stage, const struct sur
 
 enum {
     LIGHT_BOUNCES = 2, /* rays that look for ambient light at each sample's surface */
-    LIGHT_STRATA = 4, /* samples of one pixel share the sky out among them; their number is its square */
+    LIGHT_STRATA = 4, /* a pixel has LIGHT_STRATA x LIGHT_STRATA samples, which divide the sky among them */
 };
 
-/* A ray towards the sun, and the light that it brings when nothing is in its way. */
+/* A ray towards the sun, and the light that it adds when it hits nothing. */
 struct light_shadow {
     bool is_needed;
     struct vector from, towards;
@@ -43,18 +43,18 @@ struct light_shadow {
 };
 
 /*
- * One ray's share of a pixel, in parts, because the noisy part - ambient light - is smoothed before they are put
- * together.
+ * What one camera ray contributes to a pixel. The components are separate, because ambient light is noisy and is
+ * smoothed before they are added up.
  */
 struct light_sample {
     struct vector direction; /* of the camera's ray; set by the caller */
     unsigned index; /* among the pixel's samples, modulo 4; set by the caller */
     uint64_t random; /* the seed; set by the caller */
 
-    struct vector backdrop; /* seen directly: sky, or the far floor's share of it */
-    struct vector albedo; /* of the surface, times its share */
-    struct vector direct; /* light that came straight from the sun, reflected */
-    struct vector ambient; /* light from everywhere else that arrives */
+    struct vector backdrop; /* the sky that is seen directly, or through the fading of the far floor */
+    struct vector albedo; /* of the surface, times the weight that the fading leaves it */
+    struct vector direct; /* reflected light that came straight from the sun */
+    struct vector ambient; /* light that arrives from everywhere else */
     struct vector position, normal; /* of the surface, a little above it */
     bool is_surface;
 
@@ -63,19 +63,22 @@ struct light_sample {
 
 struct ray light_begin(const struct light *light, const struct light_sample *sample);
 
-/* With a surface, LIGHT_BOUNCES ambient rays follow. */
+/* Takes the hit of the camera's ray. If sample->is_surface is true then, light_ambient_rays is the next step. */
 void light_meet(const struct light *light, const struct ray *ray, const struct tracer_hit *hit,
                 struct light_sample *sample);
 void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_BOUNCES]);
 
-/* `hits` of light_ambient_rays' rays. */
+/* Takes the hits of the rays of light_ambient_rays. */
 void light_reflect(const struct light *light, const struct ray rays[LIGHT_BOUNCES],
                    const struct tracer_hit hits[LIGHT_BOUNCES], struct light_sample *sample);
 
-/* Any hit will do. */
+/* Returns the ray for a shadow that is needed. It ends at any hit. */
 struct ray light_shadow_ray(const struct light_shadow *shadow);
 
-/* A linear colour as it is shown: 0 to 1, in sRGB's curve, highlights compressed. 1 is a white wall in the sun. */
+/*
+ * Converts a linear colour, in which 1 is a white wall in the sun, for display: 0 to 1 in the curve of sRGB, with
+ * compressed highlights.
+ */
 struct vector light_display(struct vector colour);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* picture.h - a picture of a scene, rendered by rays through its built structures, and its PNG file. */
+/* picture.h - renders a picture of a scene by rays through its built structures, and writes it to a PNG file. */
 #ifndef BVHCTL_PICTURE_H
 #define BVHCTL_PICTURE_H
 
@@ -8,8 +8,8 @@
 struct picture {
     uint32_t width, height;
     uint8_t *rgb; /* rows from the top, three bytes a pixel */
-    uint64_t rays; /* traced for it */
-    double seconds; /* that the tracer spent on them */
+    uint64_t rays; /* that were traced for it */
+    double seconds; /* that the tracer needed for them */
     struct memory *memory;
 };
 
@@ -18,7 +18,7 @@ struct picture_options {
     struct tracer *tracer;
     const struct parallel *parallel;
     uint32_t width, height;
-    uint32_t batch; /* sampler.h; at least PICTURE_LEAST_BATCH */
+    uint32_t batch; /* samples at once (sampler.h), at least PICTURE_LEAST_BATCH */
     sampler_watch watch; /* may be NULL */
     void *watch_context;
     void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL */
@@ -28,13 +28,13 @@ struct picture_options {
 enum { PICTURE_LEAST_BATCH = 16 };
 
 /*
- * The same bytes for any number of threads and any batch. Needs memory for the pixels and one batch. Fails as the
- * tracer and the watch do. End with picture_finish.
+ * Renders a picture: the same bytes for any number of threads and any batch. It needs memory for the pixels and for one
+ * batch. It fails with the errors of the tracer and of the watch. End with picture_finish.
  */
 enum bvhd_status picture_render(const struct picture_options *options, struct memory *memory,
                                 struct picture *ret_picture, struct bvhd_error *error);
 
-/* Through a temporary file and a rename. */
+/* Writes the PNG file, through a temporary file and a rename. */
 enum bvhd_status picture_write_png(const struct picture *picture, const char *path, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * sampler.h - light's samples by the thousand: the rays of all of them go to the tracer in three waves, what follows
- * from hits is computed in parallel.
+ * sampler.h - computes thousands of samples of light.h at once. Their rays go to the tracer in three waves; between the
+ * waves the hits are evaluated in parallel.
  *
- * Waves: camera rays; shadow rays of what they met, then ambient rays; shadow rays of what those met. Rays of one kind
- * lie together, for the sake of devices that trace neighbours in step.
+ * The waves are: camera rays; shadow rays from their hits, then ambient rays; shadow rays from the hits of those. Rays
+ * of one kind are next to each other, because a GPU traces neighbouring rays together and coherent ones faster.
  */
 #ifndef BVHCTL_SAMPLER_H
 #define BVHCTL_SAMPLER_H
@@ -12,8 +12,8 @@
 #include "client/bvhctl/picture/light.h"
 
 /*
- * Told of every wave's rays, with what the tracer answered: to check it. `is_camera`: the wave of camera rays. An error
- * ends the sampling.
+ * Is called after every wave, with its rays and the tracer's hits, in order to check them. `is_camera` is true for the
+ * wave of camera rays. An error ends the sampling.
  */
 typedef enum bvhd_status (*sampler_watch)(void *context, bool is_camera, const struct ray *rays,
                                           const struct tracer_hit *hits, uint64_t count, struct bvhd_error *error);
@@ -22,7 +22,7 @@ struct sampler_options {
     const struct light *light;
     struct tracer *tracer;
     const struct parallel *parallel;
-    uint32_t batch; /* samples at once, at least 1: memory, against devices that are faster with many */
+    uint32_t batch; /* samples at once, at least 1; more need more memory, and keep a large device busier */
     sampler_watch watch; /* may be NULL */
     void *watch_context;
 };
@@ -31,14 +31,14 @@ struct sampler_counts; /* of a chunk of samples */
 
 struct sampler {
     struct sampler_options options;
-    struct light_sample *samples; /* `batch` of them: direction, index and random are the caller's to fill */
+    struct light_sample *samples; /* [batch]; the caller sets direction, index and random of each */
     uint64_t rays; /* traced so far */
-    double seconds; /* that the tracer spent on them */
-    /* Of the batch that is sampled. */
-    uint32_t count;
+    double seconds; /* that the tracer needed for them */
+    /* the batch that is sampled: */
+    uint32_t count; /* samples */
     struct ray *wave;
-    struct tracer_hit *hits;
-    struct sampler_counts *chunks; /* where each chunk's rays of the wave begin */
+    struct tracer_hit *hits; /* of the wave */
+    struct sampler_counts *chunks; /* where each chunk's rays begin in the wave */
     struct memory *memory;
 };
 
@@ -48,7 +48,7 @@ enum bvhd_status sampler_init(struct sampler *sampler, const struct sampler_opti
 /* NULL-safe, idempotent. */
 void sampler_finish(struct sampler *sampler);
 
-/* Completes samples[0 .. count). The same for any number of threads and any batch. */
+/* Computes samples[0 .. count). The result is the same for any number of threads and any batch. */
 enum bvhd_status sampler_take(struct sampler *sampler, uint32_t count, struct bvhd_error *error);
 
 #endif

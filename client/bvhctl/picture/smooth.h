@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * smooth.h - taking the noise out of a picture's ambient light without touching edges (edge-avoiding a-trous filter,
+ * smooth.h - removes the noise from a picture's ambient light and preserves edges (edge-avoiding a-trous filter,
  * Dammertz 2010).
  */
 #ifndef BVHCTL_SMOOTH_H
@@ -13,13 +13,13 @@
 
 struct pixel {
     float backdrop[3], albedo[3], direct[3]; /* light.h */
-    float ambient[3]; /* of its surface samples */
+    float ambient[3]; /* the mean of its samples with a surface */
     float normal[3]; /* unit, or 0 without a surface */
-    float position[3]; /* from the camera, in units of the distance there: of about 1 */
-    float depth; /* that distance, in units of the stage's size */
+    float position[3]; /* relative to the camera, divided by the distance from it: its length is about 1 */
+    float depth; /* that distance, divided by the size of the stage */
 };
 
-/* Smooths `ambient` of all pixels. false: no memory. */
+/* Smooths `ambient` of all pixels. Returns false when there is no memory. */
 bool smooth_ambient(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
                     struct memory *memory);
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * stage.h - a scene set up to be pictured: which way is up, where its bulk stands, what a ray sees.
+ * stage.h - prepares a scene for a picture: which direction is up, which box encloses most of it, what a ray hits.
  *
- * The bulk is a box around nearly all triangles, so that a far triangle or an endless ground does not make the rest
- * invisible.
+ * That box, the bulk, encloses nearly all triangles but not all of them, so that a far triangle or an endless ground
+ * does not make the others too small to see.
  */
 #ifndef BVHCTL_STAGE_H
 #define BVHCTL_STAGE_H
@@ -15,11 +15,14 @@ enum { STAGE_EVEN_SAMPLES = 8192, STAGE_SAMPLES = 12288 };
 
 struct stage {
     const struct structures *structures;
-    struct structure_instance *instances; /* those in the top level, by position in the request */
+    struct structure_instance *instances; /* of the top level, sorted by their positions in the request */
     uint32_t instance_count;
     uint64_t triangle_count; /* of all instances */
-    struct vector up, east, north; /* right-handed: east x north = up; north and east are other axes of the scene */
-    /* points on triangles: first so many with each triangle as likely as any other, then more by area */
+    struct vector up, east, north; /* axes of the scene, right-handed: east x north = up */
+    /*
+     * random points on triangles: in samples[0 .. even_count) every triangle is equally probable, in the others its
+     * probability is in proportion to its area
+     */
     struct vector *samples;
     uint32_t even_count, sample_count;
     struct vector low, high; /* the bulk, along east, north and up */
@@ -29,37 +32,40 @@ struct stage {
 };
 
 /*
- * `up`: 'x', 'y', 'z', or 'a' for a guess. Fails on a scene without a triangle that could be seen. End with
- * stage_finish.
+ * Prepares a scene. `up` is 'x', 'y', 'z', or 'a' for a guess. It is an error if no triangle of the scene can be seen.
+ * The structures must outlive the stage. End with stage_finish.
  */
 enum bvhd_status stage_init(struct stage *stage, const struct structures *structures, char up, struct memory *memory,
                             struct bvhd_error *error);
 /* NULL-safe, idempotent. */
 void stage_finish(struct stage *stage);
 
-/* What a ray met. */
+/* The point that a ray hit. */
 struct stage_hit {
     struct vector position, normal; /* the normal is a unit vector towards the ray's origin */
     double distance;
     uint32_t instance, handle, geometry; /* instance 0 without a top level */
 };
 
-/* Direction of unit length. true and *ret_hit on a hit. Thread-safe. */
+/*
+ * Traces a ray on the CPU. `direction` is a unit vector. Returns true and fills in *ret_hit if it hits something. Any
+ * thread.
+ */
 bool stage_look(const struct stage *stage, struct vector origin, struct vector direction, struct stage_hit *ret_hit);
 
-/* The distance to anything in the way, INFINITY for nothing. */
+/* Returns the distance to the closest hit, INFINITY if there is none. Any thread. */
 double stage_clearance(const struct stage *stage, struct vector origin, struct vector direction);
 
-/* Triangle tests a ray, on average over some rays between points of the stage. */
+/* Returns the mean number of triangle tests of a ray, over some rays between points of the stage. */
 double stage_cost(const struct stage *stage);
 
-/* A point just above the surface that was hit, from which rays may start. */
+/* Returns a point just above the surface that was hit, from which rays may start. */
 struct vector stage_leave(const struct stage *stage, const struct stage_hit *hit);
 
-/* The ray as traversal takes it. */
+/* Returns the ray in the form that traversal takes. */
 struct ray stage_ray(struct vector origin, struct vector direction);
 
-/* Coordinates of a point along east, north and up, and back. */
+/* Convert a point to coordinates along east, north and up, and back. */
 struct vector stage_to_local(const struct stage *stage, struct vector point);
 struct vector stage_to_world(const struct stage *stage, struct vector local);
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * surface.h - what lies at a place that a tracer reports: the triangle's corners in the world, found by instance,
- * geometry and primitive on the host.
+ * surface.h - finds the triangle that a tracer reports, on the host: its corners in world space, by the numbers of
+ * instance, geometry and primitive.
  *
- * Hits are hostile: a device may have computed anything.
+ * Hits are hostile, because a device may have computed anything.
  */
 #ifndef BVHCTL_SURFACE_H
 #define BVHCTL_SURFACE_H
@@ -11,17 +11,18 @@
 #include "client/bvhctl/picture/stage.h"
 #include "client/bvhctl/trace/tracer.h"
 
-/* Where to look triangles up. Four bytes a primitive and an instance. */
+/* Tables to find triangles by number. They take four bytes for each primitive and each instance. */
 struct surfaces {
     const struct structures *structures;
-    uint32_t **triangle_rows; /* of each distinct bottom level, by flat primitive: a row of structure_triangle */
-    uint32_t *owners; /* of each bottom level: the first row that has the same bytes */
+    /* of each bottom level that is the owner of its bytes, by flat primitive number: a row of structure_triangle */
+    uint32_t **triangle_rows;
+    uint32_t *owners; /* of each bottom level: the first bottom level that has the same bytes */
     uint32_t *instance_rows; /* by position in the request: a row of structure_instance */
     uint32_t instance_count;
     struct memory *memory;
 };
 
-/* The structures must outlive it. BVHD_NO_MEMORY. End with surfaces_finish. */
+/* The structures must outlive the tables. BVHD_NO_MEMORY. End with surfaces_finish. */
 enum bvhd_status surfaces_init(struct surfaces *surfaces, const struct structures *structures, struct memory *memory,
                                struct bvhd_error *error);
 /* NULL-safe, idempotent. */
@@ -30,17 +31,17 @@ void surfaces_finish(struct surfaces *surfaces);
 /* A triangle of an instance. */
 struct surface {
     uint32_t bottom; /* row of its bottom level */
-    struct vector corners[3]; /* in the world */
-    struct vector shift; /* what the instance's transform moves its origin by; 0 without a top level */
+    struct vector corners[3]; /* in world space */
+    struct vector shift; /* the translation of the instance's transform; 0 without a top level */
 };
 
-/* false: there is no such triangle. Not for AABBs. Any thread. */
+/* Finds the triangle of a hit. Returns false if there is no such triangle. Not for hits of AABBs. Any thread. */
 bool surfaces_find(const struct surfaces *surfaces, const struct tracer_hit *hit, struct surface *ret_surface);
 
-/* Unit length, either side. 0 for a triangle without area. */
+/* Returns a unit normal, of either side; 0 for a triangle without area. */
 struct vector surface_normal(const struct surface *surface);
 
-/* What a ray of stage_ray has met. false: nothing, or nothing that exists. */
+/* Converts a hit of a ray of stage_ray. Returns false for a miss, and if there is no such triangle. Any thread. */
 bool surfaces_meet(const struct surfaces *surfaces, const struct ray *ray, const struct tracer_hit *hit,
                    struct stage_hit *ret_hit);
 

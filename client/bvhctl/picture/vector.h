@@ -45,7 +45,7 @@ static inline struct vector vector_mad(struct vector a, struct vector b, double 
     return vector_make(a.x + b.x * factor, a.y + b.y * factor, a.z + b.z * factor);
 }
 
-/* Component by component: colours through filters. */
+/* Multiplies component by component, as a filter does with a colour. */
 static inline struct vector vector_mul(struct vector a, struct vector b)
 {
     return vector_make(a.x * b.x, a.y * b.y, a.z * b.z);
@@ -71,29 +71,29 @@ static inline double vector_length(struct vector a)
     return sqrt(vector_dot(a, a));
 }
 
-/* Of any magnitude that floats have; the zero vector stays zero. */
+/* Vectors of any magnitude that floats have are allowed; the zero vector stays zero. */
 static inline struct vector vector_unit(struct vector a)
 {
     double length = vector_length(a);
     return length > 0 ? vector_scale(a, 1 / length) : a;
 }
 
-/* A point through a row-major 3x4 matrix. */
+/* Transforms a point by a row-major 3x4 matrix. */
 static inline struct vector vector_transform(const float m[12], struct vector p)
 {
     return vector_make(m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3], m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
                        m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
 }
 
-/* A triangle's normal, of unit length; 0 for a triangle without area. */
+/* Returns the unit normal of a triangle; 0 for a triangle without area. */
 static inline struct vector vector_normal(const struct vector corners[3])
 {
-    /* Sides first to unit length: squares of tiny or huge ones would leave the range. */
+    /* The sides are normalized first, because squares of tiny or huge ones would leave the range of doubles. */
     return vector_unit(
         vector_cross(vector_unit(vector_sub(corners[1], corners[0])), vector_unit(vector_sub(corners[2], corners[0]))));
 }
 
-/* Two unit vectors that are perpendicular to the unit vector `n` and to each other (Duff 2017). */
+/* Returns two unit vectors that are perpendicular to the unit vector `n` and to each other (Duff 2017). */
 static inline void vector_basis(struct vector n, struct vector *ret_a, struct vector *ret_b)
 {
     double sign = copysign(1, n.z), a = -1 / (sign + n.z), b = n.x * n.y * a;

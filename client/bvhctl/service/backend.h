@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * backend.h - where structures are built: in this process (backend_local), or by the service (backend_service). Both
- * are asked as the service's clients ask, with bvhd/bvhd.h's structs, and answer with its results; whoever asks does
- * not know which one it is.
+ * backend.h - builds structures, either in this process (backend_local) or by the service (backend_service). Both take
+ * and return the structs of bvhd/bvhd.h, so that the caller does not have to know which one it has.
  */
 #ifndef BVHCTL_BACKEND_H
 #define BVHCTL_BACKEND_H
@@ -14,9 +13,9 @@
 
 struct backend {
     /*
-     * Builds all of `build`'s infos and waits for them. BVHD_OK: ret_results[info_count] is filled, each with its own
-     * error, never BVHD_PENDING; their bytes live until *ret_hold is released. Anything else: nothing could be tried,
-     * or the service is gone; nothing is held.
+     * Builds all infos of `build` and waits for them. BVHD_OK: ret_results[info_count] is filled in. Each result has an
+     * error of its own, which is not BVHD_PENDING, and its bytes live until *ret_hold is released. On any other status
+     * nothing could be tried, or the service is gone, and there is nothing to release.
      */
     enum bvhd_status (*build)(struct backend *backend, const struct bvhd_build *build, struct bvhd_result *ret_results,
                               void **ret_hold, struct bvhd_error *error);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* backend_local.h - building in this process: from Vulkan's structs to results, as the service goes. */
+/* backend_local.h - builds structures in this process, by the same steps as the service. */
 #ifndef BVHCTL_BACKEND_LOCAL_H
 #define BVHCTL_BACKEND_LOCAL_H
 
@@ -14,13 +14,14 @@ struct backend_local {
 };
 
 /*
- * `threads` 0: one for each processor. Everything comes from `memory`, which must outlive it like `progress`, which it
- * draws. `cancel` may be NULL. End with backend_local_close; the struct must not move.
+ * With `threads` 0 there is one thread for each processor. All allocations come from `memory`; the progress of builds
+ * is drawn by `progress`. Both must outlive the backend, as must `cancel`, which may be NULL. End with
+ * backend_local_close; the struct must not be moved.
  */
 enum bvhd_status backend_local_open(struct backend_local *local, uint32_t threads, struct memory *memory,
                                     struct progress *progress, const atomic_bool *cancel, struct bvhd_error *error);
 
-/* All results must be released. NULL-safe for a zeroed struct. */
+/* All results must have been released before. A zeroed struct is allowed. */
 void backend_local_close(struct backend_local *local);
 
 #endif

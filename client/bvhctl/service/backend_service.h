@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* backend_service.h - building by the service, through libbvhd. */
+/* backend_service.h - has structures built by the service, through libbvhd. */
 #ifndef BVHCTL_BACKEND_SERVICE_H
 #define BVHCTL_BACKEND_SERVICE_H
 
@@ -14,14 +14,14 @@ struct backend_service {
 };
 
 /*
- * Connects to the service that `options` mean, as connect_open. `memory` and `progress`, which it draws, must outlive
- * it; `cancel` may be NULL. End with backend_service_close.
+ * Connects to the service that `options` name, by connect_open. The progress of builds is drawn by `progress`.
+ * `memory`, `progress` and `cancel`, which may be NULL, must outlive the backend. End with backend_service_close.
  */
 enum bvhd_status backend_service_open(struct backend_service *service, const struct options *options,
                                       struct memory *memory, struct progress *progress, const atomic_bool *cancel,
                                       struct bvhd_error *error);
 
-/* All results must be released. NULL-safe for a zeroed struct. */
+/* All results must have been released before. A zeroed struct is allowed. */
 void backend_service_close(struct backend_service *service);
 
 #endif

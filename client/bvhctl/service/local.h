@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* local.h - what a command needs that computes in this process: threads, a memory budget, a line of progress. */
+/* local.h - threads, a memory budget and a progress line, for commands that compute in this process. */
 #ifndef BVHCTL_LOCAL_H
 #define BVHCTL_LOCAL_H
 
@@ -14,7 +14,7 @@ struct local {
     struct progress progress;
 };
 
-/* `threads` 0: one for each processor. End with local_close. */
+/* With `threads` 0 there is one thread for each processor. End with local_close; the struct must not be moved. */
 enum bvhd_status local_open(struct local *local, uint32_t threads, uint64_t memory_limit, struct bvhd_error *error);
 void local_close(struct local *local);
 
