@@ -11,26 +11,28 @@
 #include "builder/piece/spatial.h"
 
 struct piece {
-    uint32_t node; /* of the split tree */
-    uint32_t first, count, capacity; /* refs of the split, and for how many there is room */
+    uint32_t node; /* number of the piece's node in the split tree */
+    uint32_t first, count, capacity; /* its refs in the arrays of the split, and how many there is room for */
     struct ir ir;
-    struct wide_piece wide; /* instead of the ir, when that is wanted */
+    struct wide_piece wide; /* used instead of `ir` with collapse_at_once */
     uint32_t depth;
-    double cost; /* ir_cost */
+    double cost; /* by ir_cost, as long as the ir has its boxes */
     enum bvhd_status status;
-    uint32_t node_base, ref_base; /* in the joined tree: of the ir's node 1, of its ref 0 */
+    uint32_t node_base, ref_base; /* places in the joined tree of the ir's node 1 and of its ref 0 */
 };
 
 struct build {
     const struct pieces_request *request;
     struct memory *memory;
     struct piece *pieces;
-    uint32_t *order; /* largest first, so that threads end together */
+    uint32_t *order; /* numbers of the pieces, largest first, so that all threads end at about the same time */
     uint64_t total;
     _Atomic uint64_t done;
 };
 
-/* Large nodes first, so that small ones find their places once those are right; a third pass hardly pays. */
+/*
+ * Moves the largest nodes first, so that small ones find their places when those are right; a third pass hardly pays.
+ */
 static enum bvhd_status reinsert(const struct build *build, struct ir *ir, struct piece *piece)
 {
     const struct reinsertion_request reinsertion = {.ir = ir,
@@ -88,7 +90,10 @@ static enum bvhd_status build_piece(const struct build *build, struct piece *pie
     return build->request->method == PIECES_SPATIAL ? build_spatial(build, piece) : build_clusters(build, piece);
 }
 
-/* The piece's part of the scratch array is 32 bytes a ref, two levels a node fit. With splits they may not. */
+/*
+ * Measures depth and cost. The piece's range of the scratch array has 32 bytes for each ref, enough for the levels of
+ * two nodes; with splits there may be more nodes.
+ */
 static enum bvhd_status measure(const struct build *build, struct piece *piece)
 {
     uint32_t *levels = (uint32_t *)(void *)(build->request->scratch + piece->first);
@@ -144,7 +149,7 @@ static void list_pieces(struct build *build, uint32_t count)
     qsort_r(build->order, count, sizeof *build->order, by_size, build->pieces);
 }
 
-/* The first failure in the order of the pieces, a shortage before a cancellation. */
+/* Returns the first failure in the order of the pieces, but BVHD_NO_MEMORY before BVHD_CANCELLED. */
 static enum bvhd_status worst(const struct build *build, uint32_t count)
 {
     enum bvhd_status status = BVHD_OK;
@@ -215,8 +220,8 @@ static void copy_piece(void *context, size_t index)
 }
 
 /*
- * The nodes above the pieces keep their places; their boxes follow from those of their children, which come behind
- * them.
+ * Fills the nodes above the pieces, which keep their places. Their boxes are computed from their children, which come
+ * after them.
  */
 static void make_top(const struct split_tree *tree, struct ir *ir)
 {
@@ -253,7 +258,7 @@ static void sum_up(const struct pieces *pieces, const struct ir *ir, uint32_t *l
     *ret_cost = cost;
 }
 
-/* Numbers the nodes and refs of all pieces through. */
+/* Assigns places in the joined tree to the nodes and refs of all pieces. */
 static void place_pieces(const struct pieces *pieces, uint64_t *ret_nodes, uint64_t *ret_refs)
 {
     uint64_t nodes = pieces->tree->node_count, refs = 0;
@@ -268,7 +273,7 @@ static void place_pieces(const struct pieces *pieces, uint64_t *ret_nodes, uint6
     *ret_refs = refs;
 }
 
-/* As ir_init, with nodes and boxes in the spare blocks if they fit. */
+/* Does what ir_init does, with nodes and boxes in the spare blocks if they fit. */
 static enum bvhd_status make_room(struct ir *ir, struct pieces_spare *spare, struct memory *memory, uint32_t nodes,
                                   uint32_t refs, struct bvhd_error *error)
 {
@@ -312,7 +317,7 @@ enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *s
     return status;
 }
 
-/* The tree above the pieces: each of them is a leaf, of which the one ref is its number. */
+/* Fills the tree above the pieces: each piece is a leaf, whose only ref is the piece's number. */
 static void fill_top(const struct pieces *pieces, const struct wide_piece **list, struct ir *top)
 {
     top->node_count = pieces->tree->node_count;

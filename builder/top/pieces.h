@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * pieces.h - the middle of a build: a tree for each piece of the top-level split, side by side, and all of them joined
- * into one ir.
+ * pieces.h - the middle of a build: builds a tree for each piece of the top-level split, several pieces in parallel and
+ * each on one thread, and joins them into one tree.
  */
 #ifndef BVHD_PIECES_H
 #define BVHD_PIECES_H
@@ -17,59 +17,66 @@ enum pieces_method { PIECES_PLOC, PIECES_BINNED, PIECES_SPATIAL };
 
 struct pieces_request {
     const struct split_tree *tree;
-    struct primitive_ref *refs, *scratch; /* of the split; both are written to */
-    uint32_t capacity; /* refs that each has room for; what lies between two pieces is room for the first one's */
+    struct primitive_ref *refs, *scratch; /* the arrays of the split; both are written to */
+    /* refs that each array has room for; space between two pieces is room for the first one's splits */
+    uint32_t capacity;
     enum pieces_method method;
     uint32_t leaf_max;
-    float cut_cost; /* of leaves along a curve (leaves.h); not with PIECES_SPATIAL */
-    const struct canonical *canonical; /* with PIECES_SPATIAL (spatial.h), as is `price` */
+    float cut_cost; /* cost of a cut between two leaves (leaves.h); not used by PIECES_SPATIAL */
+    const struct canonical *canonical; /* used by PIECES_SPATIAL only (spatial.h), like `price` */
     float price;
-    /* NULL, or pieces become wide trees at once, for pieces_join_wide; with PIECES_PLOC */
+    /* NULL; or pieces are collapsed into wide trees at once, for pieces_join_wide; only with PIECES_PLOC */
     const struct collapse_options *collapse_at_once;
-    const atomic_bool *cancel; /* may be NULL; looked at every few thousand refs */
-    void (*progress)(void *context, uint64_t done, uint64_t total); /* may be NULL; after each piece, from any thread */
+    const atomic_bool *cancel; /* may be NULL; checked every few thousand refs */
+    /* may be NULL; called after each piece, from any thread */
+    void (*progress)(void *context, uint64_t done, uint64_t total);
     void *progress_context;
-    uint64_t progress_total; /* what all refs count as together */
+    uint64_t progress_total; /* `total` of the progress calls: what all refs count for together */
 };
 
 struct pieces {
     struct piece *pieces; /* in the order of their refs */
     uint32_t count;
     const struct split_tree *tree;
-    const struct collapse_options *collapse_at_once; /* the request's, as is `cancel` */
+    const struct collapse_options *collapse_at_once; /* from the request, like `cancel` */
     const atomic_bool *cancel;
     struct memory *memory;
 };
 
-/* BVHD_CANCELLED, BVHD_NO_MEMORY. No bounds of the tree are read. The caller ends *ret_pieces with pieces_finish. */
+/*
+ * Builds the trees. Bounds in the split's tree are not read. The caller ends *ret_pieces with pieces_finish; the
+ * request's tree must live until then. Returns BVHD_CANCELLED or BVHD_NO_MEMORY.
+ */
 enum bvhd_status pieces_build(const struct pieces_request *request, struct memory *memory,
                               const struct parallel *parallel, struct pieces *ret_pieces, struct bvhd_error *error);
 
 /*
- * Blocks of the split's refs and scratch, from the same memory, that nobody needs any more; the tree may take them
- * over, which sets them NULL.
+ * The split's two arrays, from the same memory, which are no longer needed. The joined tree may take them over; then
+ * they become NULL.
  */
 struct pieces_spare {
     struct primitive_ref *refs, *scratch;
-    uint32_t count; /* refs that each has room for */
+    uint32_t count; /* refs that each array has room for */
 };
 
 /*
- * The whole tree, its depth and its SAH cost (undivided, as ir_cost). The tree lies in the spare blocks where they are
- * large enough: new pages cost more than copying. BVHD_NO_MEMORY, BVHD_TOO_LARGE, BVHD_CANCELLED.
+ * Joins the pieces into one tree, and returns its depth and its SAH cost (ir_cost, not divided by the root's area). The
+ * tree lies in the spare blocks if they are large enough, because new pages cost more time than copying. The caller
+ * ends *ret_ir with ir_finish. Returns BVHD_NO_MEMORY, BVHD_TOO_LARGE, or BVHD_CANCELLED.
  */
 enum bvhd_status pieces_join(const struct pieces *pieces, struct pieces_spare *spare, const struct parallel *parallel,
                              struct ir *ret_ir, uint32_t *ret_depth, double *ret_cost, struct bvhd_error *error);
 
 /*
- * The wide tree of at least two pieces made with `collapse_at_once`, and what layouts read beside it (wide_pieces.h);
- * depth and cost are those of the binary tree. As pieces_join.
+ * Joins at least two pieces that were built with `collapse_at_once` into a wide tree. *ret_ir has what layouts read
+ * beside it (wide_pieces.h); *ret_depth and *ret_cost are those of the binary tree. The caller ends *ret_ir and
+ * *ret_wide. Errors are those of pieces_join.
  */
 enum bvhd_status pieces_join_wide(const struct pieces *pieces, const struct parallel *parallel, struct ir *ret_ir,
                                   struct wide *ret_wide, uint32_t *ret_depth, double *ret_cost,
                                   struct bvhd_error *error);
 
-/* NULL-safe, idempotent. */
+/* Frees the trees of the pieces. `pieces` may be NULL, zeroed, or already finished. */
 void pieces_finish(struct pieces *pieces);
 
 #endif

@@ -7,13 +7,16 @@
 #include "builder/input/primitive.h"
 #include "builder/top/scatter_plan.h"
 
-/* The sample: every SAMPLE_STEP-th ref, or as many as are enough for the few planes. */
+/* The sample has every SAMPLE_STEP-th ref, or fewer where SAMPLE_MAX refs are enough for the few planes. */
 enum { SAMPLE_STEP = 8, SAMPLE_MAX = 16384 };
 
-/* Refs of a task. */
+/* Refs of one task. */
 enum { CHUNK = PRIMITIVE_BLOCK };
 
-/* Of the root's half area: who has as much is met by most rays that meet the root. */
+/*
+ * Share of the root's half area from which on a ref counts as outsize: such a ref is met by most rays that meet the
+ * root.
+ */
 static const float outsize_share = 0.5f;
 
 struct scatter {
@@ -22,12 +25,12 @@ struct scatter {
     const struct parallel *parallel;
     struct scatter_plan plan;
     float outsize; /* half area from which on refs go to the last piece; infinite when none do */
-    uint16_t *pieces; /* of each place of a ref */
-    uint32_t *places; /* of each chunk: how many refs of each piece, then where the next one goes */
+    uint16_t *pieces; /* the piece of each place */
+    uint32_t *places; /* for each chunk and piece: first the number of refs, then where the next one goes */
     uint32_t chunk_count;
 };
 
-/* The places of a chunk that hold refs. */
+/* The range of a chunk's places that hold refs. */
 static void chunk_range(const struct scatter *s, size_t chunk, size_t *ret_begin, size_t *ret_end)
 {
     const struct split_request *request = s->request;
@@ -47,7 +50,7 @@ static inline float half_area_of(const struct primitive_ref *ref)
     return vec4_box_half_area(vec4_box_load(ref));
 }
 
-/* Every step-th ref of all, of those the ones that are not outsize. Returns how many were looked at. */
+/* Takes every step-th ref that is not outsize. Returns how many were examined. */
 static uint32_t take_sample(const struct scatter *s, uint32_t step, float outsize, struct primitive_ref *ret_sample,
                             uint32_t *ret_count)
 {
@@ -65,7 +68,7 @@ static uint32_t take_sample(const struct scatter *s, uint32_t step, float outsiz
     return looked;
 }
 
-/* Takes the sample without the outsize ones, if those are few, and finds the planes on it. */
+/* Takes the sample, without outsize refs if those are few, and finds the planes. */
 static enum bvhd_status find_planes(struct scatter *s)
 {
     const struct split_request *request = s->request;
@@ -115,21 +118,20 @@ static uint32_t *places_of(const struct scatter *s, size_t chunk)
 }
 
 /*
- * Refs of one loop, and how many of them may go elsewhere than the one before them for the next loop to count on that.
+ * STEP: refs of one loop. STEP_CHANGES: when fewer refs of a loop went to another piece than the ref before them, the
+ * next loop expects neighbours to stay together.
  */
 enum { STEP = 256, STEP_CHANGES = STEP / 8 };
 
-/*
- * What a loop leaves to the next one: the piece of its last ref, and how many refs went elsewhere than the one before.
- */
+/* The result of one loop: the piece of its last ref, and how many refs went to another piece than the ref before. */
 struct step {
     uint32_t piece, changes;
 };
 
 /*
- * Gives places [i, end) their pieces. With `together` the piece of the ref before is tried before the way down. Where
- * neighbours in the request mostly go to different pieces that could not be foreseen, and the way down, which is the
- * same for all, is shorter.
+ * Assigns pieces to places [i, end). With `together` the piece of the ref before is tried first. Where neighbours in
+ * the request mostly go to different pieces, that branch would be unpredictable, and going down the tree of planes,
+ * with the same number of steps for every ref, is faster.
  */
 static inline __attribute__((always_inline)) struct step assign_step(const struct scatter *s, size_t i, size_t end,
                                                                      bool together, uint32_t piece, uint32_t *counts)
@@ -156,7 +158,10 @@ static inline __attribute__((always_inline)) struct step assign_step(const struc
     return (struct step){piece, changes};
 }
 
-/* Tasks count on their own stacks: rows of `places` share cache lines, which processors would take from each other. */
+/*
+ * Assigns a chunk, counting on the task's own stack: rows of `places` share cache lines, for which the processors would
+ * compete.
+ */
 static void assign_chunk(void *context, size_t index)
 {
     const struct scatter *s = context;
@@ -183,7 +188,7 @@ static void move_chunk(void *context, size_t index)
         vec4_box_store(&s->request->scratch[places[s->pieces[i]]++], vec4_box_load(&s->request->refs[i]));
 }
 
-/* From counts to places; ret_firsts[piece_count + 2]. */
+/* Turns counts into places; ret_firsts has piece_count + 2 entries. */
 static void place_pieces(struct scatter *s, uint32_t *ret_firsts)
 {
     uint32_t sum = 0;
@@ -207,7 +212,7 @@ static enum bvhd_status move(struct scatter *s, uint32_t *ret_firsts)
     return parallel_for_until(s->parallel, request->cancel, s->chunk_count, move_chunk, s) ? BVHD_OK : BVHD_CANCELLED;
 }
 
-/* The planes' nodes as those of a tree, from `at` on. */
+/* Writes the plan's nodes as nodes of a split tree, from index `at` on. */
 static void fill_tree(const struct scatter *s, const uint32_t *firsts, uint32_t at, struct split_node *nodes)
 {
     for (uint32_t i = 0; i < s->plan.node_count; i++) {
@@ -222,8 +227,8 @@ static void fill_tree(const struct scatter *s, const uint32_t *firsts, uint32_t 
 }
 
 /*
- * Where an outsize piece hangs beside all others there is one more level. Children's places follow from pairs: theirs
- * are odd.
+ * Makes the split tree. With an outsize piece there is one more level, at which it is the sibling of everything else.
+ * Children stay in pairs that start at odd indices.
  */
 static void make_tree(const struct scatter *s, const uint32_t *firsts, struct split_tree *tree)
 {
@@ -246,7 +251,7 @@ static void make_tree(const struct scatter *s, const uint32_t *firsts, struct sp
     tree->nodes[0].count = request->count;
 }
 
-/* Sets the bounds of all refs. False when cancelled. */
+/* Computes the bounds of all refs. Returns false when cancelled. */
 static bool bound(struct split_request *request)
 {
     request->bounds = request->centroids = box_empty();
@@ -262,7 +267,7 @@ static bool bound(struct split_request *request)
     return true;
 }
 
-/* Cuts the piece at a node by split_refs, and hangs the tree in its place. */
+/* Divides the piece at a node by split_refs, and puts the resulting tree in its place. */
 static enum bvhd_status cut_piece(const struct scatter *s, struct split_tree *tree, uint32_t node)
 {
     const struct split_node piece = tree->nodes[node];

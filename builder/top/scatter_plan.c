@@ -5,25 +5,25 @@
 
 #include "builder/kernel/bins.h"
 
-/* Parts of this many are worth another thread. */
+/* Parts of the sample with at least this many refs are worth another thread. */
 enum { APART = 2048 };
 
-/* A part of the sample on its way to being divided. */
+/* A part of the sample that is still to be divided. */
 struct part {
     struct primitive_ref *refs;
     uint32_t node, count;
 };
 
-/* Nodes come in the order in which threads make them, and pieces have no numbers yet. */
+/* The plan while it is made: nodes are in the order in which threads make them, and pieces have no numbers yet. */
 struct planning {
     struct scatter_node nodes[SCATTER_NODES_MAX];
     const struct parallel *parallel;
     uint32_t enough;
     _Atomic uint32_t node_count;
-    atomic_bool full; /* there would be more nodes */
+    atomic_bool full; /* more nodes were wanted than fit */
 };
 
-/* Moves refs below the threshold to the front, keeps no order. */
+/* Moves refs below the threshold to the front, without keeping their order, and returns how many there are. */
 static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis, float threshold)
 {
     uint32_t left = 0;
@@ -37,7 +37,7 @@ static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis
     return left;
 }
 
-/* False where there is no plane with refs on both sides, or no room for two more nodes. */
+/* Returns false where no plane has refs on both sides, or there is no room for two more nodes. */
 static bool split_part(struct planning *planning, const struct part *part, struct part ret_children[2])
 {
     const struct vec4_box centroids = bins_centroids(part->refs, part->count);
@@ -60,7 +60,7 @@ static bool split_part(struct planning *planning, const struct part *part, struc
     return true;
 }
 
-/* Divides a part if it has to be. */
+/* Divides a part if it is large enough; otherwise it becomes a leaf. */
 static bool go_on(struct planning *planning, const struct part *part, struct part ret_children[2])
 {
     if (part->count > planning->enough && split_part(planning, part, ret_children))
@@ -69,7 +69,10 @@ static bool go_on(struct planning *planning, const struct part *part, struct par
     return false;
 }
 
-/* Left children first, so that where there is no room for all nodes it is known which there are. */
+/*
+ * Plans on one thread, left children first: where not all nodes fit, the result must not depend on the order in which
+ * threads make them.
+ */
 static void plan_in_order(struct planning *planning, struct part part)
 {
     struct part waiting[SCATTER_PIECES_MAX], children[2];
@@ -93,7 +96,10 @@ struct branch {
 
 static void plan_branch(void *context, size_t index);
 
-/* Both children at once where both are large; else the smaller one first, so that there are few levels of calls. */
+/*
+ * Plans both children in parallel where both are large; otherwise the smaller one first, so that calls nest only a few
+ * levels deep.
+ */
 static void plan_part(struct planning *planning, struct part part)
 {
     struct branch branch = {.planning = planning};
@@ -114,13 +120,13 @@ static void plan_branch(void *context, size_t index)
     plan_part(branch->planning, branch->parts[index]);
 }
 
-/* A node of the planning, and where it goes. */
+/* A node of the unordered plan, and its place in the result. */
 struct placing {
     uint32_t from, to, level;
     struct scatter_cell cell;
 };
 
-/* Gives nodes the order of plan_in_order, and pieces their numbers. */
+/* Copies the nodes in the order of plan_in_order, and numbers the pieces. */
 static void place(const struct scatter_node *nodes, struct scatter_plan *plan)
 {
     struct placing waiting[SCATTER_PIECES_MAX], at = {0, 0, 0, {vec4_all(-INFINITY), vec4_all(INFINITY)}};

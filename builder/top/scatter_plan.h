@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * scatter_plan.h - the planes between pieces: a tree of them, found on a sample by binned SAH, and the cells of space
- * that they leave.
+ * scatter_plan.h - finds the planes between pieces on a sample of the refs, by binned SAH: a tree of planes, and the
+ * cells of space between them.
  */
 #ifndef BVHD_SCATTER_PLAN_H
 #define BVHD_SCATTER_PLAN_H
@@ -13,34 +13,35 @@
 enum { SCATTER_PIECES_MAX = 256, SCATTER_NODES_MAX = 2 * SCATTER_PIECES_MAX - 1 };
 
 /*
- * Refs that are not below the threshold go to the second child. A leaf is its own child, and nothing is beyond its
- * threshold.
+ * A plane, or a leaf. Refs whose centroid on `axis` is not below the threshold go to the second child. A leaf is its
+ * own child and has an infinite threshold, so further steps stay in it.
  */
 struct scatter_node {
     float threshold;
     uint32_t axis, child;
-    uint32_t piece; /* of a leaf */
+    uint32_t piece; /* number of a leaf's piece */
 };
 
 /*
- * Of a piece: where the centroids (min + max) of its refs are, not below `low`, below `high`. Any fourth lane is
- * inside.
+ * The region of one piece: its refs have centroids (min + max) not below `low` and below `high`. The fourth lane
+ * accepts every value.
  */
 struct scatter_cell {
     vec4 low, high;
 };
 
-/* Children follow their parents. Pieces are numbered in the order of leaves, first children first. */
+/* A tree of planes. Children follow their parents; pieces are numbered in the order of leaves, first children first. */
 struct scatter_plan {
     struct scatter_node nodes[SCATTER_NODES_MAX];
     struct scatter_cell cells[SCATTER_PIECES_MAX];
     uint32_t node_count, piece_count;
-    uint32_t levels; /* planes on the longest way to a leaf */
+    uint32_t levels; /* planes on the longest path to a leaf */
 };
 
 /*
- * Parts of more than `enough` refs of the sample are divided, as long as there may be more pieces and there is a plane
- * with refs on both sides. The sample is put into another order. The same for any number of threads.
+ * Makes the plan: divides every part of the sample that has more than `enough` refs, as long as more pieces are allowed
+ * and a plane has refs on both sides. Reorders the sample. The result is the same for any number of threads. Allocates
+ * nothing and cannot fail.
  */
 void scatter_plan_make(struct primitive_ref *sample, uint32_t count, uint32_t enough, const struct parallel *parallel,
                        struct scatter_plan *ret_plan);

@@ -6,19 +6,19 @@
 #include "builder/kernel/bins.h"
 #include "builder/kernel/spatial_bins.h"
 
-/* Refs of a task. */
+/* Refs of one task. */
 enum { CHUNK = 4096 };
 
 /*
- * Of the root's half area: who has as much is met by most rays that meet the root. No more than one ref in OUTSIZE_RARE
- * is set apart.
+ * Share of the root's half area from which on a ref counts as outsize: such a ref is met by most rays that meet the
+ * root. Outsize refs are set apart only when they are at most one in OUTSIZE_RARE.
  */
 static const float outsize_share = 0.5f;
 enum { OUTSIZE_RARE = 8 };
 
 /*
- * A node on its way to being split. Its refs lie anywhere in its room in one of both arrays; its children get their
- * rooms in the other.
+ * A node that is still to be divided. Its refs lie somewhere in its room in one of the two arrays; its children get
+ * their rooms in the other.
  */
 struct part {
     struct vec4_box bounds, centroids;
@@ -26,12 +26,12 @@ struct part {
     bool in_scratch;
 };
 
-/* A chunk of the part that is being split. */
+/* A chunk of the part that is being divided. */
 struct chunk {
     struct bins bins;
     struct spatial_bins parts;
-    uint32_t counts[2], places[2]; /* by side: how many refs go there, and where */
-    double areas[2]; /* of the root, by side: half areas of its refs */
+    uint32_t counts[2], places[2]; /* for each side: how many refs go there, and where */
+    double areas[2]; /* at the root, for each side: sum of its refs' half areas */
     struct spatial_side sides[2];
 };
 
@@ -43,9 +43,9 @@ struct splitter {
     uint32_t node_capacity;
     float whole; /* half area of the root, without the outsize refs */
     float price; /* spatial_price */
-    struct part part; /* the one that is being split */
+    struct part part; /* the node that is being divided */
     struct chunk *chunks;
-    uint8_t *sides; /* of each ref of the part, as spatial_assign says, or 0 and 1 */
+    uint8_t *sides; /* side of each ref of the part, by spatial_assign, or 0 and 1 */
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct spatial_grid grid;
@@ -133,7 +133,7 @@ static void cut_chunk(void *context, size_t index)
                  (uint32_t)(end - begin), to + chunk->places[0], to + chunk->places[1], chunk->sides);
 }
 
-/* Left refs from the room's beginning on, right ones up to its end. */
+/* Places left refs from the start of the room on, and right ones up to its end. */
 static void place_chunks(struct splitter *s)
 {
     uint32_t left = 0, right = s->part.capacity;
@@ -175,7 +175,7 @@ static void assign_halves(void *context, size_t index)
     }
 }
 
-/* As they were assigned: to the left, to the right or cut. False when cancelled. */
+/* Moves the refs as they were assigned: to the left, to the right, or cut to both. Returns false when cancelled. */
 static bool move_refs(struct splitter *s, struct spatial_side ret_sides[2])
 {
     place_chunks(s);
@@ -185,7 +185,7 @@ static bool move_refs(struct splitter *s, struct spatial_side ret_sides[2])
     return true;
 }
 
-/* Where nothing separates the refs. False when cancelled. */
+/* Divides refs that nothing separates in the middle of their order. Returns false when cancelled. */
 static bool halve(struct splitter *s, struct spatial_side ret_sides[2])
 {
     return each_chunk(s, assign_halves) && move_refs(s, ret_sides);
@@ -208,8 +208,8 @@ static bool carry_out(struct splitter *s, struct spatial_side ret_sides[2])
 }
 
 /*
- * Sets *ret_better when there is a plane that cuts triangles and costs less than the best division of whole refs. False
- * when cancelled.
+ * Sets *ret_better when there is a plane that cuts triangles and costs less than the best division of whole refs.
+ * Returns false when cancelled.
  */
 static bool look_for_cut(struct splitter *s, bool *ret_better)
 {
@@ -227,7 +227,10 @@ static bool look_for_cut(struct splitter *s, bool *ret_better)
     return true;
 }
 
-/* Neither side is left without refs: where all that cross the plane would be better whole on one side, they are cut. */
+/*
+ * Cuts the refs. Neither side may stay empty: when all refs that cross the plane would be cheaper whole on one side,
+ * they are cut nevertheless.
+ */
 static bool carry_out_cut(struct splitter *s, struct spatial_side ret_sides[2])
 {
     if (!each_chunk(s, assign_chunk))
@@ -244,7 +247,7 @@ static bool carry_out_cut(struct splitter *s, struct spatial_side ret_sides[2])
     return move_refs(s, ret_sides);
 }
 
-/* False when cancelled. */
+/* Divides the part, by a cut or without. Returns false when cancelled. */
 static bool divide(struct splitter *s, struct spatial_side ret_sides[2])
 {
     bins_map(&s->part.centroids, s->part.count, &s->mapping);
@@ -319,8 +322,9 @@ static void assign_outsize(void *context, size_t index)
 }
 
 /*
- * Refs about as large as the whole would blow up every box on their way down: if they are few, they make a piece of
- * their own below the root, without room for more. Sets *ret_apart, and the price. False when cancelled.
+ * Refs about as large as the whole scene would enlarge every box on their way down. If they are few, they form a piece
+ * of their own below the root, without room for more refs. Sets *ret_apart, and the price. Returns false when
+ * cancelled.
  */
 static bool set_apart(struct splitter *s, struct spatial_side ret_sides[2], bool *ret_apart)
 {
@@ -346,7 +350,7 @@ static bool set_apart(struct splitter *s, struct spatial_side ret_sides[2], bool
     return true;
 }
 
-/* Makes the part's children; *ret_split is false when it is a piece. */
+/* Makes the part's children; *ret_split is false when the part is a piece. */
 static enum bvhd_status split_part(struct splitter *s, struct part ret_children[2], bool *ret_split)
 {
     struct spatial_side sides[2];
@@ -362,7 +366,10 @@ static enum bvhd_status split_part(struct splitter *s, struct part ret_children[
     return add_children(s, sides, left, ret_children) ? BVHD_OK : BVHD_NO_MEMORY;
 }
 
-/* The child with more room waits while the other is split to the end, so that at most 32 wait. */
+/*
+ * Divides down to pieces. The child with more room waits while the other one is divided, so at most 32 wait, and the
+ * root's.
+ */
 static enum bvhd_status split_to_end(struct splitter *s)
 {
     struct part waiting[34], children[2];

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * spatial_split.h - the top of a build with spatial splits: cuts the triangles into pieces as spatial.h goes on within
- * each, all threads at one node together.
+ * spatial_split.h - the top of a build with spatial splits, for quality high: divides the triangles into pieces by the
+ * same method that spatial.h uses within each piece, with all threads working on one node at a time.
  */
 #ifndef BVHD_SPATIAL_SPLIT_H
 #define BVHD_SPATIAL_SPLIT_H
@@ -12,19 +12,22 @@
 #include "builder/top/split.h"
 
 struct spatial_split_request {
-    const struct canonical *canonical; /* clip_allowed */
-    struct primitive_ref *refs, *scratch; /* `capacity` each; the refs are the first `count` */
+    const struct canonical *canonical; /* clip_allowed holds for it; only read when capacity > count */
+    struct primitive_ref *refs, *scratch; /* room for `capacity` refs each; `refs` holds the first `count` */
     uint32_t count, capacity; /* 1 <= count <= capacity */
-    uint32_t piece_size; /* no piece is larger; >= 1 */
-    struct box bounds, centroids; /* of all refs (primitive_ref_bounds); magnitudes of at most 2^40 */
-    const atomic_bool *cancel; /* may be NULL; once set it stays set; looked at every few thousand refs */
+    uint32_t piece_size; /* most refs of a piece; >= 1 */
+    struct box bounds, centroids; /* of all refs (primitive_ref_bounds); magnitudes are at most 2^40 */
+    const atomic_bool *cancel; /* may be NULL; once set it stays set; checked every few thousand refs */
 };
 
 /*
- * As split_refs, but cut triangles are referenced from both sides, and each piece has room: its refs are refs[first ..
- * first + count), and both arrays are its own up to the `first` of the piece behind it. No bounds are set; the root's
- * count is that of the pieces' refs. Refs about as large as the whole, which would blow up every box on their way down,
- * make a piece of their own below the root; *ret_price is spatial_price of the others.
+ * Does what split_refs does, except that cut triangles are referenced from both sides, and that each piece has room for
+ * more: its refs are refs[first .. first + count), and both arrays belong to it up to the `first` of the next piece. No
+ * bounds are set; the root's count is the sum over the pieces. If a few refs are about as large as the whole scene,
+ * which would enlarge every box on their way down, they form a piece of their own below the root. *ret_price is the
+ * spatial_price of the other refs.
+ *
+ * The caller frees ret_tree->nodes. Returns BVHD_CANCELLED or BVHD_NO_MEMORY.
  */
 enum bvhd_status spatial_split(const struct spatial_split_request *request, struct memory *memory,
                                const struct parallel *parallel, struct split_tree *ret_tree, float *ret_price,

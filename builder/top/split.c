@@ -6,20 +6,20 @@
 #include "builder/kernel/bins.h"
 
 /*
- * Parts of more than LARGE refs are split in rounds: all of a level at once, in chunks that are binned and partitioned
- * in parallel. What is smaller is split to the end by one task. Refs move between the two arrays; a part lies in one of
- * them.
+ * Parts of more than LARGE refs are divided in rounds: all of one level at once, in chunks of CHUNK refs that are
+ * binned and partitioned in parallel. Each smaller part is divided down to pieces by one task. Refs move between the
+ * two arrays; each part lies in one of them.
  */
 enum { LARGE = 32768, CHUNK = 4096 };
 
-/* A node on its way to being split. */
+/* A node that is still to be divided. */
 struct part {
     uint32_t node, first, count;
     bool in_scratch;
     struct vec4_box centroids;
 };
 
-/* Nodes as they are made. A list's own root is node 0. */
+/* Nodes as they are made. The root of a list is its node 0. */
 struct node_list {
     struct split_node *nodes;
     uint32_t count, capacity;
@@ -28,19 +28,19 @@ struct node_list {
 
 /* A chunk of a large part in one round. */
 struct chunk {
-    uint32_t part; /* in the round */
+    uint32_t part; /* number of the part in this round */
     uint32_t first, count;
-    uint32_t left_at, right_at; /* where its refs go */
+    uint32_t left_at, right_at; /* where its left and right refs go */
     struct vec4_box centroids[2];
     struct bins bins;
 };
 
-/* How a large part is split in one round. */
+/* The division of a large part in one round. */
 struct division {
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2];
-    bool halved; /* no plane: the refs stay where they are */
+    bool halved; /* there is no plane; the refs stay where they are */
     uint32_t first_chunk, chunk_count;
 };
 
@@ -55,7 +55,7 @@ struct splitter {
     struct memory *memory;
     const struct parallel *parallel;
     struct node_list list;
-    struct part *parts; /* of this round */
+    struct part *parts; /* large parts of this round */
     struct division *divisions;
     uint32_t part_count;
     struct part *next_parts;
@@ -90,7 +90,7 @@ static bool node_list_grow(struct node_list *list, uint32_t more, struct memory 
     return true;
 }
 
-/* Makes the two children of a part, whose list has room for them. */
+/* Makes the two children of a part; the list has room for them. */
 static void add_children(struct node_list *list, const struct part *part, const struct bins_plane *plane, bool halved,
                          const struct vec4_box centroids[2], struct part ret_children[2])
 {
@@ -130,8 +130,8 @@ static void split_small(const struct split_request *request, struct node_list *l
 }
 
 /*
- * Splits a part to the end on the calling thread. The larger child waits while the smaller is split, so that at most 32
- * wait.
+ * Divides a part down to pieces on the calling thread. The larger child waits while the smaller one is divided, so at
+ * most 32 wait.
  */
 static enum bvhd_status split_to_end(const struct split_request *request, struct node_list *list, struct part part,
                                      struct memory *memory)
@@ -183,7 +183,7 @@ static void bin_chunk(void *context, size_t index)
     bins_add(&chunk->bins, mapping, array_of(splitter->request, part->in_scratch) + chunk->first, chunk->count);
 }
 
-/* As bins_bound, of no use when cancelled on the way. */
+/* Does what bins_bound does, chunk by chunk; the result is incomplete when cancelled. */
 static void bound(const struct split_request *request, const struct primitive_ref *refs, uint32_t count,
                   struct vec4_box *ret_bounds, struct vec4_box *ret_centroids)
 {
@@ -197,7 +197,7 @@ static void bound(const struct split_request *request, const struct primitive_re
     }
 }
 
-/* bins_halve for a large part. */
+/* Does what bins_halve does, for a large part. */
 static void halve(const struct split_request *request, const struct part *part, struct division *division)
 {
     const struct primitive_ref *refs = array_of(request, part->in_scratch) + part->first;
@@ -207,7 +207,7 @@ static void halve(const struct split_request *request, const struct part *part, 
     bound(request, refs + left, part->count - left, &division->plane.right, &division->centroids[1]);
 }
 
-/* Finds a part's plane and tells its chunks where their refs go. */
+/* Finds a part's plane, and sets where the refs of its chunks go. */
 static void divide(void *context, size_t index)
 {
     struct splitter *splitter = context;
@@ -258,8 +258,8 @@ static void sum_centroids(struct splitter *splitter, struct division *division)
 }
 
 /*
- * A part is for the next round when it is large, else for a task; pieces as well, since they may have to be copied
- * back.
+ * Puts a large part into the next round, and any other into a task. Pieces become tasks too, since they may have to be
+ * copied back.
  */
 static void assign(struct splitter *splitter, const struct part *part)
 {
@@ -289,7 +289,7 @@ static void cut_into_chunks(struct splitter *splitter)
     }
 }
 
-/* Each part becomes two: one more task at most for each. */
+/* Makes room for the children: each part becomes two, and either may become a task. */
 static bool make_room(struct splitter *splitter)
 {
     uint64_t tasks = (uint64_t)splitter->task_count + 2 * (uint64_t)splitter->part_count;
@@ -311,7 +311,7 @@ static enum bvhd_status run_round(struct splitter *splitter)
     if (!make_room(splitter))
         return BVHD_NO_MEMORY;
     cut_into_chunks(splitter);
-    /* Chunks leave their work undone when they see the flag, which is then seen here too: it is never taken back. */
+    /* Chunks that see the cancel flag leave their work undone. The flag is never cleared, so it is seen here too. */
     parallel_for(splitter->parallel, splitter->chunk_count, bin_chunk, splitter);
     if (cancelled(splitter->request))
         return BVHD_CANCELLED;
@@ -337,7 +337,7 @@ static enum bvhd_status run_round(struct splitter *splitter)
     return BVHD_OK;
 }
 
-/* Puts a task's nodes behind the others; its root has its place already. */
+/* Appends a task's nodes to the list; its root already has a place there. */
 static void append(struct node_list *list, const struct small_task *task)
 {
     const struct node_list *own = &task->list;
@@ -368,7 +368,7 @@ static enum bvhd_status run_tasks(struct splitter *splitter)
     return BVHD_OK;
 }
 
-/* Large parts are disjoint and have more than LARGE refs each, which bounds their number and that of their chunks. */
+/* Large parts are disjoint and have more than LARGE refs each, which bounds their number and the number of chunks. */
 static bool allocate(struct splitter *splitter)
 {
     uint32_t count = splitter->request->count;

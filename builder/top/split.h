@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * split.h - our own binned SAH splitting (Wald 2007), which cuts a set of refs into pieces.
- *
- * Used above all builders, to make pieces of bounded size so that a build can be cancelled, shared out and take turns.
- * Where nothing separates the refs they are halved in their order, so the depth stays within log2 of the count there.
+ * split.h - divides a set of refs into pieces of bounded size by binned SAH (Wald 2007), so that a build can be
+ * cancelled and shared among threads between pieces. Where nothing separates the refs they are halved in their order,
+ * so there the depth stays within log2 of the count.
  */
 #ifndef BVHD_SPLIT_H
 #define BVHD_SPLIT_H
@@ -16,7 +15,7 @@
 #include "builder/kernel/primitive_ref.h"
 
 /*
- * A node of the cut: inner nodes have two children at `child` and `child + 1`, pieces have child 0 and refs[first ..
+ * A node of the split. Inner nodes have two children at `child` and `child + 1`; pieces have child 0, and refs[first ..
  * first + count).
  */
 struct split_node {
@@ -32,19 +31,19 @@ struct split_tree {
 };
 
 struct split_request {
-    struct primitive_ref *refs; /* permuted so that each piece is contiguous; magnitudes of at most 2^40 */
-    struct primitive_ref *scratch; /* room for as many */
-    const uint32_t *blocks; /* with scatter_refs: NULL, or refs lie in block_count blocks (primitive.h) */
+    struct primitive_ref *refs; /* reordered so that each piece is contiguous; magnitudes are at most 2^40 */
+    struct primitive_ref *scratch; /* room for as many refs */
+    const uint32_t *blocks; /* for scatter_refs: NULL, or the refs lie in block_count blocks with gaps (primitive.h) */
     uint32_t block_count;
     uint32_t count; /* >= 1 */
-    uint32_t piece_size; /* no piece is larger; >= 1 */
+    uint32_t piece_size; /* most refs of a piece; >= 1 */
     struct box bounds, centroids; /* of all refs (primitive_ref_bounds) */
-    const atomic_bool *cancel; /* may be NULL; once set it stays set; looked at every few thousand refs */
+    const atomic_bool *cancel; /* may be NULL; once set it stays set; checked every few thousand refs */
 };
 
 /*
- * The caller frees ret_tree->nodes. The same for any number of threads. BVHD_CANCELLED, BVHD_NO_MEMORY: refs are in no
- * useful state.
+ * Splits the refs on all threads. The caller frees ret_tree->nodes. The result is the same for any number of threads.
+ * Returns BVHD_CANCELLED or BVHD_NO_MEMORY; then the refs are in no useful state.
  */
 enum bvhd_status split_refs(const struct split_request *request, struct memory *memory, const struct parallel *parallel,
                             struct split_tree *ret_tree, struct bvhd_error *error);

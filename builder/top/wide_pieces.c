@@ -3,17 +3,17 @@
 
 #include <string.h>
 
-/* Where a piece's parts go in the joined tree. */
+/* The place of a piece in the joined tree. */
 struct position {
-    uint32_t root, nodes; /* its root, the first of its other nodes */
-    uint32_t root_leaf, leaf; /* likewise, of their leaf refs */
-    uint32_t boxes, refs; /* what is added to numbers of boxes, to places of refs */
+    uint32_t root, nodes; /* index of its root, and of the first of its other nodes */
+    uint32_t root_leaf, leaf; /* first_leaf of its root, and of the first of its other nodes */
+    uint32_t boxes, refs; /* offsets that are added to numbers of boxes, and to places of refs */
 };
 
 struct joining {
     const struct wide_join *request;
     struct wide top;
-    struct position *positions; /* of each piece */
+    struct position *positions; /* one for each piece */
     struct ir ir;
     struct wide wide;
     uint32_t next_node, next_leaf, next_box;
@@ -24,7 +24,10 @@ static uint32_t mask_of(bool condition)
     return 0u - (uint32_t)condition;
 }
 
-/* Gives slots the boxes that they name, in the order of the slots. An empty slot's is written over by the next. */
+/*
+ * Copies the boxes that slots name, in the order of the slots, and numbers them. The box of an empty slot is
+ * overwritten by the next one.
+ */
 static void list_boxes(const struct ir *ir, struct wide_piece *piece)
 {
     uint32_t count = 0;
@@ -71,13 +74,13 @@ void wide_piece_finish(struct wide_piece *piece)
     memset(piece, 0, sizeof *piece);
 }
 
-/* How many leaf refs a piece's root has in its own slots. */
+/* Returns how many leaf refs the piece's root has in its own slots. */
 static uint32_t root_leaves(const struct wide_piece *piece)
 {
     return piece->wide.node_count > 1 ? piece->wide.nodes[1].first_leaf : piece->wide.leaf_refs;
 }
 
-/* The root of a piece goes to `at`; its leaf refs are next. */
+/* Places the root of a piece at index `at`, and its leaf refs next. */
 static void place_root(struct joining *j, uint32_t number, uint32_t at)
 {
     struct position *position = &j->positions[number];
@@ -97,8 +100,8 @@ static void place_rest(struct joining *j, uint32_t number)
 }
 
 /*
- * Fills the node at `at` from one of the tree above, all of whose children are inner nodes now; then what is below each
- * of them. Returns how many levels there are.
+ * Fills the node at index `at` from a node of the tree above the pieces, all of whose children become inner nodes; then
+ * places everything below each of them. Returns the number of levels.
  */
 static uint32_t place_node(struct joining *j, uint32_t source, uint32_t at)
 {
@@ -138,7 +141,7 @@ static uint32_t place_node(struct joining *j, uint32_t source, uint32_t at)
     return depth + 1;
 }
 
-/* Where boxes and refs of the pieces go, one after another. */
+/* Places the boxes and refs of the pieces one after another. */
 static void place_arrays(struct joining *j)
 {
     uint32_t refs = 0, boxes = j->next_box;
@@ -151,7 +154,7 @@ static void place_arrays(struct joining *j)
     }
 }
 
-/* A node of a piece as one of the joined tree. */
+/* Copies a node of a piece into the joined tree. */
 static void copy_node(const struct position *position, const struct wide_node *from, uint32_t first_leaf,
                       struct wide_node *to)
 {
@@ -205,7 +208,8 @@ static enum bvhd_status join(struct joining *j)
 {
     const struct wide_join *request = j->request;
     struct collapse_options options = *request->options;
-    options.leaf_max = 1; /* a piece is none of another's */
+    /* A leaf of the tree above must hold only one piece. */
+    options.leaf_max = 1;
     enum bvhd_status status = collapse(request->top, &options, request->memory, &parallel_serial, &j->top, NULL);
     if (status == BVHD_OK)
         status = make_room(j);

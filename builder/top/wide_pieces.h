@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * wide_pieces.h - wide trees of pieces, each made while the piece's binary tree is still in the cache, and joined below
- * a wide tree of the pieces.
+ * wide_pieces.h - collapses each piece into a wide tree while its binary tree is still in the cache, and joins these
+ * trees below a wide tree of the pieces.
  *
- * What a layout reads of a binary tree besides is its boxes and refs. A joined tree has an ir of these alone: no nodes,
- * the root's box first, then those of the slots, in the order in which they are read.
+ * Beside the wide tree, a layout reads boxes and refs of the binary tree. A joined tree therefore has an ir with only
+ * these: it has no nodes; its boxes are the root's, followed by those of the slots in the order in which they are read.
  */
 #ifndef BVHD_WIDE_PIECES_H
 #define BVHD_WIDE_PIECES_H
 
 #include "builder/wide/collapse.h"
 
-/* Slots name boxes by their number from 1 on, and refs by their place in the piece. */
+/* The wide tree of a piece. Slots name boxes by numbers that start at 1, and refs by their places in the piece. */
 struct wide_piece {
     struct wide wide;
     struct box bounds;
@@ -23,17 +23,18 @@ struct wide_piece {
 };
 
 /*
- * Takes the ir's refs, whether it succeeds or not, and ends the rest of it. The ir has nodes. BVHD_NO_MEMORY,
+ * Collapses the tree of a piece, which has nodes. Takes over the ir's refs and ends the ir, whether it succeeds or not.
+ * The caller ends *ret_piece with wide_piece_finish. Runs on the calling thread. Returns BVHD_NO_MEMORY or
  * BVHD_CANCELLED.
  */
 enum bvhd_status wide_piece_make(struct ir *ir, const struct collapse_options *options, struct memory *memory,
                                  struct wide_piece *ret_piece);
 
-/* NULL-safe, idempotent. */
+/* Frees a piece; `piece` may be NULL, zeroed, or already finished. */
 void wide_piece_finish(struct wide_piece *piece);
 
 struct wide_join {
-    const struct ir *top; /* at least three nodes; each leaf has one ref, whose place is the number of its piece */
+    const struct ir *top; /* at least three nodes; each leaf has one ref, which is the number of a piece */
     const struct wide_piece *const *pieces;
     uint32_t piece_count;
     const struct collapse_options *options;
@@ -41,7 +42,10 @@ struct wide_join {
     const struct parallel *parallel;
 };
 
-/* The caller ends both. The same for any number of threads. BVHD_NO_MEMORY, BVHD_TOO_LARGE, BVHD_CANCELLED. */
+/*
+ * Joins the pieces. The caller ends *ret_ir and *ret_wide. The result is the same for any number of threads. Returns
+ * BVHD_NO_MEMORY, BVHD_TOO_LARGE, or BVHD_CANCELLED.
+ */
 enum bvhd_status wide_pieces_join(const struct wide_join *request, struct ir *ret_ir, struct wide *ret_wide,
                                   struct bvhd_error *error);
 

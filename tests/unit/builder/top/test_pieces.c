@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_pieces.c - tests that trees of pieces are built and joined, on any threads, with cancellation and failures. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -9,7 +10,7 @@
 
 enum { COUNT = 6000, PIECE_SIZE = 700 };
 
-/* Refs that were split, in blocks of `memory`. */
+/* Refs that have been split, in blocks of `memory`. */
 struct fixture {
     struct memory memory;
     struct primitive_ref *refs, *scratch;
@@ -18,7 +19,7 @@ struct fixture {
     struct pieces_request request;
 };
 
-/* What came out. */
+/* A joined tree. */
 struct joined {
     struct ir ir;
     uint32_t depth;
@@ -50,7 +51,7 @@ static void start(struct fixture *f, enum test_refs_kind kind, uint32_t count, u
     };
 }
 
-/* Nothing is left of anything. */
+/* Frees everything, and checks that nothing else is live. */
 static void finish(struct fixture *f)
 {
     memory_free(&f->memory, f->refs);
@@ -60,7 +61,7 @@ static void finish(struct fixture *f)
     assert_int_equal(f->memory.live, 0);
 }
 
-/* Joins what was built; with `spare` refs' room in the blocks, which the fixture keeps as far as they are left. */
+/* Joins the pieces; the spare blocks have room for `spare_count` refs, and the fixture keeps those that are left. */
 static enum bvhd_status join(struct fixture *f, const struct pieces *pieces, uint32_t spare_count,
                              const struct parallel *parallel, struct joined *ret_joined)
 {
@@ -120,7 +121,9 @@ static void joined_trees_are_whole(void **state)
             }
 }
 
-/* Blocks with too little room stay the caller's, those with enough become the tree's. The tree is the same. */
+/*
+ * Blocks that are too small stay with the caller, those that are large enough become the tree's. The tree is the same.
+ */
 static void spare_blocks_are_used_where_they_are_large_enough(void **state)
 {
     (void)state;
@@ -172,7 +175,7 @@ static void threads_do_not_matter(void **state)
         }
 }
 
-/* What is reported; `stop`, which may be NULL, is set after so many reports. */
+/* Counts progress reports; sets `stop`, which may be NULL, after `stop_after` of them. */
 struct reports {
     _Atomic uint32_t count;
     uint64_t last;
@@ -231,7 +234,7 @@ static void a_build_is_cancelled_between_pieces(void **state)
     }
 }
 
-/* With the spare blocks taken over, and with blocks of its own. */
+/* Cancels with the spare blocks taken over, and with blocks of its own. */
 static void a_join_is_cancelled(void **state)
 {
     (void)state;
@@ -251,7 +254,7 @@ static void a_join_is_cancelled(void **state)
     }
 }
 
-/* On every failing allocation nothing is left but what the caller has. */
+/* After each failed allocation only the caller's blocks are live. */
 static void allocations_fail(void **state)
 {
     (void)state;
@@ -274,7 +277,7 @@ static void allocations_fail(void **state)
     }
 }
 
-/* A wide tree of pieces, from the begin; `pieces` are ended. */
+/* Builds pieces and joins them into a wide tree; the pieces are finished. */
 static enum bvhd_status build_wide(struct fixture *f, const struct parallel *parallel, struct joined *ret_joined,
                                    struct wide *ret_wide)
 {

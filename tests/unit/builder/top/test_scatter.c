@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_scatter.c - tests that refs are sent to the right pieces, in bounded sizes, for any threads, gaps and orders. */
 #include "tests/support/unit.h"
 
 #include <string.h>
@@ -32,7 +33,7 @@ static void finish(struct fixture *f)
     assert_int_equal(f->memory.live, 0);
 }
 
-/* Every promise of scatter.h. */
+/* Checks every promise of scatter.h. */
 static void check_tree(const struct fixture *f, const struct split_tree *tree)
 {
     uint32_t count = f->request.count, pieces = 0;
@@ -68,8 +69,8 @@ static void check_tree(const struct fixture *f, const struct split_tree *tree)
 }
 
 /*
- * Refs below any node are neighbours: the left child's before the right one's. Returns how many there are, checks where
- * they begin.
+ * Checks that the refs below a node are contiguous, the left child's before the right one's, and start at `first`.
+ * Returns how many there are.
  */
 static uint32_t check_order(const struct split_tree *tree, uint32_t node, uint32_t first)
 {
@@ -126,7 +127,7 @@ static void outsize_refs_are_set_apart(void **state)
     finish(&f);
 }
 
-/* Empty and short blocks, and one that is full; what stands in the gaps is nobody's. */
+/* Blocks may be empty, short or full; gaps hold arbitrary bytes. */
 static void gaps_do_not_matter(void **state)
 {
     (void)state;
@@ -170,7 +171,7 @@ static int by_x(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Of all refs below a node, which lie together: check_order. */
+/* Computes the centroids' bounds of all refs below a node, which are contiguous (check_order). */
 static void bound_below(const struct fixture *f, const struct split_tree *tree, uint32_t node,
                         struct box *ret_centroids)
 {
@@ -185,7 +186,7 @@ static void bound_below(const struct fixture *f, const struct split_tree *tree, 
     box_grow(ret_centroids, &other);
 }
 
-/* Whatever the order of the refs, a plane is between the two sides of each node. */
+/* For any order of the refs, a plane separates the two sides of each node. */
 static void planes_separate_refs(void **state)
 {
     (void)state;
@@ -241,7 +242,7 @@ static void threads_do_not_matter(void **state)
     }
 }
 
-/* Cloud: planes of the sample are enough. Same: everything goes through split_refs. */
+/* For a cloud the planes of the sample are enough; when all refs are equal, everything goes through split_refs. */
 static void failing_allocations_leave_nothing(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_scatter_plan.c - tests that planes and cells agree, that pieces are bounded, and that threads do not matter. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -28,7 +29,7 @@ static uint32_t piece_by_planes(const struct scatter_plan *plan, const float cen
     return plan->nodes[node].piece;
 }
 
-/* Every promise of scatter_plan.h. */
+/* Checks every promise of scatter_plan.h. */
 static void check_plan(const struct scatter_plan *plan, const struct primitive_ref *refs, uint32_t count,
                        uint32_t enough)
 {

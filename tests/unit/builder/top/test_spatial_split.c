@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_spatial_split.c - tests that triangles are split spatially into sound pieces, with outsize refs apart. */
 #include "tests/support/unit.h"
 
 #include "builder/top/spatial_split.h"
@@ -23,7 +24,7 @@ static int by_first(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Every promise of spatial_split.h; returns the refs. */
+/* Checks every promise of spatial_split.h; returns the number of refs. */
 static uint32_t check_tree(const struct triangles *f, const struct split_tree *tree, uint32_t piece_size, bool apart)
 {
     struct split_node *pieces = calloc(tree->piece_count, sizeof *pieces);
@@ -77,10 +78,10 @@ static void every_kind_is_cut_into_pieces(void **state)
                 memory_free(&f.memory, tree.nodes);
                 triangles_finish(&f);
             }
-    assert_true(all > triangles + triangles / 50); /* it was about cuts */
+    assert_true(all > triangles + triangles / 50); /* some were cut */
 }
 
-/* Without room for more nothing is cut, and the triangles are not looked at. */
+/* Without room for more refs nothing is cut, and the triangles are not read. */
 static void without_room_refs_stay_whole(void **state)
 {
     (void)state;
@@ -112,7 +113,7 @@ static void outsize_refs_are_set_apart(void **state)
         assert_int_equal(tree.nodes[0].child, 1);
         assert_int_equal(tree.nodes[2].child, 0);
         assert_int_equal(tree.nodes[2].count, 2);
-        assert_int_equal(tree.nodes[2].first, 11998); /* no room for more */
+        assert_int_equal(tree.nodes[2].first, 11998); /* the outsize piece has no room for more */
         assert_int_equal(f.refs[11998].id + f.refs[11999].id, 1);
         double areas = 0;
         struct box others = box_empty();
@@ -180,7 +181,7 @@ static void failing_allocations_leave_nothing(void **state)
         memory_free(&f.memory, tree.nodes);
         triangles_finish(&f);
     }
-    assert_true(n > 4); /* the nodes had to grow */
+    assert_true(n > 4); /* the array of nodes had to grow */
 }
 
 static void cancelling_ends_it(void **state)

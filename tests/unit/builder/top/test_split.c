@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_split.c - tests that refs are divided into bounded pieces, the same for any number of threads. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -49,7 +50,7 @@ static bool same_box(const struct box *a, const struct box *b)
     return box_contains(a, b) && box_contains(b, a);
 }
 
-/* Every promise of split.h; returns the levels. */
+/* Checks every promise of split.h; returns the number of levels. */
 static uint32_t check_tree(const struct fixture *f, const struct split_tree *tree)
 {
     uint32_t count = f->request.count, pieces = 0, depth = 0;
@@ -102,7 +103,7 @@ static void every_kind_is_cut_into_pieces(void **state)
                 start(&f, (enum test_refs_kind)kind, counts[c], sizes[s]);
                 assert_int_equal(split_refs(&f.request, &f.memory, &parallel_serial, &tree, NULL), BVHD_OK);
                 uint32_t depth = check_tree(&f, &tree);
-                if (kind == REFS_SAME) /* halved */
+                if (kind == REFS_SAME) /* equal refs are halved */
                     assert_true(depth <= 1 + ceil(log2((counts[c] + sizes[s] - 1.0) / sizes[s])));
                 memory_free(&f.memory, tree.nodes);
                 finish(&f);
@@ -135,7 +136,7 @@ static void threads_do_not_matter(void **state)
     }
 }
 
-/* A large part is split as a small one would be: rounds and tasks are the same method. */
+/* Rounds use the same method as tasks: a large part is divided as a small one would be. */
 static void rounds_and_tasks_agree(void **state)
 {
     (void)state;

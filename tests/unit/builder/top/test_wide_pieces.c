@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_wide_pieces.c - tests that wide trees of pieces are joined into one sound wide tree. */
 #include "tests/support/unit.h"
 
 #include <string.h>
@@ -11,7 +12,7 @@ enum { PIECES = 23, EACH = 300, MOST = PIECES * EACH };
 
 static const struct collapse_options options = {.leaf_max = 3, .leaf_cost = 0.3f, .quick_order = true};
 
-/* Primitives in pieces that follow each other; of each piece its tree, above all a tree of the pieces. */
+/* Primitives in consecutive pieces, the tree of each piece, and a tree of the pieces. */
 struct world {
     struct test_model model;
     struct box bounds[PIECES];
@@ -21,7 +22,7 @@ struct world {
     uint32_t firsts[PIECES + 1];
 };
 
-/* Sizes differ: the first piece has one primitive, the second four. */
+/* Returns the size of a piece. Sizes differ: the first piece has one primitive, the second four. */
 static uint32_t size_of(uint32_t piece)
 {
     return piece < 2 ? 1 + 3 * piece : EACH - 7 * piece;
@@ -67,13 +68,13 @@ static enum bvhd_status make(struct world *w, struct memory *memory, const struc
     return status == BVHD_OK ? wide_pieces_join(&request, ret_ir, ret_wide, error) : status;
 }
 
-/* A walk through a joined tree. */
+/* The state of a walk through a joined tree. */
 struct seen {
     const struct world *w;
     const struct ir *ir;
     const struct wide *wide;
     uint8_t refs[MOST];
-    uint32_t next; /* node that begins the next block */
+    uint32_t next; /* node that starts the next block */
 };
 
 static void check_leaf(struct seen *seen, const struct wide_child *child)
@@ -89,7 +90,7 @@ static void check_leaf(struct seen *seen, const struct wide_child *child)
     }
 }
 
-/* Depth first; returns the levels. */
+/* Checks a node and all below it, depth first; returns the number of levels. */
 static uint32_t check_node(struct seen *seen, uint32_t at, const struct box *box)
 {
     const struct wide_node *node = &seen->wide->nodes[at];
