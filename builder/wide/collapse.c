@@ -7,7 +7,7 @@
 #include "builder/wide/collapse_cost.h"
 #include "builder/wide/collapse_emit.h"
 
-/* Rows are made in tasks of this many: what they touch stays in a core's cache. */
+/* Rows of the cost table that one task makes; what they touch stays in a core's cache. */
 enum { TASK_ROWS = 2048 };
 
 #define NO_ROW UINT32_C(0xffffffff)
@@ -16,7 +16,11 @@ struct collapsing {
     struct collapse_table table;
     collapse_cost_function *cost_of;
     const atomic_bool *cancel;
-    uint32_t *late; /* of each task: the highest of its rows that wait for others'; these are linked downwards */
+    /*
+     * For each task, the highest of its rows that need rows of other tasks; such rows are linked downwards, through
+     * leaf_refs.
+     */
+    uint32_t *late;
     _Atomic uint32_t largest_leaf;
 };
 
@@ -47,7 +51,7 @@ static void raise_largest(struct collapsing *c, uint32_t leaf)
         ;
 }
 
-/* Whether the children of a row's two nodes lie in this task and have been made. */
+/* True when the rows of the children of both siblings belong to this task, and have been made. */
 static inline bool is_ready(const struct collapse_table *table, uint32_t row, uint32_t end)
 {
     const struct ir_node *pair = &table->ir->nodes[2 * row + 1];
@@ -60,8 +64,9 @@ static inline bool is_ready(const struct collapse_table *table, uint32_t row, ui
 }
 
 /*
- * Children follow their parents, so counting backwards finds them made; those of another task, and all above them, stay
- * for later. Subtrees mostly lie together in memory, so these are few.
+ * Makes the rows of one task. Children follow their parents, so going backwards finds their rows made. Rows that need
+ * another task's, and all rows above those, are left for make_late_rows; subtrees mostly lie together in memory, so
+ * these are few.
  */
 static void make_rows(void *context, size_t index)
 {

@@ -11,7 +11,10 @@
 #include <emmintrin.h>
 #endif
 
-/* Sides in the table's scale. Their rounding is no matter for a cost, but it is the same everywhere. */
+/*
+ * Computes the sides in the table's scale. Their rounding does not matter for a cost, but it is the same on every
+ * machine.
+ */
 static inline void sides_of(const struct box *box, float scale, float ret_sides[3])
 {
     for (int axis = 0; axis < 3; axis++)
@@ -25,7 +28,10 @@ static inline float measure_box(const struct collapse_table *table, const struct
     return table->lengths ? d[0] + d[1] + d[2] : d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
 }
 
-/* Relative to the root's. Over all motion keys: areas of linearly moving boxes average over time. */
+/*
+ * Returns the measure (area or length) of a node relative to the root's, summed over all motion keys: areas of linearly
+ * moving boxes average over time.
+ */
 static inline float measure(const struct collapse_table *table, uint32_t node)
 {
     float sum = measure_box(table, &table->ir->boxes[0][node]);
@@ -34,7 +40,7 @@ static inline float measure(const struct collapse_table *table, uint32_t node)
     return sum * table->inverse;
 }
 
-/* Brings the longest side between 1 and 2, as far as powers of two that are normal floats allow. */
+/* Returns the power of two that brings the longest side to between 1 and 2, as far as normal floats allow. */
 static float scale_for(const struct box *box)
 {
     double longest = 0;
@@ -47,7 +53,7 @@ static float scale_for(const struct box *box)
     return ldexpf(1, 1 - exponent < -126 ? -126 : 1 - exponent > 126 ? 126 : 1 - exponent);
 }
 
-/* Below it an area counts as none: it has lost its bits, and its inverse is not finite. */
+/* Smaller areas count as none: they have lost their bits, and their inverse is not finite. */
 static const float smallest_area = 0x1p-100f;
 
 void collapse_table_init(struct collapse_table *table, const struct ir *ir, const struct collapse_options *options)
@@ -69,17 +75,17 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
     table->inverse = root > 0 ? 1 / root : 0;
 }
 
-/* A leaf of the ir as a row: it is one tree or none. */
+/* The row of a leaf of the ir: it can be one tree, but not a forest of more. */
 #define NO_FOREST                                                                                                      \
     {                                                                                                                  \
         {INFINITY, INFINITY, INFINITY, INFINITY, INFINITY, INFINITY, INFINITY}, 0                                      \
     }
 
 /*
- * measure_pair: the measures of two siblings. worth: the costs of a node from its forests and its measure; with enough
- * refs it is no leaf. combine: ret[m] = min over a + b = m of left[a] + right[b], for m = 0 .. 6. A minimum does not
- * depend on the order, so both versions give the same bits. There are no branches: which of two siblings are leaves
- * cannot be foreseen.
+ * Three functions that exist with SSE2 and without. measure_pair: the measures of two siblings. worth: the costs of a
+ * node, from its forests and its measure; with more than leaf_max refs it cannot be a leaf. combine: ret[m] = min over
+ * a + b = m of left[a] + right[b], for m = 0 .. 6. A minimum does not depend on the order, so both versions give the
+ * same bits. There are no branches, because which of two siblings are leaves is unpredictable.
  */
 #ifdef USE_SSE2
 
@@ -112,13 +118,15 @@ static inline void measure_pair(const struct collapse_table *table, uint32_t fir
 
 #define LANE(v, i) _mm_shuffle_ps(v, v, _MM_SHUFFLE(i, i, i, i))
 
-/* {carry, v0, v1, v2} */
+/* Returns {carry, v0, v1, v2}. */
 static inline __m128 shift_in(__m128 v, __m128 carry)
 {
     return _mm_move_ss(_mm_shuffle_ps(v, v, _MM_SHUFFLE(2, 1, 0, 0)), carry);
 }
 
-/* A cost's memory is read in the halves in which it is written: what lies across is slow to load right after. */
+/*
+ * Loads a cost in the same halves in which it was stored: a load across both halves would be slow directly afterwards.
+ */
 static inline void load_cost(const struct collapse_cost *cost, __m128 *ret_low, __m128 *ret_high)
 {
     *ret_low = _mm_loadu_ps(cost->as);
@@ -151,10 +159,10 @@ static inline struct costs worth(const struct collapse_table *table, const struc
     return costs;
 }
 
-/* v0, v1 | w0, w1 of two lanes each */
+/* Selects two lanes of v and two of w: v0, v1 | w0, w1. */
 #define LANES(v, v0, v1, w, w0, w1) _mm_shuffle_ps(v, w, _MM_SHUFFLE(w1, w0, v1, v0))
 
-/* Minima as a tree: rows wait for the row before. */
+/* Takes the minima as a tree, to keep the chain short: rows wait for the row before. */
 static inline void combine(const struct costs *left, const struct costs *right, uint32_t refs,
                            struct collapse_cost *ret)
 {
@@ -219,7 +227,7 @@ static inline void combine(const struct costs *left, const struct costs *right, 
 
 #endif
 
-/* A leaf takes one tree and leaves the rest, which is never worse, to its sibling. */
+/* A leaf takes one tree and leaves the rest of the budget to its sibling, which is never worse. */
 void collapse_cost_of(const struct collapse_table *table, uint32_t row)
 {
     struct collapse_cost leaves[2] = {NO_FOREST, NO_FOREST};
@@ -246,7 +254,7 @@ void collapse_cost_end(const struct collapse_table *table)
     worth(table, root, measure(table, 0), root->leaf_refs, root);
 }
 
-/* How many of `budget` trees the left one of two siblings takes. */
+/* Returns how many of `budget` trees the left one of two siblings gets. */
 static unsigned left_share(const struct collapse_table *table, uint32_t first, unsigned budget)
 {
     if (ir_is_leaf(table->ir, first))
@@ -265,7 +273,7 @@ static unsigned left_share(const struct collapse_table *table, uint32_t first, u
     return best;
 }
 
-/* A subtree that becomes a leaf has a handful of nodes. */
+/* Returns the first ref below a node. The recursion is short: a subtree that becomes a leaf has only a few nodes. */
 static uint32_t first_ref(const struct ir *ir, uint32_t node)
 {
     uint32_t first = ir->nodes[node].first;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * collapse_cost_avx2.c - collapse_cost_of for machines with AVX2: the same sums and minima, eight costs in a register.
- * Here branches on leaves pay: a processor that guesses right goes on without waiting for the row before.
+ * collapse_cost_avx2.c - collapse_cost_of for machines with AVX2: the same sums and minima, with eight costs in a
+ * register. Here branches on leaves pay, because a processor that predicts right need not wait for the row before.
  */
 #include <math.h>
 
@@ -19,7 +19,7 @@ WIDE_INLINE __m128 sides_of(const struct box *box, __m128 scale)
     return _mm_sub_ps(_mm_mul_ps(max, scale), _mm_mul_ps(_mm_loadu_ps(box->min), scale));
 }
 
-/* In the two lowest lanes: the measures of two siblings, over all motion keys. */
+/* Returns the measures of two siblings, over all motion keys, in the two lowest lanes. */
 WIDE_INLINE __m128 measure_pair(const struct collapse_table *table, uint32_t first)
 {
     const __m128 scale = _mm_set1_ps(table->scale);
@@ -37,16 +37,16 @@ WIDE_INLINE __m128 measure_pair(const struct collapse_table *table, uint32_t fir
     return _mm_mul_ps(sum, _mm_set1_ps(table->inverse));
 }
 
-/* One lane of a half that stands in both, in all lanes. */
+/* Broadcasts one lane of a half that is the same in both halves. */
 #define LANE(halves, i) _mm256_permute_ps(halves, _MM_SHUFFLE(i, i, i, i))
 
-/* The last lane is a number. */
+/* Stores the costs; the last lane is the number. */
 WIDE_INLINE void store_cost(__m256 costs, __m256i number, struct collapse_cost *ret)
 {
     _mm256_storeu_ps(ret->as, _mm256_blend_ps(costs, _mm256_castsi256_ps(number), 0x80));
 }
 
-/* Ends a node's row. */
+/* Completes a node's row, and returns its costs. */
 WIDE_INLINE __m256 worth(const struct collapse_table *table, struct collapse_cost *own, __m256 area, uint32_t refs)
 {
     __m256 forest = _mm256_loadu_ps(own->as);
@@ -65,7 +65,7 @@ WIDE_INLINE __m256 worth(const struct collapse_table *table, struct collapse_cos
     return costs;
 }
 
-/* What is left of a budget when the other side has taken `taken` more than one. */
+/* The costs of the right side for the rest of a budget, when the left side has taken `taken` trees more than one. */
 #define REST(right, taken)                                                                                             \
     _mm256_blend_ps(_mm256_permutevar8x32_ps(right, _mm256_setr_epi32(0 - taken, 1 - taken, 2 - taken, 3 - taken,      \
                                                                       4 - taken, 5 - taken, 6 - taken, 7 - taken)),    \
@@ -83,7 +83,7 @@ WIDE_INLINE __m256 combine(__m256 left, __m256 right)
     return _mm256_min_ps(_mm256_min_ps(ab, cd), _mm256_min_ps(ef, g));
 }
 
-/* What an inner node is worth, of which the row has been made. */
+/* Returns the costs of an inner node whose row has been made. */
 WIDE_INLINE __m256 inner_of(const struct collapse_table *table, const struct ir_node *node, __m128 measure,
                             uint32_t *refs)
 {
@@ -92,7 +92,7 @@ WIDE_INLINE __m256 inner_of(const struct collapse_table *table, const struct ir_
     return worth(table, own, _mm256_broadcastss_ps(measure), *refs);
 }
 
-/* A leaf is one tree, at the same cost for any budget. */
+/* Returns the costs of a leaf: it is one tree, at the same cost for any budget. */
 WIDE_INLINE __m256 leaf_of(const struct collapse_table *table, const struct ir_node *node, __m128 measure,
                            uint32_t *refs)
 {
@@ -102,7 +102,7 @@ WIDE_INLINE __m256 leaf_of(const struct collapse_table *table, const struct ir_n
     return _mm256_broadcastss_ps(cost);
 }
 
-/* A leaf takes one tree and leaves the rest, which is never worse, to its sibling. */
+/* A leaf takes one tree and leaves the rest of the budget to its sibling, which is never worse. */
 WIDE static void cost_of(const struct collapse_table *table, uint32_t row)
 {
     const struct ir_node *pair = &table->ir->nodes[2 * row + 1];

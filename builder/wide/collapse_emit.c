@@ -5,18 +5,21 @@
 
 #include "builder/wide/octants.h"
 
-/* Subtrees of this many refs are laid out apart: small enough to share out evenly, large enough to be worth a copy. */
+/*
+ * Subtrees with this many refs are laid out as separate tasks: few enough refs to share the work evenly, and enough to
+ * be worth a copy.
+ */
 enum { TASK_MAX = 4096, TASK_MIN = 256 };
 
-/* Long loops look at the cancel flag after so many nodes. */
+/* Nodes between two checks of the cancel flag. */
 enum { STRIDE = 4096 };
 
 #define NO_NODE UINT32_C(0xffffffff)
 
 /*
- * A growing run of wide nodes, all with their slots. While a node waits for its visit, its first_child links the stack
- * of waiting nodes and its first_leaf is its level; afterwards first_leaf is the number of its leaf refs, until place()
- * turns those into positions.
+ * A growing array of wide nodes whose slots are filled. While a node waits for its visit, its first_child links the
+ * stack of waiting nodes and its first_leaf is its level; afterwards first_leaf is the number of its leaf refs, until
+ * place_leaves turns those into positions.
  */
 struct run {
     struct wide_node *nodes;
@@ -26,7 +29,7 @@ struct run {
 };
 
 struct task {
-    uint32_t skeleton; /* index of its root there */
+    uint32_t skeleton; /* index of its root in the skeleton */
     uint32_t node; /* its root in the ir */
     uint32_t base; /* where its nodes below the root go */
     struct run run;
@@ -37,7 +40,7 @@ struct emission {
     const atomic_bool *cancel;
     struct memory *memory;
     bool avx2;
-    bool shared_out; /* among threads, by tasks; one alone needs none, and the copies that they cost */
+    bool shared_out; /* divided into tasks among threads; a single thread needs no tasks, and saves the copies */
     struct task *tasks;
     uint32_t task_count, task_capacity;
     struct wide_node *placed;
@@ -81,7 +84,7 @@ static void fill_slots(const struct emission *emission, struct wide_node *wide)
         wide->slots[slot] = children[order[slot]];
 }
 
-/* The run's first node waits for its visit; the rest is room for a subtree of `refs` refs. */
+/* Starts a run with one node, which waits for its visit, and reserves room for a subtree of `refs` refs. */
 static bool start(struct emission *emission, struct run *run, uint32_t node, uint32_t refs)
 {
     *run = (struct run){.waiting = NO_NODE};
@@ -95,9 +98,9 @@ static bool start(struct emission *emission, struct run *run, uint32_t node, uin
 }
 
 /*
- * Visits the waiting node on top; its inner children wait after it, in slot order. Every slot is written to the next
- * place and kept if it is an inner child: no branch, since that cannot be foreseen. Slots of all children are filled
- * here, before any of them decides where to go on: the processor works on several at once.
+ * Visits the waiting node on top; its inner children then wait, in slot order. Every slot is written to the next place
+ * and kept if it is an inner child, without a branch, because that is unpredictable. The slots of all children are
+ * filled here, before any of them decides where to go on, so that the processor works on several at once.
  */
 static bool visit(struct emission *emission, struct run *run)
 {
@@ -142,8 +145,8 @@ static bool add_task(struct emission *emission, uint32_t skeleton, uint32_t node
 }
 
 /*
- * Lays out the top of the tree; subtrees of middle size become tasks, whose roots stay as they wait, with their level
- * in first_leaf.
+ * Lays out the top of the tree (the skeleton). Subtrees of middle size become tasks; their roots stay in the waiting
+ * state, with their level in first_leaf.
  */
 static bool emit_skeleton(struct emission *emission, struct run *run)
 {
@@ -195,8 +198,8 @@ static void copy_task(void *context, size_t index)
 }
 
 /*
- * Gives every node of the skeleton its place, depth first as before, with gaps for the nodes of tasks. The skeleton was
- * laid out in the order of visits, so a second walk meets tasks in their order.
+ * Places every node of the skeleton, again depth first, with gaps for the nodes of tasks. The skeleton was laid out in
+ * the order of visits, so this second walk meets the tasks in their order.
  */
 static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
 {
@@ -204,7 +207,9 @@ static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
     struct task *task = emission->tasks, *end = emission->task_count ? task + emission->task_count : task;
     uint32_t next = 1, waiting = 0;
     placed[0] = skeleton->nodes[0];
-    /* A placed node that waits has its skeleton index in first_leaf and the stack's link in slots[0].node. */
+    /*
+     * A placed node that waits has its index in the skeleton in first_leaf, and the link of the stack in slots[0].node.
+     */
     placed[0].first_leaf = 0;
     placed[0].slots[0].node = NO_NODE;
     for (uint32_t step = 1; waiting != NO_NODE; step++) {
@@ -240,7 +245,7 @@ static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
     return next;
 }
 
-/* Without tasks the skeleton is the tree, in its order. */
+/* Without tasks the skeleton already is the tree, in its order. */
 static uint32_t take_skeleton(struct emission *emission, struct run *skeleton)
 {
     emission->placed = skeleton->nodes;
@@ -248,7 +253,7 @@ static uint32_t take_skeleton(struct emission *emission, struct run *skeleton)
     return skeleton->count;
 }
 
-/* Turns the numbers of leaf refs in first_leaf into their running sum. */
+/* Turns the numbers of leaf refs in first_leaf into their running sums, and returns the total. */
 static uint32_t place_leaves(const struct emission *emission, uint32_t count)
 {
     struct wide_node *nodes = emission->placed;

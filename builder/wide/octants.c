@@ -9,19 +9,20 @@
 #endif
 
 /*
- * Local search: children start in slots of their own number; pairs of slots exchange their children where both together
- * gain. For each difference of slot numbers (1 .. 7) there are four pairs, which do not meet and are looked at as one.
- * Twice through all differences, the far ones first, is within half a percent of where it would end.
+ * The method is a local search: children start in the slots of their own numbers, and pairs of slots exchange their
+ * children where both together gain. For each difference of slot numbers (1 .. 7) there are four disjoint pairs, which
+ * are processed together. Two rounds through all differences, far ones first, come within half a percent of where the
+ * search would end.
  *
- * Of a pair only the axes count on which its slots differ, and there one slot's sign is the other's turned around:
- * exchanging turns the sign of the pair's sum. The child's number travels in the lowest bits of its x.
+ * For a pair only those axes count on which its slots differ; there the signs of the two slots are opposite, so an
+ * exchange negates the pair's sum. The child's number is kept in the lowest bits of its x.
  */
 enum { NUMBER = 7 };
 
 #ifdef USE_SSE2
 
 struct half {
-    __m128 x, y, z; /* of the children in four slots */
+    __m128 x, y, z; /* offsets of the children in four slots */
 };
 
 #define PERMUTE(difference, v)                                                                                         \
@@ -30,7 +31,7 @@ struct half {
      : (difference & 3) == 2 ? _mm_shuffle_ps(v, v, _MM_SHUFFLE(1, 0, 3, 2))                                           \
                              : _mm_shuffle_ps(v, v, _MM_SHUFFLE(0, 1, 2, 3)))
 
-/* What four slots gain by their children on the axes of `difference`; z_sign is 0 for +. */
+/* Returns what four slots gain by their children on the axes of `difference`; z_sign is 0 for +. */
 static inline __attribute__((always_inline)) __m128 gain(const struct half *half, int difference, __m128 z_sign)
 {
     const __m128 x_sign = _mm_castsi128_ps(_mm_setr_epi32(INT32_MIN, 0, INT32_MIN, 0));
@@ -101,7 +102,7 @@ void octants_assign(const float offsets[8][4], unsigned rounds, uint8_t ret_chil
 
 #else
 
-/* The same sums in the same order, slot by slot. */
+/* Computes the same sums in the same order, slot by slot. */
 static float gain(float children[8][3], int slot, int difference)
 {
     float sum = 0;

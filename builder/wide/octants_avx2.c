@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * octants_avx2.c - octants_assign_boxes: the search of octants.c with AVX2, eight slots in a register; the same sums,
- * so the same answer.
+ * octants_avx2.c - octants_assign_boxes: the search of octants.c with AVX2, eight slots in a register. The sums are the
+ * same, so the result is too.
  */
 #include <string.h>
 
 #include "builder/format/box_lanes.h"
 #include "builder/wide/octants.h"
 
-/* Sixteenths of twice the distances between centres: no sum of six of them overflows. */
+/* Offsets are a sixteenth of twice the distance between centres, so that no sum of six of them overflows. */
 static const float SHARE = 0.0625f;
 
 static void assign_plain(const struct box *parent, const struct box *const children[8], unsigned count, unsigned rounds,
@@ -31,7 +31,7 @@ bool octants_has_avx2(void)
 }
 
 struct slots {
-    __m256 x, y, z; /* of the children in the slots */
+    __m256 x, y, z; /* offsets of the children in the slots */
 };
 
 BOX_LANES_INLINE __m256i slot_numbers(void)
@@ -39,13 +39,13 @@ BOX_LANES_INLINE __m256i slot_numbers(void)
     return _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
 }
 
-/* Each slot's partner's, whose number differs in the bits of `difference`. */
+/* Returns, for each slot, the value of its partner, whose number differs in the bits of `difference`. */
 BOX_LANES_INLINE __m256 permute(__m256 v, int difference)
 {
     return _mm256_permutevar8x32_ps(v, _mm256_xor_si256(slot_numbers(), _mm256_set1_epi32(difference)));
 }
 
-/* Without a sum's first summand 0, which matters only to the sign of a zero. */
+/* Unlike octants.c this sum has no first summand 0, which affects only the sign of a zero. */
 BOX_LANES_INLINE __m256 gain(const struct slots *s, int difference)
 {
     const __m256 x_sign = _mm256_setr_ps(-0.0f, 0, -0.0f, 0, -0.0f, 0, -0.0f, 0);
@@ -57,9 +57,9 @@ BOX_LANES_INLINE __m256 gain(const struct slots *s, int difference)
 }
 
 /*
- * A slot compares what its child and its partner's child gain it on the axes of `difference`. In the partner's slot all
- * signs are turned, and so is what the partner's child gains there: a + b < 0 exactly if a < -b. Both decide alike, so
- * each takes the child of one slot or of the other.
+ * Each slot compares what its own child and its partner's child gain on the axes of `difference`. In the partner's slot
+ * all signs are opposite, and so is what the partner's child gains there: a + b < 0 exactly if a < -b. Both slots
+ * decide alike, so they exchange their children or keep them.
  */
 BOX_LANES_INLINE struct slots exchange(struct slots own, int difference)
 {
@@ -71,7 +71,7 @@ BOX_LANES_INLINE struct slots exchange(struct slots own, int difference)
                           _mm256_permutevar8x32_ps(own.z, from)};
 }
 
-/* 0 for children that are not there. */
+/* Returns the offsets on one axis; 0 for children that do not exist. */
 BOX_LANES_INLINE __m256 offsets(__m256 min, __m256 max, float parent_min, float parent_max, __m256 there)
 {
     const __m256 share = _mm256_set1_ps(SHARE);

@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_collapse.c - tests that collapse() gives sound wide trees of least cost, the same for all versions and threads.
+ */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -10,7 +13,7 @@
 #include "tests/support/builder/test_ir.h"
 #include "builder/workers.h"
 
-/* The plain version, which the library leaves out where it has SSE2. */
+/* Include the version without SSE2, which the library leaves out where it has SSE2. */
 #define BVHD_SCALAR
 #define collapse_cost_of collapse_cost_of_scalar
 #define collapse_table_init collapse_table_init_scalar
@@ -43,7 +46,7 @@ static void make_cloud(uint32_t count, uint32_t leaf_max, uint64_t seed, struct 
     test_model_finish(&model);
 }
 
-/* Whether `node` is `ancestor` or below it. */
+/* True when `node` is `ancestor` or below it. */
 static bool is_below(const struct ir *ir, uint32_t ancestor, uint32_t node)
 {
     if (ancestor == node)
@@ -65,7 +68,7 @@ static uint32_t refs_below(const struct ir *ir, uint32_t node, uint32_t *ret_fir
     return count;
 }
 
-/* The order that wide.h states: visits depth first, each with one block for its inner children. */
+/* Checks the order that wide.h states: visits are depth first, each with one block for its inner children. */
 static void check_order(const struct wide *wide)
 {
     uint32_t *stack = calloc(wide->node_count * 8 + 8, sizeof *stack), depth = 0, next = 1, refs = 0;
@@ -102,7 +105,7 @@ static void check_order(const struct wide *wide)
     free(stack);
 }
 
-/* Children of a node cover its refs once, and are ir nodes below it. */
+/* Checks that the children of a node cover its refs once, and are ir nodes below it. */
 static void check_cover(const struct ir *ir, const struct wide *wide, uint32_t leaf_max)
 {
     uint8_t *seen = calloc(ir->ref_count, 1);
@@ -135,7 +138,7 @@ static void check_cover(const struct ir *ir, const struct wide *wide, uint32_t l
     free(seen);
 }
 
-/* What a wide node costs beside its area. */
+/* Returns what a wide node costs beside its area. */
 static double node_cost(const struct ir *ir)
 {
     return COLLAPSE_NODE_SHARE / (ir->ref_count + 1) * box_half_area(&ir->boxes[0][0]);
@@ -154,7 +157,7 @@ static double wide_cost(const struct ir *ir, const struct wide *wide, double lea
     return sum / box_half_area(&ir->boxes[0][0]);
 }
 
-/* The least cost, straight from its definition: `node` as at most `budget` wide trees. */
+/* Returns the least cost of `node` as at most `budget` wide trees, directly by the definition. */
 static double least_cost(const struct ir *ir, uint32_t node, unsigned budget, double leaf_cost, uint32_t leaf_max);
 
 static double least_distribution(const struct ir *ir, uint32_t node, unsigned budget, double leaf_cost,
@@ -298,7 +301,7 @@ static void one_leaf_gives_one_node(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Large enough for many tasks. */
+/* The tree is large enough for many tasks. */
 static void threads_do_not_matter(void **state)
 {
     (void)state;
@@ -326,7 +329,7 @@ static void threads_do_not_matter(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* A tree that is one long path, leaves of one ref beside it: the deepest there is. */
+/* Makes a tree that is one long path with leaves of one ref beside it: the deepest there is. */
 static void make_chain(uint32_t leaves, struct memory *memory, struct ir *ret_ir)
 {
     assert_int_equal(ir_init(ret_ir, memory, 2 * leaves - 1, leaves, NULL), BVHD_OK);
@@ -346,7 +349,7 @@ static void make_chain(uint32_t leaves, struct memory *memory, struct ir *ret_ir
         ret_ir->nodes[node + 1] = (struct ir_node){i, 1};
         ret_ir->boxes[0][node + 1] = leaf_box;
     }
-    /* The path goes on through the second child. */
+    /* The path continues through the second child, so inner nodes have even numbers. */
     for (uint32_t i = 0; i + 1 < leaves; i++)
         assert_false(ir_is_leaf(ret_ir, 2 * i));
 }
@@ -368,7 +371,7 @@ static void a_long_path_is_no_problem(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Areas that are zero, overflow a float or underflow a double's comfort: the tree stays whole and its nodes filled. */
+/* Areas are zero, overflow a float, or are tiny: the tree stays sound and its nodes filled. */
 static void magnitudes_do_not_matter(void **state)
 {
     (void)state;
@@ -394,7 +397,7 @@ static void magnitudes_do_not_matter(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Returns how many may. */
+/* Returns how many allocations can fail. */
 static int fail_everywhere(const struct ir *ir, struct memory *memory, const struct parallel *parallel)
 {
     uint64_t live = memory->live;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_octants.c - tests that children get the slots of their octants, near the best sum, in all versions alike. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -7,7 +8,7 @@
 #include "builder/wide/octants.h"
 #include "tests/support/random.h"
 
-/* The plain version, which the library leaves out where it has SSE2. */
+/* Include the version without SSE2, which the library leaves out where it has SSE2. */
 void octants_assign_scalar(const float offsets[8][4], unsigned rounds, uint8_t ret_children[8]);
 #define BVHD_SCALAR
 #define octants_assign octants_assign_scalar
@@ -22,7 +23,7 @@ static double worth(const float offsets[8][4], unsigned child, unsigned slot)
     return sum;
 }
 
-/* The maximum over all assignments, by dynamic programming over sets of slots. */
+/* Returns the maximum over all assignments, by dynamic programming over sets of slots. */
 static double best_total(const float offsets[8][4])
 {
     double best[256];
@@ -37,7 +38,7 @@ static double best_total(const float offsets[8][4])
     return best[255];
 }
 
-/* Both versions, which must agree; each child once. */
+/* Runs both versions, which must agree; each child must occur once. */
 static void assign(const float offsets[8][4], uint8_t ret_children[8])
 {
     uint8_t scalar[8];
@@ -86,7 +87,7 @@ static void corners_go_home(void **state)
     }
 }
 
-/* A child alone goes to its octant, whichever its number. */
+/* A single child goes to its octant, whatever its number is. */
 static void one_alone_goes_home(void **state)
 {
     (void)state;
@@ -116,7 +117,7 @@ static void extremes_still_give_each_a_slot(void **state)
     }
 }
 
-/* Boxes whose centres are anywhere, by every way that this machine has. */
+/* Assigns boxes with centres anywhere, by every version that this machine has. */
 static void boxes_go_where_their_centres_go(void **state)
 {
     (void)state;
