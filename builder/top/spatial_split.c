@@ -366,10 +366,7 @@ static enum bvhd_status split_part(struct splitter *s, struct part ret_children[
     return add_children(s, sides, left, ret_children) ? BVHD_OK : BVHD_NO_MEMORY;
 }
 
-/*
- * Divides down to pieces. The child with more room waits while the other one is divided, so at most 32 wait, and the
- * root's.
- */
+/* Divides down to pieces. The child with more room waits while the other one is divided, so at most 32 wait. */
 static enum bvhd_status split_to_end(struct splitter *s)
 {
     struct part waiting[34], children[2];

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_batch.c - tests that batch_build() builds each entry by itself, shares equal ones, and reports errors and peaks
- * per entry.
- */
+/* test_batch.c - tests that batch_build() builds each entry by itself, and shares equal ones. */
 #include "tests/support/unit.h"
 
 #include "builder/batch.h"

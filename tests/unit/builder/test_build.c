@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_build.c - tests that build() gives sound trees and the same bytes for any threads, and handles extremes,
- * failures and cancellation.
- */
+/* test_build.c - tests that build() gives sound trees and repeatable bytes, and survives failures and extremes. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_build_native.c - tests that builds for the lavapipe target, from primitives to bytes, are sound, shallow enough
- * and repeatable.
- */
+/* test_build_native.c - tests that builds for the lavapipe target are sound, shallow enough and repeatable. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_cancel.c - tests that prepare, content_key and build stop soon after they are cancelled at any moment, say so,
- * and hold nothing.
- */
+/* test_cancel.c - tests that prepare, content_key and build stop soon after a cancellation, and hold nothing. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_content_key.c - tests that keys are as the header defines them, and change with everything that changes the
- * result.
- */
+/* test_content_key.c - tests that keys are as the header defines them, and change with whatever matters. */
 #include "tests/support/unit.h"
 
 #include <openssl/sha.h>

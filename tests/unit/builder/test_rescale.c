@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_rescale.c - tests that only extreme scenes are rescaled, by an exact power of two, and that exact boxes come
- * back.
- */
+/* test_rescale.c - tests that only extreme scenes are rescaled, exactly, and that exact boxes come back. */
 #include "tests/support/unit.h"
 
 #include <math.h>

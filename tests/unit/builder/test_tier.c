@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_tier.c - tests that the quality of least cost is chosen, and that requests which resolve to one quality share a
- * result.
- */
+/* test_tier.c - tests that the quality of least cost is chosen, and that equal qualities share a result. */
 #include "tests/support/unit.h"
 
 #include <math.h>

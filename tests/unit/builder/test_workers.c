@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_workers.c - tests that the pool runs every task once, on all threads, in nested calls and in calls from several
- * threads.
- */
+/* test_workers.c - tests that the pool runs every task once, on all threads, also in nested and concurrent calls. */
 #include "tests/support/unit.h"
 
 #include <pthread.h>

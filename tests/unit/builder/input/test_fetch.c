@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_fetch.c - tests that only the given bytes are read, and are read right, for random descriptions. */
 /*
- * test_fetch.c - tests, with random valid and invalid descriptions, that no byte outside of the given memory is read,
- * and that accepted copies have the right contents.
- *
- * The memory ends where a page without access starts. The expected contents are read independently from the same
- * fields.
+ * The memory ends where a page without access starts. Descriptions are valid or invalid; the expected contents of accepted
+ * copies are read independently from the same fields.
  */
 #include "tests/support/unit.h"
 

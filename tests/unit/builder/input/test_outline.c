@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_outline.c - tests that slabs contain their structure, and instance boxes cut to them contain the instances;
- * checked in long double.
- */
+/* test_outline.c - tests in long double that slabs hold their structure, and instance boxes their instances. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_prepare.c - tests that equal requests give equal canonical bytes, that contents are checked, and that limits and
- * failures are reported.
- */
+/* test_prepare.c - tests that equal requests give equal canonical bytes, and that contents are checked. */
 #include "tests/support/unit.h"
 
 #include <math.h>

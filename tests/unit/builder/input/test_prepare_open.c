@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_prepare_open.c - tests that canonical bytes from elsewhere open only when prepare could have written them. Each
- * block lies at the end of a page that is followed by one without access, so a read outside ends the test.
- */
+/* test_prepare_open.c - tests that bytes from elsewhere open only if prepare could have written them. */
+/* Each block lies at the end of a page that is followed by one without access, so a read outside ends the test. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_prepare_threads.c - tests that prepare gives the same bytes on any number of threads, and stays safe when the
- * caller writes to the memory meanwhile.
- */
+/* test_prepare_threads.c - tests prepare on several threads, and with a caller that writes meanwhile. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_primitive.c - tests which primitives get refs, that their boxes are exact or conservative, and that runs are
- * joined.
- */
+/* test_primitive.c - tests which primitives get refs, what their boxes are, and which ones share a ref. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_reference_rows.c - tests that prepare turns the handles that instances name into reference rows, in the order of
- * first use.
- */
+/* test_reference_rows.c - tests that handles become reference rows, in the order of first use. */
 #include "tests/support/unit.h"
 
 #include <math.h>

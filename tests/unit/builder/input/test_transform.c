@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_transform.c - tests that matrices are applied in double with one rounding, and that the identity is recognised.
- */
+/* test_transform.c - tests that matrices are applied in double with one rounding, and that identity is found. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_validate.c - tests each rule on the fields of an entry by one wrong request, with the VUID and the place that it
- * must get.
- */
+/* test_validate.c - tests each rule on the fields of an entry by a wrong request, its VUID and its place. */
 #include "tests/support/unit.h"
 
 #include <math.h>

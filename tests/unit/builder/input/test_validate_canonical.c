@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_validate_canonical.c - tests the rules on contents by themselves; test_prepare has a wrong request for each of
- * them.
- */
+/* test_validate_canonical.c - tests the rules on contents directly; test_prepare has a wrong request for each. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_vertex_format.c - tests that every vertex format is listed with the right size, decodes each value, and reads
- * nothing outside.
- */
+/* test_vertex_format.c - tests that every vertex format decodes each value, and reads nothing outside. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_bins.c - tests that binned SAH finds the best plane, partitions stably, and gives the same bits on every
- * machine.
- */
+/* test_bins.c - tests that binned SAH finds the best plane, and gives the same bits on every machine. */
 #include "tests/support/unit.h"
 
 #include <math.h>

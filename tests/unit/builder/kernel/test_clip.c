@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_clip.c - tests that the parts of a cut triangle lose no point, are tight, and that splits are refused where they
- * show.
- */
+/* test_clip.c - tests that the parts of a cut triangle lose no point and are tight, and when cuts are allowed. */
 #include "tests/support/unit.h"
 
 #include <math.h>

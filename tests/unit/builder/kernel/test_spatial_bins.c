@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_spatial_bins.c - tests that spatial splits choose the cheapest plane, and send every ref or its parts to the
- * right side.
- */
+/* test_spatial_bins.c - tests that spatial splits find the cheapest plane and send refs to the right sides. */
 #include "tests/support/unit.h"
 
 #include <math.h>

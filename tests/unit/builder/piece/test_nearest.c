@@ -1,8 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_nearest.c - tests that the nearest neighbour is found, that some pair always agrees, and that both
- * implementations agree.
- */
+/* test_nearest.c - tests that the nearest neighbour is found, and that some pair always chooses each other. */
 #include "tests/support/unit.h"
 
 #include <math.h>

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * test_collapse.c - tests that collapse() gives sound wide trees of least cost, the same for all versions and threads.
- */
+/* test_collapse.c - tests that collapse() gives sound wide trees of least cost, in every version. */
 #include "tests/support/unit.h"
 
 #include <float.h>
