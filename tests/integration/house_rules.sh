@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # house_rules.sh ROOT - the rules of the house that no compiler checks: includes are paths from the root and point one
 # way, each foreign library has its door, every source says its licence, no line has more than 120 columns and no file
-# 600 lines or more, every header is named by the README of its folder, links in documents lead somewhere, and the
-# picture of the folders agrees with their table. Prints what breaks them; status 1 when anything does.
+# 600 lines or more, every header is named by the README of its folder, links and names in documents lead somewhere, and
+# the picture of the folders agrees with their table. Prints what breaks them; status 1 when anything does.
 # house_rules.sh --self-test - breaks each rule in a scratch tree and fails unless that is found.
 # shellcheck disable=SC2016 # awk's dollars are not the shell's
 set -eu
@@ -238,6 +238,27 @@ check_documents()
     done <"$scratch/links"
 }
 
+# Names of functions and paths in the documents that explain the code, so that these do not fall behind it.
+check_names()
+{
+    for document in ARCHITECTURE.md docs/decisions.md; do
+        [ -f "$document" ] || continue
+        grep -o '`[A-Za-z0-9_./*]*`' "$document" | tr -d '`' | sort -u >"$scratch/quoted"
+        grep '_' "$scratch/quoted" | grep -v '[./*]' >"$scratch/names" || :
+        # shellcheck disable=SC2046 # a list of folders
+        find $(for folder in proto builder client daemon tests; do [ ! -d $folder ] || echo $folder; done) \
+            \( -name '*.[ch]' -o -name '*.glsl' \) -exec grep -ohwFf "$scratch/names" {} + |
+            sort -u >"$scratch/found" || :
+        for name in $(comm -23 "$scratch/names" "$scratch/found"); do
+            complain "$document: nothing is called $name"
+        done
+        grep '^[a-z].*/.*[.][a-z]*$' "$scratch/quoted" | grep -v '[*]' >"$scratch/paths" || :
+        while read -r path; do
+            [ -e "$path" ] || complain "$document: no such file: $path"
+        done <"$scratch/paths"
+    done
+}
+
 # The picture of the folders has every folder, and no arrow that the table does not allow.
 check_picture()
 {
@@ -273,6 +294,7 @@ check_house()
     check_files
     check_headers
     check_documents
+    check_names
     check_picture
     [ ! -s "$scratch/complaints" ]
 }
@@ -383,6 +405,12 @@ self_test()
     for link in no.md ../README.md '#a-heading' b.md#heading; do
         printf '[there](%s)\n' "$link" >"$tree/tests/a.md" && must_fail "a link to nowhere: $link" tests/a.md
     done
+    echo 'See `low_part` in `proto/base/low.h`, `*_part.h` and `x`.' >"$tree/ARCHITECTURE.md"
+    printf '%s\nint low_part;\n' "$spdx" >"$tree/proto/base/a.c"
+    (check_house "$tree") || { echo "good names were refused"; exit 1; }
+    rm "$tree/proto/base/a.c" && mv "$tree/ARCHITECTURE.md" "$tree/names"
+    cp "$tree/names" "$tree/ARCHITECTURE.md" && must_fail 'a name that is gone' ARCHITECTURE.md
+    echo 'See `proto/base/gone.h`.' >"$tree/ARCHITECTURE.md" && must_fail 'a path that is gone' ARCHITECTURE.md
     test_pictures
 }
 
