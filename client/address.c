@@ -8,7 +8,7 @@
 
 static const char system_socket[] = "/run/bvhd/bvhd.sock";
 
-/* The path in two parts. */
+/* Adds a path that is given in two parts. */
 static bool add(struct address *address, const char *folder, const char *name)
 {
     size_t folder_length = strlen(folder), name_size = strlen(name) + 1;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* address.h - where a daemon's socket may be. */
+/* address.h - the places where a daemon's socket may be. */
 #ifndef BVHD_ADDRESS_H
 #define BVHD_ADDRESS_H
 
@@ -13,7 +13,7 @@ struct address {
     uint32_t count;
 };
 
-/* `explicit_path`, or without it what the environment says. False without memory. */
+/* Uses `explicit_path` if it is given, else the environment. Returns false without memory. */
 bool address_init(struct address *address, const char *explicit_path);
 
 void address_finish(struct address *address);

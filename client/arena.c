@@ -26,8 +26,8 @@ void arena_finish(struct arena *arena)
 }
 
 /*
- * Between n places that are out lie at most n + 1 free ranges: with room for one more before a place goes out, giving
- * it back needs none.
+ * Between n ranges that are taken there are at most n + 1 free ranges. Therefore space for one more list entry is
+ * reserved before a range is taken, so that giving it back needs none.
  */
 static bool reserve(struct arena *arena)
 {
@@ -72,7 +72,7 @@ bool arena_take(struct arena *arena, uint64_t size, uint64_t *ret_offset)
     return false;
 }
 
-/* The first free range that begins after `offset`. */
+/* Returns the index of the first free range that begins after `offset`. */
 static uint32_t find_after(const struct arena *arena, uint64_t offset)
 {
     uint32_t low = 0, high = arena->count;

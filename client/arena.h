@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * arena.h - places within a block of memory that somebody else owns, given back in any order. Takes the lowest place
- * that fits, so that little of the block is ever touched. Not safe from several threads at once.
+ * arena.h - allocates ranges within a block of memory that somebody else owns; they may be given back in any order. It
+ * takes the lowest range that fits, so that as little of the block as possible is ever touched. The caller serialises
+ * calls.
  */
 #ifndef BVHD_ARENA_H
 #define BVHD_ARENA_H
@@ -11,7 +12,7 @@
 
 #include "proto/base/memory.h"
 
-/* Places begin and end at multiples of this. */
+/* Ranges begin and end at multiples of this. */
 enum { ARENA_ALIGNMENT = 64 };
 
 struct arena_range {
@@ -19,22 +20,22 @@ struct arena_range {
 };
 
 struct arena {
-    struct memory *memory; /* of the list */
+    struct memory *memory; /* for the list of ranges */
     struct arena_range *free_ranges; /* ascending, none empty, no two adjacent */
     uint32_t count, capacity;
-    uint32_t taken; /* places that are out */
+    uint32_t taken; /* number of ranges that are taken */
 };
 
-/* `size` is rounded down to the alignment. BVHD_NO_MEMORY shows as false. */
+/* Starts an arena over a block of `size` bytes, rounded down to the alignment. Returns false without memory. */
 bool arena_init(struct arena *arena, struct memory *memory, uint64_t size);
 
-/* What is out is forgotten. */
+/* Frees the list; ranges that are still taken are forgotten. */
 void arena_finish(struct arena *arena);
 
-/* False when no range is large enough, when size is 0, or without memory for the list. */
+/* Takes a range. Returns false if no free range is large enough, if size is 0, or without memory for the list. */
 bool arena_take(struct arena *arena, uint64_t size, uint64_t *ret_offset);
 
-/* `size` as it was asked for. Never fails. */
+/* Gives a range back, with the size that was requested. It never fails. */
 void arena_give(struct arena *arena, uint64_t offset, uint64_t size);
 
 #endif

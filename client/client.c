@@ -86,7 +86,7 @@ int bvhd_client_descriptor(const struct bvhd_client *client)
     struct bvhd_client *own = (struct bvhd_client *)(uintptr_t)client;
     client_lock(own);
     if (!own->wakeups.has_loop)
-        client_stir(own); /* what happened before was not shown */
+        client_stir(own); /* changes before this moment were not signalled */
     own->wakeups.has_loop = true;
     client_unlock(own);
     return client->wakeups.epoll;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * client.h - the client's state, and how its parts reach each other. All of it is guarded by one lock, which every
- * public function takes.
+ * client.h - the state of a client. One lock guards all of it, and every public function takes that lock.
  *
- * What happens flows one way: client_advance receives (incoming), looks at clocks (client_link) and sends (outgoing).
- * Whatever somebody may wait for stirs the client; client_unlock then wakes those who wait (client_wait).
+ * client_advance does the work in a fixed order: it receives (incoming), checks timeouts (client_link) and sends
+ * (outgoing). A change that a thread may wait for is marked with client_stir; client_unlock then wakes the waiting
+ * threads (client_wait).
  */
 #ifndef BVHD_CLIENT_H
 #define BVHD_CLIENT_H
@@ -18,47 +18,48 @@
 #include "client/library.h"
 #include "client/placement.h"
 
-/* How those who wait are woken. */
+/* How waiting threads and the program's event loop are woken. */
 struct client_wakeups {
-    int epoll; /* the program's: behind it the sockets, timer and notice */
+    int epoll; /* the program's descriptor; it watches the sockets, `timer` and `notice` */
     int timer, notice;
-    int wake; /* for the thread that polls */
+    int wake; /* wakes the thread that polls */
     uint64_t timer_at; /* when the timer fires; LIBRARY_NEVER: it is off */
-    bool has_loop; /* the program has asked for the epoll descriptor */
-    bool polling; /* a thread polls the sockets, without the lock */
-    uint64_t polling_until; /* at the latest */
-    uint32_t waiting; /* threads on the condition */
+    bool has_loop; /* the program has asked for its descriptor */
+    bool polling; /* a thread polls the sockets, with the lock dropped */
+    uint64_t polling_until; /* until when it polls at most */
+    uint32_t waiting; /* number of threads that wait on the condition variable */
     bool stirred;
 };
 
+/* A client. Moments are nanoseconds of CLOCK_MONOTONIC. */
 struct bvhd_client {
     pthread_mutex_t lock;
     pthread_cond_t changed;
     struct address address;
-    uint64_t connect_timeout, lost_after; /* ns */
+    uint64_t connect_timeout, lost_after; /* durations in ns */
     struct client_wakeups wakeups;
     struct placement placement;
-    struct connection *current; /* NULL: none */
-    struct connection *leaving; /* one that finishes what it has */
-    struct bvhd_batch *queue; /* with items that are not sent; by priority, then by age */
-    uint32_t wanted; /* threads that want a connection */
-    uint64_t retry_at; /* not connecting before */
+    struct connection *current; /* the connection for new requests; NULL: none */
+    struct connection *leaving; /* a connection whose daemon is ending: it finishes what is under way; NULL: none */
+    struct bvhd_batch *queue; /* batches with unsent items, by priority, then by age */
+    uint32_t wanted; /* number of threads that wait for a connection */
+    uint64_t retry_at; /* no attempt to connect before this moment */
     uint32_t backoff_ms;
-    uint32_t random; /* state of the jitter */
+    uint32_t random; /* state of the random numbers that spread retries */
     struct bvhd_error last_error; /* why there is no connection */
-    uint64_t failures; /* how often hope was given up */
+    uint64_t failures; /* how often the search for a daemon was given up */
 };
 
-/* Something has changed that somebody may wait for. */
+/* Marks that something has changed that a thread may wait for. */
 static inline void client_stir(struct bvhd_client *client)
 {
     client->wakeups.stirred = true;
 }
 
-/* Receives and looks at clocks: afterwards the connection is one that lives, as far as one can know. */
+/* Receives and checks timeouts. Afterwards a lost connection is gone, as far as this side can know. */
 void client_look(struct bvhd_client *client);
 
-/* Receives, looks at clocks, sends: what can be done now. */
+/* Does all work that is possible now: receives, checks timeouts, connects, sends. */
 void client_advance(struct bvhd_client *client);
 
 #endif

@@ -5,7 +5,7 @@
 #include "client/outgoing.h"
 #include "client/result_blob.h"
 
-/* What bvhd_batch_result shows of an item that is not done. */
+/* The result of an item that is not done. */
 static const struct bvhd_result pending = {.error = {.status = BVHD_PENDING}};
 
 void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item)
@@ -118,7 +118,7 @@ static void cancel_exchange(struct bvhd_batch *batch, struct exchange *exchange)
         outgoing_cancel(batch->client, exchange, NULL, 0);
 }
 
-/* Calls visit for each exchange of the batch. */
+/* Calls `visit` for each exchange of the batch. */
 static void for_exchanges(struct bvhd_batch *batch, void (*visit)(struct bvhd_batch *batch, struct exchange *exchange))
 {
     struct connection *connections[] = {batch->client->current, batch->client->leaving};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* client_batch.h - what was asked for together: its items from waiting to their results. Under the client's lock. */
+/* client_batch.h - the items of one batch, from the call to their results. All functions require the client's lock. */
 #ifndef BVHD_CLIENT_BATCH_H
 #define BVHD_CLIENT_BATCH_H
 
@@ -8,53 +8,55 @@
 #include "client/vulkan_input.h"
 
 enum item_state {
-    ITEM_WAITING, /* in the caller's memory */
-    ITEM_COPIED, /* in ours, not sent */
+    ITEM_WAITING, /* its payload is in the caller's memory */
+    ITEM_COPIED, /* its payload is in the client's memory, not sent yet */
     ITEM_SENT,
     ITEM_DONE,
 };
 
 struct batch_item {
     enum item_state state;
-    struct held held; /* ITEM_COPIED */
-    struct exchange *exchange; /* ITEM_SENT: where its answer comes */
+    struct held held; /* ITEM_COPIED: where the payload is */
+    struct exchange *exchange; /* ITEM_SENT: the exchange that will bring the answer */
     uint32_t entry;
-    struct bvhd_result result; /* ITEM_DONE */
+    struct bvhd_result result; /* ITEM_DONE: the result */
     char method[CONTROL_NAME_SIZE];
 };
 
 struct bvhd_batch {
     struct bvhd_client *client;
-    struct bvhd_batch *next; /* in the queue */
+    struct bvhd_batch *next; /* in the client's queue */
     bool queued;
     int32_t priority;
-    uint64_t deadline; /* for being sent, while there is no connection */
-    struct vulkan_input *input; /* NULL: a batch of keys, or not needed any more */
+    uint64_t deadline; /* when unsent items fail if there is still no connection */
+    struct vulkan_input *input; /* NULL: a batch of keys, or no longer needed */
     struct key *keys; /* NULL: a batch of builds */
-    uint32_t remaining; /* items without result */
-    uint32_t uncopied; /* ITEM_WAITING */
-    uint32_t first_unsent, first_uncopied; /* all items before are beyond that */
-    /* payload that the next frame may carry: the first ones are small, so that the daemon has something to do */
+    uint32_t remaining; /* number of items without a result */
+    uint32_t uncopied; /* number of items that are ITEM_WAITING */
+    uint32_t first_unsent, first_uncopied; /* all items before these have been sent, or copied */
+    /*
+     * The payload bytes that the next frame may carry. The first frames are small, so that the daemon can start early.
+     */
     uint64_t frame_bytes;
-    uint32_t exchanges; /* that name this batch */
+    uint32_t exchanges; /* number of exchanges that point to this batch */
     uint32_t count;
     struct batch_item items[];
 };
 
-/* The end of an item that is not done, with its error. */
+/* Ends an item that is not done, with an error. */
 void client_batch_fail_item(struct bvhd_batch *batch, uint32_t item, const struct bvhd_error *error);
 
-/* The end of an item that is not done, with its result: takes the blob. */
+/* Ends an item that is not done, with its result. Takes over the caller's reference to the blob. */
 void client_batch_complete_item(struct bvhd_batch *batch, uint32_t item, const struct control_result *result,
                                 struct bvhd_blob *blob);
 
-/* The payload of an item is in our memory. */
+/* Records that the payload of an item is in the client's memory. */
 void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item);
 
-/* All items that are not sent. */
+/* Ends all items that are not sent, with an error. */
 void client_batch_fail_unsent(struct bvhd_batch *batch, const struct bvhd_error *error);
 
-/* Takes a batch of which everything is sent out of the queue; its description is not needed any more. */
+/* Takes a batch out of the queue once everything is sent, and frees its description. */
 void client_batch_unqueue(struct bvhd_batch *batch);
 
 #endif

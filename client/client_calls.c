@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The calls that wait for the daemon itself: connect, ping, counters. */
+/* client_calls.c - the calls that wait for the daemon itself: connect, ping, counters. */
 #include "client/client_link.h"
 #include "client/client_wait.h"
 
-/* What a thread waits for. */
+/* The state of one waiting call. */
 struct call {
     struct bvhd_client *client;
-    uint64_t failures; /* when it began to look for a daemon */
+    uint64_t failures; /* client->failures when the call began to look for a daemon */
     struct exchange_waiter waiter;
 };
 
@@ -22,7 +22,7 @@ static bool is_answered(const void *context)
     return call->waiter.done;
 }
 
-/* Why there is no connection. */
+/* Reports why there is no connection. */
 static enum bvhd_status tell(const struct bvhd_client *client, struct bvhd_error *error)
 {
     const struct bvhd_error *last = &client->last_error;
@@ -34,7 +34,7 @@ static enum bvhd_status tell(const struct bvhd_client *client, struct bvhd_error
 static enum bvhd_status await_connection(struct call *call, uint64_t moment, struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;
-    client_look(client); /* what was lost before this call is not its failure */
+    client_look(client); /* a connection that was lost before this call is not this call's failure */
     call->failures = client->failures;
     client->wanted++;
     client_advance(client);
@@ -52,7 +52,7 @@ enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_err
     return status;
 }
 
-/* The thread does not wait any more: an answer that comes later is nobody's. */
+/* The thread waits no longer: an answer that comes later is dropped. */
 static void forget(struct call *call)
 {
     struct connection *connections[] = {call->client->current, call->client->leaving};
@@ -62,7 +62,7 @@ static void forget(struct call *call)
                 connections[c]->table.slots[i]->waiter = NULL;
 }
 
-/* Sends an empty request and waits for its answer, all within the time. */
+/* Sends an empty request and waits for its answer, both within the timeout. */
 static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout_ms, struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;

@@ -69,7 +69,7 @@ static void fail_exchange(struct exchange *exchange, const struct bvhd_error *er
     }
 }
 
-/* What those who asked are told. */
+/* Returns the error that the program sees for the loss of a connection. */
 static struct bvhd_error outward(const struct bvhd_error *error)
 {
     struct bvhd_error told = *error;
@@ -145,7 +145,10 @@ static void lose_silent(struct bvhd_client *client, struct connection *connectio
     client_link_lose(client, connection, &error);
 }
 
-/* The daemon says that it lives by anything it says; asked by PING it has as long again as it was silent before. */
+/*
+ * Anything that the daemon sends proves that it lives. After half of lost_after without a byte a PING is sent, and the
+ * daemon has the other half to answer.
+ */
 static void check_silence(struct bvhd_client *client, struct connection *connection, uint64_t now)
 {
     uint64_t quiet = client->lost_after / 2;

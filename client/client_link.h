@@ -1,36 +1,36 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* client_link.h - finding a daemon, and noticing that it is gone. Under the client's lock. */
+/* client_link.h - finds a daemon, and notices when it is gone. All functions require the client's lock. */
 #ifndef BVHD_CLIENT_LINK_H
 #define BVHD_CLIENT_LINK_H
 
 #include "client/client.h"
 
-/* The current connection if requests can be sent on it, else NULL. */
+/* Returns the current connection if requests can be sent on it, else NULL. */
 struct connection *client_link_open(const struct bvhd_client *client);
 
-/* Connects if somebody wants that and the time has come. */
+/* Connects, if a thread or a batch needs a connection and the next attempt is due. */
 void client_link_connect(struct bvhd_client *client, uint64_t now);
 
-/* Clocks: silent daemons, waiting in vain for one, PINGs. */
+/* Checks timeouts: silent daemons (sends PING when due), and batches that have waited too long for a daemon. */
 void client_link_check(struct bvhd_client *client, uint64_t now);
 
-/* When client_link_check or client_link_connect have something to do next; LIBRARY_NEVER. */
+/* Returns when client_link_check or client_link_connect have something to do next; LIBRARY_NEVER if they have not. */
 uint64_t client_link_deadline(const struct bvhd_client *client);
 
 /*
- * A connection is at its end, and *error says why: what is under way on it fails with BVHD_UNAVAILABLE and that reason,
- * or for lack of memory with that. So does what waits to be sent; but while HELLO was not answered the search for a
- * daemon goes on, unless the answer cannot get better.
+ * Ends a connection for the reason *error. What is under way on it fails with the text of that reason and
+ * BVHD_UNAVAILABLE (BVHD_NO_MEMORY and BVHD_INCOMPATIBLE stay as they are). What waits to be sent fails too; but before
+ * the daemon has answered HELLO the search for a daemon goes on, unless the daemon's answer is final.
  */
 void client_link_lose(struct bvhd_client *client, struct connection *connection, const struct bvhd_error *error);
 
-/* GOODBYE. */
+/* Handles GOODBYE: the connection only finishes what is under way, and a new one is made for later requests. */
 void client_link_leave(struct bvhd_client *client, struct connection *connection, uint64_t now);
 
-/* An exchange has all its answers, or its daemon is lost: its payloads are free, its number too. */
+/* Ends an exchange that has all its answers, or whose daemon is lost: frees its payloads and its number. */
 void client_link_end(struct bvhd_client *client, struct connection *connection, struct exchange *exchange);
 
-/* A leaving connection with nothing under way is closed. */
+/* Closes the leaving connection if nothing is under way on it. */
 void client_link_tidy(struct bvhd_client *client);
 
 #endif

@@ -6,14 +6,14 @@
 #include "proto/wire/rows.h"
 #include "proto/base/validate_batch.h"
 
-/* A submission under way. */
+/* The state of one call of bvhd_batch_submit. */
 struct submission {
     struct bvhd_client *client;
     const struct bvhd_build *build;
     struct build_options options;
     struct reference *references;
-    struct bvhd_error *errors; /* one an info */
-    struct bvhd_error *batch_errors; /* likewise, of the rules between them */
+    struct bvhd_error *errors; /* one for each info */
+    struct bvhd_error *batch_errors; /* one for each info: the rules between infos */
     struct bvhd_batch *batch;
 };
 
@@ -38,7 +38,7 @@ static enum bvhd_status no_memory(struct bvhd_error *error)
     return bvhd_error_no_memory(error, "batch", "no memory for it");
 }
 
-/* Older batches of the same priority come first. */
+/* Adds the batch to the queue, behind older batches of the same priority. */
 static void enqueue(struct bvhd_batch *batch)
 {
     struct bvhd_batch **at = &batch->client->queue;
@@ -51,9 +51,9 @@ static void enqueue(struct bvhd_batch *batch)
 }
 
 /*
- * The payload of a first item that no pool can hold takes long to copy: that is done before others see the batch, and
- * without the lock, so that they do not have to wait. Whatever comes to nothing here is tried again, and told, with the
- * others.
+ * Copies the payload of the first item if no pool can hold it. That takes long, so it happens before other threads see
+ * the batch, and without the lock, so that they do not have to wait. If it fails here, it is tried again with the other
+ * items, and the error is reported there.
  */
 static void copy_large(struct bvhd_batch *batch)
 {
@@ -78,8 +78,8 @@ static void copy_large(struct bvhd_batch *batch)
 }
 
 /*
- * Before anything is asked of a connection it shows whether it still lives: what is submitted after a loss must not
- * share it.
+ * Receives before it sends, so that a lost connection is noticed: what is submitted after a loss must not share its
+ * failure.
  */
 static void start(struct bvhd_batch *batch)
 {
@@ -120,7 +120,7 @@ static void convert_references(const struct bvhd_build *build, struct reference 
     }
 }
 
-/* The batch's description, made from Vulkan's structs. */
+/* Makes the batch's descriptions from Vulkan's structs. */
 static enum bvhd_status describe(struct submission *submission)
 {
     const struct bvhd_build *build = submission->build;
@@ -141,7 +141,10 @@ static enum bvhd_status describe(struct submission *submission)
     return status;
 }
 
-/* The requests that a batch is cut into do not show the daemon the rules between its infos. */
+/*
+ * Fails the infos that break a rule. The client checks the rules between infos itself, because it cuts a batch into
+ * several requests, in which the daemon cannot see them.
+ */
 static void fail_broken(struct submission *submission)
 {
     client_lock(submission->client);
@@ -199,7 +202,7 @@ enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count
     }
     for (uint32_t i = 0; i < key_count; i++) {
         memcpy(copies[i].bytes, keys[i].bytes, sizeof copies[i].bytes);
-        batch->items[i].state = ITEM_COPIED; /* there is no geometry */
+        batch->items[i].state = ITEM_COPIED; /* there is no geometry to copy */
     }
     batch->uncopied = 0;
     batch->keys = copies;

@@ -71,14 +71,14 @@ static void signal_descriptor(int descriptor)
 {
     uint64_t one = 1;
     ssize_t written = write(descriptor, &one, sizeof one);
-    (void)written; /* it fails when it is signalled more often than it can count: signalled */
+    (void)written; /* fails only if the counter is full, and then the descriptor is signalled already */
 }
 
 static void drain(int descriptor)
 {
     uint64_t count;
     ssize_t got = read(descriptor, &count, sizeof count);
-    (void)got; /* nothing there is fine */
+    (void)got; /* it does not matter if there was nothing to read */
 }
 
 static void set_timer(struct client_wakeups *wakeups, uint64_t moment)
@@ -93,8 +93,8 @@ static void set_timer(struct client_wakeups *wakeups, uint64_t moment)
 }
 
 /*
- * A timer that fires too early costs less than setting it for each request: it is set anew only when it is late, or has
- * fired.
+ * A timer that fires too early costs less than setting it for each request. Therefore it is set again only if it would
+ * fire too late, or has fired.
  */
 static void update_timer(struct client_wakeups *wakeups, uint64_t deadline)
 {
@@ -102,7 +102,9 @@ static void update_timer(struct client_wakeups *wakeups, uint64_t deadline)
         set_timer(wakeups, deadline);
 }
 
-/* True when the poll set of the waiting threads is not what it was. */
+/*
+ * Updates the events for which a connection is watched. Returns true if the polling thread must poll for other events.
+ */
 static bool update_watch(struct client_wakeups *wakeups, struct connection *connection)
 {
     if (!connection)
@@ -146,7 +148,7 @@ void client_unlock_dispatched(struct bvhd_client *client)
     pthread_mutex_unlock(&client->lock);
 }
 
-/* Closing is not enough: a child process may hold the socket, and epoll would go on telling of it. */
+/* Closing the socket is not enough: a child process may hold it, and epoll would still report its events. */
 void client_wait_forget(struct bvhd_client *client, struct connection *connection)
 {
     if (connection->in_loop)
@@ -165,7 +167,7 @@ static void watch(struct pollfd *polls, nfds_t *count, const struct connection *
         polls[(*count)++] = (struct pollfd){.fd = connection->socket, .events = (short)connection->watched};
 }
 
-/* Waits for the sockets without the lock, and does what they ask for. */
+/* Polls the sockets with the lock dropped, and then does the work that is possible. */
 static void poll_once(struct bvhd_client *client, uint64_t moment)
 {
     struct client_wakeups *wakeups = &client->wakeups;
@@ -187,7 +189,10 @@ static void poll_once(struct bvhd_client *client, uint64_t moment)
     client_advance(client);
 }
 
-/* The lock is dropped here, too: whoever polls has to learn what this thread has done before, such as connecting. */
+/*
+ * Waits while another thread polls. The lock is dropped here too, so the polling thread has to learn what this thread
+ * has done before, such as connecting.
+ */
 static void wait_for_others(struct bvhd_client *client, uint64_t moment)
 {
     announce(client, false);
@@ -212,7 +217,9 @@ bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_tr
             poll_once(client, moment);
         looked = true;
     }
-    /* Somebody has to poll after this thread. Who wakes for nothing passes it on likewise. */
+    /*
+     * Another thread has to poll after this one. A thread that wakes without need passes the signal on in the same way.
+     */
     if (!client->wakeups.polling && client->wakeups.waiting > 0)
         pthread_cond_signal(&client->changed);
     return result;

@@ -1,35 +1,40 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * client_wait.h - waiting, from several threads at once, and waking.
+ * client_wait.h - lets several threads wait at once, and wakes them.
  *
- * One of the waiting threads polls the sockets with the lock dropped; the others wait on a condition. When the one that
- * polls has what it wanted, another one takes over. A change by any thread wakes all of them, and makes the program's
- * epoll descriptor readable.
+ * One of the waiting threads polls the sockets with the lock dropped; the others wait on a condition variable. When the
+ * polling thread has what it waited for, another one takes over. A change by any thread wakes all of them, and makes
+ * the program's epoll descriptor readable.
  */
 #ifndef BVHD_CLIENT_WAIT_H
 #define BVHD_CLIENT_WAIT_H
 
 #include "client/client.h"
 
+/* Prepares the lock and the descriptors of a new client. Fails with BVHD_NO_MEMORY or BVHD_IO. */
 enum bvhd_status client_wait_init(struct bvhd_client *client, struct bvhd_error *error);
 void client_wait_finish(struct bvhd_client *client);
 
+/* Takes the client's lock, which all functions below except client_wait_finish require. */
 void client_lock(struct bvhd_client *client);
 
-/* Wakes whom it concerns. */
+/* Wakes the threads and the event loop that wait for what has changed, and drops the lock. */
 void client_unlock(struct bvhd_client *client);
 
-/* As client_unlock, at the end of a call from the program's event loop. */
+/* Drops the lock at the end of a call from the program's event loop, which needs no wake-up itself. */
 void client_unlock_dispatched(struct bvhd_client *client);
 
-/* With the lock held, dropped meanwhile: until is_true says so, or the moment has come: then false. */
+/*
+ * Waits until is_true returns true, or until `moment`; the lock is dropped meanwhile. Returns the last value of
+ * is_true. It receives and sends at least once.
+ */
 bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context),
                        const void *context);
 
-/* Before a connection ends. */
+/* Stops watching a connection that is about to end. */
 void client_wait_forget(struct bvhd_client *client, struct connection *connection);
 
-/* At the begin of a dispatch: the notice was heard. */
+/* Clears the wake-up of the program's event loop, at the start of a dispatch. */
 void client_wait_heard(struct bvhd_client *client);
 
 #endif

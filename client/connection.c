@@ -9,8 +9,9 @@
 #include "client/library.h"
 
 enum {
-    READS_AT_ONCE = 64, /* of one connection_receive: a daemon that never stops does not hold a thread for ever */
-    DEFAULT_CREDITS = 256, /* of a daemon that does not say */
+    /* in one connection_receive, so that a daemon that never stops sending does not hold a thread for ever */
+    READS_AT_ONCE = 64,
+    DEFAULT_CREDITS = 256, /* for a daemon that does not announce its credits */
 };
 
 static void append(struct exchange_list *list, struct exchange *exchange)
@@ -65,7 +66,7 @@ static enum bvhd_status say_hello(struct connection *connection, struct bvhd_err
     struct exchange *exchange = exchange_create(FRAME_HELLO, 0);
     if (!exchange)
         return bvhd_error_no_memory(error, "connection", "no memory for it");
-    exchange->expects = false; /* WELCOME answers the connection */
+    exchange->expects = false; /* WELCOME answers the connection, not this exchange */
     enum bvhd_status status = control_pack_hello(&hello, &library_memory, &exchange->control, error);
     if (status != BVHD_OK) {
         exchange_destroy(exchange);
@@ -115,7 +116,7 @@ void connection_destroy(struct connection *connection)
     exchange_table_finish(&connection->table);
     frame_parser_finish(&connection->parser);
     if (connection->socket >= 0) {
-        shutdown(connection->socket, SHUT_RDWR); /* a child process may hold it, too */
+        shutdown(connection->socket, SHUT_RDWR); /* a child process may hold the socket, too */
         close(connection->socket);
     }
     memory_free(&library_memory, connection);
@@ -125,7 +126,7 @@ bool connection_send(struct connection *connection, struct exchange *exchange, u
 {
     if (exchange->expects) {
         if (connection->table.count == 0) {
-            connection->heard_at = now; /* nothing was owed until now */
+            connection->heard_at = now; /* nothing was owed until now, so silence counts from now */
             connection->pinged_at = 0;
         }
         if (!exchange_table_add(&connection->table, exchange))
@@ -166,7 +167,7 @@ void connection_cancel(struct connection *connection, uint64_t request, const ui
     connection_send(connection, exchange, now);
 }
 
-/* Room for the control message of the descriptors that go with a frame. */
+/* Space for the descriptors that go with a frame. */
 union ancillary {
     char bytes[CMSG_SPACE(sizeof(int) * FRAME_QUEUE)];
     struct cmsghdr aligned;
@@ -184,7 +185,7 @@ static void attach(struct msghdr *message, union ancillary *ancillary, const int
     memcpy(CMSG_DATA(header), descriptors, sizeof(int) * count);
 }
 
-/* The parts of a frame that are not sent yet. */
+/* Lists the parts of a frame that are not sent yet. */
 static int remaining_parts(const struct exchange *exchange, struct iovec parts[3])
 {
     const struct bytes all[3] = {
@@ -202,7 +203,7 @@ static int remaining_parts(const struct exchange *exchange, struct iovec parts[3
     return count;
 }
 
-/* Bytes sent, or -1 and errno. Descriptors go with the first byte. */
+/* Returns the number of bytes sent, or -1 and errno. The descriptors go with the first byte. */
 static ssize_t send_some(int socket, const struct exchange *exchange)
 {
     struct iovec parts[3];
@@ -248,14 +249,14 @@ static uint32_t take_descriptors(struct msghdr *message, int ret_descriptors[FRA
         if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS)
             continue;
         uint32_t here = (uint32_t)((header->cmsg_len - CMSG_LEN(0)) / sizeof(int));
-        memcpy(ret_descriptors + count, CMSG_DATA(header),
-               here * sizeof(int)); /* the buffer has room for FRAME_QUEUE in all */
+        /* `ancillary` has room for at most FRAME_QUEUE descriptors in all. */
+        memcpy(ret_descriptors + count, CMSG_DATA(header), here * sizeof(int));
         count += here;
     }
     return count;
 }
 
-/* One read into the parser. *ret_more: there may be more to read. */
+/* Reads once into the parser. *ret_more says whether there may be more to read. */
 static enum bvhd_status read_some(struct connection *connection, uint64_t now, bool *ret_more, struct bvhd_error *error)
 {
     unsigned char *at;
@@ -284,7 +285,8 @@ static enum bvhd_status read_some(struct connection *connection, uint64_t now, b
         status = bvhd_error_set(error, BVHD_IO, "connection", "descriptors were lost: too many files are open");
     connection->heard_at = now;
     connection->pinged_at = 0;
-    *ret_more = count > 0 || (uint64_t)got == size; /* a read ends after descriptors, else only where the data do */
+    /* A read ends after descriptors; otherwise it ends before the buffer is full only if there are no more data. */
+    *ret_more = count > 0 || (uint64_t)got == size;
     return status;
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * connection.h - one socket to a daemon: frames out and in, what is under way on it, and what the daemon allows. It
- * never blocks, and knows nothing of batches: frames go up to a handler.
+ * connection.h - one socket to a daemon: the frames in both directions, what is under way, and what the daemon allows.
+ * It never blocks, and knows nothing of batches: it passes received frames to a handler.
  */
 #ifndef BVHD_CONNECTION_H
 #define BVHD_CONNECTION_H
@@ -10,18 +10,18 @@
 #include "client/exchange.h"
 
 enum connection_state {
-    CONNECTION_HELLO, /* WELCOME has not come */
+    CONNECTION_HELLO, /* WELCOME has not come yet */
     CONNECTION_OPEN,
-    CONNECTION_LEAVING, /* the daemon goes: what is under way is finished, nothing new is taken */
+    CONNECTION_LEAVING, /* the daemon is ending: it finishes what is under way and takes nothing new */
 };
 
 /* Whether payloads may lie in the client's pool. */
 enum connection_pool { POOL_UNASKED, POOL_ASKED, POOL_READY, POOL_REFUSED };
 
-/* Of the daemon, made sane: never 0, never over what this version knows. */
+/* The daemon's limits, corrected: they are never 0 and never exceed what this version supports. */
 struct connection_limits {
     uint32_t credits, max_items, max_control, max_inline;
-    uint64_t max_pool; /* 0: none */
+    uint64_t max_pool; /* 0: no pool */
     uint64_t max_payload;
 };
 
@@ -33,77 +33,81 @@ struct connection {
     int socket;
     enum connection_state state;
     enum connection_pool pool;
-    uint64_t pool_again; /* when a refused pool is tried again; 0: never */
+    uint64_t pool_again; /* the moment to offer a refused pool again; 0: never */
     struct connection_limits limits;
-    uint32_t credits; /* left */
+    uint32_t credits; /* items that may still be sent before a result comes */
     struct frame_parser parser;
-    struct exchange_table table; /* what expects an answer */
-    struct exchange_list outgoing; /* not, or not wholly, sent */
-    struct exchange_list parked; /* the daemon was BUSY: again at busy_until */
+    struct exchange_table table; /* exchanges that expect an answer */
+    struct exchange_list outgoing; /* exchanges that are not completely sent */
+    struct exchange_list parked; /* exchanges that the daemon refused with BUSY, to be sent again at busy_until */
     uint64_t busy_until; /* 0: not busy */
     bool is_blocked; /* the socket takes no more bytes until it is writable */
-    bool is_starved; /* nor because the kernel is short of something: that is for a clock to try again */
-    uint32_t watched; /* the poll events that waiting threads, and the program's loop, know of; 0: none yet */
-    bool in_loop; /* the program's epoll descriptor knows it */
+    bool is_starved; /* the kernel lacks memory or descriptors for sending; a timer triggers the next attempt */
+    uint32_t watched; /* the poll events that waiting threads and the program's loop watch for; 0: none yet */
+    bool in_loop; /* the program's epoll descriptor watches the socket */
     uint64_t opened_at;
-    uint64_t heard_at; /* when bytes came; or when something was first owed */
-    uint64_t pinged_at; /* 0: no PING since then */
+    uint64_t heard_at; /* when bytes last came, or when the daemon first owed an answer */
+    uint64_t pinged_at; /* when PING was sent; 0: not since heard_at */
 };
 
 /*
- * Connects to the socket at `path` and says HELLO. BVHD_UNAVAILABLE: nobody there; BVHD_BUSY: somebody, who has no
- * time; BVHD_IO, BVHD_NO_MEMORY.
+ * Connects to the socket at `path` and sends HELLO. Fails with BVHD_UNAVAILABLE if no daemon listens, BVHD_BUSY if the
+ * daemon's backlog is full, BVHD_INVALID if the path is too long, BVHD_IO or BVHD_NO_MEMORY.
  */
 enum bvhd_status connection_create(const char *path, uint64_t now, struct connection **ret_connection,
                                    struct bvhd_error *error);
 
 /*
- * Nothing more is sent. Exchanges that expect an answer are in the table alone afterwards, for their owner to take out.
+ * Stops sending. Afterwards, exchanges that expect an answer are only in the table, from which their owner removes
+ * them.
  */
 void connection_silence(struct connection *connection);
 
-/* The table must be empty. NULL-safe. */
+/* Closes the socket and frees the connection, whose table must be empty. NULL is allowed. */
 void connection_destroy(struct connection *connection);
 
 /*
- * Queues a frame (control, inline bytes and descriptors are set) and sends what the socket takes. One that expects an
- * answer goes into the table, but with request 0 on the wire for HELLO. False without memory: the exchange is still the
- * caller's. When the socket is broken connection_flush says so later.
+ * Queues a frame whose control message, inline bytes and descriptors are set, and sends what the socket takes. An
+ * exchange that expects an answer goes into the table and gets its number. Returns false without memory; the exchange
+ * then still belongs to the caller. A broken socket is reported by a later connection_flush.
  */
 bool connection_send(struct connection *connection, struct exchange *exchange, uint64_t now);
 
-/* A frame with an empty control message. False as above, then there is no exchange. */
+/* Sends a frame with an empty control message. Returns false without memory. */
 bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter,
                            uint64_t now);
 
-/* CANCEL of these entries of an exchange; count 0: all. Best effort: without memory the daemon works in vain. */
+/*
+ * Sends CANCEL for these entries of an exchange; count 0 means all. Without memory nothing is sent, and the daemon
+ * works in vain.
+ */
 void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count,
                        uint64_t now);
 
-/* BVHD_UNAVAILABLE: the daemon has gone. */
+/* Sends queued frames as far as the socket takes them. BVHD_UNAVAILABLE: the daemon is gone. */
 enum bvhd_status connection_flush(struct connection *connection, struct bvhd_error *error);
 
-/* Judges a frame; the descriptors in it are the handler's. Anything but BVHD_OK ends the receiving. */
+/* Handles one frame. The handler owns the frame's descriptors. A status other than BVHD_OK ends the receiving. */
 typedef enum bvhd_status (*connection_handler)(void *context, struct connection *connection, struct frame *frame,
                                                struct bvhd_error *error);
 
 /*
- * Takes what has come. BVHD_UNAVAILABLE: the daemon has gone; BVHD_CORRUPT, BVHD_TOO_LARGE: it sends nonsense;
- * BVHD_NO_MEMORY, BVHD_IO: no place for it.
+ * Receives and handles what has come. BVHD_UNAVAILABLE: the daemon is gone; BVHD_CORRUPT, BVHD_TOO_LARGE: it breaks the
+ * protocol; BVHD_NO_MEMORY, BVHD_IO: the bytes or descriptors could not be received.
  */
 enum bvhd_status connection_receive(struct connection *connection, connection_handler handler, void *context,
                                     uint64_t now, struct bvhd_error *error);
 
-/* The daemon was BUSY: the exchange waits until `until`. */
+/* Keeps an exchange that the daemon refused with BUSY until `until`. */
 void connection_park(struct connection *connection, struct exchange *exchange, uint64_t until);
 
-/* The time has come: all that is parked, in order, taken off the list. */
+/* Returns all parked exchanges, in order, and empties the list. */
 struct exchange *connection_unpark(struct connection *connection);
 
 /* Sends a parked exchange again. */
 void connection_resend(struct connection *connection, struct exchange *exchange);
 
-/* Limits of WELCOME; says whether the version fits. */
+/* Takes over the limits of WELCOME. BVHD_INCOMPATIBLE: the daemon speaks another version of the protocol. */
 enum bvhd_status connection_welcome(struct connection *connection, const struct control_welcome *welcome,
                                     struct bvhd_error *error);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* counter_list.h - the service's counters as its client gets them. */
+/* counter_list.h - the service's counters in the form that programs get. */
 #ifndef BVHD_COUNTER_LIST_H
 #define BVHD_COUNTER_LIST_H
 
@@ -7,7 +7,7 @@
 
 #include "proto/wire/control.h"
 
-/* Takes the message, from library_memory, also when it fails and returns NULL. */
+/* Makes the counters from a message in library_memory. It takes the message over, even if it fails and returns NULL. */
 struct bvhd_counters *counter_list_create(struct control_counters *message);
 
 #endif

@@ -75,7 +75,10 @@ static bool grow(struct exchange_table *table)
     return true;
 }
 
-/* A number is a slot and how many there were before: the serial number's slot is the first one that is looked at. */
+/*
+ * A number is the serial number of the exchange and its slot in the lower bits. The search for a free slot starts at
+ * the serial number's own slot.
+ */
 bool exchange_table_add(struct exchange_table *table, struct exchange *exchange)
 {
     if (table->count == table->capacity && !grow(table))

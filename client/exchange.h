@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * exchange.h - a frame to the daemon and what is still expected of it.
+ * exchange.h - one frame to the daemon and the answers that it expects.
  *
- * An exchange with items (BUILD, GET) ends when every item has its result and, of a BUILD, its PREPARED. It outlives
- * its batch: payloads lie where they lie until the daemon has let go of them. The frame's bytes are kept until the
- * first answer, for the daemon may be BUSY.
+ * An exchange with items (BUILD, GET) ends when every item has its result and, for BUILD, its PREPARED. It can outlive
+ * its batch, because payloads must stay where they are until the daemon has released them. The frame's bytes are kept
+ * until the first answer, because the daemon may answer BUSY.
  */
 #ifndef BVHD_EXCHANGE_H
 #define BVHD_EXCHANGE_H
@@ -16,13 +16,13 @@
 #include "client/placement.h"
 
 struct exchange_entry {
-    uint32_t item; /* of the batch */
+    uint32_t item; /* its number in the batch */
     bool prepared, answered;
-    bool cancelled; /* nobody waits for it */
+    bool cancelled; /* the program does not want its result */
     struct held held;
 };
 
-/* Who waits for a PONG or for COUNTERS; on that thread's stack. */
+/* A thread that waits for PONG or COUNTERS; on that thread's stack. */
 struct exchange_waiter {
     bool done;
     struct bvhd_error error;
@@ -30,43 +30,44 @@ struct exchange_waiter {
 };
 
 struct exchange {
-    struct exchange *next; /* in the list that it waits in */
-    /* The frame. */
+    struct exchange *next; /* in the list that contains it */
+    /* The frame: */
     enum frame_type type;
-    uint64_t number; /* 0: not given yet */
+    uint64_t number; /* 0: no number yet */
     uint64_t sent; /* bytes */
-    bool on_wire; /* all of them: only now may it be answered */
-    bool parked; /* the daemon was BUSY */
-    bool expects; /* an answer; else it ends once it is sent */
+    bool on_wire; /* completely sent: only then may it be answered */
+    bool parked; /* the daemon answered BUSY */
+    bool expects; /* it expects an answer; otherwise it ends once it is sent */
     unsigned char header[FRAME_HEADER_SIZE];
     struct bytes control, inline_bytes; /* owned, from library_memory */
     int descriptors[FRAME_MAX_DESCRIPTORS]; /* borrowed */
     uint32_t descriptor_count;
-    /* Whom it concerns. */
-    struct bvhd_batch *batch; /* NULL: gone */
+    /* Where the answers go: */
+    struct bvhd_batch *batch; /* NULL: the batch is gone, or there is none */
     struct exchange_waiter *waiter;
-    uint32_t count, unanswered, unprepared; /* entries */
+    uint32_t count, unanswered, unprepared; /* numbers of entries */
     struct exchange_entry entries[];
 };
 
-/* With room for `capacity` entries, none there yet. NULL without memory. */
+/* Creates an exchange with room for `capacity` entries, without any. Returns NULL without memory. */
 struct exchange *exchange_create(enum frame_type type, uint32_t capacity);
 
-/* Payloads must have been released. NULL-safe. */
+/* Frees an exchange whose payloads have been released. NULL is allowed. */
 void exchange_destroy(struct exchange *exchange);
 
-/* Control and inline bytes are complete: writes the header. */
+/* Writes the header. The control message and the inline bytes are complete. */
 void exchange_seal(struct exchange *exchange, uint64_t request);
 
-/* The daemon has let go of a payload. */
+/* Returns whether the daemon has released any of the payloads. */
 bool exchange_is_prepared(const struct exchange *exchange);
 
-/* The frame is not needed again. */
+/* Frees the frame's bytes, which are not needed again. */
 void exchange_drop_frame(struct exchange *exchange);
 
+/* Returns the size of the whole frame in bytes. */
 uint64_t exchange_frame_size(const struct exchange *exchange);
 
-/* Exchanges under way, by their numbers. */
+/* The exchanges that expect an answer, by their numbers. */
 struct exchange_table {
     struct exchange **slots;
     uint32_t capacity, count;
@@ -75,15 +76,16 @@ struct exchange_table {
 
 void exchange_table_init(struct exchange_table *table);
 
-/* The exchanges must have been taken out. */
+/* Frees the table, whose exchanges must have been removed. */
 void exchange_table_finish(struct exchange_table *table);
 
 /*
- * Gives the exchange a number that is not in use and was not for long. False without memory, or with 65,536 under way.
+ * Adds an exchange, and gives it a number that is not in use and has not been used recently. Returns false without
+ * memory, or if 65,536 exchanges are under way.
  */
 bool exchange_table_add(struct exchange_table *table, struct exchange *exchange);
 
-/* NULL when there is none. */
+/* Returns the exchange with that number, or NULL. */
 struct exchange *exchange_table_find(const struct exchange_table *table, uint64_t number);
 
 void exchange_table_remove(struct exchange_table *table, struct exchange *exchange);

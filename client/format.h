@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * format.h - which target a program asks for, and what the device loads that it is for: from bvhd.h's structs to a
- * description's options.
+ * format.h - which target and which native format a program requests: converts bvhd.h's structs to a description's
+ * options.
  */
 #ifndef BVHD_FORMAT_H
 #define BVHD_FORMAT_H
@@ -10,8 +10,8 @@
 #include "proto/base/geometry.h"
 
 /*
- * The sizes that struct bvhd_build had before it had a format, and before it said anything of rays: programs that were
- * compiled then have none.
+ * The sizes of struct bvhd_build before `format`, and before `rays_per_primitive` was added: programs that were
+ * compiled then lack these fields.
  */
 enum {
     FORMAT_BUILD_WITHOUT = offsetof(struct bvhd_build, format),
@@ -19,9 +19,9 @@ enum {
 };
 
 /*
- * `build` has one of the sizes that it may have. BVHD_INVALID, with the place, "build.reserved" or "build.format": a
- * native target without a format, a format of another target or of no known size. What the format says is for the
- * builder to judge, and so is a target that this library does not know.
+ * Converts the options. `build` has one of its valid sizes. BVHD_INVALID, with the place "build.reserved" or
+ * "build.format": a native target without a format, or a format of another target or of unknown size. The builder
+ * judges the contents of the format, and targets that this library does not know.
  */
 enum bvhd_status format_options(const struct bvhd_build *build, struct build_options *ret_options,
                                 struct bvhd_error *error);

@@ -10,12 +10,12 @@
 
 enum { MIN_RETRY_MS = 1, MAX_RETRY_MS = 2000, POOL_AGAIN_MS = 5000 };
 
-/* One frame under judgement. */
+/* One received frame. */
 struct arrival {
     struct bvhd_client *client;
     struct connection *connection;
     struct frame *frame;
-    struct exchange *exchange; /* that it answers */
+    struct exchange *exchange; /* the exchange that it answers */
     uint64_t now;
     struct bvhd_error *error;
 };
@@ -26,7 +26,10 @@ static enum bvhd_status violation(const struct arrival *arrival, const char *tex
                           "the daemon breaks the protocol: %s", text);
 }
 
-/* After an answer: the frame is not needed again, and the exchange may be over. */
+/*
+ * After an answer: drops the frame's bytes, which are not needed again, or ends the exchange if this was the last
+ * answer.
+ */
 static void settle(const struct arrival *arrival)
 {
     struct exchange *exchange = arrival->exchange;
@@ -36,7 +39,10 @@ static void settle(const struct arrival *arrival)
         exchange_drop_frame(exchange);
 }
 
-/* Payloads go without a pool, for a while at least. What a daemon that leaves says of it is nothing to the next one. */
+/*
+ * From now on payloads do not use the pool, at least for a while. A refusal by the leaving daemon does not affect the
+ * next one.
+ */
 static void refuse_pool(const struct arrival *arrival, uint64_t again)
 {
     arrival->connection->pool = POOL_REFUSED;
@@ -66,7 +72,7 @@ static enum bvhd_status take_welcome(const struct arrival *arrival)
     return BVHD_OK;
 }
 
-/* The daemon ends the connection and says why. */
+/* An ERROR for the connection: the daemon ends it and says why. */
 static enum bvhd_status take_last_words(const struct arrival *arrival)
 {
     struct bvhd_error *said;
@@ -80,7 +86,7 @@ static enum bvhd_status take_last_words(const struct arrival *arrival)
     return status;
 }
 
-/* A place that begins with "infos[3]", counted within the request, in the batch's own count. */
+/* Replaces a place such as "infos[3]", which counts within the request, by the number within the batch. */
 static void renumber(struct bvhd_error *error, const struct bvhd_batch *batch, uint32_t from, uint32_t to)
 {
     const char *list = batch->keys ? "keys" : "infos";
@@ -104,7 +110,7 @@ static void fail_entry(struct exchange *exchange, uint32_t index, const struct b
     client_batch_fail_item(exchange->batch, entry->item, &told);
 }
 
-/* The bytes of a result: inline, or behind the frame's descriptor. */
+/* Takes the bytes of a result: inline, or from the frame's descriptor. */
 static enum bvhd_status take_blob(const struct arrival *arrival, uint64_t size, struct bvhd_blob **ret_blob,
                                   struct bvhd_error *error)
 {
@@ -200,7 +206,7 @@ static void answer_waiter(struct exchange *exchange, const struct bvhd_error *er
     exchange->waiter->done = true;
 }
 
-/* A request failed as a whole: nothing more comes of it. */
+/* An ERROR for a request: it failed as a whole, and no more answers come. */
 static enum bvhd_status take_error(const struct arrival *arrival)
 {
     struct exchange *exchange = arrival->exchange;
@@ -221,7 +227,7 @@ static enum bvhd_status take_error(const struct arrival *arrival)
     return BVHD_OK;
 }
 
-/* Between 1 and 1.5 times what the daemon says, so that not all clients come back at once. */
+/* Returns a moment after 1 to 1.5 times the daemon's delay, so that clients do not all come back at once. */
 static uint64_t retry_moment(struct bvhd_client *client, uint32_t retry_ms, uint64_t now)
 {
     uint32_t ms = retry_ms < MIN_RETRY_MS ? MIN_RETRY_MS : retry_ms > MAX_RETRY_MS ? MAX_RETRY_MS : retry_ms;
@@ -288,7 +294,7 @@ static enum bvhd_status take_counters(const struct arrival *arrival)
     return BVHD_OK;
 }
 
-/* Frames about the connection itself. */
+/* Handles frames about the connection itself. */
 static enum bvhd_status take_connection_frame(const struct arrival *arrival)
 {
     bool is_hello = arrival->connection->state == CONNECTION_HELLO;
@@ -342,7 +348,7 @@ static enum bvhd_status handle(void *context, struct connection *connection, str
     uint16_t type = frame->header.type;
     if (type < FRAME_WELCOME)
         status = violation(&arrival, "only clients send it");
-    else if (type <= FRAME_GOODBYE) /* later versions may tell what this one does not know */
+    else if (type <= FRAME_GOODBYE) /* unknown types are ignored: later versions may send them */
         status = frame->header.request == 0 ? take_connection_frame(&arrival) : take_answer(&arrival);
     for (uint32_t i = 0; i < frame->header.descriptors; i++)
         if (frame->descriptors[i] >= 0)

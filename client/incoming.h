@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * incoming.h - what the daemon says. Nothing of it is trusted: what does not fit ends the connection. Under the
- * client's lock.
+ * incoming.h - handles what the daemon sends. Nothing of it is trusted: a frame that does not fit ends the connection.
+ * Requires the client's lock.
  */
 #ifndef BVHD_INCOMING_H
 #define BVHD_INCOMING_H
 
 #include "client/client.h"
 
-/* Receives on all connections; lost ones are gone afterwards. */
+/* Receives on all connections. Afterwards lost connections are gone. */
 void incoming_receive(struct bvhd_client *client, uint64_t now);
 
 #endif

@@ -9,7 +9,7 @@
 
 #include "proto/base/seal.h"
 
-/* Newer than some C libraries; kernels that do not know it say EINVAL. */
+/* Newer than some C libraries; older kernels refuse it with EINVAL. */
 #ifndef MFD_NOEXEC_SEAL
 #define MFD_NOEXEC_SEAL 8U
 #endif

@@ -8,31 +8,33 @@
 #include "proto/wire/rows.h"
 
 enum {
-    INLINE_MAX =
-        16 *
-        1024, /* payloads up to this travel inside of frames; from here on a copy less pays for a look at the pool */
-    ITEM_CONTROL = 128, /* bytes that an item takes of a control message, at most */
-    FRAME_ITEMS = 256, /* more in a frame save nothing */
-    FIRST_FRAME_BYTES = 128 << 10, /* the daemon begins while the rest is copied */
+    /*
+     * Payloads up to this size travel inside frames. For larger ones, the copy that the pool saves costs more than the
+     * use of the pool.
+     */
+    INLINE_MAX = 16 * 1024,
+    ITEM_CONTROL = 128, /* upper bound of the bytes of a control message for one item */
+    FRAME_ITEMS = 256, /* more items in one frame save nothing */
+    FIRST_FRAME_BYTES = 128 << 10, /* small, so that the daemon can start while the rest is copied */
     LAST_FRAME_BYTES = 1 << 20,
 };
 
-/* A frame being made. */
+/* A frame that is being made. */
 struct draft {
     struct bvhd_client *client;
     struct connection *connection;
     struct bvhd_batch *batch;
     struct exchange *exchange;
-    struct control_item *items; /* of BUILD */
-    struct key *keys; /* of GET */
+    struct control_item *items; /* of a BUILD */
+    struct key *keys; /* of a GET */
     uint32_t capacity;
-    uint64_t bytes; /* of payload so far */
+    uint64_t bytes; /* payload bytes so far */
     unsigned char *inline_bytes; /* NULL: none yet */
     uint64_t inline_size, inline_capacity;
     uint64_t memfd_sizes[FRAME_MAX_DESCRIPTORS];
 };
 
-/* What became of an item. */
+/* The outcome of adding an item to a frame. */
 enum added { ADDED, NO_ROOM, FAILED };
 
 static enum added fail(struct bvhd_batch *batch, uint32_t index, enum bvhd_status status, const char *text)
@@ -48,7 +50,7 @@ static const struct build_input *input_of(const struct bvhd_batch *batch, uint32
     return &vulkan_input_entries(batch->input)[index];
 }
 
-/* Copies an item's payload into memory of ours. */
+/* Copies an item's payload into the client's memory. */
 static enum added copy_item(struct bvhd_batch *batch, uint32_t index, uint64_t size)
 {
     struct bvhd_error error;
@@ -69,7 +71,7 @@ static bool fits_inline(const struct draft *draft, uint64_t size)
     return size <= draft->connection->limits.max_inline - draft->inline_size;
 }
 
-/* Room for `size` more inline bytes, which fit; NULL without memory. */
+/* Returns space for `size` more inline bytes, which fit into the frame; NULL without memory. */
 static unsigned char *inline_space(struct draft *draft, uint64_t size)
 {
     uint64_t needed = draft->inline_size + size, most = draft->connection->limits.max_inline;
@@ -86,7 +88,7 @@ static unsigned char *inline_space(struct draft *draft, uint64_t size)
     return space;
 }
 
-/* From the caller's memory, or from the pool, into the frame. */
+/* Writes a payload into the frame, from the caller's memory or from the pool. */
 static enum added put_inline(struct draft *draft, uint32_t index, uint64_t size)
 {
     struct batch_item *item = &draft->batch->items[index];
@@ -103,15 +105,17 @@ static enum added put_inline(struct draft *draft, uint32_t index, uint64_t size)
     return ADDED;
 }
 
-/* The pool as this daemon takes it: a smaller one if need be; one that was refused is tried again after a while. */
+/*
+ * Adapts the pool to the daemon's limits: makes it smaller if necessary, and offers a refused one again after a while.
+ */
 static void adapt_pool(struct bvhd_client *client, struct connection *connection)
 {
     if (connection->pool == POOL_REFUSED && connection->pool_again && clock_ns() >= connection->pool_again) {
         connection->pool = POOL_UNASKED;
         placement_refuse(&client->placement, false);
     }
-    bool is_lent =
-        client->leaving && client->leaving->pool == POOL_ASKED; /* its descriptor may still have to be sent */
+    /* The descriptor for the leaving daemon may not have been sent yet. */
+    bool is_lent = client->leaving && client->leaving->pool == POOL_ASKED;
     if (connection->pool == POOL_UNASKED && !is_lent)
         placement_limit(&client->placement, connection->limits.max_pool);
 }
@@ -133,7 +137,7 @@ static void ask_for_pool(struct draft *draft)
         exchange_destroy(exchange);
 }
 
-/* A payload in the pool can be sent as it is, or has to wait, or must leave it. */
+/* Decides how a payload in the pool can be sent: as it is, later, or outside of the pool. */
 static enum added make_pool_usable(struct draft *draft, uint32_t index, uint64_t size)
 {
     struct connection *connection = draft->connection;
@@ -147,12 +151,12 @@ static enum added make_pool_usable(struct draft *draft, uint32_t index, uint64_t
     if (fits_inline(draft, size))
         return put_inline(draft, index, size);
     if (size <= connection->limits.max_inline)
-        return NO_ROOM; /* in the next frame */
+        return NO_ROOM; /* the next frame has room */
     enum bvhd_status status = placement_move_out(&draft->client->placement, &draft->batch->items[index].held, &error);
     return status == BVHD_OK ? ADDED : status == BVHD_BUSY ? NO_ROOM : fail(draft->batch, index, status, error.text);
 }
 
-/* Brings an item's payload where the frame can name it. */
+/* Brings an item's payload to a place that the frame can name. */
 static enum added place_item(struct draft *draft, uint32_t index, uint64_t size)
 {
     struct batch_item *item = &draft->batch->items[index];
@@ -162,11 +166,14 @@ static enum added place_item(struct draft *draft, uint32_t index, uint64_t size)
     if (added == ADDED && item->held.kind == HELD_POOL)
         added = make_pool_usable(draft, index, size);
     if (added == ADDED && item->held.kind == HELD_MEMFD && draft->exchange->descriptor_count == FRAME_MAX_DESCRIPTORS)
-        added = NO_ROOM; /* in the next frame */
+        added = NO_ROOM; /* the next frame has room */
     return added;
 }
 
-/* Said only where it decides something: an older daemon refuses what it does not know. */
+/*
+ * Returns rays_per_primitive, or 0 if the quality does not depend on it: an older daemon refuses a hint that it does
+ * not know.
+ */
 static float rays_hint(const struct build_options *options)
 {
     bool decides = options->quality == QUALITY_AUTO || options->quality == QUALITY_UNSPECIFIED;
@@ -268,14 +275,14 @@ static enum bvhd_status pack(struct draft *draft, struct bytes *ret_control)
     return control_pack_build(&build, &library_memory, ret_control, NULL);
 }
 
-/* The items of a frame that could not be made. */
+/* Fails the items of a frame that could not be made. */
 static void fail_draft(struct draft *draft)
 {
     for (uint32_t i = 0; i < draft->exchange->count; i++)
         fail(draft->batch, draft->exchange->entries[i].item, BVHD_NO_MEMORY, "no memory for a request");
 }
 
-/* The frame is on its way: its payloads are the exchange's now. */
+/* After a frame is queued: its payloads belong to the exchange now. */
 static void hand_over(struct draft *draft)
 {
     struct exchange *exchange = draft->exchange;
@@ -296,7 +303,7 @@ static void hand_over(struct draft *draft)
         draft->batch->frame_bytes *= 2;
 }
 
-/* False when there is nothing to send, or no memory for it. */
+/* Returns false if there is nothing to send, or no memory for it. */
 static bool send_draft(struct draft *draft)
 {
     struct exchange *exchange = draft->exchange;
@@ -325,7 +332,7 @@ static uint32_t frame_capacity(const struct bvhd_batch *batch, const struct conn
     return capacity;
 }
 
-/* Sends what fits into one frame. Items of one that cannot be made have failed. */
+/* Sends one frame with as many items as fit. If the frame cannot be made, these items fail. */
 static void send_frame(struct bvhd_batch *batch, struct connection *connection)
 {
     struct draft draft = {.client = batch->client, .connection = connection, .batch = batch};
@@ -373,7 +380,7 @@ static void send_batch(struct bvhd_batch *batch, struct connection *connection)
     }
 }
 
-/* A batch that has to wait for room does not hold up those behind it that need none. */
+/* Sends all batches. A batch that waits for room does not hold up later batches that need none. */
 static void send_queue(struct bvhd_client *client)
 {
     struct connection *connection = client_link_open(client);
@@ -386,7 +393,10 @@ static void send_queue(struct bvhd_client *client)
     }
 }
 
-/* Copies what cannot be sent yet, a part at a time; false when there is nothing to copy, or no room. */
+/*
+ * Copies payloads that cannot be sent yet, up to LAST_FRAME_BYTES at a time. Returns false if there is nothing to copy,
+ * or no room.
+ */
 static bool copy_queue(struct bvhd_client *client)
 {
     uint64_t copied = 0, size;
@@ -410,7 +420,7 @@ static bool copy_queue(struct bvhd_client *client)
     return progress;
 }
 
-/* Entries of a parked exchange that somebody waits for; the others are put into ret_cancelled. */
+/* Counts the entries of a parked exchange that are still wanted, and lists the others in ret_cancelled. */
 static uint32_t sort_entries(const struct exchange *exchange, uint32_t *ret_cancelled)
 {
     uint32_t live = 0;
@@ -453,7 +463,7 @@ void outgoing_pump(struct bvhd_client *client)
     resend_parked(client, client->current);
     send_queue(client);
     while (copy_queue(client)) {
-        client_look(client); /* WELCOME, or room, may have come */
+        client_look(client); /* WELCOME, or room, may have come meanwhile */
         send_queue(client);
     }
 }
@@ -461,7 +471,7 @@ void outgoing_pump(struct bvhd_client *client)
 void outgoing_cancel(struct bvhd_client *client, struct exchange *exchange, const uint32_t *entries, uint32_t count)
 {
     if (exchange->parked)
-        return; /* the daemon does not have it */
+        return; /* the daemon has refused it, so there is nothing to cancel */
     struct connection *connections[] = {client->current, client->leaving};
     for (int i = 0; i < 2; i++)
         if (connections[i] && exchange_table_find(&connections[i]->table, exchange->number) == exchange)

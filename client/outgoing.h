@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * outgoing.h - from queued batches to frames, as credits, memory and the daemon's limits allow. Under the client's
- * lock.
+ * outgoing.h - turns queued batches into frames, as far as credits, memory and the daemon's limits allow. Requires the
+ * client's lock.
  */
 #ifndef BVHD_OUTGOING_H
 #define BVHD_OUTGOING_H
 
 #include "client/client.h"
 
-/* Sends and copies what can be sent and copied now. */
+/* Sends and copies everything that can be sent and copied now. */
 void outgoing_pump(struct bvhd_client *client);
 
-/* Cancels entries of an exchange at the daemon: those of `entries[count]`, or all with count 0. */
+/* Sends CANCEL for the entries `entries[count]` of an exchange, or for all if count is 0. */
 void outgoing_cancel(struct bvhd_client *client, struct exchange *exchange, const uint32_t *entries, uint32_t count);
 
 #endif

@@ -11,9 +11,9 @@
 
 enum { WRITE_FROM = 128 * 1024 };
 
-/* What memory is filled from. */
+/* Where a payload is copied from. */
 struct source {
-    const struct build_input *input; /* NULL: bytes */
+    const struct build_input *input; /* NULL: the source is `bytes` */
     const unsigned char *bytes;
 };
 
@@ -79,7 +79,7 @@ static enum bvhd_status map_pool(struct placement *placement)
     return BVHD_OK;
 }
 
-/* Into the pool: small enough for it and, if the daemon does not take it, small enough to leave it by a frame. */
+/* Returns whether a payload may use the pool: it fits and, if the daemon refuses the pool, also fits into a frame. */
 static bool is_welcome(const struct placement *placement, uint64_t size)
 {
     return size <= placement->pool_size && (!placement->is_refused || size <= FRAME_MAX_INLINE);
@@ -105,7 +105,7 @@ static enum bvhd_status stream(struct memfd_writer *writer, const struct source 
     return status == BVHD_NO_MEMORY ? bvhd_error_set(writer->error, status, "memfd", "no memory for it") : status;
 }
 
-/* Every byte is written, zeros too: the daemon takes no memfd with holes. */
+/* Writes every byte, zeros too, because the daemon takes no memfd with holes. */
 static enum bvhd_status write_source(int descriptor, uint64_t offset, const struct source *source, uint64_t size,
                                      struct memory *memory, struct bvhd_error *error)
 {
@@ -161,7 +161,7 @@ enum bvhd_status placement_fill(struct memory *memory, const struct build_input 
     return fill_reserved(memory, &source, size, ret_held, error);
 }
 
-/* While others are out a failure is only a shortage: theirs come back. */
+/* If other memfds exist, a failure is only a temporary shortage, because they will be released. */
 static enum bvhd_status take_memfd(struct placement *placement, const struct source *source, uint64_t size,
                                    struct held *ret_held, struct bvhd_error *error)
 {
@@ -174,7 +174,7 @@ static enum bvhd_status take_memfd(struct placement *placement, const struct sou
     return placement->memfds > 0 ? BVHD_BUSY : status;
 }
 
-/* Large payloads are written to where the pool has no pages yet, and copied to where it has. */
+/* Fills a place in the pool. Large payloads are written where the pool has no pages yet, and copied where it has. */
 static void fill_pool(struct placement *placement, const struct build_input *input, uint64_t offset, uint64_t size)
 {
     struct source source = {.input = input};
@@ -186,7 +186,7 @@ static void fill_pool(struct placement *placement, const struct build_input *inp
         placement->touched = end;
 }
 
-/* What takes up to half of the pool waits for room in it; more than that would wait for too many others. */
+/* A payload of up to half of the pool waits for room in it; a larger one would have to wait for too many others. */
 enum bvhd_status placement_take(struct placement *placement, const struct build_input *input, uint64_t size,
                                 struct held *ret_held, struct bvhd_error *error)
 {

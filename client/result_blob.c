@@ -11,14 +11,14 @@
 #include "client/library.h"
 
 /*
- * Mapping the pages of a result that is about to be read costs less at once than one by one; of a large one few may be
- * read.
+ * Results up to this size are mapped with all their pages, which costs less than one fault per page if they are read
+ * soon. Of a larger result perhaps only few pages are read.
  */
 enum { POPULATE_MAX = 4 << 20 };
 
 struct bvhd_blob {
     atomic_uint refs;
-    bool mapped; /* else from library_memory */
+    bool mapped; /* `data` is a mapping; else it comes from library_memory */
     void *data;
     uint64_t size;
 };
@@ -47,7 +47,7 @@ enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blo
     return status;
 }
 
-/* The seals make sure that the bytes stay as they are, and that reading them never meets the end of the file. */
+/* The seals guarantee that the bytes never change, and that reading them never runs beyond the end of the file. */
 static enum bvhd_status check(int descriptor, uint64_t size, struct bvhd_error *error)
 {
     int seals = fcntl(descriptor, F_GET_SEALS), wanted = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE;

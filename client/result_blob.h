@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* result_blob.h - the bytes of a result, shared by whoever holds a ref. Refs from any thread. */
+/*
+ * result_blob.h - the bytes of a result, shared by reference counting. References may be taken and dropped from any
+ * thread.
+ */
 #ifndef BVHD_RESULT_BLOB_H
 #define BVHD_RESULT_BLOB_H
 
@@ -8,12 +11,13 @@
 #include "proto/base/bytes.h"
 #include "proto/base/status.h"
 
-/* Copies bytes, not none. BVHD_NO_MEMORY. */
+/* Makes a blob with a copy of `bytes`, at least one. Fails with BVHD_NO_MEMORY. */
 enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blob, struct bvhd_error *error);
 
 /*
- * Maps the first `size` bytes, not 0, of a memfd that must be sealed SHRINK|GROW|WRITE and at least as long. Takes the
- * descriptor, also when it fails: BVHD_CORRUPT (what was sent is not that), BVHD_NO_MEMORY, BVHD_IO.
+ * Makes a blob by mapping the first `size` bytes (not 0) of a memfd, which must be sealed SHRINK|GROW|WRITE and be at
+ * least as long. It takes the descriptor over, even if it fails: with BVHD_CORRUPT (the descriptor is not such a
+ * memfd), BVHD_NO_MEMORY or BVHD_IO.
  */
 enum bvhd_status result_blob_map(int descriptor, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error);
 

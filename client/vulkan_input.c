@@ -8,11 +8,11 @@
 enum { RECORD_SIZE = sizeof(VkAccelerationStructureInstanceKHR), RECORD_REFERENCE = 56 };
 _Static_assert(RECORD_SIZE == 64, "instance records are read by offset");
 
-/* What one entry owns. */
+/* The memory that one entry owns. */
 struct entry_memory {
     struct geometry *geometries;
     struct reference *references;
-    unsigned char *records; /* gathered from pointers */
+    unsigned char *records; /* instance records, gathered from pointers */
 };
 
 struct vulkan_input {
@@ -22,7 +22,7 @@ struct vulkan_input {
     struct entry_memory *owned;
 };
 
-/* One call's arguments and what is derived from them once. */
+/* The arguments of one call, and tables that are derived from them once. */
 struct call {
     const VkAccelerationStructureBuildGeometryInfoKHR *infos;
     uint32_t count;
@@ -31,11 +31,11 @@ struct call {
     uint32_t reference_count;
     const struct build_options *options;
     struct memory *memory;
-    struct handle_entry *known; /* references, sorted */
-    struct handle_entry *destinations; /* sorted */
+    struct handle_entry *known; /* references, sorted by handle */
+    struct handle_entry *destinations; /* destinations, sorted by handle */
 };
 
-/* One entry under conversion. */
+/* The entry that is being converted. */
 struct entry {
     const struct call *call;
     const VkAccelerationStructureBuildGeometryInfoKHR *info;
@@ -44,7 +44,10 @@ struct entry {
     struct bvhd_error *error;
 };
 
-/* pNext structs that Vulkan allows there and bvhd does not do. Numbers, for headers are often older than extensions. */
+/*
+ * pNext structs that Vulkan allows but bvhd does not support. The types are numbers, because installed headers are
+ * often older than these extensions.
+ */
 static const struct {
     uint32_t type;
     const char *name;
@@ -77,7 +80,7 @@ static enum bvhd_status check_chain(const struct entry *entry, enum bvhd_vuid vu
                            (unsigned)first->sType);
 }
 
-/* sType and pNext of the data of geometry `index`. */
+/* Checks sType and pNext of the data of geometry `index`. */
 static enum bvhd_status check_data_head(const struct entry *entry, uint32_t index,
                                         const VkAccelerationStructureGeometryKHR *source)
 {
@@ -95,7 +98,7 @@ static enum bvhd_status check_data_head(const struct entry *entry, uint32_t inde
     };
     uint32_t type = (uint32_t)source->geometryType;
     if (type > GEOMETRY_INSTANCES)
-        return BVHD_OK; /* validate_input says so */
+        return BVHD_OK; /* validate_input reports it */
     const VkBaseInStructure *head = (const void *)&source->geometry;
     if (head->sType != heads[type].type)
         return bvhd_error_rule(entry->error, heads[type].type_rule,
@@ -137,9 +140,9 @@ static enum bvhd_status check_head(const struct entry *entry)
 }
 
 /*
- * offset + stride * (count - 1) + size: the bytes that `count` elements need. 0 where none are, or where it does not
- * fit 64 bits; and with a stride that is against the rules, for a program that does not know what it says must not have
- * so much of its memory read.
+ * Returns offset + stride * (count - 1) + size: the bytes that `count` elements need. It returns 0 if there are no
+ * elements, if the sum does not fit 64 bits, or if the stride breaks Vulkan's rules: the memory of a program that
+ * passes nonsense must not be read at such lengths.
  */
 static uint64_t extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
 {
@@ -169,8 +172,8 @@ static uint64_t element_size(uint32_t format)
 }
 
 /*
- * Indices may name every vertex up to maxVertex, and the array begins at vertex 0; without indices the range says what
- * is read.
+ * With indices, any vertex up to maxVertex may be used, and the array begins at vertex 0; without indices the range
+ * says what is read.
  */
 static uint64_t vertex_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
                              const struct geometry_range *range)
@@ -184,7 +187,7 @@ static uint64_t vertex_bytes(const VkAccelerationStructureGeometryTrianglesDataK
                   (uint64_t)range->first_vertex + (uint64_t)3 * range->primitive_count, size);
 }
 
-/* Of a type that does not exist nobody knows how much there is: nothing is read, and validate_input says so. */
+/* For an unknown index type the size is unknown: nothing is read, and validate_input reports it. */
 static uint64_t index_bytes(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
                             const struct geometry_range *range)
 {
@@ -215,7 +218,7 @@ static struct geometry_aabbs convert_aabbs(const VkAccelerationStructureGeometry
     return (struct geometry_aabbs){source->stride, bytes_at(source->data.hostAddress, size)};
 }
 
-/* Copies what the pointers lead to into records of our own; the range then starts at 0. */
+/* Copies the records behind the pointers into an array that the entry owns; the range then starts at 0. */
 static enum bvhd_status gather(const struct entry *entry, const unsigned char *pointers, struct geometry *geometry)
 {
     uint32_t count = geometry->range.primitive_count;
@@ -238,7 +241,10 @@ static enum bvhd_status gather(const struct entry *entry, const unsigned char *p
     return BVHD_OK;
 }
 
-/* Records are only looked at where the description can be right: everything else fails in validate_input before. */
+/*
+ * Returns whether records may be read: the description is valid as far as it is needed here. validate_input rejects all
+ * others before it reads records.
+ */
 static bool are_readable(const struct entry *entry, const struct geometry *geometry)
 {
     return entry->info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR && entry->info->geometryCount == 1 &&
@@ -253,8 +259,8 @@ static enum bvhd_status convert_instances(const struct entry *entry,
 {
     const struct geometry_range *range = &geometry->range;
     uint64_t size = extent(range->primitive_offset, RECORD_SIZE, range->primitive_count, RECORD_SIZE);
-    geometry->instances.records =
-        bytes_at(source->data.hostAddress, source->arrayOfPointers ? 0 : size); /* pointers are no records */
+    /* An array of pointers has no records to read. */
+    geometry->instances.records = bytes_at(source->data.hostAddress, source->arrayOfPointers ? 0 : size);
     if (!source->arrayOfPointers || !source->data.hostAddress || !are_readable(entry, geometry))
         return BVHD_OK;
     return gather(entry, source->data.hostAddress, geometry);
@@ -296,7 +302,7 @@ static bool is_built_elsewhere(const struct entry *entry, uint64_t handle)
     return at < call->count && call->destinations[at].handle == handle;
 }
 
-/* Marks the references that the records name. Handles that nobody knows stay for prepare to report. */
+/* Marks the references that the records name. Unknown handles are left for prepare to report. */
 static enum bvhd_status mark_named(const struct entry *entry, const struct geometry *geometry, unsigned char *marks)
 {
     const struct call *call = entry->call;
@@ -340,7 +346,7 @@ static enum bvhd_status copy_marked(const struct entry *entry, const unsigned ch
     return BVHD_OK;
 }
 
-/* The references of a top level: what its instances name, so that the description stands for itself. */
+/* Selects the references of a top level that its instances name, so that the description is self-contained. */
 static enum bvhd_status select_references(const struct entry *entry, struct build_input *description)
 {
     const struct geometry *geometry = description->geometries;
@@ -416,7 +422,7 @@ static void convert_entries(const struct call *call, struct vulkan_input *input,
     }
 }
 
-/* Sorted tables of all references and of all destinations; false without memory. */
+/* Makes sorted tables of all references and of all destinations; false without memory. */
 static bool sort_handles(struct call *call)
 {
     uint32_t references = call->reference_count, count = call->count;
@@ -433,7 +439,7 @@ static bool sort_handles(struct call *call)
     return true;
 }
 
-/* NULL without memory. */
+/* Makes an input with `count` empty entries; NULL without memory. */
 static struct vulkan_input *make_empty(struct memory *memory, uint32_t count)
 {
     struct vulkan_input *input = memory_alloc(memory, sizeof *input);
