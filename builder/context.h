@@ -27,6 +27,7 @@ struct build_context {
     struct build_output *output; /* where the blob's bytes come from; NULL: from `memory` */
 };
 
+/* True when the build has been cancelled. */
 static inline bool context_cancelled(const struct build_context *context)
 {
     return parallel_cancelled(context->cancel);

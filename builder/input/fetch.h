@@ -31,6 +31,7 @@ struct fetch {
  */
 enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input, uint32_t index,
                             const struct build_context *context, struct bvhd_error *error);
+/* Frees what fetch_init and the functions below have allocated, except view.geometries. */
 void fetch_finish(struct fetch *fetch, struct memory *memory);
 
 /*

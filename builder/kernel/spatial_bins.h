@@ -16,8 +16,8 @@
 #include "builder/kernel/clip.h"
 
 /*
- * Number of bins along an axis. A triangle is cut at each plane that it crosses; eight bins would make a build about 5
- * % faster, and rays up to 3 % slower.
+ * Number of bins along an axis. A triangle is cut at each plane that it crosses; eight bins would make a build about
+ * 5 % faster, and rays up to 3 % slower.
  */
 enum { SPATIAL_BINS = 16 };
 
@@ -61,6 +61,7 @@ void spatial_grid_lay(const struct vec4_box *bounds, struct spatial_grid *ret_gr
  */
 void spatial_grid_narrow(const struct vec4_box *bounds, unsigned axis, struct spatial_grid *grid);
 
+/* Empties the bins. */
 void spatial_bins_clear(struct spatial_bins *bins);
 /* Adds the parts of `count` refs. Returns false when *cancel was set meanwhile; `cancel` may be NULL. */
 bool spatial_bins_add(struct spatial_bins *bins, const struct canonical *canonical, const struct spatial_grid *grid,

@@ -133,6 +133,7 @@ struct vec4_box {
     vec4 min, max;
 };
 
+/* Returns a box that contains nothing, and that grows to any box added to it. */
 static inline struct vec4_box vec4_box_empty(void)
 {
     return (struct vec4_box){vec4_all(FLT_MAX), vec4_all(-FLT_MAX)};
@@ -201,6 +202,7 @@ static inline double vec4_box_half_area_double(struct vec4_box box)
 #endif
 }
 
+/* Grows the box by another one; NaNs in `min` and `max` are ignored. */
 static inline void vec4_box_grow(struct vec4_box *box, vec4 min, vec4 max)
 {
     box->min = vec4_min(min, box->min);

@@ -71,6 +71,10 @@ static inline uint32_t cluster_as_child(const struct cluster_tree *tree, uint32_
     return node | (uint32_t)tree->facts[node].leaf << 31;
 }
 
+/*
+ * Returns the facts of a node with this box above two nodes with these facts: it becomes a leaf where that fits and
+ * pays.
+ */
 static inline struct cluster_facts cluster_facts_of(const struct cluster_tree *tree, struct cluster_facts left,
                                                     struct cluster_facts right, struct vec4_box box)
 {
@@ -82,6 +86,7 @@ static inline struct cluster_facts cluster_facts_of(const struct cluster_tree *t
     return (struct cluster_facts){leaf ? as_leaf : cost, refs & INT32_MAX, leaf};
 }
 
+/* Returns the common box of two nodes. */
 static inline struct vec4_box cluster_box_of_two(const struct cluster_tree *tree, uint32_t left, uint32_t right)
 {
     struct vec4_box box = vec4_box_load(cluster_tree_node(tree, left)),

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * spatial.h - builds a piece's tree for quality high, on one thread: binned SAH with spatial splits (SBVH, Stich 2009).
+ * A TLAS of quality balanced is built by it too, without splits.
  *
  * Refs are divided by their centroids. Where that leaves two boxes that overlap, a plane that cuts triangles in two is
  * tried as well, unless such planes have hardly ever paid in nodes of about this size. Cut triangles are referenced

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* test_fetch.c - tests that only the given bytes are read, and are read right, for random descriptions. */
 /*
- * The memory ends where a page without access starts. Descriptions are valid or invalid; the expected contents of accepted
- * copies are read independently from the same fields.
+ * The memory ends where a page without access starts. Descriptions are valid or invalid; the expected contents of
+ * accepted copies are read independently from the same fields.
  */
 #include "tests/support/unit.h"
 
