@@ -15,7 +15,7 @@ void example_must(enum bvhd_status status, const struct bvhd_error *error)
     exit(1);
 }
 
-/* Asks for infos[0 .. count) and waits. */
+/* Requests infos[0 .. count) and waits for the results. */
 static struct bvhd_batch *submit(struct bvhd_client *client, struct bvhd_build *build)
 {
     struct bvhd_batch *batch;
@@ -32,7 +32,7 @@ static struct bvhd_batch *submit(struct bvhd_client *client, struct bvhd_build *
     return batch;
 }
 
-/* The square [0, 1] x [0, 1], and half of it. */
+/* Builds the square [0, 1] x [0, 1], and half of it. */
 static struct bvhd_batch *build_bottoms(struct bvhd_client *client, const struct bvhd_format *format)
 {
     static const float square[] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0}, half[] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
@@ -67,7 +67,10 @@ static struct bvhd_batch *build_bottoms(struct bvhd_client *client, const struct
     return submit(client, &build);
 }
 
-/* What instances name is a number of the program's own choice; the service hears which structure each stands for. */
+/*
+ * Instances name structures by numbers that the program chooses; `references` tells the service which structure each
+ * number means.
+ */
 static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvhd_format *format,
                                     struct bvhd_batch *bottoms)
 {
@@ -98,8 +101,8 @@ static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvh
         memcpy(references[i].bounds, result->bounds, sizeof result->bounds);
         memcpy(references[i].slabs, result->slabs, sizeof result->slabs);
     }
-    for (i = 0; i < INSTANCES;
-         i++) { /* at (0, 0, 0), (2, 0, 1), (0, 2, 2), (2, 2, 3), a square and a triangle by turns */
+    /* Alternates between the square and the triangle, at (0, 0, 0), (2, 0, 1), (0, 2, 2), (2, 2, 3). */
+    for (i = 0; i < INSTANCES; i++) {
         const VkAccelerationStructureInstanceKHR instance = {
             .transform = {{{1, 0, 0, (float)(2 * (i % 2))}, {0, 1, 0, (float)(2 * (i / 2))}, {0, 0, 1, (float)i}}},
             .mask = 0xff,
@@ -117,8 +120,8 @@ void example_build(struct example_build *build, const struct bvhd_format *format
     build->bottoms = build_bottoms(build->client, format);
     build->top = build_top(build->client, format, build->bottoms);
     /*
-     * Rows are in the order in which instances first name structures: here the order of the references (else:
-     * bvhd_vulkan_rows).
+     * Rows are in the order in which instances first name structures. Here that is the order of the references; in
+     * general bvhd_vulkan_rows computes it.
      */
     for (i = 0; i < EXAMPLE_BOTTOMS; i++)
         build->results[i] = bvhd_batch_result(build->bottoms, (uint32_t)i);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * example_scene.h - a small scene, built by the service: a square and a triangle, and a top level over two instances of
+ * example_scene.h - a small scene that the service builds: a square, a triangle, and a top level over two instances of
  * each.
  */
 #ifndef EXAMPLE_SCENE_H
@@ -13,10 +13,13 @@ enum { EXAMPLE_BOTTOMS = 2, EXAMPLE_BLOBS = EXAMPLE_BOTTOMS + 1 };
 struct example_build {
     struct bvhd_client *client;
     struct bvhd_batch *bottoms, *top;
-    const struct bvhd_result *results[EXAMPLE_BLOBS]; /* the rows of the top level, and then the top level itself */
+    const struct bvhd_result *results[EXAMPLE_BLOBS]; /* the rows of the top level, followed by the top level itself */
 };
 
-/* `format` is NULL for the portable target. Failures end the program. */
+/*
+ * Builds the scene and waits. `format` is NULL for the portable target. Failures end the program. The results live
+ * until example_build_end.
+ */
 void example_build(struct example_build *build, const struct bvhd_format *format);
 void example_build_end(struct example_build *build);
 

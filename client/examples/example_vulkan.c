@@ -15,7 +15,7 @@ void example_check(const char *what, VkResult result)
     exit(1);
 }
 
-/* ---- the device ---- */
+/* ---- The device ---- */
 
 static const char *const ray_extensions[] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME,
                                              VK_KHR_RAY_QUERY_EXTENSION_NAME,
@@ -127,7 +127,7 @@ void example_close(struct example_vulkan *vulkan)
     vkDestroyInstance(vulkan->instance, NULL);
 }
 
-/* ---- buffers and commands ---- */
+/* ---- Buffers and commands ---- */
 
 static uint32_t memory_type(const struct example_vulkan *vulkan, uint32_t allowed, VkMemoryPropertyFlags properties)
 {
@@ -196,7 +196,7 @@ void example_submit(const struct example_vulkan *vulkan, VkCommandBuffer command
     vkFreeCommandBuffers(vulkan->device, vulkan->pool, 1, &commands);
 }
 
-/* ---- the kernel ---- */
+/* ---- The kernel ---- */
 
 struct kernel {
     VkDescriptorSetLayout set_layout;
@@ -231,7 +231,7 @@ static void create_pipeline(VkDevice device, const uint32_t *code, size_t size, 
     vkDestroyShaderModule(device, module, NULL);
 }
 
-/* Binding 0 is what is written, binding 1, if any, the scene. */
+/* Binding 0 is the output; binding 1, if there is one, is the scene. */
 static void create_set(VkDevice device, VkBuffer distances, const struct example_scene *scene, struct kernel *kernel)
 {
     const VkDescriptorType scene_type =

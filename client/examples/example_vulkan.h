@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * example_vulkan.h - what every Vulkan program has somewhere: a device, buffers, a kernel. Nothing of it is about bvhd.
+ * example_vulkan.h - what every Vulkan program has: a device, buffers, a kernel. None of it is specific to bvhd.
  * Failures end the program.
  */
 #ifndef EXAMPLE_VULKAN_H
@@ -23,11 +23,11 @@ struct example_buffer {
     VkBuffer buffer;
     VkDeviceMemory memory;
     VkDeviceSize size;
-    unsigned char *mapped; /* of a host-visible one */
+    unsigned char *mapped; /* if the memory is host-visible */
     VkDeviceAddress address; /* with VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT */
 };
 
-/* Ends the program with status 77 when there is no such device. */
+/* Opens a device. Ends the program with status 77 if there is no such device. */
 void example_open(struct example_vulkan *vulkan, enum example_device wanted);
 void example_close(struct example_vulkan *vulkan);
 void example_check(const char *what, VkResult result);
@@ -37,16 +37,16 @@ struct example_buffer example_buffer(const struct example_vulkan *vulkan, VkDevi
 void example_free(const struct example_vulkan *vulkan, struct example_buffer *buffer);
 
 VkCommandBuffer example_begin(const struct example_vulkan *vulkan);
-void example_submit(const struct example_vulkan *vulkan, VkCommandBuffer commands); /* and waits */
+void example_submit(const struct example_vulkan *vulkan, VkCommandBuffer commands); /* also waits */
 
-/* What a kernel of rays.comp reads; the others are zero. */
+/* The scene for a kernel of rays.comp, which uses one of the members; the others are zero. */
 struct example_scene {
     VkAccelerationStructureKHR structure;
     VkBuffer buffer;
     uint64_t root;
 };
 
-/* Runs it, and prints how many rays hit something, and how far they went together. */
+/* Runs the kernel, and prints how many rays hit something and the sum of their distances. */
 void example_trace(const struct example_vulkan *vulkan, const uint32_t *code, size_t size,
                    const struct example_scene *scene);
 

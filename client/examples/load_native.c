@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_native.c - structures of the device's own format, with buffers of the program's own: the driver's ray queries
- * run on them. Asks the device what it loads, has the scene built for it, uploads it, traces.
+ * load_native.c - loads structures of the device's own format into the program's own buffers, for the driver's ray
+ * queries. It asks the device which format it loads, has the scene built for it, uploads it, and traces rays.
  */
 #include <stdio.h>
 
@@ -32,8 +32,8 @@ static struct bvhd_vulkan_device *create_device(const struct example_vulkan *vul
 }
 
 /*
- * What the driver loads: takes milliseconds, and stays the same until the driver is updated. BVHD_UNSUPPORTED means:
- * use the portable target.
+ * Finds the format that the driver loads. That takes milliseconds, and the result stays the same until the driver is
+ * updated. BVHD_UNSUPPORTED means that only the portable target can be loaded.
  */
 static struct bvhd_format find_format(struct bvhd_vulkan_device *device, const struct example_vulkan *vulkan)
 {
@@ -49,7 +49,7 @@ static struct bvhd_format find_format(struct bvhd_vulkan_device *device, const s
     return format;
 }
 
-/* One structure: its own storage, and staging memory until the copy has run. */
+/* One structure: its storage, and staging memory that is needed until the copy has run. */
 struct loaded {
     VkAccelerationStructureKHR structure;
     struct example_buffer storage, staging;
@@ -69,8 +69,8 @@ static struct loaded upload(struct bvhd_vulkan_device *device, const struct exam
         example_buffer(vulkan, needed.storage_size, needed.storage_usage, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
     loaded.staging = example_buffer(vulkan, needed.staging_size + needed.staging_alignment, needed.staging_usage,
                                     VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
-    offset = align(loaded.staging.address, needed.staging_alignment) -
-             loaded.staging.address; /* it is the address that has to be aligned */
+    /* The device address has to be aligned, not the offset. */
+    offset = align(loaded.staging.address, needed.staging_alignment) - loaded.staging.address;
     const struct bvhd_vulkan_upload what = {.struct_size = sizeof what,
                                             .data = result->data,
                                             .size = result->size,
@@ -98,8 +98,8 @@ int main(void)
     example_build(&build, &format);
 
     /*
-     * Bottom levels first, since the top level names their addresses; in one command buffer, with one barrier behind
-     * all.
+     * Bottom levels come first, because the top level names their addresses. All uploads go into one command buffer,
+     * followed by one barrier.
      */
     VkCommandBuffer commands = example_begin(&vulkan);
     for (i = 0; i < EXAMPLE_BLOBS; i++) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_portable.c - portable structures in a storage buffer, with buffers of the program's own: works on any device
- * with compute shaders. One buffer for the whole scene, and locations are offsets in it.
+ * load_portable.c - loads portable structures into the program's own storage buffer, on any device with compute
+ * shaders. One buffer holds the whole scene, and locations are offsets in it.
  */
 #include <stdio.h>
 
@@ -34,7 +34,8 @@ int main(void)
     struct example_vulkan vulkan;
     struct example_build build;
     struct bvhd_vulkan_requirements needed[EXAMPLE_BLOBS];
-    uint64_t places[EXAMPLE_BLOBS]; /* the top level's root, and what its instances name */
+    /* the location of each structure: the top level's root, and what its instances name */
+    uint64_t places[EXAMPLE_BLOBS];
     VkDeviceSize sources[EXAMPLE_BLOBS], storage_size = 0, staging_size = 0;
     struct example_scene traced = {.structure = VK_NULL_HANDLE};
     struct bvhd_error error;
@@ -44,7 +45,7 @@ int main(void)
     struct bvhd_vulkan_device *device = create_device(&vulkan);
     example_build(&build, NULL);
 
-    /* Room for all in one buffer. What came from elsewhere is checked before anything else is done with it. */
+    /* All structures go into one buffer. Bytes from elsewhere are checked before anything else is done with them. */
     for (i = 0; i < EXAMPLE_BLOBS; i++) {
         const struct bvhd_result *result = build.results[i];
         example_must(bvhd_vulkan_check(device, NULL, result->data, result->size, &error), &error);
@@ -60,7 +61,7 @@ int main(void)
         example_buffer(&vulkan, staging_size, needed[0].staging_usage,
                        VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
 
-    /* All uploads go into one command buffer, with one barrier behind them. */
+    /* All uploads go into one command buffer, followed by one barrier. */
     VkCommandBuffer commands = example_begin(&vulkan);
     for (i = 0; i < EXAMPLE_BLOBS; i++) {
         VkAccelerationStructureKHR none;

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * load_scene.c - the short way: bvhd_vulkan_scene_create allocates, uploads and waits. Portable structures, found by
- * their addresses, traversed by a compute shader; any device with buffer addresses will do.
+ * load_scene.c - loads a scene in the shortest way: bvhd_vulkan_scene_create allocates, uploads and waits. The
+ * structures are portable, a compute shader finds them by their addresses and traverses them; any device with buffer
+ * addresses can do this.
  */
 #include <stdio.h>
 
@@ -40,7 +41,7 @@ int main(void)
     const struct bvhd_vulkan_scene_options what = {
         .struct_size = sizeof what, .blobs = blobs, .blob_count = EXAMPLE_BLOBS, .flags = BVHD_VULKAN_SCENE_ADDRESSES};
     example_must(bvhd_vulkan_scene_create(device, &queue, &what, &scene, &error), &error);
-    example_build_end(&build); /* the device has its own bytes now */
+    example_build_end(&build); /* the device has its own copy of the bytes now */
 
     traced.root = bvhd_vulkan_scene_location(scene, EXAMPLE_BLOBS - 1);
     example_trace(&vulkan, rays_addresses, sizeof rays_addresses, &traced);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// One ray straight down for each of 64 x 64 places over [0, 4) x [0, 4); how far it goes, or -1. Compiled with one of these defined:
+// Traces one ray straight down at each of 64 x 64 places over [0, 4) x [0, 4), and writes how far it goes, or -1. It is
+// compiled with one of these defined:
 //   NATIVE     the device's own ray queries, through an acceleration structure
 //   PORTABLE   bvhd_ray_query.glsl, through a storage buffer; root is an offset in it
-//   ADDRESSES  the same, through buffer addresses; root is one
+//   ADDRESSES  the same, through buffer addresses; root is an address
 #version 460
 #extension GL_GOOGLE_include_directive : require
 

@@ -7,7 +7,8 @@
 #include "builder/format/lavapipe.h"
 #include "builder/format/portable.h"
 
-enum { LOCATION = offsetof(struct portable_instance, reserved) }; /* of the bottom level, in an instance record */
+/* Where a location, that of the instance's bottom level, is stored in an instance record. */
+enum { LOCATION = offsetof(struct portable_instance, reserved) };
 _Static_assert(LOCATION % 8 == 0 && PORTABLE_BODY_ALIGNMENT % 8 == 0,
                "a location lies on one side of a cut between portions");
 
@@ -38,7 +39,7 @@ static enum bvhd_status read_portable(struct vulkan_blob *blob, struct bvhd_erro
     return BVHD_OK;
 }
 
-/* A structure without handles is a bottom level, unless nothing is in it: then it does not say. */
+/* A structure without handles is a bottom level, unless it is empty: then its bytes do not reveal its type. */
 static VkAccelerationStructureTypeKHR native_type(const struct vulkan_blob *blob)
 {
     struct lavapipe_box root;
@@ -111,7 +112,7 @@ static struct bvhd_vulkan_requirements portable_requirements(const struct bvhd_v
     return requirements;
 }
 
-/* Both alignments are Vulkan's: of the address that is copied from, and of a structure in its buffer. */
+/* Both alignments are required by Vulkan: of the address that is copied from, and of a structure in its buffer. */
 static const struct bvhd_vulkan_requirements native_requirements = {
     .staging_alignment = 256,
     .staging_usage = VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT,

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_blob.h - what a loader has to know of a serialized structure: where its bytes go, and where places lie that it
- * fills. Reads heads and handles alone; whether the rest is sound is bvhd_vulkan_check's question.
+ * vulkan_blob.h - reads what a loader has to know about a serialized structure: where its bytes go, and which places
+ * the loader fills. It reads headers and handles alone; bvhd_vulkan_check checks the rest.
  */
 #ifndef BVHD_VULKAN_BLOB_H
 #define BVHD_VULKAN_BLOB_H
@@ -19,40 +19,43 @@ struct vulkan_blob {
     struct serialized_header header;
     enum bvhd_target target;
     VkAccelerationStructureTypeKHR type; /* as in struct bvhd_vulkan_requirements */
-    uint32_t reference_count; /* the highest handle: handle v stands for references[v - 1] */
-    struct bytes body; /* what lies on the device: deserialized_size bytes */
-    uint64_t record_offset; /* portable: instance records, from the body's start */
+    uint32_t reference_count; /* the highest handle: handle v means references[v - 1] */
+    struct bytes body; /* the deserialized_size bytes that are stored on the device */
+    uint64_t record_offset; /* portable: offset of the instance records in the body */
     uint32_t record_count; /* portable, top level */
 };
 
 /*
- * Of a hostile blob: afterwards the functions below stay inside of it. BVHD_CORRUPT; BVHD_INCOMPATIBLE, when it has the
- * shape of no known target, or the version of none; BVHD_TOO_LARGE.
+ * Reads a hostile blob. Afterwards the functions below stay inside of it. Fails with BVHD_CORRUPT, BVHD_INCOMPATIBLE
+ * (it does not have the shape or the version of a known target), BVHD_TOO_LARGE, or BVHD_INVALID if there is no data.
  */
 enum bvhd_status vulkan_blob_read(struct bytes bytes, struct vulkan_blob *ret_blob, struct bvhd_error *error);
 
-/* What to create for it on the device. */
+/* Returns what to create for the structure on the device. */
 struct bvhd_vulkan_requirements vulkan_blob_requirements(const struct vulkan_blob *blob,
                                                          const struct bvhd_vulkan_device *device);
 
-/* Handle `row`, from 1. */
+/* Returns handle `row`; handles count from 1. */
 static inline uint64_t vulkan_blob_handle(const struct vulkan_blob *blob, uint64_t row)
 {
     return bytes_get64(blob->bytes.data + SERIALIZED_HANDLES + 8 * row);
 }
 
-/* Every row that a handle names has a reference that is not `none`: BVHD_INVALID, "references[7]". */
+/*
+ * Checks that every row that a handle names has a reference that is not `none`. Otherwise it returns BVHD_INVALID with
+ * a place such as "references[7]".
+ */
 enum bvhd_status vulkan_blob_check_references(const struct vulkan_blob *blob, const uint64_t *references,
                                               uint32_t reference_count, uint64_t none, struct bvhd_error *error);
 
 /*
- * Writes what native structures are deserialized from: the whole blob, with references for handles.
+ * Writes the bytes from which a native structure is deserialized: the whole blob, with references in place of handles.
  */
 void vulkan_blob_fill_native(const struct vulkan_blob *blob, const uint64_t *references, unsigned char *dest);
 
 /*
- * Writes bytes [begin, end) of a portable body, multiples of 64 but for the body's end, with references in the
- * instances. BVHD_CORRUPT when an instance has no handle.
+ * Writes bytes [begin, end) of a portable body, with references in the instances. Both are multiples of 64, except for
+ * the body's end. Returns BVHD_CORRUPT if an instance has no handle.
  */
 enum bvhd_status vulkan_blob_fill_portable(const struct vulkan_blob *blob, const uint64_t *references, uint64_t begin,
                                            uint64_t end, unsigned char *dest, struct bvhd_error *error);

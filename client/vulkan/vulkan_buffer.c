@@ -12,7 +12,7 @@ enum {
     CHOICES = 4
 };
 
-/* Kinds of memory for a place, best first: what they have of `among`. */
+/* The memory types for each place, the best first: a type matches if its flags among `among` are exactly `has`. */
 static const struct {
     VkMemoryPropertyFlags among, has;
 } choices[][CHOICES] = {

@@ -18,7 +18,7 @@ struct check {
 
 enum { UUID_TEXT = 2 * SERIALIZED_UUID_SIZE + 1 };
 
-/* Some drivers write a version there that people can read; else hexadecimal. */
+/* Some drivers write a readable version there; otherwise the text is hexadecimal. */
 static void uuid_to_text(const uint8_t uuid[SERIALIZED_UUID_SIZE], char ret_text[UUID_TEXT])
 {
     int length = 0;
@@ -39,7 +39,7 @@ static const char *target_name(enum bvhd_target target)
 
 /* ---- portable ---- */
 
-/* By addresses shaders find the words of a structure with indices of 32 bits, which have a sign. */
+/* Shaders that use addresses find the words of a structure with signed 32-bit indices. */
 static const uint64_t reach_of_addresses = UINT64_C(4) << 31;
 
 static enum bvhd_status check_portable(const struct check *check)
@@ -73,7 +73,7 @@ static enum bvhd_status incompatible(const struct check *check)
                           is_known ? "lavapipe" : "unknown", found, target_name(check->format->target), needed);
 }
 
-/* Two versions of one driver may have the same UUIDs. */
+/* Two versions of a driver can have the same UUIDs. */
 static enum bvhd_status other_variant(const struct check *check, const struct lavapipe_view *view)
 {
     return bvhd_error_set(check->error, BVHD_INCOMPATIBLE, "format.variant",
@@ -82,10 +82,7 @@ static enum bvhd_status other_variant(const struct check *check, const struct la
                           (int)view->device.variant, target_name(check->format->target), check->format->variant);
 }
 
-/*
- * The driver's own opinion, of the first bytes: a format may be of another device, or of a time before the driver was
- * updated.
- */
+/* Asks the driver about the first bytes: a format may belong to another device, or date from before a driver update. */
 static enum bvhd_status ask_driver(const struct check *check)
 {
     const struct bvhd_vulkan_device *device = check->device;

@@ -6,7 +6,7 @@
 
 #include "client/library.h"
 
-/* What is called before there is a struct bvhd_vulkan_device. */
+/* The functions that are needed before there is a struct bvhd_vulkan_device. */
 struct lookup {
     const struct bvhd_vulkan_device_options *options;
     PFN_vkGetDeviceProcAddr get_device_proc_addr;
@@ -45,8 +45,8 @@ static enum bvhd_status find_instance_functions(struct lookup *lookup)
 }
 
 /*
- * The extension's name first: a device of Vulkan 1.1 has the function under that one alone, and the other name may lead
- * to nothing there.
+ * The name with the extension's suffix comes first: a device of Vulkan 1.1 has the function only under that name, and
+ * the other name may return a function that does not work.
  */
 static PFN_vkVoidFunction address_function(const struct lookup *lookup, const char *name)
 {
@@ -76,7 +76,7 @@ static enum bvhd_status find_device_functions(const struct lookup *lookup, struc
     return BVHD_OK;
 }
 
-/* Which structs the physical device understands beyond those of Vulkan 1.1. */
+/* The property structs beyond those of Vulkan 1.1 that the physical device supports. */
 struct extensions {
     bool buffer_limit, driver;
 };

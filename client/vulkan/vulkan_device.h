@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_device.h - the caller's device as the library sees it: functions, limits, kinds of memory. Immutable once it
- * is there, so that any thread may use it.
+ * vulkan_device.h - the program's device: its functions, limits and memory types. It is immutable once created, so that
+ * any thread may use it.
  */
 #ifndef BVHD_VULKAN_DEVICE_H
 #define BVHD_VULKAN_DEVICE_H
@@ -14,7 +14,7 @@
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
 
-/* NULL where the device lacks what they need. */
+/* A function is NULL if the device lacks its extension or feature. */
 struct vulkan_functions {
 #define VULKAN_ALWAYS(name) PFN_vk##name name;
 #define VULKAN_ADDRESS(name) PFN_vk##name name;
@@ -25,14 +25,14 @@ struct vulkan_functions {
 #undef VULKAN_STRUCTURE
 };
 
-/* UINT64_MAX where the device names none. */
+/* The device's limits. UINT64_MAX: the device announces none. */
 struct vulkan_limits {
-    uint64_t storage_range; /* bytes of a buffer that a shader sees at once */
-    uint64_t storage_alignment; /* of an offset at which a storage buffer is bound */
-    uint64_t allocation; /* bytes */
-    uint64_t buffer; /* bytes */
-    uint64_t primitives; /* of a bottom level */
-    uint64_t instances; /* of a top level */
+    uint64_t storage_range; /* the bytes of a buffer that a shader can access through one binding */
+    uint64_t storage_alignment; /* bytes, of the offset at which a storage buffer is bound */
+    uint64_t allocation; /* the most bytes in one allocation */
+    uint64_t buffer; /* the most bytes in one buffer */
+    uint64_t primitives; /* per bottom level */
+    uint64_t instances; /* per top level */
     uint64_t scratch_alignment;
 };
 
@@ -40,16 +40,16 @@ struct bvhd_vulkan_device {
     VkDevice handle;
     const VkAllocationCallbacks *allocator;
     bool has_addresses;
-    bool has_structures; /* and addresses, which they need */
+    bool has_structures; /* true only if has_addresses is, which structures need */
     struct vulkan_functions vk;
     struct vulkan_limits limits;
     VkPhysicalDeviceMemoryProperties memory;
     char name[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE];
-    char driver[VK_MAX_DRIVER_NAME_SIZE +
-                VK_MAX_DRIVER_INFO_SIZE]; /* "llvmpipe Mesa 25.0.7"; "" where the device does not tell */
+    /* for example "llvmpipe Mesa 25.0.7"; "" if the device does not say */
+    char driver[VK_MAX_DRIVER_NAME_SIZE + VK_MAX_DRIVER_INFO_SIZE];
 };
 
-/* BVHD_OK for VK_SUCCESS; else an error whose place is the name of the call, such as "vkCreateBuffer". */
+/* Returns BVHD_OK for VK_SUCCESS, otherwise an error whose place is the name of the call, such as "vkCreateBuffer". */
 enum bvhd_status vulkan_device_result(const char *call, VkResult result, struct bvhd_error *error);
 
 #endif

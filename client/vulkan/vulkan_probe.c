@@ -9,20 +9,21 @@
 #include "client/vulkan/vulkan_work.h"
 
 enum {
-    ALIGNMENT = 256 /* of structures, and of what they are serialized to */,
+    /* bytes, of structures and of the memory that they are serialized to */
+    ALIGNMENT = 256,
     GEOMETRIES = 2,
     RECORD = 64,
     RECORD_REFERENCE = 56
 };
 
-/* One structure of the probe on its way. */
+/* The state of one structure of the probe. */
 struct step {
     struct probe_request request;
     VkAccelerationStructureGeometryKHR geometries[GEOMETRIES];
     VkAccelerationStructureBuildRangeInfoKHR ranges[GEOMETRIES];
     VkAccelerationStructureBuildGeometryInfoKHR info;
     VkAccelerationStructureBuildSizesInfoKHR sizes;
-    uint64_t input_offset; /* of its first geometry's data */
+    uint64_t input_offset; /* of the first geometry's data */
     uint64_t storage_offset;
     uint64_t serialized_offset, serialized_size;
 };
@@ -39,7 +40,7 @@ struct probing {
     struct bvhd_error *error;
 };
 
-/* ---- what is built ---- */
+/* ---- What is built ---- */
 
 static const void *geometry_data(const struct canonical_geometry *geometry, uint64_t *ret_size)
 {
@@ -56,7 +57,7 @@ static const void *geometry_data(const struct canonical_geometry *geometry, uint
     }
 }
 
-/* Without an address yet. */
+/* Describes a geometry, without the address of its data yet. */
 static VkAccelerationStructureGeometryKHR describe_geometry(const struct canonical_geometry *geometry)
 {
     VkAccelerationStructureGeometryKHR described = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
@@ -107,7 +108,7 @@ static void describe_step(const struct bvhd_vulkan_device *device, enum probe_st
                                                      &step->info, counts, &step->sizes);
 }
 
-/* Describes all, and finds a place for what they read and what they become. */
+/* Describes all structures, and assigns places to their input and their storage. */
 static void lay_out(struct probing *probing, uint64_t *ret_input_size, uint64_t *ret_storage_size)
 {
     uint64_t input = 0, storage = 0;
@@ -177,7 +178,7 @@ static enum bvhd_status create_structure(struct probing *probing, int which)
     return BVHD_OK;
 }
 
-/* What the device reads: instances name the structures before them. */
+/* Writes the geometry that the device reads. Instances name the previous structures. */
 static void write_input(struct probing *probing, struct step *step)
 {
     uint64_t base = bytes_align(probing->input.address, 16) - probing->input.address + step->input_offset;
@@ -205,7 +206,7 @@ static void write_input(struct probing *probing, struct step *step)
     }
 }
 
-/* ---- what is recorded ---- */
+/* ---- What is recorded ---- */
 
 static void record_barrier(const struct probing *probing, VkPipelineStageFlags source, VkAccessFlags written,
                            VkPipelineStageFlags target, VkAccessFlags wanted)
@@ -215,7 +216,10 @@ static void record_barrier(const struct probing *probing, VkPipelineStageFlags s
     probing->device->vk.CmdPipelineBarrier(probing->work.commands, source, target, 0, 1, &barrier, 0, NULL, 0, NULL);
 }
 
-/* Bytes that the driver leaves out of a structure are zero: a probe says nothing about what the memory held before. */
+/*
+ * The storage is cleared first, so that bytes that the driver does not write are zero: a probe must not depend on the
+ * memory's previous contents.
+ */
 static void record_build(struct probing *probing)
 {
     const struct bvhd_vulkan_device *device = probing->device;
@@ -255,7 +259,7 @@ static void record_serialize(struct probing *probing)
                    VK_PIPELINE_STAGE_HOST_BIT, VK_ACCESS_HOST_READ_BIT);
 }
 
-/* ---- the two submissions ---- */
+/* ---- The two submissions ---- */
 
 static enum bvhd_status build_all(struct probing *probing)
 {
@@ -311,8 +315,8 @@ static enum bvhd_status serialize_all(struct probing *probing)
 }
 
 /*
- * Addresses differ from run to run. Rows + 1 take their place in what names them, wherever it lies there: equal devices
- * give equal probes.
+ * Addresses differ from run to run. They are replaced by rows + 1 wherever they occur, so that equal devices give equal
+ * probes.
  */
 static void number_handles(struct probe *probe, unsigned char *instances)
 {

@@ -12,13 +12,13 @@
 struct naming {
     const struct bvhd_reference *references;
     uint32_t reference_count;
-    struct handle_entry *entries; /* references by handle; as much room again */
-    uint32_t *row_of; /* reference to row */
+    struct handle_entry *entries; /* references sorted by handle; the second half is scratch */
+    uint32_t *row_of; /* the row of each reference */
     uint32_t row_count;
     struct bvhd_error *error;
 };
 
-/* Rows in the order in which instances name references. */
+/* Numbers the rows in the order in which instances first name references. */
 static enum bvhd_status name_rows(struct naming *naming, const VkAccelerationStructureInstanceKHR *instances,
                                   uint32_t count)
 {
@@ -58,7 +58,7 @@ enum bvhd_status bvhd_vulkan_rows(const struct bvhd_reference *references, uint3
             ? name_rows(&naming, instances, instance_count)
             : bvhd_error_set(ret_error, BVHD_NO_MEMORY, "references", "%" PRIu32 " references", reference_count);
     if (status == BVHD_OK) {
-        if (reference_count > 0) /* else there may be no array */
+        if (reference_count > 0) /* otherwise there may be no array */
             memcpy(ret_rows, naming.row_of, reference_count * sizeof *ret_rows);
         *ret_row_count = naming.row_count;
     }

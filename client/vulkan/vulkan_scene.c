@@ -5,7 +5,7 @@
 #include "client/library.h"
 #include "client/vulkan/vulkan_scene_load.h"
 
-/* ---- which structures there are ---- */
+/* ---- The structures of a scene ---- */
 
 static int by_data(const void *a, const void *b)
 {
@@ -47,7 +47,10 @@ static enum bvhd_status list_rows(struct vulkan_scene_loading *loading)
     return BVHD_OK;
 }
 
-/* A structure that the device takes, of the scene's target, a bottom level unless it is the last one. */
+/*
+ * Checks that the device can load a structure, that it has the scene's target, and that it is a bottom level unless it
+ * is the last one.
+ */
 static enum bvhd_status check_row(struct vulkan_scene_loading *loading, const struct bvhd_format *format,
                                   struct vulkan_scene_row *row)
 {
@@ -84,7 +87,9 @@ static enum bvhd_status check_rows(struct vulkan_scene_loading *loading, const s
     return BVHD_OK;
 }
 
-/* Whether a format has to be found: a structure is native, and the device takes such. */
+/*
+ * Returns whether a format has to be found by a probe: a structure is native, and the device supports such structures.
+ */
 static bool needs_probe(const struct vulkan_scene_loading *loading)
 {
     if (loading->options->format || !loading->device->has_structures)
@@ -110,7 +115,7 @@ static enum bvhd_status probe_device(const struct vulkan_scene_loading *loading,
     return status;
 }
 
-/* ---- the whole ---- */
+/* ---- Creating a scene ---- */
 
 static enum bvhd_status check_options(const struct bvhd_vulkan_device *device,
                                       const struct bvhd_vulkan_scene_options *options, struct bvhd_error *error)

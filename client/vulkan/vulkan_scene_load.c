@@ -6,7 +6,7 @@
 
 #include "client/library.h"
 
-/* A step fills and submits so much; a page holds so much, or one structure that is larger. */
+/* Bytes that one step stages and submits; bytes of a page, which can also be one larger structure. */
 enum { SCENE_STEP = 32 << 20, SCENE_PAGE = 64 << 20 };
 
 enum bvhd_status vulkan_scene_no_memory(const struct vulkan_scene_loading *loading)
@@ -23,11 +23,11 @@ enum bvhd_status vulkan_scene_row_error(const struct vulkan_scene_loading *loadi
     return bvhd_error_set(loading->error, inner->status, where, "%s", inner->text);
 }
 
-/* ---- where they go ---- */
+/* ---- Places ---- */
 
 /*
- * Gives each structure a place: native ones share pages, portable ones are one page. Only the last page is open, so
- * that two pages in a row hold more than SCENE_PAGE together, and there are few of them.
+ * Assigns a place to each structure: native ones share pages, portable ones form one page. Only the last page takes
+ * structures, so that two consecutive pages together hold more than SCENE_PAGE, and there are few pages.
  */
 static enum bvhd_status place_rows(struct vulkan_scene_loading *loading, uint64_t alignment, uint64_t **ret_page_sizes)
 {
@@ -77,7 +77,7 @@ static enum bvhd_status create_pages(struct vulkan_scene_loading *loading, const
     return BVHD_OK;
 }
 
-/* The largest piece that is staged at once, at its aligned address. */
+/* Creates the staging buffer, large enough for the largest piece that is staged at once, at an aligned address. */
 static enum bvhd_status create_staging(struct vulkan_scene_loading *loading,
                                        const struct bvhd_vulkan_requirements *needed)
 {
@@ -116,7 +116,7 @@ static enum bvhd_status place_all(struct vulkan_scene_loading *loading)
     return status;
 }
 
-/* ---- upload ---- */
+/* ---- Upload ---- */
 
 static enum bvhd_status submit_step(struct vulkan_scene_loading *loading)
 {
@@ -129,8 +129,8 @@ static enum bvhd_status submit_step(struct vulkan_scene_loading *loading)
 }
 
 /*
- * Room for at least `least` bytes in the staging buffer, from *ret_offset on; *ret_size: how many there are. What was
- * recorded is submitted first when there is none.
+ * Reserves at least `least` bytes of the staging buffer at *ret_offset; *ret_size is how many are available. If there
+ * are too few, it first submits what has been recorded.
  */
 static enum bvhd_status take_staging(struct vulkan_scene_loading *loading, uint64_t least, uint64_t alignment,
                                      uint64_t *ret_offset, uint64_t *ret_size)
@@ -176,7 +176,7 @@ static enum bvhd_status load_native(struct vulkan_scene_loading *loading, struct
     return BVHD_OK;
 }
 
-/* In as many steps as it takes. */
+/* Uploads a portable structure in as many steps as necessary. */
 static enum bvhd_status load_portable(struct vulkan_scene_loading *loading, const struct vulkan_scene_row *row)
 {
     struct vulkan_blob blob;
@@ -204,8 +204,8 @@ static enum bvhd_status load_portable(struct vulkan_scene_loading *loading, cons
 }
 
 /*
- * Portable structures have their places before anything is loaded; native ones when they have been created, bottom
- * levels first.
+ * Portable structures have their locations before anything is loaded; native ones get theirs when they are created,
+ * bottom levels first.
  */
 static void locate_portable(struct vulkan_scene_loading *loading)
 {

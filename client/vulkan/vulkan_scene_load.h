@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vulkan_scene_load.h - the insides of a scene, and how its structures get to the device. */
+/* vulkan_scene_load.h - the internal state of a scene, and how its structures are loaded to the device. */
 #ifndef BVHD_VULKAN_SCENE_LOAD_H
 #define BVHD_VULKAN_SCENE_LOAD_H
 
@@ -9,15 +9,18 @@
 
 #define VULKAN_SCENE_NOWHERE UINT64_MAX
 
-/* `leader` is the lowest row with the same bytes: there they are loaded, and the row is a copy of it. */
+/*
+ * One blob of the scene. `leader` is the lowest row with the same bytes: only that row is loaded, and this one is a
+ * copy of it.
+ */
 struct vulkan_scene_row {
     const void *data;
     uint64_t size;
     uint32_t row, leader;
     VkAccelerationStructureKHR structure;
-    uint64_t location; /* as bvhd_vulkan_scene_location */
+    uint64_t location; /* as bvhd_vulkan_scene_location returns it */
     uint32_t page;
-    uint64_t offset, storage_size; /* in its page */
+    uint64_t offset, storage_size; /* bytes, in its page */
 };
 
 struct bvhd_vulkan_scene {
@@ -25,17 +28,17 @@ struct bvhd_vulkan_scene {
     enum bvhd_target target;
     struct vulkan_scene_row *rows;
     uint32_t row_count;
-    struct vulkan_buffer *pages; /* portable: one */
+    struct vulkan_buffer *pages; /* the memory of all structures; portable: one page */
     uint32_t page_count;
 };
 
-/* What creating needs and the scene does not keep. */
+/* The state that is needed only while a scene is created. */
 struct vulkan_scene_loading {
     struct bvhd_vulkan_device *device;
     const struct bvhd_vulkan_queue *queue;
     const struct bvhd_vulkan_scene_options *options;
     struct bvhd_vulkan_scene *scene;
-    uint64_t *references; /* locations, by row; without a structure VULKAN_SCENE_NOWHERE or, native, 0 */
+    uint64_t *references; /* locations, by row; without a structure VULKAN_SCENE_NOWHERE (portable) or 0 (native) */
     struct vulkan_work work;
     struct vulkan_buffer staging;
     uint64_t staged; /* bytes of the staging buffer that this step has filled */
@@ -43,20 +46,20 @@ struct vulkan_scene_loading {
     struct bvhd_error *error;
 };
 
-/* Whether a row has bytes of its own on the device. */
+/* Returns whether a row has its own bytes on the device. */
 static inline bool vulkan_scene_row_is_loaded(const struct vulkan_scene_row *row)
 {
     return row->data && row->leader == row->row;
 }
 
-/* Tells an error of one row, "blobs[3]: ...". */
+/* Reports an error of one row, with the place "blobs[3]: ...". */
 enum bvhd_status vulkan_scene_row_error(const struct vulkan_scene_loading *loading, uint32_t row,
                                         const struct bvhd_error *inner);
 enum bvhd_status vulkan_scene_no_memory(const struct vulkan_scene_loading *loading);
 
 /*
- * Places the rows, which have been checked, in memory that it allocates, and uploads them. Whatever happens, what the
- * scene and `loading` hold afterwards is for their owners to end.
+ * Allocates memory for the rows, which have been checked, and uploads them. On failure, too, the owners of the scene
+ * and of `loading` free what these hold.
  */
 enum bvhd_status vulkan_scene_load(struct vulkan_scene_loading *loading);
 

@@ -27,12 +27,13 @@ static enum bvhd_status check_upload(const struct bvhd_vulkan_device *device, co
                               "a native structure, but the device has no acceleration structures");
     if (!upload->staging_mapped)
         return bvhd_error_set(error, BVHD_INVALID, "upload.staging_mapped", "the staging memory is not mapped");
-    /* Of native structures it is the address that has to be aligned, which record_native looks at. */
+    /* For native structures the device address has to be aligned, which record_native checks. */
     enum bvhd_status status = check_span(&upload->staging, needed.staging_size,
                                          is_native ? 1 : needed.staging_alignment, "upload.staging", error);
     if (status == BVHD_OK)
         status = check_span(&upload->storage, needed.storage_size, needed.storage_alignment, "upload.storage", error);
-    if (status == BVHD_OK) /* offset 0 is a place as good as any, address 0 is none */
+    /* Offset 0 is a valid location, address 0 is not. */
+    if (status == BVHD_OK)
         status = vulkan_blob_check_references(blob, upload->references, upload->reference_count,
                                               is_native ? 0 : UINT64_MAX, error);
     return status;
@@ -42,7 +43,7 @@ static enum bvhd_status create_structure(const struct bvhd_vulkan_device *device
                                          const struct bvhd_vulkan_upload *upload, const struct vulkan_blob *blob,
                                          VkAccelerationStructureKHR *ret_structure, struct bvhd_error *error)
 {
-    /* No larger than it was: some drivers serialize as many bytes again as were created. */
+    /* The structure must not be larger than the original: some drivers serialize as many bytes as were created. */
     const VkAccelerationStructureCreateInfoKHR info = {.sType =
                                                            VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
                                                        .buffer = upload->storage.buffer,

@@ -50,8 +50,8 @@ enum bvhd_status vulkan_work_run(struct vulkan_work *work, struct bvhd_error *er
     result = device->vk.WaitForFences(device->handle, 1, &work->fence, VK_TRUE, UINT64_MAX);
     if (result != VK_SUCCESS) {
         /*
-         * A wait that fails is no end of the work, and the caller is about to destroy what that uses. Of a lost device
-         * nothing is in use.
+         * If the wait fails, the work may still be running, and the caller is about to destroy its objects. A lost
+         * device uses nothing any more.
          */
         (void)device->vk.QueueWaitIdle(work->queue);
         (void)device->vk.ResetFences(device->handle, 1, &work->fence);

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * vulkan_work.h - commands that the library submits by itself, and waits for: one command buffer, used again and again.
- */
+/* vulkan_work.h - commands that the library submits itself and waits for, with one command buffer that is reused. */
 #ifndef BVHD_VULKAN_WORK_H
 #define BVHD_VULKAN_WORK_H
 
@@ -15,13 +13,14 @@ struct vulkan_work {
     VkCommandBuffer commands; /* recording between begin and run */
 };
 
-/* End with vulkan_work_finish, also after a failure. */
+/* Creates the command buffer. It must be ended with vulkan_work_finish, also after a failure. */
 enum bvhd_status vulkan_work_init(struct vulkan_work *work, const struct bvhd_vulkan_device *device,
                                   const struct bvhd_vulkan_queue *queue, struct bvhd_error *error);
+/* Starts recording. */
 enum bvhd_status vulkan_work_begin(struct vulkan_work *work, struct bvhd_error *error);
-/* Submits what was recorded since begin, and waits for it; also after a failure nothing of it is under way. */
+/* Submits what was recorded since begin and waits for it. Even after a failure nothing of it is still running. */
 enum bvhd_status vulkan_work_run(struct vulkan_work *work, struct bvhd_error *error);
-/* Idempotent. */
+/* Frees the command buffer. Repeated calls are allowed. */
 void vulkan_work_finish(struct vulkan_work *work);
 
 #endif
