@@ -10,12 +10,12 @@
 /* The terminating NULs are hashed too, so that the bytes after them start at a fixed offset. */
 static const char leaf_domain[16] = "bvhd key leaf 1", root_domain[16] = "bvhd key root 2";
 
-struct part {
+struct digest_input {
     const void *data;
     size_t size;
 };
 
-static bool digest_parts(const EVP_MD *hash, const struct part *parts, int count, struct key *ret_digest)
+static bool digest_parts(const EVP_MD *hash, const struct digest_input *parts, int count, struct key *ret_digest)
 {
     EVP_MD_CTX *context = EVP_MD_CTX_new();
     bool good = context && EVP_DigestInit_ex(context, hash, NULL) == 1;
@@ -40,7 +40,7 @@ static void digest_leaf(void *context, size_t index)
     parallel_chunk(index, CONTENT_KEY_LEAF, leaves->block.size, &begin, &end);
     unsigned char length[8];
     bytes_put64(length, end - begin);
-    const struct part parts[] = {
+    const struct digest_input parts[] = {
         {leaf_domain, sizeof leaf_domain}, {length, sizeof length}, {leaves->block.data + begin, end - begin}};
     if (!digest_parts(leaves->hash, parts, 3, &leaves->digests[index]))
         atomic_store_explicit(&leaves->failed, true, memory_order_relaxed);
@@ -79,9 +79,9 @@ static struct root describe_root(const struct canonical *canonical, const struct
 static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_count, const struct root *root,
                                     struct key *ret_key, struct bvhd_error *error)
 {
-    const struct part parts[] = {{root_domain, sizeof root_domain},
-                                 {root->bytes, sizeof root->bytes},
-                                 {leaves->digests, leaf_count * sizeof *leaves->digests}};
+    const struct digest_input parts[] = {{root_domain, sizeof root_domain},
+                                         {root->bytes, sizeof root->bytes},
+                                         {leaves->digests, leaf_count * sizeof *leaves->digests}};
     struct key key;
     if (atomic_load_explicit(&leaves->failed, memory_order_relaxed) || !digest_parts(leaves->hash, parts, 3, &key))
         return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");

@@ -6,7 +6,7 @@
 #include "proto/base/parallel.h"
 
 /* What the pass knows about each node. */
-struct facts {
+struct node_state {
     uint32_t level; /* 1 for the root */
     uint32_t leaves;
     uint32_t first_ref;
@@ -24,7 +24,7 @@ struct limiter {
     struct ir *ir;
     uint32_t limit;
     const atomic_bool *cancel;
-    struct facts *facts;
+    struct node_state *facts;
     uint32_t *stack; /* nodes still to visit on the way down a subtree */
     /* first children of the rebuilt subtree's inner nodes: the places for its new nodes, sorted ascending */
     uint32_t *pairs;
@@ -51,7 +51,7 @@ static bool is_cancelled(const struct limiter *limiter, uint32_t step)
 static uint32_t gather_levels(struct limiter *limiter)
 {
     const struct ir *ir = limiter->ir;
-    struct facts *facts = limiter->facts;
+    struct node_state *facts = limiter->facts;
     uint32_t depth = 1;
     facts[0].level = 1;
     for (uint32_t node = 0; node < ir->node_count && !is_cancelled(limiter, node); node++) {
@@ -67,14 +67,14 @@ static uint32_t gather_levels(struct limiter *limiter)
 static void gather_facts(struct limiter *limiter)
 {
     const struct ir *ir = limiter->ir;
-    struct facts *facts = limiter->facts;
+    struct node_state *facts = limiter->facts;
     for (uint32_t node = ir->node_count; node-- > 0 && !is_cancelled(limiter, node);) {
-        struct facts *own = &facts[node];
+        struct node_state *own = &facts[node];
         if (ir_is_leaf(ir, node)) {
-            *own = (struct facts){own->level, 1, ir->nodes[node].first, .solved = own->level <= limiter->limit};
+            *own = (struct node_state){own->level, 1, ir->nodes[node].first, .solved = own->level <= limiter->limit};
             continue;
         }
-        const struct facts *left = &facts[ir->nodes[node].first], *right = left + 1;
+        const struct node_state *left = &facts[ir->nodes[node].first], *right = left + 1;
         own->leaves = left->leaves + right->leaves;
         own->first_ref = left->first_ref < right->first_ref ? left->first_ref : right->first_ref;
         bool below = left->solved && right->solved;

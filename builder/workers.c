@@ -14,15 +14,15 @@
  * One call of for_each; it lives on its caller's stack. Fields without a comment do not change after the call is
  * posted.
  */
-struct call {
+struct for_each_call {
     parallel_task task;
     void *context;
     size_t count;
     struct workers *workers;
-    struct call *parent; /* the call whose task made this one, if it runs on the same workers; else NULL */
+    struct for_each_call *parent; /* the call whose task made this one, if it runs on the same workers; else NULL */
     atomic_size_t next; /* first task that has not been handed out; may exceed `count` */
     atomic_uint helpers; /* workers that run tasks of this call; changed under the lock */
-    struct call *after; /* next in the list of open calls; under the lock */
+    struct for_each_call *after; /* next in the list of open calls; under the lock */
     bool waiting; /* the caller sleeps on `changed`; under the lock */
     /* signalled when the last helper leaves, and when a task of this call posts a nested call */
     pthread_cond_t changed;
@@ -40,7 +40,7 @@ struct workers {
     pthread_cond_t work; /* signalled when a call is posted, and when the workers have to stop */
     pthread_cond_t ready; /* signalled when a thread has started */
     unsigned started; /* threads that have started; under the lock */
-    struct call *oldest; /* open calls in the order in which they were posted; under the lock */
+    struct for_each_call *oldest; /* open calls in the order in which they were posted; under the lock */
     unsigned sleepers; /* workers that wait on `work`; under the lock */
     bool stop; /* under the lock */
     atomic_uint posted; /* number of posted calls, changed under the lock; free workers watch it before they sleep */
@@ -53,11 +53,11 @@ struct workers {
 enum { SPIN_ROUNDS = 250 };
 
 /* The innermost call whose task this thread is running. */
-static _Thread_local struct call *current;
+static _Thread_local struct for_each_call *current;
 
-static void run_tasks(struct call *call)
+static void run_tasks(struct for_each_call *call)
 {
-    struct call *outer = current;
+    struct for_each_call *outer = current;
     current = call;
     for (;;) {
         size_t index = atomic_fetch_add_explicit(&call->next, 1, memory_order_relaxed);
@@ -68,7 +68,7 @@ static void run_tasks(struct call *call)
     current = outer;
 }
 
-static bool descends_from(const struct call *call, const struct call *ancestor)
+static bool descends_from(const struct for_each_call *call, const struct for_each_call *ancestor)
 {
     for (call = call->parent; call; call = call->parent)
         if (call == ancestor)
@@ -80,9 +80,9 @@ static bool descends_from(const struct call *call, const struct call *ancestor)
  * Returns the oldest open call with tasks left; with an ancestor, only a call that was made by the ancestor's tasks,
  * directly or not. The lock is held.
  */
-static struct call *find_work(struct workers *workers, const struct call *ancestor)
+static struct for_each_call *find_work(struct workers *workers, const struct for_each_call *ancestor)
 {
-    for (struct call *call = workers->oldest; call; call = call->after)
+    for (struct for_each_call *call = workers->oldest; call; call = call->after)
         if (atomic_load_explicit(&call->next, memory_order_relaxed) < call->count &&
             (!ancestor || descends_from(call, ancestor)))
             return call;
@@ -90,7 +90,7 @@ static struct call *find_work(struct workers *workers, const struct call *ancest
 }
 
 /* Runs tasks of another thread's call. The lock is held on entry and on return, but not while tasks run. */
-static void help(struct workers *workers, struct call *call)
+static void help(struct workers *workers, struct for_each_call *call)
 {
     atomic_fetch_add_explicit(&call->helpers, 1, memory_order_relaxed);
     pthread_mutex_unlock(&workers->lock);
@@ -100,15 +100,15 @@ static void help(struct workers *workers, struct call *call)
         pthread_cond_signal(&call->changed);
 }
 
-static void post(struct workers *workers, struct call *call)
+static void post(struct workers *workers, struct for_each_call *call)
 {
     pthread_mutex_lock(&workers->lock);
-    struct call **end = &workers->oldest;
+    struct for_each_call **end = &workers->oldest;
     while (*end)
         end = &(*end)->after;
     *end = call;
     atomic_fetch_add_explicit(&workers->posted, 1, memory_order_relaxed);
-    for (struct call *ancestor = call->parent; ancestor; ancestor = ancestor->parent)
+    for (struct for_each_call *ancestor = call->parent; ancestor; ancestor = ancestor->parent)
         if (ancestor->waiting)
             pthread_cond_signal(&ancestor->changed);
     unsigned sleepers = workers->sleepers;
@@ -122,23 +122,23 @@ static void post(struct workers *workers, struct call *call)
 }
 
 /* Closes the call: no helper can join it from here on. */
-static void withdraw(struct workers *workers, struct call *call)
+static void withdraw(struct workers *workers, struct for_each_call *call)
 {
     pthread_mutex_lock(&workers->lock);
-    struct call **link = &workers->oldest;
+    struct for_each_call **link = &workers->oldest;
     while (*link != call)
         link = &(*link)->after;
     *link = call->after;
     pthread_mutex_unlock(&workers->lock);
 }
 
-static void wait_for_helpers(struct workers *workers, struct call *call)
+static void wait_for_helpers(struct workers *workers, struct for_each_call *call)
 {
     for (int i = 0; i < SPIN_ROUNDS && atomic_load_explicit(&call->helpers, memory_order_relaxed) > 0; i++)
         processor_relax();
     pthread_mutex_lock(&workers->lock);
     while (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
-        struct call *below = find_work(workers, call);
+        struct for_each_call *below = find_work(workers, call);
         if (below) {
             help(workers, below);
         } else {
@@ -157,7 +157,7 @@ static void workers_for_each(const struct parallel *self, size_t count, parallel
         parallel_serial.for_each(&parallel_serial, count, task, context);
         return;
     }
-    struct call call = {
+    struct for_each_call call = {
         .task = task,
         .context = context,
         .count = count,
@@ -186,7 +186,7 @@ static void *work_until_stopped(void *argument)
     workers->started++;
     pthread_cond_signal(&workers->ready);
     while (!workers->stop) {
-        struct call *call = find_work(workers, NULL);
+        struct for_each_call *call = find_work(workers, NULL);
         if (call) {
             help(workers, call);
             continue;

@@ -17,7 +17,7 @@ void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item)
 
 static void finish_item(struct bvhd_batch *batch, uint32_t index)
 {
-    struct batch_item *item = &batch->items[index];
+    struct client_item *item = &batch->items[index];
     if (item->state == ITEM_WAITING)
         client_batch_set_copied(batch, index);
     if (item->state == ITEM_SENT)
@@ -40,7 +40,7 @@ static enum bvhd_origin origin_of(uint32_t origin)
     return origin <= ORIGIN_DISK ? (enum bvhd_origin)origin : BVHD_ORIGIN_NONE;
 }
 
-static void copy_summary(struct batch_item *item, const struct control_summary *summary)
+static void copy_summary(struct client_item *item, const struct control_summary *summary)
 {
     struct bvhd_result *result = &item->result;
     result->primitives = summary->primitives;
@@ -65,7 +65,7 @@ static void copy_summary(struct batch_item *item, const struct control_summary *
 void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const struct control_result *result,
                                 struct bvhd_blob *blob)
 {
-    struct batch_item *item = &batch->items[index];
+    struct client_item *item = &batch->items[index];
     item->result = (struct bvhd_result){
         .error = {.status = BVHD_OK},
         .data = bvhd_blob_data(blob),
@@ -179,7 +179,7 @@ void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t index)
 {
     client_lock(batch->client);
     if (index < batch->count && batch->items[index].state != ITEM_DONE) {
-        struct batch_item *item = &batch->items[index];
+        struct client_item *item = &batch->items[index];
         struct bvhd_error error = cancelled();
         if (item->state == ITEM_SENT)
             outgoing_cancel(batch->client, item->exchange, &item->entry, 1);

@@ -7,15 +7,15 @@
 #include "proto/wire/control.h"
 #include "client/vulkan_input.h"
 
-enum item_state {
+enum client_item_state {
     ITEM_WAITING, /* its payload is in the caller's memory */
     ITEM_COPIED, /* its payload is in the client's memory, not sent yet */
     ITEM_SENT,
     ITEM_DONE,
 };
 
-struct batch_item {
-    enum item_state state;
+struct client_item {
+    enum client_item_state state;
     struct held held; /* ITEM_COPIED: where the payload is */
     struct exchange *exchange; /* ITEM_SENT: the exchange that will bring the answer */
     uint32_t entry;
@@ -40,7 +40,7 @@ struct bvhd_batch {
     uint64_t frame_bytes;
     uint32_t exchanges; /* number of exchanges that point to this batch */
     uint32_t count;
-    struct batch_item items[];
+    struct client_item items[];
 };
 
 /* Ends an item that is not done, with an error. */

@@ -4,7 +4,7 @@
 #include "client/client_wait.h"
 
 /* The state of one waiting call. */
-struct call {
+struct waiting_call {
     struct bvhd_client *client;
     uint64_t failures; /* client->failures when the call began to look for a daemon */
     struct exchange_waiter waiter;
@@ -12,13 +12,13 @@ struct call {
 
 static bool is_decided(const void *context)
 {
-    const struct call *call = context;
+    const struct waiting_call *call = context;
     return client_link_open(call->client) || call->client->failures != call->failures;
 }
 
 static bool is_answered(const void *context)
 {
-    const struct call *call = context;
+    const struct waiting_call *call = context;
     return call->waiter.done;
 }
 
@@ -31,7 +31,7 @@ static enum bvhd_status tell(const struct bvhd_client *client, struct bvhd_error
     return bvhd_error_set(error, last->status, last->where, "%s", last->text);
 }
 
-static enum bvhd_status await_connection(struct call *call, uint64_t moment, struct bvhd_error *error)
+static enum bvhd_status await_connection(struct waiting_call *call, uint64_t moment, struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;
     client_look(client); /* a connection that was lost before this call is not this call's failure */
@@ -46,14 +46,14 @@ static enum bvhd_status await_connection(struct call *call, uint64_t moment, str
 enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error)
 {
     client_lock(client);
-    struct call call = {.client = client};
+    struct waiting_call call = {.client = client};
     enum bvhd_status status = await_connection(&call, clock_ns() + client->connect_timeout, ret_error);
     client_unlock(client);
     return status;
 }
 
 /* The thread waits no longer: an answer that comes later is dropped. */
-static void forget(struct call *call)
+static void forget(struct waiting_call *call)
 {
     struct connection *connections[] = {call->client->current, call->client->leaving};
     for (int c = 0; c < 2; c++)
@@ -63,7 +63,7 @@ static void forget(struct call *call)
 }
 
 /* Sends an empty request and waits for its answer, both within the timeout. */
-static enum bvhd_status ask(struct call *call, enum frame_type type, int timeout_ms, struct bvhd_error *error)
+static enum bvhd_status ask(struct waiting_call *call, enum frame_type type, int timeout_ms, struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;
     uint64_t now = clock_ns(), moment = library_after(now, timeout_ms), hope = now + client->connect_timeout;
@@ -85,7 +85,7 @@ enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, do
                                   struct bvhd_error *ret_error)
 {
     client_lock(client);
-    struct call call = {.client = client};
+    struct waiting_call call = {.client = client};
     uint64_t start = clock_ns();
     enum bvhd_status status = ask(&call, FRAME_PING, timeout_ms, ret_error);
     uint64_t end = clock_ns();
@@ -99,7 +99,7 @@ enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms
                                       struct bvhd_error *ret_error)
 {
     client_lock(client);
-    struct call call = {.client = client};
+    struct waiting_call call = {.client = client};
     enum bvhd_status status = ask(&call, FRAME_STATS, timeout_ms, ret_error);
     client_unlock(client);
     if (status == BVHD_OK && !call.waiter.counters)

@@ -28,7 +28,7 @@ static struct bvhd_batch *create_batch(struct bvhd_client *client, uint32_t coun
     *batch = (struct bvhd_batch){
         .client = client, .priority = priority, .count = count, .remaining = count, .uncopied = count};
     for (uint32_t i = 0; i < count; i++)
-        batch->items[i] = (struct batch_item){
+        batch->items[i] = (struct client_item){
             .state = ITEM_WAITING, .held = {.descriptor = -1}, .result = {.error = {.status = BVHD_PENDING}}};
     return batch;
 }

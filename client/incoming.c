@@ -11,7 +11,7 @@
 enum { MIN_RETRY_MS = 1, MAX_RETRY_MS = 2000, POOL_AGAIN_MS = 5000 };
 
 /* One received frame. */
-struct arrival {
+struct incoming_frame {
     struct bvhd_client *client;
     struct connection *connection;
     struct frame *frame;
@@ -20,7 +20,7 @@ struct arrival {
     struct bvhd_error *error;
 };
 
-static enum bvhd_status violation(const struct arrival *arrival, const char *text)
+static enum bvhd_status violation(const struct incoming_frame *arrival, const char *text)
 {
     return bvhd_error_set(arrival->error, BVHD_CORRUPT, place("frame type %u", arrival->frame->header.type).text,
                           "the daemon breaks the protocol: %s", text);
@@ -30,7 +30,7 @@ static enum bvhd_status violation(const struct arrival *arrival, const char *tex
  * After an answer: drops the frame's bytes, which are not needed again, or ends the exchange if this was the last
  * answer.
  */
-static void settle(const struct arrival *arrival)
+static void settle(const struct incoming_frame *arrival)
 {
     struct exchange *exchange = arrival->exchange;
     if (exchange->unanswered == 0 && exchange->unprepared == 0)
@@ -43,7 +43,7 @@ static void settle(const struct arrival *arrival)
  * From now on payloads do not use the pool, at least for a while. A refusal by the leaving daemon does not affect the
  * next one.
  */
-static void refuse_pool(const struct arrival *arrival, uint64_t again)
+static void refuse_pool(const struct incoming_frame *arrival, uint64_t again)
 {
     arrival->connection->pool = POOL_REFUSED;
     arrival->connection->pool_again = again;
@@ -52,7 +52,7 @@ static void refuse_pool(const struct arrival *arrival, uint64_t again)
     client_stir(arrival->client);
 }
 
-static enum bvhd_status take_welcome(const struct arrival *arrival)
+static enum bvhd_status take_welcome(const struct incoming_frame *arrival)
 {
     struct control_welcome *welcome;
     enum bvhd_status status =
@@ -73,7 +73,7 @@ static enum bvhd_status take_welcome(const struct arrival *arrival)
 }
 
 /* An ERROR for the connection: the daemon ends it and says why. */
-static enum bvhd_status take_last_words(const struct arrival *arrival)
+static enum bvhd_status take_last_words(const struct incoming_frame *arrival)
 {
     struct bvhd_error *said;
     enum bvhd_status status = control_unpack_error(arrival->frame->control, &library_memory, &said, arrival->error);
@@ -111,7 +111,7 @@ static void fail_entry(struct exchange *exchange, uint32_t index, const struct b
 }
 
 /* Takes the bytes of a result: inline, or from the frame's descriptor. */
-static enum bvhd_status take_blob(const struct arrival *arrival, uint64_t size, struct bvhd_blob **ret_blob,
+static enum bvhd_status take_blob(const struct incoming_frame *arrival, uint64_t size, struct bvhd_blob **ret_blob,
                                   struct bvhd_error *error)
 {
     struct frame *frame = arrival->frame;
@@ -130,7 +130,7 @@ static enum bvhd_status take_blob(const struct arrival *arrival, uint64_t size, 
     return result_blob_copy(frame->inline_bytes, ret_blob, error);
 }
 
-static void deliver(const struct arrival *arrival, const struct control_result *result)
+static void deliver(const struct incoming_frame *arrival, const struct control_result *result)
 {
     struct exchange *exchange = arrival->exchange;
     struct exchange_entry *entry = &exchange->entries[result->item];
@@ -144,7 +144,7 @@ static void deliver(const struct arrival *arrival, const struct control_result *
         fail_entry(exchange, result->item, &error);
 }
 
-static enum bvhd_status take_result(const struct arrival *arrival)
+static enum bvhd_status take_result(const struct incoming_frame *arrival)
 {
     struct exchange *exchange = arrival->exchange;
     if (exchange->count == 0)
@@ -166,7 +166,7 @@ static enum bvhd_status take_result(const struct arrival *arrival)
     return BVHD_OK;
 }
 
-static enum bvhd_status mark_prepared(const struct arrival *arrival, const struct control_items *items)
+static enum bvhd_status mark_prepared(const struct incoming_frame *arrival, const struct control_items *items)
 {
     struct exchange *exchange = arrival->exchange;
     for (uint32_t i = 0; i < items->count; i++) {
@@ -180,7 +180,7 @@ static enum bvhd_status mark_prepared(const struct arrival *arrival, const struc
     return BVHD_OK;
 }
 
-static enum bvhd_status take_prepared(const struct arrival *arrival)
+static enum bvhd_status take_prepared(const struct incoming_frame *arrival)
 {
     if (arrival->exchange->type != FRAME_BUILD)
         return violation(arrival, "nothing is to be prepared");
@@ -207,7 +207,7 @@ static void answer_waiter(struct exchange *exchange, const struct bvhd_error *er
 }
 
 /* An ERROR for a request: it failed as a whole, and no more answers come. */
-static enum bvhd_status take_error(const struct arrival *arrival)
+static enum bvhd_status take_error(const struct incoming_frame *arrival)
 {
     struct exchange *exchange = arrival->exchange;
     struct bvhd_error *said;
@@ -235,7 +235,7 @@ static uint64_t retry_moment(struct bvhd_client *client, uint32_t retry_ms, uint
     return now + ms * LIBRARY_MS + (ms * LIBRARY_MS / 2 >> 16) * (client->random >> 16);
 }
 
-static enum bvhd_status take_busy(const struct arrival *arrival)
+static enum bvhd_status take_busy(const struct incoming_frame *arrival)
 {
     struct exchange *exchange = arrival->exchange;
     struct control_busy *busy;
@@ -255,7 +255,7 @@ static enum bvhd_status take_busy(const struct arrival *arrival)
     return BVHD_OK;
 }
 
-static enum bvhd_status take_done(const struct arrival *arrival)
+static enum bvhd_status take_done(const struct incoming_frame *arrival)
 {
     if (arrival->exchange->type != FRAME_POOL)
         return violation(arrival, "DONE for what is no POOL");
@@ -264,7 +264,7 @@ static enum bvhd_status take_done(const struct arrival *arrival)
     return BVHD_OK;
 }
 
-static enum bvhd_status take_pong(const struct arrival *arrival)
+static enum bvhd_status take_pong(const struct incoming_frame *arrival)
 {
     if (arrival->exchange->type != FRAME_PING)
         return violation(arrival, "PONG for what is no PING");
@@ -275,7 +275,7 @@ static enum bvhd_status take_pong(const struct arrival *arrival)
     return BVHD_OK;
 }
 
-static enum bvhd_status take_counters(const struct arrival *arrival)
+static enum bvhd_status take_counters(const struct incoming_frame *arrival)
 {
     if (arrival->exchange->type != FRAME_STATS)
         return violation(arrival, "counters that nobody asked for");
@@ -295,7 +295,7 @@ static enum bvhd_status take_counters(const struct arrival *arrival)
 }
 
 /* Handles frames about the connection itself. */
-static enum bvhd_status take_connection_frame(const struct arrival *arrival)
+static enum bvhd_status take_connection_frame(const struct incoming_frame *arrival)
 {
     bool is_hello = arrival->connection->state == CONNECTION_HELLO;
     switch (arrival->frame->header.type) {
@@ -313,7 +313,7 @@ static enum bvhd_status take_connection_frame(const struct arrival *arrival)
     }
 }
 
-static enum bvhd_status take_answer(struct arrival *arrival)
+static enum bvhd_status take_answer(struct incoming_frame *arrival)
 {
     if (arrival->connection->state == CONNECTION_HELLO)
         return violation(arrival, "an answer before WELCOME");
@@ -343,7 +343,7 @@ static enum bvhd_status take_answer(struct arrival *arrival)
 static enum bvhd_status handle(void *context, struct connection *connection, struct frame *frame,
                                struct bvhd_error *error)
 {
-    struct arrival arrival = {context, connection, frame, NULL, connection->heard_at, error};
+    struct incoming_frame arrival = {context, connection, frame, NULL, connection->heard_at, error};
     enum bvhd_status status = BVHD_OK;
     uint16_t type = frame->header.type;
     if (type < FRAME_WELCOME)

@@ -91,7 +91,7 @@ static unsigned char *inline_space(struct draft *draft, uint64_t size)
 /* Writes a payload into the frame, from the caller's memory or from the pool. */
 static enum added put_inline(struct draft *draft, uint32_t index, uint64_t size)
 {
-    struct batch_item *item = &draft->batch->items[index];
+    struct client_item *item = &draft->batch->items[index];
     unsigned char *space = size > 0 ? inline_space(draft, size) : NULL;
     if (size > 0 && !space)
         return fail(draft->batch, index, BVHD_NO_MEMORY, "no memory for a frame");
@@ -159,7 +159,7 @@ static enum added make_pool_usable(struct draft *draft, uint32_t index, uint64_t
 /* Brings an item's payload to a place that the frame can name. */
 static enum added place_item(struct draft *draft, uint32_t index, uint64_t size)
 {
-    struct batch_item *item = &draft->batch->items[index];
+    struct client_item *item = &draft->batch->items[index];
     if (size <= INLINE_MAX && item->held.kind != HELD_MEMFD && fits_inline(draft, size))
         return put_inline(draft, index, size);
     enum added added = item->state == ITEM_WAITING ? copy_item(draft->batch, index, size) : ADDED;
@@ -287,7 +287,7 @@ static void hand_over(struct draft *draft)
 {
     struct exchange *exchange = draft->exchange;
     for (uint32_t i = 0; i < exchange->count; i++) {
-        struct batch_item *item = &draft->batch->items[exchange->entries[i].item];
+        struct client_item *item = &draft->batch->items[exchange->entries[i].item];
         exchange->entries[i].held = item->held;
         item->held = (struct held){.kind = HELD_NOTHING, .descriptor = -1};
         item->state = ITEM_SENT;

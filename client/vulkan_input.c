@@ -23,7 +23,7 @@ struct vulkan_input {
 };
 
 /* The arguments of one call, and tables that are derived from them once. */
-struct call {
+struct input_call {
     const VkAccelerationStructureBuildGeometryInfoKHR *infos;
     uint32_t count;
     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges;
@@ -36,8 +36,8 @@ struct call {
 };
 
 /* The entry that is being converted. */
-struct entry {
-    const struct call *call;
+struct input_entry {
+    const struct input_call *call;
     const VkAccelerationStructureBuildGeometryInfoKHR *info;
     uint32_t index;
     struct entry_memory *owned;
@@ -62,12 +62,12 @@ static const struct {
     {1000623003, "an opacity micromap"},
 };
 
-static enum bvhd_status no_memory(const struct entry *entry)
+static enum bvhd_status no_memory(const struct input_entry *entry)
 {
     return bvhd_error_no_memory(entry->error, place("infos[%u]", entry->index).text, "no memory for the description");
 }
 
-static enum bvhd_status check_chain(const struct entry *entry, enum bvhd_vuid vuid, struct place where,
+static enum bvhd_status check_chain(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
                                     const void *chain)
 {
     if (!chain)
@@ -81,7 +81,7 @@ static enum bvhd_status check_chain(const struct entry *entry, enum bvhd_vuid vu
 }
 
 /* Checks sType and pNext of the data of geometry `index`. */
-static enum bvhd_status check_data_head(const struct entry *entry, uint32_t index,
+static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_t index,
                                         const VkAccelerationStructureGeometryKHR *source)
 {
     static const struct {
@@ -108,7 +108,7 @@ static enum bvhd_status check_data_head(const struct entry *entry, uint32_t inde
                        place("infos[%u].geometries[%u].%s.pNext", entry->index, index, heads[type].name), head->pNext);
 }
 
-static enum bvhd_status check_geometry_head(const struct entry *entry, uint32_t index,
+static enum bvhd_status check_geometry_head(const struct input_entry *entry, uint32_t index,
                                             const VkAccelerationStructureGeometryKHR *source)
 {
     if (source->sType != VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR)
@@ -120,7 +120,7 @@ static enum bvhd_status check_geometry_head(const struct entry *entry, uint32_t 
     return status == BVHD_OK ? check_data_head(entry, index, source) : status;
 }
 
-static enum bvhd_status check_head(const struct entry *entry)
+static enum bvhd_status check_head(const struct input_entry *entry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
     if (info->sType != VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR)
@@ -219,7 +219,8 @@ static struct geometry_aabbs convert_aabbs(const VkAccelerationStructureGeometry
 }
 
 /* Copies the records behind the pointers into an array that the entry owns; the range then starts at 0. */
-static enum bvhd_status gather(const struct entry *entry, const unsigned char *pointers, struct geometry *geometry)
+static enum bvhd_status gather(const struct input_entry *entry, const unsigned char *pointers,
+                               struct geometry *geometry)
 {
     uint32_t count = geometry->range.primitive_count;
     unsigned char *records = memory_array(entry->call->memory, count, RECORD_SIZE);
@@ -245,7 +246,7 @@ static enum bvhd_status gather(const struct entry *entry, const unsigned char *p
  * Returns whether records may be read: the description is valid as far as it is needed here. validate_input rejects all
  * others before it reads records.
  */
-static bool are_readable(const struct entry *entry, const struct geometry *geometry)
+static bool are_readable(const struct input_entry *entry, const struct geometry *geometry)
 {
     return entry->info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR && entry->info->geometryCount == 1 &&
            !(entry->info->flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV) &&
@@ -253,7 +254,7 @@ static bool are_readable(const struct entry *entry, const struct geometry *geome
            geometry->range.primitive_offset % 16 == 0;
 }
 
-static enum bvhd_status convert_instances(const struct entry *entry,
+static enum bvhd_status convert_instances(const struct input_entry *entry,
                                           const VkAccelerationStructureGeometryInstancesDataKHR *source,
                                           struct geometry *geometry)
 {
@@ -266,7 +267,7 @@ static enum bvhd_status convert_instances(const struct entry *entry,
     return gather(entry, source->data.hostAddress, geometry);
 }
 
-static enum bvhd_status convert_geometry(const struct entry *entry, uint32_t index, struct geometry *geometry)
+static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32_t index, struct geometry *geometry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
     const VkAccelerationStructureGeometryKHR *source =
@@ -293,9 +294,9 @@ static enum bvhd_status convert_geometry(const struct entry *entry, uint32_t ind
     return status;
 }
 
-static bool is_built_elsewhere(const struct entry *entry, uint64_t handle)
+static bool is_built_elsewhere(const struct input_entry *entry, uint64_t handle)
 {
-    const struct call *call = entry->call;
+    const struct input_call *call = entry->call;
     uint32_t at = handle_find(call->destinations, call->count, handle);
     if (at != HANDLE_NONE && call->destinations[at].number == entry->index)
         at++;
@@ -303,9 +304,10 @@ static bool is_built_elsewhere(const struct entry *entry, uint64_t handle)
 }
 
 /* Marks the references that the records name. Unknown handles are left for prepare to report. */
-static enum bvhd_status mark_named(const struct entry *entry, const struct geometry *geometry, unsigned char *marks)
+static enum bvhd_status mark_named(const struct input_entry *entry, const struct geometry *geometry,
+                                   unsigned char *marks)
 {
-    const struct call *call = entry->call;
+    const struct input_call *call = entry->call;
     const unsigned char *records = geometry->instances.records.data + geometry->range.primitive_offset;
     uint64_t last = 0;
     for (uint32_t i = 0; i < geometry->range.primitive_count; i++) {
@@ -325,10 +327,10 @@ static enum bvhd_status mark_named(const struct entry *entry, const struct geome
     return BVHD_OK;
 }
 
-static enum bvhd_status copy_marked(const struct entry *entry, const unsigned char *marks,
+static enum bvhd_status copy_marked(const struct input_entry *entry, const unsigned char *marks,
                                     struct build_input *description)
 {
-    const struct call *call = entry->call;
+    const struct input_call *call = entry->call;
     uint32_t count = 0;
     for (uint32_t i = 0; i < call->reference_count; i++)
         count += marks[i];
@@ -347,7 +349,7 @@ static enum bvhd_status copy_marked(const struct entry *entry, const unsigned ch
 }
 
 /* Selects the references of a top level that its instances name, so that the description is self-contained. */
-static enum bvhd_status select_references(const struct entry *entry, struct build_input *description)
+static enum bvhd_status select_references(const struct input_entry *entry, struct build_input *description)
 {
     const struct geometry *geometry = description->geometries;
     if (description->geometry_count != 1 || geometry->type != GEOMETRY_INSTANCES || !geometry->instances.records.data ||
@@ -365,7 +367,7 @@ static enum bvhd_status select_references(const struct entry *entry, struct buil
     return status;
 }
 
-static enum bvhd_status convert_geometries(const struct entry *entry, struct build_input *description)
+static enum bvhd_status convert_geometries(const struct input_entry *entry, struct build_input *description)
 {
     uint32_t count = entry->info->geometryCount;
     if (count == 0)
@@ -382,7 +384,7 @@ static enum bvhd_status convert_geometries(const struct entry *entry, struct bui
     return status;
 }
 
-static enum bvhd_status convert_entry(const struct entry *entry, struct build_input *ret_description)
+static enum bvhd_status convert_entry(const struct input_entry *entry, struct build_input *ret_description)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
     enum bvhd_status status = check_head(entry);
@@ -412,10 +414,10 @@ static void free_owned(struct entry_memory *owned, struct memory *memory)
     *owned = (struct entry_memory){0};
 }
 
-static void convert_entries(const struct call *call, struct vulkan_input *input, struct bvhd_error *ret_errors)
+static void convert_entries(const struct input_call *call, struct vulkan_input *input, struct bvhd_error *ret_errors)
 {
     for (uint32_t i = 0; i < call->count; i++) {
-        struct entry entry = {call, &call->infos[i], i, &input->owned[i], &ret_errors[i]};
+        struct input_entry entry = {call, &call->infos[i], i, &input->owned[i], &ret_errors[i]};
         ret_errors[i] = (struct bvhd_error){.status = BVHD_OK};
         if (convert_entry(&entry, &input->entries[i]) != BVHD_OK)
             free_owned(&input->owned[i], call->memory);
@@ -423,7 +425,7 @@ static void convert_entries(const struct call *call, struct vulkan_input *input,
 }
 
 /* Makes sorted tables of all references and of all destinations; false without memory. */
-static bool sort_handles(struct call *call)
+static bool sort_handles(struct input_call *call)
 {
     uint32_t references = call->reference_count, count = call->count;
     call->known = memory_array(call->memory, (uint64_t)references + 1, 2 * sizeof *call->known);
@@ -464,7 +466,7 @@ enum bvhd_status vulkan_input_create_in(struct memory *memory, const VkAccelerat
                                         const struct build_options *options, struct vulkan_input **ret_input,
                                         struct bvhd_error *ret_errors)
 {
-    struct call call = {infos, count, ranges, references, reference_count, options, memory, NULL, NULL};
+    struct input_call call = {infos, count, ranges, references, reference_count, options, memory, NULL, NULL};
     struct vulkan_input *input = make_empty(memory, count);
     bool ready = input && sort_handles(&call);
     if (ready)

@@ -26,13 +26,13 @@ enum option_kind {
     KIND_VERSION,
 };
 
-struct option_row {
+struct config_option {
     const char *name, *argument;
     int kind;
     const char *help; /* lines after the first are continued */
 };
 
-static const struct option_row option_rows[] = {
+static const struct config_option option_rows[] = {
     {"socket", "PATH", KIND_SOCKET,
      "listen there (default: $XDG_RUNTIME_DIR/bvhd.sock; for root,\nand without that variable, /run/bvhd/bvhd.sock); a "
      "socket\n"
@@ -244,7 +244,7 @@ enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, 
     return status;
 }
 
-static void print_option(const struct option_row *row)
+static void print_option(const struct config_option *row)
 {
     char name[64];
     snprintf(name, sizeof name, "%s--%s%s%s", row->kind == 'h' ? "-h, " : "    ", row->name, row->argument ? " " : "",

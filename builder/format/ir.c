@@ -32,7 +32,7 @@ void ir_finish(struct ir *ir)
 }
 
 /* The state of ir_check(). Nodes are visited from the last to the first, so that children come before their parents. */
-struct check {
+struct tree_check {
     const struct ir *ir;
     uint32_t primitive_count;
     const struct box *primitive_boxes;
@@ -45,7 +45,7 @@ struct check {
     struct bvhd_error *error;
 };
 
-static enum bvhd_status broken(const struct check *check, uint32_t node, const char *what)
+static enum bvhd_status broken(const struct tree_check *check, uint32_t node, const char *what)
 {
     char where[40];
     snprintf(where, sizeof where, "nodes[%u]", node);
@@ -68,7 +68,7 @@ static bool box_overlaps(const struct box *a, const struct box *b)
     return true;
 }
 
-static enum bvhd_status check_leaf(struct check *check, uint32_t node)
+static enum bvhd_status check_leaf(struct tree_check *check, uint32_t node)
 {
     const struct ir *ir = check->ir;
     struct ir_node leaf = ir->nodes[node];
@@ -92,7 +92,7 @@ static enum bvhd_status check_leaf(struct check *check, uint32_t node)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_inner(struct check *check, uint32_t node)
+static enum bvhd_status check_inner(struct tree_check *check, uint32_t node)
 {
     const struct ir *ir = check->ir;
     uint32_t left = ir->nodes[node].first;
@@ -112,7 +112,7 @@ static enum bvhd_status check_inner(struct check *check, uint32_t node)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_nodes(struct check *check)
+static enum bvhd_status check_nodes(struct tree_check *check)
 {
     const struct ir *ir = check->ir;
     for (uint32_t node = ir->node_count; node-- > 0;) {
@@ -131,7 +131,7 @@ static enum bvhd_status check_nodes(struct check *check)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_primitives(const struct check *check)
+static enum bvhd_status check_primitives(const struct tree_check *check)
 {
     for (uint32_t id = 0; check->primitive_boxes && id < check->primitive_count; id++)
         if (!check->seen_primitives[id] && !box_is_empty(&check->primitive_boxes[id]))
@@ -139,7 +139,7 @@ static enum bvhd_status check_primitives(const struct check *check)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_empty(const struct check *check)
+static enum bvhd_status check_empty(const struct tree_check *check)
 {
     return check->ir->ref_count ? bvhd_error_set(check->error, BVHD_INTERNAL, "refs", "references without a node")
                                 : BVHD_OK;
@@ -154,7 +154,7 @@ static void *zeroed(struct memory *memory, uint64_t count, uint64_t size)
 enum bvhd_status ir_check(const struct ir *ir, uint32_t primitive_count, const struct box *primitive_boxes,
                           bool allow_split, struct memory *memory, struct bvhd_error *error)
 {
-    struct check check = {ir, primitive_count, primitive_boxes, allow_split, .error = error};
+    struct tree_check check = {ir, primitive_count, primitive_boxes, allow_split, .error = error};
     if (ir->key_count < 1 || ir->key_count > IR_MAX_KEYS)
         return bvhd_error_set(error, BVHD_INTERNAL, "", "a tree has 1 or 2 keys");
     /* One element more than needed, because a size of 0 could not be allocated. */

@@ -10,11 +10,11 @@
  * 1, beside a unit matrix. It skips the same products as the driver, because a product of zero and infinity is not
  * zero.
  */
-struct row {
+struct matrix_row {
     float left[4], right[4];
 };
 
-static void load(const float matrix[12], struct row rows[4])
+static void load(const float matrix[12], struct matrix_row rows[4])
 {
     for (int i = 0; i < 4; i++)
         for (int k = 0; k < 4; k++) {
@@ -24,20 +24,20 @@ static void load(const float matrix[12], struct row rows[4])
 }
 
 /* Moves the row with the largest entry of that column up, by swapping neighbours from the bottom. */
-static void choose_pivot(struct row *rows[4], int column)
+static void choose_pivot(struct matrix_row *rows[4], int column)
 {
     for (int i = 3; i > column; i--)
         if (fabsf(rows[i]->left[column]) > fabsf(rows[i - 1]->left[column])) {
-            struct row *swap = rows[i];
+            struct matrix_row *swap = rows[i];
             rows[i] = rows[i - 1];
             rows[i - 1] = swap;
         }
 }
 
 /* As in the driver, the elimination of the last column computes every product. */
-static void eliminate(struct row *rows[4], int column)
+static void eliminate(struct matrix_row *rows[4], int column)
 {
-    const struct row *pivot = rows[column];
+    const struct matrix_row *pivot = rows[column];
     float factors[4];
     for (int i = column + 1; i < 4; i++)
         factors[i] = rows[i]->left[column] / pivot->left[column];
@@ -50,13 +50,13 @@ static void eliminate(struct row *rows[4], int column)
     }
 }
 
-static void substitute_back(struct row *rows[4])
+static void substitute_back(struct matrix_row *rows[4])
 {
     float scale = 1.0f / rows[3]->left[3];
     for (int k = 0; k < 4; k++)
         rows[3]->right[k] *= scale;
     for (int column = 3; column > 0; column--) {
-        struct row *next = rows[column - 1];
+        struct matrix_row *next = rows[column - 1];
         scale = 1.0f / next->left[column - 1];
         for (int k = 0; k < 4; k++)
             next->right[k] = scale * (next->right[k] - rows[column]->right[k] * next->left[column]);
@@ -68,7 +68,7 @@ static void substitute_back(struct row *rows[4])
 
 void lavapipe_invert(const float object_to_world[12], float ret_world_to_object[12])
 {
-    struct row storage[4], *rows[4] = {&storage[0], &storage[1], &storage[2], &storage[3]};
+    struct matrix_row storage[4], *rows[4] = {&storage[0], &storage[1], &storage[2], &storage[3]};
     bool regular = true;
     load(object_to_world, storage);
     for (int column = 0; column < 3 && regular; column++) {

@@ -147,7 +147,7 @@ static uint32_t count_leaves(const struct lavapipe_view *view, enum lavapipe_kin
 }
 
 /* The state of a walk over the boxes: the boxes that were met, and those that still have to be visited. */
-struct walk {
+struct box_walk {
     struct lavapipe_view *view;
     unsigned char *met; /* one bit for each box */
     struct {
@@ -157,14 +157,14 @@ struct walk {
     struct bvhd_error *error;
 };
 
-static enum bvhd_status bad_child(const struct walk *walk, uint32_t box, int child, uint32_t reference,
+static enum bvhd_status bad_child(const struct box_walk *walk, uint32_t box, int child, uint32_t reference,
                                   const char *what)
 {
     return bvhd_error_set(walk->error, BVHD_CORRUPT, place("node[%" PRIu32 "].children[%d]", box, child).text,
                           "0x%" PRIx32 " %s", reference, what);
 }
 
-static enum bvhd_status check_leaf(struct walk *walk, uint32_t box, int child, uint32_t reference)
+static enum bvhd_status check_leaf(struct box_walk *walk, uint32_t box, int child, uint32_t reference)
 {
     struct lavapipe_view *view = walk->view;
     enum lavapipe_kind kind = (enum lavapipe_kind)(reference & KIND_MASK);
@@ -184,7 +184,7 @@ static enum bvhd_status check_leaf(struct walk *walk, uint32_t box, int child, u
     return BVHD_OK;
 }
 
-static enum bvhd_status enter_box(struct walk *walk, uint32_t box, int child, uint32_t reference, uint32_t level)
+static enum bvhd_status enter_box(struct box_walk *walk, uint32_t box, int child, uint32_t reference, uint32_t level)
 {
     uint32_t offset = reference & ~(uint32_t)KIND_MASK;
     if (offset < LAVAPIPE_HEADER || (offset - LAVAPIPE_HEADER) % BOX != 0 || offset >= walk->view->leaf_offset)
@@ -203,7 +203,7 @@ static enum bvhd_status enter_box(struct walk *walk, uint32_t box, int child, ui
 }
 
 /* The walk goes depth first: at most one box waits on each level above the current one, and two on the lowest level. */
-static enum bvhd_status walk_boxes(struct walk *walk)
+static enum bvhd_status walk_boxes(struct box_walk *walk)
 {
     enum bvhd_status status = enter_box(walk, 0, 0, LAVAPIPE_HEADER | LAVAPIPE_BOX, 1);
     while (status == BVHD_OK && walk->waiting_count > 0) {
@@ -246,7 +246,7 @@ enum bvhd_status lavapipe_open(struct bytes blob, enum lavapipe_variant variant,
         status = check_instances(&view, error);
     if (status != BVHD_OK)
         return status;
-    struct walk walk = {.view = &view, .error = error};
+    struct box_walk walk = {.view = &view, .error = error};
     uint32_t bitmap = (box_count(&view) + 7) / 8;
     walk.met = memory_alloc(memory, bitmap);
     if (!walk.met)

@@ -9,7 +9,7 @@
 
 enum { KIND_MASK = 3, BOX = sizeof(struct lavapipe_box) };
 
-struct reading {
+struct tree_reader {
     const struct lavapipe_view *view;
     const struct canonical *canonical;
     struct ir *ir;
@@ -17,7 +17,7 @@ struct reading {
     struct bvhd_error *error;
 };
 
-static enum bvhd_status differs(const struct reading *reading, const char *where, const char *text)
+static enum bvhd_status differs(const struct tree_reader *reading, const char *where, const char *text)
 {
     return bvhd_error_set(reading->error, BVHD_UNSUPPORTED, where, "%s", text);
 }
@@ -26,7 +26,7 @@ static enum bvhd_status differs(const struct reading *reading, const char *where
  * Finds the primitive of a leaf: it is that of its place. An instance leaf states its number, because null instances
  * have no place.
  */
-static enum bvhd_status identify(const struct reading *reading, uint32_t reference, uint32_t *ret_id)
+static enum bvhd_status identify(const struct tree_reader *reading, uint32_t reference, uint32_t *ret_id)
 {
     const struct canonical *canonical = reading->canonical;
     uint32_t leaf = lavapipe_leaf_index(reading->view, reference), id = leaf;
@@ -48,7 +48,7 @@ static enum bvhd_status identify(const struct reading *reading, uint32_t referen
 }
 
 /* Makes ir node `node` from a reference: a leaf, or an inner node whose children are added later. */
-static enum bvhd_status add_node(struct reading *reading, uint32_t node, uint32_t reference)
+static enum bvhd_status add_node(struct tree_reader *reading, uint32_t node, uint32_t reference)
 {
     struct ir *ir = reading->ir;
     if ((reference & KIND_MASK) == LAVAPIPE_BOX) {
@@ -67,7 +67,7 @@ static enum bvhd_status add_node(struct reading *reading, uint32_t node, uint32_
     return BVHD_OK;
 }
 
-static enum bvhd_status add_children(struct reading *reading, uint32_t node)
+static enum bvhd_status add_children(struct tree_reader *reading, uint32_t node)
 {
     struct ir *ir = reading->ir;
     struct lavapipe_box box = lavapipe_box_at(reading->view, LAVAPIPE_HEADER + reading->places[node] * BOX);
@@ -80,7 +80,7 @@ static enum bvhd_status add_children(struct reading *reading, uint32_t node)
 }
 
 /* Adds the nodes in breadth-first order, so that children follow their parents and siblings are adjacent. */
-static enum bvhd_status add_tree(struct reading *reading)
+static enum bvhd_status add_tree(struct tree_reader *reading)
 {
     struct ir *ir = reading->ir;
     struct lavapipe_box root = lavapipe_box_at(reading->view, LAVAPIPE_HEADER);
@@ -127,7 +127,7 @@ static void join_boxes(struct ir *ir)
 }
 
 /* A writer reserves this many boxes; a box beyond them would not be written to the same place. */
-static enum bvhd_status check_places(const struct reading *reading)
+static enum bvhd_status check_places(const struct tree_reader *reading)
 {
     const struct ir *ir = reading->ir;
     uint32_t room = lavapipe_box_room(reading->canonical->primitive_count), inner = ir->node_count / 2;
@@ -138,7 +138,7 @@ static enum bvhd_status check_places(const struct reading *reading)
     return BVHD_OK;
 }
 
-static enum bvhd_status read_tree(struct reading *reading)
+static enum bvhd_status read_tree(struct tree_reader *reading)
 {
     enum bvhd_status status = add_tree(reading);
     if (status != BVHD_OK)
@@ -159,7 +159,7 @@ enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const 
     if (status != BVHD_OK)
         return status;
     topology.places = memory_array(memory, 2 * (uint64_t)boxes + 1, sizeof *topology.places);
-    struct reading reading = {
+    struct tree_reader reading = {
         .view = view, .canonical = canonical, .ir = &topology.ir, .places = topology.places, .error = error};
     topology.ir.key_count = 1;
     if (topology.places)

@@ -11,7 +11,7 @@
 
 enum { BOX_CHUNK = 4096, LEAF_CHUNK = 8192, PREFETCH_AHEAD = 12, BOX = sizeof(struct lavapipe_box) };
 
-struct writing {
+struct lavapipe_writer {
     const struct layout_input *input;
     enum lavapipe_variant variant;
     const uint32_t *places; /* for each inner node of the ir: the number of its box */
@@ -29,7 +29,7 @@ uint32_t lavapipe_box_room(uint32_t primitives)
 }
 
 /* Returns false if cancelled: the following steps then work on incomplete data, which is harmless. */
-static bool run_all(struct writing *w, size_t total, size_t chunk, parallel_task task)
+static bool run_all(struct lavapipe_writer *w, size_t total, size_t chunk, parallel_task task)
 {
     return parallel_for_until(w->input->parallel, w->input->cancel, parallel_chunks(chunk, total), task, w);
 }
@@ -65,7 +65,7 @@ static bool place_depth_first(const struct ir *ir, const atomic_bool *cancel, ui
 }
 
 /* With primitives below 2^24 and boxes below 2^25, nothing here overflows 64 bits. */
-static enum bvhd_status place_sections(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status place_sections(struct lavapipe_writer *w, struct bvhd_error *error)
 {
     const struct canonical *canonical = w->input->canonical;
     const struct ir *ir = w->input->ir;
@@ -86,7 +86,7 @@ static enum bvhd_status place_sections(struct writing *w, struct bvhd_error *err
     return BVHD_OK;
 }
 
-static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status plan(struct lavapipe_writer *w, struct bvhd_error *error)
 {
     const struct canonical *canonical = w->input->canonical;
     if (canonical->primitive_count > LAVAPIPE_MAX_PRIMITIVES)
@@ -100,7 +100,7 @@ static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
     return status == BVHD_OK ? place_sections(w, error) : status;
 }
 
-static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status allocate(struct lavapipe_writer *w, struct bvhd_error *error)
 {
     struct build_output *output = w->input->output;
     uint64_t total = w->body_offset + w->body_size;
@@ -112,7 +112,7 @@ static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
 }
 
 /* Loads the minimum and maximum over all motion keys. The sign of zeros is the same as in the leaves. */
-static void load_bounds(const struct writing *w, uint32_t node, float ret_bounds[6])
+static void load_bounds(const struct lavapipe_writer *w, uint32_t node, float ret_bounds[6])
 {
     const struct ir *ir = w->input->ir;
     const float *bounds = (const float *)&ir->boxes[0][node];
@@ -139,7 +139,7 @@ static void pad_bounds(float bounds[6])
     }
 }
 
-static uint32_t reference_to(const struct writing *w, uint32_t node)
+static uint32_t reference_to(const struct lavapipe_writer *w, uint32_t node)
 {
     const struct ir *ir = w->input->ir;
     if (!ir_is_leaf(ir, node))
@@ -148,7 +148,7 @@ static uint32_t reference_to(const struct writing *w, uint32_t node)
     return (w->leaf_offset + leaf * w->leaf_size) | w->leaves.kind;
 }
 
-static void store_child(const struct writing *w, struct lavapipe_box *box, int child, uint32_t node)
+static void store_child(const struct lavapipe_writer *w, struct lavapipe_box *box, int child, uint32_t node)
 {
     float *bounds = (float *)&box->bounds[child];
     load_bounds(w, node, bounds);
@@ -157,7 +157,7 @@ static void store_child(const struct writing *w, struct lavapipe_box *box, int c
     box->children[child] = reference_to(w, node);
 }
 
-static void store_absent(const struct writing *w, struct lavapipe_box *box, int child)
+static void store_absent(const struct lavapipe_writer *w, struct lavapipe_box *box, int child)
 {
     for (int axis = 0; axis < 3; axis++) {
         box->bounds[child].min[axis] = w->variant == LAVAPIPE_COMPACTED ? NAN : INFINITY;
@@ -179,7 +179,7 @@ static void prefetch_children(const struct ir *ir, uint32_t node)
 
 static void write_boxes(void *context, size_t index)
 {
-    const struct writing *w = context;
+    const struct lavapipe_writer *w = context;
     const struct ir *ir = w->input->ir;
     size_t begin, end;
     parallel_chunk(index, BOX_CHUNK, ir->node_count, &begin, &end);
@@ -197,7 +197,7 @@ static void write_boxes(void *context, size_t index)
 }
 
 /* Writes the root of a tree over no primitive or one. */
-static void write_lone_root(const struct writing *w)
+static void write_lone_root(const struct lavapipe_writer *w)
 {
     struct lavapipe_box box;
     if (w->input->ir->node_count > 0)
@@ -210,7 +210,7 @@ static void write_lone_root(const struct writing *w)
 
 static void write_leaves(void *context, size_t index)
 {
-    const struct writing *w = context;
+    const struct lavapipe_writer *w = context;
     size_t begin, end;
     parallel_chunk(index, LEAF_CHUNK, w->input->canonical->primitive_count, &begin, &end);
     lavapipe_leaves_write(&w->leaves, (uint32_t)begin, (uint32_t)end, w->body + w->leaf_offset,
@@ -218,7 +218,7 @@ static void write_leaves(void *context, size_t index)
 }
 
 /* Clears the gap between boxes and leaves, and the one after the leaves. */
-static void clear_gaps(const struct writing *w)
+static void clear_gaps(const struct lavapipe_writer *w)
 {
     uint64_t boxes = w->places_have_gaps ? LAVAPIPE_HEADER : LAVAPIPE_HEADER + (uint64_t)w->box_count * BOX;
     uint64_t leaves = w->leaf_offset + (uint64_t)w->leaves.count * w->leaf_size;
@@ -226,7 +226,7 @@ static void clear_gaps(const struct writing *w)
     memset(w->body + leaves, 0, w->body_size - leaves);
 }
 
-static void write_headers(const struct writing *w)
+static void write_headers(const struct lavapipe_writer *w)
 {
     unsigned char *header = w->body, *sizes = w->body + 24;
     struct serialized_header serialized = {
@@ -252,7 +252,7 @@ static void write_headers(const struct writing *w)
     bytes_put32(sizes + 8, w->leaf_offset);
 }
 
-static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status fill(struct lavapipe_writer *w, struct bvhd_error *error)
 {
     clear_gaps(w);
     if (w->input->ir->node_count < 2)
@@ -265,7 +265,7 @@ static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
     return BVHD_OK;
 }
 
-static struct layout_sizes sizes_of(const struct writing *w)
+static struct layout_sizes sizes_of(const struct lavapipe_writer *w)
 {
     return (struct layout_sizes){
         .total = w->body_offset + w->body_size,
@@ -278,7 +278,7 @@ static struct layout_sizes sizes_of(const struct writing *w)
 enum bvhd_status lavapipe_write_at(const struct layout_input *input, const uint32_t *places, unsigned char **ret_blob,
                                    struct layout_sizes *ret_sizes, struct bvhd_error *error)
 {
-    struct writing w = {.input = input, .places = places, .places_have_gaps = true};
+    struct lavapipe_writer w = {.input = input, .places = places, .places_have_gaps = true};
     enum bvhd_status status = plan(&w, error);
     if (status == BVHD_OK)
         status = allocate(&w, error);

@@ -10,28 +10,28 @@
 #include "builder/format/serialized.h"
 #include "proto/base/prefix.h"
 
-struct reading {
+struct portable_reader {
     struct bytes body;
     struct portable_view view;
     uint8_t *levels; /* of each node, 1 for the root; 0 until a parent refers to it */
     struct bvhd_error *error;
 };
 
-static enum bvhd_status corrupt_at(const struct reading *r, const char *section, uint32_t row, const char *field,
-                                   const char *reason)
+static enum bvhd_status corrupt_at(const struct portable_reader *r, const char *section, uint32_t row,
+                                   const char *field, const char *reason)
 {
     char where[64];
     snprintf(where, sizeof where, "%s[%" PRIu32 "]%s%s", section, row, *field ? "." : "", field);
     return bvhd_error_set(r->error, BVHD_CORRUPT, where, "%s", reason);
 }
 
-static enum bvhd_status corrupt(const struct reading *r, const char *where, const char *reason)
+static enum bvhd_status corrupt(const struct portable_reader *r, const char *where, const char *reason)
 {
     return bvhd_error_set(r->error, BVHD_CORRUPT, where, "%s", reason);
 }
 
 /* Checks the header's fields that can be judged by themselves. */
-static enum bvhd_status check_counts(const struct reading *r)
+static enum bvhd_status check_counts(const struct portable_reader *r)
 {
     const struct portable_header *h = r->view.header;
     bool instances = h->content == PORTABLE_INSTANCES;
@@ -60,7 +60,7 @@ static enum bvhd_status check_counts(const struct reading *r)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_bounds(const struct reading *r)
+static enum bvhd_status check_bounds(const struct portable_reader *r)
 {
     const struct portable_header *h = r->view.header;
     for (int axis = 0; axis < 3 && h->node_count > 0; axis++)
@@ -75,7 +75,7 @@ static enum bvhd_status check_bounds(const struct reading *r)
  * Checks that the section [offset, offset + count * size) begins at or after *end and lies inside the body; then moves
  * *end to its end.
  */
-static bool take_section(const struct reading *r, uint64_t offset, uint32_t count, uint32_t size, uint64_t *end)
+static bool take_section(const struct portable_reader *r, uint64_t offset, uint32_t count, uint32_t size, uint64_t *end)
 {
     if (offset % 16 != 0 || offset < *end || offset > r->body.size || (uint64_t)count * size > r->body.size - offset)
         return false;
@@ -83,7 +83,7 @@ static bool take_section(const struct reading *r, uint64_t offset, uint32_t coun
     return true;
 }
 
-static enum bvhd_status find_sections(struct reading *r)
+static enum bvhd_status find_sections(struct portable_reader *r)
 {
     const struct portable_header *h = r->view.header;
     uint64_t end = sizeof *h;
@@ -107,7 +107,7 @@ static enum bvhd_status find_sections(struct reading *r)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_geometries(const struct reading *r)
+static enum bvhd_status check_geometries(const struct portable_reader *r)
 {
     const struct portable_header *h = r->view.header;
     uint32_t sum = 0;
@@ -147,7 +147,7 @@ static bool boxes_are_sound(const struct portable_node *node, unsigned occupied)
 }
 
 /* Checks that each inner child has exactly one parent, which precedes it. */
-static enum bvhd_status claim_children(const struct reading *r, uint32_t i, unsigned count)
+static enum bvhd_status claim_children(const struct portable_reader *r, uint32_t i, unsigned count)
 {
     const struct portable_header *h = r->view.header;
     uint32_t first = r->view.nodes[i].first_child;
@@ -164,7 +164,7 @@ static enum bvhd_status claim_children(const struct reading *r, uint32_t i, unsi
 }
 
 /* Checks a node and adds the number of its records to *records. Records are stored in the order of nodes and slots. */
-static enum bvhd_status check_node(const struct reading *r, uint32_t i, uint32_t *records)
+static enum bvhd_status check_node(const struct portable_reader *r, uint32_t i, uint32_t *records)
 {
     const struct portable_node *node = &r->view.nodes[i];
     unsigned occupied = 0, inner = 0, leaf_records = 0;
@@ -195,7 +195,7 @@ static enum bvhd_status check_node(const struct reading *r, uint32_t i, uint32_t
     return claim_children(r, i, (unsigned)__builtin_popcount(inner));
 }
 
-static enum bvhd_status check_nodes(const struct reading *r)
+static enum bvhd_status check_nodes(const struct portable_reader *r)
 {
     const struct portable_header *h = r->view.header;
     uint32_t records = 0;
@@ -219,7 +219,7 @@ static bool id_is_sound(const struct portable_header *header, uint32_t id)
     return (flags == 0 || flags == PORTABLE_ID_OPAQUE) && (id & PORTABLE_ID_MASK) < header->primitive_count;
 }
 
-static bool record_is_sound(const struct reading *r, uint32_t i)
+static bool record_is_sound(const struct portable_reader *r, uint32_t i)
 {
     const struct portable_header *h = r->view.header;
     switch ((enum portable_content)h->content) {
@@ -249,7 +249,7 @@ static bool record_is_sound(const struct reading *r, uint32_t i)
     return false;
 }
 
-static enum bvhd_status check_records(const struct reading *r)
+static enum bvhd_status check_records(const struct portable_reader *r)
 {
     for (uint32_t i = 0; i < r->view.header->record_count; i++)
         if (!record_is_sound(r, i))
@@ -258,7 +258,7 @@ static enum bvhd_status check_records(const struct reading *r)
 }
 
 /* Finds the body behind a header that names this layout. */
-static enum bvhd_status find_body(struct reading *r, struct bytes blob)
+static enum bvhd_status find_body(struct portable_reader *r, struct bytes blob)
 {
     struct serialized_header header;
     enum bvhd_status status = serialized_read(blob, &header, r->error);
@@ -280,7 +280,7 @@ static enum bvhd_status find_body(struct reading *r, struct bytes blob)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_tree(struct reading *r, struct memory *memory)
+static enum bvhd_status check_tree(struct portable_reader *r, struct memory *memory)
 {
     uint32_t count = r->view.header->node_count;
     if (count == 0)
@@ -299,7 +299,7 @@ enum bvhd_status portable_open(struct bytes blob, struct memory *memory, struct 
                                struct bvhd_error *error)
 {
     assert((uintptr_t)blob.data % 16 == 0);
-    struct reading r = {.error = error};
+    struct portable_reader r = {.error = error};
     enum bvhd_status status = find_body(&r, blob);
     if (status == BVHD_OK)
         status = check_counts(&r);

@@ -19,7 +19,7 @@ const uint8_t portable_compatibility_uuid[16] = {'b', 'v', 'h', 'd', ' ', 'p', '
  */
 enum { NODE_CHUNK = 256, PREFETCH_AHEAD = 3, VERTEX_CHUNK = 32768, COPY_CHUNK = 8192, MARK_CHUNK = 8192 };
 
-struct writing {
+struct portable_writer {
     const struct layout_input *input;
     struct portable_header header;
     uint64_t body_offset;
@@ -60,7 +60,7 @@ static void place_sections(struct portable_header *header)
     header->body_size = header->geometry_offset + (uint64_t)header->geometry_count * sizeof(struct portable_geometry);
 }
 
-static enum bvhd_status plan(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status plan(struct portable_writer *w, struct bvhd_error *error)
 {
     const struct canonical *canonical = w->input->canonical;
     const struct wide *wide = w->input->wide;
@@ -97,7 +97,7 @@ struct node_refs {
 };
 
 /* The loop does not branch on the contents of a slot, which are unpredictable; a slot without refs adds none. */
-static void gather_refs(const struct writing *w, const struct wide_node *wide, struct node_refs *ret)
+static void gather_refs(const struct portable_writer *w, const struct wide_node *wide, struct node_refs *ret)
 {
     uint32_t *next = ret->refs;
     for (unsigned slot = 0; slot < WIDE_ARITY; slot++) {
@@ -131,7 +131,7 @@ static inline uint32_t mask_of(bool condition)
  * The loops do not branch on the contents of a slot, which are unpredictable. An empty slot takes the box of another
  * one.
  */
-static void write_node(const struct writing *w, const struct wide_node *wide, struct portable_node *node)
+static void write_node(const struct portable_writer *w, const struct wide_node *wide, struct portable_node *node)
 {
     static const uint8_t unary[] = {0, 0x20, 0x60, 0xe0};
     struct box storage[WIDE_ARITY];
@@ -164,7 +164,7 @@ static void write_node(const struct writing *w, const struct wide_node *wide, st
  * The data of a node are far apart in memory: boxes are in the order of the tree, primitives in the order of the
  * request.
  */
-static void prefetch_node(const struct writing *w, const struct wide_node *wide, struct node_refs *ret_refs)
+static void prefetch_node(const struct portable_writer *w, const struct wide_node *wide, struct node_refs *ret_refs)
 {
     gather_refs(w, wide, ret_refs);
     portable_records_prefetch(&w->records, ret_refs->refs, ret_refs->count);
@@ -172,12 +172,12 @@ static void prefetch_node(const struct writing *w, const struct wide_node *wide,
         __builtin_prefetch(&w->input->ir->boxes[0][wide->slots[slot].node]);
 }
 
-static size_t node_chunks(const struct writing *w)
+static size_t node_chunks(const struct portable_writer *w)
 {
     return parallel_chunks(NODE_CHUNK, w->input->wide->node_count);
 }
 
-static void write_nodes(const struct writing *w, size_t index)
+static void write_nodes(const struct portable_writer *w, size_t index)
 {
     const struct wide *wide = w->input->wide;
     size_t begin, end;
@@ -196,13 +196,13 @@ static void write_nodes(const struct writing *w, size_t index)
     }
 }
 
-static uint32_t vertex_chunks(const struct writing *w)
+static uint32_t vertex_chunks(const struct portable_writer *w)
 {
     return (uint32_t)parallel_chunks(VERTEX_CHUNK, w->records.canonical->vertex_count);
 }
 
 /* Returns how many triangles are read to mark vertices. */
-static uint32_t names_to_mark(const struct writing *w)
+static uint32_t names_to_mark(const struct portable_writer *w)
 {
     return w->input->complete ? w->input->canonical->primitive_count : w->input->ir->ref_count;
 }
@@ -219,7 +219,7 @@ static size_t chunk_apart(size_t task, size_t chunks, size_t threads)
 
 static void mark_used(void *context, size_t index)
 {
-    struct writing *w = context;
+    struct portable_writer *w = context;
     size_t begin, end, names = names_to_mark(w);
     size_t chunk = chunk_apart(index, parallel_chunks(MARK_CHUNK, names), w->input->parallel->threads);
     parallel_chunk(chunk, MARK_CHUNK, names, &begin, &end);
@@ -231,7 +231,7 @@ static void mark_used(void *context, size_t index)
 
 static void count_kept(void *context, size_t index)
 {
-    struct writing *w = context;
+    struct portable_writer *w = context;
     size_t begin, end;
     uint32_t kept = 0;
     parallel_chunk(index, VERTEX_CHUNK, w->records.canonical->vertex_count, &begin, &end);
@@ -241,7 +241,7 @@ static void count_kept(void *context, size_t index)
     w->first_kept[index] = kept;
 }
 
-static void sum_kept(struct writing *w)
+static void sum_kept(struct portable_writer *w)
 {
     uint32_t sum = 0, chunks = vertex_chunks(w);
     for (uint32_t i = 0; i < chunks; i++) {
@@ -254,7 +254,7 @@ static void sum_kept(struct writing *w)
 
 static void remap_chunk(void *context, size_t index)
 {
-    struct writing *w = context;
+    struct portable_writer *w = context;
     size_t begin, end;
     parallel_chunk(index, VERTEX_CHUNK, w->records.canonical->vertex_count, &begin, &end);
     const uint8_t *used = w->used;
@@ -266,7 +266,7 @@ static void remap_chunk(void *context, size_t index)
 }
 
 /* Returns false if cancelled: the following steps then work on incomplete data, which is harmless. */
-static bool run_all(struct writing *w, size_t count, parallel_task task)
+static bool run_all(struct portable_writer *w, size_t count, parallel_task task)
 {
     return parallel_for_until(w->input->parallel, w->input->cancel, count, task, w);
 }
@@ -277,7 +277,7 @@ static enum bvhd_status report_cancelled(struct bvhd_error *error)
 }
 
 /* Drops the vertices that no record names; the others keep their order. */
-static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct bvhd_error *error)
+static enum bvhd_status drop_vertices(struct portable_writer *w, uint32_t kept, struct bvhd_error *error)
 {
     uint32_t all = w->header.vertex_count;
     w->remap = memory_array(w->input->memory, all, sizeof *w->remap);
@@ -290,7 +290,7 @@ static enum bvhd_status drop_vertices(struct writing *w, uint32_t kept, struct b
     return BVHD_OK;
 }
 
-static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status plan_vertices(struct portable_writer *w, struct bvhd_error *error)
 {
     uint32_t all = w->header.vertex_count, chunks = vertex_chunks(w);
     if (all == 0)
@@ -308,7 +308,7 @@ static enum bvhd_status plan_vertices(struct writing *w, struct bvhd_error *erro
     return kept < all ? drop_vertices(w, kept, error) : BVHD_OK;
 }
 
-static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status allocate(struct portable_writer *w, struct bvhd_error *error)
 {
     struct build_output *output = w->input->output;
     uint64_t total = w->body_offset + w->header.body_size;
@@ -321,7 +321,8 @@ static enum bvhd_status allocate(struct writing *w, struct bvhd_error *error)
 }
 
 /* Copies the kept ones among vertices [begin, end) of one geometry to their places. */
-static void copy_run(const struct writing *w, const struct canonical_geometry *geometry, size_t begin, size_t end)
+static void copy_run(const struct portable_writer *w, const struct canonical_geometry *geometry, size_t begin,
+                     size_t end)
 {
     if (begin == end)
         return; /* a geometry without vertices has no positions */
@@ -343,7 +344,7 @@ static uint32_t geometry_of_vertex(const struct canonical *canonical, size_t ver
                        canonical->geometry_count, vertex);
 }
 
-static void copy_vertices(const struct writing *w, size_t index)
+static void copy_vertices(const struct portable_writer *w, size_t index)
 {
     const struct canonical *canonical = w->records.canonical;
     size_t begin, end;
@@ -361,7 +362,7 @@ static void copy_vertices(const struct writing *w, size_t index)
 /* Nodes come first, because their tasks take longer: the threads then finish at about the same time. */
 static void write_chunk(void *context, size_t index)
 {
-    const struct writing *w = context;
+    const struct portable_writer *w = context;
     const size_t nodes = node_chunks(w);
     if (index < nodes)
         write_nodes(w, index);
@@ -369,7 +370,7 @@ static void write_chunk(void *context, size_t index)
         copy_vertices(w, index - nodes);
 }
 
-static void write_tables(const struct writing *w)
+static void write_tables(const struct portable_writer *w)
 {
     const struct canonical *canonical = w->input->canonical;
     const struct portable_header *header = &w->header;
@@ -384,7 +385,7 @@ static void write_tables(const struct writing *w)
 }
 
 /* Handle i is i + 1, as in the references of the canonical copy, until a loader replaces it by the device's own. */
-static void write_serialized_header(const struct writing *w)
+static void write_serialized_header(const struct portable_writer *w)
 {
     uint32_t handles = w->header.content == PORTABLE_INSTANCES ? w->input->canonical->reference_count : 0;
     struct serialized_header header = {
@@ -400,7 +401,7 @@ static void write_serialized_header(const struct writing *w)
         bytes_put64(w->blob + SERIALIZED_HANDLES + (uint64_t)8 * i, i + 1);
 }
 
-static struct layout_sizes sizes_of(const struct writing *w)
+static struct layout_sizes sizes_of(const struct portable_writer *w)
 {
     const struct portable_header *header = &w->header;
     return (struct layout_sizes){
@@ -413,7 +414,7 @@ static struct layout_sizes sizes_of(const struct writing *w)
     };
 }
 
-static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
+static enum bvhd_status fill(struct portable_writer *w, struct bvhd_error *error)
 {
     size_t copies = w->header.vertex_count > 0 ? parallel_chunks(COPY_CHUNK, w->records.canonical->vertex_count) : 0;
     if (!run_all(w, node_chunks(w) + copies, write_chunk))
@@ -426,7 +427,7 @@ static enum bvhd_status fill(struct writing *w, struct bvhd_error *error)
 static enum bvhd_status portable_write(const struct layout_input *input, unsigned char **ret_blob,
                                        struct layout_sizes *ret_sizes, struct bvhd_error *error)
 {
-    struct writing w = {.input = input, .avx2 = portable_has_avx2()};
+    struct portable_writer w = {.input = input, .avx2 = portable_has_avx2()};
     enum bvhd_status status = plan(&w, error);
     if (status != BVHD_OK)
         return status;

@@ -135,18 +135,18 @@ static void settle(void)
     atomic_signal_fence(memory_order_seq_cst);
 }
 
-struct span {
+struct index_range {
     uint32_t lowest, highest;
 };
 
-static void grow_span(const uint32_t *indices, size_t count, struct span *span)
+static void grow_span(const uint32_t *indices, size_t count, struct index_range *span)
 {
     uint32_t lowest = span->lowest, highest = span->highest;
     for (size_t i = 0; i < count; i++) {
         lowest = indices[i] < lowest ? indices[i] : lowest;
         highest = indices[i] > highest ? indices[i] : highest;
     }
-    *span = (struct span){lowest, highest};
+    *span = (struct index_range){lowest, highest};
 }
 
 static void to_u32(const unsigned char *source, size_t count, uint32_t *ret_indices)
@@ -156,7 +156,7 @@ static void to_u32(const unsigned char *source, size_t count, uint32_t *ret_indi
 }
 
 static void copy_indices(const unsigned char *source, uint32_t type, size_t count, uint32_t *ret_indices,
-                         struct span *span)
+                         struct index_range *span)
 {
     if (type == INDEX_UINT16)
         to_u32(source, count, ret_indices);
@@ -197,7 +197,7 @@ static void fetch_indices(struct fetch *fetch, uint32_t index, uint32_t first, u
     }
     size_t size = triangles->index_type == INDEX_UINT16 ? 2 : 4;
     const unsigned char *source = triangles->indices.data + geometry->range.primitive_offset + (size_t)3 * first * size;
-    struct span span = {UINT32_MAX, 0};
+    struct index_range span = {UINT32_MAX, 0};
     for (size_t at = 0; at < total; at += INDEX_BLOCK) {
         size_t some = total - at < INDEX_BLOCK ? total - at : INDEX_BLOCK;
         copy_indices(source + at * size, triangles->index_type, some, target + at, &span);

@@ -63,7 +63,7 @@ static inline void add_box(struct reach *reach, vec4 min, vec4 max)
     reach_add(reach, 2, low + rest_of(max, min), high + rest_of(min, max));
 }
 
-struct finding {
+struct extent_search {
     const struct canonical *canonical;
     size_t count; /* vertices or boxes, of all geometries */
     const atomic_bool *cancel;
@@ -91,7 +91,7 @@ static uint32_t geometry_of(const struct canonical *canonical, size_t element)
 }
 
 /* Extents along each direction, separately for four vertices at a time. */
-struct lanes {
+struct slab_lanes {
     vec4 min[SLABS_COUNT], max[SLABS_COUNT];
 };
 
@@ -110,16 +110,16 @@ static inline void load_four(const float at[12], vec4 *ret_x, vec4 *ret_y, vec4 
     *ret_z = __builtin_shufflevector(lower, c, 1, 3, 4, 7);
 }
 
-static inline void lanes_add(struct lanes *lanes, int slab, vec4 value)
+static inline void lanes_add(struct slab_lanes *lanes, int slab, vec4 value)
 {
     lanes->min[slab] = vec4_min(value, lanes->min[slab]);
     lanes->max[slab] = vec4_max(value, lanes->max[slab]);
 }
 
 /* Adds the vertices along half of the directions: there are enough registers for that many. */
-static void add_first_half(const float *positions, size_t fours, struct lanes *lanes)
+static void add_first_half(const float *positions, size_t fours, struct slab_lanes *lanes)
 {
-    struct lanes own = *lanes;
+    struct slab_lanes own = *lanes;
     for (size_t i = 0; i < fours; i++) {
         vec4 x, y, z;
         load_four(positions + 12 * i, &x, &y, &z);
@@ -132,9 +132,9 @@ static void add_first_half(const float *positions, size_t fours, struct lanes *l
     *lanes = own;
 }
 
-static void add_second_half(const float *positions, size_t fours, struct lanes *lanes)
+static void add_second_half(const float *positions, size_t fours, struct slab_lanes *lanes)
 {
-    struct lanes own = *lanes;
+    struct slab_lanes own = *lanes;
     for (size_t i = 0; i < fours; i++) {
         vec4 x, y, z;
         load_four(positions + 12 * i, &x, &y, &z);
@@ -147,7 +147,7 @@ static void add_second_half(const float *positions, size_t fours, struct lanes *
     *lanes = own;
 }
 
-static void reach_add_lanes(struct reach *reach, const struct lanes *lanes)
+static void reach_add_lanes(struct reach *reach, const struct slab_lanes *lanes)
 {
     for (int slab = 0; slab < SLABS_COUNT; slab++) {
         int group = slab / 3 < 2 ? slab / 3 : 2, lane = slab - 3 * group;
@@ -160,7 +160,7 @@ static void reach_add_lanes(struct reach *reach, const struct lanes *lanes)
 
 static void add_vertices(const float *positions, size_t count, struct reach *reach)
 {
-    struct lanes lanes;
+    struct slab_lanes lanes;
     for (int slab = 0; slab < SLABS_COUNT; slab++) {
         lanes.min[slab] = vec4_all(FLT_MAX);
         lanes.max[slab] = vec4_all(-FLT_MAX);
@@ -205,7 +205,7 @@ static void add_elements(const struct canonical *canonical, size_t begin, size_t
 
 static void find_share(void *context, size_t index)
 {
-    struct finding *finding = context;
+    struct extent_search *finding = context;
     size_t begin, end;
     parallel_chunk(index, finding->share_size, finding->count, &begin, &end);
     struct reach reach = reach_empty();
@@ -253,7 +253,7 @@ static struct slabs slabs_of(const struct reach *reach)
 
 bool outline_find(const struct canonical *canonical, const struct build_context *context, struct slabs *ret_slabs)
 {
-    struct finding finding = {.canonical = canonical, .cancel = context->cancel};
+    struct extent_search finding = {.canonical = canonical, .cancel = context->cancel};
     struct reach reach = reach_empty();
     if (canonical->geometry_count > 0)
         finding.count = is_of_boxes(canonical) ? canonical->primitive_count : canonical->vertex_count;

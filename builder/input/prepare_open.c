@@ -11,7 +11,7 @@
 enum { KNOWN_FLAGS = 0x81f, KNOWN_GEOMETRY_FLAGS = GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT };
 
 /* A block that is being checked. Its bytes do not change meanwhile, so each is checked once. */
-struct reader {
+struct block_reader {
     struct bytes block;
     struct memory *memory;
     struct bvhd_error *error;
@@ -19,12 +19,13 @@ struct reader {
     const struct form_geometry *rows;
 };
 
-static enum bvhd_status corrupt(const struct reader *reader, const char *where, const char *text)
+static enum bvhd_status corrupt(const struct block_reader *reader, const char *where, const char *text)
 {
     return bvhd_error_set(reader->error, BVHD_CORRUPT, where, "%s", text);
 }
 
-static enum bvhd_status corrupt_row(const struct reader *reader, uint32_t row, const char *field, const char *text)
+static enum bvhd_status corrupt_row(const struct block_reader *reader, uint32_t row, const char *field,
+                                    const char *text)
 {
     return corrupt(reader, place("geometries[%u].%s", row, field).text, text);
 }
@@ -38,7 +39,7 @@ static bool all_zero(const void *data, uint64_t size)
     return any == 0;
 }
 
-static enum bvhd_status check_header(const struct reader *reader)
+static enum bvhd_status check_header(const struct block_reader *reader)
 {
     const struct form_header *header = reader->header;
     if (memcmp(header->magic, form_magic, sizeof form_magic) != 0)
@@ -72,7 +73,7 @@ static bool update_is_valid(const struct form_geometry *row, uint32_t flags)
            (row->index_type == INDEX_NONE || row->index_type == INDEX_UINT16 || row->index_type == INDEX_UINT32);
 }
 
-static enum bvhd_status check_row(const struct reader *reader, uint32_t index)
+static enum bvhd_status check_row(const struct block_reader *reader, uint32_t index)
 {
     const struct form_geometry *row = &reader->rows[index];
     bool top = reader->header->type == STRUCTURE_TOP;
@@ -95,7 +96,7 @@ static enum bvhd_status check_row(const struct reader *reader, uint32_t index)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_rows(const struct reader *reader)
+static enum bvhd_status check_rows(const struct block_reader *reader)
 {
     enum bvhd_status status = BVHD_OK;
     uint64_t primitives = 0, vertices = 0;
@@ -114,7 +115,8 @@ static enum bvhd_status check_rows(const struct reader *reader)
 }
 
 /* Checks that the array is where a writer would have put it, inside the block, with zeros up to the next part. */
-static enum bvhd_status check_place(const struct reader *reader, uint32_t index, enum form_part part, uint64_t *at)
+static enum bvhd_status check_place(const struct block_reader *reader, uint32_t index, enum form_part part,
+                                    uint64_t *at)
 {
     struct form_geometry row = reader->rows[index];
     uint64_t *offset = form_offset(&row, part), given = offset ? *offset : 0, end;
@@ -133,7 +135,7 @@ static enum bvhd_status check_place(const struct reader *reader, uint32_t index,
     return BVHD_OK;
 }
 
-static enum bvhd_status check_places(const struct reader *reader)
+static enum bvhd_status check_places(const struct block_reader *reader)
 {
     const struct form_header *header = reader->header;
     uint64_t at = sizeof *header + (uint64_t)header->geometry_count * sizeof *reader->rows, end;
@@ -151,7 +153,7 @@ static enum bvhd_status check_places(const struct reader *reader)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_references(const struct reader *reader)
+static enum bvhd_status check_references(const struct block_reader *reader)
 {
     const struct form_reference *rows = (const void *)(reader->block.data + reader->header->reference_offset);
     for (uint32_t i = 0; i < reader->header->reference_count; i++)
@@ -161,7 +163,7 @@ static enum bvhd_status check_references(const struct reader *reader)
     return BVHD_OK;
 }
 
-static enum bvhd_status check_indices(const struct reader *reader, uint32_t index,
+static enum bvhd_status check_indices(const struct block_reader *reader, uint32_t index,
                                       const struct canonical_geometry *geometry)
 {
     uint32_t highest = 0, lowest = UINT32_MAX;
@@ -177,7 +179,7 @@ static enum bvhd_status check_indices(const struct reader *reader, uint32_t inde
 }
 
 /* Checks that references are numbered in the order of first use, as the writer does. */
-static enum bvhd_status check_instances(const struct reader *reader, const struct canonical_geometry *geometry)
+static enum bvhd_status check_instances(const struct block_reader *reader, const struct canonical_geometry *geometry)
 {
     uint64_t used = 0;
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
@@ -191,7 +193,7 @@ static enum bvhd_status check_instances(const struct reader *reader, const struc
     return BVHD_OK;
 }
 
-static enum bvhd_status check_boxes(const struct reader *reader, uint32_t index,
+static enum bvhd_status check_boxes(const struct block_reader *reader, uint32_t index,
                                     const struct canonical_geometry *geometry)
 {
     for (uint64_t i = 0; i < geometry->primitive_count; i++) {
@@ -203,7 +205,7 @@ static enum bvhd_status check_boxes(const struct reader *reader, uint32_t index,
     return BVHD_OK;
 }
 
-static enum bvhd_status check_contents(const struct reader *reader, const struct canonical *view)
+static enum bvhd_status check_contents(const struct block_reader *reader, const struct canonical *view)
 {
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; status == BVHD_OK && i < view->geometry_count; i++) {
@@ -220,7 +222,7 @@ static enum bvhd_status check_contents(const struct reader *reader, const struct
     return status == BVHD_OK ? validate_canonical(view, 0, NULL, reader->error) : status;
 }
 
-static enum bvhd_status make_view(const struct reader *reader, struct canonical *view)
+static enum bvhd_status make_view(const struct block_reader *reader, struct canonical *view)
 {
     const struct form_header *header = reader->header;
     view->geometries = memory_array(reader->memory, header->geometry_count, sizeof *view->geometries);
@@ -234,7 +236,7 @@ static enum bvhd_status make_view(const struct reader *reader, struct canonical 
 enum bvhd_status prepare_open(struct bytes block, struct memory *memory, struct canonical *ret_canonical,
                               struct bvhd_error *error)
 {
-    struct reader reader = {.block = block, .memory = memory, .error = error, .header = (const void *)block.data};
+    struct block_reader reader = {.block = block, .memory = memory, .error = error, .header = (const void *)block.data};
     struct canonical view = {0};
     if (block.size < sizeof *reader.header)
         return corrupt(&reader, "size", "shorter than a header");

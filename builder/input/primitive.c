@@ -12,7 +12,7 @@
 enum { CHUNK = 1024 };
 
 /* The classification of one primitive, and its box. */
-struct finding {
+struct classification {
     bool active, degenerate, kept;
     struct box box; /* if kept */
 };
@@ -48,9 +48,9 @@ static bool has_no_area(const float corners[3][3])
     return a[1] * b[2] == a[2] * b[1] && a[2] * b[0] == a[0] * b[2] && a[0] * b[1] == a[1] * b[0];
 }
 
-static struct finding look_at_triangle(const struct canonical_geometry *geometry, uint32_t index, bool keep_all)
+static struct classification look_at_triangle(const struct canonical_geometry *geometry, uint32_t index, bool keep_all)
 {
-    struct finding finding = {.box = box_empty()};
+    struct classification finding = {.box = box_empty()};
     float corners[3][3];
     canonical_triangle(geometry, index, corners);
     if (any_nan(corners[0], 9))
@@ -67,9 +67,9 @@ static struct finding look_at_triangle(const struct canonical_geometry *geometry
     return finding;
 }
 
-static struct finding look_at_aabb(const struct canonical_geometry *geometry, uint32_t index)
+static struct classification look_at_aabb(const struct canonical_geometry *geometry, uint32_t index)
 {
-    struct finding finding = {.box = box_empty()};
+    struct classification finding = {.box = box_empty()};
     const float *box = geometry->boxes + (uint64_t)6 * index;
     if (any_nan(box, 6))
         return finding;
@@ -115,10 +115,10 @@ static void transform_box(const float matrix[12], const struct box *box, struct 
     }
 }
 
-static struct finding look_at_instance(const struct canonical *canonical, const struct canonical_geometry *geometry,
-                                       uint32_t index, bool keep_all)
+static struct classification look_at_instance(const struct canonical *canonical,
+                                              const struct canonical_geometry *geometry, uint32_t index, bool keep_all)
 {
-    struct finding finding = {.box = box_empty()};
+    struct classification finding = {.box = box_empty()};
     struct canonical_instance instance = canonical_instance(geometry, index);
     if (instance.reference == 0 || any_nan(instance.transform, 12))
         return finding;
@@ -140,7 +140,8 @@ static struct finding look_at_instance(const struct canonical *canonical, const 
     return finding;
 }
 
-static struct finding look(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index)
+static struct classification look(const struct canonical *canonical, const struct canonical_geometry *geometry,
+                                  uint32_t index)
 {
     bool keep_all = canonical->flags & BUILD_ALLOW_UPDATE;
     switch (geometry->type) {
@@ -155,7 +156,7 @@ static struct finding look(const struct canonical *canonical, const struct canon
 
 struct box primitive_box(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index)
 {
-    struct finding finding = look(canonical, geometry, index);
+    struct classification finding = look(canonical, geometry, index);
     return finding.kept ? finding.box : box_empty();
 }
 
@@ -267,7 +268,7 @@ static uint32_t collect_pairs(const struct canonical_geometry *geometry, uint32_
 #endif
 
 /* The totals of one block. */
-struct block {
+struct block_totals {
     uint32_t count, primitives;
     struct box bounds, centroids;
     uint64_t inactive, degenerate, skipped;
@@ -276,17 +277,17 @@ struct block {
 struct collection {
     const struct canonical *canonical;
     struct primitive_ref *refs;
-    struct block *blocks;
+    struct block_totals *blocks;
     size_t block_count;
     const struct leaves_options *runs; /* NULL: each ref stands for one primitive */
 };
 
 /* Makes the ref of one primitive, and counts it. Returns whether it is kept. */
 static bool collect_one(const struct canonical *canonical, const struct canonical_geometry *geometry, uint32_t index,
-                        struct block *block, struct primitive_ref *ref)
+                        struct block_totals *block, struct primitive_ref *ref)
 {
     if (!fast_ref(geometry, index, ref)) {
-        struct finding finding = look(canonical, geometry, index);
+        struct classification finding = look(canonical, geometry, index);
         block->inactive += !finding.active;
         block->degenerate += finding.degenerate;
         block->skipped += finding.active && !finding.kept;
@@ -321,7 +322,7 @@ static uint32_t make_runs(struct primitive_ref *refs, uint32_t count, const stru
 
 /* Makes refs of primitives [index, end) of one geometry, and returns how many are kept. */
 static uint32_t collect_range(const struct canonical *canonical, const struct canonical_geometry *geometry,
-                              uint32_t index, uint32_t end, struct block *block, struct primitive_ref *refs)
+                              uint32_t index, uint32_t end, struct block_totals *block, struct primitive_ref *refs)
 {
     uint32_t kept = 0;
     while (index < end) {
@@ -336,7 +337,7 @@ static uint32_t collect_range(const struct canonical *canonical, const struct ca
 
 /* Adds the refs of primitives [id, end) to a block. */
 static void collect_chunk(const struct collection *collection, size_t id, size_t end, struct primitive_ref *refs,
-                          struct block *block)
+                          struct block_totals *block)
 {
     const struct canonical *canonical = collection->canonical;
     const uint32_t asked = (uint32_t)(end - id);
@@ -363,7 +364,7 @@ static void collect_chunk(const struct collection *collection, size_t id, size_t
 static void collect_block(void *context, size_t index)
 {
     const struct collection *collection = context;
-    struct block block = {.bounds = box_empty(), .centroids = box_empty()};
+    struct block_totals block = {.bounds = box_empty(), .centroids = box_empty()};
     size_t begin, end;
     parallel_chunk(index, PRIMITIVE_BLOCK, collection->canonical->primitive_count, &begin, &end);
     struct primitive_ref *refs = collection->refs + begin;
@@ -377,7 +378,7 @@ static void combine(const struct collection *collection, struct primitive_refs *
 {
     refs->block_count = (uint32_t)collection->block_count;
     for (size_t i = 0; i < collection->block_count; i++) {
-        const struct block *block = &collection->blocks[i];
+        const struct block_totals *block = &collection->blocks[i];
         refs->blocks[i] = block->count;
         refs->count += block->count;
         refs->primitives += block->primitives;

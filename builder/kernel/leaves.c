@@ -8,7 +8,7 @@
  * One ref of each range, by lanes. Each step of the dynamic programming waits for the one before it; four ranges take
  * their steps together.
  */
-struct lanes {
+struct ref_lanes {
     vec4 min[3], max[3];
     vec4_int primitives;
 };
@@ -23,9 +23,9 @@ static inline void transpose(vec4 a, vec4 b, vec4 c, vec4 d, vec4 ret_columns[4]
     ret_columns[3] = __builtin_shufflevector(zw, zw2, 2, 3, 6, 7);
 }
 
-static inline struct lanes load_lanes(const struct primitive_ref *const refs[LEAVES_PARTS])
+static inline struct ref_lanes load_lanes(const struct primitive_ref *const refs[LEAVES_PARTS])
 {
-    struct lanes lanes;
+    struct ref_lanes lanes;
     struct vec4_box a = vec4_box_load(refs[0]), b = vec4_box_load(refs[1]), c = vec4_box_load(refs[2]),
                     d = vec4_box_load(refs[3]);
     vec4 min[4], max[4];
@@ -38,7 +38,7 @@ static inline struct lanes load_lanes(const struct primitive_ref *const refs[LEA
     return lanes;
 }
 
-static inline void grow(struct lanes *lanes, const struct lanes *other)
+static inline void grow(struct ref_lanes *lanes, const struct ref_lanes *other)
 {
     for (int axis = 0; axis < 3; axis++) {
         lanes->min[axis] = vec4_min(lanes->min[axis], other->min[axis]);
@@ -47,7 +47,7 @@ static inline void grow(struct lanes *lanes, const struct lanes *other)
     lanes->primitives += other->primitives;
 }
 
-static inline vec4 half_areas(const struct lanes *lanes)
+static inline vec4 half_areas(const struct ref_lanes *lanes)
 {
     vec4 x = lanes->max[0] - lanes->min[0], y = lanes->max[1] - lanes->min[1], z = lanes->max[2] - lanes->min[2];
     return x * y + y * z + z * x;
@@ -59,7 +59,7 @@ static inline vec4 half_areas(const struct lanes *lanes)
  * with the cut before that leaf, minus the least cost of all refs so far.
  */
 struct rows {
-    struct lanes last, last_two;
+    struct ref_lanes last, last_two;
     vec4 last_area, before_two, before_three;
 };
 
@@ -72,9 +72,9 @@ static inline vec4 leaf_cost(vec4 area, vec4_int primitives, vec4_int most)
  * Advances by one ref in each range, and returns the length of the last leaf of the cheapest cut. A cost that is NaN
  * never compares less, so it is not chosen.
  */
-static inline vec4_int go_on(struct rows *rows, const struct lanes *one, vec4_int most, float cut_cost)
+static inline vec4_int go_on(struct rows *rows, const struct ref_lanes *one, vec4_int most, float cut_cost)
 {
-    struct lanes two = *one, three = *one;
+    struct ref_lanes two = *one, three = *one;
     grow(&two, &rows->last);
     grow(&three, &rows->last_two);
     vec4 area = half_areas(one), area_two = half_areas(&two);
@@ -112,7 +112,7 @@ static void choose(const struct primitive_ref *refs, uint32_t count, const struc
             own[part] = &refs[at < count ? at : count - 1];
             to[part] = at < count ? &ret_lengths[at] : &nobody;
         }
-        struct lanes one = load_lanes(own);
+        struct ref_lanes one = load_lanes(own);
         if (i == 0)
             rows.last = rows.last_two = one;
         vec4_int lengths = go_on(&rows, &one, most, options->cut_cost);
@@ -125,12 +125,12 @@ static void choose(const struct primitive_ref *refs, uint32_t count, const struc
  * A walk through one range from its end to its start, which collects the chosen lengths; no leaf lies in two ranges.
  * The lengths are stored at the end of the range, over choices that the walk has passed.
  */
-struct walk {
+struct length_walk {
     const uint8_t *begin, *at;
     uint8_t *to;
 };
 
-static inline void walk_on(struct walk *walk)
+static inline void walk_on(struct length_walk *walk)
 {
     const uint8_t length = walk->at[-1];
     *--walk->to = length;
@@ -138,9 +138,9 @@ static inline void walk_on(struct walk *walk)
 }
 
 /* Takes `steps` steps in all ranges alternately, because each step waits for the one before it in the same range. */
-static void walk_together(struct walk walks[LEAVES_PARTS], size_t steps)
+static void walk_together(struct length_walk walks[LEAVES_PARTS], size_t steps)
 {
-    struct walk own[LEAVES_PARTS];
+    struct length_walk own[LEAVES_PARTS];
     memcpy(own, walks, sizeof own);
     for (; steps > 0; steps--)
         for (int part = 0; part < LEAVES_PARTS; part++)
@@ -149,7 +149,7 @@ static void walk_together(struct walk walks[LEAVES_PARTS], size_t steps)
 }
 
 /* Returns how many steps every range can take without reaching its start. */
-static size_t steps_for_all(const struct walk walks[LEAVES_PARTS])
+static size_t steps_for_all(const struct length_walk walks[LEAVES_PARTS])
 {
     size_t least = SIZE_MAX;
     for (int part = 0; part < LEAVES_PARTS; part++) {
@@ -163,17 +163,17 @@ uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const stru
                     uint8_t *ret_lengths)
 {
     uint8_t *bounds[LEAVES_PARTS + 1], *next = ret_lengths;
-    struct walk walks[LEAVES_PARTS];
+    struct length_walk walks[LEAVES_PARTS];
     size_t steps;
     choose(refs, count, options, ret_lengths);
     for (uint64_t part = 0; part <= LEAVES_PARTS; part++)
         bounds[part] = ret_lengths + (part * part_length(count) < count ? part * part_length(count) : count);
     for (int part = 0; part < LEAVES_PARTS; part++)
-        walks[part] = (struct walk){bounds[part], bounds[part + 1], bounds[part + 1]};
+        walks[part] = (struct length_walk){bounds[part], bounds[part + 1], bounds[part + 1]};
     while ((steps = steps_for_all(walks)) > 0)
         walk_together(walks, steps);
     for (int part = 0; part < LEAVES_PARTS; part++) {
-        struct walk *walk = &walks[part];
+        struct length_walk *walk = &walks[part];
         while (walk->at > walk->begin)
             walk_on(walk);
         size_t leaves = (size_t)(bounds[part + 1] - walk->to);

@@ -74,13 +74,13 @@ static inline uint32_t bin_at(const struct spatial_grid *grid, unsigned axis, fl
  * The bins that a ref lies in. A ref that ends in a plane does not reach beyond it; a flat ref in a plane lies above
  * it.
  */
-struct span {
+struct bin_range {
     uint32_t first, last;
 };
 
-static inline struct span span_of(const struct spatial_grid *grid, unsigned axis, const struct vec4_box *box)
+static inline struct bin_range span_of(const struct spatial_grid *grid, unsigned axis, const struct vec4_box *box)
 {
-    struct span span = {bin_at(grid, axis, box->min[axis]), bin_at(grid, axis, box->max[axis])};
+    struct bin_range span = {bin_at(grid, axis, box->min[axis]), bin_at(grid, axis, box->max[axis])};
     if (span.last > span.first && box->max[axis] == grid->planes[axis][span.last])
         span.last--;
     return span;
@@ -102,7 +102,7 @@ static inline void grow(struct vec4_box *box, const struct vec4_box *by)
 
 /* Cuts a ref at each plane that it crosses, and adds the parts to their bins. */
 static void add_parts(struct vec4_box boxes[], const float planes[], const struct clip_triangle *triangle,
-                      struct vec4_box rest, unsigned axis, struct span span)
+                      struct vec4_box rest, unsigned axis, struct bin_range span)
 {
     for (uint32_t k = span.first; k < span.last; k++) {
         struct vec4_box part, more;
@@ -122,7 +122,7 @@ static void add_ref(struct spatial_bins *bins, const struct canonical *canonical
     for (unsigned axis = 0; axis < 3; axis++) {
         if (grid->scale[axis] == 0)
             continue;
-        struct span span = span_of(grid, axis, &box);
+        struct bin_range span = span_of(grid, axis, &box);
         bins->begins[axis][span.first]++;
         bins->ends[axis][span.last]++;
         if (span.first == span.last) {
@@ -325,7 +325,7 @@ void spatial_partition(const struct canonical *canonical, const struct spatial_g
                               .counts = {plane->left_count, plane->right_count}};
     for (uint32_t i = 0; i < count; i++) {
         struct vec4_box box = vec4_box_load(&refs[i]);
-        struct span span = span_of(grid, plane->axis, &box);
+        struct bin_range span = span_of(grid, plane->axis, &box);
         if (span.last < plane->bin)
             put(&filling, 0, box, &refs[i]);
         else if (span.first >= plane->bin)
@@ -341,7 +341,7 @@ static inline uint8_t side_of(const struct spatial_grid *grid, const struct spat
                               const struct primitive_ref *ref)
 {
     struct vec4_box box = vec4_box_load(ref), boxes[2] = {plane->left, plane->right};
-    struct span span = span_of(grid, plane->axis, &box);
+    struct bin_range span = span_of(grid, plane->axis, &box);
     if (span.last < plane->bin)
         return 0;
     if (span.first >= plane->bin)

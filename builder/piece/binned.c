@@ -6,7 +6,7 @@
 #include "proto/base/parallel.h"
 
 /* A set of nodes that is still to be divided, as refs whose ids are the nodes' numbers. */
-struct part {
+struct node_set {
     struct vec4_box centroids;
     struct primitive_ref *refs, *other; /* where the refs lie, and where they may be moved */
     uint32_t count;
@@ -14,12 +14,12 @@ struct part {
 };
 
 /* A node above the sets, before it has a number. */
-struct division {
+struct unnumbered_node {
     uint32_t children[2];
     uint32_t *ret_node;
 };
 
-static void divide(const struct part *part, struct division *division, struct part ret_children[2])
+static void divide(const struct node_set *part, struct unnumbered_node *division, struct node_set ret_children[2])
 {
     struct bins_mapping mapping;
     struct bins_plane plane;
@@ -34,9 +34,9 @@ static void divide(const struct part *part, struct division *division, struct pa
     uint32_t left = plane.left_count;
     struct primitive_ref *refs = halved ? part->refs : part->other, *other = halved ? part->other : part->refs;
     division->ret_node = part->ret_node;
-    ret_children[0] = (struct part){centroids[0], refs, other, left, &division->children[0]};
+    ret_children[0] = (struct node_set){centroids[0], refs, other, left, &division->children[0]};
     ret_children[1] =
-        (struct part){centroids[1], refs + left, other + left, part->count - left, &division->children[1]};
+        (struct node_set){centroids[1], refs + left, other + left, part->count - left, &division->children[1]};
 }
 
 static inline float cost_of_two(const struct cluster_tree *tree, uint32_t left, uint32_t right)
@@ -90,7 +90,7 @@ static void rotate_above(struct cluster_tree *tree, uint32_t first)
             rotate(tree, node);
 }
 
-static uint32_t sweep_part(struct cluster_tree *tree, const struct part *part)
+static uint32_t sweep_part(struct cluster_tree *tree, const struct node_set *part)
 {
     struct full_sweep_pair pairs[FULL_SWEEP_MOST];
     uint32_t nodes[2 * FULL_SWEEP_MOST], count = part->count;
@@ -106,9 +106,9 @@ static uint32_t sweep_part(struct cluster_tree *tree, const struct part *part)
  * Divides a set down to sets that can be swept. The larger child waits while the smaller one is divided, so at most 32
  * wait. Returns false when cancelled.
  */
-static bool divide_part(struct cluster_tree *tree, struct part part, struct division *divisions)
+static bool divide_part(struct cluster_tree *tree, struct node_set part, struct unnumbered_node *divisions)
 {
-    struct part waiting[33], children[2];
+    struct node_set waiting[33], children[2];
     uint32_t waiting_count = 0, division_count = 0;
     for (;;) {
         if (part.count > FULL_SWEEP_MOST) {
@@ -128,7 +128,7 @@ static bool divide_part(struct cluster_tree *tree, struct part part, struct divi
     /* Divisions are listed parents first, so going backwards finds the children joined. */
     const uint32_t first = tree->node_count;
     while (division_count-- > 0) {
-        const struct division *division = &divisions[division_count];
+        const struct unnumbered_node *division = &divisions[division_count];
         *division->ret_node = cluster_tree_join(tree, division->children[0], division->children[1]);
     }
     if (!tree->request->fills_leaves)
@@ -139,11 +139,11 @@ static bool divide_part(struct cluster_tree *tree, struct part part, struct divi
 enum bvhd_status binned_join_nodes(struct cluster_tree *tree, const uint32_t *nodes, uint32_t count,
                                    struct memory *memory, uint32_t *ret_root)
 {
-    struct division *divisions = memory_array(memory, count, sizeof *divisions);
+    struct unnumbered_node *divisions = memory_array(memory, count, sizeof *divisions);
     struct primitive_ref *refs = memory_array(memory, 2 * (uint64_t)count, sizeof *refs);
     enum bvhd_status status = BVHD_NO_MEMORY;
     if (divisions && refs) {
-        struct part part = {.refs = refs, .other = refs + count, .count = count, .ret_node = ret_root};
+        struct node_set part = {.refs = refs, .other = refs + count, .count = count, .ret_node = ret_root};
         for (uint32_t i = 0; i < count; i++) {
             uint32_t node = nodes ? nodes[i] : i;
             vec4_box_store(&refs[i], vec4_box_load(cluster_tree_node(tree, node)));

@@ -12,7 +12,7 @@
 enum { RADIUS = 2 };
 
 /* The clusters of a round, in the order of the curve. */
-struct row {
+struct cluster_row {
     struct nearest_boxes boxes;
     uint32_t *nodes;
 };
@@ -24,7 +24,7 @@ struct move {
 
 struct clustering {
     struct cluster_tree *tree;
-    struct row row, next;
+    struct cluster_row row, next;
     uint32_t count; /* clusters in the round */
     int32_t *keys;
     struct move *pairs;
@@ -32,7 +32,7 @@ struct clustering {
     void *room;
 };
 
-static inline void put(const struct row *row, uint32_t at, uint32_t node, const struct primitive_ref *ref)
+static inline void put(const struct cluster_row *row, uint32_t at, uint32_t node, const struct primitive_ref *ref)
 {
     for (int axis = 0; axis < 3; axis++) {
         row->boxes.min[axis][at] = ref->min[axis];
@@ -66,7 +66,7 @@ static uint32_t list_moves(struct clustering *c, uint32_t *ret_pairs)
 
 static void merge(struct clustering *c)
 {
-    const struct row *row = &c->row, *next = &c->next;
+    const struct cluster_row *row = &c->row, *next = &c->next;
     uint32_t pairs, count = list_moves(c, &pairs);
     pack_row(&row->boxes, row->nodes, c->kept, c->count, &next->boxes, next->nodes);
     for (uint32_t i = 0; i < pairs; i++) {
@@ -74,7 +74,7 @@ static void merge(struct clustering *c)
         uint32_t node = cluster_tree_join(c->tree, row->nodes[from], row->nodes[partner]);
         put(next, c->pairs[i].to, node, cluster_tree_node(c->tree, node));
     }
-    struct row swap = c->row;
+    struct cluster_row swap = c->row;
     c->row = c->next;
     c->next = swap;
     c->count = count;
@@ -98,7 +98,7 @@ static bool run_rounds(struct clustering *c)
     return !parallel_cancelled(cancel);
 }
 
-static void place_row(struct row *row, float *floats, uint32_t *nodes, uint64_t stride)
+static void place_row(struct cluster_row *row, float *floats, uint32_t *nodes, uint64_t stride)
 {
     for (int axis = 0; axis < 3; axis++) {
         row->boxes.min[axis] = floats + (uint64_t)(2 * axis) * stride + NEAREST_PAD;

@@ -16,7 +16,7 @@ struct node {
 };
 
 /* How a subtree will be written. */
-struct facts {
+struct subtree_plan {
     float cost; /* SAH cost, not divided by the root's area */
     uint32_t refs; /* refs in it; while they are at most leaf_max, each primitive counts once */
     uint32_t ids[REINSERTION_LEAF_MOST]; /* the primitives, while they are at most leaf_max */
@@ -26,14 +26,14 @@ struct facts {
 struct tree {
     const struct reinsertion_request *request;
     struct node *nodes;
-    struct facts *facts;
+    struct subtree_plan *facts;
     uint32_t *order; /* all nodes, parents before children */
     uint32_t count;
     uint64_t steps; /* nodes visited so far */
 };
 
 /* A place for a subtree: the node beside which it would go, and by how much that lowers the sum of areas. */
-struct place {
+struct insertion_point {
     uint32_t node;
     float gain;
 };
@@ -42,7 +42,7 @@ struct place {
  * A subtree to search. Putting a node anywhere into it lowers the sum of areas by at most `saved` minus the node's own
  * area.
  */
-struct waiting {
+struct search_candidate {
     float saved;
     uint32_t node;
 };
@@ -87,10 +87,10 @@ static inline bool same(struct vec4_box a, struct vec4_box b)
  * Searches a subtree for a better place: boxes on the way down would grow by `box`, and a subtree that cannot hold a
  * better place is not entered. Returns the number of nodes visited.
  */
-static uint32_t search_below(const struct tree *tree, struct vec4_box box, float area, struct waiting at,
-                             struct place *best)
+static uint32_t search_below(const struct tree *tree, struct vec4_box box, float area, struct search_candidate at,
+                             struct insertion_point *best)
 {
-    struct waiting stack[WAITING_MOST];
+    struct search_candidate stack[WAITING_MOST];
     uint32_t height = 0, steps = 0;
     for (;;) {
         if (at.saved - area > best->gain) {
@@ -98,11 +98,11 @@ static uint32_t search_below(const struct tree *tree, struct vec4_box box, float
             float gain = at.saved - vec4_box_half_area(unite(box, there)), below = gain + vec4_box_half_area(there);
             uint32_t first = tree->nodes[at.node].first;
             if (gain > best->gain)
-                *best = (struct place){at.node, gain};
+                *best = (struct insertion_point){at.node, gain};
             steps++;
             if (!(first & IS_LEAF) && height < WAITING_MOST) {
-                stack[height++] = (struct waiting){below, first};
-                at = (struct waiting){below, first + 1};
+                stack[height++] = (struct search_candidate){below, first};
+                at = (struct search_candidate){below, first + 1};
                 continue;
             }
         }
@@ -113,7 +113,7 @@ static uint32_t search_below(const struct tree *tree, struct vec4_box box, float
 }
 
 /* Goes up from the node, and searches the other side of each ancestor, and the place beside the ancestor itself. */
-static struct place find_place(struct tree *tree, uint32_t node)
+static struct insertion_point find_place(struct tree *tree, uint32_t node)
 {
     const struct node *nodes = tree->nodes;
     const struct vec4_box box = box_at(tree, node);
@@ -121,15 +121,15 @@ static struct place find_place(struct tree *tree, uint32_t node)
     uint32_t ancestor = parent, side = sibling_of(node), steps = 0;
     struct vec4_box rest = box_at(tree, side); /* the ancestor's box without the node */
     float area = vec4_box_half_area(box), saved = vec4_box_half_area(box_at(tree, parent));
-    struct place best = {0, 0};
+    struct insertion_point best = {0, 0};
     for (;;) {
-        steps += search_below(tree, box, area, (struct waiting){saved, side}, &best) + 1;
+        steps += search_below(tree, box, area, (struct search_candidate){saved, side}, &best) + 1;
         if (ancestor != parent) {
             float whole = vec4_box_half_area(box_at(tree, ancestor));
             rest = unite(rest, box_at(tree, side));
             saved += whole - vec4_box_half_area(rest);
             if (saved - whole > best.gain)
-                best = (struct place){ancestor, saved - whole};
+                best = (struct insertion_point){ancestor, saved - whole};
         }
         if (ancestor == 0 || steps > SEARCH_MOST)
             break;
@@ -230,7 +230,7 @@ static bool improve(struct tree *tree)
             /* A child of the root could only go back to the same place. */
             if (tree->nodes[i].parent == 0 || rank_of(vec4_box_half_area(box_at(tree, i))) < lowest)
                 continue;
-            struct place place = find_place(tree, i);
+            struct insertion_point place = find_place(tree, i);
             if (place.gain > 0)
                 reinsert(tree, i, place.node);
         }
@@ -257,7 +257,8 @@ static void load(struct tree *tree)
  * Merges the primitives of both children, each once, as long as there is room. Returns how many there are, or room + 1
  * when there are more.
  */
-static uint32_t merge_ids(const struct facts *left, const struct facts *right, uint32_t room, uint32_t *ret_ids)
+static uint32_t merge_ids(const struct subtree_plan *left, const struct subtree_plan *right, uint32_t room,
+                          uint32_t *ret_ids)
 {
     uint32_t count = left->refs;
     memcpy(ret_ids, left->ids, sizeof left->ids);
@@ -274,15 +275,15 @@ static uint32_t merge_ids(const struct facts *left, const struct facts *right, u
     return count;
 }
 
-static struct facts facts_of(const struct tree *tree, uint32_t at)
+static struct subtree_plan facts_of(const struct tree *tree, uint32_t at)
 {
     const struct node *node = &tree->nodes[at];
     const uint32_t leaf_max = tree->request->leaf_max;
     float area = vec4_box_half_area(box_at(tree, at));
     if (node->first & IS_LEAF)
-        return (struct facts){area, 1, {node->first & ~IS_LEAF}, true};
-    const struct facts *left = &tree->facts[node->first], *right = left + 1;
-    struct facts facts = {.cost = area + left->cost + right->cost, .refs = left->refs + right->refs};
+        return (struct subtree_plan){area, 1, {node->first & ~IS_LEAF}, true};
+    const struct subtree_plan *left = &tree->facts[node->first], *right = left + 1;
+    struct subtree_plan facts = {.cost = area + left->cost + right->cost, .refs = left->refs + right->refs};
     uint32_t ids[REINSERTION_LEAF_MOST];
     if (left->refs > leaf_max || right->refs > leaf_max)
         return facts;
@@ -324,7 +325,7 @@ static void emit(const struct tree *tree, struct ir *ir)
     uint32_t waiting_count = 0;
     ir->node_count = 1;
     for (;;) {
-        const struct facts *facts = &tree->facts[at.node];
+        const struct subtree_plan *facts = &tree->facts[at.node];
         ir->boxes[0][at.ir_node] = vec4_box_get(box_at(tree, at.node));
         if (facts->leaf) {
             ir->nodes[at.ir_node] = (struct ir_node){ir->ref_count, facts->refs};

@@ -9,7 +9,7 @@
  * A node that is still to be split. Its refs lie somewhere in its room in one of the two arrays; its children get their
  * rooms in the other.
  */
-struct part {
+struct open_node {
     struct vec4_box bounds, centroids;
     const struct primitive_ref *refs;
     struct primitive_ref *room, *other; /* `capacity` each */
@@ -33,18 +33,19 @@ struct builder {
 };
 
 /* The best way to divide whole refs. */
-struct division {
+struct object_split {
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2]; /* set when halved */
     bool halved;
 };
 
-static void share_room(const struct part *part, const struct spatial_side sides[2], struct part ret_children[2])
+static void share_room(const struct open_node *part, const struct spatial_side sides[2],
+                       struct open_node ret_children[2])
 {
     uint32_t left = spatial_share_room(part->capacity, sides);
     for (int i = 0; i < 2; i++)
-        ret_children[i] = (struct part){
+        ret_children[i] = (struct open_node){
             .bounds = sides[i].bounds,
             .centroids = sides[i].centroids,
             .refs = i ? part->other + part->capacity - sides[1].count : part->other,
@@ -70,7 +71,7 @@ static bool is_promising(struct experience *experience)
  * Cuts the refs where that is cheaper than the best division of whole refs. When it returns false, the refs are
  * unchanged.
  */
-static bool cut(struct builder *builder, const struct part *part, const struct bins_plane *division,
+static bool cut(struct builder *builder, const struct open_node *part, const struct bins_plane *division,
                 struct spatial_side ret_sides[2])
 {
     const struct spatial_request *request = builder->request;
@@ -95,7 +96,8 @@ static bool cut(struct builder *builder, const struct part *part, const struct b
     return true;
 }
 
-static void carry_out(const struct part *part, const struct division *division, struct spatial_side ret_sides[2])
+static void carry_out(const struct open_node *part, const struct object_split *division,
+                      struct spatial_side ret_sides[2])
 {
     uint32_t left_count = division->plane.left_count, right_count = part->count - left_count;
     struct primitive_ref *right = part->other + part->capacity - right_count;
@@ -110,9 +112,9 @@ static void carry_out(const struct part *part, const struct division *division, 
     ret_sides[1] = (struct spatial_side){division->plane.right, centroids[1], right_count};
 }
 
-static void divide(struct builder *builder, const struct part *part, struct part ret_children[2])
+static void divide(struct builder *builder, const struct open_node *part, struct open_node ret_children[2])
 {
-    struct division division = {.halved = false};
+    struct object_split division = {.halved = false};
     struct bins_plane *plane = &division.plane;
     struct spatial_side sides[2];
     division.halved = !bins_find(part->refs, part->count, &part->centroids, &division.mapping, plane);
@@ -123,24 +125,24 @@ static void divide(struct builder *builder, const struct part *part, struct part
     share_room(part, sides, ret_children);
 }
 
-static void make_leaf(struct ir *ir, const struct part *part)
+static void make_leaf(struct ir *ir, const struct open_node *part)
 {
     ir->nodes[part->node] = (struct ir_node){ir->ref_count, 1};
     ir->refs[ir->ref_count++] = part->refs->id;
 }
 
 /* A node that waits while its sibling is being split. */
-struct waiting {
-    struct part part;
+struct waiting_node {
+    struct open_node part;
     uint32_t both; /* capacity of both siblings together */
     uint32_t refs_before; /* refs of the tree before either sibling */
     bool is_right;
 };
 
 /* Gives the waiting node the room that its sibling has not used. */
-static struct part resume(const struct waiting *waiting, uint32_t ref_count)
+static struct open_node resume(const struct waiting_node *waiting, uint32_t ref_count)
 {
-    struct part part = waiting->part;
+    struct open_node part = waiting->part;
     uint32_t capacity = waiting->both - (ref_count - waiting->refs_before), more = capacity - part.capacity;
     part.room -= waiting->is_right ? more : 0;
     part.other -= waiting->is_right ? more : 0;
@@ -152,10 +154,10 @@ static struct part resume(const struct waiting *waiting, uint32_t ref_count)
 enum { LOOK_ABOVE = 512 };
 
 /* Splits down to leaves. The child with more room waits while the other one is split, so at most 32 wait. */
-static enum bvhd_status split_to_end(struct builder *builder, struct ir *ir, struct part part)
+static enum bvhd_status split_to_end(struct builder *builder, struct ir *ir, struct open_node part)
 {
-    struct waiting waiting[33];
-    struct part children[2];
+    struct waiting_node waiting[33];
+    struct open_node children[2];
     uint32_t waiting_count = 0;
     for (;;) {
         ir->boxes[0][part.node] = vec4_box_get(part.bounds);
@@ -174,7 +176,8 @@ static enum bvhd_status split_to_end(struct builder *builder, struct ir *ir, str
         children[1].node = ir->node_count + 1;
         ir->node_count += 2;
         bool right_first = children[1].capacity < children[0].capacity;
-        waiting[waiting_count++] = (struct waiting){children[!right_first], part.capacity, ir->ref_count, !right_first};
+        waiting[waiting_count++] =
+            (struct waiting_node){children[!right_first], part.capacity, ir->ref_count, !right_first};
         part = children[right_first];
     }
 }
@@ -186,11 +189,11 @@ enum bvhd_status spatial_build(const struct spatial_request *request, struct mem
     enum bvhd_status status = ir_init(&ir, memory, 2 * request->capacity - 1, request->capacity, error);
     if (status != BVHD_OK)
         return status;
-    struct part root = {.refs = request->refs,
-                        .room = request->refs,
-                        .other = request->scratch,
-                        .count = request->count,
-                        .capacity = request->capacity};
+    struct open_node root = {.refs = request->refs,
+                             .room = request->refs,
+                             .other = request->scratch,
+                             .count = request->count,
+                             .capacity = request->capacity};
     bins_bound(request->refs, request->count, &root.bounds, &root.centroids);
     ir.node_count = 1;
     struct builder builder = {.request = request};

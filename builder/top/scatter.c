@@ -124,7 +124,7 @@ static uint32_t *places_of(const struct scatter *s, size_t chunk)
 enum { STEP = 256, STEP_CHANGES = STEP / 8 };
 
 /* The result of one loop: the piece of its last ref, and how many refs went to another piece than the ref before. */
-struct step {
+struct scatter_carry {
     uint32_t piece, changes;
 };
 
@@ -133,8 +133,9 @@ struct step {
  * the request mostly go to different pieces, that branch would be unpredictable, and going down the tree of planes,
  * with the same number of steps for every ref, is faster.
  */
-static inline __attribute__((always_inline)) struct step assign_step(const struct scatter *s, size_t i, size_t end,
-                                                                     bool together, uint32_t piece, uint32_t *counts)
+static inline __attribute__((always_inline)) struct scatter_carry assign_step(const struct scatter *s, size_t i,
+                                                                              size_t end, bool together, uint32_t piece,
+                                                                              uint32_t *counts)
 {
     const struct primitive_ref *refs = s->request->refs;
     const struct scatter_cell *cells = s->plan.cells;
@@ -155,7 +156,7 @@ static inline __attribute__((always_inline)) struct step assign_step(const struc
         pieces[i] = (uint16_t)to;
         counts[to]++;
     }
-    return (struct step){piece, changes};
+    return (struct scatter_carry){piece, changes};
 }
 
 /*
@@ -166,7 +167,7 @@ static void assign_chunk(void *context, size_t index)
 {
     const struct scatter *s = context;
     uint32_t counts[SCATTER_PIECES_MAX + 1] = {0};
-    struct step step = {0, 0};
+    struct scatter_carry step = {0, 0};
     size_t i, end, stop;
     for (chunk_range(s, index, &i, &end); i < end; i = stop) {
         stop = end - i < STEP ? end : i + STEP;

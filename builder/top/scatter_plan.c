@@ -9,7 +9,7 @@
 enum { APART = 2048 };
 
 /* A part of the sample that is still to be divided. */
-struct part {
+struct sample_range {
     struct primitive_ref *refs;
     uint32_t node, count;
 };
@@ -38,7 +38,7 @@ static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis
 }
 
 /* Returns false where no plane has refs on both sides, or there is no room for two more nodes. */
-static bool split_part(struct planning *planning, const struct part *part, struct part ret_children[2])
+static bool split_part(struct planning *planning, const struct sample_range *part, struct sample_range ret_children[2])
 {
     const struct vec4_box centroids = bins_centroids(part->refs, part->count);
     struct bins_mapping mapping;
@@ -55,13 +55,13 @@ static bool split_part(struct planning *planning, const struct part *part, struc
         return false;
     }
     planning->nodes[part->node] = (struct scatter_node){threshold, plane.axis, child, 0};
-    ret_children[0] = (struct part){part->refs, child, left};
-    ret_children[1] = (struct part){part->refs + left, child + 1, part->count - left};
+    ret_children[0] = (struct sample_range){part->refs, child, left};
+    ret_children[1] = (struct sample_range){part->refs + left, child + 1, part->count - left};
     return true;
 }
 
 /* Divides a part if it is large enough; otherwise it becomes a leaf. */
-static bool go_on(struct planning *planning, const struct part *part, struct part ret_children[2])
+static bool go_on(struct planning *planning, const struct sample_range *part, struct sample_range ret_children[2])
 {
     if (part->count > planning->enough && split_part(planning, part, ret_children))
         return true;
@@ -73,9 +73,9 @@ static bool go_on(struct planning *planning, const struct part *part, struct par
  * Plans on one thread, left children first: where not all nodes fit, the result must not depend on the order in which
  * threads make them.
  */
-static void plan_in_order(struct planning *planning, struct part part)
+static void plan_in_order(struct planning *planning, struct sample_range part)
 {
-    struct part waiting[SCATTER_PIECES_MAX], children[2];
+    struct sample_range waiting[SCATTER_PIECES_MAX], children[2];
     uint32_t waiting_count = 0;
     for (;;) {
         if (go_on(planning, &part, children)) {
@@ -91,7 +91,7 @@ static void plan_in_order(struct planning *planning, struct part part)
 
 struct branch {
     struct planning *planning;
-    struct part parts[2];
+    struct sample_range parts[2];
 };
 
 static void plan_branch(void *context, size_t index);
@@ -100,7 +100,7 @@ static void plan_branch(void *context, size_t index);
  * Plans both children in parallel where both are large; otherwise the smaller one first, so that calls nest only a few
  * levels deep.
  */
-static void plan_part(struct planning *planning, struct part part)
+static void plan_part(struct planning *planning, struct sample_range part)
 {
     struct branch branch = {.planning = planning};
     while (go_on(planning, &part, branch.parts)) {
@@ -160,7 +160,7 @@ void scatter_plan_make(struct primitive_ref *sample, uint32_t count, uint32_t en
                        struct scatter_plan *ret_plan)
 {
     struct planning planning = {.parallel = parallel, .enough = enough, .node_count = 1};
-    const struct part all = {sample, 0, count};
+    const struct sample_range all = {sample, 0, count};
     plan_part(&planning, all);
     if (planning.full) {
         planning.node_count = 1;

@@ -20,14 +20,14 @@ enum { OUTSIZE_RARE = 8 };
  * A node that is still to be divided. Its refs lie somewhere in its room in one of the two arrays; its children get
  * their rooms in the other.
  */
-struct part {
+struct spatial_range {
     struct vec4_box bounds, centroids;
     uint32_t node, first, count, room, capacity;
     bool in_scratch;
 };
 
 /* A chunk of the part that is being divided. */
-struct chunk {
+struct spatial_chunk {
     struct bins bins;
     struct spatial_bins parts;
     uint32_t counts[2], places[2]; /* for each side: how many refs go there, and where */
@@ -35,7 +35,7 @@ struct chunk {
     struct spatial_side sides[2];
 };
 
-struct splitter {
+struct spatial_splitter {
     const struct spatial_split_request *request;
     struct memory *memory;
     const struct parallel *parallel;
@@ -43,8 +43,8 @@ struct splitter {
     uint32_t node_capacity;
     float whole; /* half area of the root, without the outsize refs */
     float price; /* spatial_price */
-    struct part part; /* the node that is being divided */
-    struct chunk *chunks;
+    struct spatial_range part; /* the node that is being divided */
+    struct spatial_chunk *chunks;
     uint8_t *sides; /* side of each ref of the part, by spatial_assign, or 0 and 1 */
     struct bins_mapping mapping;
     struct bins_plane plane;
@@ -52,35 +52,35 @@ struct splitter {
     struct spatial_plane cut;
 };
 
-static struct primitive_ref *array_of(const struct splitter *s, bool scratch)
+static struct primitive_ref *array_of(const struct spatial_splitter *s, bool scratch)
 {
     return scratch ? s->request->scratch : s->request->refs;
 }
 
-static const struct primitive_ref *part_refs(const struct splitter *s)
+static const struct primitive_ref *part_refs(const struct spatial_splitter *s)
 {
     return array_of(s, s->part.in_scratch) + s->part.first;
 }
 
-static struct primitive_ref *target(const struct splitter *s)
+static struct primitive_ref *target(const struct spatial_splitter *s)
 {
     return array_of(s, !s->part.in_scratch) + s->part.room;
 }
 
-static uint32_t chunk_count(const struct splitter *s)
+static uint32_t chunk_count(const struct spatial_splitter *s)
 {
     return (uint32_t)parallel_chunks(CHUNK, s->part.count);
 }
 
-static bool each_chunk(struct splitter *s, parallel_task task)
+static bool each_chunk(struct spatial_splitter *s, parallel_task task)
 {
     return parallel_for_until(s->parallel, s->request->cancel, chunk_count(s), task, s);
 }
 
 static void bin_chunk(void *context, size_t index)
 {
-    struct splitter *s = context;
-    struct chunk *chunk = &s->chunks[index];
+    struct spatial_splitter *s = context;
+    struct spatial_chunk *chunk = &s->chunks[index];
     size_t begin, end;
     parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
     bins_clear(&chunk->bins, &s->mapping);
@@ -89,8 +89,8 @@ static void bin_chunk(void *context, size_t index)
 
 static void bin_chunk_parts(void *context, size_t index)
 {
-    struct splitter *s = context;
-    struct chunk *chunk = &s->chunks[index];
+    struct spatial_splitter *s = context;
+    struct spatial_chunk *chunk = &s->chunks[index];
     size_t begin, end;
     parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
     spatial_bins_clear(&chunk->parts);
@@ -100,8 +100,8 @@ static void bin_chunk_parts(void *context, size_t index)
 
 static void partition_chunk(void *context, size_t index)
 {
-    struct splitter *s = context;
-    struct chunk *chunk = &s->chunks[index];
+    struct spatial_splitter *s = context;
+    struct spatial_chunk *chunk = &s->chunks[index];
     struct primitive_ref *to = target(s);
     struct vec4_box centroids[2];
     size_t begin, end;
@@ -115,8 +115,8 @@ static void partition_chunk(void *context, size_t index)
 
 static void assign_chunk(void *context, size_t index)
 {
-    struct splitter *s = context;
-    struct chunk *chunk = &s->chunks[index];
+    struct spatial_splitter *s = context;
+    struct spatial_chunk *chunk = &s->chunks[index];
     size_t begin, end;
     parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
     spatial_assign(&s->grid, &s->cut, part_refs(s) + begin, (uint32_t)(end - begin), s->sides + begin, chunk->counts);
@@ -124,8 +124,8 @@ static void assign_chunk(void *context, size_t index)
 
 static void cut_chunk(void *context, size_t index)
 {
-    struct splitter *s = context;
-    struct chunk *chunk = &s->chunks[index];
+    struct spatial_splitter *s = context;
+    struct spatial_chunk *chunk = &s->chunks[index];
     struct primitive_ref *to = target(s);
     size_t begin, end;
     parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
@@ -134,13 +134,13 @@ static void cut_chunk(void *context, size_t index)
 }
 
 /* Places left refs from the start of the room on, and right ones up to its end. */
-static void place_chunks(struct splitter *s)
+static void place_chunks(struct spatial_splitter *s)
 {
     uint32_t left = 0, right = s->part.capacity;
     for (uint32_t i = 0; i < chunk_count(s); i++)
         right -= s->chunks[i].counts[1];
     for (uint32_t i = 0; i < chunk_count(s); i++) {
-        struct chunk *chunk = &s->chunks[i];
+        struct spatial_chunk *chunk = &s->chunks[i];
         chunk->places[0] = left;
         chunk->places[1] = right;
         left += chunk->counts[0];
@@ -148,7 +148,7 @@ static void place_chunks(struct splitter *s)
     }
 }
 
-static void sum_sides(const struct splitter *s, struct spatial_side ret_sides[2])
+static void sum_sides(const struct spatial_splitter *s, struct spatial_side ret_sides[2])
 {
     for (int side = 0; side < 2; side++) {
         ret_sides[side] = (struct spatial_side){vec4_box_empty(), vec4_box_empty(), 0};
@@ -163,8 +163,8 @@ static void sum_sides(const struct splitter *s, struct spatial_side ret_sides[2]
 
 static void assign_halves(void *context, size_t index)
 {
-    struct splitter *s = context;
-    struct chunk *chunk = &s->chunks[index];
+    struct spatial_splitter *s = context;
+    struct spatial_chunk *chunk = &s->chunks[index];
     const uint32_t left = s->part.count / 2;
     size_t i, end;
     parallel_chunk(index, CHUNK, s->part.count, &i, &end);
@@ -176,7 +176,7 @@ static void assign_halves(void *context, size_t index)
 }
 
 /* Moves the refs as they were assigned: to the left, to the right, or cut to both. Returns false when cancelled. */
-static bool move_refs(struct splitter *s, struct spatial_side ret_sides[2])
+static bool move_refs(struct spatial_splitter *s, struct spatial_side ret_sides[2])
 {
     place_chunks(s);
     if (!each_chunk(s, cut_chunk))
@@ -186,15 +186,15 @@ static bool move_refs(struct splitter *s, struct spatial_side ret_sides[2])
 }
 
 /* Divides refs that nothing separates in the middle of their order. Returns false when cancelled. */
-static bool halve(struct splitter *s, struct spatial_side ret_sides[2])
+static bool halve(struct spatial_splitter *s, struct spatial_side ret_sides[2])
 {
     return each_chunk(s, assign_halves) && move_refs(s, ret_sides);
 }
 
-static bool carry_out(struct splitter *s, struct spatial_side ret_sides[2])
+static bool carry_out(struct spatial_splitter *s, struct spatial_side ret_sides[2])
 {
     for (uint32_t i = 0; i < chunk_count(s); i++) {
-        struct chunk *chunk = &s->chunks[i];
+        struct spatial_chunk *chunk = &s->chunks[i];
         size_t begin, end;
         parallel_chunk(i, CHUNK, s->part.count, &begin, &end);
         chunk->counts[0] = bins_left_count(&chunk->bins, &s->plane);
@@ -211,9 +211,9 @@ static bool carry_out(struct splitter *s, struct spatial_side ret_sides[2])
  * Sets *ret_better when there is a plane that cuts triangles and costs less than the best division of whole refs.
  * Returns false when cancelled.
  */
-static bool look_for_cut(struct splitter *s, bool *ret_better)
+static bool look_for_cut(struct spatial_splitter *s, bool *ret_better)
 {
-    const struct part *part = &s->part;
+    const struct spatial_range *part = &s->part;
     *ret_better = false;
     if (!spatial_worth_a_try(&s->plane, part->count, part->capacity - part->count, s->price))
         return true;
@@ -231,7 +231,7 @@ static bool look_for_cut(struct splitter *s, bool *ret_better)
  * Cuts the refs. Neither side may stay empty: when all refs that cross the plane would be cheaper whole on one side,
  * they are cut nevertheless.
  */
-static bool carry_out_cut(struct splitter *s, struct spatial_side ret_sides[2])
+static bool carry_out_cut(struct spatial_splitter *s, struct spatial_side ret_sides[2])
 {
     if (!each_chunk(s, assign_chunk))
         return false;
@@ -248,7 +248,7 @@ static bool carry_out_cut(struct splitter *s, struct spatial_side ret_sides[2])
 }
 
 /* Divides the part, by a cut or without. Returns false when cancelled. */
-static bool divide(struct splitter *s, struct spatial_side ret_sides[2])
+static bool divide(struct spatial_splitter *s, struct spatial_side ret_sides[2])
 {
     bins_map(&s->part.centroids, s->part.count, &s->mapping);
     if (!each_chunk(s, bin_chunk))
@@ -266,11 +266,11 @@ static bool divide(struct splitter *s, struct spatial_side ret_sides[2])
     return better ? carry_out_cut(s, ret_sides) : carry_out(s, ret_sides);
 }
 
-static bool add_children(struct splitter *s, const struct spatial_side sides[2], uint32_t left,
-                         struct part ret_children[2])
+static bool add_children(struct spatial_splitter *s, const struct spatial_side sides[2], uint32_t left,
+                         struct spatial_range ret_children[2])
 {
     struct split_tree *tree = &s->tree;
-    const struct part part = s->part;
+    const struct spatial_range part = s->part;
     if (s->node_capacity - tree->node_count < 2) {
         uint32_t capacity = s->node_capacity * 2;
         struct split_node *nodes = memory_resize(s->memory, tree->nodes, (uint64_t)capacity * sizeof *nodes);
@@ -280,7 +280,7 @@ static bool add_children(struct splitter *s, const struct spatial_side sides[2],
         s->node_capacity = capacity;
     }
     for (uint32_t side = 0; side < 2; side++)
-        ret_children[side] = (struct part){
+        ret_children[side] = (struct spatial_range){
             .bounds = sides[side].bounds,
             .centroids = sides[side].centroids,
             .node = tree->node_count + side,
@@ -295,9 +295,9 @@ static bool add_children(struct splitter *s, const struct spatial_side sides[2],
     return true;
 }
 
-static void finish_piece(struct splitter *s)
+static void finish_piece(struct spatial_splitter *s)
 {
-    const struct part *part = &s->part;
+    const struct spatial_range *part = &s->part;
     s->tree.nodes[part->node] = (struct split_node){.first = part->room, .count = part->count};
     s->tree.piece_count++;
     struct primitive_ref *to = s->request->refs + part->room;
@@ -307,8 +307,8 @@ static void finish_piece(struct splitter *s)
 
 static void assign_outsize(void *context, size_t index)
 {
-    struct splitter *s = context;
-    struct chunk *chunk = &s->chunks[index];
+    struct spatial_splitter *s = context;
+    struct spatial_chunk *chunk = &s->chunks[index];
     size_t i, end;
     parallel_chunk(index, CHUNK, s->part.count, &i, &end);
     chunk->counts[0] = chunk->counts[1] = 0;
@@ -326,7 +326,7 @@ static void assign_outsize(void *context, size_t index)
  * of their own below the root, without room for more refs. Sets *ret_apart, and the price. Returns false when
  * cancelled.
  */
-static bool set_apart(struct splitter *s, struct spatial_side ret_sides[2], bool *ret_apart)
+static bool set_apart(struct spatial_splitter *s, struct spatial_side ret_sides[2], bool *ret_apart)
 {
     *ret_apart = false;
     if (!each_chunk(s, assign_outsize))
@@ -351,7 +351,7 @@ static bool set_apart(struct splitter *s, struct spatial_side ret_sides[2], bool
 }
 
 /* Makes the part's children; *ret_split is false when the part is a piece. */
-static enum bvhd_status split_part(struct splitter *s, struct part ret_children[2], bool *ret_split)
+static enum bvhd_status split_part(struct spatial_splitter *s, struct spatial_range ret_children[2], bool *ret_split)
 {
     struct spatial_side sides[2];
     bool apart = false;
@@ -367,9 +367,9 @@ static enum bvhd_status split_part(struct splitter *s, struct part ret_children[
 }
 
 /* Divides down to pieces. The child with more room waits while the other one is divided, so at most 32 wait. */
-static enum bvhd_status split_to_end(struct splitter *s)
+static enum bvhd_status split_to_end(struct spatial_splitter *s)
 {
-    struct part waiting[34], children[2];
+    struct spatial_range waiting[34], children[2];
     uint32_t waiting_count = 0;
     bool split;
     for (;;) {
@@ -389,7 +389,7 @@ static enum bvhd_status split_to_end(struct splitter *s)
     }
 }
 
-static enum bvhd_status split(struct splitter *s)
+static enum bvhd_status split(struct spatial_splitter *s)
 {
     const struct spatial_split_request *request = s->request;
     s->node_capacity = 64;
@@ -400,10 +400,10 @@ static enum bvhd_status split(struct splitter *s)
         return BVHD_NO_MEMORY;
     s->tree.node_count = 1;
     s->whole = (float)box_half_area(&request->bounds);
-    s->part = (struct part){.bounds = vec4_box_from(&request->bounds),
-                            .centroids = vec4_box_from(&request->centroids),
-                            .count = request->count,
-                            .capacity = request->capacity};
+    s->part = (struct spatial_range){.bounds = vec4_box_from(&request->bounds),
+                                     .centroids = vec4_box_from(&request->centroids),
+                                     .count = request->count,
+                                     .capacity = request->capacity};
     enum bvhd_status status = split_to_end(s);
     uint32_t count = 0;
     for (uint32_t i = 0; i < s->tree.node_count && status == BVHD_OK; i++)
@@ -416,7 +416,7 @@ enum bvhd_status spatial_split(const struct spatial_split_request *request, stru
                                const struct parallel *parallel, struct split_tree *ret_tree, float *ret_price,
                                struct bvhd_error *error)
 {
-    struct splitter s = {.request = request, .memory = memory, .parallel = parallel};
+    struct spatial_splitter s = {.request = request, .memory = memory, .parallel = parallel};
     enum bvhd_status status = split(&s);
     memory_free(memory, s.chunks);
     memory_free(memory, s.sides);

@@ -13,7 +13,7 @@
 enum { LARGE = 32768, CHUNK = 4096 };
 
 /* A node that is still to be divided. */
-struct part {
+struct split_range {
     uint32_t node, first, count;
     bool in_scratch;
     struct vec4_box centroids;
@@ -27,7 +27,7 @@ struct node_list {
 };
 
 /* A chunk of a large part in one round. */
-struct chunk {
+struct split_chunk {
     uint32_t part; /* number of the part in this round */
     uint32_t first, count;
     uint32_t left_at, right_at; /* where its left and right refs go */
@@ -36,7 +36,7 @@ struct chunk {
 };
 
 /* The division of a large part in one round. */
-struct division {
+struct split_plan {
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2];
@@ -45,7 +45,7 @@ struct division {
 };
 
 struct small_task {
-    struct part part;
+    struct split_range part;
     struct node_list list;
     enum bvhd_status status;
 };
@@ -55,12 +55,12 @@ struct splitter {
     struct memory *memory;
     const struct parallel *parallel;
     struct node_list list;
-    struct part *parts; /* large parts of this round */
-    struct division *divisions;
+    struct split_range *parts; /* large parts of this round */
+    struct split_plan *divisions;
     uint32_t part_count;
-    struct part *next_parts;
+    struct split_range *next_parts;
     uint32_t next_count;
-    struct chunk *chunks;
+    struct split_chunk *chunks;
     uint32_t chunk_count;
     struct small_task *tasks;
     uint32_t task_count, task_capacity;
@@ -91,8 +91,8 @@ static bool node_list_grow(struct node_list *list, uint32_t more, struct memory 
 }
 
 /* Makes the two children of a part; the list has room for them. */
-static void add_children(struct node_list *list, const struct part *part, const struct bins_plane *plane, bool halved,
-                         const struct vec4_box centroids[2], struct part ret_children[2])
+static void add_children(struct node_list *list, const struct split_range *part, const struct bins_plane *plane,
+                         bool halved, const struct vec4_box centroids[2], struct split_range ret_children[2])
 {
     uint32_t child = list->count, counts[2] = {plane->left_count, part->count - plane->left_count};
     list->nodes[part->node].child = child;
@@ -101,20 +101,20 @@ static void add_children(struct node_list *list, const struct part *part, const 
         list->nodes[child + side] =
             (struct split_node){vec4_box_get(side ? plane->right : plane->left), first, counts[side], 0};
         ret_children[side] =
-            (struct part){child + side, first, counts[side], part->in_scratch != !halved, centroids[side]};
+            (struct split_range){child + side, first, counts[side], part->in_scratch != !halved, centroids[side]};
     }
     list->count += 2;
 }
 
-static void finish_piece(const struct split_request *request, const struct part *part, struct node_list *list)
+static void finish_piece(const struct split_request *request, const struct split_range *part, struct node_list *list)
 {
     if (part->in_scratch)
         memcpy(request->refs + part->first, request->scratch + part->first, part->count * sizeof *request->refs);
     list->pieces++;
 }
 
-static void split_small(const struct split_request *request, struct node_list *list, const struct part *part,
-                        struct part ret_children[2])
+static void split_small(const struct split_request *request, struct node_list *list, const struct split_range *part,
+                        struct split_range ret_children[2])
 {
     const struct primitive_ref *from = array_of(request, part->in_scratch) + part->first;
     struct primitive_ref *to = array_of(request, !part->in_scratch) + part->first;
@@ -133,10 +133,10 @@ static void split_small(const struct split_request *request, struct node_list *l
  * Divides a part down to pieces on the calling thread. The larger child waits while the smaller one is divided, so at
  * most 32 wait.
  */
-static enum bvhd_status split_to_end(const struct split_request *request, struct node_list *list, struct part part,
-                                     struct memory *memory)
+static enum bvhd_status split_to_end(const struct split_request *request, struct node_list *list,
+                                     struct split_range part, struct memory *memory)
 {
-    struct part waiting[33], children[2];
+    struct split_range waiting[33], children[2];
     uint32_t waiting_count = 0;
     for (;;) {
         if (part.count <= request->piece_size) {
@@ -164,7 +164,7 @@ static void run_small_task(void *context, size_t index)
     task->status = BVHD_NO_MEMORY;
     if (!node_list_grow(&task->list, 1, splitter->memory))
         return;
-    struct part part = task->part;
+    struct split_range part = task->part;
     task->list.nodes[0] = splitter->list.nodes[part.node];
     task->list.count = 1;
     part.node = 0;
@@ -174,8 +174,8 @@ static void run_small_task(void *context, size_t index)
 static void bin_chunk(void *context, size_t index)
 {
     struct splitter *splitter = context;
-    struct chunk *chunk = &splitter->chunks[index];
-    const struct part *part = &splitter->parts[chunk->part];
+    struct split_chunk *chunk = &splitter->chunks[index];
+    const struct split_range *part = &splitter->parts[chunk->part];
     const struct bins_mapping *mapping = &splitter->divisions[chunk->part].mapping;
     if (cancelled(splitter->request))
         return;
@@ -198,7 +198,7 @@ static void bound(const struct split_request *request, const struct primitive_re
 }
 
 /* Does what bins_halve does, for a large part. */
-static void halve(const struct split_request *request, const struct part *part, struct division *division)
+static void halve(const struct split_request *request, const struct split_range *part, struct split_plan *division)
 {
     const struct primitive_ref *refs = array_of(request, part->in_scratch) + part->first;
     uint32_t left = part->count / 2;
@@ -211,9 +211,9 @@ static void halve(const struct split_request *request, const struct part *part, 
 static void divide(void *context, size_t index)
 {
     struct splitter *splitter = context;
-    const struct part *part = &splitter->parts[index];
-    struct division *division = &splitter->divisions[index];
-    struct chunk *chunks = splitter->chunks + division->first_chunk;
+    const struct split_range *part = &splitter->parts[index];
+    struct split_plan *division = &splitter->divisions[index];
+    struct split_chunk *chunks = splitter->chunks + division->first_chunk;
     struct bins sum;
     bins_clear(&sum, &division->mapping);
     for (uint32_t i = 0; i < division->chunk_count; i++)
@@ -236,9 +236,9 @@ static void divide(void *context, size_t index)
 static void partition_chunk(void *context, size_t index)
 {
     struct splitter *splitter = context;
-    struct chunk *chunk = &splitter->chunks[index];
-    const struct part *part = &splitter->parts[chunk->part];
-    const struct division *division = &splitter->divisions[chunk->part];
+    struct split_chunk *chunk = &splitter->chunks[index];
+    const struct split_range *part = &splitter->parts[chunk->part];
+    const struct split_plan *division = &splitter->divisions[chunk->part];
     if (division->halved || cancelled(splitter->request))
         return;
     const struct primitive_ref *from = array_of(splitter->request, part->in_scratch) + chunk->first;
@@ -247,11 +247,11 @@ static void partition_chunk(void *context, size_t index)
                    chunk->centroids);
 }
 
-static void sum_centroids(struct splitter *splitter, struct division *division)
+static void sum_centroids(struct splitter *splitter, struct split_plan *division)
 {
     division->centroids[0] = division->centroids[1] = vec4_box_empty();
     for (uint32_t i = 0; i < division->chunk_count; i++) {
-        const struct chunk *chunk = &splitter->chunks[division->first_chunk + i];
+        const struct split_chunk *chunk = &splitter->chunks[division->first_chunk + i];
         for (int side = 0; side < 2; side++)
             vec4_box_grow(&division->centroids[side], chunk->centroids[side].min, chunk->centroids[side].max);
     }
@@ -261,7 +261,7 @@ static void sum_centroids(struct splitter *splitter, struct division *division)
  * Puts a large part into the next round, and any other into a task. Pieces become tasks too, since they may have to be
  * copied back.
  */
-static void assign(struct splitter *splitter, const struct part *part)
+static void assign(struct splitter *splitter, const struct split_range *part)
 {
     if (part->count > LARGE && part->count > splitter->request->piece_size)
         splitter->next_parts[splitter->next_count++] = *part;
@@ -273,13 +273,13 @@ static void cut_into_chunks(struct splitter *splitter)
 {
     splitter->chunk_count = 0;
     for (uint32_t i = 0; i < splitter->part_count; i++) {
-        const struct part *part = &splitter->parts[i];
-        struct division *division = &splitter->divisions[i];
+        const struct split_range *part = &splitter->parts[i];
+        struct split_plan *division = &splitter->divisions[i];
         bins_map(&part->centroids, part->count, &division->mapping);
         division->first_chunk = splitter->chunk_count;
         division->chunk_count = (uint32_t)parallel_chunks(CHUNK, part->count);
         for (uint32_t k = 0; k < division->chunk_count; k++) {
-            struct chunk *chunk = &splitter->chunks[splitter->chunk_count++];
+            struct split_chunk *chunk = &splitter->chunks[splitter->chunk_count++];
             size_t begin, end;
             parallel_chunk(k, CHUNK, part->count, &begin, &end);
             chunk->part = i;
@@ -321,8 +321,8 @@ static enum bvhd_status run_round(struct splitter *splitter)
         return BVHD_CANCELLED;
     splitter->next_count = 0;
     for (uint32_t i = 0; i < splitter->part_count; i++) {
-        struct division *division = &splitter->divisions[i];
-        struct part children[2];
+        struct split_plan *division = &splitter->divisions[i];
+        struct split_range children[2];
         if (!division->halved)
             sum_centroids(splitter, division);
         add_children(&splitter->list, &splitter->parts[i], &division->plane, division->halved, division->centroids,
@@ -330,7 +330,7 @@ static enum bvhd_status run_round(struct splitter *splitter)
         assign(splitter, &children[0]);
         assign(splitter, &children[1]);
     }
-    struct part *swap = splitter->parts;
+    struct split_range *swap = splitter->parts;
     splitter->parts = splitter->next_parts;
     splitter->next_parts = swap;
     splitter->part_count = splitter->next_count;
@@ -402,8 +402,8 @@ static enum bvhd_status split(struct splitter *splitter)
         return BVHD_NO_MEMORY;
     splitter->list.nodes[0] = (struct split_node){request->bounds, 0, request->count, 0};
     splitter->list.count = 1;
-    assign(splitter, &(struct part){0, 0, request->count, false, vec4_box_from(&request->centroids)});
-    struct part *swap = splitter->parts;
+    assign(splitter, &(struct split_range){0, 0, request->count, false, vec4_box_from(&request->centroids)});
+    struct split_range *swap = splitter->parts;
     splitter->parts = splitter->next_parts;
     splitter->next_parts = swap;
     splitter->part_count = splitter->next_count;

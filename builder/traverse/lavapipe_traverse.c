@@ -7,14 +7,14 @@
 #include "builder/traverse/traverse_state.h"
 
 /* The state of one ray. Levels nest by calls, each with its own stack. */
-struct walk {
+struct lavapipe_walk {
     struct traverse_state state; /* first, because identify() gets it */
     const struct lavapipe_scene *scene;
     const struct lavapipe_view *view; /* the bottom level that is being traversed */
 };
 
 /* Processes a leaf that the ray reached. */
-typedef void (*visit_leaf)(struct walk *walk, uint32_t leaf);
+typedef void (*visit_leaf)(struct lavapipe_walk *walk, uint32_t leaf);
 
 static uint64_t id_of(uint32_t geometry_and_flags, uint32_t primitive)
 {
@@ -49,15 +49,15 @@ static void bounds_of(const struct lavapipe_box *root, float ret_bounds[6])
 }
 
 /* The stack: children that the ray meets, with lower bounds of their distances. */
-struct waiting {
+struct box_stack {
     uint32_t references[LAVAPIPE_MAX_LEVELS]; /* on each level at most one child waits while the other is visited */
     double distances[LAVAPIPE_MAX_LEVELS];
     unsigned count;
 };
 
 /* Returns which child of a box to visit next: the nearer one that is met. The other one is pushed. */
-static uint32_t enter_box(struct walk *walk, const struct boxtest_exact *ray, const struct lavapipe_box *box,
-                          struct waiting *waiting)
+static uint32_t enter_box(struct lavapipe_walk *walk, const struct boxtest_exact *ray, const struct lavapipe_box *box,
+                          struct box_stack *waiting)
 {
     const struct traverse_state *state = &walk->state;
     double near[2];
@@ -74,7 +74,7 @@ static uint32_t enter_box(struct walk *walk, const struct boxtest_exact *ray, co
 }
 
 /* Pops the next child that can still hold the answer: entries beyond the closest hit so far are dropped. */
-static uint32_t next_waiting(const struct walk *walk, struct waiting *waiting)
+static uint32_t next_waiting(const struct lavapipe_walk *walk, struct box_stack *waiting)
 {
     while (waiting->count > 0)
         if (waiting->distances[--waiting->count] <= walk->state.tmax)
@@ -83,12 +83,12 @@ static uint32_t next_waiting(const struct walk *walk, struct waiting *waiting)
 }
 
 /* Traverses a structure with the ray in the state's origin and direction. */
-static void visit_boxes(struct walk *walk, const struct lavapipe_view *view, visit_leaf leaf)
+static void visit_boxes(struct lavapipe_walk *walk, const struct lavapipe_view *view, visit_leaf leaf)
 {
     struct traverse_state *state = &walk->state;
     struct lavapipe_box box = lavapipe_box_at(view, LAVAPIPE_HEADER);
     uint32_t reference = LAVAPIPE_HEADER | LAVAPIPE_BOX;
-    struct waiting waiting = {.count = 0};
+    struct box_stack waiting = {.count = 0};
     struct boxtest_exact ray;
     float bounds[6];
     if (!traverse_state_is_usable(state))
@@ -109,7 +109,7 @@ static void visit_boxes(struct walk *walk, const struct lavapipe_view *view, vis
     }
 }
 
-static void visit_triangle(struct walk *walk, uint32_t leaf)
+static void visit_triangle(struct lavapipe_walk *walk, uint32_t leaf)
 {
     const struct lavapipe_triangle triangle = lavapipe_triangle_at(walk->view, leaf);
     const float *const corners[3] = {triangle.corners[0], triangle.corners[1], triangle.corners[2]};
@@ -118,14 +118,15 @@ static void visit_triangle(struct walk *walk, uint32_t leaf)
                            triangle.geometry_and_flags & LAVAPIPE_GEOMETRY_OPAQUE, corners);
 }
 
-static void visit_aabb(struct walk *walk, uint32_t leaf)
+static void visit_aabb(struct lavapipe_walk *walk, uint32_t leaf)
 {
     const struct lavapipe_aabb aabb = lavapipe_aabb_at(walk->view, leaf);
     traverse_leaf_aabb(&walk->state, leaf, id_of(aabb.geometry_and_flags, aabb.primitive),
                        aabb.geometry_and_flags & LAVAPIPE_GEOMETRY_OPAQUE, aabb.min, aabb.max);
 }
 
-static void visit_bottom(struct walk *walk, const struct lavapipe_view *view, const struct traverse_instance *instance)
+static void visit_bottom(struct lavapipe_walk *walk, const struct lavapipe_view *view,
+                         const struct traverse_instance *instance)
 {
     bool is_aabbs = view->kind == LAVAPIPE_AABB;
     if (view->kind == LAVAPIPE_INSTANCE || !traverse_state_enter(&walk->state, instance, is_aabbs))
@@ -142,7 +143,7 @@ uint32_t lavapipe_instance_flags(uint32_t sbt_and_flags)
     return flags | (sbt_and_flags & LAVAPIPE_NOT_FORCE_NO_OPAQUE ? 0 : INSTANCE_FORCE_NO_OPAQUE);
 }
 
-static void visit_instance(struct walk *walk, uint32_t leaf)
+static void visit_instance(struct lavapipe_walk *walk, uint32_t leaf)
 {
     const struct lavapipe_scene *scene = walk->scene;
     const struct lavapipe_instance record = lavapipe_instance_at(scene->top, leaf);
@@ -161,7 +162,7 @@ static void visit_instance(struct walk *walk, uint32_t leaf)
     visit_bottom(walk, scene->bottoms[row], &instance);
 }
 
-static void visit_scene(struct walk *walk)
+static void visit_scene(struct lavapipe_walk *walk)
 {
     const struct lavapipe_scene *scene = walk->scene;
     if (!scene->top && scene->bottom_count && scene->bottoms[0])
@@ -174,7 +175,7 @@ bool lavapipe_traverse(const struct lavapipe_scene *scene, const struct ray *ray
                        const struct traverse_options *options, struct ray_hit *ret_hit,
                        struct traverse_counters *counters)
 {
-    struct walk walk;
+    struct lavapipe_walk walk;
     if (!traverse_state_start(&walk.state, ray, options))
         return false;
     walk.state.identify = identify;

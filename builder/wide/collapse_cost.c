@@ -87,11 +87,15 @@ void collapse_table_init(struct collapse_table *table, const struct ir *ir, cons
  * a + b = m of left[a] + right[b], for m = 0 .. 6. A minimum does not depend on the order, so both versions give the
  * same bits. There are no branches, because which of two siblings are leaves is unpredictable.
  */
-#ifdef USE_SSE2
-
 struct costs {
+#ifdef USE_SSE2
     __m128 low, high; /* the eighth lane is no cost */
+#else
+    float as[COLLAPSE_BUDGETS];
+#endif
 };
+
+#ifdef USE_SSE2
 
 static inline __m128 sides_in_lanes(const struct box *box, __m128 scale)
 {
@@ -186,10 +190,6 @@ static inline void combine(const struct costs *left, const struct costs *right, 
 }
 
 #else
-
-struct costs {
-    float as[COLLAPSE_BUDGETS];
-};
 
 static inline void measure_pair(const struct collapse_table *table, uint32_t first, float ret_measures[2])
 {

@@ -21,7 +21,7 @@ enum { STRIDE = 4096 };
  * stack of waiting nodes and its first_leaf is its level; afterwards first_leaf is the number of its leaf refs, until
  * place_leaves turns those into positions.
  */
-struct run {
+struct node_buffer {
     struct wide_node *nodes;
     uint32_t count, capacity;
     uint32_t depth;
@@ -32,7 +32,7 @@ struct task {
     uint32_t skeleton; /* index of its root in the skeleton */
     uint32_t node; /* its root in the ir */
     uint32_t base; /* where its nodes below the root go */
-    struct run run;
+    struct node_buffer run;
 };
 
 struct emission {
@@ -54,7 +54,7 @@ static bool fail(struct emission *emission, enum bvhd_status status)
     return false;
 }
 
-static bool reserve(struct emission *emission, struct run *run, uint32_t count)
+static bool reserve(struct emission *emission, struct node_buffer *run, uint32_t count)
 {
     uint64_t needed = (uint64_t)run->count + count;
     if (needed <= run->capacity)
@@ -85,9 +85,9 @@ static void fill_slots(const struct emission *emission, struct wide_node *wide)
 }
 
 /* Starts a run with one node, which waits for its visit, and reserves room for a subtree of `refs` refs. */
-static bool start(struct emission *emission, struct run *run, uint32_t node, uint32_t refs)
+static bool start(struct emission *emission, struct node_buffer *run, uint32_t node, uint32_t refs)
 {
-    *run = (struct run){.waiting = NO_NODE};
+    *run = (struct node_buffer){.waiting = NO_NODE};
     if (!reserve(emission, run, refs / 8 + 8))
         return false;
     run->nodes[0] = (struct wide_node){.node = node, .first_child = NO_NODE, .first_leaf = 1};
@@ -102,7 +102,7 @@ static bool start(struct emission *emission, struct run *run, uint32_t node, uin
  * and kept if it is an inner child, without a branch, because that is unpredictable. The slots of all children are
  * filled here, before any of them decides where to go on, so that the processor works on several at once.
  */
-static bool visit(struct emission *emission, struct run *run)
+static bool visit(struct emission *emission, struct node_buffer *run)
 {
     if (!reserve(emission, run, WIDE_ARITY))
         return false;
@@ -148,7 +148,7 @@ static bool add_task(struct emission *emission, uint32_t skeleton, uint32_t node
  * Lays out the top of the tree (the skeleton). Subtrees of middle size become tasks; their roots stay in the waiting
  * state, with their level in first_leaf.
  */
-static bool emit_skeleton(struct emission *emission, struct run *run)
+static bool emit_skeleton(struct emission *emission, struct node_buffer *run)
 {
     if (!start(emission, run, 0, emission->shared_out ? 0 : collapse_count(emission->table, 0)))
         return false;
@@ -188,7 +188,7 @@ static void copy_task(void *context, size_t index)
 {
     struct emission *emission = context;
     const struct task *task = &emission->tasks[index];
-    const struct run *run = &task->run;
+    const struct node_buffer *run = &task->run;
     for (uint32_t i = 1; i < run->count; i++) {
         struct wide_node *placed = &emission->placed[task->base + i - 1];
         *placed = run->nodes[i];
@@ -201,7 +201,7 @@ static void copy_task(void *context, size_t index)
  * Places every node of the skeleton, again depth first, with gaps for the nodes of tasks. The skeleton was laid out in
  * the order of visits, so this second walk meets the tasks in their order.
  */
-static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
+static uint32_t place_skeleton(struct emission *emission, struct node_buffer *skeleton)
 {
     struct wide_node *placed = emission->placed;
     struct task *task = emission->tasks, *end = emission->task_count ? task + emission->task_count : task;
@@ -246,7 +246,7 @@ static uint32_t place_skeleton(struct emission *emission, struct run *skeleton)
 }
 
 /* Without tasks the skeleton already is the tree, in its order. */
-static uint32_t take_skeleton(struct emission *emission, struct run *skeleton)
+static uint32_t take_skeleton(struct emission *emission, struct node_buffer *skeleton)
 {
     emission->placed = skeleton->nodes;
     skeleton->nodes = NULL;
@@ -268,7 +268,7 @@ static uint32_t place_leaves(const struct emission *emission, uint32_t count)
     return sum;
 }
 
-static uint32_t total_depth(const struct emission *emission, const struct run *skeleton)
+static uint32_t total_depth(const struct emission *emission, const struct node_buffer *skeleton)
 {
     uint32_t depth = skeleton->depth;
     for (uint32_t i = 0; i < emission->task_count; i++) {
@@ -279,7 +279,7 @@ static uint32_t total_depth(const struct emission *emission, const struct run *s
     return depth;
 }
 
-static enum bvhd_status join(struct emission *emission, struct run *skeleton, const struct parallel *parallel,
+static enum bvhd_status join(struct emission *emission, struct node_buffer *skeleton, const struct parallel *parallel,
                              struct wide *ret_wide)
 {
     uint64_t count = skeleton->count;
@@ -316,7 +316,7 @@ enum bvhd_status collapse_emit(const struct collapse_table *table, const atomic_
                                 .avx2 = octants_has_avx2(),
                                 .shared_out = parallel->threads > 1,
                                 .status = BVHD_OK};
-    struct run skeleton;
+    struct node_buffer skeleton;
     if (emit_skeleton(&emission, &skeleton))
         parallel_for(parallel, emission.task_count, emit_task, &emission);
     enum bvhd_status status = (enum bvhd_status)atomic_load(&emission.status);

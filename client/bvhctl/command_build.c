@@ -19,7 +19,7 @@ struct failure {
 };
 
 /* One call of `bvhctl build`. */
-struct run {
+struct build_command {
     const struct options *options; /* `complete` */
     struct options complete; /* what was asked, and the format that it means */
     struct bvhd_format format;
@@ -43,7 +43,7 @@ struct run {
 };
 
 /* Says it at once, and keeps it for the JSON object. */
-static void fail(struct run *run, const char *what, const struct bvhd_error *error)
+static void fail(struct build_command *run, const char *what, const struct bvhd_error *error)
 {
     progress_end(&run->progress);
     report_line(what, error);
@@ -78,7 +78,7 @@ static void note_import(const struct import *import)
                     (unsigned long long)import->skipped_instances, bvhd_vuid_string(BVHD_VUID_03799));
 }
 
-static void write_scene(struct run *run, const struct import *import, const char *path)
+static void write_scene(struct build_command *run, const struct import *import, const char *path)
 {
     struct json *json = &run->scenes;
     json_object(json, NULL);
@@ -120,7 +120,7 @@ static void print_structure(const struct bvhd_result *item, const char *file, bo
 }
 
 /* Writes the file, and its entry everywhere. */
-static enum bvhd_status keep_structure(struct run *run, const struct assembly *assembly, uint32_t index,
+static enum bvhd_status keep_structure(struct build_command *run, const struct assembly *assembly, uint32_t index,
                                        char *const *files, struct bvhd_error *error)
 {
     const struct bvhd_result *item = &assembly->items[index];
@@ -142,7 +142,7 @@ static enum bvhd_status keep_structure(struct run *run, const struct assembly *a
     return BVHD_OK;
 }
 
-static bool is_interrupted(const struct run *run)
+static bool is_interrupted(const struct build_command *run)
 {
     return atomic_load(run->cancel);
 }
@@ -160,7 +160,7 @@ static enum bvhd_status check_handles(const struct assembly *assembly, char *con
 }
 
 /* What cannot be written has failed like what cannot be built. */
-static void keep_structures(struct run *run, const struct assembly *assembly, char **files)
+static void keep_structures(struct build_command *run, const struct assembly *assembly, char **files)
 {
     uint32_t top = assembly->import->part_count;
     for (uint32_t i = 0; i <= top && !is_interrupted(run); i++) {
@@ -196,7 +196,7 @@ static void free_file_names(const struct import *import, char **files)
     memory_free(import->memory, files);
 }
 
-static enum bvhd_status build_imported(struct run *run, const struct import *import, struct bvhd_error *error)
+static enum bvhd_status build_imported(struct build_command *run, const struct import *import, struct bvhd_error *error)
 {
     struct assembly assembly;
     char **files = make_file_names(import);
@@ -213,7 +213,7 @@ static enum bvhd_status build_imported(struct run *run, const struct import *imp
     return status;
 }
 
-static void build_scene(struct run *run, const char *path)
+static void build_scene(struct build_command *run, const char *path)
 {
     struct import import;
     struct bvhd_error error = {0};
@@ -259,7 +259,7 @@ static enum bvhd_status check_names(const struct options *options, struct memory
     return names ? status : bvhd_error_no_memory(error, "build", "no memory for the scenes' names");
 }
 
-static enum bvhd_status write_manifest(struct run *run, struct bvhd_error *error)
+static enum bvhd_status write_manifest(struct build_command *run, struct bvhd_error *error)
 {
     struct json *json = &run->manifest;
     json_array_end(json);
@@ -276,7 +276,7 @@ static enum bvhd_status write_manifest(struct run *run, struct bvhd_error *error
     return status;
 }
 
-static void begin_output(struct run *run)
+static void begin_output(struct build_command *run)
 {
     char *target = files_join(&run->notes, run->options->output, MANIFEST_NAME);
     depfile_init(&run->depfile, &run->notes, target ? target : "");
@@ -295,7 +295,7 @@ static void begin_output(struct run *run)
     }
 }
 
-static void print_report(struct run *run)
+static void print_report(struct build_command *run)
 {
     struct json *json = &run->report;
     json_array_end(json);
@@ -314,13 +314,13 @@ static void print_report(struct run *run)
     json_object_end(json);
 }
 
-static void print_summary(const struct run *run)
+static void print_summary(const struct build_command *run)
 {
     printf("%llu structures, %.2f MB, %llu files changed, %.0f ms\n", (unsigned long long)run->structure_count,
            (double)run->byte_count / 1e6, (unsigned long long)run->changed_count, clock_ms() - run->start);
 }
 
-static void write_lists(struct run *run)
+static void write_lists(struct build_command *run)
 {
     struct bvhd_error error;
     if (run->failed && run->structure_count == 0)
@@ -331,7 +331,7 @@ static void write_lists(struct run *run)
         fail(run, "build", &error);
 }
 
-static enum exit_code finish_output(struct run *run)
+static enum exit_code finish_output(struct build_command *run)
 {
     struct bvhd_error error;
     if (is_interrupted(run)) {
@@ -354,7 +354,7 @@ static enum exit_code finish_output(struct run *run)
     return ok && !run->failed ? EXIT_DONE : EXIT_FAILED;
 }
 
-static void release(struct run *run)
+static void release(struct build_command *run)
 {
     for (uint32_t i = 0; i < run->failure_count; i++)
         memory_free(&run->notes, run->failures[i].what);
@@ -368,7 +368,7 @@ static void release(struct run *run)
 }
 
 /* What is built for: portable structures are for any device. */
-static enum bvhd_status find_format(struct run *run, struct bvhd_error *error)
+static enum bvhd_status find_format(struct build_command *run, struct bvhd_error *error)
 {
     struct options *options = &run->complete;
     const struct target_reader *reader = target_reader_find(options->build.target);
@@ -383,7 +383,7 @@ static enum bvhd_status find_format(struct run *run, struct bvhd_error *error)
     return status;
 }
 
-static enum bvhd_status open_backend(struct run *run, struct bvhd_error *error)
+static enum bvhd_status open_backend(struct build_command *run, struct bvhd_error *error)
 {
     const struct options *options = run->options;
     if (options->local) {
@@ -394,7 +394,7 @@ static enum bvhd_status open_backend(struct run *run, struct bvhd_error *error)
     return backend_service_open(&run->service, options, &run->memory, &run->progress, run->cancel, error);
 }
 
-static enum exit_code build_scenes(struct run *run)
+static enum exit_code build_scenes(struct build_command *run)
 {
     begin_output(run);
     for (int i = 0; i < run->options->operand_count && !is_interrupted(run) && !run->loss.status; i++)
@@ -405,7 +405,7 @@ static enum exit_code build_scenes(struct run *run)
 enum exit_code command_build(const struct options *options, const atomic_bool *cancel)
 {
     struct bvhd_error error;
-    struct run run = {.complete = *options, .cancel = cancel, .start = clock_ms()};
+    struct build_command run = {.complete = *options, .cancel = cancel, .start = clock_ms()};
     run.options = &run.complete;
     memory_init(&run.memory, options->memory);
     memory_init(&run.notes, UINT64_MAX);

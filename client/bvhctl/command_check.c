@@ -11,7 +11,7 @@
 enum { DEFAULT_RAYS = 4000 };
 
 /* One call of `bvhctl check`. */
-struct run {
+struct check_command {
     const struct options *options;
     struct local local;
     struct import import;
@@ -30,7 +30,7 @@ struct tally {
     double t_rel_err_max;
 };
 
-static enum bvhd_status open_both(struct run *run, struct bvhd_error *error)
+static enum bvhd_status open_both(struct check_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
@@ -45,7 +45,7 @@ static enum bvhd_status open_both(struct run *run, struct bvhd_error *error)
     return status;
 }
 
-static enum bvhd_status ask_oracle(struct run *run, struct bvhd_error *error)
+static enum bvhd_status ask_oracle(struct check_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
     run->ray_count = run->options->rays > 0 ? (uint32_t)run->options->rays : DEFAULT_RAYS;
@@ -73,7 +73,7 @@ static void count_verdict(struct tally *tally, enum oracle_verdict verdict, doub
         tally->t_rel_err_max = t_rel_err;
 }
 
-static struct tally judge_all(const struct run *run)
+static struct tally judge_all(const struct check_command *run)
 {
     struct tally tally = {0};
     struct traverse_options options = {.flip_order = run->options->flip_order};
@@ -88,7 +88,7 @@ static struct tally judge_all(const struct run *run)
     return tally;
 }
 
-static void write_tally(const struct run *run, const struct tally *tally, struct json *json)
+static void write_tally(const struct check_command *run, const struct tally *tally, struct json *json)
 {
     json_object(json, NULL);
     json_integer(json, "schema", 1);
@@ -105,7 +105,7 @@ static void write_tally(const struct run *run, const struct tally *tally, struct
     json_object_end(json);
 }
 
-static bool print_tally(struct run *run, const struct tally *tally)
+static bool print_tally(struct check_command *run, const struct tally *tally)
 {
     uint64_t wrong = tally->wrong_miss + tally->wrong_hit + tally->wrong_primitive;
     if (!run->options->json) {
@@ -125,7 +125,7 @@ static bool print_tally(struct run *run, const struct tally *tally)
     return ok;
 }
 
-static enum exit_code judge(struct run *run)
+static enum exit_code judge(struct check_command *run)
 {
     struct tally tally = judge_all(run);
     uint64_t wrong = tally.wrong_miss + tally.wrong_hit + tally.wrong_primitive;
@@ -136,7 +136,7 @@ static enum exit_code judge(struct run *run)
     return wrong ? EXIT_WRONG : EXIT_DONE;
 }
 
-static void release(struct run *run)
+static void release(struct check_command *run)
 {
     struct memory *memory = &run->local.memory;
     if (run->answered)
@@ -151,7 +151,7 @@ static void release(struct run *run)
 
 enum exit_code command_check(const struct options *options)
 {
-    struct run run = {.options = options};
+    struct check_command run = {.options = options};
     struct bvhd_error error;
     enum bvhd_status status = local_open(&run.local, options->threads, options->memory, &error);
     if (status)

@@ -12,7 +12,7 @@ struct found {
     struct bvhd_error why_not; /* when there is none */
 };
 
-struct list {
+struct device_list {
     struct memory memory;
     struct found *devices;
     uint32_t count;
@@ -47,7 +47,7 @@ static void probe(struct found *found, struct memory *memory)
 }
 
 /* That there is no device is an answer. */
-static enum bvhd_status find(struct list *list, struct bvhd_error *error)
+static enum bvhd_status find(struct device_list *list, struct bvhd_error *error)
 {
     struct gpu_properties *properties = NULL;
     uint32_t count = 0;
@@ -98,7 +98,7 @@ static void write_device(const struct found *found, struct json *json)
     json_object_end(json);
 }
 
-static bool print_json(struct list *list)
+static bool print_json(struct device_list *list)
 {
     struct json json;
     json_init(&json, &list->memory, false);
@@ -134,7 +134,7 @@ static void print_device(const struct found *found)
            properties->has_ray_pipeline ? "yes" : "no");
 }
 
-static bool print_text(const struct list *list)
+static bool print_text(const struct device_list *list)
 {
     if (!list->count)
         printf("no Vulkan device: %s\n", list->missing.text);
@@ -145,7 +145,7 @@ static bool print_text(const struct list *list)
 
 enum exit_code command_devices(const struct options *options)
 {
-    struct list list = {.count = 0};
+    struct device_list list = {.count = 0};
     struct bvhd_error error;
     memory_init(&list.memory, UINT64_MAX);
     enum exit_code code;

@@ -13,7 +13,7 @@
 enum { GEOMETRY_LINES = 16 }; /* most geometries that the text shows */
 
 /* One call of `bvhctl inspect`. */
-struct run {
+struct inspect_command {
     const struct options *options;
     struct memory memory;
     struct json json;
@@ -236,7 +236,7 @@ static void print_file(const struct inspected *inspected)
     print_geometries(structure);
 }
 
-static void fail(struct run *run, const struct bvhd_error *error)
+static void fail(struct inspect_command *run, const struct bvhd_error *error)
 {
     if (run->code == EXIT_DONE)
         run->first_error = *error;
@@ -246,14 +246,14 @@ static void fail(struct run *run, const struct bvhd_error *error)
     run->code = run->code == EXIT_FAILED ? EXIT_FAILED : code;
 }
 
-static enum bvhd_status take(struct run *run, struct inspected *inspected, struct bvhd_error *error)
+static enum bvhd_status take(struct inspect_command *run, struct inspected *inspected, struct bvhd_error *error)
 {
     enum bvhd_status status = serialized_read(inspected->structure->blob, &inspected->serialized, error);
     return status ? status : survey_take(inspected->structure, &run->memory, &inspected->survey, error);
 }
 
 /* BVHD_NOT_FOUND: it is none, and what is wrong with it as a structure is what matters. */
-static enum bvhd_status inspect_probe(struct run *run, const char *path, struct bvhd_error *error)
+static enum bvhd_status inspect_probe(struct inspect_command *run, const char *path, struct bvhd_error *error)
 {
     struct inspect_probe probe;
     enum bvhd_status status = inspect_probe_open(path, &run->memory, &probe, error);
@@ -268,7 +268,7 @@ static enum bvhd_status inspect_probe(struct run *run, const char *path, struct 
 }
 
 /* A file that is no structure may be a probe. */
-static enum bvhd_status inspect_other(struct run *run, const char *path, enum bvhd_status status,
+static enum bvhd_status inspect_other(struct inspect_command *run, const char *path, enum bvhd_status status,
                                       struct bvhd_error *error)
 {
     struct bvhd_error of_probe;
@@ -282,7 +282,7 @@ static enum bvhd_status inspect_other(struct run *run, const char *path, enum bv
     return error->status;
 }
 
-static void inspect_file(struct run *run, const char *path)
+static void inspect_file(struct inspect_command *run, const char *path)
 {
     struct structure_file file;
     struct inspected inspected = {.path = path, .structure = &file.structure};
@@ -303,7 +303,7 @@ static void inspect_file(struct run *run, const char *path)
         fail(run, &error);
 }
 
-static void inspect_directory(struct run *run, const char *directory)
+static void inspect_directory(struct inspect_command *run, const char *directory)
 {
     struct manifest manifest;
     struct bvhd_error error;
@@ -324,7 +324,7 @@ static void inspect_directory(struct run *run, const char *directory)
 
 enum exit_code command_inspect(const struct options *options)
 {
-    struct run run = {.options = options};
+    struct inspect_command run = {.options = options};
     memory_init(&run.memory, options->memory);
     json_init(&run.json, &run.memory, false);
     json_object(&run.json, NULL);

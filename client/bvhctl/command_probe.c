@@ -6,7 +6,7 @@
 #include "client/bvhctl/gpu/gpu.h"
 
 /* One call of `bvhctl probe`. */
-struct call {
+struct probe_command {
     const struct options *options;
     struct memory memory;
     struct gpu *gpu;
@@ -17,7 +17,7 @@ struct call {
 };
 
 /* A probe that nothing reproduces is worth a file too: a newer version may know more. */
-static enum bvhd_status match(struct call *call, struct bvhd_error *error)
+static enum bvhd_status match(struct probe_command *call, struct bvhd_error *error)
 {
     struct bvhd_format format = {.struct_size = sizeof format};
     enum bvhd_status status = bvhd_format_from_probe(call->probe, call->size, &format, &call->why_not);
@@ -28,7 +28,7 @@ static enum bvhd_status match(struct call *call, struct bvhd_error *error)
     return status == BVHD_UNSUPPORTED ? BVHD_OK : status;
 }
 
-static enum bvhd_status run(struct call *call, struct bvhd_error *error)
+static enum bvhd_status run(struct probe_command *call, struct bvhd_error *error)
 {
     const struct options *options = call->options;
     enum bvhd_status status = gpu_open(options->device ? options->device : "auto", &call->memory, &call->gpu, error);
@@ -41,7 +41,7 @@ static enum bvhd_status run(struct call *call, struct bvhd_error *error)
     return status;
 }
 
-static bool print_json(struct call *call)
+static bool print_json(struct probe_command *call)
 {
     struct json json;
     json_init(&json, &call->memory, false);
@@ -65,7 +65,7 @@ static bool print_json(struct call *call)
     return ok;
 }
 
-static bool print_text(const struct call *call)
+static bool print_text(const struct probe_command *call)
 {
     printf("%s: %s, %s\n", call->options->output, call->gpu->properties.name, call->gpu->properties.driver);
     if (call->target)
@@ -77,7 +77,7 @@ static bool print_text(const struct call *call)
 
 enum exit_code command_probe(const struct options *options)
 {
-    struct call call = {.options = options};
+    struct probe_command call = {.options = options};
     struct bvhd_error error;
     memory_init(&call.memory, UINT64_MAX);
     enum exit_code code;

@@ -23,7 +23,7 @@ enum { RAYS_A_PIXEL = 20 };
 static const double affordable_tests = 2e10;
 
 /* One call of `bvhctl trace`. */
-struct run {
+struct trace_command {
     const struct options *options;
     tracer_chooser choose;
     struct local local;
@@ -41,7 +41,7 @@ struct run {
  * Scenes in which boxes tell nothing apart - the same triangle many times, coordinates near the smallest floats - have
  * every ray test every triangle. Better say so than draw for days.
  */
-static enum bvhd_status check_cost(const struct run *run, struct bvhd_error *error)
+static enum bvhd_status check_cost(const struct trace_command *run, struct bvhd_error *error)
 {
     double tests = stage_cost(&run->stage) * RAYS_A_PIXEL * run->options->width * run->options->height;
     if (tests <= affordable_tests)
@@ -50,14 +50,14 @@ static enum bvhd_status check_cost(const struct run *run, struct bvhd_error *err
                           "about %.0e triangle tests for this picture; a smaller --size may do", tests);
 }
 
-static enum bvhd_status choose_camera(struct run *run, struct bvhd_error *error)
+static enum bvhd_status choose_camera(struct trace_command *run, struct bvhd_error *error)
 {
     uint64_t rays;
     double aspect = (double)run->options->width / run->options->height;
     return camera_choose(&run->stage, aspect, run->local.parallel, &run->local.memory, &run->camera, &rays, error);
 }
 
-static enum bvhd_status render(struct run *run, struct bvhd_error *error)
+static enum bvhd_status render(struct trace_command *run, struct bvhd_error *error)
 {
     struct light light;
     light_init(&light, &run->stage, &run->surfaces, &run->camera);
@@ -80,7 +80,7 @@ static enum bvhd_status render(struct run *run, struct bvhd_error *error)
 }
 
 /* Rays of the picture's camera, spread over the picture. */
-static void make_checked_rays(const struct run *run, uint32_t count, struct ray *rays)
+static void make_checked_rays(const struct trace_command *run, uint32_t count, struct ray *rays)
 {
     double step = (double)CHECKED_RAYS / count;
     for (uint32_t i = 0; i < count; i++) {
@@ -91,7 +91,7 @@ static void make_checked_rays(const struct run *run, uint32_t count, struct ray 
     }
 }
 
-static enum bvhd_status doubt_cpu(struct run *run, struct bvhd_error *error)
+static enum bvhd_status doubt_cpu(struct trace_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
     double affordable = checked_pairs / (double)(run->stage.triangle_count + 1);
@@ -112,7 +112,7 @@ static enum bvhd_status doubt_cpu(struct run *run, struct bvhd_error *error)
     return status;
 }
 
-static enum bvhd_status check(struct run *run, struct bvhd_error *error)
+static enum bvhd_status check(struct trace_command *run, struct bvhd_error *error)
 {
     enum bvhd_status status = run->choice.is_cpu ? doubt_cpu(run, error) : BVHD_OK;
     if (status)
@@ -123,12 +123,12 @@ static enum bvhd_status check(struct run *run, struct bvhd_error *error)
     return status;
 }
 
-static double mrays_s(const struct run *run)
+static double mrays_s(const struct trace_command *run)
 {
     return (double)run->picture.rays / run->picture.seconds / 1e6;
 }
 
-static bool print_json(struct run *run)
+static bool print_json(struct trace_command *run)
 {
     struct json json;
     json_init(&json, &run->local.memory, false);
@@ -152,7 +152,7 @@ static bool print_json(struct run *run)
     return ok;
 }
 
-static bool print_text(const struct run *run)
+static bool print_text(const struct trace_command *run)
 {
     const struct agreement *agreement = &run->agreement;
     printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; %llu of them %s: %llu wrong, %llu uncertain\n",
@@ -163,7 +163,7 @@ static bool print_text(const struct run *run)
     return report_flush();
 }
 
-static enum bvhd_status open_scene(struct run *run, struct bvhd_error *error)
+static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
@@ -179,7 +179,7 @@ static enum bvhd_status open_scene(struct run *run, struct bvhd_error *error)
     return status;
 }
 
-static enum bvhd_status make_picture(struct run *run, struct bvhd_error *error)
+static enum bvhd_status make_picture(struct trace_command *run, struct bvhd_error *error)
 {
     enum bvhd_status status = open_scene(run, error);
     if (status)
@@ -196,7 +196,7 @@ static enum bvhd_status make_picture(struct run *run, struct bvhd_error *error)
     return status;
 }
 
-static void release(struct run *run)
+static void release(struct trace_command *run)
 {
     picture_finish(&run->picture);
     agreement_finish(&run->agreement);
@@ -214,7 +214,7 @@ static enum exit_code fail(const struct options *options, const struct bvhd_erro
     return EXIT_FAILED;
 }
 
-static enum exit_code finish(struct run *run)
+static enum exit_code finish(struct trace_command *run)
 {
     if (!(run->options->json ? print_json(run) : print_text(run)))
         return EXIT_FAILED;
@@ -223,7 +223,7 @@ static enum exit_code finish(struct run *run)
 
 enum exit_code command_trace_by(const struct options *options, tracer_chooser choose)
 {
-    struct run run = {.options = options, .choose = choose};
+    struct trace_command run = {.options = options, .choose = choose};
     struct bvhd_error error;
     if (local_open(&run.local, options->threads, options->memory, &error))
         return fail(options, &error);

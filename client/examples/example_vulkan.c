@@ -198,7 +198,7 @@ void example_submit(const struct example_vulkan *vulkan, VkCommandBuffer command
 
 /* ---- The kernel ---- */
 
-struct kernel {
+struct compute_kernel {
     VkDescriptorSetLayout set_layout;
     VkPipelineLayout layout;
     VkPipeline pipeline;
@@ -207,7 +207,7 @@ struct kernel {
     uint32_t bindings;
 };
 
-static void create_pipeline(VkDevice device, const uint32_t *code, size_t size, struct kernel *kernel)
+static void create_pipeline(VkDevice device, const uint32_t *code, size_t size, struct compute_kernel *kernel)
 {
     VkShaderModule module;
     const VkPushConstantRange push = {VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof(uint64_t)};
@@ -232,7 +232,8 @@ static void create_pipeline(VkDevice device, const uint32_t *code, size_t size, 
 }
 
 /* Binding 0 is the output; binding 1, if there is one, is the scene. */
-static void create_set(VkDevice device, VkBuffer distances, const struct example_scene *scene, struct kernel *kernel)
+static void create_set(VkDevice device, VkBuffer distances, const struct example_scene *scene,
+                       struct compute_kernel *kernel)
 {
     const VkDescriptorType scene_type =
         scene->structure ? VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR : VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
@@ -297,7 +298,7 @@ void example_trace(const struct example_vulkan *vulkan, const uint32_t *code, si
     struct example_buffer distances =
         example_buffer(vulkan, RAYS * sizeof(float), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT,
                        VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT);
-    struct kernel kernel = {.bindings = 0};
+    struct compute_kernel kernel = {.bindings = 0};
     VkCommandBuffer commands;
     create_set(vulkan->device, distances.buffer, scene, &kernel);
     create_pipeline(vulkan->device, code, size, &kernel);

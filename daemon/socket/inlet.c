@@ -43,7 +43,7 @@ void inlet_open(struct inlet *inlet)
  */
 enum { MOST_AT_ONCE = 253, SCRAP_SIZE = 16 * 1024 };
 
-struct arrival {
+struct received {
     ssize_t size; /* as of recvmsg */
     int number; /* errno */
     uint32_t count;
@@ -63,7 +63,7 @@ static uint32_t received_descriptors(struct msghdr *message, int ret_descriptors
     return count;
 }
 
-static void receive_message(int socket, void *bytes, uint64_t size, struct arrival *ret_arrival)
+static void receive_message(int socket, void *bytes, uint64_t size, struct received *ret_arrival)
 {
     union {
         struct cmsghdr align;
@@ -79,7 +79,7 @@ static void receive_message(int socket, void *bytes, uint64_t size, struct arriv
 }
 
 /* Beyond what has been counted, which no honest client sends. */
-static void keep_counted(struct arrival *arrival)
+static void keep_counted(struct received *arrival)
 {
     for (; arrival->count > INLET_DESCRIPTORS; arrival->cut = true)
         release_descriptor(arrival->descriptors[--arrival->count]);
@@ -112,7 +112,7 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
         return status == BVHD_NO_MEMORY ? INLET_SHORT : INLET_BROKEN;
     if (!descriptors_take(inlet->descriptors, INLET_DESCRIPTORS, 0))
         return INLET_SHORT;
-    struct arrival arrival;
+    struct received arrival;
     receive_message(inlet->socket, at, space, &arrival);
     keep_counted(&arrival);
     descriptors_give(inlet->descriptors, INLET_DESCRIPTORS - arrival.count);
@@ -132,7 +132,7 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
 enum inlet_result inlet_throw_away(struct inlet *inlet)
 {
     char scrap[SCRAP_SIZE];
-    struct arrival arrival;
+    struct received arrival;
     receive_message(inlet->socket, scrap, sizeof scrap, &arrival);
     for (uint32_t i = 0; i < arrival.count; i++)
         release_descriptor(arrival.descriptors[i]);

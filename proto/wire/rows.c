@@ -29,7 +29,7 @@ static struct parts parts_of(const struct geometry *geometry)
 }
 
 /* Places the memory of all geometries in the order of the payload. */
-struct layout {
+struct payload_layout {
     struct parts last; /* of the previous geometry */
     struct row_span spans[PART_COUNT]; /* of the geometry that was placed last */
     bool fresh[PART_COUNT]; /* true unless the part shares the span of the previous geometry */
@@ -46,7 +46,7 @@ static bool extend(uint64_t *end, uint64_t size)
     return true;
 }
 
-static bool place_part(struct layout *layout, int part, struct bytes bytes)
+static bool place_part(struct payload_layout *layout, int part, struct bytes bytes)
 {
     const struct bytes *last = &layout->last.of[part];
     layout->fresh[part] = bytes.data != last->data || bytes.size != last->size;
@@ -55,7 +55,7 @@ static bool place_part(struct layout *layout, int part, struct bytes bytes)
     return !layout->fresh[part] || !bytes.data || extend(&layout->end, bytes.size);
 }
 
-static bool place_geometry(struct layout *layout, const struct geometry *geometry)
+static bool place_geometry(struct payload_layout *layout, const struct geometry *geometry)
 {
     struct parts parts = parts_of(geometry);
     for (int part = 0; part < PART_COUNT; part++)
@@ -74,7 +74,7 @@ static uint64_t rows_end(const struct build_input *input)
 
 bool rows_payload_size(const struct build_input *input, uint64_t *ret_size)
 {
-    struct layout layout = {.end = rows_end(input)};
+    struct payload_layout layout = {.end = rows_end(input)};
     for (uint32_t i = 0; i < input->geometry_count; i++)
         if (!place_geometry(&layout, &input->geometries[i]))
             return false;
@@ -120,7 +120,7 @@ static struct reference_row reference_to_row(const struct reference *reference)
 /* Writes the rows alone, which lie at the front of the payload. */
 static void write_rows(const struct build_input *input, unsigned char *payload)
 {
-    struct layout layout = {.end = rows_end(input)};
+    struct payload_layout layout = {.end = rows_end(input)};
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         place_geometry(&layout, &input->geometries[i]);
         struct geometry_row row = geometry_to_row(&input->geometries[i], layout.spans);
@@ -143,7 +143,7 @@ static enum bvhd_status stream_part(struct bytes part, rows_sink sink, void *con
 
 static enum bvhd_status stream_data(const struct build_input *input, rows_sink sink, void *context)
 {
-    struct layout layout = {.end = rows_end(input)};
+    struct payload_layout layout = {.end = rows_end(input)};
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         place_geometry(&layout, &input->geometries[i]);
@@ -183,7 +183,7 @@ void rows_write(const struct build_input *input, unsigned char *payload)
 }
 
 /* The state of reading one payload. */
-struct reading {
+struct rows_reader {
     struct bytes payload;
     uint32_t index; /* of the item, for errors */
     const atomic_bool *cancel;
@@ -199,7 +199,7 @@ struct row_range {
     uint64_t offset;
 };
 
-static enum bvhd_status check_range(const struct reading *reading, const struct row_range *range)
+static enum bvhd_status check_range(const struct rows_reader *reading, const struct row_range *range)
 {
     struct place where = place("infos[%u].%s", reading->index, range->name);
     if (range->count == 0)
@@ -219,7 +219,7 @@ static enum bvhd_status check_range(const struct reading *reading, const struct 
  * longer row must be 0. The fence keeps the compiler from reading the row a second time instead of the copy, because
  * another process may have changed it.
  */
-static enum bvhd_status copy_row(const struct reading *reading, const struct row_range *range, uint32_t i,
+static enum bvhd_status copy_row(const struct rows_reader *reading, const struct row_range *range, uint32_t i,
                                  void *ret_row)
 {
     const unsigned char *row = reading->payload.data + range->offset + (uint64_t)i * range->size;
@@ -239,7 +239,7 @@ static enum bvhd_status copy_row(const struct reading *reading, const struct row
     return BVHD_OK;
 }
 
-static enum bvhd_status read_span(const struct reading *reading, uint32_t geometry, const char *name,
+static enum bvhd_status read_span(const struct rows_reader *reading, uint32_t geometry, const char *name,
                                   struct row_span span, struct bytes *ret_bytes)
 {
     if (span.offset == 0 && span.size == 0) {
@@ -254,7 +254,7 @@ static enum bvhd_status read_span(const struct reading *reading, uint32_t geomet
     return BVHD_OK;
 }
 
-static enum bvhd_status read_triangles(const struct reading *reading, uint32_t i, const struct geometry_row *row,
+static enum bvhd_status read_triangles(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row,
                                        struct geometry_triangles *ret_triangles)
 {
     struct geometry_triangles triangles = {
@@ -274,7 +274,7 @@ static enum bvhd_status read_triangles(const struct reading *reading, uint32_t i
 }
 
 /* A row with an unknown type passes; validation refuses it. */
-static enum bvhd_status row_to_geometry(const struct reading *reading, uint32_t i, const struct geometry_row *row,
+static enum bvhd_status row_to_geometry(const struct rows_reader *reading, uint32_t i, const struct geometry_row *row,
                                         struct geometry *ret_geometry)
 {
     if (row->reserved != 0)
@@ -299,14 +299,14 @@ static enum bvhd_status row_to_geometry(const struct reading *reading, uint32_t 
     return read_span(reading, i, "data", row->data, &ret_geometry->aabbs.boxes);
 }
 
-static enum bvhd_status refuse_reference(const struct reading *reading, uint32_t i, enum bvhd_status status,
+static enum bvhd_status refuse_reference(const struct rows_reader *reading, uint32_t i, enum bvhd_status status,
                                          const char *text)
 {
     return bvhd_error_set(reading->error, status, place("infos[%u].references[%u]", reading->index, i).text, "%s",
                           text);
 }
 
-static enum bvhd_status row_to_reference(const struct reading *reading, uint32_t i, const struct reference_row *row,
+static enum bvhd_status row_to_reference(const struct rows_reader *reading, uint32_t i, const struct reference_row *row,
                                          struct reference *ret_reference)
 {
     if (row->reserved != 0)
@@ -324,7 +324,7 @@ static enum bvhd_status row_to_reference(const struct reading *reading, uint32_t
     return BVHD_OK;
 }
 
-static enum bvhd_status read_geometries(const struct reading *reading, const struct row_range *range,
+static enum bvhd_status read_geometries(const struct rows_reader *reading, const struct row_range *range,
                                         struct geometry *ret_geometries)
 {
     enum bvhd_status status = BVHD_OK;
@@ -337,7 +337,7 @@ static enum bvhd_status read_geometries(const struct reading *reading, const str
     return status;
 }
 
-static enum bvhd_status read_references(const struct reading *reading, const struct row_range *range,
+static enum bvhd_status read_references(const struct rows_reader *reading, const struct row_range *range,
                                         struct reference *ret_references)
 {
     enum bvhd_status status = BVHD_OK;
@@ -353,7 +353,7 @@ static enum bvhd_status read_references(const struct reading *reading, const str
 enum bvhd_status rows_read(struct bytes payload, const struct rows_shape *shape, uint32_t index, struct memory *memory,
                            struct build_input *input, struct bvhd_error *error)
 {
-    struct reading reading = {payload, index, shape->cancel, error};
+    struct rows_reader reading = {payload, index, shape->cancel, error};
     struct row_range geometry_range = {
         "geometries", shape->geometry_count, shape->geometry_size, sizeof(struct geometry_row), ROWS_GEOMETRY_SIZE, 0};
     struct row_range reference_range = {"references",          shape->reference_count,

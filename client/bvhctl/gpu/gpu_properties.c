@@ -5,12 +5,12 @@
 #include "client/bvhctl/gpu/gpu_instance.h"
 
 /* What the device's extensions are: of those that matter here. */
-struct extensions {
+struct gpu_extensions {
     bool acceleration_structure, deferred_host_operations, ray_query, ray_pipeline, executable_properties;
     bool position_fetch, subgroup_size_control, portability_subset, sm_builtins;
 };
 
-static void note_extension(const char *name, struct extensions *found)
+static void note_extension(const char *name, struct gpu_extensions *found)
 {
     const struct {
         const char *name;
@@ -32,7 +32,7 @@ static void note_extension(const char *name, struct extensions *found)
 }
 
 static void read_extensions(const struct gpu_instance *instance, VkPhysicalDevice device, struct memory *memory,
-                            struct extensions *ret_found)
+                            struct gpu_extensions *ret_found)
 {
     uint32_t count = 0;
     if (instance->vk.EnumerateDeviceExtensionProperties(device, NULL, &count, NULL) || !count)
@@ -112,7 +112,7 @@ static void read_properties(const struct gpu_instance *instance, VkPhysicalDevic
  * larger chips, with a double for every two floats; others have one for 32 or 64. A CPU takes twice the time.
  */
 static void read_processors(const struct gpu_instance *instance, VkPhysicalDevice device,
-                            const struct extensions *extensions, struct gpu_properties *properties)
+                            const struct gpu_extensions *extensions, struct gpu_properties *properties)
 {
     enum { WARPS = 64 };
     VkPhysicalDeviceShaderSMBuiltinsPropertiesNV processors = {
@@ -127,7 +127,7 @@ static void read_processors(const struct gpu_instance *instance, VkPhysicalDevic
 }
 
 static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDevice device,
-                              const struct extensions *extensions, struct gpu_candidate *candidate)
+                              const struct gpu_extensions *extensions, struct gpu_candidate *candidate)
 {
     VkPhysicalDeviceVulkan12Features core = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES};
     VkPhysicalDeviceFeatures2 features = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = &core};
@@ -172,7 +172,7 @@ bool gpu_properties_read(const struct gpu_instance *instance, VkPhysicalDevice d
                          struct gpu_candidate *ret_candidate)
 {
     VkPhysicalDeviceProperties properties;
-    struct extensions extensions = {.ray_query = false};
+    struct gpu_extensions extensions = {.ray_query = false};
     struct gpu_candidate candidate = {.device = device};
     instance->vk.GetPhysicalDeviceProperties(device, &properties);
     if (properties.apiVersion < VK_API_VERSION_1_1)

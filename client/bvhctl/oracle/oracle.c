@@ -32,13 +32,13 @@ struct trace {
 
 /* ---- triangles, in blocks over all meshes ---- */
 
-struct block {
+struct triangle_block {
     struct oracle_filter_block filter;
     struct oracle_triangle triangles[ORACLE_FILTER_BLOCK];
     struct oracle_triangle_id ids[ORACLE_FILTER_BLOCK];
 };
 
-struct cursor {
+struct triangle_cursor {
     uint32_t mesh, triangle;
 };
 
@@ -85,7 +85,7 @@ static bool is_mirroring(const float *m)
     return m[0] * x + m[1] * y + m[2] * z < 0;
 }
 
-static void block_add(struct block *block, const struct oracle_mesh *mesh, bool mirrored, uint32_t primitive)
+static void block_add(struct triangle_block *block, const struct oracle_mesh *mesh, bool mirrored, uint32_t primitive)
 {
     const float *corners[3];
     if (!fetch_corners(mesh, primitive, corners))
@@ -100,7 +100,8 @@ static void block_add(struct block *block, const struct oracle_mesh *mesh, bool 
 }
 
 /* The next triangles that can be hit. Returns how many were looked at; 0 at the end. */
-static uint64_t block_fill(const struct trace *trace, struct cursor *cursor, double wobble, struct block *ret_block)
+static uint64_t block_fill(const struct trace *trace, struct triangle_cursor *cursor, double wobble,
+                           struct triangle_block *ret_block)
 {
     uint64_t seen = 0;
     oracle_filter_begin(&ret_block->filter, wobble);
@@ -118,17 +119,17 @@ static uint64_t block_fill(const struct trace *trace, struct cursor *cursor, dou
 
 /* ---- a chunk of rays against all triangles ---- */
 
-struct chunk {
+struct ray_chunk {
     uint32_t count;
     double wobble; /* the most that any direction may turn */
     struct oracle_pursuit *pursuits;
     struct oracle_filter_ray *filters;
-    struct block *block;
+    struct triangle_block *block;
 };
 
-static bool chunk_init(struct chunk *chunk, const struct ray *rays, uint32_t count, struct memory *memory)
+static bool chunk_init(struct ray_chunk *chunk, const struct ray *rays, uint32_t count, struct memory *memory)
 {
-    *chunk = (struct chunk){.count = count};
+    *chunk = (struct ray_chunk){.count = count};
     chunk->pursuits = memory_array(memory, count, sizeof *chunk->pursuits);
     chunk->filters = memory_array(memory, count, sizeof *chunk->filters);
     chunk->block = memory_alloc(memory, sizeof *chunk->block);
@@ -141,7 +142,7 @@ static bool chunk_init(struct chunk *chunk, const struct ray *rays, uint32_t cou
     return chunk->pursuits && chunk->filters && chunk->block;
 }
 
-static void chunk_finish(struct chunk *chunk, struct memory *memory)
+static void chunk_finish(struct ray_chunk *chunk, struct memory *memory)
 {
     for (uint32_t i = 0; chunk->pursuits && i < chunk->count; i++)
         oracle_pursuit_finish(&chunk->pursuits[i], memory);
@@ -150,9 +151,9 @@ static void chunk_finish(struct chunk *chunk, struct memory *memory)
     memory_free(memory, chunk->block);
 }
 
-static bool chunk_meet_block(struct chunk *chunk, struct memory *memory)
+static bool chunk_meet_block(struct ray_chunk *chunk, struct memory *memory)
 {
-    struct block *block = chunk->block;
+    struct triangle_block *block = chunk->block;
     uint16_t near[ORACLE_FILTER_BLOCK];
     for (uint32_t i = 0; i < chunk->count; i++) {
         struct oracle_pursuit *pursuit = &chunk->pursuits[i];
@@ -175,9 +176,9 @@ static void report(struct trace *trace, uint64_t pairs)
         trace->progress(trace->progress_context, done, trace->total);
 }
 
-static bool chunk_walk(struct chunk *chunk, struct trace *trace)
+static bool chunk_walk(struct ray_chunk *chunk, struct trace *trace)
 {
-    struct cursor cursor = {0};
+    struct triangle_cursor cursor = {0};
     uint64_t seen, pairs = 0;
     uint32_t blocks = 0;
     while ((seen = block_fill(trace, &cursor, chunk->wobble, chunk->block))) {
@@ -198,7 +199,7 @@ static void trace_chunk(void *context, size_t index)
     struct trace *trace = context;
     size_t begin, end;
     parallel_chunk(index, CHUNK, trace->ray_count, &begin, &end);
-    struct chunk chunk;
+    struct ray_chunk chunk;
     bool done =
         chunk_init(&chunk, trace->rays + begin, (uint32_t)(end - begin), trace->memory) && chunk_walk(&chunk, trace);
     for (size_t i = begin; done && i < end; i++)

@@ -130,14 +130,14 @@ static struct camera make_view(const struct stage *stage, double aspect, int ind
 }
 
 /* A few rays through a view. Distances of misses are INFINITY. */
-struct probe {
+struct view_probe {
     double distance[PROBE_HEIGHT][PROBE_WIDTH];
     struct vector normal[PROBE_HEIGHT][PROBE_WIDTH];
     uint32_t hits;
     double nearest;
 };
 
-static void take_probe(const struct stage *stage, const struct camera *camera, struct probe *probe)
+static void take_probe(const struct stage *stage, const struct camera *camera, struct view_probe *probe)
 {
     probe->hits = 0;
     probe->nearest = INFINITY;
@@ -153,7 +153,7 @@ static void take_probe(const struct stage *stage, const struct camera *camera, s
 }
 
 /* Entropy, in bits, of the directions in which the visible surfaces face: one flat wall has 0. */
-static double facing_entropy(const struct probe *probe)
+static double facing_entropy(const struct view_probe *probe)
 {
     uint32_t counts[27] = {0};
     for (int y = 0; y < PROBE_HEIGHT; y++)
@@ -170,7 +170,7 @@ static double facing_entropy(const struct probe *probe)
 }
 
 /* The share of neighbouring rays between which the distance jumps: outlines, of which detail and depth have many. */
-static double outlines(const struct probe *probe)
+static double outlines(const struct view_probe *probe)
 {
     uint32_t jumps = 0;
     for (int y = 1; y < PROBE_HEIGHT; y++)
@@ -182,7 +182,7 @@ static double outlines(const struct probe *probe)
 }
 
 /* Entropy of the visible distances in steps of a factor 1.5: near and far both in the picture. */
-static double depth_entropy(const struct probe *probe)
+static double depth_entropy(const struct view_probe *probe)
 {
     uint32_t counts[32] = {0};
     for (int y = 0; y < PROBE_HEIGHT; y++)
@@ -196,7 +196,7 @@ static double depth_entropy(const struct probe *probe)
     return entropy;
 }
 
-static double score_outside(const struct probe *probe, double elevation_bonus)
+static double score_outside(const struct view_probe *probe, double elevation_bonus)
 {
     double coverage = (double)probe->hits / (PROBE_WIDTH * PROBE_HEIGHT);
     double outline = outlines(probe);
@@ -211,7 +211,7 @@ struct vector camera_sun(const struct stage *stage, const struct camera *camera)
 }
 
 /* The share of the picture that the sun shines on. */
-static double sunlit(const struct stage *stage, const struct camera *camera, const struct probe *probe)
+static double sunlit(const struct stage *stage, const struct camera *camera, const struct view_probe *probe)
 {
     struct vector sun = camera_sun(stage, camera);
     uint32_t lit = 0;
@@ -226,7 +226,7 @@ static double sunlit(const struct stage *stage, const struct camera *camera, con
     return (double)lit / (PROBE_WIDTH * PROBE_HEIGHT);
 }
 
-static double score_inside(const struct stage *stage, const struct camera *camera, const struct probe *probe)
+static double score_inside(const struct stage *stage, const struct camera *camera, const struct view_probe *probe)
 {
     double coverage = (double)probe->hits / (PROBE_WIDTH * PROBE_HEIGHT);
     if (probe->nearest < 0.03 * stage->size || coverage < 0.8)
@@ -237,7 +237,7 @@ static double score_inside(const struct stage *stage, const struct camera *camer
 
 static double score_view(const struct stage *stage, const struct camera *camera, int index)
 {
-    struct probe probe;
+    struct view_probe probe;
     take_probe(stage, camera, &probe);
     if (probe.hits == 0)
         return -1;

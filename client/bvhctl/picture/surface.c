@@ -28,25 +28,25 @@ static uint32_t *find_triangles(const struct structure *bottom, struct memory *m
     return rows;
 }
 
-struct place {
+struct bottom_data {
     const unsigned char *data;
     uint32_t bottom;
 };
 
 static int compare_places(const void *a, const void *b)
 {
-    const struct place *x = a, *y = b;
+    const struct bottom_data *x = a, *y = b;
     return x->data != y->data ? (x->data > y->data) - (x->data < y->data)
                               : (x->bottom > y->bottom) - (x->bottom < y->bottom);
 }
 
 /* One table for each distinct bottom level, though several rows may name it. */
-static bool fill_bottoms(struct surfaces *surfaces, struct place *places)
+static bool fill_bottoms(struct surfaces *surfaces, struct bottom_data *places)
 {
     const struct structures *structures = surfaces->structures;
     uint32_t count = structures->bottom_count;
     for (uint32_t i = 0; i < count; i++)
-        places[i] = (struct place){structures->files[i].structure.blob.data, i};
+        places[i] = (struct bottom_data){structures->files[i].structure.blob.data, i};
     qsort(places, count, sizeof *places, compare_places);
     for (uint32_t i = 0; i < count; i++) {
         bool is_same = i > 0 && places[i].data == places[i - 1].data;
@@ -65,7 +65,7 @@ static bool find_bottoms(struct surfaces *surfaces)
 {
     struct memory *memory = surfaces->memory;
     uint64_t count = (uint64_t)surfaces->structures->bottom_count + 1;
-    struct place *places = memory_array(memory, count, sizeof *places);
+    struct bottom_data *places = memory_array(memory, count, sizeof *places);
     surfaces->triangle_rows = memory_array(memory, count, sizeof *surfaces->triangle_rows);
     surfaces->owners = memory_array(memory, count, sizeof *surfaces->owners);
     if (surfaces->triangle_rows)

@@ -7,14 +7,14 @@
 #include "builder/format/serialized.h"
 
 /* What both batches share while they are described and built. */
-struct job {
+struct scene_build {
     const struct import *import;
     const struct options *options;
     struct backend *backend;
     struct bvhd_error *error;
 };
 
-static enum bvhd_status no_memory(const struct job *job)
+static enum bvhd_status no_memory(const struct scene_build *job)
 {
     return bvhd_error_no_memory(job->error, job->import->name, "no memory to describe the scene");
 }
@@ -110,7 +110,7 @@ static bool bottom_arrays_init(struct bottom_arrays *arrays, const struct import
     return arrays->infos && arrays->ranges && arrays->geometries && arrays->range_rows;
 }
 
-static void describe_bottoms(const struct job *job, struct bottom_arrays *arrays)
+static void describe_bottoms(const struct scene_build *job, struct bottom_arrays *arrays)
 {
     VkAccelerationStructureGeometryKHR *geometries = arrays->geometries;
     VkAccelerationStructureBuildRangeInfoKHR *ranges = arrays->range_rows;
@@ -129,7 +129,7 @@ static void describe_bottoms(const struct job *job, struct bottom_arrays *arrays
     }
 }
 
-static enum bvhd_status build_bottoms(const struct job *job, struct assembly *assembly)
+static enum bvhd_status build_bottoms(const struct scene_build *job, struct assembly *assembly)
 {
     struct bottom_arrays arrays = {0};
     enum bvhd_status status = BVHD_OK;
@@ -160,7 +160,8 @@ static int compare_parts(const void *a, const void *b)
  * ret_shared[part]: the first part with the same content, so that a scene with equal meshes is loaded with one
  * structure for them.
  */
-static enum bvhd_status share_equal_parts(const struct job *job, const struct assembly *assembly, uint32_t *ret_shared)
+static enum bvhd_status share_equal_parts(const struct scene_build *job, const struct assembly *assembly,
+                                          uint32_t *ret_shared)
 {
     uint32_t count = job->import->part_count, built = 0;
     struct keyed_part *parts = memory_array(job->import->memory, count, sizeof *parts);
@@ -193,8 +194,8 @@ static VkAccelerationStructureInstanceKHR describe_instance(const struct import_
 }
 
 /* The structures that the top level names, each once, in the order in which its instances first name them. */
-static enum bvhd_status collect_references(const struct job *job, struct assembly *assembly, const uint32_t *shared,
-                                           struct bvhd_reference *references, bool *seen,
+static enum bvhd_status collect_references(const struct scene_build *job, struct assembly *assembly,
+                                           const uint32_t *shared, struct bvhd_reference *references, bool *seen,
                                            struct bvhd_error *ret_failure)
 {
     const struct import *import = job->import;
@@ -230,7 +231,7 @@ static bool parts_of_handles(struct bytes blob, uint64_t count, const struct ass
 }
 
 /* Some targets name each row once, others have a handle for each instance. */
-static enum bvhd_status read_handles(const struct job *job, struct assembly *assembly)
+static enum bvhd_status read_handles(const struct scene_build *job, struct assembly *assembly)
 {
     struct memory *memory = job->import->memory;
     struct bvhd_result *top = &assembly->items[job->import->part_count];
@@ -252,8 +253,8 @@ static enum bvhd_status read_handles(const struct job *job, struct assembly *ass
     return BVHD_OK;
 }
 
-static enum bvhd_status build_described_top(const struct job *job, struct assembly *assembly, const uint32_t *shared,
-                                            VkAccelerationStructureInstanceKHR *records,
+static enum bvhd_status build_described_top(const struct scene_build *job, struct assembly *assembly,
+                                            const uint32_t *shared, VkAccelerationStructureInstanceKHR *records,
                                             const struct bvhd_reference *references)
 {
     const struct import *import = job->import;
@@ -276,7 +277,7 @@ static enum bvhd_status build_described_top(const struct job *job, struct assemb
                                job->error);
 }
 
-static enum bvhd_status build_top(const struct job *job, struct assembly *assembly)
+static enum bvhd_status build_top(const struct scene_build *job, struct assembly *assembly)
 {
     const struct import *import = job->import;
     struct memory *memory = import->memory;
@@ -301,7 +302,7 @@ static enum bvhd_status build_top(const struct job *job, struct assembly *assemb
 enum bvhd_status assemble(const struct import *import, const struct options *options, struct backend *backend,
                           struct assembly *ret_assembly, struct bvhd_error *error)
 {
-    struct job job = {import, options, backend, error};
+    struct scene_build job = {import, options, backend, error};
     struct assembly assembly = {.import = import, .backend = backend};
     uint64_t count = (uint64_t)import->part_count + 1;
     assembly.items = memory_array(import->memory, count, sizeof *assembly.items);

@@ -13,7 +13,7 @@ struct visit {
     double parent[12];
 };
 
-struct walk {
+struct node_walk {
     struct visit *stack;
     uint64_t depth, capacity;
     uint32_t *slots; /* hash table of parts by their list of meshes: part + 1, 0 for empty; power of two */
@@ -34,7 +34,7 @@ static bool grow(struct memory *memory, void **array, uint64_t used, uint64_t *c
     return true;
 }
 
-static bool push(struct walk *walk, struct memory *memory, const struct aiNode *node, const double parent[12])
+static bool push(struct node_walk *walk, struct memory *memory, const struct aiNode *node, const double parent[12])
 {
     void *stack = walk->stack;
     if (!grow(memory, &stack, walk->depth, &walk->capacity, sizeof *walk->stack))
@@ -73,7 +73,8 @@ static bool same_list(const struct import_part *part, const unsigned *list, uint
 }
 
 /* The slot that holds this list of meshes, or the empty one where it belongs. */
-static uint32_t *find_slot(const struct walk *walk, const struct import *import, const unsigned *list, uint32_t count)
+static uint32_t *find_slot(const struct node_walk *walk, const struct import *import, const unsigned *list,
+                           uint32_t count)
 {
     for (uint64_t at = hash_list(list, count);; at++) {
         uint32_t *slot = &walk->slots[at & (walk->slot_count - 1)];
@@ -83,7 +84,7 @@ static uint32_t *find_slot(const struct walk *walk, const struct import *import,
 }
 
 /* Keeps the table at most half full. */
-static bool grow_slots(struct walk *walk, const struct import *import)
+static bool grow_slots(struct node_walk *walk, const struct import *import)
 {
     if (walk->slots && import->part_count * UINT64_C(2) < walk->slot_count)
         return true;
@@ -100,7 +101,7 @@ static bool grow_slots(struct walk *walk, const struct import *import)
     return true;
 }
 
-static bool add_part(struct walk *walk, struct import *import, const struct aiNode *node)
+static bool add_part(struct node_walk *walk, struct import *import, const struct aiNode *node)
 {
     void *parts = import->parts;
     if (!grow(import->memory, &parts, import->part_count, &walk->part_capacity, sizeof *import->parts))
@@ -127,7 +128,8 @@ static bool is_usable(const float matrix[12])
     return validate_invertible(matrix);
 }
 
-static bool add_instance(struct walk *walk, struct import *import, const struct aiNode *node, const double world[12])
+static bool add_instance(struct node_walk *walk, struct import *import, const struct aiNode *node,
+                         const double world[12])
 {
     void *instances = import->instances;
     if (!grow(import->memory, &instances, import->instance_count, &walk->instance_capacity, sizeof *import->instances))
@@ -161,7 +163,7 @@ static bool has_triangles(const struct import *import, const struct aiNode *node
     return triangles > 0;
 }
 
-static bool visit_next(struct walk *walk, struct import *import)
+static bool visit_next(struct node_walk *walk, struct import *import)
 {
     struct visit visit = walk->stack[--walk->depth];
     double world[12];
@@ -177,7 +179,7 @@ static bool visit_next(struct walk *walk, struct import *import)
 bool import_nodes(const struct aiScene *scene, struct import *import)
 {
     static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    struct walk walk = {0};
+    struct node_walk walk = {0};
     bool ok = grow_slots(&walk, import) && push(&walk, import->memory, scene->mRootNode, identity);
     while (ok && walk.depth)
         ok = visit_next(&walk, import);

@@ -141,7 +141,7 @@ static void prepare_child(const char *path)
 }
 
 /* What is left of the memory file. */
-struct cursor {
+struct file_cursor {
     const unsigned char *at;
     uint64_t left;
     struct memory *memory;
@@ -149,7 +149,7 @@ struct cursor {
 };
 
 /* A copy of the next bytes, with room for `extra` more; never of no size. */
-static void *take(struct cursor *cursor, uint64_t size, uint64_t extra)
+static void *take(struct file_cursor *cursor, uint64_t size, uint64_t extra)
 {
     void *copy = cursor->ok && size <= cursor->left ? memory_alloc(cursor->memory, size + extra + 1) : NULL;
     cursor->ok = copy != NULL;
@@ -161,7 +161,7 @@ static void *take(struct cursor *cursor, uint64_t size, uint64_t extra)
     return copy;
 }
 
-static char *take_text(struct cursor *cursor)
+static char *take_text(struct file_cursor *cursor)
 {
     uint64_t size;
     cursor->ok &= cursor->left >= sizeof size;
@@ -173,7 +173,7 @@ static char *take_text(struct cursor *cursor)
     return take(cursor, size, 0);
 }
 
-static void take_meshes(struct cursor *cursor, uint32_t count, struct import *import)
+static void take_meshes(struct file_cursor *cursor, uint32_t count, struct import *import)
 {
     import->meshes = take(cursor, count * sizeof *import->meshes, 0);
     import->mesh_count = import->meshes ? count : 0;
@@ -186,7 +186,7 @@ static void take_meshes(struct cursor *cursor, uint32_t count, struct import *im
     }
 }
 
-static void take_parts(struct cursor *cursor, uint32_t count, struct import *import)
+static void take_parts(struct file_cursor *cursor, uint32_t count, struct import *import)
 {
     import->parts = take(cursor, count * sizeof *import->parts, 0);
     import->part_count = import->parts ? count : 0;
@@ -196,7 +196,7 @@ static void take_parts(struct cursor *cursor, uint32_t count, struct import *imp
     }
 }
 
-static void take_files(struct cursor *cursor, uint32_t count, struct import *import)
+static void take_files(struct file_cursor *cursor, uint32_t count, struct import *import)
 {
     import->files = cursor->ok ? memory_array(cursor->memory, (uint64_t)count + 1, sizeof *import->files) : NULL;
     cursor->ok = import->files != NULL;
@@ -204,7 +204,7 @@ static void take_files(struct cursor *cursor, uint32_t count, struct import *imp
         import->files[import->file_count++] = take_text(cursor);
 }
 
-static enum bvhd_status take_import(struct cursor *cursor, const struct outcome *outcome, const char *path,
+static enum bvhd_status take_import(struct file_cursor *cursor, const struct outcome *outcome, const char *path,
                                     struct import *ret_import, struct bvhd_error *error)
 {
     struct import import = outcome->import;
@@ -239,8 +239,8 @@ static enum bvhd_status take_outcome(int descriptor, const char *path, struct me
         return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
                               "the importer gave up: the file is broken, or too much for it");
     memcpy(&outcome, map, sizeof outcome);
-    struct cursor cursor = {(const unsigned char *)map + sizeof outcome, (uint64_t)file.st_size - sizeof outcome,
-                            memory, true};
+    struct file_cursor cursor = {(const unsigned char *)map + sizeof outcome, (uint64_t)file.st_size - sizeof outcome,
+                                 memory, true};
     enum bvhd_status status = outcome.error.status;
     if (!outcome.is_complete)
         status = bvhd_error_no_memory(error, path, "no memory to pass the scene on");

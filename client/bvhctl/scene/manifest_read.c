@@ -10,21 +10,21 @@
 enum { MANIFEST_LIMIT = 1 << 30 };
 
 /* Where the reader is, for errors. */
-struct reader {
+struct manifest_reader {
     struct memory *memory;
     struct bvhd_error *error;
     char path[BVHD_WHERE_SIZE];
     uint32_t entry;
 };
 
-static enum bvhd_status corrupt(const struct reader *reader, const char *member, const char *text)
+static enum bvhd_status corrupt(const struct manifest_reader *reader, const char *member, const char *text)
 {
     char where[BVHD_WHERE_SIZE + 64];
     snprintf(where, sizeof where, "%.60s: structures[%u].%s", reader->path, reader->entry, member);
     return bvhd_error_set(reader->error, BVHD_CORRUPT, where, "%s", text);
 }
 
-static enum bvhd_status no_memory(const struct reader *reader)
+static enum bvhd_status no_memory(const struct manifest_reader *reader)
 {
     return bvhd_error_no_memory(reader->error, reader->path, "no memory for the manifest");
 }
@@ -35,7 +35,8 @@ static bool is_plain_name(const char *name)
     return *name && !strchr(name, '/') && strcmp(name, ".") && strcmp(name, "..");
 }
 
-static enum bvhd_status read_text(const struct reader *reader, const cJSON *object, const char *member, char **ret_text)
+static enum bvhd_status read_text(const struct manifest_reader *reader, const cJSON *object, const char *member,
+                                  char **ret_text)
 {
     const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, member);
     if (!cJSON_IsString(value))
@@ -44,7 +45,8 @@ static enum bvhd_status read_text(const struct reader *reader, const cJSON *obje
     return *ret_text ? BVHD_OK : no_memory(reader);
 }
 
-static enum bvhd_status read_handles(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
+static enum bvhd_status read_handles(const struct manifest_reader *reader, const cJSON *object,
+                                     struct manifest_entry *entry)
 {
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "handles"), *value;
     if (!cJSON_IsArray(list))
@@ -65,7 +67,7 @@ static enum bvhd_status read_handles(const struct reader *reader, const cJSON *o
     return BVHD_OK;
 }
 
-static enum bvhd_status read_target(const struct reader *reader, const cJSON *object, enum target *ret_target)
+static enum bvhd_status read_target(const struct manifest_reader *reader, const cJSON *object, enum target *ret_target)
 {
     const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "target");
     const struct layout *layout = cJSON_IsString(value) ? layout_find_name(value->valuestring) : NULL;
@@ -89,7 +91,8 @@ static struct manifest_colour read_colour(const cJSON *geometry)
     return colour;
 }
 
-static enum bvhd_status read_colours(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
+static enum bvhd_status read_colours(const struct manifest_reader *reader, const cJSON *object,
+                                     struct manifest_entry *entry)
 {
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "geometries"), *geometry;
     if (!cJSON_IsArray(list))
@@ -101,7 +104,8 @@ static enum bvhd_status read_colours(const struct reader *reader, const cJSON *o
     return BVHD_OK;
 }
 
-static enum bvhd_status read_entry(const struct reader *reader, const cJSON *object, struct manifest_entry *entry)
+static enum bvhd_status read_entry(const struct manifest_reader *reader, const cJSON *object,
+                                   struct manifest_entry *entry)
 {
     enum bvhd_status status = read_text(reader, object, "file", &entry->file);
     if (!status && !is_plain_name(entry->file))
@@ -123,7 +127,7 @@ static enum bvhd_status read_entry(const struct reader *reader, const cJSON *obj
     return entry->is_top ? read_handles(reader, object, entry) : BVHD_OK;
 }
 
-static enum bvhd_status read_entries(struct reader *reader, const cJSON *root, struct manifest *manifest)
+static enum bvhd_status read_entries(struct manifest_reader *reader, const cJSON *root, struct manifest *manifest)
 {
     const cJSON *schema = cJSON_GetObjectItemCaseSensitive(root, "schema"), *object;
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(root, "structures");
@@ -144,7 +148,7 @@ static enum bvhd_status read_entries(struct reader *reader, const cJSON *root, s
     return BVHD_OK;
 }
 
-static enum bvhd_status read_file(struct reader *reader, const char *path, struct manifest *manifest)
+static enum bvhd_status read_file(struct manifest_reader *reader, const char *path, struct manifest *manifest)
 {
     unsigned char *data = NULL;
     uint64_t size = 0;
@@ -163,7 +167,7 @@ enum bvhd_status manifest_read(const char *directory, struct memory *memory, str
                                struct bvhd_error *error)
 {
     struct manifest manifest = {.memory = memory};
-    struct reader reader = {.memory = memory, .error = error};
+    struct manifest_reader reader = {.memory = memory, .error = error};
     char *path = files_join(memory, directory, MANIFEST_NAME);
     if (!path)
         return bvhd_error_no_memory(error, directory, "no memory for the manifest");

@@ -89,19 +89,19 @@ static void take_colours(struct manifest *manifest, const char *file, struct str
 }
 
 /* What open_scene reads, and from where. */
-struct reading {
+struct scene_reader {
     struct structures *structures;
     const char *directory;
     struct manifest *manifest;
     struct bvhd_error *error;
 };
 
-static enum bvhd_status corrupt(const struct reading *reading, const char *file, const char *text)
+static enum bvhd_status corrupt(const struct scene_reader *reading, const char *file, const char *text)
 {
     return bvhd_error_set(reading->error, BVHD_CORRUPT, file, "%s", text);
 }
 
-static enum bvhd_status read_one(const struct reading *reading, const char *file, bool is_top,
+static enum bvhd_status read_one(const struct scene_reader *reading, const char *file, bool is_top,
                                  struct structure_file *ret_file)
 {
     struct memory *memory = reading->structures->memory;
@@ -143,7 +143,7 @@ static int compare_names(const void *a, const void *b)
 }
 
 /* The file of each row, once. */
-static enum bvhd_status merge_rows(const struct reading *reading, const char *top, struct named_row *rows,
+static enum bvhd_status merge_rows(const struct scene_reader *reading, const char *top, struct named_row *rows,
                                    uint32_t *count)
 {
     uint32_t kept = 0;
@@ -159,7 +159,7 @@ static enum bvhd_status merge_rows(const struct reading *reading, const char *to
 }
 
 /* A file that several rows name is read once. */
-static enum bvhd_status read_rows(const struct reading *reading, const struct named_row *rows, uint32_t count)
+static enum bvhd_status read_rows(const struct scene_reader *reading, const struct named_row *rows, uint32_t count)
 {
     struct structure_file *files = reading->structures->files;
     enum bvhd_status status = BVHD_OK;
@@ -181,7 +181,7 @@ static enum bvhd_status read_rows(const struct reading *reading, const struct na
  * What each handle of the top level is the row of, and the file that the manifest has for it. Rows are as many as the
  * handles at most.
  */
-static enum bvhd_status list_rows(const struct reading *reading, const struct manifest_entry *entry,
+static enum bvhd_status list_rows(const struct scene_reader *reading, const struct manifest_entry *entry,
                                   const struct structure *top, struct named_row *ret_rows, uint32_t *ret_row_count)
 {
     bool has_handle_per_row = target_reader_find(top->target)->has_handle_per_row;
@@ -198,7 +198,7 @@ static enum bvhd_status list_rows(const struct reading *reading, const struct ma
     return BVHD_OK;
 }
 
-static enum bvhd_status make_files(const struct reading *reading, uint32_t count)
+static enum bvhd_status make_files(const struct scene_reader *reading, uint32_t count)
 {
     struct structures *structures = reading->structures;
     structures->files = memory_array(structures->memory, count, sizeof *structures->files);
@@ -209,7 +209,7 @@ static enum bvhd_status make_files(const struct reading *reading, uint32_t count
     return BVHD_OK;
 }
 
-static enum bvhd_status read_bottoms(const struct reading *reading, const struct manifest_entry *entry,
+static enum bvhd_status read_bottoms(const struct scene_reader *reading, const struct manifest_entry *entry,
                                      struct structure_file *top, struct named_row *rows)
 {
     uint32_t row_count = 0, count = entry->handle_count;
@@ -226,7 +226,7 @@ static enum bvhd_status read_bottoms(const struct reading *reading, const struct
     return read_rows(reading, rows, count);
 }
 
-static enum bvhd_status read_below(const struct reading *reading, const struct manifest_entry *entry,
+static enum bvhd_status read_below(const struct scene_reader *reading, const struct manifest_entry *entry,
                                    struct structure_file *top)
 {
     struct memory *memory = reading->structures->memory;
@@ -244,7 +244,7 @@ static enum bvhd_status read_below(const struct reading *reading, const struct m
 }
 
 /* The top level before any bottom level, so that a manifest cannot have files read that the top level does not name. */
-static enum bvhd_status read_files(const struct reading *reading, const struct manifest_entry *top,
+static enum bvhd_status read_files(const struct scene_reader *reading, const struct manifest_entry *top,
                                    const struct manifest_entry *bottom)
 {
     if (!top) {
@@ -313,7 +313,7 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
     structures->name = files_copy_text(structures->memory, scene);
     if (!structures->name)
         return no_memory(directory, error);
-    struct reading reading = {structures, directory, manifest, error};
+    struct scene_reader reading = {structures, directory, manifest, error};
     enum bvhd_status status = read_files(&reading, top, bottom);
     return status ? status : structures_join(structures, error);
 }

@@ -11,7 +11,7 @@ struct tracer_cpu {
     struct memory *memory;
 };
 
-struct job {
+struct cpu_trace {
     const struct structures *structures;
     const struct ray *rays;
     size_t count;
@@ -20,7 +20,7 @@ struct job {
 
 static void trace_chunk(void *context, size_t index)
 {
-    const struct job *job = context;
+    const struct cpu_trace *job = context;
     size_t begin, end;
     parallel_chunk(index, CHUNK, job->count, &begin, &end);
     for (size_t i = begin; i < end; i++) {
@@ -35,7 +35,7 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
 {
     (void)error;
     struct tracer_cpu *cpu = (struct tracer_cpu *)tracer;
-    struct job job = {cpu->structures, rays, count, ret_hits};
+    struct cpu_trace job = {cpu->structures, rays, count, ret_hits};
     double start = clock_ms();
     parallel_for(cpu->parallel, parallel_chunks(CHUNK, count), trace_chunk, &job);
     if (ret_seconds)
