@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * frames.h - streams of frames whose contents are known, descriptors to send with them, and how many are open. For unit
- * tests of the wire.
+ * frames.h - streams of frames with known contents, descriptors to send with them, and the number of open descriptors.
+ * For unit tests of the wire.
  */
 #ifndef BVHD_TEST_FRAMES_H
 #define BVHD_TEST_FRAMES_H
@@ -23,7 +23,7 @@ struct frames_stream {
     uint32_t count;
 };
 
-/* The byte at `at` of what follows the header of frame number `frame`. */
+/* Returns byte `at` of the contents of frame number `frame`. */
 static inline unsigned char frames_pattern(uint32_t frame, uint64_t at)
 {
     return (unsigned char)(frame * 37 + at * 11 + (at >> 8));
@@ -48,7 +48,7 @@ static inline void frames_check_bytes(struct bytes bytes, uint32_t frame, uint64
             fail_msg("frame %u: byte %llu is another", frame, (unsigned long long)(first + i));
 }
 
-/* `frame` is number `index` of the stream. */
+/* Checks that `frame` is number `index` of the stream. */
 static inline void frames_check(const struct frames_stream *stream, uint32_t index, const struct frame *frame)
 {
     const struct frame_header *want = &stream->headers[index];
@@ -61,7 +61,7 @@ static inline void frames_check(const struct frames_stream *stream, uint32_t ind
     frames_check_bytes(frame->inline_bytes, index, frame->control.size);
 }
 
-/* As a reader does: room, bytes into it, as often as it takes. The descriptors come with the last of the bytes. */
+/* Feeds bytes as a reader does, in as many steps as the parser takes. The descriptors come with the last bytes. */
 static inline enum bvhd_status frames_feed(struct frame_parser *parser, const unsigned char *bytes, size_t size,
                                            const int *descriptors, uint32_t count, struct bvhd_error *error)
 {
@@ -84,7 +84,7 @@ static inline enum bvhd_status frames_feed(struct frame_parser *parser, const un
     }
 }
 
-/* A file of its own. */
+/* Returns a descriptor of a new file. */
 static inline int frames_descriptor(ino_t *ret_inode)
 {
     int descriptor = memfd_create("frames", MFD_CLOEXEC);
@@ -95,7 +95,7 @@ static inline int frames_descriptor(ino_t *ret_inode)
     return descriptor;
 }
 
-/* How many descriptors this process has. */
+/* Returns how many descriptors this process has open. */
 static inline int frames_open(void)
 {
     DIR *directory = opendir("/proc/self/fd");

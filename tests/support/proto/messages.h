@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* messages.h - the kinds of control messages as a table, and a filled sample of each. For tests of the wire. */
+/* messages.h - a table of the kinds of control messages, and a filled sample of each. For tests of the wire. */
 #ifndef BVHD_TEST_MESSAGES_H
 #define BVHD_TEST_MESSAGES_H
 
@@ -26,7 +26,7 @@ struct messages {
     struct control_counter rows[MESSAGES_COUNTERS];
 };
 
-/* Every field has a value of its own. */
+/* Fills every field with a unique value. */
 static inline void messages_fill(struct messages *all)
 {
     memset(all, 0, sizeof *all);
@@ -73,7 +73,7 @@ static inline void messages_fill(struct messages *all)
         (struct control_counter){"a name that is as long as a name can be without losing its end", UINT64_MAX};
 }
 
-/* One kind; members of struct messages, untyped. */
+/* One kind of message, with untyped members of struct messages. */
 struct messages_kind {
     const char *name;
     size_t member;
@@ -119,7 +119,7 @@ static const struct messages_kind messages_kinds[] = {
 };
 enum { MESSAGES_KINDS = sizeof messages_kinds / sizeof messages_kinds[0] };
 
-/* The sample of a kind, packed. */
+/* Returns the packed sample of a kind. */
 static inline struct bytes messages_sample(const struct messages_kind *kind, struct memory *memory)
 {
     static struct messages all;

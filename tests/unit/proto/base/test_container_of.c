@@ -24,7 +24,7 @@ static void every_member_leads_to_its_owner(void **state)
     }
 }
 
-/* An argument with a side effect is evaluated once. */
+/* An argument with a side effect is evaluated exactly once. */
 static void argument_is_evaluated_once(void **state)
 {
     (void)state;

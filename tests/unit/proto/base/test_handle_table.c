@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_handle_table.c - tests that handles are sorted, found, and reported as unknown, and that a sort can be
+ * cancelled.
+ */
 #include "tests/support/unit.h"
 
 #include <stdbool.h>

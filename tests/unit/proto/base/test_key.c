@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_key.c - tests that keys survive the way to text and back, and that every other text is refused. */
 #include "tests/support/unit.h"
 
 #include "proto/base/key.h"
@@ -54,7 +55,7 @@ static void anything_else_is_refused(void **state)
     char text[KEY_TEXT_SIZE + 1];
     key_to_text(&key, text);
     for (int length = 0; length < 64; length++) {
-        char *cut = strndup(text, (size_t)length); /* on the heap, so that a sanitizer sees a read past the end */
+        char *cut = strndup(text, (size_t)length); /* on the heap, so that a sanitizer detects a read past the end */
         assert_int_equal(key_from_text(cut, &key), -1);
         free(cut);
     }

@@ -13,7 +13,7 @@ struct item {
     struct list_link link;
 };
 
-/* The list has exactly these items, in this order, read from either end. */
+/* Checks that the list has exactly these items, in this order, read from either end. */
 static void assert_items(const struct list *list, const struct item *const items[], size_t count)
 {
     struct list_link *link = list->first;
@@ -54,7 +54,7 @@ static void items_keep_their_order(void **state)
     assert_items(&list, (const struct item *[]){&c}, 1);
 }
 
-/* The same as an array from which items are cut out, for many random steps. */
+/* The list equals an array from which items are cut out, for many random steps. */
 static void list_equals_an_array(void **state)
 {
     (void)state;

@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_mapping.c - tests the cache of unused mappings: what is kept, what is dropped, and its use from several threads.
+ */
 #include "tests/support/unit.h"
 
 #include <stdio.h>
@@ -43,7 +46,7 @@ static void what_fits_is_used_again(void **state)
         mappings[i] = obtain((8 + i) * MIB, &lengths[i]);
     for (uint64_t i = 0; i < 3; i++)
         mapping_release(mappings[i], lengths[i]);
-    /* The shortest that is long enough; nothing that is more than a quarter too long. */
+    /* The shortest mapping that is long enough is taken, and none that is more than a quarter too long. */
     void *mapping = obtain(9 * MIB, &again);
     assert_ptr_equal(mapping, mappings[1]);
     assert_int_equal(again, 9 * MIB);
@@ -64,22 +67,22 @@ static void the_limit_holds(void **state)
     uint64_t length;
     mapping_keep(10 * MIB);
     void *first = obtain(6 * MIB, &length), *second = obtain(5 * MIB, &length), *large = obtain(11 * MIB, &length);
-    mapping_release(large, 11 * MIB); /* is more than all that may be kept */
+    mapping_release(large, 11 * MIB); /* is larger than the whole cache may be */
     mapping_release(first, 6 * MIB);
-    mapping_release(second, 5 * MIB); /* makes the first one go */
+    mapping_release(second, 5 * MIB); /* drops the first one */
     void *mapping = obtain(5 * MIB, &length), *other = obtain(5 * MIB, &length);
     assert_ptr_equal(mapping, second);
     assert_int_equal(length, 5 * MIB);
     mapping_release(mapping, 5 * MIB);
     mapping_release(other, 5 * MIB);
-    mapping_keep(5 * MIB); /* the other one stays, as it was used last */
+    mapping_keep(5 * MIB); /* the other one stays, because it was used last */
     mapping = obtain(5 * MIB, &length);
     assert_ptr_equal(mapping, other);
     mapping_release(mapping, length);
     mapping_keep(0);
 }
 
-/* More than there is room to remember. */
+/* More mappings are released than the cache can list. */
 static void many_are_kept_or_go(void **state)
 {
     (void)state;
@@ -106,7 +109,7 @@ static uint64_t address_space(void)
     return pages * (uint64_t)sysconf(_SC_PAGESIZE);
 }
 
-/* Where address space is limited, what is kept goes before nothing is left. */
+/* Where address space is limited, the cache is emptied before an allocation fails. */
 static void kept_ones_give_way(void **state)
 {
     (void)state;
@@ -149,7 +152,7 @@ static void resizing_keeps_contents(void **state)
     assert_null(mapping_obtain(UINT64_MAX / 4096 * 4096, &length));
 }
 
-/* Nobody gets what somebody else has. */
+/* No thread gets a mapping that another thread holds. */
 static void take_turns(void *context, size_t index)
 {
     (void)context;

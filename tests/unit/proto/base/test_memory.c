@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_memory.c - tests blocks, budgets, injected failures, budgets within budgets, and their use from several threads.
+ */
 #include "tests/support/unit.h"
 
 #include <pthread.h>
@@ -7,14 +10,14 @@
 #include "proto/base/memory.h"
 
 /*
- * Sizes on both sides of every border inside memory.c: a line, the 4 MiB from which blocks are mapped, a mapping's last
- * page.
+ * Sizes on both sides of every boundary inside memory.c: a cache line, the 4 MiB from which blocks are mapped, a
+ * mapping's last page.
  */
 static const uint64_t sizes[] = {1, 63, 64, 65, 4096, 100000, 4194303, 4194304, 4198336, 4198337, 8388608, 10000003};
 
 enum { SIZE_COUNT = sizeof sizes / sizeof sizes[0] };
 
-/* Every 61st byte: each line and each page has some, and the test stays quick. */
+/* Every 61st byte is written: each line and each page has some of them, and the test stays quick. */
 enum { STEP = 61 };
 
 static void fill(unsigned char *block, uint64_t size, unsigned seed)
@@ -72,7 +75,7 @@ static void resize_keeps_contents(void **state)
             assert_non_null(block);
             assert_int_equal((uintptr_t)block % 64, 0);
             assert_true(filled(block, sizes[i] < sizes[j] ? sizes[i] : sizes[j], 3));
-            block[sizes[j] - 1] = 1; /* the new end is there */
+            block[sizes[j] - 1] = 1; /* the new end is writable */
             assert_int_equal(memory.live, sizes[j]);
             memory_free(&memory, block);
             assert_int_equal(memory.live, 0);
@@ -134,7 +137,7 @@ static void absurd_sizes_fail(void **state)
     }
     assert_null(memory_array(&memory, UINT64_C(1) << 32, UINT64_C(1) << 32));
     assert_null(memory_array(&memory, UINT64_MAX, 2));
-    assert_null(memory_array(&memory, (UINT64_C(1) << 61) + 1, 8)); /* 8 after wrapping round */
+    assert_null(memory_array(&memory, (UINT64_C(1) << 61) + 1, 8)); /* 8 after wrapping around */
     assert_string_equal(small, "stay");
     assert_string_equal(large, "also");
     memory_free(&memory, small);
@@ -163,7 +166,10 @@ static void the_limit_is_kept(void **state)
     assert_int_equal(memory.peak, 1000);
 }
 
-/* Old and new are live together while bytes are copied; a mapping that moves its pages needs only the difference. */
+/*
+ * The old and the new block count together while bytes are copied; a mapping that moves its pages counts only the
+ * difference.
+ */
 static void a_resize_over_the_limit_changes_nothing(void **state)
 {
     (void)state;
@@ -266,7 +272,7 @@ static void threads_share_a_budget(void **state)
 
     memory_init(&memory, UINT64_MAX);
     memory.fail_after = 1234;
-    assert_int_equal(churn_in_threads(&memory), 1); /* one, whoever comes then */
+    assert_int_equal(churn_in_threads(&memory), 1); /* exactly one allocation fails, in whichever thread */
     assert_int_equal(memory.live, 0);
 }
 
@@ -291,7 +297,7 @@ static void a_child_counts_in_its_parent(void **state)
     assert_int_equal(grandchild.live + child.live, 0);
     assert_int_equal(parent.live, 1000);
     assert_int_equal(grandchild.peak, 500);
-    assert_true(child.peak >= 500 + (6 << 20)); /* more where large blocks are copied */
+    assert_true(child.peak >= 500 + (6 << 20)); /* more, because large blocks are copied */
     assert_int_equal(parent.peak, child.peak + 1000);
     memory_free(&parent, own);
 }
@@ -303,9 +309,9 @@ static void either_limit_refuses(void **state)
     memory_init(&parent, 1000);
     memory_init_within(&child, &parent, 600);
     void *own = memory_alloc(&parent, 500);
-    assert_null(memory_alloc(&child, 601)); /* the child's */
-    assert_null(memory_alloc(&child, 501)); /* the parent's */
-    assert_int_equal(child.live + child.peak, 0); /* what was refused counts nowhere */
+    assert_null(memory_alloc(&child, 601)); /* over the child's limit */
+    assert_null(memory_alloc(&child, 501)); /* over the parent's limit */
+    assert_int_equal(child.live + child.peak, 0); /* a refused allocation counts nowhere */
     assert_int_equal(parent.live, 500);
     assert_int_equal(parent.peak, 500);
     void *block = memory_alloc(&child, 500);
@@ -406,7 +412,7 @@ enum { OWN_HEAP = 1 };
 enum { OWN_HEAP = 1 };
 #endif
 
-/* Pages that the process had to ask for while it took and gave back 12 MB. */
+/* Returns how many pages the process requested while it allocated and freed 12 MB. */
 static long faults_of_a_round(struct memory *memory)
 {
     enum { BLOCKS = 30, SIZE = 400000 };

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_number.c - tests that numbers are read with their suffixes, and that other texts and values out of range are
+ * refused.
+ */
 #include "tests/support/unit.h"
 
 #include <string.h>

@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_parallel.c - tests that loops run every task once, that chunks cover the whole, and that cancelled loops stop.
+ */
 #include "tests/support/unit.h"
 
 #include "proto/base/parallel.h"
@@ -33,7 +36,7 @@ static void nothing_to_do_is_nothing_done(void **state)
     assert_int_equal(record.count, 0);
 }
 
-/* Chunks follow each other without a gap, cover everything, and are full but for the last. */
+/* Chunks follow each other without a gap, cover everything, and are full except for the last. */
 static void chunks_cover_the_whole(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_prefix.c - tests that every number is found in the range that has it, also beside empty ranges. */
+/* test_prefix.c - tests that every number is found in the range that contains it, also beside empty ranges. */
 #include "tests/support/unit.h"
 
 #include "proto/base/prefix.h"

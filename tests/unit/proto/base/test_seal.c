@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_seal.c - tests that sealing waits for writers for a while, and returns other errors at once. */
 #include "tests/support/unit.h"
 
 #include <errno.h>

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_status.c - tests the names of status numbers, and how errors are filled, cut and extended. */
 #include "tests/support/unit.h"
 
 #include "proto/base/status.h"
@@ -8,7 +9,7 @@ static void names_are_those_of_the_enumerants(void **state)
     (void)state;
     static const struct {
         enum bvhd_status status;
-        int number; /* on the wire, for ever */
+        int number; /* on the wire: never changes */
         const char *name;
     } expected[] = {
         {BVHD_OK, 0, "OK"},

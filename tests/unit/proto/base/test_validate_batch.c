@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_validate_batch.c - tests the rules between the entries of one call, also against a comparison of all pairs. */
 #include "tests/support/unit.h"
 
 #include "tests/support/random.h"
@@ -30,21 +31,21 @@ static void entries_fail_alone(void **state)
     assert_int_equal(validate_batch(inputs, 7, &memory, errors), BVHD_OK);
     expect(&errors[0], BVHD_VUID_03698, "infos[0].dstAccelerationStructure");
     expect(&errors[1], BVHD_VUID_03403, "infos[1].srcAccelerationStructure");
-    expect(&errors[2], BVHD_VUID_NONE, ""); /* in place */
+    expect(&errors[2], BVHD_VUID_NONE, ""); /* an update in place is allowed */
     expect(&errors[3], BVHD_VUID_NONE, "");
     expect(&errors[4], BVHD_VUID_03698, "infos[4].dstAccelerationStructure");
     expect(&errors[5], BVHD_VUID_03407, "infos[5].references[1]");
     expect(&errors[6], BVHD_VUID_NONE, ""); /* a build ignores its source */
     assert_int_equal(memory.live, 0);
 
-    inputs[5].destination = 4; /* no longer another entry's alone, and twice a destination */
+    inputs[5].destination = 4; /* entry 5's destination is now also entry 3's */
     assert_int_equal(validate_batch(inputs, 7, &memory, errors), BVHD_OK);
     expect(&errors[3], BVHD_VUID_03698, "infos[3].dstAccelerationStructure");
     expect(&errors[5], BVHD_VUID_03698, "infos[5].dstAccelerationStructure");
     assert_int_equal(validate_batch(NULL, 0, &memory, NULL), BVHD_OK);
 }
 
-/* Against a comparison of all pairs. */
+/* Random entries give the same errors as a comparison of all pairs. */
 static void pairs_are_found(void **state)
 {
     (void)state;

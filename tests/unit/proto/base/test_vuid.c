@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_vuid.c - tests the list of Vulkan's rules: their spelling, their names, and numbers that never change. */
 #include "tests/support/unit.h"
 
 #include <ctype.h>
 
 #include "bvhd/vuid.h"
 
-/* What vuid.def says, read once more by other means. */
+/* The contents of vuid.def, read independently of vuid.c. */
 static const struct rule {
     const char *name, *string;
 } rules[] = {
@@ -66,7 +67,7 @@ static void no_rule_stands_twice(void **state)
             assert_string_not_equal(rules[i].string, rules[j].string);
 }
 
-/* The wire knows rules by these numbers. New rules come after them. */
+/* These numbers are wire ABI. New rules come after them. */
 static void numbers_stay(void **state)
 {
     (void)state;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Control messages: what is packed is unpacked, and values are neither lost nor trusted. test_control_hostile has the
- * floods.
+ * test_control.c - tests that control messages are packed and unpacked without loss, and that hostile values are
+ * refused. test_control_hostile.c has messages that are made to be expensive.
  */
 #include "tests/support/unit.h"
 
@@ -30,7 +30,7 @@ static const struct messages_kind *kind_of(const char *name)
     return NULL;
 }
 
-/* Packs, unpacks, and leaves no bytes. */
+/* Packs and unpacks a message, and frees the bytes. */
 static void *there_and_back(const char *name, const void *message)
 {
     const struct messages_kind *kind = kind_of(name);
@@ -41,7 +41,7 @@ static void *there_and_back(const char *name, const void *message)
     return back;
 }
 
-/* Structs without padding that matters are compared as they are: both were zeroed first. */
+/* Structs without relevant padding are compared as bytes: both were zeroed first. */
 static void compare_plain(const char *name, const void *message, size_t size)
 {
     void *back = there_and_back(name, message);
@@ -108,7 +108,7 @@ static void lists_come_back(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Bit for bit: NaN, infinities, negative zero. */
+/* Doubles keep every bit: NaN, infinities, negative zero. */
 static void results_come_back(void **state)
 {
     (void)state;
@@ -135,14 +135,14 @@ static void results_come_back(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Messages in which nothing differs from 0 have no bytes, and no bytes are such messages. */
+/* Messages whose fields are all 0 have no bytes, and no bytes unpack to such messages. */
 static void empty_messages_have_no_bytes(void **state)
 {
     (void)state;
     static const struct messages zero;
     for (int i = 0; i < MESSAGES_KINDS; i++) {
         const struct messages_kind *kind = &messages_kinds[i];
-        bool result = strcmp(kind->name, "result") == 0; /* it must have a key */
+        bool result = strcmp(kind->name, "result") == 0; /* a result must have a key */
         struct bytes packed = {(const unsigned char *)"x", 1};
         void *back = NULL;
         assert_int_equal(kind->pack((const unsigned char *)&zero + kind->member, &memory, &packed, NULL), BVHD_OK);
@@ -157,7 +157,10 @@ static void empty_messages_have_no_bytes(void **state)
     memory_free(&memory, items);
 }
 
-/* Field 3 of Hello and 4 of Error are strings that others may have made. */
+/*
+ * Checks how a string is unpacked. Field 3 of Hello and field 4 of Error are strings that an untrusted peer may have
+ * sent.
+ */
 static void check_text(const char *sent, size_t length, const char *want)
 {
     unsigned char bytes[1000] = {3 << 3 | 2, (unsigned char)(0x80 | (length & 0x7f)), (unsigned char)(length >> 7)};
@@ -185,13 +188,13 @@ static void texts_are_cut_and_cleaned(void **state)
     text[60] = 'a';
     want[61] = '\0';
     check_text(text, 900, want);
-    memset(text, 0x80, sizeof text); /* no character anywhere */
+    memset(text, 0x80, sizeof text); /* there is no character at which to cut */
     check_text(text, 900, "");
     check_text("a\nb\tc\x7f\x1b[31m", 11, "a b c  [31m");
     check_text("two\0parts", 9, "two");
 }
 
-/* A newer peer's fields: at the end, at the beginning, of every wire type. */
+/* Fields of a newer peer, at the end and at the beginning, of every wire type. */
 static void unknown_fields_are_ignored(void **state)
 {
     (void)state;
@@ -220,7 +223,7 @@ static void unknown_fields_are_ignored(void **state)
     }
 }
 
-/* Cut anywhere: no message, or a message whose last fields lack. */
+/* A message that is cut anywhere is refused, or its last fields are missing. */
 static void truncations_hold_nothing(void **state)
 {
     (void)state;
@@ -241,7 +244,7 @@ static void truncations_hold_nothing(void **state)
             free(exact);
         }
         assert_true(corrupt >= packed.size / 2);
-        unsigned char *longer = malloc(packed.size + 1); /* a byte too many starts a field that does not end */
+        unsigned char *longer = malloc(packed.size + 1); /* one byte more starts a field that does not end */
         memcpy(longer, packed.data, packed.size);
         longer[packed.size] = 0x80;
         void *message;
@@ -268,7 +271,7 @@ static void numbers_that_nobody_knows_come_through(void **state)
     memory_free(&memory, back);
 }
 
-/* Fields as a sender of another kind would write them. */
+/* Builds fields as another implementation might send them. */
 struct writing {
     unsigned char *bytes;
     uint64_t size;
@@ -281,7 +284,7 @@ static void put_varint(struct writing *writing, uint64_t value)
     writing->bytes[writing->size++] = (unsigned char)value;
 }
 
-/* A field of bytes, `size` of them, all `fill`. */
+/* Appends a field of `size` bytes, all equal to `fill`. */
 static void put_block(struct writing *writing, uint32_t field, uint64_t size, int fill)
 {
     put_varint(writing, field << 3 | 2);
@@ -337,7 +340,7 @@ static void counts_and_sizes_are_checked(void **state)
     put_items(&writing, 124, 5 * 124, 0);
     writing.bytes[writing.size - 4] = 1;
     refuse("build", &writing, BVHD_UNSUPPORTED, "infos[4]");
-    put_block(&writing, 4, 80, 0); /* rows of no declared size */
+    put_block(&writing, 4, 80, 0); /* the size of the rows is not declared */
     refuse("build", &writing, BVHD_CORRUPT, "build.items");
     put_block(&writing, 2, 4 * 8, 0);
     refuse("build", &writing, BVHD_OK, "");
@@ -376,8 +379,8 @@ static void counts_and_sizes_are_checked(void **state)
 }
 
 /*
- * Rows of every size that some version may send: what they have comes through, what they lack is 0, and no row takes
- * from the next one.
+ * Item rows of every size that some version may send: the fields that they have are read, those that they lack are 0,
+ * and no row takes bytes from the next one.
  */
 static void older_rows_lack_their_end(void **state)
 {
@@ -411,7 +414,7 @@ static void older_rows_lack_their_end(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* The most that a message may hold fits its heap, with names as long as they get. */
+/* The largest message that is allowed, with the longest names, fits into its heap. */
 static void the_largest_messages_fit(void **state)
 {
     (void)state;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Messages that were made to cost: whatever they are, unpacking one takes no more heap than CONTROL_HEAP_RATIO times
- * its size and the fixed part, holds nothing when it fails, and ends soon.
+ * test_control_hostile.c - tests that no message, however it was made, takes more heap than CONTROL_HEAP_RATIO times
+ * its size and the fixed part, or much time, or leaves memory allocated when it fails.
  */
 #include "tests/support/unit.h"
 
@@ -26,7 +26,10 @@ static double now_ms(void)
     return (double)time.tv_sec * 1e3 + (double)time.tv_nsec * 1e-6;
 }
 
-/* As every kind of message. Returns how many took it. The bound on processor time is for the slowest sanitizer. */
+/*
+ * Unpacks the bytes as every kind of message, and returns how many kinds accepted them. The bound on processor time
+ * allows for the slowest sanitizer.
+ */
 static int unpack_all(const struct flood *flood)
 {
     int taken = 0;
@@ -48,7 +51,7 @@ static int unpack_all(const struct flood *flood)
     return taken;
 }
 
-/* `pattern` over and over, up to `size` bytes. */
+/* Repeats `pattern` up to `size` bytes. */
 static struct flood repeat(const void *pattern, uint64_t length, uint64_t size)
 {
     struct flood flood = {malloc(size + length), 0};
@@ -65,7 +68,7 @@ static int repeat_all(const void *pattern, uint64_t length, uint64_t size)
     return taken;
 }
 
-/* A field's tag, of one or two bytes. */
+/* Writes a field's tag, of one or two bytes. */
 static uint64_t put_tag(unsigned char *bytes, uint32_t field, uint32_t wire_type)
 {
     uint32_t tag = field << 3 | wire_type;
@@ -75,8 +78,8 @@ static uint64_t put_tag(unsigned char *bytes, uint32_t field, uint32_t wire_type
 }
 
 /*
- * Every field number with every wire type, alone by the megabyte: empty submessages, packed nothings, numbers, groups,
- * strings of a byte.
+ * A megabyte of every field number with every wire type: empty submessages, empty packed fields, numbers, groups,
+ * strings of one byte.
  */
 static void one_field_by_the_megabyte(void **state)
 {
@@ -97,7 +100,7 @@ static void one_field_by_the_megabyte(void **state)
     }
 }
 
-/* Submessages in submessages: 40 KB of them, each as long as what is in it. */
+/* Submessages in submessages: 40 KB of them, each as long as its contents. */
 static void nesting_ends(void **state)
 {
     (void)state;
@@ -168,15 +171,16 @@ static void lengths_beyond_the_end_are_refused(void **state)
 }
 
 /*
- * What nobody knows is kept while the message is unpacked: one of a megabyte is fine, a megabyte of small ones is not.
+ * Unknown fields are kept while the message is unpacked: one field of a megabyte is accepted, a megabyte of small
+ * fields is not.
  */
 static void unknown_fields_by_the_megabyte(void **state)
 {
     (void)state;
     unsigned char *bytes = calloc(1, MEBIBYTE + 8);
     memcpy(bytes, "\x82\x7d\x80\x80\x40", 5); /* field 2000, of 2^20 bytes */
-    assert_int_equal(unpack_all(&(struct flood){bytes, MEBIBYTE + 5}),
-                     MESSAGES_KINDS - 1); /* a result without a key is none */
+    /* A result without a key is refused. */
+    assert_int_equal(unpack_all(&(struct flood){bytes, MEBIBYTE + 5}), MESSAGES_KINDS - 1);
     free(bytes);
     assert_int_equal(repeat_all("\x80\x7d\x01", 3, MEBIBYTE), 0);
     assert_int_equal(repeat_all("\x82\x7d\x01x", 4, MEBIBYTE), 0);
@@ -192,7 +196,7 @@ static void unknown_fields_by_the_megabyte(void **state)
     free(flood.bytes);
 }
 
-/* One field given again and again: the last one counts, each takes its bytes until the end. */
+/* A field that is given repeatedly: the last one counts, and each one takes its bytes until the end. */
 static void repeated_strings_take_their_bytes(void **state)
 {
     (void)state;
@@ -209,7 +213,7 @@ static void repeated_strings_take_their_bytes(void **state)
         }
 }
 
-/* Samples with a few bytes changed, cut, doubled. */
+/* Sample messages with a few bytes changed, cut off or doubled. */
 static void mutations_hold_nothing(void **state)
 {
     (void)state;

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frames: bytes and real descriptors in any portions; test_frame_socket has them through the kernel. */
+/*
+ * test_frame.c - tests the frame parser with bytes and real descriptors in portions of any size. test_frame_socket.c
+ * sends them through the kernel.
+ */
 #include "tests/support/unit.h"
 
 #include <sys/stat.h>
@@ -9,7 +12,7 @@
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
 
-/* One at a time: it is too large for a stack. */
+/* There is one stream at a time, static because it is too large for the stack. */
 static struct frames_stream *empty_stream(void)
 {
     static struct frames_stream stream;
@@ -35,7 +38,7 @@ static enum bvhd_status feed(struct frame_parser *parser, const void *bytes, siz
     return frames_feed(parser, bytes, size, descriptors, count, NULL);
 }
 
-/* The next frame has to be there. */
+/* Returns the next frame, which must be there. */
 static struct frame next(struct frame_parser *parser)
 {
     struct frame frame;
@@ -55,7 +58,7 @@ static void expect_none(struct frame_parser *parser)
     assert_false(found);
 }
 
-/* Wrong for good: the place is told once, and nothing is taken afterwards. */
+/* Checks that the parser has failed for good: it reports the place once, and takes nothing afterwards. */
 static void expect_broken(struct frame_parser *parser, enum bvhd_status want, const char *where)
 {
     struct frame frame = {.header.type = 4711};
@@ -109,7 +112,7 @@ static void a_frame_comes_out_as_it_went_in(void **state)
     stop(&parser);
 }
 
-/* Cut at every byte, and what is not complete is not there. */
+/* The stream is cut at every byte; an incomplete frame is never returned. */
 static void every_truncation_waits(void **state)
 {
     (void)state;
@@ -127,7 +130,7 @@ static void every_truncation_waits(void **state)
     }
 }
 
-/* Frames of all sizes around those of the buffer. */
+/* Adds frames of sizes around the sizes of the buffer. */
 static void add_many(struct frames_stream *stream)
 {
     static const uint32_t sizes[] = {0, 1, 31, 4000, 16 * 1024 - 33, 16 * 1024 - 32, 16 * 1024, 64 * 1024};
@@ -142,7 +145,7 @@ static void add_many(struct frames_stream *stream)
     frames_add(stream, &(struct frame_header){.type = 2});
 }
 
-/* All frames of the stream, fed in portions of `portion` bytes, or of random ones up to that. */
+/* Feeds all frames of the stream in portions of `portion` bytes, or of random sizes up to that. */
 static void pass(const struct frames_stream *stream, size_t portion, struct random *random)
 {
     struct frame_parser parser;
@@ -182,7 +185,7 @@ static void portions_do_not_matter(void **state)
     }
 }
 
-/* One byte of a good header changed. */
+/* Changes one byte of a valid header and expects a refusal. */
 static void refuse(size_t at, unsigned char value, enum bvhd_status status, const char *where)
 {
     struct frames_stream *stream = empty_stream();
@@ -214,8 +217,8 @@ static void wrong_headers_are_refused(void **state)
 }
 
 /*
- * A stranger's few bytes are known as such before a header's worth of them is there; so is a limit, before the bytes
- * over it.
+ * A stranger's bytes are refused before a whole header has arrived; a size over a limit is refused before its bytes
+ * arrive.
  */
 static void wrong_bytes_are_refused_early(void **state)
 {
@@ -253,7 +256,7 @@ static void limits_are_the_receivers(void **state)
     }
 }
 
-/* A large frame's buffer is as large as its header says, and goes when the frame has gone. */
+/* The buffer for a large frame is as large as its header says, and is freed after the frame. */
 static void buffers_grow_and_shrink(void **state)
 {
     (void)state;
@@ -279,7 +282,7 @@ static void buffers_grow_and_shrink(void **state)
     stop(&parser);
 }
 
-/* Without memory everything stays as it was, and goes on when there is some. */
+/* Without memory everything stays as it was, and parsing goes on once there is memory. */
 static void failing_allocations_change_nothing(void **state)
 {
     (void)state;
@@ -313,7 +316,7 @@ struct story {
     int descriptors[3];
     ino_t inodes[3];
     struct frame_parser parser;
-    int open; /* descriptors before */
+    int open; /* number of descriptors before */
 };
 
 static void open_story(struct story *story)
@@ -343,7 +346,7 @@ static void expect_descriptor(int descriptor, ino_t inode)
     close(descriptor);
 }
 
-/* All three frames come, each with its own descriptors, and none is left over. */
+/* Expects all three frames, each with its own descriptors, and no descriptor left over. */
 static void close_story(struct story *story)
 {
     next(&story->parser);
@@ -357,7 +360,7 @@ static void close_story(struct story *story)
     assert_int_equal(frames_open(), story->open);
 }
 
-/* Wrong after `good` frames; whatever came is closed. */
+/* Expects a failure after `good` frames; all descriptors are closed. */
 static void break_story(struct story *story, uint32_t good)
 {
     for (uint32_t i = 0; i < good; i++) {
@@ -383,7 +386,7 @@ static void descriptors_arrive_with_any_byte(void **state)
         assert_int_equal(tell(&story, cut, last, 2, 1), BVHD_OK);
         close_story(&story);
     }
-    /* in one read, in two that end before their last bytes, and one by one within a frame */
+    /* Descriptors come in one read, in two reads that end before their last bytes, and one by one within a frame. */
     open_story(&story);
     assert_int_equal(tell(&story, 0, last, 0, 3), BVHD_OK);
     close_story(&story);
@@ -419,19 +422,19 @@ static void descriptors_that_no_frame_declares_are_found(void **state)
 {
     (void)state;
     struct story story;
-    open_story(&story); /* with a frame that declares none */
+    open_story(&story); /* they come with a frame that declares none */
     assert_int_equal(tell(&story, 0, story.starts[1], 0, 1), BVHD_OK);
     break_story(&story, 0);
     close(story.descriptors[1]);
     close(story.descriptors[2]);
     assert_int_equal(frames_open(), story.open);
-    open_story(&story); /* in the middle of it, known when it ends */
+    open_story(&story); /* they come in the middle of that frame, and are detected at its end */
     assert_int_equal(tell(&story, 0, 40, 0, 3), BVHD_OK);
     expect_none(&story.parser);
     assert_int_equal(tell(&story, 40, story.starts[1] + 1, 0, 0), BVHD_OK);
     break_story(&story, 0);
     assert_int_equal(frames_open(), story.open);
-    open_story(&story); /* one more than are declared */
+    open_story(&story); /* one more comes than is declared */
     assert_int_equal(tell(&story, 0, story.starts[2], 0, 3), BVHD_OK);
     break_story(&story, 1);
     assert_int_equal(frames_open(), story.open);
@@ -450,7 +453,10 @@ static void unclaimed_descriptors_are_closed(void **state)
     frame_parser_finish(NULL);
 }
 
-/* Eight frames of four each in one read are the most; one descriptor more and all of the read's are closed. */
+/*
+ * The queue holds eight frames with four descriptors each in one read; with one descriptor more, all descriptors of the
+ * read are closed.
+ */
 static void the_queue_has_an_end(void **state)
 {
     (void)state;

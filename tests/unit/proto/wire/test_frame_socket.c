@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Frames and descriptors through a real socket: whatever the kernel cuts and glues, each frame gets its own
- * descriptors.
+ * test_frame_socket.c - tests frames and descriptors through a real socket: however the kernel splits and joins reads,
+ * each frame gets its own descriptors.
  */
 #include "tests/support/unit.h"
 
@@ -19,11 +19,11 @@ static struct frames_stream stream;
 struct traffic {
     struct random random;
     int sockets[2];
-    size_t starts[MOST + 1]; /* of the frames in the stream */
+    size_t starts[MOST + 1]; /* where each frame starts in the stream */
     ino_t inodes[MOST][FRAME_MAX_DESCRIPTORS];
-    uint32_t sending; /* the frame under way */
+    uint32_t sending; /* the frame that is being sent */
     size_t sent; /* bytes of the stream */
-    uint32_t received; /* frames */
+    uint32_t received; /* number of frames */
     struct frame_parser parser;
 };
 
@@ -46,8 +46,8 @@ static void make_traffic(struct traffic *traffic, uint64_t seed)
 }
 
 /*
- * The rest of a frame, its descriptors with its first byte; without any, the next frames without descriptors in the
- * same call.
+ * Sends the rest of a frame, with its descriptors if it is the beginning; without descriptors, also the next frames
+ * that have none.
  */
 static bool send_some(struct traffic *traffic)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * PROTOCOL.md against the code: the bytes of its examples are those that are sent, its numbers are those of the
- * headers.
+ * test_protocol.c - tests PROTOCOL.md against the code: the bytes of its examples are those that are sent, and its
+ * numbers are those of the headers.
  */
 #include "tests/support/unit.h"
 
@@ -14,7 +14,7 @@
 enum { MOST = 4096 };
 
 static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
-static char *text; /* of PROTOCOL.md */
+static char *text; /* the text of PROTOCOL.md */
 
 static int load(void **state)
 {
@@ -51,7 +51,7 @@ static int nibble(char digit)
 }
 
 /*
- * The bytes of the lines "    00 01 fe  what they are" that follow `title`, up to the first line that is not indented.
+ * Reads the bytes of the lines "    00 01 fe  comment" that follow `title`, up to the first line that is not indented.
  */
 static size_t example(const char *title, unsigned char ret_bytes[MOST])
 {
@@ -70,7 +70,7 @@ static size_t example(const char *title, unsigned char ret_bytes[MOST])
     return count;
 }
 
-/* A frame as it is sent; returns its size. */
+/* Makes a frame in its wire format; returns its size. */
 static size_t make_frame(enum frame_type type, uint64_t request, struct bytes control, struct bytes inline_bytes,
                          unsigned char ret_bytes[MOST])
 {
@@ -157,7 +157,7 @@ static void numbers_are_those_of_the_headers(void **state)
     }
     for (int status = 0; status < BVHD_STATUS_COUNT; status++) {
         snprintf(line, sizeof line, "\n| %d | %s |", status, bvhd_status_name((enum bvhd_status)status));
-        if (status != BVHD_PENDING) /* never sent */
+        if (status != BVHD_PENDING) /* is never sent */
             contain(line);
     }
     snprintf(line, sizeof line, "%d bytes of control message", FRAME_MAX_CONTROL);
@@ -170,7 +170,7 @@ static void numbers_are_those_of_the_headers(void **state)
     contain(line);
 }
 
-/* A row of a table of fields: "| 40 | 8 | `stride`"... */
+/* Expects a row in a table of fields: "| 40 | 8 | `stride`"... */
 static void field(size_t offset, size_t size, const char *name)
 {
     char line[100];
@@ -206,7 +206,8 @@ static void tables_are_the_structs(void **state)
 }
 
 /*
- * Item rows have no struct outside of the codec: each field gets a value of its own, which is looked for at its place.
+ * Item rows have no struct outside of the codec. Therefore each field gets a unique value, which is expected at its
+ * place.
  */
 static void item_rows_are_the_table(void **state)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Payloads: what is written is read, and whatever else is there is refused. */
+/* test_rows.c - tests that payloads are read as they were written, and that all others are refused. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -33,7 +33,7 @@ static enum bvhd_status read_payload(const struct payload *payload, struct build
     return rows_read((struct bytes){payload->bytes, payload->size}, &payload->shape, 5, &memory, input, error);
 }
 
-/* Reads a copy of exactly the payload's size, so that a sanitizer sees a byte too far. */
+/* Reads a copy of exactly the payload's size, so that a sanitizer detects a read past the end. */
 static void refuse(const struct payload *payload, enum bvhd_status want, const char *where)
 {
     struct payload exact = *payload;
@@ -123,15 +123,15 @@ static void descriptions_come_back(void **state)
     test.geometries[1].aabbs.stride = UINT64_MAX;
     test.geometries[1].aabbs.boxes = (struct bytes){(unsigned char *)test.boxes, 17};
     round_trip(&test.input);
-    test.geometries[0].type = 4711; /* what nobody knows is for validation to refuse */
+    test.geometries[0].type = 4711; /* validation refuses an unknown type, not the reader */
     round_trip(&test.input);
     inputs_aabbs(&test);
     round_trip(&test.input);
     inputs_instances(&test);
     test.references[0].bounds.min[0] = -0.0f;
+    /* Slabs may have any value. */
     for (int i = 0; i < SLABS_COUNT; i++)
-        test.references[1].slabs.min[i] = test.references[1].slabs.max[i] =
-            i ? (float)i : INFINITY; /* whatever it is */
+        test.references[1].slabs.min[i] = test.references[1].slabs.max[i] = i ? (float)i : INFINITY;
     test.references[0].kind = (enum reference_kind)99;
     round_trip(&test.input);
     test.input.geometry_count = 0;
@@ -141,7 +141,7 @@ static void descriptions_come_back(void **state)
     rows_finish(NULL, &memory);
 }
 
-/* Memory that is not given and memory of no bytes are two things: validation tells them apart. */
+/* Memory that is not given differs from memory of no bytes: validation treats them differently. */
 static void empty_is_not_absent(void **state)
 {
     (void)state;
@@ -203,8 +203,8 @@ static void sizes_that_overflow_are_refused(void **state)
 }
 
 /*
- * A payload that is shorter by any number of bytes lacks rows, or its spans reach beyond its end. Only padding at the
- * end may lack.
+ * In a payload that is shorter by any number of bytes, rows are missing or spans reach beyond its end. Only padding at
+ * the end may be missing.
  */
 static void every_truncation_is_refused(void **state)
 {
@@ -223,7 +223,7 @@ static void every_truncation_is_refused(void **state)
             assert_int_equal(memory.live, 0);
             free(exact);
         }
-        struct payload longer = {payload.bytes, payload.size + 1, payload.shape}; /* a byte too many is nobody's */
+        struct payload longer = {payload.bytes, payload.size + 1, payload.shape}; /* an additional byte is ignored */
         struct build_input input;
         assert_int_equal(read_payload(&longer, &input, NULL), BVHD_OK);
         rows_finish(&input, &memory);
@@ -256,7 +256,7 @@ static void rows_outside_are_refused(void **state)
     refuse(&other, BVHD_CORRUPT, "infos[5].geometries");
     other.shape.geometry_size = UINT32_MAX;
     refuse(&other, BVHD_TOO_LARGE, "infos[5].geometries");
-    other.shape.geometry_count = 0; /* then its size says nothing, and the references come first */
+    other.shape.geometry_count = 0; /* then its row size is ignored, and the references come first */
     memmove(payload.bytes, payload.bytes + ROWS_GEOMETRY_SIZE, 3 * ROWS_REFERENCE_SIZE);
     struct build_input input;
     assert_int_equal(read_payload(&other, &input, NULL), BVHD_OK);
@@ -300,7 +300,7 @@ static void spans_outside_are_refused(void **state)
     free(payload.bytes);
 }
 
-/* Whatever a type has no use for is not looked at. */
+/* Fields that a type does not use are ignored. */
 static void other_fields_are_ignored(void **state)
 {
     (void)state;
@@ -319,7 +319,7 @@ static void other_fields_are_ignored(void **state)
     free(payload.bytes);
 }
 
-/* The same description in rows of another version: longer ones. */
+/* Makes the same description with longer rows, as another version would write them. */
 static struct payload stretch(const struct test_input *test, uint32_t geometry_more, uint32_t reference_more)
 {
     struct payload from = write_payload(&test->input), to = from;
@@ -379,7 +379,10 @@ static void longer_rows_are_read_while_the_rest_is_zero(void **state)
     }
 }
 
-/* Those of the first version end before the slabs, which are not known then; others may end anywhere behind. */
+/*
+ * Reference rows of the first version end before the slabs, which are then unknown; other rows may end anywhere after
+ * that.
+ */
 static void shorter_rows_lack_their_end(void **state)
 {
     (void)state;
@@ -495,7 +498,7 @@ static void pieces_are_the_same_bytes(void **state)
     }
 }
 
-/* Whatever is in the rows. */
+/* A set flag ends the reading, whatever the rows contain. */
 static void a_cancelled_reading_ends(void **state)
 {
     (void)state;

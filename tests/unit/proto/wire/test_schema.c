@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The schema of control messages: what it must never become, and what must stay as it is. */
+/* test_schema.c - tests that the schema of control messages stays flat, and that its fields never change. */
 #include "tests/support/unit.h"
 
 #include <stdbool.h>
@@ -14,8 +14,8 @@ static const ProtobufCMessageDescriptor *const messages[] = {
 enum { MESSAGES = sizeof messages / sizeof messages[0], DEEPEST = 2, LINE = 100 };
 
 /*
- * Field numbers and types are ABI. A new field adds a line; a line that changes or goes is a defect, unless it goes to
- * `reserved`.
+ * Field numbers and types are ABI. A new field adds a line; a changed or missing line is a defect, unless its field is
+ * listed in `reserved`.
  */
 static const char *const fields[] = {
     "Hello.version_min 1 uint32",
@@ -75,7 +75,8 @@ static const char *const fields[] = {
 enum { FIELDS = sizeof fields / sizeof fields[0] };
 
 /*
- * Levels of messages from this one down; fails when there is no end. Every message below has to be in the list above.
+ * Returns the number of levels of messages from this one down, and fails if there is no end. Every message below must
+ * be in the list above.
  */
 static int depth_of(const ProtobufCMessageDescriptor *message, int above)
 {
@@ -103,8 +104,8 @@ static void no_message_contains_itself(void **state)
 }
 
 /*
- * A message that is given twice is merged, by code of protobuf-c's that nothing here should need; one of a number of
- * messages is not.
+ * protobuf-c merges a single submessage that is given twice, by code that nothing here should need; it does not merge
+ * repeated ones.
  */
 static void submessages_are_repeated_alone(void **state)
 {
@@ -116,8 +117,8 @@ static void submessages_are_repeated_alone(void **state)
 }
 
 /*
- * Lists are either one field of bytes, or numbers of a fixed width: elsewhere two bytes would cost many. Counters are
- * few.
+ * A list is either one field of bytes, or numbers of a fixed width; otherwise two bytes would cost much memory.
+ * Counters are an exception, because they are few.
  */
 static void lists_are_no_longer_than_their_bytes(void **state)
 {
