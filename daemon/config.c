@@ -22,14 +22,14 @@ enum option_kind {
     KIND_IDLE,
     KIND_DRAIN,
     KIND_LEVEL,
-    KIND_CONFIG, /* from here on: for the command line only */
+    KIND_CONFIG, /* this and the following are for the command line only */
     KIND_VERSION,
 };
 
 struct config_option {
     const char *name, *argument;
     int kind;
-    const char *help; /* lines after the first are continued */
+    const char *help; /* one or more lines */
 };
 
 static const struct config_option option_rows[] = {
@@ -65,7 +65,7 @@ static enum bvhd_status read_seconds(const char *where, const char *text, uint64
     double seconds = strtod(text, &end);
     if (!isdigit((unsigned char)*text) || text[strspn(text, "0123456789.")] || *end || seconds > 1e6)
         return bvhd_error_set(error, BVHD_INVALID, where, "not a number of seconds: '%s'", text);
-    *ret_ms = seconds > 0 && seconds < 0.001 ? 1 : (uint64_t)(seconds * 1000); /* 0 means something else */
+    *ret_ms = seconds > 0 && seconds < 0.001 ? 1 : (uint64_t)(seconds * 1000); /* 0 has a meaning of its own */
     return BVHD_OK;
 }
 
@@ -149,7 +149,7 @@ static enum bvhd_status apply_command_line(int argc, char **argv, struct config 
     struct option table[OPTION_ROWS + 1];
     fill_table(table);
     opterr = 0;
-    optind = 0; /* glibc: start anew, also when called again */
+    optind = 0; /* makes glibc start from the beginning, also in a second call */
     for (;;) {
         int before = optind ? optind : 1, index = -1, kind = getopt_long(argc, argv, "+:h", table, &index);
         if (kind == -1)
@@ -202,7 +202,7 @@ static enum bvhd_status apply_lines(FILE *file, const char *path, struct config 
     char line[CONFIG_PATH_SIZE + 64], where[BVHD_WHERE_SIZE];
     enum bvhd_status status = BVHD_OK;
     for (unsigned number = 1; !status && fgets(line, sizeof line, file); number++) {
-        size_t length = strlen(path), most = sizeof where - 16; /* of a long path the end says more */
+        size_t length = strlen(path), most = sizeof where - 16; /* the end of a long path says more than its start */
         snprintf(where, sizeof where, "%s:%u", length > most ? path + length - most : path, number);
         if (!strchr(line, '\n') && !feof(file))
             return bvhd_error_set(error, BVHD_INVALID, where, "a line that is too long, or that has a NUL in it");

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * config.h - what the daemon was told to do: by its command line, by a file of "name = value" lines with the same
- * names, by default.
+ * config.h - the daemon's options: from the command line, from a file of "name = value" lines with the same names, or
+ * by default.
  */
 #ifndef BVHD_CONFIG_H
 #define BVHD_CONFIG_H
@@ -16,23 +16,23 @@ enum config_action { CONFIG_RUN, CONFIG_HELP, CONFIG_VERSION };
 struct config {
     enum config_action action;
     char socket[CONFIG_PATH_SIZE];
-    bool socket_given; /* false: a default */
+    bool socket_given; /* false: `socket` is the default */
     char file[CONFIG_PATH_SIZE]; /* "": none */
     char cache[CONFIG_PATH_SIZE]; /* a directory for results, which this version does not use; "": none */
     enum log_level log_level;
-    uint64_t idle_exit_ms; /* leave after so long without connections and work; 0: never */
-    uint64_t drain_ms; /* how long what is under way may take after SIGTERM */
+    uint64_t idle_exit_ms; /* time without connections and work after which the daemon exits; 0: it never does */
+    uint64_t drain_ms; /* time that what is under way may take after SIGTERM */
     uint32_t max_connections;
     struct service_options service;
 };
 
 /*
- * The command line wins over the file. BVHD_INVALID names the option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO
- * a file that cannot be read.
+ * Reads the command line, and the file that it names. The command line wins over the file. BVHD_INVALID names the
+ * option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO names a file that cannot be read.
  */
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error);
 
-/* One file's lines, over what is in `config`, which stays as it was on failure. */
+/* Applies the lines of one file to `config`, which stays unchanged on failure. */
 enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error);
 
 /* Prints the options on stdout. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bvhd: the service. Reads what it was told, then serves. */
+/* bvhd - the program: reads its options, then serves until it is told to end. */
 #include <fcntl.h>
 #include <stdio.h>
 #include <unistd.h>
@@ -9,7 +9,7 @@
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
-/* A standard descriptor that the caller closed would be the next socket, and a client would read the log. */
+/* If a standard descriptor were closed, the next socket would get its number, and a client would read the log. */
 static void fill_standard_descriptors(void)
 {
     for (int i = 0; i <= 2; i++)

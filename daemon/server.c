@@ -26,7 +26,7 @@ struct server {
     bool draining;
 };
 
-/* From any thread. */
+/* Called on any thread. */
 static void wake_loop(void *context)
 {
     struct server *server = context;
@@ -51,7 +51,7 @@ static void on_drain_timeout(uv_timer_t *timer)
 static void start_drain(struct server *server)
 {
     server->draining = true;
-    uv_timer_stop(&server->idle); /* it would accept from a socket that is closed by then */
+    uv_timer_stop(&server->idle); /* it would accept from the socket, which is closed by then */
     log_event(LOG_INFO, "draining", "pending=%u connections=%u", service_pending(server->service), server->group.count);
     notify_stopping("finishing what is under way");
     accept_close(&server->acceptor);
@@ -80,7 +80,7 @@ static void on_alive(uv_timer_t *timer)
         log_event(LOG_ERROR, "workers_stuck", "pending=%u", service_pending(server->service));
 }
 
-/* Who knocked in the last moment is let in. */
+/* A client that connected in the last moment is accepted. */
 static void on_idle(uv_timer_t *timer)
 {
     struct server *server = timer->data;
@@ -140,7 +140,7 @@ static void init_handles(struct server *server)
     server->alive.data = server->idle.data = server->drain.data = server;
 }
 
-/* Descriptors of the loop and of the socket are open before the service counts what is. */
+/* Opens the descriptors of the loop and the socket first, because the service counts those that are open. */
 static enum bvhd_status open_service(struct server *server, struct bvhd_error *error)
 {
     if (uv_async_init(&server->loop, &server->collect, on_collect))
@@ -203,8 +203,8 @@ static void close_handle(uv_handle_t *handle, void *context)
 }
 
 /*
- * Also after a start that failed half-way. Sessions go before the service, the service before the handle that its
- * threads wake.
+ * Ends everything that was started, also after a start that failed. Sessions end before the service, and the service
+ * before the handle by which its threads wake the loop.
  */
 static void finish(struct server *server)
 {

@@ -9,7 +9,7 @@
 struct attachment {
     atomic_uint refs;
     pthread_mutex_t mutex; /* held while it is opened */
-    struct payload_file file; /* descriptor -1: it was opened, or that failed */
+    struct payload_file file; /* the descriptor is -1 once it was opened, or could not be */
     char where[BVHD_WHERE_SIZE];
     struct descriptors *descriptors;
     struct payload *payload;

@@ -27,7 +27,7 @@ void blob_account_init(struct blob_account *account, struct memory *memory, stru
     atomic_init(&account->live_blobs, 0);
 }
 
-/* Without pages to be had, a file's are refused with ENOSPC where memory may not be overcommitted. */
+/* Where memory may not be overcommitted, a memfd that gets no pages fails with ENOSPC. */
 static enum bvhd_status refused(struct bvhd_error *error, const char *what)
 {
     enum bvhd_status status = errno == ENOMEM || errno == ENOSPC ? BVHD_NO_MEMORY : BVHD_IO;
@@ -35,8 +35,8 @@ static enum bvhd_status refused(struct bvhd_error *error, const char *what)
 }
 
 /*
- * Not executable, where the kernel knows of that (6.3). Clients with another user id cannot even open it again for
- * writing.
+ * Creates the memfd, not executable where the kernel can do that (Linux 6.3). Its mode keeps clients with another user
+ * id from opening it again for writing.
  */
 static enum bvhd_status create_file(struct blob_writer *writer, struct bvhd_error *error)
 {
@@ -50,8 +50,8 @@ static enum bvhd_status create_file(struct blob_writer *writer, struct bvhd_erro
 }
 
 /*
- * Reserves pages: a fault that gets none ends the process. Clearing them, most of the work, is left to the threads that
- * write.
+ * Reserves the pages, because a page fault that gets none ends the process. The threads that write do most of the work,
+ * which is to clear the pages.
  */
 static enum bvhd_status reserve_pages(int descriptor, uint64_t size, struct bvhd_error *error)
 {
@@ -91,7 +91,7 @@ static bool needs_descriptor(uint64_t size)
     return size > BLOB_INLINE_MAX;
 }
 
-/* What the blob will count is counted from here on. */
+/* Counts the bytes and the descriptor of a blob of that size in the account. */
 static enum bvhd_status take(struct blob_writer *writer, uint64_t size, struct bvhd_error *error)
 {
     if (size > INT64_MAX)
@@ -178,7 +178,10 @@ static enum bvhd_status write_file(struct blob_writer *writer, struct bvhd_error
     return BVHD_OK;
 }
 
-/* Leaves a sealed descriptor and no bytes. A file cannot be sealed against writing while it is mapped for writing. */
+/*
+ * Leaves a sealed descriptor and no bytes. The mapping goes first, since a memfd that is mapped for writing cannot be
+ * sealed against it.
+ */
 static enum bvhd_status seal(struct blob_writer *writer, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
@@ -223,7 +226,7 @@ struct blob *blob_ref(struct blob *blob)
 
 void blob_unref(struct blob *blob)
 {
-    /* Release: what other holders read comes before the end; acquire: the end comes after it. */
+    /* acq_rel orders the reads of all other holders before the end of the blob. */
     if (!blob || atomic_fetch_sub_explicit(&blob->refs, 1, memory_order_acq_rel) != 1)
         return;
     struct blob_account *account = blob->account;

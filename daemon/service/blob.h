@@ -1,16 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * blob.h - a built structure: immutable bytes, their key, and what is known about them (side data).
+ * blob.h - a serialized structure in memory: immutable bytes, their key, and data about the build that made them.
  *
- * Up to BLOB_INLINE_MAX bytes lie in memory and are sent inside frames; larger ones are a memfd sealed
- * SHRINK|GROW|WRITE|SEAL whose descriptor is sent to every waiter, so that a hit copies nothing. Nobody who holds the
- * descriptor, or opens it again through /proc, can change the bytes. All holders share its file offset, which anyone
- * may move: map it (MAP_PRIVATE: before Linux 6.7 a shared mapping of a write-sealed memfd is refused), or pread.
+ * A blob of up to BLOB_INLINE_MAX bytes lies in memory and is sent inside frames. A larger one is a memfd sealed
+ * SHRINK|GROW|WRITE|SEAL, whose descriptor is sent to every waiter, so that a hit copies nothing. Nobody who holds the
+ * descriptor, or opens it again through /proc, can change the bytes. All holders share the file offset, which any of
+ * them may move, so readers map the memfd or use pread. They map it with MAP_PRIVATE: before Linux 6.7 a shared mapping
+ * of a write-sealed memfd is refused.
  *
- * blob_writer is the build_output of one build. Below BLOB_MAPPED_MIN bytes the build writes memory whose pages are
- * warm, and the memfd is written at once at the end: faults on fresh pages of a memfd cost more than the copy. From
- * there on the pages are mapped and written in place: as quick, since the memory's own pages would be fresh too, with
- * half the memory, and the threads that write share the faults.
+ * A blob_writer is the build_output of one build. Below BLOB_MAPPED_MIN bytes the build writes memory whose pages are
+ * warm, and the memfd is written in one go at the end: faults on fresh pages of a memfd cost more than the copy. From
+ * that size on, the build writes the mapped pages of the memfd. That is as quick, since pages of memory would be fresh
+ * too; it takes half the memory, and the threads that write share the faults.
  */
 #ifndef BVHD_BLOB_H
 #define BVHD_BLOB_H
@@ -21,27 +22,27 @@
 
 enum { BLOB_INLINE_MAX = 64 * 1024, BLOB_MAPPED_MIN = 4 * 1024 * 1024 };
 
-/* What all blobs of a service count in; from any thread. */
+/* Counts all blobs of a service. For any thread. */
 struct blob_account {
-    struct memory *memory; /* for small blobs and the structs; has no limit of its own */
+    struct memory *memory; /* for small blobs and the structs; it has no limit */
     struct descriptors *descriptors;
-    /* of all blobs that exist, cached or on their way, and of those that are being written */
+    /* of all blobs that exist, whether the cache or a reply holds them, and of those that are being written */
     _Atomic uint64_t live_bytes;
     _Atomic uint64_t live_blobs;
 };
 
-/* Constant once it is shared; ref and unref from any thread. */
+/* Constant once it is shared. blob_ref and blob_unref are for any thread. */
 struct blob {
     atomic_uint refs;
     struct blob_account *account;
     struct key key;
     uint64_t size;
-    const unsigned char *bytes; /* NULL when there is a descriptor */
-    int descriptor; /* -1 when there are bytes; sealed, the blob begins at offset 0 */
-    enum target target; /* whose layout the bytes have */
+    const unsigned char *bytes; /* NULL if there is a descriptor */
+    int descriptor; /* a sealed memfd, in which the blob begins at offset 0; -1 if there are bytes */
+    enum target target; /* the layout of the bytes */
     struct build_stats stats;
-    double build_ms; /* of the build that made it */
-    uint64_t peak_bytes; /* most memory that building it took */
+    double build_ms; /* the duration of its build */
+    uint64_t peak_bytes; /* the most memory that its build took at a time */
 };
 
 void blob_account_init(struct blob_account *account, struct memory *memory, struct descriptors *descriptors);
@@ -50,29 +51,29 @@ struct blob *blob_ref(struct blob *blob);
 void blob_unref(struct blob *blob);
 
 /*
- * One build's output, on a worker: init, build() with context.output = &writer.output, then finish when the build
- * succeeded, else discard. A descriptor is taken from the account when bytes are allocated for which one will be
- * needed, DESCRIPTORS_RESERVE kept free.
+ * The output of one build, used on a worker: blob_writer_init, then build() with context.output = &writer.output, then
+ * blob_writer_finish if the build succeeded, else blob_writer_discard. If the blob will need a descriptor, it is taken
+ * from the account when the bytes are allocated, provided that DESCRIPTORS_RESERVE stay free.
  */
 struct blob_writer {
     struct build_output output;
     struct blob_account *account;
-    unsigned char *bytes; /* NULL while there are none */
+    unsigned char *bytes; /* NULL while none are allocated */
     uint64_t size;
-    int descriptor; /* -1 unless its pages are what is written */
-    /* why allocate gave nothing: BVHD_NO_MEMORY, BVHD_BUSY without free descriptors, BVHD_IO */
+    int descriptor; /* of the memfd whose pages the build writes; -1: it writes memory */
+    /* why the build got no bytes: BVHD_NO_MEMORY, BVHD_BUSY without free descriptors, BVHD_IO */
     struct bvhd_error error;
 };
 
 void blob_writer_init(struct blob_writer *writer, struct blob_account *account);
 
 /*
- * Seals what the build wrote. The blob has one ref; key, target, stats, build_ms and peak_bytes are for the caller to
- * fill before it shares the blob. On failure (as above) nothing is held.
+ * Makes a blob with one ref of what the build wrote, and seals it. The caller fills key, target, stats, build_ms and
+ * peak_bytes before it shares the blob. On failure, with a status as above, the writer holds nothing.
  */
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error);
 
-/* Harmless when nothing was allocated, and after finish. */
+/* Frees what was written. Does nothing if nothing is allocated, or after blob_writer_finish. */
 void blob_writer_discard(struct blob_writer *writer);
 
 #endif

@@ -3,17 +3,21 @@
 
 struct entry {
     struct blob *blob; /* a ref */
-    uint64_t cost, used; /* `used`: the cache's clock at its last use */
-    struct entry *warmer, *colder;
+    uint64_t cost; /* bytes, overhead included */
+    uint64_t used; /* the cache's clock at its last use */
+    struct entry *warmer, *colder; /* its neighbours in the order of use: used later, used earlier */
 };
 
-/* In the order of their last use. */
+/* Entries in the order of their last use: the coldest is the least recently used. */
 struct order {
     struct entry *warmest, *coldest;
     uint64_t count;
 };
 
-/* Open addressing with linear probing; no deleted marks, later slots move up. Keys are hashes themselves. */
+/*
+ * A hash table with open addressing and linear probing. It has no marks for deleted slots: later slots move up. Keys
+ * are cryptographic hashes themselves.
+ */
 struct slot {
     uint64_t hash;
     struct entry *entry; /* NULL: free */
@@ -26,14 +30,14 @@ struct table {
 };
 
 /*
- * Blobs in memory and memfds have an order each, so that either kind's coldest is at hand; `used` compares between
- * them.
+ * Blobs in memory and blobs with a descriptor have an order each, so that the coldest of either kind is known. The
+ * field `used` compares entries of different kinds.
  */
 enum kind { IN_MEMORY, WITH_DESCRIPTOR, KINDS };
 
 /*
- * Many tables, each for one first byte of hashes, so that one that grows moves few entries, and the loop does not stop
- * for it.
+ * There is one table for each highest byte of a hash, so that growing a table moves few entries and does not stop the
+ * loop.
  */
 enum { TABLES = 256, FIRST_CAPACITY = 8 };
 
@@ -67,7 +71,7 @@ static struct table *table_of(struct cache *cache, const struct key *key)
     return &cache->tables[hash_of(key) >> 56];
 }
 
-/* The slot that holds `key`, or the free one where it would go. In a table with slots there always is a free one. */
+/* Returns the slot that holds `key`, or the free slot where it would go. A table with slots always has a free one. */
 static uint64_t find_slot(const struct table *table, const struct key *key)
 {
     uint64_t hash = hash_of(key), mask = table->capacity - 1, at = hash & mask;
@@ -116,7 +120,7 @@ static void unlink_entry(struct cache *cache, struct entry *entry)
     order->count--;
 }
 
-/* Fills the gap with what was probed past it. */
+/* Frees a slot, and moves entries up that were inserted behind it because it was taken. */
 static void clear_slot(struct table *table, uint64_t gap)
 {
     uint64_t mask = table->capacity - 1;
@@ -159,7 +163,7 @@ void cache_destroy(struct cache *cache)
     memory_free(cache->memory, cache);
 }
 
-/* The callback may put another blob, and what it was given may have to go for that. */
+/* The ref of this function keeps the blob if the callback puts another one, for which this one is evicted. */
 void cache_get(struct cache *cache, const struct key *key, cache_answer answer, void *context)
 {
     struct entry *entry = find(cache, key);
@@ -182,7 +186,7 @@ static uint64_t cost_of(const struct blob *blob)
     return CACHE_OVERHEAD + (blob->descriptor >= 0 ? bytes_align(blob->size, CACHE_PAGE) : blob->size);
 }
 
-/* Most descriptors that may be kept if `blob` is. */
+/* The most descriptors that entries may hold; `blob` is any of the blobs. */
 static uint64_t descriptor_share(const struct blob *blob)
 {
     return blob->account->descriptors->limit / 2;
@@ -206,7 +210,7 @@ static void move_slots(const struct table *from, struct table *to)
     }
 }
 
-/* Room for one more with a quarter of the slots free. */
+/* Makes room for one more entry, so that at least a quarter of the slots stays free. False without memory. */
 static bool reserve_slot(struct table *table, struct memory *memory)
 {
     if (table->count < table->capacity / 4 * 3)
@@ -237,7 +241,7 @@ static struct entry *coldest(const struct cache *cache)
     return a->used < b->used ? a : b;
 }
 
-/* What has to go next; NULL when nothing has to. The newest entry fits by itself, so it is never the one. */
+/* Returns the entry to evict next, or NULL. It is never the newest one, which fits the budgets by itself. */
 static struct entry *surplus(const struct cache *cache)
 {
     const struct order *holders = &cache->orders[WITH_DESCRIPTOR];

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * cache.h - results that may be wanted again: blobs by key, least recently used first out, within a budget of bytes.
+ * cache.h - keeps results that may be wanted again: blobs by key, within a budget of bytes. The least recently used
+ * ones are evicted first.
  *
- * An entry is a blob with its side data; what leaves the cache lives on while somebody holds it. Errors, cancellations
- * and shortages are never kept. Loop thread only.
+ * An entry is a ref to a blob, so an evicted blob lives on while a reply holds it. Only results are kept, never errors,
+ * cancellations or shortages. For the loop thread only.
  */
 #ifndef BVHD_CACHE_H
 #define BVHD_CACHE_H
@@ -11,43 +12,45 @@
 #include "daemon/service/blob.h"
 
 /*
- * What a blob costs beside its bytes, which for a memfd are counted in whole pages: its struct (some 350 bytes), the
- * entry and its slot (100), the headers of their memory, and for a memfd the kernel's inode, file and directory entry
- * (1,100).
+ * CACHE_OVERHEAD is what a blob costs beside its bytes: its struct (about 350 bytes), the entry and its slot (100), the
+ * headers of their memory blocks, and for a memfd the kernel's inode, file and directory entry (1,100). The bytes of a
+ * memfd are counted in whole pages of CACHE_PAGE.
  */
 enum { CACHE_OVERHEAD = 2048, CACHE_PAGE = 4096 };
 
-enum { CACHE_TRIM_MOST = 512 }; /* entries that go in one call: less than a millisecond of the loop */
+/* The most entries that are evicted in one call: this takes the loop less than a millisecond. */
+enum { CACHE_TRIM_MOST = 512 };
 
 struct cache;
 
-/* `budget`: bytes that may be kept, counted as above; 0 keeps nothing. NULL without memory. */
+/* `budget` is the most bytes that are kept, counted as above; 0 keeps nothing. Returns NULL without memory. */
 struct cache *cache_create(uint64_t budget, struct memory *memory);
 void cache_destroy(struct cache *cache);
 
 /*
- * Answers by callback, which for what is in memory comes before cache_get returns; `blob` is NULL when the key is
- * unknown, and is borrowed: who keeps it takes a ref. A hit becomes the most recently used. The callback may use the
- * cache.
+ * Looks a key up and answers by a callback, which is called before cache_get returns, and may use the cache itself.
+ * `blob` is NULL if the key is unknown; else it is borrowed, and becomes the most recently used.
  */
 typedef void (*cache_answer)(void *context, struct blob *blob);
 void cache_get(struct cache *cache, const struct key *key, cache_answer answer, void *context);
 
 /*
- * Keeps a ref, as the most recently used; others may have to go, the least recently used first. Not kept: a blob over
- * the whole budget, one whose key is there, any without memory for the entry. Descriptors are scarce too: of blobs that
- * have one, at most as many are kept as half of what the process may open.
+ * Keeps a ref to the blob, as the most recently used, and evicts others as cache_trim does. The blob is not kept if it
+ * exceeds the whole budget, if its key is there already, or if there is no memory for the entry. Descriptors have a
+ * budget too: at most half of those that the process may open belong to blobs of the cache.
  */
 void cache_put(struct cache *cache, struct blob *blob);
 
 /*
- * A large result may push out many small ones. cache_put lets go of CACHE_TRIM_MOST at once, this of as many more: true
- * while some are left, and the cache is over its budget until they have gone.
+ * Evicts up to CACHE_TRIM_MOST entries while the cache is over its budget. Returns true if it still is. A large result
+ * may push out many small ones, and then cache_put alone does not get back to the budget.
  */
 bool cache_trim(struct cache *cache);
 
 struct cache_load {
-    uint64_t entries, bytes, evicted, budget; /* bytes as counted above; evicted: entries so far */
+    uint64_t entries;
+    uint64_t bytes, budget; /* counted as above */
+    uint64_t evicted; /* entries so far */
 };
 
 struct cache_load cache_load(const struct cache *cache);

@@ -3,7 +3,7 @@
 
 #include "proto/wire/control.h"
 
-/* Names stand in arrays of the message's size, so that filling it is a copy. */
+/* The names in the form of the message, so that filling it is a copy. */
 static const struct control_counter names[] = {
 #define COUNTER(name) {#name, 0},
     COUNTERS(COUNTER)

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * counters.h - what the service has done and how it is, as numbers with stable names: the answer to STATS.
+ * counters.h - what the service has done, and its current state, as numbers with stable names: the answer to STATS.
  *
- * Sums count from the start; levels are filled in when somebody asks. Loop thread only.
+ * Sums count from the start of the service. Levels are filled in when STATS is answered. For the loop thread only.
  */
 #ifndef BVHD_COUNTERS_H
 #define BVHD_COUNTERS_H
@@ -11,7 +11,7 @@
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
 
-/* Append; names never change their meaning. */
+/* New counters are appended to their group. A name never changes its meaning. */
 #define COUNTERS(X)                                                                                                    \
     /* sums */                                                                                                         \
     X(requests) /* BUILD and GET that were taken */                                                                    \
@@ -67,7 +67,7 @@ struct counters {
 #undef COUNTER
 };
 
-/* The control message of FRAME_COUNTERS, from `memory`. */
+/* Packs the control message of FRAME_COUNTERS, in `memory`. */
 enum bvhd_status counters_pack(const struct counters *counters, struct memory *memory, struct bytes *ret_bytes,
                                struct bvhd_error *error);
 

@@ -9,7 +9,7 @@ struct disposal {
     enum admission_class class;
 };
 
-/* Copies up to this many bytes are freed on the loop: that is quicker than a job. */
+/* Copies of up to this many bytes are freed on the loop. */
 enum { FREED_AT_ONCE = 1024 * 1024 };
 
 static void free_copy(struct pool_job *job, const struct parallel *parallel)

@@ -2,7 +2,7 @@
 /*
  * disposal.h - frees canonical copies that are no longer needed, and takes the promises of their prepares back.
  *
- * Unmapping a large copy takes milliseconds, in which the loop would stop for all clients, so a worker does it. For the
+ * Freeing a large copy takes milliseconds, in which the loop would stop for all clients, so a worker does it. For the
  * loop thread only.
  */
 #ifndef BVHD_DISPOSAL_H
@@ -20,8 +20,10 @@ struct disposals {
     uint32_t running; /* copies that are with a worker */
 };
 
-/* Frees a preparation, and ends its promise when it is gone. NULL-safe. Never fails: without memory for a job it is
- * freed at once. */
+/*
+ * Frees a preparation, and ends its promise when it is gone. It never fails: without memory for a job, it frees the
+ * preparation at once. NULL-safe.
+ */
 void disposals_add(struct disposals *disposals, struct preparation *preparation);
 
 #endif

@@ -89,7 +89,7 @@ void flight_leave(struct flights *flights, struct flight_waiter *waiter);
 /* Gives waiting flights to the pool as memory allows. */
 void flights_pump(struct flights *flights);
 
-/* Bytes that a build takes at its peak beside its canonical copy. */
+/* An estimate of the bytes that a build takes at its peak beside its canonical copy. */
 uint64_t flights_build_bytes(const struct preparation *preparation);
 
 #endif

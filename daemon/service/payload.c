@@ -16,11 +16,11 @@
 struct payload {
     atomic_uint refs;
     struct memory *memory;
-    void *mapping; /* NULL for a copy, whose bytes follow the struct */
+    void *mapping; /* NULL for a copy, whose bytes lie behind the struct */
     struct bytes bytes;
 };
 
-/* Where a copy's bytes begin, from the start of a block that is 64-byte aligned. */
+/* The offset of a copy's bytes in its block, which is aligned to 64. */
 enum { COPY_OFFSET = 64 };
 
 _Static_assert(sizeof(struct payload) <= COPY_OFFSET, "the struct fits in front of the bytes");
@@ -47,9 +47,10 @@ static enum bvhd_status check_declared(const struct payload_file *file, struct b
 }
 
 /*
- * What it is. Up to the question for seals the kernel answers by itself; what is asked of any other file (fstat,
- * fstatfs, lseek) goes to its file system, and one in user space may never answer. Files of tmpfs and of huge pages
- * have seals too: the former can not have those that are needed, the latter are refused by name.
+ * Checks that the descriptor is a memfd that can be read. The kernel answers F_GETFL and F_GET_SEALS by itself. Other
+ * calls (fstat, fstatfs, lseek) go to the file system, and one in user space may never answer, so they come after it is
+ * known that the file has seals. Files of tmpfs and of huge pages have seals too: the former cannot have those that are
+ * needed, and the latter are refused by the type of their file system.
  */
 static enum bvhd_status check_kind(const struct payload_file *file, int *ret_seals, struct bvhd_error *error)
 {
@@ -70,7 +71,7 @@ static enum bvhd_status check_kind(const struct payload_file *file, int *ret_sea
     return BVHD_OK;
 }
 
-/* Comes before everything that the seals make lasting. */
+/* The size and the absence of holes are checked after the seals, which keep them from changing. */
 static enum bvhd_status check_seals(const struct payload_file *file, int seals, bool constant, struct bvhd_error *error)
 {
     if (!(seals & F_SEAL_SHRINK))
@@ -97,7 +98,10 @@ static enum bvhd_status check_size(const struct payload_file *file, struct bvhd_
     return BVHD_OK;
 }
 
-/* By asking for them: the count of blocks includes what was reserved beyond the end. */
+/*
+ * Searches for the first hole. The count of blocks would be no proof, since it includes blocks that were reserved
+ * beyond the end.
+ */
 static enum bvhd_status check_holes(const struct payload_file *file, struct bvhd_error *error)
 {
     off_t hole = lseek(file->descriptor, 0, SEEK_HOLE);
@@ -124,9 +128,9 @@ static enum bvhd_status check(const struct payload_file *file, bool constant, st
 }
 
 /*
- * A pool is mapped shared, so that what its owner writes later is seen for certain. What is sealed against writing is
- * mapped private: Linux before 6.7 refuses a shared mapping of it, even one that only reads, when the descriptor could
- * write. Nothing is copied either way.
+ * A pool is mapped shared, so that later writes of its owner are certain to be seen. A memfd that is sealed against
+ * writing is mapped private: Linux before 6.7 refuses a shared mapping of it through a descriptor that is open for
+ * writing, even if the mapping only reads. Neither mapping copies anything.
  */
 static enum bvhd_status map(const struct payload_file *file, bool constant, struct payload **ret_payload,
                             struct bvhd_error *error)
@@ -147,7 +151,7 @@ static enum bvhd_status map(const struct payload_file *file, bool constant, stru
     return BVHD_OK;
 }
 
-/* The mapping keeps the file: a descriptor less for as long as a client is connected. */
+/* The mapping keeps the file, so the descriptor is closed: a process can have few of them. */
 static enum bvhd_status open_file(const struct payload_file *file, bool constant, struct payload **ret_payload,
                                   struct bvhd_error *error)
 {
@@ -197,7 +201,7 @@ struct payload *payload_ref(struct payload *payload)
 
 void payload_unref(struct payload *payload)
 {
-    /* Release: reads of other holders come before the end; acquire: the end comes after them. */
+    /* acq_rel orders the reads of all other holders before the end of the payload. */
     if (!payload || atomic_fetch_sub_explicit(&payload->refs, 1, memory_order_acq_rel) != 1)
         return;
     if (payload->mapping)

@@ -11,12 +11,12 @@
 #include "builder/input/validate.h"
 
 /*
- * Bytes for each thing beside the canonical arrays: rows read, tables of fetch and view, look-up tables. Generous; what
- * counts is that nothing is missing.
+ * Upper bounds on the bytes that are taken beside the canonical arrays, in all and for each geometry, reference and
+ * instance: rows that were read, tables of fetch and view, look-up tables.
  */
 enum { FIXED_BYTES = 16 * 1024, GEOMETRY_BYTES = 640, REFERENCE_BYTES = 1024, INSTANCE_BYTES = 112 };
 
-/* While a block grows it may lie in memory twice, up to this size. */
+/* A block that grows may lie in memory twice while it is moved, up to this size. */
 enum { MOVED_BYTES = 4 << 20 };
 
 static uint64_t sum(uint64_t a, uint64_t b)
@@ -36,7 +36,7 @@ static uint64_t least(uint64_t a, uint64_t b)
     return a < b ? a : b;
 }
 
-/* Vertices from the lowest index in use to the highest: as far as maxVertex and the bytes reach. */
+/* The copy has the vertices from the lowest index in use to the highest, as far as maxVertex and the bytes reach. */
 static uint64_t vertices_bound(const struct geometry *geometry)
 {
     const struct geometry_triangles *triangles = &geometry->triangles;
@@ -72,9 +72,9 @@ uint64_t preparation_bound(const struct build_input *input)
 }
 
 /*
- * Positions and 32-bit indices are copied as they are. Without indices a triangle of 36 bytes gets some, and an
- * instance record of 64 bytes grows; small copies lie twice in memory. Rows alone always fit; where the payload has no
- * room for them nothing is read.
+ * Positions and 32-bit indices are copied unchanged. A triangle without indices, of 36 bytes, gets 12 bytes of them; an
+ * instance record of 64 bytes grows; small copies lie in memory twice. The promise always covers the rows: a payload
+ * without room for the declared rows is refused before they are read.
  */
 uint64_t preparation_guess(const struct control_item *item)
 {
@@ -146,7 +146,7 @@ static enum bvhd_status find_bytes(struct preparation *preparation, struct bytes
     return BVHD_OK;
 }
 
-/* Another item's destination, or HANDLE_NONE. Equal handles are adjacent, so two looks are enough. */
+/* Returns another item that builds into `handle`, or HANDLE_NONE. Equal handles are adjacent, so two are enough. */
 static uint32_t other_destination(const struct preparation_batch *batch, uint64_t handle, uint32_t index)
 {
     uint32_t at = handle ? handle_find(batch->destinations, batch->count, handle) : HANDLE_NONE;
@@ -156,7 +156,7 @@ static uint32_t other_destination(const struct preparation_batch *batch, uint64_
     return other ? batch->destinations[at].number : HANDLE_NONE;
 }
 
-/* The rule between items that needs the payload: what is referred to exists already (03407). */
+/* The rule between items that needs the payload: no item refers to a destination of another (VUID 03407). */
 static enum bvhd_status check_references(struct preparation *preparation, const struct build_input *input)
 {
     for (uint32_t i = 0; preparation->batch.count > 0 && i < input->reference_count; i++) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * service.h - what all sessions share: threads, cache, running builds, memory, counters. No sockets. Loop thread only.
+ * service.h - what all sessions share: worker threads, memory, in-flight builds, the cache, counters. It knows neither
+ * sockets nor the protocol. For the loop thread only.
  */
 #ifndef BVHD_SERVICE_H
 #define BVHD_SERVICE_H
@@ -11,58 +12,59 @@
 #include "daemon/pool/pool.h"
 #include "proto/base/request_limits.h"
 
-/* Enough for the requests themselves, whatever is asked for. */
+/* The least budget in bytes: enough for the requests themselves, whatever is asked for. */
 enum { SERVICE_LEAST_MEMORY = 16 << 20 };
 
 struct service_options {
     unsigned workers; /* 0: one for each processor */
-    /*
-     * bytes for requests and builds, at least SERVICE_LEAST_MEMORY; 0: half of what the machine, or its control group,
-     * has
-     */
+    /* the budget: bytes for requests and builds, at least SERVICE_LEAST_MEMORY; 0: half of machine_memory() */
     uint64_t memory;
-    uint64_t cache; /* bytes of results kept; 0: keep none */
+    uint64_t cache; /* bytes of results that are kept; 0: none are */
     struct limits limits;
-    uint32_t credits; /* items under way on a connection */
-    uint64_t max_pool; /* bytes of one connection's pool */
-    uint32_t max_queue; /* items under way in all; beyond it requests are answered BUSY */
+    uint32_t credits; /* the most items under way on one connection */
+    uint64_t max_pool; /* the most bytes of one connection's pool */
+    uint32_t max_queue; /* the most items under way in all; beyond it, requests are answered with BUSY */
 };
 
 struct service_options service_options_default(void);
 
 struct service;
 
-/* `wake` comes from any thread and asks for a call of service_collect on the loop. */
+/* `wake` is called on any thread; it has to bring about a call of service_collect on the loop. */
 enum bvhd_status service_create(const struct service_options *options, void (*wake)(void *context), void *wake_context,
                                 struct service **ret_service, struct bvhd_error *error);
 
-/* All sessions must be closed; waits for what still runs, which has been told to stop. NULL-safe. */
+/* All sessions must be closed. Waits for the jobs that still run, which have been told to stop. NULL-safe. */
 void service_destroy(struct service *service);
 
 /*
- * Takes up what workers have finished, and starts what may start: as much as fits in a turn of the loop. Returns
- * whether more has finished.
+ * One iteration of the loop: collects what workers have finished, starts what memory allows, and reports to clients. It
+ * does as much as the loop may stop for, and calls `wake` if anything is left. Returns whether more jobs have ended, or
+ * more of the cache has to be evicted.
  */
 bool service_collect(struct service *service);
 
-/* No new requests: sessions answer them with UNAVAILABLE. What is under way goes on. */
+/* From here on, sessions answer new requests with UNAVAILABLE. What is under way goes on. */
 void service_drain(struct service *service);
 
-/* Items under way, of all sessions, replies that have not left included: a drained service is done at 0. */
+/*
+ * The number of items under way of all sessions. An item counts until its reply has left, so a service that drains is
+ * done at 0.
+ */
 uint32_t service_pending(const struct service *service);
 
 /*
- * For frames, in and out. No budget is in their way: connections, their credits and the limits of frames bound them,
- * and a budget would let clients who never finish a frame take it from the others.
+ * The account for frames that arrive and for replies. It has no limit: connections, their credits and the limits of
+ * frames bound it, and with a limit, clients that never finish a frame could use it up for all others.
  */
 struct memory *service_frame_memory(struct service *service);
 
 struct descriptors *service_descriptors(struct service *service);
 
-/* For jobs beside those of requests; they have to be done before service_destroy. */
+/* The worker threads, for jobs beside those of requests. Such jobs have to be done before service_destroy. */
 struct pool *service_pool(struct service *service);
 
-/* Told by whoever owns connections, for the counters. */
+/* Sets the number of open connections, for the counters. */
 void service_count_connections(struct service *service, uint32_t open);
 
 #endif

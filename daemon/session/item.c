@@ -215,7 +215,7 @@ void item_find_result(struct item *item)
 
 /* ---- cancellation ---- */
 
-/* Takes the item out of queues and flights. What a worker has stays until the worker is done. */
+/* Takes the item out of queues and flights. If a worker has it, it only tells the worker to stop. */
 static void withdraw(struct item *item)
 {
     struct service *service = item_service(item);

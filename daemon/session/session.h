@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * session.h - the protocol with one client: frames in, replies out, no I/O. Loop thread only.
+ * session.h - the protocol with one client: frames in, replies out, no I/O. For the loop thread only.
  *
- * A session belongs to one connection and ends with it; the builds that others wait for too go on. Every item of a
- * BUILD that was taken gets exactly one PREPARED (its payload is not needed any more) and exactly one RESULT.
+ * A session belongs to one connection and ends with it. Builds that other clients wait for go on. Every item of an
+ * accepted BUILD gets exactly one PREPARED (its payload is not needed any more) and exactly one RESULT.
  */
 #ifndef BVHD_SESSION_H
 #define BVHD_SESSION_H
@@ -14,18 +14,20 @@
 
 struct session;
 
-/* How a session reaches its connection. Neither may call back into the session. */
+/* How a session reaches its connection. Neither function may call the session. */
 struct session_link {
-    void (*send)(void *context, struct reply *reply); /* takes the reply; queued, sent in order */
+    /* Takes the reply. Replies are sent in this order. */
+    void (*send)(void *context, struct reply *reply);
     /*
-     * There was no memory for a reply that the client waits for, so the connection has to end: FRAME_ERROR if possible,
-     * then session_close, not from within this call. NULL: session_frame says it at the next frame.
+     * The connection has to end: there was no memory for a reply that the client waits for, or the client does not read
+     * its results. The connection sends FRAME_ERROR if it can, then calls session_close, but not from within this call.
+     * If this is NULL, session_frame returns the error at the next frame.
      */
     void (*fail)(void *context, const struct bvhd_error *error);
     void *context;
 };
 
-/* Who the client is, for log lines. */
+/* Identifies the client in log lines. */
 struct session_peer {
     uint32_t uid;
     int32_t pid;
@@ -35,27 +37,28 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
                               struct session **ret_session, struct bvhd_error *error);
 
 /*
- * One frame. Its descriptors belong to the session from here on; they are counted (descriptors_take) by the caller and
- * given back by the session. Anything but BVHD_OK is a broken protocol, or BVHD_NO_MEMORY where nothing can be
- * answered: the caller sends the error as FRAME_ERROR with request 0 and ends the connection.
+ * Handles one frame. The session takes its descriptors; the caller has counted them with descriptors_take, and the
+ * session gives their counts back. Any other result than BVHD_OK means that the client broke the protocol, or with
+ * BVHD_NO_MEMORY, that nothing can be answered: the caller sends the error as FRAME_ERROR with request 0, and ends the
+ * connection.
  */
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error);
 
 /*
- * A reply has left, or was dropped: its credits are free again. Before reply_destroy; not after session_close, which
- * frees all of them.
+ * A reply has left, or was dropped, so its credits are free again. To be called before reply_destroy, but not after
+ * session_close, which frees all credits.
  */
 void session_sent(struct session *session, const struct reply *reply);
 
-/* The daemon drains: tells the client once, by GOODBYE. */
+/* Sends GOODBYE, once, because the daemon drains. */
 void session_goodbye(struct session *session);
 
-/* HELLO was answered with WELCOME. */
+/* Whether HELLO was answered with WELCOME. */
 bool session_is_open(const struct session *session);
 
 /*
- * The client is gone: its items lose their interest at once; the session frees itself when the last worker lets go of
- * it. NULL-safe.
+ * The client is gone. All its items are cancelled at once; the session frees itself when no worker has any of them any
+ * more. NULL-safe.
  */
 void session_close(struct session *session);
 

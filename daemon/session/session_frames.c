@@ -162,7 +162,7 @@ static enum bvhd_status take_get(struct session *session, const struct frame *fr
     return BVHD_OK;
 }
 
-/* A request with an unknown number has ended already, which is no error: it may have crossed the CANCEL. */
+/* A request with an unknown number has ended already, which is no error: its end may have crossed the CANCEL. */
 static enum bvhd_status take_cancel(struct session *session, const struct frame *frame, struct bvhd_error *error)
 {
     struct control_items *message;
