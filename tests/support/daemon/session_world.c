@@ -168,7 +168,7 @@ void world_await_descriptors(int count)
     assert_int_equal(world_descriptors(), count);
 }
 
-/* No worker has anything of anybody any more. */
+/* Whether no worker has anything of any client any more. */
 static bool is_idle(void *context)
 {
     struct session_world *world = context;

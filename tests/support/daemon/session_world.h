@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * session_world.h - a service with real threads and clients without sockets: frames go in as structs, replies are kept
- * as a list of events.
+ * session_world.h - a service with real threads, and clients without sockets, for tests of the daemon's logic: frames
+ * go in as structs, and replies are kept as a list of events.
  *
- * For test programs only: what must not fail fails the running test.
+ * For test programs only: an unexpected failure fails the running test.
  */
 #ifndef BVHD_SESSION_WORLD_H
 #define BVHD_SESSION_WORLD_H
@@ -17,7 +17,7 @@
 
 enum { WORLD_CLIENTS = 16, WORLD_GATES = 64 };
 
-/* A reply as the client sees it. Pointers that do not belong to its type are NULL. */
+/* A reply as the client sees it. Only the pointers that belong to its type are not NULL. */
 struct world_event {
     enum frame_type type;
     uint64_t request;
@@ -37,11 +37,11 @@ struct world_client {
     struct world_event *events;
     uint32_t event_count, event_capacity;
     struct reply *first_held, **end_held; /* replies that have not left */
-    bool hold; /* nothing leaves */
-    bool failed; /* the session asked for an end of the connection */
+    bool hold; /* the client reads nothing, so no reply leaves */
+    bool failed; /* the session has asked to end the connection */
 };
 
-/* Occupies a thread until it is opened. */
+/* A job that occupies a worker until it is opened. */
 struct world_gate {
     struct pool_job job;
     sem_t opened;
@@ -56,39 +56,40 @@ struct session_world {
     uint32_t client_count;
     struct world_gate gates[WORLD_GATES];
     uint32_t gate_count;
-    int descriptors; /* open at the start */
+    int descriptors; /* of the process, open at the start */
 };
 
-/* What tests work with: two workers, 256 MiB, a cache of 64 MiB. */
+/* The options of most tests: two workers, 256 MiB of memory, a cache of 64 MiB. */
 struct service_options world_options(void);
 
 void world_init(struct session_world *world, const struct service_options *options);
 
-/* Closes what is open, and checks that nothing is left: items, memory, descriptors. */
+/* Closes everything, and checks that no items, memory or descriptors are left. */
 void world_finish(struct session_world *world);
 
-/* Lets replies leave, takes up what workers have done. */
+/* One iteration of the loop: collects what workers have done, and lets replies leave. */
 void world_iterate(struct session_world *world);
 
-/* Turns until `reached` says yes; fails the test after 30 s. */
+/* Iterates until `reached` returns true; fails the test after 30 s. */
 void world_await(struct session_world *world, bool (*reached)(void *context), void *context);
 
-/* Turns until no item of anybody is under way. */
+/* Iterates until no item of any client is under way. */
 void world_settle(struct session_world *world);
 
-/* Occupies one thread; returns when it does. */
+/* Occupies one worker, and returns when it is occupied. */
 struct world_gate *world_shut(struct session_world *world);
+/* Releases it. */
 void world_open(struct world_gate *gate);
 
-/* Another client, which has said HELLO or not. */
+/* Adds a client. world_join also says HELLO; world_join_silent does not, and may return NULL. */
 struct world_client *world_join(struct session_world *world);
 struct world_client *world_join_silent(struct session_world *world);
 void world_leave(struct world_client *client);
 
-/* Gives a frame to the session; descriptors are counted here, and the session's from then on. */
+/* Gives a frame to the session, which takes the descriptors. */
 enum bvhd_status world_send(struct world_client *client, const struct frame *frame, struct bvhd_error *error);
 
-/* Frames of each kind; sent rightly unless the message is wrong. */
+/* Send a frame of each type, correctly packed. */
 enum bvhd_status world_say(struct world_client *client, enum frame_type type, uint64_t request,
                            struct bvhd_error *error);
 void world_pool(struct world_client *client, uint64_t request, int descriptor, uint64_t size);
@@ -97,28 +98,28 @@ void world_build(struct world_client *client, uint64_t request, const struct con
 void world_get(struct world_client *client, uint64_t request, const struct key *keys, uint32_t count);
 enum bvhd_status world_cancel(struct world_client *client, uint64_t request, const uint32_t *items, uint32_t count);
 
-/* The event of that type and request that comes `skip` after the first; NULL when there is none. */
+/* Returns the event of that type and request, after skipping `skip` of them; NULL when there is none. */
 const struct world_event *world_find(const struct world_client *client, enum frame_type type, uint64_t request,
                                      uint32_t skip);
-/* The only result of that item, or NULL; more than one fails the test. */
+/* Returns the only result of that item, or NULL. More than one fails the test. */
 const struct world_event *world_result(const struct world_client *client, uint64_t request, uint32_t item);
 enum bvhd_status world_status(const struct world_client *client, uint64_t request, uint32_t item);
-/* How often the item was said to be prepared. */
+/* Returns how often the item was reported as prepared. */
 uint32_t world_prepared(const struct world_client *client, uint64_t request, uint32_t item);
 
-/* The service's counters now. */
+/* Returns the counters of the service. */
 struct counters world_counters(const struct session_world *world);
 
-/* Turns until that item has its result. */
+/* Iterates until that item has its result. */
 const struct world_event *world_await_result(struct world_client *client, uint64_t request, uint32_t item);
-/* Turns until its state is that one. */
+/* Iterates until the item has that state. */
 void world_await_state(struct world_client *client, uint64_t request, uint32_t item, enum item_state state);
 
-/* A memfd with these bytes and seals. */
+/* Creates a memfd with these bytes and seals. */
 int world_memfd(const void *bytes, uint64_t size, unsigned seals);
 enum { WORLD_SEALS_POOL = 0x6, WORLD_SEALS_ONCE = 0xf };
 
-/* Random triangles, the same for a seed, as a payload. */
+/* Random triangles, which depend only on the seed, and their payload. */
 struct world_mesh {
     struct geometry geometry;
     struct build_input input;
@@ -129,19 +130,19 @@ struct world_mesh {
 
 void world_mesh_init(struct world_mesh *mesh, uint32_t triangles, uint64_t seed);
 void world_mesh_finish(struct world_mesh *mesh);
-/* The payload of any description; freed with free(). */
+/* Makes the payload of any input; freed with free(). */
 unsigned char *world_payload(const struct build_input *input, uint64_t *ret_size);
-/* An item for it at `offset` of its source. */
+/* Makes an item for a payload at `offset` of its source. */
 struct control_item world_item(const struct build_input *input, uint64_t size, enum control_source source,
                                uint64_t offset);
-/* BUILD of one mesh, inline. */
+/* Sends a BUILD of one mesh, with its payload inline. */
 void world_build_mesh(struct world_client *client, uint64_t request, const struct world_mesh *mesh);
-/* The event's bytes are those that are built in process. */
+/* Checks that the bytes of the event are equal to those that are built in process. */
 void world_check_bytes(const struct world_event *event, const struct build_input *input);
 
-/* Open descriptors of the process. */
+/* Returns the number of open descriptors of the process. */
 int world_descriptors(void);
-/* Waits until there are so many: what clients sent is closed by other threads, a moment later. */
+/* Waits until there are that many: other threads close what clients sent, which may take a moment. */
 void world_await_descriptors(int count);
 
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_config.c - tests the options of the daemon: command line, file, defaults, errors. */
 #include <unistd.h>
 
 #include "tests/support/unit.h"
@@ -34,7 +35,7 @@ static void write_file(const char *text)
     fclose(file);
 }
 
-/* Words end with NULL. */
+/* Parses a command line, whose words end with NULL. */
 static enum bvhd_status parse(struct config *config, struct bvhd_error *error, ...)
 {
     char *words[MAX_WORDS] = {"bvhd"}, *word;

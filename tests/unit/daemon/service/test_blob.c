@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_blob.c - tests that blobs cannot be changed by anybody, that they are counted, and that failures leave nothing.
+ */
 #include "tests/support/unit.h"
 
 #include <errno.h>
@@ -16,7 +19,7 @@
 
 #include "daemon/service/blob.h"
 
-/* Both sides of every border: inline, written at the end, mapped; whole pages and not. */
+/* Sizes on both sides of every border: inline, written at the end, mapped; whole pages and others. */
 static const uint64_t sizes[] = {1,
                                  64,
                                  1000,
@@ -36,7 +39,7 @@ static struct memory memory;
 static struct descriptors descriptors;
 static struct blob_account account;
 
-/* Large files of the test before may still be closing. */
+/* Other threads may still be closing large files of the previous test. */
 static void wait_until_all_is_closed(void)
 {
     for (int i = 0; i < 5000 && descriptors_left(&descriptors) < descriptors.limit; i++)
@@ -82,7 +85,7 @@ static void expect_filled(const unsigned char *bytes, uint64_t size)
             fail_msg("byte %" PRIu64 " differs", i);
 }
 
-/* As a build does it. */
+/* Writes a blob as a build does. */
 static enum bvhd_status write_blob(uint64_t size, struct blob **ret_blob, struct bvhd_error *error)
 {
     struct blob_writer writer;
@@ -163,7 +166,7 @@ static void everything_is_counted(void **state)
     }
 }
 
-/* Whatever else the process may do with it: what every holder can, and what opening it again adds. */
+/* Tries everything that a process can do to change a file through a descriptor. */
 static void expect_unchangeable(int descriptor)
 {
     assert_int_equal(pwrite(descriptor, "x", 1, 0), -1);
@@ -223,7 +226,7 @@ static void holders_can_do_no_harm(void **state)
     }
 }
 
-/* 0 when another user may open it again to read, and for nothing else. */
+/* Returns 0 if another user can open the file again for reading, and cannot do more. */
 static int try_as_somebody_else(int descriptor)
 {
     if (setgid(65534) != 0 || setuid(65534) != 0 || prctl(PR_SET_DUMPABLE, 1) != 0)
@@ -267,7 +270,7 @@ static void what_is_discarded_is_gone(void **state)
         assert_true(nothing_is_held());
         blob_writer_discard(&writer);
 
-        bytes = writer.output.allocate(&writer.output, sizes[i]); /* a build that fails gives back by itself */
+        bytes = writer.output.allocate(&writer.output, sizes[i]); /* a build that fails discards its output by itself */
         assert_non_null(bytes);
         writer.output.discard(&writer.output, bytes);
         assert_true(nothing_is_held());
@@ -342,7 +345,7 @@ static int first_free_descriptor(void)
     return descriptor;
 }
 
-/* Whatever the count says: another part of the process may have opened more. */
+/* The process may be out of descriptors although the count has some left. */
 static void the_system_may_have_no_descriptors(void **state)
 {
     (void)state;
@@ -361,7 +364,7 @@ static void the_system_may_have_no_descriptors(void **state)
     }
 }
 
-/* Refused in the middle of writing, or when pages are reserved. */
+/* The system refuses the write in the middle, or refuses to reserve pages. */
 static void the_system_may_refuse_pages(void **state)
 {
     (void)state;
@@ -386,7 +389,7 @@ static void the_system_may_refuse_pages(void **state)
 
 enum { THREADS = 4, ROUNDS = 20000 };
 
-/* Each reads what it holds and lets go; the last one ends it. */
+/* Takes a ref, reads and drops it, many times. The last unref of all threads frees the blob. */
 static void *hold_and_read(void *context)
 {
     struct blob *blob = context;

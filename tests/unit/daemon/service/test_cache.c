@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_cache.c - tests that the cache keeps what was used last within its budgets, also against a simple model. */
 #include "tests/support/unit.h"
 
 #include <inttypes.h>
@@ -34,7 +35,7 @@ static int tear_down(void **state)
     return memory.live || cache_memory.live || descriptors.used || account.live_blobs ? -1 : 0;
 }
 
-/* The first eight bytes place a key in the table. */
+/* The first eight bytes of a key are its place in the table. */
 static struct key key_of(uint64_t hash, uint64_t number)
 {
     struct key key = {{0}};
@@ -62,7 +63,7 @@ static struct blob *make_blob(struct key key, uint64_t size)
     return blob;
 }
 
-/* As a build's end does it: the cache alone keeps the blob, or nobody does. */
+/* Puts a blob as the end of a build does: afterwards only the cache has a ref, or nobody. */
 static void put(struct cache *cache, struct key key, uint64_t size)
 {
     struct blob *blob = make_blob(key, size);
@@ -110,7 +111,7 @@ static void what_was_put_is_found(void **state)
     cache_destroy(NULL);
 }
 
-/* Every byte of a key counts. */
+/* Keys that differ in any one byte are different. */
 static void similar_keys_are_different(void **state)
 {
     (void)state;
@@ -161,7 +162,7 @@ static void the_budget_counts_pages_and_overhead(void **state)
     cache_destroy(cache);
 }
 
-/* What is said to be counted is at least what is there: entry, slot, blob, with the headers of their memory. */
+/* CACHE_OVERHEAD covers the entry, its slot and the blob, with the headers of their memory blocks. */
 static void the_overhead_covers_the_structs(void **state)
 {
     (void)state;
@@ -195,7 +196,7 @@ static void the_least_recently_used_goes_first(void **state)
     cache_destroy(cache);
 }
 
-/* One large result against thousands of small ones: they go in portions, the coldest first, and the large one stays. */
+/* A large result pushes out thousands of small ones, in several calls and the coldest first, and stays itself. */
 static void many_go_in_portions(void **state)
 {
     (void)state;
@@ -280,7 +281,7 @@ static void an_answer_outlives_its_entry(void **state)
     cache_destroy(cache);
 }
 
-/* Small blobs stay when descriptors are what is scarce, however cold they are. */
+/* If only descriptors are short, blobs without one are not evicted, however cold they are. */
 static void descriptors_are_shared_with_others(void **state)
 {
     (void)state;
@@ -321,7 +322,7 @@ static void creating_needs_memory(void **state)
     cache_destroy(cache_create(1000, &cache_memory));
 }
 
-/* Whichever allocation fails, among them those of growing tables: one blob is not kept, all others stay. */
+/* If any allocation fails, even that of a growing table, one blob is not kept and all others stay. */
 static void what_finds_no_memory_is_not_kept(void **state)
 {
     (void)state;
@@ -376,7 +377,7 @@ static void many_are_found(void **state)
     cache_destroy(cache);
 }
 
-/* However many have come and gone: the tables are as large as what they held at once needed. */
+/* Tables grow only with the number of entries that they hold at the same time. */
 static void turnover_takes_no_memory(void **state)
 {
     (void)state;
@@ -390,7 +391,7 @@ static void turnover_takes_no_memory(void **state)
     cache_destroy(cache);
 }
 
-/* The same, written as simply as can be: an array, the most recently used last. */
+/* A model of the cache, as simple as possible: an array with the most recently used entry last. */
 enum { MODEL_KEYS = 300, MODEL_STEPS = 30000 };
 
 struct model_entry {
@@ -470,7 +471,7 @@ static void model_put(struct model *model, uint64_t number, uint64_t size)
 struct scenario {
     uint64_t budget;
     uint32_t limit; /* of descriptors */
-    uint64_t hash_mask; /* few different hashes: long runs of slots, also round the end of the table */
+    uint64_t hash_mask; /* with few different hashes there are long runs of slots, also across the end of the table */
     uint64_t hash_base;
 };
 

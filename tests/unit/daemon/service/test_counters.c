@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_counters.c - tests that the packed counters carry each name and value. */
 #include "tests/support/unit.h"
 
 #include "proto/wire/control.h"

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_fair_queue.c - tests who is next: fair shares between lanes, priority and age within one, held lanes. */
 #include "tests/support/unit.h"
 
 #include "daemon/service/fair_queue.h"
@@ -14,7 +15,7 @@ static void test_an_empty_queue_has_nobody(void **state)
     assert_int_equal(queue.count, 0);
 }
 
-static void test_lanes_take_turns(void **state)
+static void test_equal_lanes_alternate(void **state)
 {
     (void)state;
     struct fair_queue queue = {0};
@@ -32,7 +33,7 @@ static void test_lanes_take_turns(void **state)
     assert_int_equal(queue.count, 0);
 }
 
-/* Neither ahead of others for what it was not there to take, nor behind what they will be given. */
+/* A lane that comes later is neither ahead of the others for what they were given before, nor behind them. */
 static void test_a_new_lane_starts_level(void **state)
 {
     (void)state;
@@ -52,7 +53,7 @@ static void test_a_new_lane_starts_level(void **state)
     }
 }
 
-/* Many small ones of one lane go between two large ones of another. */
+/* Many small entries of one lane go between two large ones of another. */
 static void test_lanes_are_given_equally_much(void **state)
 {
     (void)state;
@@ -91,8 +92,7 @@ static void test_priority_goes_before_age_within_a_lane(void **state)
     }
 }
 
-/* Against a list in the order of arrival, from which each lane's next is searched. */
-/* Its entries stay, and come in turn when it is let go; one that empties or fills meanwhile does not appear. */
+/* A held lane keeps its entries, which come when it is released. It does not appear if it empties meanwhile. */
 static void test_a_held_lane_is_passed_over(void **state)
 {
     (void)state;
@@ -118,6 +118,7 @@ static void test_a_held_lane_is_passed_over(void **state)
     assert_int_equal(queue.count, 0);
 }
 
+/* Each entry that is next is compared with a list in the order of arrival. */
 static void test_random_operations_match_a_list(void **state)
 {
     (void)state;
@@ -160,7 +161,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_an_empty_queue_has_nobody),
-        cmocka_unit_test(test_lanes_take_turns),
+        cmocka_unit_test(test_equal_lanes_alternate),
         cmocka_unit_test(test_a_new_lane_starts_level),
         cmocka_unit_test(test_lanes_are_given_equally_much),
         cmocka_unit_test(test_priority_goes_before_age_within_a_lane),

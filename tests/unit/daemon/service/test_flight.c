@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Equal work is done once: who joins, who leaves, who inherits what. */
+/* test_flight.c - tests that equal builds are done once: clients that join and leave, cancellations, shortages. */
 #include "tests/support/unit.h"
 
 #include "tests/support/daemon/session_world.h"
@@ -24,7 +24,7 @@ static int tear_down(void **state)
     return 0;
 }
 
-/* No build starts until builds_go. */
+/* Lets no build start until builds_go. */
 static void builds_stop(void)
 {
     struct admission *admission = &world.service->admission;
@@ -84,7 +84,7 @@ static void test_equal_items_are_built_once(void **state)
     assert_int_equal(counters.misses, 1);
 }
 
-/* Without a cache, too. */
+/* Equal builds that wait at the same time are done once even without a cache. */
 static void test_waiters_need_no_cache(void **state)
 {
     (void)state;
@@ -107,7 +107,7 @@ static void test_waiters_need_no_cache(void **state)
     assert_int_equal(world_counters(&world).builds_started, 2);
 }
 
-/* ---- one of two leaves ---- */
+/* ---- one of two clients leaves ---- */
 
 enum leaving { CANCELS, DIES };
 
@@ -119,7 +119,7 @@ static void leave(struct world_client *client, enum leaving how)
         world_leave(client);
 }
 
-/* Two clients wait for one build; the one that started it, or the other, leaves before memory is there. */
+/* Two clients wait for one build; the one that started it, or the other, leaves before the build has memory. */
 static void check_leaving_early(enum leaving how, bool starter_leaves)
 {
     struct world_client *first = world_join(&world), *second = world_join(&world);
@@ -162,7 +162,7 @@ static void test_the_other_dies_early(void **state)
     check_leaving_early(DIES, false);
 }
 
-/* The build is with the pool when the starter leaves. */
+/* The starter leaves after the build was given to the pool. */
 static void check_leaving_late(enum leaving how)
 {
     struct world_client *first = world_join(&world), *second = world_join(&world);
@@ -197,7 +197,7 @@ static void test_the_starter_dies_late(void **state)
     check_leaving_late(DIES);
 }
 
-/* While one prepares, the other dies, and the other way round. */
+/* Either of two clients dies while the items of both are being prepared. */
 static void test_one_dies_while_both_prepare(void **state)
 {
     (void)state;
@@ -232,7 +232,7 @@ static void test_a_cancelled_build_is_not_inherited(void **state)
     assert_non_null(flights_find(&world.service->flights, &key));
     assert_int_equal(world_cancel(first, 1, NULL, 0), BVHD_OK);
     assert_null(flights_find(&world.service->flights, &key));
-    assert_int_equal(world_counters(&world).builds_running, 1); /* it winds down */
+    assert_int_equal(world_counters(&world).builds_running, 1); /* the abandoned one still ends */
     descriptor = world_memfd(large.payload, large.size, WORLD_SEALS_ONCE);
     world_build(second, 1, &build, (struct bytes){0}, &descriptor);
     world_check_bytes(world_await_result(second, 1, 0), &large.input);
@@ -240,7 +240,7 @@ static void test_a_cancelled_build_is_not_inherited(void **state)
     world_mesh_finish(&large);
 }
 
-/* A worker has not begun with the cancelled build when the same is asked for again. */
+/* The same build is asked for again before a worker has begun with the cancelled one. */
 static void test_a_withdrawn_build_is_not_inherited(void **state)
 {
     (void)state;
@@ -307,7 +307,7 @@ static void ask(struct world_client *client, uint64_t request, const struct worl
     world_build(client, request, &build, (struct bytes){0}, &descriptor);
 }
 
-/* Estimates keep builds side by side within the budget. */
+/* Estimates keep builds that run side by side within the budget. */
 static void test_builds_do_not_push_each_other_over(void **state)
 {
     (void)state;
@@ -320,7 +320,7 @@ static void test_builds_do_not_push_each_other_over(void **state)
     world_init(&world, &options);
     struct world_client *clients[] = {world_join(&world), world_join(&world)};
     for (uint32_t i = 0; i < MESHES; i++) {
-        world_mesh_init(&meshes[i], 30000, i); /* 4.3 MiB of build, and a copy of 1 */
+        world_mesh_init(&meshes[i], 30000, i); /* a build takes 4.3 MiB, its copy 1 MiB */
         ask(clients[i % 2], i + 1, &meshes[i]);
     }
     for (uint32_t i = 0; i < MESHES; i++) {
@@ -330,7 +330,7 @@ static void test_builds_do_not_push_each_other_over(void **state)
     assert_int_equal(world_counters(&world).builds_retried, 0);
 }
 
-/* A build that finds less than was promised, since something else takes it, is tried again when it is alone. */
+/* A build that gets less than was promised, since something else took it, is tried again alone. */
 static void test_a_shortage_beside_others_is_tried_again(void **state)
 {
     (void)state;
@@ -359,7 +359,7 @@ static void test_a_shortage_beside_others_is_tried_again(void **state)
     world_open(gates[1]);
     while (world_counters(&world).jobs_running + world_counters(&world).jobs_queued > 0)
         ;
-    memory_free(memory, block); /* before the loop has heard */
+    memory_free(memory, block); /* before the loop collects the failed builds */
     world_check_bytes(world_await_result(client, 1, 0), &meshes[0].input);
     world_check_bytes(world_await_result(client, 2, 0), &meshes[1].input);
     assert_int_equal(world_counters(&world).builds_retried, 2);
@@ -376,7 +376,7 @@ static void test_a_shortage_alone_is_an_error_and_not_kept(void **state)
     options.memory = 16 << 20;
     world_init(&world, &options);
     struct world_client *client = world_join(&world);
-    world_mesh_init(&large, 100000, 1); /* 14 MB, beside a copy of 3.6 */
+    world_mesh_init(&large, 100000, 1); /* a build takes 14 MB, its copy 3.6 MB */
     ask(client, 1, &large);
     assert_int_equal(world_await_result(client, 1, 0)->result->error.status, BVHD_NO_MEMORY);
     assert_int_equal(world_prepared(client, 1, 0), 1);
@@ -391,7 +391,7 @@ static void test_a_shortage_alone_is_an_error_and_not_kept(void **state)
     world_mesh_finish(&large);
 }
 
-/* One client's many large requests do not keep another's small one waiting behind all of them. */
+/* A small request does not have to wait for all large requests of another client. */
 static void test_waiting_for_memory_is_fair(void **state)
 {
     (void)state;

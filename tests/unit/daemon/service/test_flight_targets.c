@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Builds for devices, in the service: what they answer, what is the same, what they take. */
+/* test_flight_targets.c - tests builds for devices in the service: results, keys, errors, and promised memory. */
 #include "tests/support/unit.h"
 
 #include "builder/format/lavapipe.h"
@@ -47,7 +47,7 @@ static void ask(struct world_client *client, uint64_t request, const struct buil
     world_settle(&world);
 }
 
-/* One build for each target, variant and UUID; the bytes that a build in process gives. */
+/* There is one build for each target, variant and UUID, with the bytes that a build in process gives. */
 static void test_devices_are_apart(void **state)
 {
     (void)state;
@@ -84,7 +84,7 @@ static void check_error(const struct world_client *client, uint32_t item, enum b
     assert_string_equal(event->result->error.where, where);
 }
 
-/* Wrong ones fail alone. */
+/* Items with wrong options fail, and the others of the request do not. */
 static void test_wrong_devices(void **state)
 {
     (void)state;
@@ -105,8 +105,8 @@ static void test_wrong_devices(void **state)
 }
 
 /*
- * Of a soup without runs. A promise is for as many threads as there are pieces: with fewer, less than all of it is
- * taken.
+ * Compares promises with peaks, for triangles in random order. A promise is for as many threads as there are pieces;
+ * with fewer threads, a build takes less.
  */
 static void check_promises(uint32_t triangles, uint64_t most)
 {
@@ -133,7 +133,7 @@ static void check_promises(uint32_t triangles, uint64_t most)
         }
 }
 
-/* What a build is promised before it starts is what it takes, and not far more. */
+/* A build takes no more than it was promised, and not much less. */
 static void test_promises_suit_targets(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_payload.c - tests which descriptors are accepted as payloads, and that their bytes are read safely. */
 #include "tests/support/unit.h"
 
 #include <errno.h>
@@ -54,7 +55,7 @@ static struct payload_file describe(int descriptor, uint64_t size)
         .descriptor = descriptor, .size = size, .max_size = 64 << 20, .where = "items[3].payload", .memory = &memory};
 }
 
-/* Refused, with `text` in the reason; the descriptor is gone, nothing is kept. */
+/* The file is refused with `text` in the reason, its descriptor is closed, and nothing is kept. */
 static void expect_refused_file(enum kind kind, const struct payload_file *file, enum bvhd_status status,
                                 const char *text)
 {
@@ -110,7 +111,7 @@ static bool is_mapped(const void *address)
     return msync((void *)(uintptr_t)address, 1, MS_ASYNC) == 0;
 }
 
-/* Large mappings end a moment later. */
+/* Another thread unmaps large mappings, so this may take a moment. */
 static void wait_until_unmapped(const void *address)
 {
     for (int i = 0; i < 5000 && is_mapped(address); i++)
@@ -193,7 +194,7 @@ static void sizes_over_the_limit_are_refused(void **state)
     }
 }
 
-/* Were no limit given, sizes that are near the end of what a file or an address can be would still do no harm. */
+/* Without a limit, sizes near the maximum of a file or of the address space are refused as well. */
 static void absurd_sizes_do_no_harm(void **state)
 {
     (void)state;
@@ -257,7 +258,7 @@ static void a_seal_of_the_mode_does_no_harm(void **state)
             test_memfd_write(descriptor, 0, 5000);
             if (fcntl(descriptor, F_ADD_SEALS, F_SEAL_EXEC) == 0 && kind == MEMFD)
                 test_memfd_seal(descriptor, MEMFD_SEALS);
-            /* Sealing an executable file's mode seals its contents with it: no pool. */
+            /* Sealing the mode of an executable file also seals its contents, so it cannot be a pool. */
             int seals = fcntl(descriptor, F_GET_SEALS);
             if (kind == POOL && !(seals & F_SEAL_WRITE))
                 test_memfd_seal(descriptor, POOL_SEALS);
@@ -287,7 +288,7 @@ static void only_memfds_are_taken(void **state)
     }
 }
 
-/* Of whatever file system: tmpfs answers for seals too, but has none that would do. */
+/* Files of no file system are accepted. Those of tmpfs have seals too, but not the needed ones. */
 static void expect_file_refused(enum kind kind, const char *folder, bool *ret_tried)
 {
     char path[100];
@@ -350,7 +351,7 @@ static void a_hole_anywhere_is_found(void **state)
     }
 }
 
-/* A count of blocks would be deceived: as many are reserved behind the end as are missing before it. */
+/* As many blocks are reserved behind the end as are missing before it, so the count of blocks is right. */
 static void blocks_beyond_the_end_fill_no_hole(void **state)
 {
     (void)state;
@@ -371,7 +372,7 @@ static void reserved_pages_are_holes(void **state)
     expect_refused(MEMFD, descriptor, SPARSE_SIZE, BVHD_INVALID, "has a hole at byte 8192");
 }
 
-/* Wherever the sender, who shares the file offset, has left it. */
+/* The sender shares the file offset and may have moved it. */
 static void the_file_offset_does_not_matter(void **state)
 {
     (void)state;
@@ -396,7 +397,7 @@ static void a_pool_may_have_holes_and_changes(void **state)
     for (uint64_t i = 0; i < SPARSE_SIZE; i++)
         written[i] = test_memfd_byte(i);
     expect_filled(payload_bytes(pool), SPARSE_SIZE);
-    written[PAGES * PAGE - 1] = 7; /* the rest of the last page is there, and nobody's */
+    written[PAGES * PAGE - 1] = 7; /* in the last page, behind the end of the payload */
     expect_filled(payload_bytes(pool), SPARSE_SIZE);
     munmap(written, SPARSE_SIZE);
     close(owner);
@@ -404,7 +405,7 @@ static void a_pool_may_have_holes_and_changes(void **state)
     payload_unref(pool);
 }
 
-/* Pages that go away come back empty: no fault that would end the process. */
+/* Pages that the owner removes read as zero; there is no fault that would end the process. */
 static void a_pool_may_be_emptied_under_the_reader(void **state)
 {
     (void)state;
@@ -498,7 +499,7 @@ static void every_allocation_may_fail(void **state)
 
 enum { THREADS = 4, ROUNDS = 5000 };
 
-/* Each reads what it holds and lets go; the last one unmaps. */
+/* Takes a ref, reads and drops it, many times. The last unref of all threads unmaps the payload. */
 static void *hold_and_read(void *context)
 {
     struct payload *payload = context;

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_preparation.c - tests the way from a payload to its canonical copy and key: every kind, promised memory, wrong
+ * payloads.
+ */
 #include "tests/support/unit.h"
 
 #include <fcntl.h>
@@ -47,7 +51,7 @@ static struct control_item item_of(const struct build_input *input, uint64_t siz
     };
 }
 
-/* One whose payload is a copy of the first `size` bytes of a description's. */
+/* Creates a preparation whose payload is a copy of the first `cut` bytes of the payload of `input`. */
 static struct preparation *create_cut(const struct build_input *input, uint64_t cut)
 {
     uint64_t size;
@@ -79,7 +83,7 @@ static void run(struct preparation *preparation)
     preparation_run(preparation, &parallel_serial, &cancel);
 }
 
-/* The key is that of the same description in process. */
+/* The key is equal to that of the same input built in process. */
 static void check_key(const struct preparation *preparation, const struct build_input *input)
 {
     struct batch_item item;
@@ -108,7 +112,7 @@ static void test_each_kind(void **state)
     }
 }
 
-/* Two hints that lead to one class are one request. */
+/* Hints that lead to the same quality have the same key. */
 static void test_hints(void **state)
 {
     (void)state;
@@ -128,7 +132,7 @@ static void test_hints(void **state)
     assert_true(key_equal(&keys[0], &keys[1]) && key_equal(&keys[0], &keys[2]));
 }
 
-/* It stops with the rows, holds nothing but its payload, and goes on when it is given what it asked for. */
+/* It stops after reading the rows, holds only its payload, and succeeds when it is promised what it needs. */
 static void test_it_asks_for_what_it_needs(void **state)
 {
     (void)state;
@@ -179,7 +183,7 @@ static void test_bounds_hold(void **state)
     }
 }
 
-/* Many instances and references, most of them named. */
+/* The input has many instances and references, most of which are referred to. */
 static void test_bounds_of_top_levels_hold(void **state)
 {
     (void)state;
@@ -211,7 +215,7 @@ static void test_bounds_of_top_levels_hold(void **state)
     free(records);
 }
 
-/* What an ordinary client sends is prepared in one go. */
+/* An ordinary payload does not need more than is promised at first. */
 static void test_the_guess_suits_ordinary_payloads(void **state)
 {
     (void)state;
@@ -286,7 +290,7 @@ static void test_truncated_payloads(void **state)
         for (uint64_t cut = 0; cut < size; cut++) {
             struct preparation *preparation = create_cut(&test.input, cut);
             run(preparation);
-            if (preparation->status == BVHD_OK) /* only padding was lost */
+            if (preparation->status == BVHD_OK) /* only padding was cut off */
                 check_key(preparation, &test.input);
             else
                 assert_memory_equal(preparation->error.where, "infos[3]", 8);
@@ -374,7 +378,7 @@ static bool is_closed(int descriptor)
     return fcntl(descriptor, F_GETFD) < 0;
 }
 
-/* What a client sent is closed by a thread of its own, a moment later. */
+/* Another thread closes descriptors of clients, so this may take a moment. */
 static bool is_closed_soon(int descriptor)
 {
     for (int i = 0; i < 5000 && !is_closed(descriptor); i++)

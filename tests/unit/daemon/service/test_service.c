@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_service.c - tests the start, the limits and the end of a service, and iterations of its loop. */
 #include "tests/support/unit.h"
 
 #include <unistd.h>
@@ -58,11 +59,11 @@ static void test_a_service_that_cannot_start_leaves_nothing(void **state)
     assert_true(error.text[0] != '\0');
     options.workers = 1;
     options.memory = 16 << 20;
-    options.max_queue = 1 << 24; /* a table over the budget */
+    options.max_queue = 1 << 24; /* needs a table that exceeds the budget */
     assert_int_equal(service_create(&options, wake, NULL, &service, &error), BVHD_NO_MEMORY);
 }
 
-/* What runs is told to stop, and waited for. */
+/* Running jobs are told to stop, and service_destroy waits for them. */
 static void test_it_ends_while_workers_are_busy(void **state)
 {
     (void)state;
@@ -70,14 +71,14 @@ static void test_it_ends_while_workers_are_busy(void **state)
     struct service_options options = world_options();
     struct world_mesh mesh;
     world_mesh_init(&mesh, 100000, 1);
-    for (int turns = 0; turns < 40; turns += 13) {
+    for (int iterations = 0; iterations < 40; iterations += 13) {
         world_init(&world, &options);
         struct world_client *client = world_join(&world);
         struct control_item item = world_item(&mesh.input, mesh.size, SOURCE_MEMFD, 0);
         struct control_build build = {.memfd_count = 1, .memfd_sizes = {mesh.size}, .item_count = 1, .items = &item};
         int descriptor = world_memfd(mesh.payload, mesh.size, WORLD_SEALS_ONCE);
         world_build(client, 1, &build, (struct bytes){0}, &descriptor);
-        for (int i = 0; i < turns; i++) {
+        for (int i = 0; i < iterations; i++) {
             world_iterate(&world);
             usleep(1000);
         }
@@ -87,7 +88,7 @@ static void test_it_ends_while_workers_are_busy(void **state)
     world_mesh_finish(&mesh);
 }
 
-/* A copy as a cache hit leaves it, on its way out. */
+/* Disposes of a canonical copy as a cache hit does. */
 static void dispose_of_a_large_copy(struct service *service)
 {
     const struct control_item item = {.type = STRUCTURE_BOTTOM};
@@ -102,7 +103,7 @@ static void dispose_of_a_large_copy(struct service *service)
     assert_int_equal(service->disposals.running, 1);
 }
 
-/* Also when that ends just when nobody looks. */
+/* The disposal ends at any moment of service_destroy, also between its checks. */
 static void test_it_ends_while_copies_are_freed(void **state)
 {
     (void)state;
@@ -141,8 +142,8 @@ static void test_pending_counts_what_has_not_left(void **state)
     world_finish(&world);
 }
 
-/* A request of many items keeps the loop for a part of them only; it is asked for the next turn. */
-static void test_items_start_in_portions(void **state)
+/* A request of many items starts only some of them in one iteration of the loop, and wakes it for another. */
+static void test_items_start_in_several_iterations(void **state)
 {
     (void)state;
     enum { ITEMS = 2 * ADMISSION_ITERATION_STARTS + 10 };
@@ -162,11 +163,11 @@ static void test_items_start_in_portions(void **state)
         ;
     struct control_build build = {.item_count = ITEMS, .items = items};
     world_build(client, 1, &build, (struct bytes){mesh.payload, mesh.size}, NULL);
-    for (int turns = 1; turns <= 3; turns++) {
-        uint32_t started = turns < 3 ? turns * ADMISSION_ITERATION_STARTS : ITEMS;
+    for (int iteration = 1; iteration <= 3; iteration++) {
+        uint32_t started = iteration < 3 ? iteration * ADMISSION_ITERATION_STARTS : ITEMS;
         assert_int_equal(world_counters(&world).prepares_started, started);
         assert_int_equal(world_counters(&world).prepares_waiting, ITEMS - started);
-        assert_int_equal(sem_trywait(&world.woken) == 0, turns < 3);
+        assert_int_equal(sem_trywait(&world.woken) == 0, iteration < 3);
         world_iterate(&world);
     }
     world_open(gates[0]);
@@ -187,7 +188,7 @@ int main(void)
         cmocka_unit_test(test_it_ends_while_workers_are_busy),
         cmocka_unit_test(test_it_ends_while_copies_are_freed),
         cmocka_unit_test(test_pending_counts_what_has_not_left),
-        cmocka_unit_test(test_items_start_in_portions),
+        cmocka_unit_test(test_items_start_in_several_iterations),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_reply.c - tests the frames that are made for a client, with and without memory. */
 #include "tests/support/unit.h"
 
 #include "daemon/session/reply.h"
@@ -48,7 +49,7 @@ static void test_a_frame_without_blob(void **state)
     reply_destroy(NULL);
 }
 
-/* Small blobs go inline, large ones as a descriptor. */
+/* Small blobs are sent inline, large ones as a descriptor. */
 static void test_results(void **state)
 {
     (void)state;
@@ -57,7 +58,7 @@ static void test_results(void **state)
         struct blob *blob = make_blob(sizes[i]);
         struct control_result result = {.item = 3, .size = sizes[i], .origin = ORIGIN_BUILT}, *read;
         struct reply *reply = reply_result(9, &result, blob, &memory);
-        blob_unref(blob); /* the reply has its own */
+        blob_unref(blob); /* the reply has a ref of its own */
         assert_int_equal(reply->credits, 1);
         assert_int_equal(reply->header.descriptors, sizes[i] > BLOB_INLINE_MAX);
         assert_int_equal(reply->header.inline_size, sizes[i] > BLOB_INLINE_MAX ? 0 : sizes[i]);

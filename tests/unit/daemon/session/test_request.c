@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Items on their way: each source of payloads, each error, a cancellation in each state. */
+/* test_request.c - tests items of requests: each source of payloads, each error, a cancellation in each state. */
 #include "tests/support/unit.h"
 
 #include "tests/support/builder/inputs.h"
@@ -102,7 +102,7 @@ static void test_memfd_payloads(void **state)
     world_mesh_finish(&second);
 }
 
-/* Boxes, instances and an empty structure go the same way. */
+/* Boxes, instances and an empty structure are built as triangles are. */
 static void test_every_kind_of_structure(void **state)
 {
     (void)state;
@@ -123,7 +123,7 @@ static void test_every_kind_of_structure(void **state)
     }
 }
 
-/* Items of one request, inline, in the pool and in a memfd. */
+/* The payloads of one request lie inline, in the pool and in a memfd. */
 static void test_payloads_of_each_source_together(void **state)
 {
     (void)state;
@@ -191,8 +191,8 @@ static void build_boxes(struct world_client *client, uint64_t request, struct te
 }
 
 /*
- * Few bytes that stand for much: once more in the queue, when it is known how much; and refused, when that is more than
- * there is.
+ * A few bytes of payload stand for many boxes. Such an item is queued again when its need is known, and refused if that
+ * exceeds the budget.
  */
 static void test_items_are_larger_than_their_payloads(void **state)
 {
@@ -209,7 +209,7 @@ static void test_items_are_larger_than_their_payloads(void **state)
     assert_true(world_counters(&world).memory_peak < 64 << 20);
 }
 
-static void test_a_memfd_is_looked_at_by_the_worker(void **state)
+static void test_a_worker_checks_memfds(void **state)
 {
     (void)state;
     struct world_client *client = world_join(&world);
@@ -343,7 +343,7 @@ static void release_workers(struct world_gate *gates[2])
     world_open(gates[1]);
 }
 
-/* Nothing is left of either class, and everything again. */
+/* Promises the whole share of both classes, and takes it back. */
 static void take_all(struct admission_share shares[ADMISSION_CLASSES])
 {
     for (int class = 0; class < ADMISSION_CLASSES; class ++)
@@ -356,7 +356,7 @@ static void give_all(struct admission_share shares[ADMISSION_CLASSES])
         admission_end(&shares[class], world.service->admission.limit);
 }
 
-/* What is small waits neither for those that take much memory nor for memory that they have. */
+/* A small item waits neither for large ones nor for memory that they hold. */
 static void test_small_ones_pass_large_ones(void **state)
 {
     (void)state;
@@ -405,7 +405,7 @@ static void test_cancel_while_it_waits_for_memory(void **state)
     struct world_client *client = world_join(&world);
     struct world_mesh mesh;
     world_mesh_init(&mesh, 100, 1);
-    take_all(world.service->admission.prepares); /* nothing is left */
+    take_all(world.service->admission.prepares);
     world_build_mesh(client, 1, &mesh);
     world_await_state(client, 1, 0, ITEM_WAITING);
     assert_int_equal(world_counters(&world).prepares_waiting, 1);
@@ -429,7 +429,7 @@ static void test_cancel_while_a_worker_prepares(void **state)
     world_build_mesh(client, 1, &mesh);
     world_await_state(client, 1, 0, ITEM_PREPARING);
     assert_int_equal(world_cancel(client, 1, NULL, 0), BVHD_OK);
-    check_cancelled(client, 1); /* at once, whatever the worker does */
+    check_cancelled(client, 1); /* at once, without the worker */
     assert_int_equal(world_cancel(client, 1, NULL, 0), BVHD_OK);
     release_workers(gates);
     world_await(&world, is_gone, client);
@@ -576,7 +576,7 @@ int main(void)
         TEST(test_payloads_of_each_source_together),
         TEST(test_memfds_under_way_have_a_limit),
         TEST(test_items_are_larger_than_their_payloads),
-        TEST(test_a_memfd_is_looked_at_by_the_worker),
+        TEST(test_a_worker_checks_memfds),
         TEST(test_bad_items_fail_alone),
         TEST(test_rules_between_items),
         TEST(test_small_ones_pass_large_ones),

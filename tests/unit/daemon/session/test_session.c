@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_session.c - tests the frames of a session: versions, errors, pools, credits, queues, draining. */
 #include "tests/support/unit.h"
 
 #include "tests/support/daemon/session_world.h"
@@ -20,7 +21,7 @@ static int tear_down(void **state)
     return 0;
 }
 
-/* ---- the beginning of a connection ---- */
+/* ---- the start of a connection ---- */
 
 static enum bvhd_status say_hello(struct world_client *client, uint32_t least, uint32_t most, struct bvhd_error *error)
 {
@@ -81,7 +82,7 @@ static void test_nothing_comes_before_hello(void **state)
     }
 }
 
-/* ---- what ends a connection ---- */
+/* ---- errors that end a connection ---- */
 
 static enum bvhd_status send_bare(struct world_client *client, enum frame_type type, uint64_t request,
                                   uint32_t descriptors, struct bytes control)
@@ -141,7 +142,7 @@ static void test_a_number_in_use_ends_the_connection(void **state)
     world_mesh_finish(&mesh);
 }
 
-/* ---- what is answered by an error ---- */
+/* ---- requests that are answered with an error ---- */
 
 static void test_unknown_types_are_unsupported(void **state)
 {
@@ -158,12 +159,12 @@ static void test_unknown_types_are_unsupported(void **state)
     assert_non_null(world_find(client, FRAME_PONG, 5, 0));
 }
 
-/* Longer item rows, with a field that this version does not know. */
+/* Rows of items are longer, with a field that this version does not know. */
 static void test_rows_of_later_versions_are_unsupported(void **state)
 {
     (void)state;
     struct world_client *client = world_join(&world);
-    unsigned char control[140] = {0x18, 124, 0x22, 124}; /* item_size, items: PROTOCOL.md */
+    unsigned char control[140] = {0x18, 124, 0x22, 124}; /* item_size and items, see PROTOCOL.md */
     struct bytes bytes = {control, 4 + 124};
     control[4] = 1;
     assert_int_equal(send_bare(client, FRAME_BUILD, 1, 0, bytes), BVHD_OK);
@@ -178,7 +179,7 @@ static void test_rows_of_later_versions_are_unsupported(void **state)
     world_settle(&world);
 }
 
-/* Shorter ones, of clients that know no native targets. */
+/* Rows of items are shorter, from clients that know no native targets. */
 static void test_rows_of_earlier_versions_are_taken(void **state)
 {
     (void)state;
@@ -386,16 +387,16 @@ static void test_full_queues_are_busy(void **state)
     struct world_client *greedy = world_join(&world), *modest = world_join(&world);
     greedy->hold = modest->hold = true;
     build_many(greedy, 1, &mesh, 18);
-    build_many(greedy, 2, &mesh, 4); /* over its share of a queue that is half full */
+    build_many(greedy, 2, &mesh, 4); /* more than its share, and the queue is half full */
     assert_int_equal(world_find(greedy, FRAME_BUSY, 2, 0)->busy->retry_ms > 0, 1);
     build_many(modest, 1, &mesh, 20);
     assert_null(world_find(modest, FRAME_BUSY, 1, 0));
-    build_many(modest, 2, &mesh, 3); /* over all there is */
+    build_many(modest, 2, &mesh, 3); /* more than the queue holds */
     assert_non_null(world_find(modest, FRAME_BUSY, 2, 0));
     assert_int_equal(world_counters(&world).refused, 2);
     struct world_client *late = world_join(&world);
     late->hold = true;
-    build_many(late, 1, &mesh, 13); /* its share: the others leave no more than they must */
+    build_many(late, 1, &mesh, 13); /* its share, although the others leave less */
     assert_null(world_find(late, FRAME_BUSY, 1, 0));
     build_many(late, 2, &mesh, 1);
     assert_non_null(world_find(late, FRAME_BUSY, 2, 0));

@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_session_backlog.c - tests backpressure: clients that do not read their results are held, and in the end dropped.
+ */
 #include "tests/support/unit.h"
 
 #include "tests/support/daemon/session_world.h"
 
-/* A session's part is an eighth of that, that of all together a half. */
+/* The share of one session is an eighth of MEMORY, that of all sessions together a half. */
 enum { MEMORY = 32 << 20, LONG = MEMORY / 8 + 1 };
 
 static struct session_world world;
@@ -97,8 +100,8 @@ static void test_who_is_held_can_cancel_and_leave(void **state)
     assert_int_equal(world.service->sessions.backlog_bytes, LONG);
 }
 
-/* What is under way will be results: it counts before it is. */
-static void test_nobody_starts_more_than_its_part(void **state)
+/* Items that have started count as the results that they will have. */
+static void test_nobody_starts_more_than_its_share(void **state)
 {
     (void)state;
     struct world_client *client = world_join(&world), *other = world_join(&world);
@@ -109,7 +112,8 @@ static void test_nobody_starts_more_than_its_part(void **state)
         world_build_mesh(client, i + 1, &meshes[i]);
     }
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
-    session_backlog_add(client->session, MEMORY / 8 - client->session->client.started_bytes); /* as much as may be */
+    session_backlog_add(client->session,
+                        MEMORY / 8 - client->session->client.started_bytes); /* as much as is allowed */
     world_build_mesh(client, 7, &mesh);
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
     world_build_mesh(client, 8, &mesh);
@@ -127,7 +131,7 @@ static void test_nobody_starts_more_than_its_part(void **state)
         world_mesh_finish(&meshes[i]);
 }
 
-/* While all together are behind, a little is too much. */
+/* While all sessions together exceed their share, any backlog is too long. */
 static void test_a_crowd_is_held(void **state)
 {
     (void)state;
@@ -150,7 +154,7 @@ static void test_the_one_furthest_behind_has_to_go(void **state)
 {
     (void)state;
     struct world_client *clients[9];
-    atomic_fetch_add(&world.service->account.live_bytes, MEMORY + 1); /* all of them different */
+    atomic_fetch_add(&world.service->account.live_bytes, MEMORY + 1); /* as if all results were different */
     for (int i = 0; i < 9; i++) {
         clients[i] = world_join(&world);
         session_backlog_add(clients[i]->session, i == 3 ? MEMORY / 8 : MEMORY / 8 - 100);
@@ -159,12 +163,12 @@ static void test_the_one_furthest_behind_has_to_go(void **state)
     }
     assert_int_equal(clients[3]->session->failure.status, BVHD_TOO_LARGE);
     assert_true(world.service->sessions.backlog_bytes <= MEMORY);
-    session_backlog_take(clients[3]->session, 1); /* what leaves of it now no longer counts */
+    session_backlog_take(clients[3]->session, 1); /* it does not count any more */
     assert_int_equal(world.service->sessions.backlog_bytes, 8 * (MEMORY / 8 - 100));
     atomic_fetch_sub(&world.service->account.live_bytes, MEMORY + 1);
 }
 
-/* What all wait for lies in memory once. */
+/* One result that all clients wait for lies in memory once. */
 static void test_nobody_has_to_go_for_the_same_result(void **state)
 {
     (void)state;
@@ -184,7 +188,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_results_count_until_they_leave, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_who_does_not_read_gets_nothing_more_to_do, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_who_is_held_can_cancel_and_leave, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_nobody_starts_more_than_its_part, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_nobody_starts_more_than_its_share, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_crowd_is_held, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_the_one_furthest_behind_has_to_go, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_nobody_has_to_go_for_the_same_result, set_up, tear_down),

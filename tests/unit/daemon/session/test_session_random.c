@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_session_random.c - tests that random requests of several clients are all answered, and leave nothing behind. */
 /*
- * Thousands of random operations of several clients: builds of few meshes, so that many are equal; good and bad items,
- * GET, CANCEL, clients that come, go, or read nothing for a while. Every item of a living client has one PREPARED and
- * one RESULT in the end, with the right bytes, and nothing is left. Then the same with every allocation failing once.
+ * The clients build few meshes, so that many builds are equal, send good and bad items, GET and CANCEL, come, go, or
+ * read nothing for a while. In the end every item of a client that stayed has one PREPARED and one RESULT with the
+ * right key. Then the same is done with every allocation failing once.
  */
 #include "tests/support/unit.h"
 
@@ -66,7 +67,7 @@ static bool is_open(const struct actor *actor)
     return actor->client && actor->client->session && !actor->client->failed;
 }
 
-/* A place among the clients of the world is used again once the client has gone and was checked. */
+/* Lets a new client join in the place of one that has gone. */
 static void enter(struct actor *actor)
 {
     *actor = (struct actor){0};
@@ -156,7 +157,7 @@ static void random_cancel(struct actor *actor)
     assert_true(status == BVHD_OK || actor->client->failed);
 }
 
-/* Of one item of a client that stayed to the end. */
+/* Checks one item of a client that stayed to the end. */
 static void check_item(const struct actor *actor, const struct asked *asked, uint32_t item)
 {
     const struct world_event *event = world_result(actor->client, asked->request, item);
@@ -262,7 +263,7 @@ static void test_random_operations(void **state)
     struct service_options options = world_options();
     options.workers = 3;
     options.max_queue = 150;
-    options.cache = 256 * 1024; /* results come and go */
+    options.cache = 256 * 1024; /* too small for all results */
     for (uint64_t seed = 1; seed <= 4; seed++) {
         world_init(&world, &options);
         run_operations(seed, 600, 60);
@@ -270,12 +271,12 @@ static void test_random_operations(void **state)
     }
 }
 
-/* So little memory that most have to wait, and some fail. */
+/* There is so little memory that most items have to wait, and some fail. */
 static void test_random_operations_in_little_memory(void **state)
 {
     (void)state;
     struct service_options options = world_options();
-    options.memory = 1; /* the least that a service takes */
+    options.memory = 1; /* is raised to the least that a service has */
     options.cache = 0;
     for (uint64_t seed = 11; seed <= 13; seed++) {
         world_init(&world, &options);
@@ -305,7 +306,8 @@ static struct memory *inlines(struct service *service)
 }
 
 /*
- * Two clients, one of which meets the failure wherever it is; then everything works. True when nothing failed any more.
+ * Two clients work while allocation number `after` fails; then everything works again. Returns true if there was no
+ * allocation of that number.
  */
 static bool run_with_failure(struct memory *(*which)(struct service *), int64_t after)
 {
