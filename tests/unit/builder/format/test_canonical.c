@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_canonical.c - tests how instances, triangles and geometries are read from a canonical copy. */
 #include "tests/support/unit.h"
 
 #include <vulkan/vulkan_core.h>
@@ -6,7 +7,7 @@
 #include "builder/format/canonical.h"
 #include "tests/support/random.h"
 
-/* Vulkan's own struct is the reference for where the bits are. */
+/* Vulkan's own struct is the reference for the places of the bits. */
 static void instances_are_vulkans_records(void **state)
 {
     (void)state;
@@ -70,7 +71,7 @@ static void corners_with_and_without_indices(void **state)
         }
 }
 
-/* Counting through, geometry by geometry, empty ones included, is the reference. */
+/* The reference is to count through all geometries, empty ones included. */
 static void check_geometry_of(const uint32_t *counts, uint32_t geometry_count)
 {
     struct canonical_geometry geometries[8];

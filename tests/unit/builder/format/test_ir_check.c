@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_ir_check.c - tests that ir_check() finds every broken invariant, and the cost and depth of trees. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -9,7 +10,7 @@
 static const struct test_shape cloud = {
     .type = GEOMETRY_AABBS, .geometries = 1, .primitives = 40, .size = 10, .detail = 0.1};
 
-/* A sound tree to break. */
+/* A valid tree, for a test to break. */
 struct fixture {
     struct memory memory;
     struct test_model model;
@@ -85,7 +86,7 @@ static void break_two_parents(struct fixture *f)
 
 static void break_orphan(struct fixture *f)
 {
-    /* The root becomes a leaf of everything. */
+    /* The root becomes a leaf with all refs. */
     f->ir.nodes[0] = (struct ir_node){0, f->ir.ref_count};
 }
 
@@ -186,7 +187,7 @@ static void a_missing_primitive_is_found(void **state)
     finish(&fixture);
 }
 
-/* With split references a primitive may be in several leaves, and these hold a part of it. */
+/* With split references a primitive may be in several leaves, each of which holds a part of it. */
 static void splits_are_allowed_when_told(void **state)
 {
     (void)state;

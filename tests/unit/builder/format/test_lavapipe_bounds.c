@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_lavapipe_bounds.c - tests that boxes of split references and of instances grow as the lavapipe driver needs it.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -11,7 +14,7 @@
 static const struct build_options native = {
     .quality = QUALITY_HIGH, .target = TARGET_LAVAPIPE, .device = {.variant = LAVAPIPE_PLAIN}};
 
-/* The same tree, with boxes as the builder made them and as the layout wants them. */
+/* The same tree twice, with the builder's boxes and with the layout's boxes. */
 struct pair {
     struct memory memory;
     struct ir before, after;
@@ -38,7 +41,7 @@ static void duplicate(const struct ir *ir, struct memory *memory, struct ir *ret
     ret_ir->ref_count = ir->ref_count;
 }
 
-/* Long triangles, so that there are splits. */
+/* The triangles are long, so that the builder splits them. */
 static void make_split_model(struct test_model *model)
 {
     static const struct test_shape shape = {
@@ -46,7 +49,7 @@ static void make_split_model(struct test_model *model)
     test_model_make(&shape, 3, model);
 }
 
-/* A tree with split references, before inflate_boxes: cut by hand from a tree of whole primitives. */
+/* Makes a tree with split references, before inflate_boxes, by halving the leaves of a tree of whole primitives. */
 static void halve_leaves(struct ir *ir)
 {
     for (uint32_t i = 0; i < ir->node_count; i++)
@@ -93,7 +96,7 @@ static void parts_grow_within_their_triangles(void **state)
     assert_int_equal(pair.memory.live, 0);
 }
 
-/* What a build gives to the layout: every box of a part has the margin, or is the triangle's. */
+/* In the tree that a build passes to the layout, every box of a part has the margin, or is the whole triangle's box. */
 static void builds_inflate_split_references(void **state)
 {
     (void)state;
@@ -114,14 +117,14 @@ static void builds_inflate_split_references(void **state)
             grown += memcmp(&pair.before.boxes[0][i], &pair.after.boxes[0][i], sizeof(struct box)) != 0;
             whole += memcmp(triangle, &pair.after.boxes[0][i], sizeof(struct box)) == 0;
         }
-    assert_true(grown > 100 && whole > 100); /* parts grow once more, whole triangles have not grown at all */
+    assert_true(grown > 100 && whole > 100); /* parts grow a second time, whole triangles have not grown at all */
     ir_finish(&pair.before);
     ir_finish(&pair.after);
     test_model_finish(&model);
     assert_int_equal(pair.memory.live, 0);
 }
 
-/* In float, in the driver's order. */
+/* Computes an instance's box in float, in the driver's order of operations. */
 static struct box drivers_box(const float m[12], const struct box *bounds)
 {
     struct box box;
@@ -166,7 +169,7 @@ static void instances_contain_what_the_driver_computes(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* A matrix that overflows leaves boxes finite. */
+/* Boxes stay finite even under a matrix that overflows. */
 static void boxes_stay_finite(void **state)
 {
     (void)state;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The bytes of version 1 of what we write in the lavapipe layout, in both variants: a fixed small tree in, golden bytes
- * out (tests/golden/lavapipe-v1-*.hex). They change with the version alone. With BVHD_WRITE_GOLDEN=1 in the environment
- * the files are written instead of compared.
+ * test_lavapipe_golden.c - tests that the bytes of version 1 of the lavapipe layout stay the same in both variants.
+ *
+ * Fixed small trees must give the golden bytes in tests/golden/lavapipe-v1-*.hex, which only change with the version.
+ * With BVHD_WRITE_GOLDEN=1 in the environment the files are written instead of compared.
  */
 #include "tests/support/unit.h"
 
@@ -11,14 +12,16 @@
 
 enum { PRIMITIVES = 6, FIRST = 4, NODES = 9 };
 
-/* Primitive 2 is not in the tree, as if it were inactive; 5 is in two leaves. */
+/* Primitive 2 is not in the tree, as if it were inactive; primitive 5 is in two leaves. */
 static const float positions[3 * PRIMITIVES][3] = {
     {0, 0, 0},  {1, 0, 0.125f}, {0, 1, -0.0f},  {2, -0.0f, 1}, {3, 0, 1},     {2, 1.1f, 0.3333333f},
     {9, 9, 9},  {8, 9, 9},      {9, 8, 9},      {4, 0, 1},     {5, 1e-3f, 2}, {4, 1, 2},
     {-7, 0, 0}, {-6, 0, 1},     {-7, 1, 0.75f}, {10, 2, 0},    {20, 3, 0.5f}, {10, 4, 1000.5f},
 };
 static const uint32_t refs[PRIMITIVES] = {4, 5, 0, 1, 3, 5};
-/* Inner nodes first, or a leaf's ref; the second child of the root has children before those of the first. */
+/*
+ * An inner node's first child, or a leaf's ref. The children of the root's second child come before those of the first.
+ */
 static const struct ir_node nodes[NODES] = {{1, 0}, {5, 0}, {3, 0}, {2, 1}, {7, 0}, {0, 1}, {1, 1}, {3, 1}, {4, 1}};
 
 struct fixture {

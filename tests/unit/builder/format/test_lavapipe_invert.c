@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The inverse's bits are compared with the driver's in tests/integration/driver_golden; here: what an inverse is, and
- * bits that must stay.
+ * test_lavapipe_invert.c - tests that inverses invert, and that their bits stay the same.
+ *
+ * tests/integration/driver_golden compares the bits with the driver's.
  */
 #include "tests/support/unit.h"
 
@@ -10,7 +11,7 @@
 #include "builder/format/lavapipe.h"
 #include "tests/support/random.h"
 
-/* In double: the two matrices' product, without the unit matrix. */
+/* Returns the largest difference between the product of the two matrices, in double, and the unit matrix. */
 static double error_of(const float matrix[12], const float inverse[12])
 {
     double worst = 0;
@@ -47,8 +48,8 @@ static void known_inverses_are_found(void **state)
         {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}},
         {{2, 0, 0, 3, 0, -4, 0, 5, 0, 0, 0.5f, 6}, {0.5f, 0, 0, -1.5f, 0, -0.25f, 0, 1.25f, 0, 0, 2, -12}},
         /*
-         * Pivots have to be found below: rows of the matrix are columns of what is eliminated. (Translations are pivots
-         * too, so nothing is exact.)
+         * The pivots are in lower rows: rows of the matrix are columns of the eliminated one. (Translations are pivots
+         * too, so that nothing is exact.)
          */
         {{0, 1, 0, 7, 0, 0, 1, 8, 1, 0, 0, 9}, {0, 0, 1, -9, 1, 0, 0, -7, 0, 1, 0, -8}},
         {{0, 0, 4, 0, 0, 2, 0, 0, 1, 0, 0, 0}, {0, 0, 1, 0, 0, 0.5f, 0, 0, 0.25f, 0, 0, 0}},
@@ -62,7 +63,7 @@ static void known_inverses_are_found(void **state)
     }
 }
 
-/* Matrices that Vulkan does not allow lead all rays nowhere. */
+/* Matrices that Vulkan does not allow give zeros: all rays miss. */
 static void singular_matrices_give_zeros(void **state)
 {
     (void)state;
@@ -79,7 +80,10 @@ static void singular_matrices_give_zeros(void **state)
     }
 }
 
-/* A hash of the bits of a thousand inverses: another order of operations, or fused ones, would change it. */
+/*
+ * Compares a hash of the bits of a thousand inverses, which changes with the order of operations and with fused
+ * operations.
+ */
 static void bits_stay(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_lavapipe_read.c - tests that structures of the lavapipe layout are opened, and that damaged ones are refused. */
 #include "tests/support/unit.h"
 
 #include "builder/format/lavapipe.h"
@@ -18,7 +19,7 @@ static const struct test_shape *const shapes[] = {&triangles, &aabbs, &instances
 
 enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0], BODY = 56, ROOT = BODY + LAVAPIPE_HEADER };
 
-/* A blob that may be changed. */
+/* A blob for a test to change. */
 struct subject {
     unsigned char *blob;
     uint64_t size;
@@ -57,7 +58,7 @@ static void expect(const struct subject *s, enum bvhd_status status, const char 
     assert_true(status == BVHD_OK || error.text[0] != 0);
 }
 
-/* Puts a 32-bit value at a byte of the blob, expects a complaint, puts the old one back. */
+/* Writes a 32-bit value at a byte of the blob, expects an error, and restores the old value. */
 static void spoil(struct subject *s, uint64_t at, uint32_t value, const char *where)
 {
     uint32_t old = bytes_get32(s->blob + at);
@@ -98,16 +99,16 @@ static void references_are_checked(void **state)
     uint32_t leaves = bytes_get32(s.blob + BODY + 32);
     const uint64_t child = ROOT + 48;
     spoil(&s, child, 40 | LAVAPIPE_BOX, "node[0].children[0]"); /* the root again */
-    spoil(&s, child, (96 + 4) | LAVAPIPE_BOX, "node[0].children[0]"); /* within a box */
+    spoil(&s, child, (96 + 4) | LAVAPIPE_BOX, "node[0].children[0]"); /* inside a box */
     spoil(&s, child, leaves | LAVAPIPE_BOX, "node[0].children[0]");
     spoil(&s, child, LAVAPIPE_BOX, "node[0].children[0]");
     spoil(&s, child, 0xfffffff0 | LAVAPIPE_BOX, "node[0].children[0]");
-    spoil(&s, child, 96, "node[0].children[0]"); /* a box is no triangle */
+    spoil(&s, child, 96, "node[0].children[0]"); /* a box is not a triangle */
     spoil(&s, child, leaves + 4, "node[0].children[0]");
-    spoil(&s, child, leaves + 48 * 60, "node[0].children[0]"); /* behind the last */
+    spoil(&s, child, leaves + 48 * 60, "node[0].children[0]"); /* behind the last leaf */
     spoil(&s, child, 0xfffffffc, "node[0].children[0]");
     spoil(&s, child, leaves | LAVAPIPE_INSTANCE, "node[0].children[0]");
-    /* A box of both children: the second is met first, for all that is known of the order. */
+    /* Both children lead to the same box. The order of the walk is undefined, so either child may be reported. */
     uint32_t other = bytes_get32(s.blob + child + 4);
     bytes_put32(s.blob + child, other);
     struct bvhd_error error;
@@ -129,16 +130,16 @@ static void kinds_do_not_mix(void **state)
     bytes_put32(s.blob + ROOT + 52, leaves + 48);
     assert_int_equal(open_bytes(s.blob, s.size, LAVAPIPE_PLAIN, &error, &view), BVHD_OK);
     assert_int_equal(view.levels, 1);
-    bytes_put32(s.blob + ROOT + 52, leaves); /* parts of one primitive */
+    bytes_put32(s.blob + ROOT + 52, leaves); /* two parts of one primitive */
     assert_int_equal(open_bytes(s.blob, s.size, LAVAPIPE_PLAIN, &error, &view), BVHD_OK);
     free(s.blob);
     s = subject_make(&instances, LAVAPIPE_PLAIN);
-    spoil(&s, ROOT + 8 * 20 + 48, bytes_get32(s.blob + BODY + 8 * 20 + 32),
-          "node[0].children[0]"); /* a triangle among instances */
+    /* a triangle among instances */
+    spoil(&s, ROOT + 8 * 20 + 48, bytes_get32(s.blob + BODY + 8 * 20 + 32), "node[0].children[0]");
     free(s.blob);
 }
 
-/* A chain of boxes, each with a leaf and the next one. */
+/* Makes a chain of boxes, each with a leaf and the next box. */
 static struct subject chain_of(uint32_t levels)
 {
     struct test_shape shape = {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 40, .size = 1, .detail = 0.1};
@@ -166,7 +167,7 @@ static void levels_are_counted_and_limited(void **state)
     }
 }
 
-/* In a block of exactly the size, so that a sanitizer sees what is read behind it. */
+/* The bytes are in a block of exactly their size, so that a sanitizer detects a read past the end. */
 static void every_truncation_and_an_extra_byte(void **state)
 {
     (void)state;
@@ -179,7 +180,7 @@ static void every_truncation_and_an_extra_byte(void **state)
             assert_non_null(cut);
             memcpy(cut, s.blob, size);
             assert_int_equal(open_bytes(cut, size, s.variant, &error, &view), BVHD_CORRUPT);
-            if (size >= 56) { /* and with a header that agrees */
+            if (size >= 56) { /* also with a header that states the shorter size */
                 bytes_put64(cut + 32, size);
                 bytes_put64(cut + 40, size - 56);
                 assert_true(open_bytes(cut, size, s.variant, &error, &view) != BVHD_OK);
@@ -195,7 +196,7 @@ static void every_truncation_and_an_extra_byte(void **state)
     }
 }
 
-/* What a reader may do with a view that was opened: everything that boxes and leaves refer to. */
+/* Reads everything in an opened view: all boxes and leaves that are referenced. */
 static uint64_t visit(const struct lavapipe_view *view, uint32_t offset)
 {
     struct lavapipe_box box = lavapipe_box_at(view, offset);
@@ -235,7 +236,7 @@ static void every_flipped_bit_is_survived(void **state)
                 refused++;
             s.blob[bit / 8] ^= (unsigned char)(1u << bit % 8);
         }
-        assert_true(refused > 300); /* sizes and references at least */
+        assert_true(refused > 300); /* at least those in sizes and references */
         free(s.blob);
     }
 }
@@ -283,7 +284,7 @@ static void views_say_what_was_written(void **state)
     }
 }
 
-/* Each variant's structures open under that variant alone. */
+/* A structure opens under its own variant only. */
 static void variants_tell_themselves(void **state)
 {
     (void)state;

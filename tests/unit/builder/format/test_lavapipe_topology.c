@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_lavapipe_topology.c - tests that a structure's tree can be read and written again, byte for byte. */
 #include "tests/support/unit.h"
 
 #include "builder/format/lavapipe_topology.h"
@@ -15,7 +16,7 @@ static const struct test_shape shapes[] = {
 
 enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0] };
 
-/* A structure and what it was made of. */
+/* A structure and the request that it was made from. */
 struct subject {
     struct memory memory;
     struct test_model model;
@@ -77,7 +78,8 @@ static void structures_are_written_again(void **state)
 }
 
 /*
- * Instances: boxes are the driver's, so the tree and its order are what can be compared; null ones keep their numbers.
+ * The boxes of instances are the driver's, so that only the tree and its order can be compared; null instances keep
+ * their numbers.
  */
 static void instances_are_named_by_their_numbers(void **state)
 {
@@ -103,7 +105,7 @@ static void instances_are_named_by_their_numbers(void **state)
     for (uint32_t i = 0; i < 50; i++)
         assert_int_equal(seen[i], i % 4 != 0);
     lavapipe_topology_finish(&topology);
-    /* A leaf that claims to be a null instance, or none at all, is none of the request's. */
+    /* A leaf whose number is that of a null instance, or too large, does not belong to the request. */
     unsigned char *number = s.blob + (s.view.body - s.blob) + s.view.leaf_offset + 68;
     uint32_t old = bytes_get32(number);
     for (uint32_t wrong = 0; wrong <= 50; wrong += 50) {
@@ -134,7 +136,7 @@ static void other_requests_do_not_fit(void **state)
     struct subject s, boxes;
     subject_init(&s, &shapes[2], LAVAPIPE_PLAIN);
     subject_init(&boxes, &shapes[4], LAVAPIPE_PLAIN);
-    expect_unsupported(&s, &boxes.model.canonical, NULL); /* another kind, and fewer */
+    expect_unsupported(&s, &boxes.model.canonical, NULL); /* another kind, and fewer primitives */
     expect_unsupported(&boxes, &s.model.canonical, NULL);
     struct canonical fewer = s.model.canonical;
     fewer.primitive_count = 400;
@@ -153,12 +155,12 @@ static void odd_trees_are_refused(void **state)
     subject_init(&s, &shapes[4], LAVAPIPE_PLAIN);
     unsigned char *boxes = s.blob + (s.view.body - s.blob) + LAVAPIPE_HEADER;
     uint32_t old = bytes_get32(boxes + 48);
-    bytes_put32(boxes + 48, LAVAPIPE_NONE); /* child 0 of the root, beside a child 1 */
+    bytes_put32(boxes + 48, LAVAPIPE_NONE); /* child 0 of the root, which has a child 1 */
     subject_open(&s, LAVAPIPE_PLAIN);
     expect_unsupported(&s, &s.model.canonical, "node[0]");
     bytes_put32(boxes + 48, old);
     uint32_t beside = bytes_get32(boxes + 52);
-    bytes_put32(boxes + 52, LAVAPIPE_NONE); /* a box is the root's only child */
+    bytes_put32(boxes + 52, LAVAPIPE_NONE); /* the root's only child is a box */
     assert_int_equal(old & 3, LAVAPIPE_BOX);
     subject_open(&s, LAVAPIPE_PLAIN);
     expect_unsupported(&s, &s.model.canonical, "node[0]");
@@ -173,7 +175,7 @@ static void odd_trees_are_refused(void **state)
     subject_finish(&s);
 }
 
-/* Boxes where the request has no room for them: nothing may be written there. */
+/* Boxes beyond the room of the request are refused, so that nothing is written there. */
 static void boxes_beyond_the_room_are_refused(void **state)
 {
     (void)state;
@@ -182,7 +184,10 @@ static void boxes_beyond_the_room_are_refused(void **state)
     struct subject s;
     subject_init(&s, &many, LAVAPIPE_PLAIN);
     unsigned char *boxes = s.blob + (s.view.body - s.blob) + LAVAPIPE_HEADER;
-    /* The root has box 58 and a leaf below it, box 58 two leaves: three primitives, three boxes' room at most. */
+    /*
+     * The root has box 58 and a leaf below it, box 58 has two leaves. The request has three primitives, so there is
+     * room for at most three boxes.
+     */
     bytes_put32(boxes + 48, (LAVAPIPE_HEADER + 56 * 58) | LAVAPIPE_BOX);
     bytes_put32(boxes + 52, s.view.leaf_offset | LAVAPIPE_AABB);
     for (uint32_t child = 0; child < 2; child++)

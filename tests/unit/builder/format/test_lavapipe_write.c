@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_lavapipe_write.c - tests that structures of the lavapipe layout hold exactly what was requested. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -36,18 +37,18 @@ static const struct test_shape shapes[] = {
 
 enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0] };
 
-/* A structure, written and opened. */
+/* A structure that was written and opened. */
 struct written {
     struct memory memory;
     unsigned char *blob;
     struct layout_sizes sizes;
     struct lavapipe_view view;
-    uint8_t *seen; /* by leaf: how many boxes refer to it */
-    uint32_t *places; /* by box, in order of a walk that takes the first child first */
+    uint8_t *seen; /* for each leaf: how many boxes refer to it */
+    uint32_t *places; /* the boxes in depth-first order, the first child first */
     uint32_t place_count;
 };
 
-/* Freed memory is dirty, so that bytes that nobody writes show. */
+/* Fills freed memory with garbage, so that bytes that are never written show. */
 static void dirty_heap(uint64_t size)
 {
     void *blocks[8];
@@ -99,7 +100,7 @@ static float padded(float value, double sign, enum lavapipe_variant variant)
                : value;
 }
 
-/* Equal to `box`, in the one variant as it is, in the other with the margin. */
+/* Checks that a child's box equals `box` in the one variant, and is larger by the margin in the other. */
 static void assert_child_box(const struct lavapipe_box *node, int child, const struct box *box,
                              enum lavapipe_variant variant)
 {
@@ -119,7 +120,7 @@ static void assert_absent(const struct lavapipe_box *node, int child, enum lavap
             assert_true(node->bounds[child].min[axis] == INFINITY && node->bounds[child].max[axis] == -INFINITY);
 }
 
-/* Each child's box is exactly what lies below it. */
+/* Checks that each child's box is exactly the union of everything below it, which it returns. */
 static struct box walk(const struct test_model *model, struct written *written, uint32_t offset)
 {
     const struct lavapipe_view *view = &written->view;
@@ -157,10 +158,10 @@ static void check_tree(const struct test_model *model, struct written *written)
     assert_memory_equal(active ? &bounds : &zeros, written->view.bounds, sizeof bounds);
     assert_int_equal(written->place_count, active < 2 ? 1 : active - 1);
     for (uint32_t i = 0; i < written->place_count; i++)
-        assert_int_equal(written->places[i], i); /* no gaps, first children behind their parents */
+        assert_int_equal(written->places[i], i); /* there are no gaps, and first children follow their parents */
 }
 
-/* The sizes are the driver's own: room for an update in which all primitives are active. */
+/* The sizes are the driver's own, with room for an update in which all primitives are active. */
 static void check_sizes(const struct test_model *model, const struct written *written)
 {
     uint32_t n = model->canonical.primitive_count, kind = kind_for(model->canonical.geometries[0].type);
@@ -257,7 +258,7 @@ static void an_empty_structure_is_96_bytes(void **state)
     }
 }
 
-/* Between boxes and leaves, and behind them, as the driver's memory is before it builds. */
+/* The gaps between boxes and leaves, and behind the leaves, are zero, as the driver's memory is before it builds. */
 static void what_is_not_used_is_zero(void **state)
 {
     (void)state;
@@ -317,7 +318,7 @@ static void negative_zeros_are_the_drivers(void **state)
     }
 }
 
-/* A box's zeros are copied as they are. */
+/* The zeros of AABBs are copied with their signs. */
 static void negative_zeros_of_boxes_stay(void **state)
 {
     (void)state;
@@ -338,8 +339,8 @@ static void negative_zeros_of_boxes_stay(void **state)
 }
 
 /*
- * Those behind a null instance move up and keep their numbers; its handle is missing, and its leaf's place stays at the
- * end.
+ * The leaves behind a null instance move up and keep their instance numbers. Its handle is missing, and the space of
+ * its leaf stays at the end.
  */
 static void null_instances_have_no_leaf(void **state)
 {
@@ -390,7 +391,10 @@ static void flags_of_instances_are_the_drivers(void **state)
     test_model_finish(&model);
 }
 
-/* A tree with a primitive in two leaves, as spatial splits make them: the body grows by a box, the leaves do not. */
+/*
+ * In a tree with a primitive in two leaves, as spatial splits make them, the body grows by one box and the leaves do
+ * not grow.
+ */
 static void parts_of_a_primitive_share_its_leaf(void **state)
 {
     (void)state;
@@ -462,7 +466,7 @@ static void bytes_do_not_depend_on_threads(void **state)
     }
 }
 
-/* What can not be said in 24 bits, or in 32 for bytes, is refused before anything is written. */
+/* Counts that do not fit 24 bits, or sizes that do not fit 32 bits, are refused before anything is written. */
 static void too_many_are_refused(void **state)
 {
     (void)state;
@@ -516,7 +520,7 @@ static void take(struct build_output *self, unsigned char *bytes)
     free(bytes);
 }
 
-/* Sets the flag of a build after so many calls. */
+/* A parallel that sets the build's cancel flag after a number of calls. */
 struct cancelling {
     struct parallel parallel;
     int calls;
@@ -556,7 +560,8 @@ static void a_cancelled_output_is_given_back(void **state)
                                            .output = &output.output};
         unsigned char *blob = NULL;
         enum bvhd_status status = layout_lavapipe.write(&input, &blob, &sizes, NULL);
-        assert_int_equal(status, calls < 2 ? BVHD_CANCELLED : BVHD_OK); /* boxes and leaves are two calls */
+        /* there are two calls: for boxes and for leaves */
+        assert_int_equal(status, calls < 2 ? BVHD_CANCELLED : BVHD_OK);
         assert_int_equal(output.given, 1);
         assert_int_equal(output.taken, calls < 2);
         assert_int_equal(memory.live, live);
@@ -578,8 +583,8 @@ static void failing_allocations_leave_nothing(void **state)
     struct layout_sizes sizes;
     unsigned char *blob;
     test_model_make(&shapes[SHAPE_COUNT - 1], 1, &model);
-    memset((unsigned char *)(uintptr_t)model.canonical.geometries[0].instances + 56, 0,
-           8); /* instance 0 is not in the tree */
+    /* Instance 0 becomes a null instance. */
+    memset((unsigned char *)(uintptr_t)model.canonical.geometries[0].instances + 56, 0, 8);
     memory_init(&memory, UINT64_MAX);
     int failures = 0;
     for (;; failures++) {
@@ -591,7 +596,7 @@ static void failing_allocations_leave_nothing(void **state)
         assert_int_equal(status, BVHD_NO_MEMORY);
         assert_int_equal(memory.live, 0);
     }
-    assert_true(failures >= 6); /* of the tree three, places of boxes, of instances, the blob */
+    assert_true(failures >= 6); /* three arrays of the tree, the places of boxes and of instances, the blob */
     memory.fail_after = -1;
     memory_free(&memory, blob);
     assert_int_equal(memory.live, 0);

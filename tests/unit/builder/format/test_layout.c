@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_layout.c - tests that targets and names lead to their layouts, and that the layouts' limits are sensible. */
 #include "tests/support/unit.h"
 
 #include "builder/format/layout.h"
@@ -25,7 +26,7 @@ static void unknown_targets_lead_nowhere(void **state)
     assert_null(layout_find_name("portable "));
 }
 
-/* What the builder relies on when it makes a tree for a layout. */
+/* The properties that the builder relies on when it makes a tree for a layout. */
 static void a_layout_states_what_can_be_done(void **state)
 {
     (void)state;

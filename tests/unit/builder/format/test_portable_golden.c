@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The bytes of version 1 of the portable layout: fixed small trees in, golden bytes out
- * (tests/golden/portable-v1-*.hex). They change with the version alone. With BVHD_WRITE_GOLDEN=1 in the environment the
- * files are written instead of compared.
+ * test_portable_golden.c - tests that the bytes of version 1 of the portable layout stay the same.
+ *
+ * Fixed small trees must give the golden bytes in tests/golden/portable-v1-*.hex, which only change with the version.
+ * With BVHD_WRITE_GOLDEN=1 in the environment the files are written instead of compared.
  */
 #include "tests/support/unit.h"
 
@@ -11,7 +12,7 @@
 
 enum { VERTICES = 11, TRIANGLES = 9, NODES = 7 };
 
-/* Two rows of five, and vertex 4 that nobody names. */
+/* Two rows of five, and vertex 4, which no triangle uses. */
 static const float positions[VERTICES][3] = {{0, 0, 0},        {1, 0, 0.125f},   {2, 0, 0.25f},       {3, 0, 0.375f},
                                              {9, 9, 9},        {4, 0, 0.5f},     {0, 1, -0.3333333f}, {1, 1.1f, 0.75f},
                                              {2, 1.2f, 1e-3f}, {3, 1.3f, -0.0f}, {4, 1.4f, 1000.5f}};
@@ -70,7 +71,7 @@ static void fill_instances(struct fixture *f)
     f->geometries[0].instances = f->instances[0];
 }
 
-/* Seven ir nodes: the root, two leaves and an inner node below it, three leaves below that. */
+/* Makes seven ir nodes: the root, two leaves and an inner node below it, three leaves below that. */
 static void fill_tree(struct fixture *f)
 {
     static const uint32_t first[NODES] = {0, 0, 4, 3, 4, 6, 7}, count[NODES] = {9, 3, 5, 1, 2, 1, 2};

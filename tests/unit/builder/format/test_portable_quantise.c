@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_portable_quantise.c - tests that quantised boxes are conservative with their margin, tight, and the same in
+ * every version.
+ */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -7,7 +11,7 @@
 #include "builder/format/portable_quantise.h"
 #include "tests/support/random.h"
 
-/* The plain version, which the library leaves out where it has SSE2. */
+/* The plain version, which the library does not contain if the machine has SSE2. */
 #define BVHD_SCALAR
 #define portable_quantise portable_quantise_scalar
 void portable_quantise_scalar(const struct portable_boxes *boxes, unsigned occupied, struct portable_node *ret_node);
@@ -15,8 +19,8 @@ void portable_quantise_scalar(const struct portable_boxes *boxes, unsigned occup
 #undef portable_quantise
 
 /*
- * The sign of high - low - span for the real numbers: a rounded difference decides unless it meets span, then its
- * rounding error does.
+ * Returns the sign of high - low - span in real numbers: the rounded difference decides unless it equals span; then its
+ * rounding error decides.
  */
 static int compare(float high, float low, double span)
 {
@@ -60,17 +64,18 @@ static void check_axis(const struct portable_boxes *boxes, unsigned occupied, co
         else
             assert_true(compare(min, origin, step * (lo + 1.0 / 64)) >= 0);
         assert_true(compare(max, origin, step * (hi - 1.0 / 64)) <= 0);
-        /* and tight: one step further in would not hold */
+        /* It is also tight: one step further inward would not hold. */
         assert_true(compare(min, origin, step * (lo + 1 + 1.0 / 64 + 0x1p-20)) < 0);
         assert_true(hi == 0 || compare(max, origin, step * (hi - 1 - 1.0 / 64 - 0x1p-20)) > 0);
     }
-    if (step > 0x1p-126) { /* half the step would not do, unless floats are too coarse for its origin */
+    /* Half the step would not suffice, unless floats are too coarse for its origin. */
+    if (step > 0x1p-126) {
         double coarse = fmax(nextafterf(fabsf(low), INFINITY) - (double)fabsf(low), 0);
         assert_true((double)high - low + 2 * coarse > step / 2 * (255 - 1.0 / 32) * (1 - 0x1p-30));
     }
 }
 
-/* From boxes in memory, by every way that this machine has. */
+/* Quantises from pointers to boxes, in every version that this machine supports. */
 static void check_boxes(const struct portable_boxes *boxes, unsigned occupied, const struct portable_node *expected)
 {
     struct box rows[8];
@@ -127,7 +132,7 @@ static void fill(struct random *random, double centre, double size, unsigned occ
         }
 }
 
-/* Any size at any distance from the origin, by powers of two over all that floats hold. */
+/* Sizes and distances from the origin range over all powers of two that floats hold. */
 static void boxes_hold_with_room_at_every_magnitude(void **state)
 {
     (void)state;
@@ -191,7 +196,7 @@ static void flat_axes_are_exact(void **state)
     check(&boxes, 0xff);
 }
 
-/* 255 - 1/32 steps fit into a node, a little more does not. */
+/* 255 - 1/32 steps fit into a node, slightly more do not. */
 static void the_step_is_the_smallest_that_fits(void **state)
 {
     (void)state;
@@ -213,7 +218,7 @@ static void the_step_is_the_smallest_that_fits(void **state)
     }
 }
 
-/* What the wide version leaves to the plain one is rare. */
+/* The AVX2 version rarely leaves a node to the plain one. */
 static void most_nodes_are_for_the_wide_version(void **state)
 {
     (void)state;

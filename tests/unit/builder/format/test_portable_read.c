@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_portable_read.c - tests that portable structures are opened, and that damaged ones are refused with the right
+ * place.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -15,7 +19,7 @@ static const struct test_shape instances = {
 static const struct test_shape nothing = {
     .type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 0, .size = 1, .detail = 1};
 
-/* A blob that may be changed, and its parts. */
+/* A blob for a test to change, and its parts. */
 struct subject {
     unsigned char *blob;
     uint64_t size;
@@ -63,7 +67,7 @@ static void expect(const struct subject *s, enum bvhd_status status, const char 
     assert_true(status == BVHD_OK || error.text[0] != 0);
 }
 
-/* Puts a value in place of a field, expects a complaint, puts the old one back. */
+/* Replaces the value of a field, expects an error, and restores the old value. */
 #define SPOIL(s, field, value, where)                                                                                  \
     do {                                                                                                               \
         __typeof__(field) old_ = (field);                                                                              \
@@ -135,7 +139,7 @@ static void nodes_are_checked(void **state)
     SPOIL(&s, n[0].first_child, 0, "nodes[0].firstChild"); /* a cycle */
     SPOIL(&s, n[0].first_child, s.header->node_count, "nodes[0].firstChild");
     SPOIL(&s, n[0].first_child, 0xffffffff, "nodes[0].firstChild");
-    SPOIL(&s, n[0].first_child, 2, "nodes[1]"); /* node 1 has no parent then */
+    SPOIL(&s, n[0].first_child, 2, "nodes[1]"); /* then node 1 has no parent */
     SPOIL(&s, n[0].inner_mask, 0, "nodes[0].innerMask");
     SPOIL(&s, n[0].meta[inner], 0x21, "nodes[0].meta");
     SPOIL(&s, n[0].meta[inner], 0x40, "nodes[0].meta");
@@ -151,7 +155,7 @@ static void nodes_are_checked(void **state)
     free(s.blob);
 }
 
-/* Two parents, and children before their parent, where counts alone would pass. */
+/* Nodes with two parents, and children before their parent, are found where counts alone would be right. */
 static void children_have_one_parent(void **state)
 {
     (void)state;
@@ -218,7 +222,7 @@ static void every_truncation_is_refused(void **state)
         struct bvhd_error error;
         expect(&s, BVHD_OK, "");
         for (uint64_t size = 0; size < s.size; size++) {
-            bytes_put64(s.blob + 32, size); /* the header goes along */
+            bytes_put64(s.blob + 32, size); /* the header states the shorter size */
             assert_int_not_equal(open_bytes(s.blob, size, &error), BVHD_OK);
         }
         free(s.blob);

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_portable_write.c - tests that portable structures hold exactly what was requested. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -35,11 +36,11 @@ enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0] };
 struct walk {
     const struct test_model *model;
     struct portable_view view;
-    uint8_t *seen; /* by primitive */
+    uint8_t *seen; /* for each primitive: whether a record names it */
     uint32_t nodes, records;
 };
 
-/* Freed memory is dirty, so that bytes that nobody writes show. */
+/* Fills freed memory with garbage, so that bytes that are never written show. */
 static void dirty_heap(uint64_t size)
 {
     void *blocks[8];
@@ -90,7 +91,7 @@ static struct box child_box(const struct portable_node *node, int slot)
     return box;
 }
 
-/* Everything below a child lies in its box; returns that everything's bounds. */
+/* Checks that everything below a child lies in its box; returns the bounds of everything below the node. */
 static struct box walk_node(struct walk *walk, uint32_t index)
 {
     const struct portable_node *node = &walk->view.nodes[index];
@@ -141,7 +142,7 @@ static void check_id(const struct test_model *model, const struct portable_view 
     assert_int_equal(id & 0x60000000, 0);
 }
 
-/* Bit for bit what was asked. */
+/* Checks that a record equals the request bit for bit. */
 static void check_record(const struct test_model *model, const struct portable_view *view, uint32_t record)
 {
     uint32_t primitive = record_primitive(view, record);
@@ -228,7 +229,7 @@ static void structures_hold_what_was_asked(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* Kept vertices are those that records name, in the order of the request. */
+/* The kept vertices are those that records use, in the order of the request. */
 static void vertices_keep_their_order(void **state)
 {
     (void)state;

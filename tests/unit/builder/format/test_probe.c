@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_probe.c - tests that probes are packed and unpacked, that hostile ones are refused, and which target matches
+ * them.
+ */
 #include "tests/support/unit.h"
 
 #include "builder/format/lavapipe.h"
@@ -12,7 +16,7 @@ struct fixture {
     struct memory memory;
     unsigned char *data;
     uint64_t size;
-    struct probe probe; /* of data */
+    struct probe probe; /* unpacked from data */
 };
 
 static void fixture_init(struct fixture *f, enum lavapipe_variant variant)
@@ -101,7 +105,7 @@ static void packing_and_unpacking(void **state)
     fixture_finish(&f);
 }
 
-/* As FORMATS.md has it. */
+/* The block is as FORMATS.md documents it. */
 static void the_block_is_as_documented(void **state)
 {
     (void)state;
@@ -112,7 +116,7 @@ static void the_block_is_as_documented(void **state)
     uint64_t size;
     memory_init(&f.memory, UINT64_MAX);
     for (uint64_t i = 0; i < PROBE_COUNT; i++)
-        probe.structures[i] = (struct bytes){bytes, 7 + 2 * i}; /* 7, 9, 11 */
+        probe.structures[i] = (struct bytes){bytes, 7 + 2 * i}; /* 7, 9, 11 bytes */
     assert_int_equal(probe_pack(&probe, &f.memory, &data, &size, NULL), BVHD_OK);
     assert_int_equal(size, HEADER + 8 + 16 + 16);
     assert_memory_equal(data, "bvhdprob\1\0\0\0\3\0\0\0", 16);
@@ -225,8 +229,8 @@ static void each_variant_is_found(void **state)
 }
 
 /*
- * Whether byte `at` of a structure is a float of a box in a top level, where roundings may differ, or a UUID, which is
- * what is asked for.
+ * Returns whether byte `at` of a structure belongs to a float of a box in a top level, where roundings may differ, or
+ * to a UUID, which the probe is there to find.
  */
 static bool may_differ(const struct probe *probe, int structure, uint64_t at)
 {
@@ -237,7 +241,7 @@ static bool may_differ(const struct probe *probe, int structure, uint64_t at)
     return (at >= body && at < body + 24) || (at >= box && at < box + 48);
 }
 
-/* Any other bit of any structure makes it another layout, and the text says where. */
+/* Any other changed bit of a structure means another layout, and the text says where. */
 static void every_bit_counts(void **state)
 {
     (void)state;
@@ -253,7 +257,7 @@ static void every_bit_counts(void **state)
                 struct bvhd_error error;
                 unsigned char flip = (unsigned char)(1u << at % 8);
                 if (may_differ(&f.probe, i, at))
-                    flip = 0x80; /* another sign or exponent is no rounding */
+                    flip = 0x80; /* another sign or exponent is not a rounding difference */
                 bytes[at] ^= flip;
                 enum bvhd_status status = match(&f, &target, &format, &error);
                 bytes[at] ^= flip;
@@ -294,7 +298,7 @@ static void differences_are_named(void **state)
     fixture_finish(&f);
 }
 
-/* What drivers do beyond rounding to bounds of instances, they may do: a last place more. */
+/* The bounds of instances may differ in the last place, as different drivers round them. */
 static void bounds_of_instances_may_be_rounded(void **state)
 {
     (void)state;
@@ -322,7 +326,7 @@ static void other_structures_match_nothing(void **state)
     fixture_init(&f, LAVAPIPE_PLAIN);
     fixture_init(&other, LAVAPIPE_COMPACTED);
     struct bytes own = f.probe.structures[PROBE_AABBS];
-    f.probe.structures[PROBE_AABBS] = other.probe.structures[PROBE_AABBS]; /* of two variants */
+    f.probe.structures[PROBE_AABBS] = other.probe.structures[PROBE_AABBS]; /* then the structures are of two variants */
     assert_int_equal(match(&f, &target, &format, &error), BVHD_UNSUPPORTED);
     f.probe.structures[PROBE_AABBS] = f.probe.structures[PROBE_TRIANGLES];
     assert_int_equal(match(&f, &target, &format, &error), BVHD_UNSUPPORTED);

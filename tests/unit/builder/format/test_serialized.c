@@ -1,11 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_serialized.c - tests that the header of serialized structures is read and written, and that wrong ones are
+ * refused.
+ */
 #include "tests/support/unit.h"
 
 #include "builder/format/serialized.h"
 
 enum { HANDLES = 3, BLOB_SIZE = SERIALIZED_HANDLES + HANDLES * 8 + 17 };
 
-/* Written by hand, byte by byte, from the table of row F23. */
+/*
+ * Makes a blob by hand, byte by byte, from the table in the Vulkan specification
+ * (vkCmdCopyAccelerationStructureToMemoryKHR).
+ */
 static void make_blob(unsigned char blob[BLOB_SIZE])
 {
     memset(blob, 0xee, BLOB_SIZE);
@@ -21,7 +28,7 @@ static void make_blob(unsigned char blob[BLOB_SIZE])
     blob[48] = HANDLES;
 }
 
-/* On the heap and exactly as long as it says, so that a sanitizer sees every byte read past the end. */
+/* The copy is on the heap and exactly as long as stated, so that a sanitizer detects a read past the end. */
 static enum bvhd_status read_copy(const unsigned char *blob, size_t size, struct serialized_header *ret_header,
                                   struct bvhd_error *error)
 {
@@ -56,7 +63,7 @@ static void what_is_written_is_the_table(void **state)
     struct serialized_header header;
     assert_int_equal(read_copy(blob, BLOB_SIZE, &header, NULL), BVHD_OK);
     serialized_write(written, &header);
-    assert_memory_equal(written, blob, BLOB_SIZE); /* the first 56 bytes alone, the rest is left as it was */
+    assert_memory_equal(written, blob, BLOB_SIZE); /* only the first 56 bytes are written */
 }
 
 static void every_truncation_is_corrupt(void **state)

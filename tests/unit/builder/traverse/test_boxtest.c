@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_boxtest.c - tests that no box that a ray meets is missed, in every version of the box test and at every
+ * magnitude.
+ */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -8,8 +12,8 @@
 #include "tests/support/random.h"
 
 /*
- * A node in [-2, 2) * 2^magnitude, shifted; flat axes now and then, some slots empty; and the bounds of a structure
- * around it.
+ * Makes a node in [-2, 2) * 2^magnitude, shifted, sometimes with flat axes, with some empty slots; and the bounds of a
+ * structure around it.
  */
 static void make_node(struct random *random, int magnitude, struct portable_node *ret_node, float ret_bounds[6])
 {
@@ -34,7 +38,10 @@ struct span {
     long double near, far;
 };
 
-/* Where the ray is within child s, in long double: exact for what these tests ask. Empty when near > far. */
+/*
+ * Returns the interval of the ray within child s in long double, which is exact for these tests. It is empty if near >
+ * far.
+ */
 static struct span exact_span(const struct portable_node *node, int s, const double origin[3],
                               const double direction[3])
 {
@@ -56,7 +63,7 @@ static struct span exact_span(const struct portable_node *node, int s, const dou
     return span;
 }
 
-/* A ray towards the node, with components that are zero or tiny now and then. */
+/* Makes a ray towards the node, sometimes with components that are zero or tiny. */
 static void make_ray(struct random *random, const struct portable_node *node, bool floats, double ret_origin[3],
                      double ret_direction[3])
 {
@@ -81,7 +88,7 @@ struct tally {
     int met, apart, kept_apart;
 };
 
-/* Every child that is exactly met must be reported; counts those that are clearly missed. */
+/* Checks that every child that is exactly met is reported; counts reported children that are clearly missed. */
 static void check_bits(const struct portable_node *node, const double origin[3], const double direction[3], double tmin,
                        double tmax, unsigned bits, const double near[8], double tolerance, struct tally *tally)
 {
@@ -115,7 +122,7 @@ static bool init_floats(const double origin[3], const double direction[3], float
     return boxtest_init_floats(o, d, tmin, bounds, ret_ray);
 }
 
-/* The same line the other way, and the same part of it. */
+/* Reverses the ray along the same line and the same interval. */
 static void turn_around(double direction[3], float *tmin, float *tmax)
 {
     float begin = -*tmax;
@@ -138,17 +145,17 @@ static void test_float_is_conservative(void **state)
         struct boxtest_ray ray;
         make_node(&random, (int)random_between(&random, -20, 20), &node, bounds);
         make_ray(&random, &node, i % 2, origin, direction);
-        /* Now and then the node is a small part of its structure. */
+        /* Sometimes the node is a small part of its structure. */
         for (int axis = 0; axis < 3 && i % 7 == 0; axis++)
             bounds[3 + axis] += (float)fabs(origin[axis]) * ldexpf(1, i % 29);
         float tmin = i % 3 ? 0 : (float)random_between(&random, 0, 4),
               tmax = i % 5 ? FLT_MAX : tmin + (float)random_between(&random, 0, 64);
-        if (i % 11 == 0) /* all that is met lies behind the origin */
+        if (i % 11 == 0) /* everything that is met lies behind the origin */
             turn_around(direction, &tmin, &tmax);
         if (!boxtest_init(origin, direction, tmin, bounds, &ray))
             continue;
         floats++;
-        /* With each way to prepare the ray, with each test. */
+        /* Each way to prepare the ray is tried with each test. */
         for (int way = 0; way <= (boxtest_has_avx2() ? 1 + i % 2 : 0); way++) {
             if (way)
                 assert_true((way == 1 ? boxtest_init_avx2 : init_floats)(origin, direction, tmin, bounds, &ray));
@@ -163,7 +170,7 @@ static void test_float_is_conservative(void **state)
     assert_true(floats > 200000 && tally.met > 200000 && tally.apart > 100000 && tally.kept_apart > 0.99 * tally.apart);
 }
 
-/* The same from the smallest to the largest floats, in double. */
+/* The double version is conservative from the smallest to the largest floats. */
 static void test_double_is_conservative(void **state)
 {
     (void)state;
@@ -188,7 +195,7 @@ static void test_double_is_conservative(void **state)
 typedef bool (*init_function)(const double origin[3], const double direction[3], float tmin, const float bounds[6],
                               struct boxtest_ray *ret_ray);
 
-/* Where float tests may be used. */
+/* Checks the ranges in which float tests may be used. */
 static void check_range(init_function init)
 {
     struct boxtest_ray ray;
@@ -220,7 +227,7 @@ static void test_range(void **state)
     }
 }
 
-/* A box of any magnitude, flat now and then, and a ray towards it or, if `touches`, towards its lowest corner. */
+/* A box of any magnitude, sometimes flat, and a ray towards it or, if `touches`, towards its lowest corner. */
 struct aimed {
     float min[3], max[3];
     double origin[3], direction[3];
@@ -251,8 +258,8 @@ static bool is_aimed_nowhere(const struct aimed *aimed)
 }
 
 /*
- * Where the ray is in the box, in long double. `*ret_beside`: along all axes that it does not move on, it is within the
- * box.
+ * Returns the interval of the ray within the box in long double. `*ret_beside` says whether the ray is within the box
+ * on all axes along which it does not move.
  */
 static struct span span_of(const struct aimed *aimed, bool *ret_beside)
 {
@@ -271,7 +278,7 @@ static struct span span_of(const struct aimed *aimed, bool *ret_beside)
     return span;
 }
 
-/* Against long double; touching counts, starting inside enters at tmin. */
+/* Results are compared with long double. Touching counts as a hit, and a ray that starts inside enters at tmin. */
 static void test_aabb(void **state)
 {
     (void)state;
@@ -299,7 +306,7 @@ static void test_aabb(void **state)
     assert_true(met > 20000 && missed > 20000);
 }
 
-/* Boxes of nodes of two children: none that is met is passed over, few others are taken. */
+/* Boxes of nodes with two children: no box that is met is missed, and few others are reported. */
 static void test_box(void **state)
 {
     (void)state;

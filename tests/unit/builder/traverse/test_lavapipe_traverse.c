@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Rays through the lavapipe layout give what they give through the portable one, which has its own tests against brute
- * force.
+ * test_lavapipe_traverse.c - tests that rays give the same answers through the lavapipe layout as through the portable
+ * one.
+ *
+ * The portable layout has its own tests against brute force.
  */
 #include "tests/support/unit.h"
 
@@ -11,7 +13,7 @@
 #include "tests/support/random.h"
 #include "tests/support/builder/test_scene.h"
 
-/* Triangles of sides of about `detail` in the cube [-1, 1)^3; many have no area, or are not finite. */
+/* Makes triangles with sides of about `detail` in the cube [-1, 1)^3. Many have no area or are not finite. */
 static float (*make_soup(uint64_t seed, uint32_t count, double detail))[3][3]
 {
     struct random random = {seed};
@@ -53,7 +55,8 @@ static float (*make_boxes(uint64_t seed, uint32_t count, double detail))[6]
 }
 
 /*
- * From around into the cube, along an axis, or from within; some of them only over an interval. `target` may be NULL.
+ * Makes a ray from outside into the cube, along an axis, or from inside; some have a limited interval. `target` may be
+ * NULL.
  */
 static struct ray make_ray(struct random *random, const float *target)
 {
@@ -84,7 +87,7 @@ static void assert_same_corners(const struct test_scene *scene, const struct ray
         assert_true(a[i / 3][i % 3] == b[i / 3][i % 3]);
 }
 
-/* Both targets, in both orders. Returns whether something was hit. */
+/* Traces both targets in both orders. Returns whether something was hit. */
 static bool check_ray(const struct test_scene *scene, const struct ray *ray, const struct traverse_options *options)
 {
     struct ray_hit portable, native;
@@ -102,11 +105,11 @@ static bool check_ray(const struct test_scene *scene, const struct ray *ray, con
     return is_hit;
 }
 
-/* What the callback has been asked about, in whatever order, and how it decides: the same of the same primitive. */
+/* An any-hit callback that records its candidates, independently of their order, and decides by the primitive alone. */
 struct verdicts {
     uint64_t sum;
     uint32_t count;
-    /* sums each primitive as often as it is asked about; else counts nothing, as split ones come more than once */
+    /* True: sums up every call. False: counts nothing, because split primitives are offered more than once. */
     bool once;
 };
 
@@ -131,8 +134,8 @@ static const uint32_t kind_flags[] = {0, RAY_CULL_BACK_FACING, RAY_CULL_FRONT_FA
                                       RAY_SKIP_AABBS};
 
 /*
- * One ray with a pair of flags: closest hit, any hit, with a callback that accepts some, and with one that sees them
- * all.
+ * Traces one ray with a pair of flags: closest hit, any hit, with a callback that accepts some candidates, and with one
+ * that sees them all.
  */
 static int check_ways(const struct test_scene *scene, struct ray *ray, bool is_split)
 {
@@ -145,7 +148,7 @@ static int check_ways(const struct test_scene *scene, struct ray *ray, bool is_s
         struct ray_hit hit;
         bool is_hit = traverse(&scene->scene, ray, &all, &hit, NULL);
         all.context = &verdicts[2];
-        /* What is not offered, since it is opaque, may hide more or fewer of the others, depending on the order. */
+        /* Opaque primitives are not offered, and can hide more or fewer of the others, depending on the order. */
         bool hides = is_hit;
         assert_int_equal(lavapipe_traverse(&scene->native, ray, &all, &hit, NULL), is_hit);
         assert_true(hides || (verdicts[1].sum == verdicts[2].sum && verdicts[1].count == verdicts[2].count));
@@ -210,7 +213,10 @@ static void test_aabbs(void **state)
     free(boxes);
 }
 
-/* Of triangles, of boxes and of nothing, with all flags. Some cannot be met: they are inactive, or have no mask. */
+/*
+ * Makes instances of triangles, of boxes and of nothing, with all flags. Some cannot be hit, because they are inactive
+ * or have an empty mask.
+ */
 static void make_instances(struct random *random, struct test_instance *ret_instances, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
@@ -261,7 +267,7 @@ static void test_instances(void **state)
     free(boxes);
 }
 
-/* From subnormal to nearly infinite. */
+/* Scenes range from subnormal to nearly infinite. */
 static void test_magnitudes(void **state)
 {
     (void)state;
@@ -293,7 +299,7 @@ static void test_magnitudes(void **state)
     free(corners);
 }
 
-/* Triangles each of which is half as far as the one before, so that trees become as deep as they may. */
+/* Each triangle is half as far away as the previous one, so that trees become as deep as allowed. */
 static void test_deep(void **state)
 {
     (void)state;
@@ -325,7 +331,7 @@ static void test_deep(void **state)
     test_scene_finish(&scene);
 }
 
-/* Scenes that make no sense, and rays that do not, hit nothing. */
+/* Invalid scenes and invalid rays hit nothing. */
 static void test_nothing_to_hit(void **state)
 {
     (void)state;
@@ -367,7 +373,7 @@ static void test_nothing_to_hit(void **state)
     test_scene_finish(&scene);
 }
 
-/* The counters are added to, and any hit costs less than the closest one. */
+/* Counters are added to, and any hit costs less than the closest hit. */
 static void test_counters(void **state)
 {
     (void)state;

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_traverse.c - tests traversal against brute force: closest and any hit, instances, watertightness, ties, flags,
+ * callbacks.
+ */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -7,7 +11,7 @@
 #include "tests/support/random.h"
 #include "tests/support/builder/test_scene.h"
 
-/* Triangles in the cube [-size, size)^3 whose sides are about `detail` times that; every seventh is a thin one. */
+/* Makes triangles in the cube [-size, size)^3 whose sides are about `detail` times that; every seventh one is thin. */
 static float (*make_soup(uint64_t seed, uint32_t count, double size, double detail))[3][3]
 {
     struct random random = {seed};
@@ -26,7 +30,7 @@ static float (*make_soup(uint64_t seed, uint32_t count, double size, double deta
     return corners;
 }
 
-/* From around the cube into it, from within in any direction, and now and then along an axis. */
+/* Makes a ray from outside into the cube, from inside in any direction, and sometimes along an axis. */
 static struct ray make_ray(struct random *random, double size)
 {
     struct ray ray = {.tmax = FLT_MAX, .cull_mask = 0xff};
@@ -44,7 +48,7 @@ static struct ray make_ray(struct random *random, double size)
     return ray;
 }
 
-/* All ways of going through the scene must say the same. */
+/* Traverses the scene with all options, which must give the same answer. */
 static bool traverse_all_ways(const struct scene *scene, const struct ray *ray, struct ray_hit *ret_hit)
 {
     bool is_hit = traverse(scene, ray, NULL, ret_hit, NULL);
@@ -58,7 +62,7 @@ static bool traverse_all_ways(const struct scene *scene, const struct ray *ray, 
     return is_hit;
 }
 
-/* Returns whether brute force was sure. */
+/* Returns whether brute force was certain of its answer. */
 static bool check_against_brute_force(const struct test_scene *scene, const struct ray *ray, int *hits)
 {
     struct ray_hit hit;
@@ -151,7 +155,7 @@ static void test_instances(void **state)
     free(corners);
 }
 
-/* Scenes scaled by powers of two, from subnormal to nearly infinite, give the same picture. */
+/* Scenes that are scaled by powers of two, from subnormal to nearly infinite, give the same answers. */
 static void test_magnitudes(void **state)
 {
     (void)state;
@@ -164,7 +168,7 @@ static void test_magnitudes(void **state)
     struct ray_hit expected[RAYS];
     bool is_hit[RAYS];
     for (int round = -1; round < (int)(sizeof exponents / sizeof *exponents); round++) {
-        /* The finest coordinate is 2^-6, which the smallest subnormal can hold. */
+        /* The finest coordinate is 2^-6, so that the smallest subnormal can represent it after scaling. */
         int exponent = round < 0 ? 0 : exponents[round] < -143 ? -143 : exponents[round];
         struct test_scene scene;
         for (uint32_t i = 0; i < COUNT * 9; i++)
@@ -223,7 +227,7 @@ static enum candidate_verdict count_candidate(void *context, const struct ray *r
 
 enum { SPHERE_MAX = 20 << 8 };
 
-/* An icosahedron whose triangles are split into four `levels` times, and its vertices pushed out to the sphere. */
+/* Makes an icosahedron whose triangles are split into four `levels` times, with vertices moved out to the sphere. */
 static uint32_t make_sphere(int levels, float corners[SPHERE_MAX][3][3])
 {
     const double g = (1 + sqrt(5)) / 2;
@@ -260,7 +264,10 @@ static uint32_t make_sphere(int levels, float corners[SPHERE_MAX][3][3])
     return count;
 }
 
-/* Rays from inside a closed mesh, at its vertices, at points of its edges, and anywhere: each meets it exactly once. */
+/*
+ * Traces rays from inside a closed mesh towards vertices, points of edges, and arbitrary points: each hits it exactly
+ * once.
+ */
 static void shoot_at_sphere(const struct test_scene *scene, const float (*corners)[3][3], uint32_t count,
                             const float *transform, double radius, int rays)
 {
@@ -311,7 +318,7 @@ static void test_watertight(void **state)
     test_scene_finish(&scene);
 }
 
-/* Of equal t the lowest instance, then geometry, then primitive. */
+/* Of hits with equal t the lowest instance wins, then the lowest geometry, then the lowest primitive. */
 static void test_ties(void **state)
 {
     (void)state;
@@ -343,7 +350,7 @@ static void test_ties(void **state)
     test_scene_finish(&scene);
 }
 
-/* One triangle that faces the ray or not, opaque or not, under every instance flag and ray flag. */
+/* One triangle, front or back facing, opaque or not, under every instance flag and ray flag. */
 static void test_flags(void **state)
 {
     (void)state;
@@ -394,7 +401,9 @@ static void test_flags(void **state)
     assert_true(hits > 100);
 }
 
-/* Closed intervals, starts inside, what the callee says, and boxes in rotated instances against points inside them. */
+/*
+ * Closed intervals, starts inside, the callback's decisions, and boxes in rotated instances against points inside them.
+ */
 static void test_aabbs(void **state)
 {
     (void)state;
@@ -477,7 +486,7 @@ static void test_aabb_instances(void **state)
     test_scene_finish(&scene);
 }
 
-/* Any hit: there is one exactly when there is a closest one, and it lies no nearer. */
+/* There is an any hit exactly if there is a closest hit, and it is no nearer. */
 static void test_any_hit(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_triangle.c - tests that the triangle test is exact and watertight, at every magnitude and in both versions. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -15,7 +16,7 @@ static int64_t random_integer(struct random *random, int64_t limit)
     return (int64_t)random_between(random, (double)-limit, (double)limit + 1);
 }
 
-/* d . (a x b), exactly */
+/* Returns d . (a x b), exactly. */
 static wide_integer volume(const int64_t d[3], const int64_t a[3], const int64_t b[3])
 {
     return (wide_integer)d[0] * (a[1] * b[2] - a[2] * b[1]) + (wide_integer)d[1] * (a[2] * b[0] - a[0] * b[2]) +
@@ -29,7 +30,10 @@ static struct triangle_ray make_ray(const double origin[3], const double directi
     return ray;
 }
 
-/* Small integers: what is not exactly an edge is far enough from it for double, and exact volumes say which side. */
+/*
+ * With small integers, points that are not exactly on an edge are far enough from it for double, and exact volumes tell
+ * the side.
+ */
 static void test_integers(void **state)
 {
     (void)state;
@@ -73,7 +77,7 @@ static void test_integers(void **state)
     assert_true(hits > 10000 && misses > 10000);
 }
 
-/* Facing: counterclockwise around a normal that points against the ray is the front. */
+/* Vertices that are counterclockwise around a normal that points against the ray are a front face. */
 static void test_facing(void **state)
 {
     (void)state;
@@ -107,7 +111,7 @@ struct fan {
     int count;
 };
 
-/* A closed fan that faces along `axis`, around a centre. */
+/* Makes a closed fan around a centre that faces along `axis`. */
 static void make_fan(struct random *random, int axis, double offset, double size, struct fan *ret_fan)
 {
     ret_fan->count = 3 + (int)random_between(random, 0, FAN_MAX - 3);
@@ -138,7 +142,8 @@ static int count_fan_hits(const struct fan *fan, const struct triangle_ray *ray)
 }
 
 /*
- * Exactly at shared vertices and at points of shared edges: one triangle of the fan each time, whatever the rounding.
+ * Rays exactly through shared vertices and points of shared edges hit one triangle of the fan each time, whatever the
+ * rounding.
  */
 static void test_closed_fans(void **state)
 {
@@ -163,8 +168,8 @@ static void test_closed_fans(void **state)
 }
 
 /*
- * Rays in the plane of two axes through a lattice: every edge function of many triangles is exactly 0. Each cell is hit
- * once.
+ * Rays in the plane of two axes through a lattice, where edge functions of many triangles are exactly 0. Each cell is
+ * hit once.
  */
 static void test_lattice(void **state)
 {
@@ -196,9 +201,9 @@ static void test_lattice(void **state)
 }
 
 /*
- * A closed surface is entered as often as it is left, along any whole line. A crumpled torus of random vertices, and
- * lines through its vertices, points of its edges, and anywhere: counting front and back hits finds every leak and
- * every double hit.
+ * Any whole line enters a closed surface as often as it leaves it. The surface is a crumpled torus of random vertices;
+ * the lines pass through vertices, points of edges, and arbitrary points. Counting front and back hits finds every leak
+ * and every double hit.
  */
 static void test_closed_surface(void **state)
 {
@@ -243,7 +248,7 @@ static void test_closed_surface(void **state)
     }
 }
 
-/* The same picture at every power of two that float has: the same answers, up to the scale. */
+/* The answers are the same at every power of two that float has, up to the scale. */
 static void test_magnitudes(void **state)
 {
     (void)state;
@@ -277,7 +282,7 @@ static void test_magnitudes(void **state)
     }
 }
 
-/* No area, or seen edge-on: never hit. NaN and infinite corners neither. */
+/* Triangles without area or seen edge-on are never hit, nor are those with NaN or infinite corners. */
 static void test_degenerate(void **state)
 {
     (void)state;
@@ -301,7 +306,7 @@ static void test_degenerate(void **state)
     assert_false(triangle_intersect(&in_plane, a, d, e, &hit));
 }
 
-/* Slivers nearly edge-on: whatever is hit is hit at a point of the triangle. */
+/* For slivers that are nearly edge-on, every reported hit is a point of the triangle. */
 static void test_slivers(void **state)
 {
     (void)state;
@@ -349,7 +354,7 @@ static BOXTEST_AVX2 bool intersect_avx2(const struct triangle_ray *ray, const fl
     return triangle_avx2_intersect(&wide, ray, vertices, ret_hit);
 }
 
-/* What triangle_avx2_init() makes of a ray in float. */
+/* Stores the result of triangle_avx2_init() for a ray in float. */
 static BOXTEST_AVX2 void init_avx2(const float origin[4], const float direction[4], struct triangle_ray *ret_ray,
                                    double ret_spread[2][3][4])
 {
@@ -363,8 +368,8 @@ static BOXTEST_AVX2 void init_avx2(const float origin[4], const float direction[
 }
 
 /*
- * A number among few, so that edges are met and areas vanish; or any, from the smallest to the largest, now and then
- * not finite.
+ * Returns one of few numbers, so that edges are met and areas vanish; or any number, from the smallest to the largest,
+ * sometimes not finite.
  */
 static double draw(struct random *random, int kind)
 {
@@ -378,7 +383,7 @@ static double draw(struct random *random, int kind)
     return special[random_next(random) % (sizeof special / sizeof *special)];
 }
 
-/* With corners side by side: the same bits. */
+/* The AVX2 version gives the same bits. */
 static void test_avx2(void **state)
 {
     (void)state;
@@ -408,7 +413,7 @@ static void test_avx2(void **state)
     assert_true(hits > 50000 || !boxtest_has_avx2());
 }
 
-/* Rays that are known in float: the same numbers, whichever way. */
+/* A ray that is known in float gives the same numbers in both ways. */
 static void test_avx2_init(void **state)
 {
     (void)state;
