@@ -6,7 +6,7 @@
 
 #include "tests/support/builder/random_top.h"
 
-/* Numbers near which checks break: small ones, powers of two and their neighbours. */
+/* Returns a number near which checks may fail: a small one, a power of two or a neighbour of one. */
 static uint64_t random_number(struct random *random)
 {
     if (random_chance(random, 0.4))
@@ -21,7 +21,7 @@ static struct geometry *any_geometry(struct broken_input *broken, struct random 
                 .geometries[broken->input.geometry_count ? random_below(random, broken->input.geometry_count) : 0];
 }
 
-/* The bytes of a geometry, by what its type says. */
+/* Returns the bytes of a geometry that its type uses. */
 static struct bytes *any_bytes(struct geometry *geometry, struct random *random)
 {
     struct geometry_triangles *triangles = &geometry->triangles;
@@ -56,7 +56,7 @@ static void break_geometry_count(struct broken_input *broken, struct random *ran
         broken->input.geometry_count--;
 }
 
-/* Another kind of geometry, over memory of the right place and any size; or no kind at all. */
+/* Makes another kind of geometry over memory of any size at a valid address, or an unknown kind. */
 static void break_geometry_type(struct broken_input *broken, struct random *random)
 {
     struct geometry *geometry = any_geometry(broken, random);

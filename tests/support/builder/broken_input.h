@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* broken_input.h - a random request in which something is wrong, or was meant to be. For test programs only. */
+/*
+ * broken_input.h - a random request in which fields are broken. A change can by chance be valid. For test programs
+ * only.
+ */
 #ifndef BVHD_BROKEN_INPUT_H
 #define BVHD_BROKEN_INPUT_H
 
@@ -9,14 +12,14 @@ enum { BROKEN_RECORDS = 6, BROKEN_REFERENCES = 3 };
 
 struct broken_input {
     struct build_input input;
-    struct random_input base; /* whose geometries are broken in place */
+    struct random_input base; /* its geometries are broken in place */
     struct reference references[BROKEN_REFERENCES];
-    char what[96]; /* which fields */
+    char what[96]; /* which fields were changed */
 };
 
 /*
- * One to three fields of a small bottom or top level. *ret_broken must not be copied. Memory that is named is there,
- * unless its size says less.
+ * Makes a small bottom or top level and breaks one to three fields. *ret_broken must not be copied. All memory that the
+ * request names exists, unless its size states less.
  */
 void broken_input_init(struct broken_input *ret_broken, struct random *random);
 void broken_input_finish(struct broken_input *broken);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * candidates.h - which boxes a ray meets, in extended precision: for tests of AABB candidates. Shares nothing with the
- * traversal.
+ * candidates.h - finds the boxes that a ray meets, in extended precision, for tests of AABB candidates. It shares no
+ * code with the traversal.
  */
 #ifndef BVHD_CANDIDATES_H
 #define BVHD_CANDIDATES_H
@@ -25,7 +25,7 @@ static inline struct long_ray candidates_ray(const struct ray *ray)
     return copy;
 }
 
-/* Of the first three columns of a row-major 3x4 matrix. */
+/* Inverts the first three columns of a row-major 3x4 matrix. */
 static inline void candidates_invert(const float m[12], long double ret_inverse[3][3])
 {
     long double det = 0;
@@ -41,7 +41,7 @@ static inline void candidates_invert(const float m[12], long double ret_inverse[
         ret_inverse[k / 3][k % 3] /= det;
 }
 
-/* The ray as the instance's own space sees it: through the inverse of a row-major 3x4 matrix. */
+/* Transforms the ray into an instance's own space, by the inverse of a row-major 3x4 matrix. */
 static inline struct long_ray candidates_ray_into(const struct long_ray *ray, const float m[12])
 {
     long double inverse[3][3];
@@ -56,8 +56,8 @@ static inline struct long_ray candidates_ray_into(const struct long_ray *ray, co
 }
 
 /*
- * How much of the ray lies in a box, `grow` larger on each side: whether [*ret_near, *ret_far] is not empty. A box with
- * a NaN is not there.
+ * Computes the interval [*ret_near, *ret_far] of the ray in a box that is larger by `grow` on each side; returns
+ * whether it is not empty. A box with a NaN is never met.
  */
 static inline bool candidates_meet(const struct long_ray *ray, const float box[6], long double grow,
                                    long double *ret_near, long double *ret_far)
@@ -82,7 +82,7 @@ static inline bool candidates_meet(const struct long_ray *ray, const float box[6
     return near <= far;
 }
 
-/* True when rounding in extended precision, or `slack` as a share of t, cannot change that the box is met. */
+/* Returns whether the box is certainly met, despite rounding in extended precision or a `slack` as a share of t. */
 static inline bool candidates_surely_meet(const struct long_ray *ray, const float box[6], long double slack)
 {
     long double near, far;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * inputs.h - small correct requests of each kind, for tests that break or vary them. Everything lies in the struct: do
- * not copy it.
+ * inputs.h - small valid requests of each kind, for tests that break or vary them. All data lie in the struct, which
+ * must not be copied.
  */
 #ifndef BVHD_TEST_INPUTS_H
 #define BVHD_TEST_INPUTS_H
@@ -16,7 +16,7 @@ struct test_input {
     struct build_input input;
     struct geometry geometries[2];
     struct reference references[3];
-    float vertices[INPUTS_VERTICES][5]; /* xyz and eight bytes of something else */
+    float vertices[INPUTS_VERTICES][5]; /* xyz and eight bytes of other data */
     uint16_t indices[8];
     float transform[16]; /* the matrix begins at byte 16 */
     float boxes[INPUTS_BOXES][6];
@@ -33,11 +33,12 @@ static inline void inputs_start(struct test_input *test, uint32_t type, uint32_t
 }
 
 /*
- * Two geometries: two triangles by 16-bit indices from vertex 1 on, with a transform; three triangles without indices.
+ * Makes two geometries: two triangles with 16-bit indices from vertex 1 on and a transform, and three triangles without
+ * indices.
  */
 static inline void inputs_triangles(struct test_input *test)
 {
-    static const uint16_t indices[8] = {9, 9, 0, 1, 2, 2, 1, 3}; /* the first two lie before the range */
+    static const uint16_t indices[8] = {9, 9, 0, 1, 2, 2, 1, 3}; /* the first two are before the range */
     static const float transform[16] = {0, 0, 0, 0, 0, -2, 0, 1, 2, 0, 0, -1, 0, 0, 0.5f, 3};
     inputs_start(test, STRUCTURE_BOTTOM, 2);
     for (int i = 0; i < INPUTS_VERTICES; i++)
@@ -68,7 +69,7 @@ static inline void inputs_triangles(struct test_input *test)
     };
 }
 
-/* One geometry of three boxes: a cube, a point, an inactive one. */
+/* Makes one geometry of three boxes: a cube, a point, an inactive one. */
 static inline void inputs_aabbs(struct test_input *test)
 {
     static const float boxes[INPUTS_BOXES][6] = {
@@ -92,7 +93,9 @@ static inline void inputs_set_record(struct test_input *test, int index, uint64_
     memcpy(record + 14, &reference, sizeof reference);
 }
 
-/* Four instances of handles 77, 0 (inactive), 55, 77; the table knows 33, 55 and 77, the last by bounds alone. */
+/*
+ * Makes four instances of the handles 77, 0 (inactive), 55, 77; the table has 33, 55 and 77, the last with bounds only.
+ */
 static inline void inputs_instances(struct test_input *test)
 {
     inputs_start(test, STRUCTURE_TOP, 1);

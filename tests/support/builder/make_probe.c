@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* make_probe VARIANT SEED FILE - writes the probe of a device that does not exist: synthetic_probe.h. */
+/* make_probe.c - writes the probe of a device that does not exist (synthetic_probe.h): make_probe VARIANT SEED FILE */
 #include <stdio.h>
 #include <stdlib.h>
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * moved.h - a ray and a triangle whose inputs are moved by up to one float ulp, and their meeting in extended
- * precision. For tests of the oracle.
+ * moved.h - intersects a ray and a triangle whose inputs are moved by up to one float ulp, in extended precision. For
+ * tests of the oracle.
  */
 #ifndef BVHD_TEST_MOVED_H
 #define BVHD_TEST_MOVED_H
@@ -32,7 +32,7 @@ static inline long double moved_dot(const long double a[3], const long double b[
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Moeller and Trumbore. */
+/* The intersection of Moeller and Trumbore. */
 static inline bool moved_meet(const struct moved *m, long double *ret_t)
 {
     long double ab[3], ac[3], from_a[3], p[3], q[3];

@@ -28,15 +28,15 @@ void *random_input_buffer(struct random_input *input, uint64_t size)
     return buffer;
 }
 
-/* ---- vertex formats ---- */
+/* ---- Vertex formats ---- */
 
 enum component { UNORM8, SNORM8, UNORM16, SNORM16, HALF, FLOAT, DOUBLE, PACKED };
 
 struct format {
     uint32_t number; /* VkFormat */
     enum component component;
-    uint32_t read; /* components that are read */
-    uint32_t stored; /* and that an element has */
+    uint32_t read; /* number of components that are read */
+    uint32_t stored; /* number of components of an element */
 };
 
 static const struct format formats[] = {
@@ -58,7 +58,7 @@ static double half_value(uint16_t bits)
     return bits & 0x8000 ? -size : size;
 }
 
-/* Rounded towards zero; what is too small becomes 0. */
+/* Rounds towards zero; numbers that are too small become 0. */
 static uint16_t half_bits(double value)
 {
     int exponent;
@@ -77,7 +77,7 @@ static void encode(enum component component, double value, unsigned char *ret_by
 {
     double unit = fmin(fmax(isnan(value) ? 0 : value, -1), 1);
     uint8_t u8 = (uint8_t)lrint(255 * fabs(unit));
-    int8_t s8 = (int8_t)lrint(127.6 * unit - 0.5); /* -128 as well */
+    int8_t s8 = (int8_t)lrint(127.6 * unit - 0.5); /* -128 is possible */
     uint16_t u16 = component == HALF ? half_bits(value) : (uint16_t)lrint(65535 * fabs(unit));
     int16_t s16 = (int16_t)lrint(32767 * unit);
     float f = (float)value;
@@ -158,13 +158,13 @@ static void decode_vertex(const struct format *format, const unsigned char *elem
         ret_position[i] = decode(format->component, element + i * component_sizes[format->component]);
 }
 
-/* ---- positions ---- */
+/* ---- Positions ---- */
 
-/* How the primitives of one geometry lie. */
+/* How the primitives of one geometry are distributed. */
 struct manner {
-    double scale, offset, size; /* of the whole, and of a primitive beside it */
-    double noise; /* the share of components that are odd */
-    uint32_t width; /* a sheet that is so many vertices wide; 0: scattered */
+    double scale, offset, size; /* of the whole, and of a primitive relative to it */
+    double noise; /* share of components with unusual values */
+    uint32_t width; /* width in vertices of a sheet; 0: the primitives are scattered */
     uint64_t seed;
 };
 
@@ -202,9 +202,9 @@ static void random_position(const struct manner *manner, uint32_t vertex, struct
     }
 }
 
-/* ---- triangles ---- */
+/* ---- Triangles ---- */
 
-/* A matrix that can be inverted. */
+/* Makes an invertible matrix. */
 static void random_matrix(struct random *random, float ret_matrix[12])
 {
     double det;
@@ -228,7 +228,7 @@ static void apply(const float *matrix, float position[3])
         position[row] = (float)sums[row];
 }
 
-/* What a triangle geometry is made of. */
+/* The choices for one triangle geometry. */
 struct triangle_plan {
     const struct format *format;
     uint32_t count, vertex_count, first_vertex, offset;
@@ -238,7 +238,7 @@ struct triangle_plan {
 };
 
 /*
- * Vertex strides are multiples of the component's size (of the packed element's); 0 and overlapping elements are
+ * Vertex strides are multiples of the component's size (or of the packed element's); 0 and overlapping elements are
  * allowed.
  */
 static uint64_t random_stride(const struct format *format, struct random *random)
@@ -277,7 +277,7 @@ static void make_vertices(struct random_input *input, struct triangle_plan *plan
         geometry->triangles.vertices = (struct bytes){NULL, 0};
 }
 
-/* A strip of the sheet, neighbours, repetitions, or anything. */
+/* Returns an index in a strip of the sheet, a neighbour, a repetition, or any index. */
 static uint32_t random_index(const struct triangle_plan *plan, uint32_t corner, struct random *random)
 {
     static const uint32_t strip[6] = {0, 1, 7, 1, 8, 7};
@@ -296,8 +296,8 @@ static void make_indices(struct random_input *input, struct triangle_plan *plan,
     memset(buffer, 0xee, bytes);
     for (uint32_t i = 0; i < 3 * plan->count; i++) {
         plan->indices[i] = random_index(plan, i, random);
-        memcpy(buffer + plan->offset + (uint64_t)size * i, &plan->indices[i],
-               size); /* little-endian, as everything here */
+        /* All numbers are little-endian. */
+        memcpy(buffer + plan->offset + (uint64_t)size * i, &plan->indices[i], size);
     }
     geometry->triangles.indices = (struct bytes){buffer, bytes};
 }
@@ -369,7 +369,7 @@ static void make_triangles(struct random_input *input, uint32_t index, uint32_t 
     free(plan.indices);
 }
 
-/* ---- boxes ---- */
+/* ---- Boxes ---- */
 
 static void make_box(const struct manner *manner, uint32_t index, struct random *random, float ret_box[6])
 {
@@ -415,7 +415,7 @@ static void make_boxes(struct random_input *input, uint32_t index, uint32_t coun
     geometry->range = (struct geometry_range){.primitive_count = count, .primitive_offset = offset};
 }
 
-/* ---- whole requests ---- */
+/* ---- Whole requests ---- */
 
 void random_input_options(struct build_input *input, struct random *random)
 {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * random_input.h - random correct requests, and what they mean by a decoding of their own: nothing here is shared with
- * the builder.
+ * random_input.h - random valid requests and their meaning, which is decoded independently: no code is shared with the
+ * builder.
  *
- * Buffers are of exactly the size that the request reaches, so that a read beyond shows under a sanitizer. For test
+ * Buffers have exactly the size that the request reaches, so that a sanitizer detects a read beyond it. For test
  * programs only: without memory they end.
  */
 #ifndef BVHD_RANDOM_INPUT_H
@@ -14,12 +14,12 @@
 
 enum { RANDOM_INPUT_GEOMETRIES = 5, RANDOM_INPUT_BUFFERS = 3 * RANDOM_INPUT_GEOMETRIES + 8 };
 
-/* What a geometry means. */
+/* The meaning of one geometry. */
 struct random_meaning {
     uint32_t count;
-    float (*corners)[3][3]; /* triangles: `count`, transformed; NULL for boxes */
-    float (*boxes)[6]; /* boxes: `count` */
-    bool moved; /* corners went through a transform, so their last bit is not sure */
+    float (*corners)[3][3]; /* triangles: `count` of them, transformed; NULL for boxes */
+    float (*boxes)[6]; /* boxes: `count` of them */
+    bool moved; /* the corners were transformed, so that their last bit is uncertain */
 };
 
 struct random_input {
@@ -32,21 +32,21 @@ struct random_input {
 };
 
 /*
- * A bottom level of triangles or of boxes, 0 .. `most` primitives in up to five geometries. *ret_input must not be
- * copied.
+ * Makes a bottom level of triangles or of boxes, with 0 .. `most` primitives in up to five geometries. *ret_input must
+ * not be copied.
  */
 void random_input_bottom(struct random_input *ret_input, struct random *random, uint32_t most);
-/* Likewise, with triangles for certain. */
+/* Does the same, always with triangles. */
 void random_input_triangles(struct random_input *ret_input, struct random *random, uint32_t most);
 void random_input_finish(struct random_input *input);
 
-/* Another random block of the input's own. */
+/* Allocates another random block that the input owns. */
 void *random_input_buffer(struct random_input *input, uint64_t size);
 
-/* Random build flags, quality and layout options that are allowed together. */
+/* Makes random build flags, quality and layout options in a valid combination. */
 void random_input_options(struct build_input *input, struct random *random);
 
-/* A whole number in [0, count). */
+/* Returns a whole number in [0, count). */
 uint32_t random_below(struct random *random, uint32_t count);
 bool random_chance(struct random *random, double probability);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* random_top.h - a random top level over random bottom levels: instances of every kind. For test programs only. */
+/* random_top.h - a random top level over random bottom levels, with instances of every kind. For test programs only. */
 #ifndef BVHD_RANDOM_TOP_H
 #define BVHD_RANDOM_TOP_H
 
@@ -17,15 +17,15 @@ struct random_instance {
 struct random_top {
     struct build_input input;
     struct geometry geometry;
-    /* the caller fills in keys and bounds when the bottom levels are built */
+    /* The caller fills in keys and bounds once the bottom levels are built. */
     struct reference references[RANDOM_TOP_BOTTOMS];
     struct random_input bottoms[RANDOM_TOP_BOTTOMS];
-    uint32_t bottom_count, built; /* `built` is the caller's */
+    uint32_t bottom_count, built; /* the caller sets `built` */
     struct random_instance instances[RANDOM_TOP_INSTANCES];
     uint32_t instance_count;
-    bool culling_disabled; /* for some instance */
-    unsigned char *records; /* of exactly the size that is reached */
-    struct oracle_mesh *meshes; /* random_top_mean */
+    bool culling_disabled; /* for at least one instance */
+    unsigned char *records; /* of exactly the size that the request reaches */
+    struct oracle_mesh *meshes; /* made by random_top_mean */
     uint32_t mesh_count;
     float *flipped[RANDOM_TOP_BOTTOMS][RANDOM_INPUT_GEOMETRIES];
 };
@@ -34,22 +34,22 @@ void random_top_init(struct random_top *ret_top, struct random *random, uint32_t
 void random_top_finish(struct random_top *top);
 
 /*
- * Makes top->meshes: the triangles of all instances that a cull mask lets through; those that flip their facing are
- * turned round.
+ * Makes top->meshes: the triangles of all instances that the cull mask selects. The winding is reversed for instances
+ * that flip their facing.
  */
 void random_top_mean(struct random_top *top, uint32_t cull_mask);
 
 /*
- * views[i] is bottom level i. Fills ret_bottoms by rows of the reference table, in the order of first use; returns how
- * many.
+ * views[i] is bottom level i. Fills ret_bottoms by rows of the reference table, in the order of first use; returns
+ * their number.
  */
 uint32_t random_top_rows(const struct random_top *top, const struct portable_view *views,
                          const struct portable_view *ret_bottoms[RANDOM_TOP_BOTTOMS]);
 
-/* A matrix that can be inverted: rotated, skewed, scaled, often mirroring, sometimes the identity. */
+/* Makes an invertible matrix: rotated, skewed, scaled, often mirroring, sometimes the identity. */
 void random_top_transform(struct random *random, float ret_matrix[12]);
 
-/* The 64 bytes of a record of Vulkan's, naming `handle`. */
+/* Writes the 64 bytes of a Vulkan instance record that names `handle`. */
 void random_top_record(const struct random_instance *instance, uint64_t handle, unsigned char *ret_record);
 
 #endif

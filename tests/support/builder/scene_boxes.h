@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * scene_boxes.h - the AABBs of a scene on a device, for shaders that decide on candidates: ray queries and pipelines do
- * not tell them.
+ * scene_boxes.h - the AABBs of a scene on a device, for shaders that decide about candidates: ray queries and pipelines
+ * do not provide the boxes.
  */
 #ifndef BVHD_TEST_SCENE_BOXES_H
 #define BVHD_TEST_SCENE_BOXES_H
@@ -12,8 +12,14 @@ struct scene_boxes {
     const float *boxes; /* six floats each, of all structures */
     uint32_t box_count;
     uint32_t instance_count,
-        geometry_stride; /* instances of the top level; at least the most geometries that one of them has */
-    /* [instance * geometry_stride + geometry]: row in `boxes` of that geometry's primitive 0; anything for triangles */
+        /*
+         * number of instances of the top level; geometry_stride is at least the largest number of geometries in one of
+         * them
+         */
+        geometry_stride;
+    /*
+     * [instance * geometry_stride + geometry]: row in `boxes` of that geometry's primitive 0; any value for triangles
+     */
     const uint32_t *first;
 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* spatial_triangles.h - triangles of all kinds with their refs, for the tests of what cuts triangles. */
+/* spatial_triangles.h - triangles of all kinds with their refs, for tests of code that splits triangles. */
 #ifndef BVHD_TEST_SPATIAL_TRIANGLES_H
 #define BVHD_TEST_SPATIAL_TRIANGLES_H
 
@@ -12,15 +12,15 @@
 #include "builder/kernel/spatial_bins.h"
 
 enum kind {
-    CLOUD, /* middle-sized, any direction */
-    SLIVERS, /* long and thin, through everything */
-    SAME, /* one triangle, over and over */
-    THIN, /* an ulp thick */
+    CLOUD, /* medium-sized, in any direction */
+    SLIVERS, /* long and thin, through the whole cloud */
+    SAME, /* the same triangle many times */
+    THIN, /* one ulp thick */
     SIZES, /* over many orders of magnitude */
     FLAT, /* in one plane */
-    FAR, /* small things far from the origin, where floats are coarse */
-    FANS, /* one corner in common */
-    GROUND, /* small ones on two large ones, which are as large as all */
+    FAR, /* small ones far from the origin, where floats are coarse */
+    FANS, /* with one common corner */
+    GROUND, /* small ones on two large ones that are as large as the whole */
     KINDS
 };
 
@@ -29,7 +29,7 @@ struct triangles {
     struct canonical canonical;
     struct canonical_geometry geometry;
     float (*corners)[9];
-    struct primitive_ref *refs, *scratch; /* room for `capacity` */
+    struct primitive_ref *refs, *scratch; /* arrays of `capacity` elements */
     uint32_t count, capacity;
     struct box *boxes, whole;
 };
@@ -63,7 +63,7 @@ static inline void triangles_make_one(enum kind kind, uint32_t id, struct random
     }
 }
 
-/* Room for `more` refs more. */
+/* Makes `count` triangles, with room for `more` additional refs. */
 static inline void triangles_start(struct triangles *f, enum kind kind, uint32_t count, uint32_t more)
 {
     struct random random = {count + 100 * (uint64_t)kind};
@@ -112,7 +112,7 @@ static inline void triangles_finish(struct triangles *f)
     assert_int_equal(f->memory.live, 0);
 }
 
-/* A triangle's part: where it is, and which triangle's. */
+/* A part of a triangle: its box, and the triangle's id. */
 struct use {
     uint32_t id;
     struct box box;
@@ -132,7 +132,7 @@ static inline bool triangles_holds(const struct box *box, const long double poin
     return true;
 }
 
-/* Corners, points of edges and of the inside: each lies in a part of the triangle. */
+/* Checks that corners, points of edges and points of the inside lie in a part of the triangle. */
 static inline void triangles_check_one(const struct triangles *f, struct random *random, const struct use *uses,
                                        uint32_t use_count)
 {
@@ -148,14 +148,14 @@ static inline void triangles_check_one(const struct triangles *f, struct random 
         for (int k = 0; k < 3; k++)
             point[k] = corners[k] + u * ((long double)corners[3 + k] - corners[k]) +
                        v * ((long double)corners[6 + k] - corners[k]);
-        bool held = !triangles_holds(&f->boxes[uses->id], point); /* rounded out of the triangle */
+        bool held = !triangles_holds(&f->boxes[uses->id], point); /* the point was rounded out of the triangle */
         for (uint32_t k = 0; k < use_count; k++)
             held |= triangles_holds(&uses[k].box, point);
         assert_true(held);
     }
 }
 
-/* Every triangle is there, and its parts hold all of it. Sorts the uses. */
+/* Checks that every triangle has refs, and that its parts cover all of it. Sorts the uses. */
 static inline void triangles_check(const struct triangles *f, struct use *uses, uint32_t use_count)
 {
     struct random random = {use_count};

@@ -25,8 +25,8 @@ struct device_format synthetic_format(enum lavapipe_variant variant, uint8_t see
 }
 
 /*
- * Puts addresses where the layout wrote rows, as loading into a device does: into the handles, and into each instance's
- * node.
+ * Replaces the rows that the layout wrote by addresses, as loading into a device does: in the handles, and in each
+ * instance's node.
  */
 static void name_addresses(unsigned char *blob, uint64_t size, enum lavapipe_variant variant, const uint64_t *addresses,
                            struct memory *memory)

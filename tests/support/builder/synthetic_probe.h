@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * synthetic_probe.h - probes as devices would give them, without a device: for tests on machines that have none. The
- * structures are written by the layout itself, so they say nothing about drivers.
+ * synthetic_probe.h - probes as devices would make them, without a device, for tests on machines that have none. The
+ * layout itself writes the structures, so they prove nothing about drivers.
  */
 #ifndef BVHD_TEST_SYNTHETIC_PROBE_H
 #define BVHD_TEST_SYNTHETIC_PROBE_H
 
 #include "builder/format/lavapipe.h"
 
-/* The format that the device has: a variant, and UUIDs that begin with `seed`. */
+/* Returns the format of such a device: a variant, and UUIDs that begin with `seed`. */
 struct device_format synthetic_format(enum lavapipe_variant variant, uint8_t seed);
 
-/* The probe of such a device, one block from `memory`; the caller frees it. Ends the program when something fails. */
+/* Makes the probe of such a device, one block from `memory`, which the caller frees. Ends the program on failure. */
 void synthetic_probe(enum lavapipe_variant variant, uint8_t seed, struct memory *memory, unsigned char **ret_data,
                      uint64_t *ret_size);
 

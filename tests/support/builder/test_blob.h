@@ -8,15 +8,17 @@
 #include "proto/base/parallel.h"
 #include "tests/support/builder/test_ir.h"
 
-/* Tree, collapse and layout over a model; as layout->write. */
+/* Builds a tree over a model, collapses it and writes the portable layout; see layout->write. */
 enum bvhd_status test_blob_write(const struct test_model *model, uint32_t layout_flags, struct memory *memory,
                                  const struct parallel *parallel, unsigned char **ret_blob,
                                  struct layout_sizes *ret_sizes, struct bvhd_error *error);
 
-/* The same in one step from a shape, in a 64-byte aligned block of exactly the right size. */
+/* Does the same in one step from a shape, in a 64-byte aligned block of exactly the right size. */
 struct bytes test_blob_make(const struct test_shape *shape, uint64_t seed, uint32_t layout_flags);
 
-/* Of the lavapipe layout: tree and layout over a model, for a driver whose UUIDs are "driver" and "compatibility". */
+/*
+ * Builds a tree over a model and writes the lavapipe layout, for a driver whose UUIDs are "driver" and "compatibility".
+ */
 enum bvhd_status test_blob_write_native(const struct test_model *model, enum lavapipe_variant variant,
                                         struct memory *memory, const struct parallel *parallel,
                                         unsigned char **ret_blob, struct layout_sizes *ret_sizes,

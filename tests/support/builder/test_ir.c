@@ -30,7 +30,7 @@ static void place_centre(const struct test_shape *shape, struct random *random, 
         ret_centre[axis] = shape->centre + ret_centre[axis] * shape->size / 2;
 }
 
-/* Vertices in clusters of eight, so that triangles over neighbours are small. */
+/* Makes vertices in clusters of eight, so that triangles over neighbours are small. */
 static void make_triangles(const struct test_shape *shape, struct random *random, struct test_model *model)
 {
     uint32_t vertices = shape->soup ? 3 * shape->primitives : shape->primitives / 3 + 8;
@@ -103,7 +103,9 @@ static void make_instances(const struct test_shape *shape, struct random *random
     model->data[2] = canonical->references;
 }
 
-/* Of instances: the unit cube's through the matrix, near enough for a test. */
+/*
+ * Returns a primitive's box; for an instance, the unit cube's through the matrix, which is accurate enough for a test.
+ */
 static struct box box_of(const struct canonical_geometry *geometry, uint32_t index)
 {
     struct box box = box_empty();

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_refs.h - refs for tests of builders: clouds of boxes, and sets that nothing separates. For test programs only.
+ * test_refs.h - refs for tests of builders: clouds of boxes, and sets that no plane separates. For test programs only.
  */
 #ifndef BVHD_TEST_REFS_H
 #define BVHD_TEST_REFS_H
@@ -12,17 +12,17 @@
 #include "tests/support/random.h"
 
 enum test_refs_kind {
-    REFS_CLOUD, /* small boxes, evenly */
+    REFS_CLOUD, /* small boxes, evenly distributed */
     REFS_CLUSTERS, /* sizes and densities over many orders of magnitude */
-    REFS_FLAT, /* a plane */
-    REFS_LINE, /* no area at all */
-    REFS_SAME, /* one box, over and over */
+    REFS_FLAT, /* in a plane */
+    REFS_LINE, /* without any area */
+    REFS_SAME, /* the same box many times */
     REFS_SAME_CENTRE, /* boxes inside each other */
-    REFS_CHAIN, /* distances grow by a factor: the deepest trees */
+    REFS_CHAIN, /* distances grow by a factor, which makes the deepest trees */
     REFS_KINDS
 };
 
-/* 64-byte aligned, for free(); ids are 0 .. count - 1. */
+/* Makes `count` refs, 64-byte aligned, to be freed with free(); ids are 0 .. count - 1. */
 static inline struct primitive_ref *test_refs_make(enum test_refs_kind kind, uint32_t count, uint64_t seed)
 {
     struct random random = {seed};
@@ -55,7 +55,7 @@ static inline struct primitive_ref *test_refs_make(enum test_refs_kind kind, uin
     return refs;
 }
 
-/* boxes[id] of each, for ir_check; for free(). */
+/* Returns each primitive's box as boxes[id], for ir_check; to be freed with free(). */
 static inline struct box *test_refs_boxes(const struct primitive_ref *refs, uint32_t count)
 {
     struct box *boxes = calloc(count ? count : 1, sizeof *boxes);

@@ -46,7 +46,7 @@ static struct bytes build_item(struct test_scene *scene, const struct build_inpu
     return (struct bytes){item->blob, item->size};
 }
 
-/* `references` are those of the input, or NULL: what they name has other keys for the native target. */
+/* Builds one row. `references` are those of the input, or NULL; for the native target they get other keys. */
 static void build_row(struct test_scene *scene, struct build_input *input, struct reference *references, uint32_t row)
 {
     struct bvhd_error error = {0};
@@ -155,7 +155,7 @@ static real volume(const real a[3], const real b[3], const real c[3])
     return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-/* Gauss-Jordan would do; three unknowns are solved by Cramer's rule. */
+/* Solves three unknowns by Cramer's rule. */
 static void to_object(const float m[12], const real point[3], bool is_point, real ret_point[3])
 {
     real columns[3][3], right[3];
@@ -172,7 +172,7 @@ static void to_object(const float m[12], const real point[3], bool is_point, rea
 
 static const double doubtful = 1e-10;
 
-/* One triangle, against a ray in its space. */
+/* Tests one triangle against a ray in its space. */
 static void try_triangle(const real origin[3], const real direction[3], const struct ray *ray, bool cull_front,
                          bool cull_back, const float *const corners[3], struct test_answer candidate,
                          struct test_answer *answer)

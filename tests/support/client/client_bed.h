@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* client_bed.h - a client of a fake daemon, and builds for it to ask for. For tests of the client library. */
+/* client_bed.h - a client of a fake daemon, and builds for it to request. For tests of the client library. */
 #ifndef BVHD_CLIENT_BED_H
 #define BVHD_CLIENT_BED_H
 
@@ -13,7 +13,7 @@
 
 enum { BED_MAX_INFOS = 1000, BED_CONNECT_MS = 400, BED_LOST_MS = 400, BED_LATE_MS = 3000 };
 
-/* Builds of `count` infos, each a mesh of triangles of its own. */
+/* A build of `count` infos, each with its own mesh of triangles. */
 struct bed_build {
     struct bvhd_build build;
     VkAccelerationStructureGeometryKHR geometries[BED_MAX_INFOS];
@@ -27,8 +27,8 @@ struct client_bed {
     struct fake_daemon fake;
     struct bvhd_client *client;
     struct bed_build *asked;
-    int descriptors; /* that were open before */
-    uint64_t live; /* bytes of library_memory before */
+    int descriptors; /* number that were open before */
+    uint64_t live; /* bytes of library_memory that were live before */
 };
 
 static inline double bed_now(void)
@@ -49,8 +49,8 @@ static inline int bed_open_descriptors(void)
 }
 
 /*
- * Infos of `triangles` triangles each; info i has the destination i + 1, which a serving fake daemon takes as the
- * result's size.
+ * Describes infos of `triangles` triangles each. Info i has the destination i + 1, which the serving fake daemon takes
+ * as the result's size.
  */
 static inline void bed_describe(struct bed_build *asked, uint32_t count, uint32_t triangles)
 {
@@ -108,7 +108,7 @@ static inline void bed_options(struct client_bed *bed, struct bvhd_client_option
     bvhd_client_create(options, &bed->client, NULL);
 }
 
-/* Waits as long as clients do by default. */
+/* Starts a client with the default timeouts. */
 static inline void bed_start(struct client_bed *bed)
 {
     struct bvhd_client_options options = {.socket_path = NULL};
@@ -116,8 +116,8 @@ static inline void bed_start(struct client_bed *bed)
 }
 
 /*
- * Looks BED_CONNECT_MS for a daemon, and gives one up that is silent for BED_LOST_MS. On a busy machine all of it takes
- * up to BED_LATE_MS longer.
+ * Starts a client that searches for a daemon for BED_CONNECT_MS, and gives up one that is silent for BED_LOST_MS. On a
+ * busy machine that takes up to BED_LATE_MS longer.
  */
 static inline void bed_start_impatient(struct client_bed *bed)
 {
@@ -125,7 +125,7 @@ static inline void bed_start_impatient(struct client_bed *bed)
     bed_options(bed, &options);
 }
 
-/* True when nothing is left over. */
+/* Ends the client and the daemon. Returns true if nothing is left over. */
 static inline bool bed_stop(struct client_bed *bed)
 {
     bvhd_client_destroy(bed->client);
@@ -154,7 +154,7 @@ static inline bool bed_finish(struct client_bed *bed, struct bvhd_batch *batch)
     return bvhd_batch_is_done(batch);
 }
 
-/* A client that has been greeted. */
+/* Connects a client, whose greeting is then complete. */
 static inline bool bed_connect(struct client_bed *bed)
 {
     struct bvhd_batch *batch = bed_submit(bed, 1, 1);

@@ -120,7 +120,7 @@ void fake_send(struct fake_daemon *fake, enum frame_type type, uint64_t request,
     send_frame(fake, &frame);
 }
 
-/* Sends what was packed, and frees it. */
+/* Sends a packed message and frees it. */
 static void send_packed(struct fake_daemon *fake, enum frame_type type, uint64_t request, enum bvhd_status status,
                         struct bytes control)
 {
@@ -325,7 +325,7 @@ static void answer(struct fake_daemon *fake, const struct frame *frame)
     case FRAME_PING:
         fake_send(fake, FRAME_PONG, frame->header.request, (struct bytes){NULL, 0});
         break;
-    default: /* CANCEL comes too late */
+    default: /* a CANCEL comes too late */
         break;
     }
 }

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * fake_daemon.h - a daemon that answers as the test says, right or wrong; and one that answers by itself, from a
+ * fake_daemon.h - a daemon that answers as the test tells it, correctly or not; and one that answers by itself, on a
  * thread.
  *
- * For tests of the client library. Step by step it runs in the test's own thread: the library's calls that do not wait
- * alternate with it.
+ * For tests of the client library. The first kind runs in the test's own thread, alternating with calls of the library
+ * that do not wait.
  */
 #ifndef BVHD_FAKE_DAEMON_H
 #define BVHD_FAKE_DAEMON_H
@@ -19,40 +19,43 @@ struct fake_daemon {
     int listener;
     struct raw_client peer; /* the connection that was accepted last; socket -1: none */
     struct control_welcome welcome;
-    const unsigned char *pool; /* mapping of the client's, NULL: none */
+    const unsigned char *pool; /* mapping of the client's pool; NULL: none */
     uint64_t pool_size;
-    /* Of the one that answers by itself. */
+    /* For the daemon that answers by itself: */
     pthread_t thread;
     atomic_int stop;
-    atomic_uint answered; /* RESULTs */
+    atomic_uint answered; /* number of RESULTs */
 };
 
-/* Listens in a new folder. */
+/* Starts to listen in a new folder. */
 void fake_start(struct fake_daemon *fake);
 
 /* Closes everything and removes the folder. */
 void fake_stop(struct fake_daemon *fake);
 
-/* No longer listens, or again. */
+/* Stop to listen, and listen again. */
 void fake_close_listener(struct fake_daemon *fake);
 void fake_open_listener(struct fake_daemon *fake);
 
-/* The next client; false when none comes within 10 s. The one before stays connected when `keep` says where. */
+/*
+ * Accepts the next client; returns false if none comes within 10 s. The previous one stays connected if `keep` is
+ * given, which receives it.
+ */
 bool fake_accept(struct fake_daemon *fake, struct raw_client *keep);
 
 /* Closes the connection. */
 void fake_hang_up(struct fake_daemon *fake);
 
 /*
- * The next frame has to be of this type; its descriptors are the caller's. False when none comes within 10 s, or
- * another.
+ * Receives the next frame, which must have this type; its descriptors belong to the caller. Returns false if no frame,
+ * or another one, comes within 10 s.
  */
 bool fake_expect(struct fake_daemon *fake, enum frame_type type, struct frame *ret_frame);
 
-/* No frame comes within a short time. */
+/* Returns whether no frame comes within a short time. */
 bool fake_is_quiet(struct fake_daemon *fake);
 
-/* Accepts, takes HELLO, sends fake->welcome. */
+/* Accepts a client, receives HELLO and sends fake->welcome. */
 bool fake_greet(struct fake_daemon *fake);
 
 void fake_send(struct fake_daemon *fake, enum frame_type type, uint64_t request, struct bytes control);
@@ -62,28 +65,28 @@ void fake_send_error(struct fake_daemon *fake, uint64_t request, enum bvhd_statu
 void fake_send_busy(struct fake_daemon *fake, uint64_t request, uint32_t retry_ms);
 void fake_send_prepared(struct fake_daemon *fake, uint64_t request, uint32_t first, uint32_t count);
 
-/* A result of `size` bytes, byte i being i % 251: up to 64 KiB inline, else behind a sealed descriptor. */
+/* Sends a result of `size` bytes, where byte i is i % 251: up to 64 KiB inline, otherwise in a sealed descriptor. */
 void fake_send_result(struct fake_daemon *fake, uint64_t request, uint32_t item, uint64_t size);
 void fake_send_failed(struct fake_daemon *fake, uint64_t request, uint32_t item, enum bvhd_status status,
                       const char *where);
 
-/* A result as it is told: whatever `result` says, with these bytes and this descriptor (-1: none; closed). */
+/* Sends a result as given, even if it is invalid, with these bytes and this descriptor (-1: none), which is closed. */
 void fake_send_result_with(struct fake_daemon *fake, uint64_t request, const struct control_result *result,
                            struct bytes inline_bytes, int descriptor);
 
-/* What the result of an item is filled with. */
+/* Fills bytes as the result of an item is filled. */
 void fake_fill(unsigned char *bytes, uint64_t size);
 
-/* The message of a BUILD; freed with fake_free. */
+/* Unpacks the message of a BUILD; freed with fake_free. */
 struct control_build *fake_build(struct fake_daemon *fake, const struct frame *frame);
 void fake_free(struct fake_daemon *fake, void *message);
 
-/* Takes POOL and answers DONE. */
+/* Receives POOL and answers DONE. */
 bool fake_take_pool(struct fake_daemon *fake);
 
 /*
- * Answers by itself, one connection after the other: every item is prepared, and its result has as many bytes as the
- * item's destination says, 100 without one. Keys whose first byte is 0 are not found.
+ * Starts to answer on a thread, one connection after another: every item is prepared, and its result has as many bytes
+ * as the item's destination states, or 100 if that is 0. Keys whose first byte is 0 are not found.
  */
 void fake_serve(struct fake_daemon *fake);
 void fake_serve_end(struct fake_daemon *fake);

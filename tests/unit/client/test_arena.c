@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_arena.c - tests that ranges are taken at the lowest place, joined again when given back, and never overlap. */
 #include "tests/support/unit.h"
 
 #include "client/arena.h"
@@ -44,7 +45,7 @@ static void test_refuses(void **state)
     arena_finish(&arena);
 }
 
-/* Three neighbours, given back in every order, become one range again. */
+/* Three neighbours that are given back in any order become one range again. */
 static void test_joins(void **state)
 {
     (void)state;
@@ -63,13 +64,13 @@ static void test_joins(void **state)
     }
 }
 
-/* Against a map of the units, in which the first gap that is long enough is searched by hand. */
+/* A map of units is the model: the test searches it for the first gap that is long enough. */
 enum { UNITS = 200, PLACES = 80 };
 
 struct model {
     unsigned char used[UNITS];
     struct {
-        uint64_t offset, size; /* size 0: none */
+        uint64_t offset, size; /* size 0: not taken */
     } places[PLACES];
 };
 
@@ -127,7 +128,7 @@ static void test_random(void **state)
     arena_finish(&arena);
 }
 
-/* Taking may fail for lack of memory; giving back never needs any. */
+/* Taking can fail for lack of memory; giving back needs none. */
 static void test_failing_allocations(void **state)
 {
     (void)state;

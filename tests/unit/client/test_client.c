@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The client library against a daemon that answers step by step: what is asked, what comes back, and what waits
- * meanwhile.
+ * test_client.c - tests the client library against a daemon that answers step by step: results, errors, keys, and
+ * waiting.
  */
 #include "tests/support/unit.h"
 
@@ -54,7 +54,7 @@ static void test_result(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Small and large results live on without batch and client. */
+/* Small and large results outlive their batch and their client. */
 static void test_blob_outlives(void **state)
 {
     (void)state;
@@ -118,7 +118,7 @@ static void test_fetch(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Nothing asked for is done at once, without a daemon. */
+/* A batch without items is done at once, without a daemon. */
 static void test_empty(void **state)
 {
     (void)state;
@@ -138,7 +138,7 @@ static void test_empty(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Broken rules are their info's error, and the others are asked for. */
+/* An info that breaks a rule gets an error as its result; the others are requested. */
 static void test_broken_infos(void **state)
 {
     (void)state;
@@ -173,7 +173,7 @@ static void test_broken_infos(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A request that fails as a whole. */
+/* A request fails as a whole. */
 static void test_error(void **state)
 {
     (void)state;
@@ -204,7 +204,7 @@ static void test_error(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Places are told as the caller counts, whatever the request was cut into. */
+/* Places in errors count as the caller counts, however the batch was cut into requests. */
 static void test_renumbered(void **state)
 {
     (void)state;
@@ -267,8 +267,8 @@ static void test_keys(void **state)
 }
 
 /*
- * The whole way from connecting to the result, with every allocation failing once: an error or a result, and nothing
- * left over.
+ * The whole way from connecting to the result, with each allocation failing once: it ends with an error or a result,
+ * and nothing stays allocated.
  */
 static void test_failing_allocations(void **state)
 {

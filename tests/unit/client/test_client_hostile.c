@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The client library against daemons that break the protocol: named errors in time, and nothing left over. */
+/*
+ * test_client_hostile.c - tests the client library against daemons that break the protocol: it reports errors in time
+ * and leaks nothing.
+ */
 #include "tests/support/unit.h"
 
 #include <fcntl.h>
@@ -14,7 +17,7 @@ enum { SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE };
 
 static const struct bytes nothing = {NULL, 0};
 
-/* Waits for the batch; its first item's status. */
+/* Waits for the batch, and returns its first item's status. */
 static enum bvhd_status outcome(struct bvhd_batch *batch)
 {
     assert_int_equal(bvhd_batch_wait(batch, 5000), BVHD_OK);
@@ -26,7 +29,7 @@ static const char *text_of(struct bvhd_batch *batch)
     return bvhd_batch_result(batch, 0)->error.text;
 }
 
-/* Submits one item on a greeted connection and takes the request. */
+/* Submits one item on a connection that has been greeted, and receives the request. */
 static struct bvhd_batch *ask(struct client_bed *bed, uint64_t *ret_request)
 {
     struct frame frame;
@@ -83,7 +86,7 @@ static void test_versions(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Whatever is not WELCOME is no daemon of ours. */
+/* A peer whose first frame is not WELCOME is not a daemon. */
 static void test_garbage(void **state)
 {
     (void)state;
@@ -102,7 +105,7 @@ static void test_garbage(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* All that a daemon says from WELCOME to a large result, cut off at each byte. */
+/* Sends everything that a daemon sends from WELCOME to a large result, cut off after `cut` bytes. */
 static void send_cut(struct client_bed *bed, uint64_t request, size_t cut)
 {
     unsigned char bytes[4096];
@@ -148,7 +151,7 @@ static void test_hangs_up_at_each_byte(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Before WELCOME a loss is only a reason to look further. */
+/* Before WELCOME the client reacts to a loss by searching further. */
 static void test_hangs_up_early(void **state)
 {
     (void)state;
@@ -201,7 +204,7 @@ static void send_wrong(struct client_bed *bed, enum wrong wrong, uint64_t reques
     case UNKNOWN_REQUEST:
         fake_send_result(fake, request + 1, 0, 10);
         break;
-    case OLD_REQUEST: /* its place is the new one's */
+    case OLD_REQUEST: /* its slot is that of the new request */
         fake_send_result(fake, request - (1 << 16), 0, 10);
         break;
     case ANSWER_WHILE_BUSY:
@@ -268,12 +271,12 @@ static void test_wrong_answers(void **state)
         assert_true(bed_now() - start < BED_LATE_MS);
         assert_true(raw_await_close(&bed.fake.peer, 1000, NULL));
         bvhd_batch_destroy(batch);
-        assert_true(bed_connect(&bed)); /* and a good one may follow */
+        assert_true(bed_connect(&bed)); /* and a good daemon may follow */
         assert_true(bed_stop(&bed));
     }
 }
 
-/* Descriptors that are no result. */
+/* Descriptors that cannot be results. */
 static int no_memfd(void)
 {
     int ends[2];
@@ -300,8 +303,8 @@ static int memfd_of(uint64_t size, unsigned seals)
 }
 
 /*
- * What a RESULT says of its size, its bytes inline, and its descriptor: each is that item's error, and the connection
- * lives.
+ * Checks what a RESULT states about its size, its inline bytes and its descriptor: an error fails the item, and the
+ * connection lives.
  */
 static void check_bytes(struct client_bed *bed, uint64_t size, uint64_t inline_size, int descriptor,
                         enum bvhd_status expected)
@@ -392,7 +395,7 @@ static void test_too_many_files(void **state)
     assert_int_equal(setrlimit(RLIMIT_NOFILE, &few), 0);
     while ((taken[count] = dup(0)) >= 0)
         count++;
-    int again = dup2(result, taken[--count]); /* sending closes it: take its place */
+    int again = dup2(result, taken[--count]); /* sending closes it, so the new one must take its place */
     close(result);
     result = dup(0);
     fake_send_result_with(&bed.fake, request, &message, nothing, again);
@@ -408,7 +411,7 @@ static void test_too_many_files(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Frames of later versions are passed over, their descriptors closed. */
+/* Frames of later versions are ignored, and their descriptors closed. */
 static void test_unknown_frames(void **state)
 {
     (void)state;
@@ -433,7 +436,7 @@ static void test_unknown_frames(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Statuses of later versions come through; what says PENDING is no end. */
+/* Statuses of later versions are passed on; a result with PENDING is refused. */
 static void test_unknown_status(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The client library and daemons that are not there, come late, fall silent, or leave. */
+/* test_client_link.c - tests the client library with daemons that are missing, come late, fall silent, or leave. */
 #include "tests/support/unit.h"
 
 #include <unistd.h>
@@ -8,7 +8,7 @@
 
 static const struct bytes nothing = {NULL, 0};
 
-/* Waits for the batch; its first item's status. */
+/* Waits for the batch, and returns its first item's status. */
 static enum bvhd_status outcome(struct bvhd_batch *batch)
 {
     assert_int_equal(bvhd_batch_wait(batch, 5000), BVHD_OK);
@@ -20,7 +20,7 @@ static const char *text_of(struct bvhd_batch *batch)
     return bvhd_batch_result(batch, 0)->error.text;
 }
 
-/* Submits one item on a greeted connection and takes the request. */
+/* Submits one item on a connection that has been greeted, and receives the request. */
 static struct bvhd_batch *ask(struct client_bed *bed, uint64_t *ret_request)
 {
     struct frame frame;
@@ -65,7 +65,7 @@ static void test_path_too_long(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A daemon that comes while the client looks for one, and again after a restart. */
+/* The daemon appears while the client searches for one, and again after a restart. */
 static void test_comes_and_goes(void **state)
 {
     (void)state;
@@ -82,7 +82,7 @@ static void test_comes_and_goes(void **state)
         fake_serve_end(&bed.fake);
         fake_hang_up(&bed.fake);
         fake_close_listener(&bed.fake);
-        batch = bed_submit(&bed, 1, 1); /* the loss shows before this one is sent */
+        batch = bed_submit(&bed, 1, 1); /* the loss is noticed before this batch is sent */
         assert_int_equal(bvhd_batch_wait(batch, 20), BVHD_PENDING);
     }
     assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
@@ -92,7 +92,7 @@ static void test_comes_and_goes(void **state)
 
 enum { CALLS = 3 };
 
-/* Everything that waits for the daemon itself. */
+/* Makes one of the calls that wait for the daemon itself. */
 static enum bvhd_status call(struct client_bed *bed, int which)
 {
     struct bvhd_counters *counters = NULL;
@@ -103,7 +103,7 @@ static enum bvhd_status call(struct client_bed *bed, int which)
     return status;
 }
 
-/* A daemon that was restarted since the last call is found by every call, not by a submission alone. */
+/* Every call finds a daemon that was restarted since the last call, not only a submission. */
 static void test_calls_after_restart(void **state)
 {
     (void)state;
@@ -121,7 +121,7 @@ static void test_calls_after_restart(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Accepts, and says nothing. */
+/* The daemon accepts and sends nothing. */
 static void test_silent_at_hello(void **state)
 {
     (void)state;
@@ -135,7 +135,7 @@ static void test_silent_at_hello(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A daemon that is alive but slow answers PING; one that does not is lost. */
+/* A daemon that is alive but slow answers PING; one that does not answer is lost. */
 static void test_silence(void **state)
 {
     (void)state;
@@ -160,7 +160,7 @@ static void test_silence(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A program that did not call for long is no sign that the daemon is gone. */
+/* A program that makes no calls for a long time does not lose its daemon. */
 static void test_absent_program(void **state)
 {
     (void)state;
@@ -184,7 +184,7 @@ static void test_absent_program(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* What is under way ends where it began; new work goes to whoever comes next. */
+/* Work under way ends on its own connection; new work goes to the next daemon. */
 static void test_goodbye(void **state)
 {
     (void)state;
@@ -224,7 +224,7 @@ static void test_goodbye(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Another daemon's connection takes the place of the one that the fake speaks on. */
+/* Makes the fake daemon speak on another connection. */
 static void swap_peer(struct client_bed *bed, struct raw_client *other)
 {
     struct raw_client peer = bed->fake.peer;
@@ -233,7 +233,7 @@ static void swap_peer(struct client_bed *bed, struct raw_client *other)
     *other = peer;
 }
 
-/* The pool that a leaving daemon refuses is still the next one's. */
+/* A pool that the leaving daemon refuses is still offered to the next one. */
 static void test_goodbye_without_pool(void **state)
 {
     (void)state;
@@ -269,7 +269,7 @@ static void test_goodbye_without_pool(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A daemon that says GOODBYE each time it was given something: the one that leaves longest is given up. */
+/* If each new daemon says GOODBYE after its first request, the one that has been leaving longest is given up. */
 static void test_goodbye_again(void **state)
 {
     (void)state;

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What waits in the client library and where: pool, credits, priorities, busy daemons, strange limits. */
+/*
+ * test_client_queue.c - tests what waits in the client library and where: pool, credits, priorities, busy daemons,
+ * strange limits.
+ */
 #include "tests/support/unit.h"
 
 #include <sys/mman.h>
@@ -7,7 +10,7 @@
 
 #include "tests/support/client/client_bed.h"
 
-/* Takes one BUILD of a payload in the pool; returns where. */
+/* Receives one BUILD with a payload in the pool; returns its offset. */
 static uint64_t expect_pooled(struct client_bed *bed, uint64_t *ret_request)
 {
     struct frame frame;
@@ -24,7 +27,7 @@ static uint64_t expect_pooled(struct client_bed *bed, uint64_t *ret_request)
     return offset;
 }
 
-/* Middling payloads lie in the pool until they are PREPARED, whatever else becomes of the item. */
+/* Medium payloads stay in the pool until they are PREPARED, whatever else happens to the item. */
 static void test_pool(void **state)
 {
     (void)state;
@@ -66,8 +69,8 @@ static void test_pool(void **state)
 }
 
 /*
- * A daemon without a pool, and one that refuses it: small payloads travel inline, larger ones as memfds of their own,
- * at most four a frame.
+ * With a daemon that has no pool, or refuses it, small payloads travel inline and larger ones in their own memfds, at
+ * most four per frame.
  */
 static void test_no_pool(void **state)
 {
@@ -118,7 +121,7 @@ static void test_no_pool(void **state)
     }
 }
 
-/* What does not fit into the pool waits in the caller's memory, in order. */
+/* Payloads that do not fit into the pool wait in the caller's memory, in order. */
 static void test_full_pool(void **state)
 {
     (void)state;
@@ -156,7 +159,7 @@ static void test_full_pool(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Never more under way than the daemon gives credits for, nor more in a request than it takes. */
+/* There are never more items under way than the daemon gave credits for, nor more in a request than it accepts. */
 static void test_credits(void **state)
 {
     (void)state;
@@ -207,7 +210,7 @@ static void check_first(struct client_bed *bed, uint64_t destination, int32_t pr
     fake_free(&bed->fake, build);
 }
 
-/* What waits in the library goes by priority, then by age. */
+/* Batches that wait in the library are sent by priority, then by age. */
 static void test_priority(void **state)
 {
     (void)state;
@@ -239,7 +242,7 @@ static void test_priority(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A daemon that has no time gets the same again, after the time that it says and not before. */
+/* A busy daemon gets the same request again, after the time that it stated and not before. */
 static void test_busy(void **state)
 {
     (void)state;
@@ -276,7 +279,7 @@ static void test_busy(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Cancelled while the daemon is busy: it never hears of it, or of the rest only. */
+/* A batch that is cancelled while the daemon is busy is never sent, or only its rest is. */
 static void test_busy_cancelled(void **state)
 {
     (void)state;
@@ -314,7 +317,7 @@ static void test_busy_cancelled(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* Numbers that a daemon may say of itself, however strange. */
+/* A daemon may announce any limits, however strange. */
 static void test_strange_limits(void **state)
 {
     (void)state;

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The client library's threads: many share one client, wait together, cancel each other; event loops are woken. */
+/*
+ * test_client_wait.c - tests the client library with several threads and with event loops: waiting together, cancelling
+ * each other, waking.
+ */
 #include "tests/support/unit.h"
 
 #include <poll.h>
@@ -10,7 +13,7 @@
 
 enum { THREADS = 8, ROUNDS = 60 };
 
-/* One of several threads that do everything at once. */
+/* One of several threads that do everything at the same time. */
 struct worker {
     struct client_bed *bed;
     pthread_t thread;
@@ -104,7 +107,7 @@ static void test_many_threads(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* The same with a pool that holds a few items alone, so that most of them wait in their caller's memory. */
+/* The same with a pool that holds only a few items, so that most of them wait in their caller's memory. */
 static void test_many_threads_small_pool(void **state)
 {
     (void)state;
@@ -145,7 +148,7 @@ static void begin_waiting(struct waiter *waiter, struct bvhd_batch *batch, int t
     usleep(10000);
 }
 
-/* Several wait, one of them polls; that one is done first, and another takes over. */
+/* Several threads wait, one of which polls. That one is done first, and another one takes over. */
 static void test_takes_over(void **state)
 {
     (void)state;
@@ -177,7 +180,7 @@ static void test_takes_over(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* The thread that polls gives up, and nothing has happened: another one polls from then on. */
+/* The polling thread times out without an event: another one polls from then on. */
 static void test_hands_over(void **state)
 {
     (void)state;
@@ -217,8 +220,8 @@ static void *connect_client(void *context)
 }
 
 /*
- * A thread polls a daemon that leaves; another one connects to the next: the first one has to watch that connection
- * from then on.
+ * A thread polls a daemon that leaves; another thread connects to the next one. The first thread has to watch the new
+ * connection from then on.
  */
 static void test_connects_while_another_polls(void **state)
 {
@@ -250,7 +253,7 @@ static void test_connects_while_another_polls(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* What other threads do takes effect at once: cancelling, submitting, finishing by a dispatch elsewhere. */
+/* The actions of other threads take effect at once: cancelling, submitting, finishing by a dispatch. */
 static void test_woken(void **state)
 {
     (void)state;
@@ -265,11 +268,11 @@ static void test_woken(void **state)
         begin_waiting(&waiters[i], batches[i], 5000);
     }
     double start = bed_now();
-    bvhd_batch_cancel(batches[1]); /* on the condition */
+    bvhd_batch_cancel(batches[1]); /* it waits on the condition variable */
     pthread_join(waiters[1].thread, NULL);
     assert_true(waiters[1].ended - start < BED_LATE_MS);
     start = bed_now();
-    bvhd_batch_cancel_item(batches[0], 0); /* polling */
+    bvhd_batch_cancel_item(batches[0], 0); /* it polls */
     pthread_join(waiters[0].thread, NULL);
     assert_true(waiters[0].ended - start < BED_LATE_MS);
     bvhd_batch_destroy(batches[0]);
@@ -278,7 +281,8 @@ static void test_woken(void **state)
     begin_waiting(&waiters[0], batches[0], 5000);
     start = bed_now();
     batches[1] = bed_submit(&bed, 1, 1);
-    for (int i = 0; i < 6; i++) /* three BUILDs with a CANCEL each for two of them, then the last */
+    /* There are three BUILDs with a CANCEL each for two of them, then the last. */
+    for (int i = 0; i < 6; i++)
         assert_true(raw_receive(&bed.fake.peer, 1000, &frame, NULL));
     assert_int_equal(frame.header.type, FRAME_BUILD);
     assert_true(bed_now() - start < BED_LATE_MS);
@@ -289,7 +293,7 @@ static void test_woken(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A thread that waits without a daemon is woken when one connects by another's call, and by timeouts. */
+/* A thread that waits without a daemon is woken when another thread's call connects, and by timeouts. */
 static void test_timeouts(void **state)
 {
     (void)state;
@@ -306,7 +310,7 @@ static void test_timeouts(void **state)
     assert_int_equal(bvhd_batch_wait(batch, 30), BVHD_PENDING);
     assert_in_range((int)(bed_now() - start), 29, BED_LATE_MS);
     fake_send_result(&bed.fake, request, 0, 10);
-    assert_int_equal(bvhd_batch_wait(batch, 0), BVHD_OK); /* looks at least once */
+    assert_int_equal(bvhd_batch_wait(batch, 0), BVHD_OK); /* a wait looks for results at least once */
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }
@@ -326,7 +330,7 @@ static void loop(struct client_bed *bed, struct bvhd_batch *batch, int timeout_m
             bvhd_client_dispatch(bed->client);
 }
 
-/* An event loop alone brings everything about: connecting late, results, BUSY, the loss of a silent daemon. */
+/* An event loop alone completes everything: a late connection, results, BUSY, the loss of a silent daemon. */
 static void test_loop(void **state)
 {
     (void)state;
@@ -345,7 +349,7 @@ static void test_loop(void **state)
     assert_int_equal(bvhd_client_descriptor(bed.client), descriptor);
     batch = bed_submit(&bed, 1, 1);
     double start = bed_now();
-    loop(&bed, batch, 2 * BED_LATE_MS); /* nobody answers any more */
+    loop(&bed, batch, 2 * BED_LATE_MS); /* the daemon has stopped answering */
     assert_int_equal(bed_status(batch, 0), BVHD_UNAVAILABLE);
     assert_in_range((int)(bed_now() - start), BED_LOST_MS - 20, BED_LATE_MS);
     bvhd_batch_destroy(batch);
@@ -359,11 +363,11 @@ static void test_loop(void **state)
     bvhd_batch_destroy(batch);
     while (is_readable(descriptor, 50))
         bvhd_client_dispatch(bed.client);
-    assert_false(is_readable(descriptor, 400)); /* idle costs nothing */
+    assert_false(is_readable(descriptor, 400)); /* an idle client causes no events */
     assert_true(bed_stop(&bed));
 }
 
-/* What another thread finishes makes the descriptor readable, too. */
+/* The descriptor also becomes readable when another thread finishes a batch. */
 static void test_loop_notice(void **state)
 {
     (void)state;
@@ -384,7 +388,7 @@ static void test_loop_notice(void **state)
         bvhd_client_dispatch(bed.client);
     for (int i = 0; i < 2; i++)
         fake_send_result(&bed.fake, requests[i], 0, 10);
-    assert_int_equal(bvhd_batch_wait(batches[1], 2000), BVHD_OK); /* reads both results */
+    assert_int_equal(bvhd_batch_wait(batches[1], 2000), BVHD_OK); /* it reads both results */
     assert_int_equal(bed_status(batches[0], 0), BVHD_OK);
     assert_true(is_readable(descriptor, 0));
     bvhd_client_dispatch(bed.client);
@@ -394,7 +398,7 @@ static void test_loop_notice(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A child process that has the client's sockets, but not the daemon's, until it is told to end. */
+/* Forks a child process that holds the client's sockets, but not the daemon's, until it is told to end. */
 static pid_t fork_holder(struct client_bed *bed, int *ret_leash)
 {
     int ends[2];
@@ -419,7 +423,7 @@ static void end_holder(pid_t child, int leash)
     assert_int_equal(status, 0);
 }
 
-/* A child that holds the parent's socket keeps neither the parent's loop awake nor the daemon waiting. */
+/* A child that holds the parent's socket neither keeps the parent's loop awake nor the daemon waiting. */
 static void test_fork(void **state)
 {
     (void)state;

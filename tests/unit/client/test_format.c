@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * What a program says of the device that it builds for: into options, onto the wire, and what older ones on either side
- * make of it.
+ * test_format.c - tests the target and the native format of a build: in options, on the wire, and with older programs
+ * and daemons.
  */
 #include "tests/support/unit.h"
 
@@ -54,7 +54,7 @@ static void test_options(void **state)
         assert_memory_equal(options.device.compatibility_uuid, format.compatibility_uuid, 16);
     }
     build.format = NULL;
-    build.target = (enum bvhd_target)77; /* a newer daemon may know it */
+    build.target = (enum bvhd_target)77; /* a newer daemon may know this target */
     assert_int_equal(format_options(&build, &options, NULL), BVHD_OK);
     assert_int_equal(options.target, 77);
 }
@@ -95,11 +95,11 @@ static void test_wrong_formats(void **state)
     refuse(&build, "struct_size");
     format.struct_size = sizeof format - 1;
     refuse(&build, "struct_size");
-    format.struct_size = sizeof format + 8; /* a newer program's */
+    format.struct_size = sizeof format + 8; /* the struct of a newer program */
     assert_int_equal(format_options(&build, &(struct build_options){0}, NULL), BVHD_OK);
 }
 
-/* Programs that were compiled before there were formats: what lies behind their struct is not looked at. */
+/* For programs that were compiled before there were formats, the bytes behind their struct are not read. */
 static void test_older_programs(void **state)
 {
     (void)state;
@@ -185,7 +185,7 @@ static void test_items(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* A daemon of the version before cannot read what the rows say of a device, and refuses the request as a whole. */
+/* A daemon of the previous version cannot read the rows' device fields, and refuses the request as a whole. */
 static void test_older_daemon(void **state)
 {
     (void)state;
@@ -202,7 +202,7 @@ static void test_older_daemon(void **state)
         assert_string_equal(bvhd_batch_result(batch, i)->error.text, "fields of a newer version");
     }
     bvhd_batch_destroy(batch);
-    batch = bed_submit(&bed, 1, 1); /* the connection goes on, with what that daemon knows */
+    batch = bed_submit(&bed, 1, 1); /* the connection goes on with requests that this daemon understands */
     assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
     struct control_build *build = fake_build(&bed.fake, &frame);
     static const struct device_format none;

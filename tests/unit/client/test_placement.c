@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Where payloads lie: in the pool, in memfds of their own, sealed as the daemon wants them; and how memory comes back.
+ * test_placement.c - tests where payloads are placed: in the pool, or in their own memfds, sealed as the daemon
+ * requires; and that memory is given back.
  */
 #include "tests/support/unit.h"
 
@@ -68,7 +69,7 @@ static void check_pooled(const struct placement *placement, const struct mesh *m
     assert_memory_equal(placement_bytes(placement, held), mesh->expected, mesh->size);
 }
 
-/* As the daemon judges them: exact size, seals, no holes. */
+/* Checks a memfd as the daemon does: exact size, seals, no holes. */
 static void check_own(const struct mesh *mesh, const struct held *held)
 {
     struct stat file;
@@ -113,7 +114,7 @@ static void test_pool(void **state)
 
 /*
  * Large payloads are written into pages that do not exist yet, and copied into those that do: the bytes are the same,
- * and those around stay.
+ * and their neighbours do not change.
  */
 static void test_large_in_pool(void **state)
 {
@@ -139,7 +140,10 @@ static void test_large_in_pool(void **state)
     free_mesh(&large);
 }
 
-/* What the pool cannot hold, or would have to wait for half of it, gets a memfd of its own; only so many at once. */
+/*
+ * A payload that the pool cannot hold, or that would have to wait for half of it, gets its own memfd; the number of
+ * memfds is limited.
+ */
 static void test_own(void **state)
 {
     (void)state;
@@ -172,7 +176,7 @@ static void test_own(void **state)
     free_mesh(&half);
 }
 
-/* A pool as small as a daemon wants it: made anew when it is empty, not while payloads lie in it. */
+/* A pool is made smaller for the daemon's limit: it is made again when it is empty, not while payloads are in it. */
 static void test_limit(void **state)
 {
     (void)state;
@@ -201,7 +205,7 @@ static void test_limit(void **state)
     free_mesh(&mesh);
 }
 
-/* Refused by the daemon, the pool still holds what can leave it inside of a frame. */
+/* A pool that the daemon refuses still holds payloads that fit into a frame. */
 static void test_refused(void **state)
 {
     (void)state;
@@ -227,7 +231,10 @@ static void test_refused(void **state)
     free_mesh(&large);
 }
 
-/* Without descriptors: what is out comes back, so it is a matter of waiting; with nothing out it is an error. */
+/*
+ * Without free descriptors, the call reports BVHD_BUSY while payloads are placed, because they will be released, and
+ * otherwise an error.
+ */
 static void test_no_descriptors(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_vulkan_input.c - tests that Vulkan's structs become valid descriptions, and that every broken rule is named. */
 #include "tests/support/unit.h"
 
 #include <stdbool.h>
@@ -126,7 +127,7 @@ static enum bvhd_status convert(const struct call *call, struct vulkan_input **r
                                   ret_input, ret_errors);
 }
 
-/* The entry fails with the rule at the place, the others do not; and it is empty. */
+/* Checks that the entry fails with the rule at the place and is empty, and that the others do not fail. */
 static void refuse(const char *name, const struct call *call, uint32_t entry, enum bvhd_status status, const char *vuid,
                    const char *where)
 {
@@ -183,7 +184,7 @@ static void structs_are_converted(void **state)
     assert_int_equal(memory.live, 0);
 }
 
-/* What comes out is what a builder takes: the descriptions are valid and say what Vulkan's structs said. */
+/* A builder accepts the descriptions: they are valid and equal Vulkan's structs. */
 static void descriptions_are_prepared(void **state)
 {
     (void)state;
@@ -268,7 +269,7 @@ static void every_rule_is_named(void **state)
 #undef REFUSE
 }
 
-/* 03407 is about what instances name, not about what is known. */
+/* Rule 03407 is about the handles that instances name, not about the references that are known. */
 static void destinations_are_not_named(void **state)
 {
     (void)state;
@@ -281,12 +282,12 @@ static void destinations_are_not_named(void **state)
     for (int i = 0; i < ENTRIES; i++)
         assert_int_equal(errors[i].status, BVHD_OK);
     vulkan_input_destroy(input);
-    call.infos[0].dstAccelerationStructure = HANDLE(40); /* not yet known, and named by entry 2 alone */
+    call.infos[0].dstAccelerationStructure = HANDLE(40); /* not known yet, and named by entry 2 alone */
     call.instances[2].accelerationStructureReference = 40;
     call.instance_pointers[3] = &call.instances[0];
     refuse("named destination", &call, 2, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-None-03407",
            "infos[2].geometries[0].instances[2].accelerationStructureReference");
-    /* an entry's own destination is left to others */
+    /* An entry's own destination is not checked here. */
     call.infos[0].dstAccelerationStructure = HANDLE(41);
     call.infos[2].dstAccelerationStructure = HANDLE(40);
     assert_int_equal(convert(&call, &input, errors), BVHD_OK);
@@ -294,7 +295,7 @@ static void destinations_are_not_named(void **state)
     vulkan_input_destroy(input);
 }
 
-/* The sizes that are derived let through exactly what Vulkan's ranges reach: one byte less and the entry is refused. */
+/* The derived sizes allow exactly the bytes that Vulkan's ranges reach: with one byte less the entry is refused. */
 static void sizes_are_what_is_read(void **state)
 {
     (void)state;
@@ -327,7 +328,7 @@ static void sizes_are_what_is_read(void **state)
         }
 }
 
-/* Counts, strides and formats that are nonsense reach validate.h unharmed, and no memory is touched for them. */
+/* Counts, strides and formats that make no sense reach validate.h unchanged, and no memory is read for them. */
 static void nonsense_is_left_to_validation(void **state)
 {
     (void)state;
@@ -399,7 +400,7 @@ static void nonsense_is_left_to_validation(void **state)
     }
 }
 
-/* Memory whose size only a rule that is broken would tell. */
+/* If a rule is broken that the size of memory depends on, that memory is not read. */
 static void what_breaks_rules_is_not_read(void **state)
 {
     (void)state;
@@ -411,7 +412,7 @@ static void what_breaks_rules_is_not_read(void **state)
     call.geometries[0].geometry.triangles.indexType = (VkIndexType)1000265000; /* UINT8 */
     call.geometries[0].geometry.triangles.vertexStride = UINT64_C(1) << 33;
     call.geometries[1].geometry.aabbs.stride = UINT64_C(1) << 33;
-    call.infos[3].type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR; /* of pointers to instances */
+    call.infos[3].type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR; /* its data are pointers to instances */
     assert_int_equal(convert(&call, &input, errors), BVHD_OK);
     const struct build_input *entries = vulkan_input_entries(input);
     assert_int_equal(entries[0].geometries[0].triangles.vertices.size, 0);

@@ -109,7 +109,10 @@ static bool check_ray(const struct test_scene *scene, const struct ray *ray, con
 struct verdicts {
     uint64_t sum;
     uint32_t count;
-    /* True: sums up every call. False: counts nothing, because split primitives are offered more than once. */
+    /*
+     * True: sums up all calls, and ignores the candidates. False: sums up nothing, because split primitives are offered
+     * more than once, and accepts some candidates.
+     */
     bool once;
 };
 

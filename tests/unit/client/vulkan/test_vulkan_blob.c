@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_vulkan_blob.c - tests what is read from a structure's header, and how references are written into its bytes. */
 #include "tests/support/unit.h"
 
 #include "builder/format/lavapipe.h"
@@ -82,7 +83,7 @@ static void requirements_are_vulkans(void **state)
     }
 }
 
-/* A native structure with nothing in it may be either level. */
+/* An empty native structure may be of either level. */
 static void empty_native_structures_are_generic(void **state)
 {
     (void)state;
@@ -190,7 +191,7 @@ static void references_have_to_be_there(void **state)
     vulkan_bed_finish(&bed);
 }
 
-/* Whatever the cuts, the same bytes; only the locations differ from the file's. */
+/* However the body is cut, the bytes are the same; only the locations differ from the file's. */
 static void portions_of_portable_bodies_fit_together(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_vulkan_check.c - tests which structures a device may load, and that all others are refused with a reason. */
 #include "tests/support/unit.h"
 
 #include "tests/support/client/vulkan/fake_vulkan.h"
@@ -69,7 +70,7 @@ static void what_was_built_for_the_device_passes(void **state)
     }
 }
 
-/* All 32 bytes count, and the text says what would do. */
+/* All 32 bytes count, and the text says what the device needs. */
 static void other_drivers_are_told_apart(void **state)
 {
     struct world *world = *state;
@@ -92,7 +93,7 @@ static void other_drivers_are_told_apart(void **state)
     assert_non_null(strstr(error.text, "driver 32352e002e382d31"));
 }
 
-/* The format is what the structures are made for, but the driver is another one by now. */
+/* The format fits the structures, but the driver has changed since. */
 static void formats_that_are_out_of_date_are_found_out(void **state)
 {
     struct world *world = *state;
@@ -104,7 +105,10 @@ static void formats_that_are_out_of_date_are_found_out(void **state)
     assert_int_equal(check(world, &world->format, &world->portable.blobs[0], &error), BVHD_OK);
 }
 
-/* The same driver's UUIDs over another layout of its header: what a driver would take, and crash with. */
+/*
+ * A structure with the same driver's UUIDs and another layout of the driver's header, which a driver would accept and
+ * crash on, is refused.
+ */
 static void other_variants_are_refused(void **state)
 {
     struct world *world = *state;
@@ -203,7 +207,7 @@ static void limits_are_the_devices(void **state)
     }
 }
 
-/* Its head is all that is looked at: no memory has so much. */
+/* Only the header is read, because no memory is large enough. */
 static void what_shaders_cannot_reach_is_too_large(void **state)
 {
     struct world *world = *state;
@@ -227,8 +231,8 @@ static void what_shaders_cannot_reach_is_too_large(void **state)
 }
 
 /*
- * Every truncation, one byte more, and any byte changed: an answer, and nothing read outside (the blocks end where the
- * bytes end).
+ * Every truncation, one byte more, and every changed byte give an answer, and nothing is read outside (the blocks end
+ * where the bytes end).
  */
 static void whatever_is_offered_there_is_an_answer(void **state)
 {

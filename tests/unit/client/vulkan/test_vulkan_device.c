@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_vulkan_device.c - tests how a device's functions and limits are found, and how a device is probed. */
 #include "tests/support/unit.h"
 
 #include "tests/support/client/vulkan/fake_vulkan.h"
@@ -25,7 +26,7 @@ static void devices_know_their_limits(void **state)
     assert_int_equal(library_memory.live, 0);
 }
 
-/* What a device does not need is not asked for. */
+/* Functions that a device does not need are not looked up. */
 static void missing_functions_are_named(void **state)
 {
     (void)state;
@@ -128,7 +129,7 @@ static void results_have_a_status(void **state)
     assert_non_null(strstr(error.text, "-8"));
 }
 
-/* ---- the probe, on a device whose structures are its own affair ---- */
+/* ---- The probe, on a device with its own format of structures ---- */
 
 static enum bvhd_status probe(struct bvhd_vulkan_device *device, void **ret_probe, uint64_t *ret_size,
                               struct bvhd_error *error)
@@ -137,7 +138,10 @@ static enum bvhd_status probe(struct bvhd_vulkan_device *device, void **ret_prob
     return bvhd_vulkan_probe(device, &queue, ret_probe, ret_size, error);
 }
 
-/* Two instances name the first two structures: by numbers, since addresses differ from run to run. */
+/*
+ * Returns the expected byte where the driver wrote none: two instances name the first two structures, by numbers,
+ * because addresses differ from run to run.
+ */
 static unsigned left_out(int structure, uint64_t at)
 {
     return structure == PROBE_INSTANCES && at == 64 ? 1 : structure == PROBE_INSTANCES && at == 64 + 9 ? 2 : 0;
@@ -162,8 +166,8 @@ static void a_probe_holds_what_the_device_gave(void **state)
         probe_request_init(&request, (enum probe_structure)i);
         uint64_t created = 128 + UINT64_C(64) * request.canonical.primitive_count;
         assert_int_equal(unpacked.structures[i].size, 56 + created);
-        for (uint64_t at = 0; at < created;
-             at++) /* the driver wrote the first 64 bytes, and what it left out is zero */
+        /* The driver wrote the first 64 bytes; the bytes that it left out are zero. */
+        for (uint64_t at = 0; at < created; at++)
             assert_int_equal(unpacked.structures[i].data[56 + at], at < 64 ? created & 0xff : left_out(i, at));
         assert_int_equal(unpacked.handles[i], i + 1);
     }

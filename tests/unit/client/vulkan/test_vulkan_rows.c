@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_vulkan_rows.c - tests that references get the rows that a built structure has. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -16,7 +17,7 @@ static uint32_t random_below(struct random *random, uint32_t limit)
     return (uint32_t)(random_next(random) % limit);
 }
 
-/* A request with references in any order, some of them equal but for their handles, some not named. */
+/* A request with references in any order. Some are equal except for their handles, some are not used. */
 struct request {
     struct bvhd_reference references[REFERENCES];
     VkAccelerationStructureInstanceKHR instances[INSTANCES];
@@ -32,7 +33,7 @@ static void make_request(struct random *random, struct request *request)
         struct bvhd_reference *reference = &request->references[i];
         reference->handle = UINT64_C(0x100000000) * (1 + random_below(random, 1000)) + i;
         reference->has_key = (int)random_below(random, 2);
-        reference->key.bytes[0] = (uint8_t)random_below(random, 20); /* without has_key it means nothing */
+        reference->key.bytes[0] = (uint8_t)random_below(random, 20); /* ignored without has_key */
         bool is_empty = random_below(random, 4) == 0;
         for (int axis = 0; axis < 3; axis++) {
             reference->bounds[axis] = is_empty ? FLT_MAX : -1;
@@ -50,7 +51,7 @@ static void make_request(struct random *random, struct request *request)
     }
 }
 
-/* Builds it, and looks which handle each instance has. */
+/* Builds the request, and compares the rows with the handle of each instance. */
 static void check_against_build(const struct request *request)
 {
     struct reference references[REFERENCES];

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_vulkan_scene.c - tests how whole scenes are placed and loaded, and that every failure leaves nothing behind. */
 #include "tests/support/unit.h"
 
 #include "tests/support/client/vulkan/fake_vulkan.h"
@@ -66,7 +67,7 @@ static struct bvhd_vulkan_scene *load(uint32_t flags)
     return scene;
 }
 
-/* A failure, which leaves nothing and the result as it was. */
+/* Expects a failure that leaves nothing behind, and the result unchanged. */
 static void refuse(const struct bvhd_vulkan_scene_options *options, enum bvhd_status wanted, const char *where)
 {
     struct bvhd_vulkan_scene *scene = NULL;
@@ -81,7 +82,7 @@ static void refuse(const struct bvhd_vulkan_scene_options *options, enum bvhd_st
     assert_int_equal(library_memory.live, live);
 }
 
-/* ---- portable ---- */
+/* ---- Portable scenes ---- */
 
 static void check_body(const struct bvhd_vulkan_scene *scene, uint32_t row, uint64_t base)
 {
@@ -144,7 +145,7 @@ static void one_bottom_level_is_a_scene(void **state)
     end();
 }
 
-/* What is larger than a step comes in several. */
+/* A structure that is larger than a step is loaded in several steps. */
 static void large_structures_come_in_steps(void **state)
 {
     (void)state;
@@ -157,7 +158,7 @@ static void large_structures_come_in_steps(void **state)
     memcpy(padded, world.bed.blobs[0].data, world.bed.blobs[0].size);
     for (uint64_t i = world.bed.blobs[0].size; i < size; i++)
         padded[i] = (unsigned char)(i * 7919 >> 5);
-    bytes_put64(padded + 32, size); /* a body may be longer than its sections are */
+    bytes_put64(padded + 32, size); /* a body may be longer than its sections */
     bytes_put64(padded + 40, body);
     bytes_put64(padded + 64 + 96, body);
     const struct bvhd_vulkan_bytes original = world.bed.blobs[0];
@@ -192,7 +193,7 @@ static void a_buffer_that_no_shader_sees_wants_addresses(void **state)
     end();
 }
 
-/* ---- native ---- */
+/* ---- Native scenes ---- */
 
 static void check_native(const struct bvhd_vulkan_scene *scene)
 {
@@ -247,7 +248,7 @@ static void native_structures_become_what_they_say(void **state)
     }
 }
 
-/* Devices have 4,096 allocations for everything. */
+/* Devices allow only 4,096 allocations in total. */
 static void many_structures_take_few_allocations(void **state)
 {
     (void)state;
@@ -293,7 +294,7 @@ static void memory_that_is_short_on_the_device_is_taken_elsewhere(void **state)
     end();
 }
 
-/* ---- refused ---- */
+/* ---- Refusals ---- */
 
 static void wrong_arguments_are_refused(void **state)
 {
@@ -322,7 +323,7 @@ static void wrong_arguments_are_refused(void **state)
     end();
 }
 
-/* A structure of each target passes the check; together they are no scene. */
+/* A structure of each target passes the check, but they cannot form a scene together. */
 static void targets_are_not_mixed(void **state)
 {
     (void)state;
@@ -391,7 +392,7 @@ static void other_drivers_structures_are_refused(void **state)
     end();
 }
 
-/* Without a format the device is asked; this one serializes what nobody knows. */
+/* Without a format the device is probed; this device serializes an unknown format. */
 static void an_unknown_device_says_so(void **state)
 {
     (void)state;
@@ -408,9 +409,9 @@ static void an_unknown_device_says_so(void **state)
     end();
 }
 
-/* ---- failures ---- */
+/* ---- Failures ---- */
 
-/* Every call of Vulkan's that can fail does, in each of the ways, and every allocation of the library's own. */
+/* Every Vulkan call that can fail fails once in each way, and so does every allocation of the library. */
 static void whatever_fails_nothing_is_left(void **state)
 {
     (void)state;
@@ -437,7 +438,7 @@ static void whatever_fails_nothing_is_left(void **state)
                 fake_vulkan.fail_after = n;
                 enum bvhd_status status = bvhd_vulkan_scene_create(world.device, &world.queue, &all, &scene, &error);
                 fake_vulkan.fail_after = -1;
-                /* One kind of memory is used up: the other is taken. */
+                /* One memory type is used up, so another one is taken. */
                 if (status == BVHD_OK && ways[way].result == VK_ERROR_OUT_OF_DEVICE_MEMORY && n < 4) {
                     bvhd_vulkan_scene_destroy(scene);
                     scene = NULL;

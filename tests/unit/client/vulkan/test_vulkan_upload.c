@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_vulkan_upload.c - tests that uploads record the right copies and barriers, and that wrong ones record nothing.
+ */
 #include "tests/support/unit.h"
 
 #include "tests/support/client/vulkan/fake_vulkan.h"
@@ -6,11 +9,11 @@
 #include "client/library.h"
 #include "tests/support/client/vulkan/vulkan_bed.h"
 
-enum { SPARE = 512 }; /* of buffers: bytes behind what is needed */
+enum { SPARE = 512 }; /* bytes in a buffer behind those that are needed */
 
 static const struct device_format driver = {"driver uuid 1234", "driver uuid 1234", LAVAPIPE_PLAIN};
 
-/* The top level of a scene, with buffers of just the right size for it. */
+/* The top level of a scene, with buffers of exactly the right size for it. */
 struct world {
     struct vulkan_bed bed;
     struct bvhd_vulkan_device *device;
@@ -33,7 +36,7 @@ static void init(struct world *world, enum target target)
     assert_int_equal(bvhd_vulkan_device_create(&device, &world->device, NULL), BVHD_OK);
     const struct bvhd_vulkan_bytes *top = &world->bed.blobs[3];
     assert_int_equal(bvhd_vulkan_requirements(world->device, top->data, top->size, &world->needed, NULL), BVHD_OK);
-    uint64_t skew = 192; /* of a multiple of 256, in device addresses */
+    uint64_t skew = 192; /* to a multiple of 256, in device addresses */
     world->staging =
         fake_vulkan_buffer(skew + world->needed.staging_size + SPARE,
                            world->needed.staging_usage | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT, true, &mapped);
@@ -93,7 +96,7 @@ static void structures_arrive_where_they_should(void **state)
     }
 }
 
-/* Some drivers serialize a structure again with as many bytes as it was created with. */
+/* Some drivers serialize a structure with as many bytes as it was created with. */
 static void spans_may_be_larger_than_structures(void **state)
 {
     (void)state;
@@ -190,7 +193,7 @@ static void wrong_uploads_record_nothing(void **state)
     }
 }
 
-/* Offset 0 is a place in a scene's buffer, address 0 is none. */
+/* Offset 0 is a valid location in a scene's buffer, address 0 is not. */
 static void a_portable_scene_may_begin_at_zero(void **state)
 {
     (void)state;
