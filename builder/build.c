@@ -406,8 +406,8 @@ static enum bvhd_status inflate_boxes(struct construction *construction)
 {
     const struct canonical *canonical = construction->canonical;
     const struct build_context *context = construction->context;
-    bool parts = canonical->type == STRUCTURE_TOP || construction->ir.ref_count > construction->refs.primitives;
-    if (!construction->layout->inflate_boxes || !parts)
+    bool is_needed = canonical->type == STRUCTURE_TOP || construction->ir.ref_count > construction->refs.primitives;
+    if (!construction->layout->inflate_boxes || !is_needed)
         return BVHD_OK;
     if (!construction->layout->inflate_boxes(canonical, context->parallel, context->cancel, &construction->ir))
         return cancelled(construction);

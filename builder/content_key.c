@@ -15,12 +15,12 @@ struct digest_input {
     size_t size;
 };
 
-static bool digest_parts(const EVP_MD *hash, const struct digest_input *parts, int count, struct key *ret_digest)
+static bool digest(const EVP_MD *hash, const struct digest_input *inputs, int count, struct key *ret_digest)
 {
     EVP_MD_CTX *context = EVP_MD_CTX_new();
     bool good = context && EVP_DigestInit_ex(context, hash, NULL) == 1;
     for (int i = 0; good && i < count; i++)
-        good = EVP_DigestUpdate(context, parts[i].data, parts[i].size) == 1;
+        good = EVP_DigestUpdate(context, inputs[i].data, inputs[i].size) == 1;
     good = good && EVP_DigestFinal_ex(context, ret_digest->bytes, NULL) == 1;
     EVP_MD_CTX_free(context);
     return good;
@@ -40,9 +40,9 @@ static void digest_leaf(void *context, size_t index)
     parallel_chunk(index, CONTENT_KEY_LEAF, leaves->block.size, &begin, &end);
     unsigned char length[8];
     bytes_put64(length, end - begin);
-    const struct digest_input parts[] = {
+    const struct digest_input inputs[] = {
         {leaf_domain, sizeof leaf_domain}, {length, sizeof length}, {leaves->block.data + begin, end - begin}};
-    if (!digest_parts(leaves->hash, parts, 3, &leaves->digests[index]))
+    if (!digest(leaves->hash, inputs, 3, &leaves->digests[index]))
         atomic_store_explicit(&leaves->failed, true, memory_order_relaxed);
 }
 
@@ -79,11 +79,11 @@ static struct root describe_root(const struct canonical *canonical, const struct
 static enum bvhd_status digest_root(const struct leaves *leaves, uint64_t leaf_count, const struct root *root,
                                     struct key *ret_key, struct bvhd_error *error)
 {
-    const struct digest_input parts[] = {{root_domain, sizeof root_domain},
-                                         {root->bytes, sizeof root->bytes},
-                                         {leaves->digests, leaf_count * sizeof *leaves->digests}};
+    const struct digest_input inputs[] = {{root_domain, sizeof root_domain},
+                                          {root->bytes, sizeof root->bytes},
+                                          {leaves->digests, leaf_count * sizeof *leaves->digests}};
     struct key key;
-    if (atomic_load_explicit(&leaves->failed, memory_order_relaxed) || !digest_parts(leaves->hash, parts, 3, &key))
+    if (atomic_load_explicit(&leaves->failed, memory_order_relaxed) || !digest(leaves->hash, inputs, 3, &key))
         return bvhd_error_set(error, BVHD_INTERNAL, "key", "the hash library failed");
     *ret_key = key;
     return BVHD_OK;

@@ -185,8 +185,8 @@ static void attach(struct msghdr *message, union ancillary *ancillary, const int
     memcpy(CMSG_DATA(header), descriptors, sizeof(int) * count);
 }
 
-/* Lists the parts of a frame that are not sent yet. */
-static int remaining_parts(const struct exchange *exchange, struct iovec parts[3])
+/* Lists the sections of a frame that are not sent yet. */
+static int remaining_sections(const struct exchange *exchange, struct iovec sections[3])
 {
     const struct bytes all[3] = {
         {exchange->header, sizeof exchange->header}, exchange->control, exchange->inline_bytes};
@@ -197,7 +197,7 @@ static int remaining_parts(const struct exchange *exchange, struct iovec parts[3
             skip -= all[i].size;
             continue;
         }
-        parts[count++] = (struct iovec){(void *)(uintptr_t)(all[i].data + skip), all[i].size - skip};
+        sections[count++] = (struct iovec){(void *)(uintptr_t)(all[i].data + skip), all[i].size - skip};
         skip = 0;
     }
     return count;
@@ -206,9 +206,9 @@ static int remaining_parts(const struct exchange *exchange, struct iovec parts[3
 /* Returns the number of bytes sent, or -1 and errno. The descriptors go with the first byte. */
 static ssize_t send_some(int socket, const struct exchange *exchange)
 {
-    struct iovec parts[3];
+    struct iovec sections[3];
     union ancillary ancillary;
-    struct msghdr message = {.msg_iov = parts, .msg_iovlen = (size_t)remaining_parts(exchange, parts)};
+    struct msghdr message = {.msg_iov = sections, .msg_iovlen = (size_t)remaining_sections(exchange, sections)};
     if (exchange->sent == 0 && exchange->descriptor_count > 0)
         attach(&message, &ancillary, exchange->descriptors, exchange->descriptor_count);
     ssize_t result;
@@ -265,9 +265,9 @@ static enum bvhd_status read_some(struct connection *connection, uint64_t now, b
     if (status != BVHD_OK)
         return status;
     union ancillary ancillary;
-    struct iovec part = {at, size};
+    struct iovec room = {at, size};
     struct msghdr message = {
-        .msg_iov = &part, .msg_iovlen = 1, .msg_control = ancillary.bytes, .msg_controllen = sizeof ancillary.bytes};
+        .msg_iov = &room, .msg_iovlen = 1, .msg_control = ancillary.bytes, .msg_controllen = sizeof ancillary.bytes};
     ssize_t got;
     do
         got = recvmsg(connection->socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);

@@ -9,12 +9,12 @@
 enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct bvhd_format *ret_format,
                                         struct bvhd_error *ret_error)
 {
-    struct probe parts;
+    struct probe contents;
     enum target target;
     struct device_format device;
-    enum bvhd_status status = probe_unpack((struct bytes){probe, probe ? size : 0}, &parts, ret_error);
+    enum bvhd_status status = probe_unpack((struct bytes){probe, probe ? size : 0}, &contents, ret_error);
     if (status == BVHD_OK)
-        status = probe_match(&parts, &library_memory, &target, &device, ret_error);
+        status = probe_match(&contents, &library_memory, &target, &device, ret_error);
     if (status != BVHD_OK)
         return status;
     struct bvhd_format format = {

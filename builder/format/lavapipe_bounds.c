@@ -79,12 +79,12 @@ static float largest_side(const struct box *box)
     return largest;
 }
 
-static void inflate_box(const struct box *whole, float slack, struct box *part)
+static void inflate_box(const struct box *whole, float slack, struct box *box)
 {
     for (int axis = 0; axis < 3; axis++) {
-        float min = part->min[axis] - slack, max = part->max[axis] + slack;
-        part->min[axis] = min > whole->min[axis] ? min : whole->min[axis];
-        part->max[axis] = max < whole->max[axis] ? max : whole->max[axis];
+        float min = box->min[axis] - slack, max = box->max[axis] + slack;
+        box->min[axis] = min > whole->min[axis] ? min : whole->min[axis];
+        box->max[axis] = max < whole->max[axis] ? max : whole->max[axis];
     }
 }
 

@@ -3,10 +3,10 @@
 
 #include <math.h>
 
-uint64_t form_bytes(const struct form_geometry *row, enum form_part part)
+uint64_t form_bytes(const struct form_geometry *row, enum form_section section)
 {
     uint64_t primitives = row->primitive_count;
-    if (part == FORM_POSITIONS)
+    if (section == FORM_POSITIONS)
         return row->type == GEOMETRY_TRIANGLES ? (uint64_t)row->vertex_count * 3 * sizeof(float) : 0;
     switch (row->type) {
     case GEOMETRY_TRIANGLES:
@@ -18,17 +18,17 @@ uint64_t form_bytes(const struct form_geometry *row, enum form_part part)
     }
 }
 
-uint64_t *form_offset(struct form_geometry *row, enum form_part part)
+uint64_t *form_offset(struct form_geometry *row, enum form_section section)
 {
     if (row->type != GEOMETRY_TRIANGLES)
-        return part == FORM_PRIMITIVES ? &row->data_offset : NULL;
-    return part == FORM_PRIMITIVES ? &row->index_offset : &row->data_offset;
+        return section == FORM_PRIMITIVES ? &row->data_offset : NULL;
+    return section == FORM_PRIMITIVES ? &row->index_offset : &row->data_offset;
 }
 
-bool form_place(struct form_geometry *rows, uint32_t count, enum form_part part, uint64_t at, uint64_t *ret_end)
+bool form_place(struct form_geometry *rows, uint32_t count, enum form_section section, uint64_t at, uint64_t *ret_end)
 {
     for (uint32_t i = 0; i < count; i++) {
-        uint64_t *offset = form_offset(&rows[i], part), size = form_bytes(&rows[i], part), end;
+        uint64_t *offset = form_offset(&rows[i], section), size = form_bytes(&rows[i], section), end;
         if (!offset)
             continue;
         *offset = size ? at : 0;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * canonical_form.h - defines the bytes of a canonical copy: the tables of FORMATS.md as structs. Only prepare.c, which
- * writes them, prepare_open.c, which reads them back, and the modules that fill parts of them include this header; all
- * other code uses canonical.h.
+ * writes them, prepare_open.c, which reads them back, and the modules that fill sections of them include this header;
+ * all other code uses canonical.h.
  *
  * A block holds the header, the geometry rows, the arrays of primitives (indices, boxes, instance records) in the order
- * of geometries, the positions in the order of geometries, and the reference rows. Every part starts at a multiple of
- * 16, and the bytes between parts are 0. Nothing is left to the writer's choice: equal requests give equal bytes, and a
- * reader can compute from the counts where everything must be.
+ * of geometries, the positions in the order of geometries, and the reference rows. Every section starts at a multiple
+ * of 16, and the bytes between sections are 0. Nothing is left to the writer's choice: equal requests give equal bytes,
+ * and a reader can compute from the counts where everything must be.
  */
 #ifndef BVHD_CANONICAL_FORM_H
 #define BVHD_CANONICAL_FORM_H
@@ -65,19 +65,19 @@ struct form_reference {
 _Static_assert(sizeof(struct form_header) == 64 && sizeof(struct form_geometry) == 64, "format");
 _Static_assert(sizeof(struct form_reference) == 144, "format");
 
-enum form_part { FORM_PRIMITIVES, FORM_POSITIONS };
+enum form_section { FORM_PRIMITIVES, FORM_POSITIONS };
 
-/* Returns the bytes of a geometry's array in one part; 0 when it has none. */
-uint64_t form_bytes(const struct form_geometry *row, enum form_part part);
+/* Returns the bytes of a geometry's array in one section; 0 when it has none. */
+uint64_t form_bytes(const struct form_geometry *row, enum form_section section);
 
-/* Returns the field of the row that holds the array's offset; NULL when the geometry has no array in that part. */
-uint64_t *form_offset(struct form_geometry *row, enum form_part part);
+/* Returns the field of the row that holds the array's offset; NULL when the geometry has no array in that section. */
+uint64_t *form_offset(struct form_geometry *row, enum form_section section);
 
 /*
- * Places a part's arrays one after the other from offset `at`, and writes their offsets into the rows. Returns false
- * when the sum does not fit 64 bits. *ret_end: where the next part starts; a multiple of 16 when `at` is.
+ * Places a section's arrays one after the other from offset `at`, and writes their offsets into the rows. Returns false
+ * when the sum does not fit 64 bits. *ret_end: where the next section starts; a multiple of 16 when `at` is.
  */
-bool form_place(struct form_geometry *rows, uint32_t count, enum form_part part, uint64_t at, uint64_t *ret_end);
+bool form_place(struct form_geometry *rows, uint32_t count, enum form_section section, uint64_t at, uint64_t *ret_end);
 
 /*
  * Makes the view of a complete and valid block. The caller has allocated the view's two tables (NULL for an empty one);

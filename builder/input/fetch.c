@@ -93,32 +93,32 @@ void fetch_finish(struct fetch *fetch, struct memory *memory)
 /* Processes a run of items of one geometry. */
 typedef void (*run_function)(struct fetch *fetch, uint32_t geometry, uint32_t first, uint32_t count);
 
-static uint32_t first_of(const struct canonical_geometry *geometry, enum form_part part)
+static uint32_t first_of(const struct canonical_geometry *geometry, enum form_section section)
 {
-    return part == FORM_PRIMITIVES ? geometry->first_primitive : geometry->first_vertex;
+    return section == FORM_PRIMITIVES ? geometry->first_primitive : geometry->first_vertex;
 }
 
-static uint32_t count_of(const struct canonical_geometry *geometry, enum form_part part)
+static uint32_t count_of(const struct canonical_geometry *geometry, enum form_section section)
 {
-    return part == FORM_PRIMITIVES ? geometry->primitive_count : geometry->vertex_count;
+    return section == FORM_PRIMITIVES ? geometry->primitive_count : geometry->vertex_count;
 }
 
 /* Returns the last geometry whose items start at or before `item`. */
-static uint32_t geometry_of(const struct canonical *view, enum form_part part, uint32_t item)
+static uint32_t geometry_of(const struct canonical *view, enum form_section section, uint32_t item)
 {
     const struct canonical_geometry *geometries = view->geometries;
-    const uint32_t *firsts = part == FORM_PRIMITIVES ? &geometries[0].first_primitive : &geometries[0].first_vertex;
+    const uint32_t *firsts = section == FORM_PRIMITIVES ? &geometries[0].first_primitive : &geometries[0].first_vertex;
     return prefix_find(firsts, sizeof geometries[0], view->geometry_count, item);
 }
 
 /*
  * Calls `run` for items [begin, end), which are numbered through over all geometries, cut at the borders of geometries.
  */
-static void for_runs(struct fetch *fetch, enum form_part part, size_t begin, size_t end, run_function run)
+static void for_runs(struct fetch *fetch, enum form_section section, size_t begin, size_t end, run_function run)
 {
-    for (uint32_t i = geometry_of(&fetch->view, part, (uint32_t)begin); begin < end; i++) {
+    for (uint32_t i = geometry_of(&fetch->view, section, (uint32_t)begin); begin < end; i++) {
         const struct canonical_geometry *geometry = &fetch->view.geometries[i];
-        size_t first = begin - first_of(geometry, part), left = count_of(geometry, part) - first;
+        size_t first = begin - first_of(geometry, section), left = count_of(geometry, section) - first;
         size_t count = left < end - begin ? left : end - begin;
         if (count > 0)
             run(fetch, i, (uint32_t)first, (uint32_t)count);

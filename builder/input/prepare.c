@@ -21,7 +21,7 @@ struct work {
     struct bvhd_error *error;
     struct fetch fetch; /* its view becomes the result */
     unsigned char *block;
-    uint64_t size; /* bytes of the parts that have been placed */
+    uint64_t size; /* bytes of the sections that have been placed */
     uint64_t room; /* bytes that the block has room for */
     struct reference_rows references;
 };
@@ -83,20 +83,20 @@ static struct form_geometry make_row(const struct geometry *geometry, bool updat
     return row;
 }
 
-/* Clears the bytes between an array and the next part; all other bytes of the block get written. */
+/* Clears the bytes between an array and the next section; all other bytes of the block get written. */
 static void clear_gap(unsigned char *block, uint64_t offset, uint64_t size)
 {
     uint64_t end = offset + size;
     memset(block + end, 0, bytes_align(end, FORM_ALIGNMENT) - end);
 }
 
-static void clear_gaps(struct work *work, enum form_part part)
+static void clear_gaps(struct work *work, enum form_section section)
 {
     struct form_geometry *rows = rows_of(work);
     for (uint32_t i = 0; i < work->input->geometry_count; i++) {
-        uint64_t *offset = form_offset(&rows[i], part);
+        uint64_t *offset = form_offset(&rows[i], section);
         if (offset && *offset)
-            clear_gap(work->block, *offset, form_bytes(&rows[i], part));
+            clear_gap(work->block, *offset, form_bytes(&rows[i], section));
     }
 }
 
@@ -119,7 +119,7 @@ static void make_rows(struct work *work)
         rows_of(work)[i] = make_row(&input->geometries[i], is_update(input));
 }
 
-/* Places the first part of the block: rows, and the arrays that fetch_primitives will fill. */
+/* Places the first section of the block: rows, and the arrays that fetch_primitives will fill. */
 static enum bvhd_status place_primitives(struct work *work)
 {
     const struct build_input *input = work->input;
@@ -139,7 +139,7 @@ static enum bvhd_status place_primitives(struct work *work)
     return status;
 }
 
-/* Places the second part: positions, whose number is known by now, and reference rows. */
+/* Places the second section: positions, whose number is known by now, and reference rows. */
 static enum bvhd_status place_positions(struct work *work)
 {
     uint32_t count = work->input->geometry_count;

@@ -114,21 +114,21 @@ static enum bvhd_status check_rows(const struct block_reader *reader)
     return BVHD_OK;
 }
 
-/* Checks that the array is where a writer would have put it, inside the block, with zeros up to the next part. */
-static enum bvhd_status check_place(const struct block_reader *reader, uint32_t index, enum form_part part,
+/* Checks that the array is where a writer would have put it, inside the block, with zeros up to the next section. */
+static enum bvhd_status check_place(const struct block_reader *reader, uint32_t index, enum form_section section,
                                     uint64_t *at)
 {
     struct form_geometry row = reader->rows[index];
-    uint64_t *offset = form_offset(&row, part), given = offset ? *offset : 0, end;
-    if (!form_place(&row, 1, part, *at, &end))
+    uint64_t *offset = form_offset(&row, section), given = offset ? *offset : 0, end;
+    if (!form_place(&row, 1, section, *at, &end))
         return corrupt_row(reader, index, "primitiveCount", "over 2^64 bytes");
     if (end > reader->block.size)
         return corrupt_row(reader, index, "primitiveCount", "does not fit the block");
     if (offset && *offset != given)
         return corrupt_row(reader, index,
-                           part == FORM_PRIMITIVES && row.type == GEOMETRY_TRIANGLES ? "indexOffset" : "dataOffset",
+                           section == FORM_PRIMITIVES && row.type == GEOMETRY_TRIANGLES ? "indexOffset" : "dataOffset",
                            "not where the counts put it");
-    uint64_t used = *at + form_bytes(&row, part);
+    uint64_t used = *at + form_bytes(&row, section);
     if (!all_zero(reader->block.data + used, end - used))
         return corrupt_row(reader, index, "padding", "not 0");
     *at = end;
@@ -140,9 +140,9 @@ static enum bvhd_status check_places(const struct block_reader *reader)
     const struct form_header *header = reader->header;
     uint64_t at = sizeof *header + (uint64_t)header->geometry_count * sizeof *reader->rows, end;
     enum bvhd_status status = BVHD_OK;
-    for (int part = FORM_PRIMITIVES; part <= FORM_POSITIONS; part++)
+    for (int section = FORM_PRIMITIVES; section <= FORM_POSITIONS; section++)
         for (uint32_t i = 0; status == BVHD_OK && i < header->geometry_count; i++)
-            status = check_place(reader, i, (enum form_part)part, &at);
+            status = check_place(reader, i, (enum form_section)section, &at);
     if (status != BVHD_OK)
         return status;
     uint64_t references = (uint64_t)header->reference_count * sizeof(struct form_reference);

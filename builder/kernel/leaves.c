@@ -23,7 +23,7 @@ static inline void transpose(vec4 a, vec4 b, vec4 c, vec4 d, vec4 ret_columns[4]
     ret_columns[3] = __builtin_shufflevector(zw, zw2, 2, 3, 6, 7);
 }
 
-static inline struct ref_lanes load_lanes(const struct primitive_ref *const refs[LEAVES_PARTS])
+static inline struct ref_lanes load_lanes(const struct primitive_ref *const refs[LEAVES_RANGES])
 {
     struct ref_lanes lanes;
     struct vec4_box a = vec4_box_load(refs[0]), b = vec4_box_load(refs[1]), c = vec4_box_load(refs[2]),
@@ -88,9 +88,9 @@ static inline vec4_int go_on(struct rows *rows, const struct ref_lanes *one, vec
     return 1 - is_longer - (is_longer & is_third);
 }
 
-static uint32_t part_length(uint32_t count)
+static uint32_t range_length(uint32_t count)
 {
-    return count / LEAVES_PARTS + (count % LEAVES_PARTS != 0);
+    return count / LEAVES_RANGES + (count % LEAVES_RANGES != 0);
 }
 
 /*
@@ -100,24 +100,24 @@ static uint32_t part_length(uint32_t count)
 static void choose(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options,
                    uint8_t *ret_lengths)
 {
-    const uint32_t length = part_length(count);
+    const uint32_t length = range_length(count);
     const int32_t limit = options->leaf_max < INT8_MAX ? (int32_t)options->leaf_max : INT8_MAX;
     const vec4_int most = {limit, limit, limit, limit};
     struct rows rows = {.before_two = vec4_all(INFINITY), .before_three = vec4_all(INFINITY)};
     for (uint32_t i = 0; i < length; i++) {
-        const struct primitive_ref *own[LEAVES_PARTS];
-        uint8_t *to[LEAVES_PARTS], nobody;
-        for (uint32_t part = 0; part < LEAVES_PARTS; part++) {
-            uint64_t at = (uint64_t)part * length + i;
-            own[part] = &refs[at < count ? at : count - 1];
-            to[part] = at < count ? &ret_lengths[at] : &nobody;
+        const struct primitive_ref *own[LEAVES_RANGES];
+        uint8_t *to[LEAVES_RANGES], nobody;
+        for (uint32_t range = 0; range < LEAVES_RANGES; range++) {
+            uint64_t at = (uint64_t)range * length + i;
+            own[range] = &refs[at < count ? at : count - 1];
+            to[range] = at < count ? &ret_lengths[at] : &nobody;
         }
         struct ref_lanes one = load_lanes(own);
         if (i == 0)
             rows.last = rows.last_two = one;
         vec4_int lengths = go_on(&rows, &one, most, options->cut_cost);
-        for (uint32_t part = 0; part < LEAVES_PARTS; part++)
-            *to[part] = (uint8_t)lengths[part];
+        for (uint32_t range = 0; range < LEAVES_RANGES; range++)
+            *to[range] = (uint8_t)lengths[range];
     }
 }
 
@@ -138,22 +138,22 @@ static inline void walk_on(struct length_walk *walk)
 }
 
 /* Takes `steps` steps in all ranges alternately, because each step waits for the one before it in the same range. */
-static void walk_together(struct length_walk walks[LEAVES_PARTS], size_t steps)
+static void walk_together(struct length_walk walks[LEAVES_RANGES], size_t steps)
 {
-    struct length_walk own[LEAVES_PARTS];
+    struct length_walk own[LEAVES_RANGES];
     memcpy(own, walks, sizeof own);
     for (; steps > 0; steps--)
-        for (int part = 0; part < LEAVES_PARTS; part++)
-            walk_on(&own[part]);
+        for (int range = 0; range < LEAVES_RANGES; range++)
+            walk_on(&own[range]);
     memcpy(walks, own, sizeof own);
 }
 
 /* Returns how many steps every range can take without reaching its start. */
-static size_t steps_for_all(const struct length_walk walks[LEAVES_PARTS])
+static size_t steps_for_all(const struct length_walk walks[LEAVES_RANGES])
 {
     size_t least = SIZE_MAX;
-    for (int part = 0; part < LEAVES_PARTS; part++) {
-        size_t left = (size_t)(walks[part].at - walks[part].begin);
+    for (int range = 0; range < LEAVES_RANGES; range++) {
+        size_t left = (size_t)(walks[range].at - walks[range].begin);
         least = left < least ? left : least;
     }
     return least / LEAVES_REFS_MAX;
@@ -162,21 +162,21 @@ static size_t steps_for_all(const struct length_walk walks[LEAVES_PARTS])
 uint32_t leaves_cut(const struct primitive_ref *refs, uint32_t count, const struct leaves_options *options,
                     uint8_t *ret_lengths)
 {
-    uint8_t *bounds[LEAVES_PARTS + 1], *next = ret_lengths;
-    struct length_walk walks[LEAVES_PARTS];
+    uint8_t *bounds[LEAVES_RANGES + 1], *next = ret_lengths;
+    struct length_walk walks[LEAVES_RANGES];
     size_t steps;
     choose(refs, count, options, ret_lengths);
-    for (uint64_t part = 0; part <= LEAVES_PARTS; part++)
-        bounds[part] = ret_lengths + (part * part_length(count) < count ? part * part_length(count) : count);
-    for (int part = 0; part < LEAVES_PARTS; part++)
-        walks[part] = (struct length_walk){bounds[part], bounds[part + 1], bounds[part + 1]};
+    for (uint64_t range = 0; range <= LEAVES_RANGES; range++)
+        bounds[range] = ret_lengths + (range * range_length(count) < count ? range * range_length(count) : count);
+    for (int range = 0; range < LEAVES_RANGES; range++)
+        walks[range] = (struct length_walk){bounds[range], bounds[range + 1], bounds[range + 1]};
     while ((steps = steps_for_all(walks)) > 0)
         walk_together(walks, steps);
-    for (int part = 0; part < LEAVES_PARTS; part++) {
-        struct length_walk *walk = &walks[part];
+    for (int range = 0; range < LEAVES_RANGES; range++) {
+        struct length_walk *walk = &walks[range];
         while (walk->at > walk->begin)
             walk_on(walk);
-        size_t leaves = (size_t)(bounds[part + 1] - walk->to);
+        size_t leaves = (size_t)(bounds[range + 1] - walk->to);
         memmove(next, walk->to, leaves);
         next += leaves;
     }

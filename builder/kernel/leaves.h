@@ -8,7 +8,7 @@
  * which is what a node above both would cost, but that area counts at most as twice the smaller ref's: a large ref
  * beside a small one says nothing about whether to cut there.
  *
- * The sequence is first divided into LEAVES_PARTS ranges of equal length (the last ones may be shorter), because their
+ * The sequence is first divided into LEAVES_RANGES ranges of equal length (the last ones may be shorter), because their
  * chains of dependent operations then run side by side.
  */
 #ifndef BVHD_LEAVES_H
@@ -19,7 +19,7 @@
 
 enum {
     LEAVES_REFS_MAX = 3, /* most refs in a leaf */
-    LEAVES_PARTS = 4
+    LEAVES_RANGES = 4
 };
 
 struct leaves_options {

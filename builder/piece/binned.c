@@ -19,24 +19,23 @@ struct unnumbered_node {
     uint32_t *ret_node;
 };
 
-static void divide(const struct node_set *part, struct unnumbered_node *division, struct node_set ret_children[2])
+static void divide(const struct node_set *set, struct unnumbered_node *division, struct node_set ret_children[2])
 {
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct vec4_box centroids[2];
     /* Sets are divided as spatial.c divides refs, without cuts. */
-    bool halved = !bins_find(part->refs, part->count, &part->centroids, &mapping, &plane);
+    bool halved = !bins_find(set->refs, set->count, &set->centroids, &mapping, &plane);
     if (halved)
-        bins_halve(part->refs, part->count, &plane, centroids);
+        bins_halve(set->refs, set->count, &plane, centroids);
     else
-        bins_partition(&mapping, &plane, part->refs, part->count, part->other, part->other + plane.left_count,
-                       centroids);
+        bins_partition(&mapping, &plane, set->refs, set->count, set->other, set->other + plane.left_count, centroids);
     uint32_t left = plane.left_count;
-    struct primitive_ref *refs = halved ? part->refs : part->other, *other = halved ? part->other : part->refs;
-    division->ret_node = part->ret_node;
+    struct primitive_ref *refs = halved ? set->refs : set->other, *other = halved ? set->other : set->refs;
+    division->ret_node = set->ret_node;
     ret_children[0] = (struct node_set){centroids[0], refs, other, left, &division->children[0]};
     ret_children[1] =
-        (struct node_set){centroids[1], refs + left, other + left, part->count - left, &division->children[1]};
+        (struct node_set){centroids[1], refs + left, other + left, set->count - left, &division->children[1]};
 }
 
 static inline float cost_of_two(const struct cluster_tree *tree, uint32_t left, uint32_t right)
@@ -90,13 +89,13 @@ static void rotate_above(struct cluster_tree *tree, uint32_t first)
             rotate(tree, node);
 }
 
-static uint32_t sweep_part(struct cluster_tree *tree, const struct node_set *part)
+static uint32_t sweep_set(struct cluster_tree *tree, const struct node_set *set)
 {
     struct full_sweep_pair pairs[FULL_SWEEP_MOST];
-    uint32_t nodes[2 * FULL_SWEEP_MOST], count = part->count;
-    full_sweep(part->refs, count, pairs);
+    uint32_t nodes[2 * FULL_SWEEP_MOST], count = set->count;
+    full_sweep(set->refs, count, pairs);
     for (uint32_t i = 0; i < count; i++)
-        nodes[i] = part->refs[i].id;
+        nodes[i] = set->refs[i].id;
     for (uint32_t i = 0; i + 1 < count; i++)
         nodes[count + i] = cluster_tree_join(tree, nodes[pairs[i].left], nodes[pairs[i].right]);
     return nodes[2 * count - 2];
@@ -106,24 +105,24 @@ static uint32_t sweep_part(struct cluster_tree *tree, const struct node_set *par
  * Divides a set down to sets that can be swept. The larger child waits while the smaller one is divided, so at most 32
  * wait. Returns false when cancelled.
  */
-static bool divide_part(struct cluster_tree *tree, struct node_set part, struct unnumbered_node *divisions)
+static bool divide_set(struct cluster_tree *tree, struct node_set set, struct unnumbered_node *divisions)
 {
     struct node_set waiting[33], children[2];
     uint32_t waiting_count = 0, division_count = 0;
     for (;;) {
-        if (part.count > FULL_SWEEP_MOST) {
+        if (set.count > FULL_SWEEP_MOST) {
             if (parallel_cancelled(tree->request->cancel))
                 return false;
-            divide(&part, &divisions[division_count++], children);
+            divide(&set, &divisions[division_count++], children);
             bool right_first = children[1].count < children[0].count;
             waiting[waiting_count++] = children[!right_first];
-            part = children[right_first];
+            set = children[right_first];
             continue;
         }
-        *part.ret_node = sweep_part(tree, &part);
+        *set.ret_node = sweep_set(tree, &set);
         if (waiting_count == 0)
             break;
-        part = waiting[--waiting_count];
+        set = waiting[--waiting_count];
     }
     /* Divisions are listed parents first, so going backwards finds the children joined. */
     const uint32_t first = tree->node_count;
@@ -143,14 +142,14 @@ enum bvhd_status binned_join_nodes(struct cluster_tree *tree, const uint32_t *no
     struct primitive_ref *refs = memory_array(memory, 2 * (uint64_t)count, sizeof *refs);
     enum bvhd_status status = BVHD_NO_MEMORY;
     if (divisions && refs) {
-        struct node_set part = {.refs = refs, .other = refs + count, .count = count, .ret_node = ret_root};
+        struct node_set set = {.refs = refs, .other = refs + count, .count = count, .ret_node = ret_root};
         for (uint32_t i = 0; i < count; i++) {
             uint32_t node = nodes ? nodes[i] : i;
             vec4_box_store(&refs[i], vec4_box_load(cluster_tree_node(tree, node)));
             refs[i].id = node;
         }
-        part.centroids = bins_centroids(refs, count);
-        status = divide_part(tree, part, divisions) ? BVHD_OK : BVHD_CANCELLED;
+        set.centroids = bins_centroids(refs, count);
+        status = divide_set(tree, set, divisions) ? BVHD_OK : BVHD_CANCELLED;
     }
     memory_free(memory, divisions);
     memory_free(memory, refs);

@@ -8,7 +8,7 @@
 /* Parts of the sample with at least this many refs are worth another thread. */
 enum { APART = 2048 };
 
-/* A part of the sample that is still to be divided. */
+/* A range of the sample that is still to be divided. */
 struct sample_range {
     struct primitive_ref *refs;
     uint32_t node, count;
@@ -38,34 +38,35 @@ static uint32_t divide(struct primitive_ref *refs, uint32_t count, uint32_t axis
 }
 
 /* Returns false where no plane has refs on both sides, or there is no room for two more nodes. */
-static bool split_part(struct planning *planning, const struct sample_range *part, struct sample_range ret_children[2])
+static bool split_range(struct planning *planning, const struct sample_range *range,
+                        struct sample_range ret_children[2])
 {
-    const struct vec4_box centroids = bins_centroids(part->refs, part->count);
+    const struct vec4_box centroids = bins_centroids(range->refs, range->count);
     struct bins_mapping mapping;
     struct bins_plane plane;
-    if (!bins_find(part->refs, part->count, &centroids, &mapping, &plane))
+    if (!bins_find(range->refs, range->count, &centroids, &mapping, &plane))
         return false;
     float threshold = mapping.base[plane.axis] + (float)plane.bin / mapping.scale[plane.axis];
-    uint32_t left = divide(part->refs, part->count, plane.axis, threshold);
-    if (left == 0 || left == part->count)
+    uint32_t left = divide(range->refs, range->count, plane.axis, threshold);
+    if (left == 0 || left == range->count)
         return false;
     uint32_t child = atomic_fetch_add_explicit(&planning->node_count, 2, memory_order_relaxed);
     if (child + 2 > SCATTER_NODES_MAX) {
         atomic_store_explicit(&planning->full, true, memory_order_relaxed);
         return false;
     }
-    planning->nodes[part->node] = (struct scatter_node){threshold, plane.axis, child, 0};
-    ret_children[0] = (struct sample_range){part->refs, child, left};
-    ret_children[1] = (struct sample_range){part->refs + left, child + 1, part->count - left};
+    planning->nodes[range->node] = (struct scatter_node){threshold, plane.axis, child, 0};
+    ret_children[0] = (struct sample_range){range->refs, child, left};
+    ret_children[1] = (struct sample_range){range->refs + left, child + 1, range->count - left};
     return true;
 }
 
-/* Divides a part if it is large enough; otherwise it becomes a leaf. */
-static bool go_on(struct planning *planning, const struct sample_range *part, struct sample_range ret_children[2])
+/* Divides a range if it is large enough; otherwise it becomes a leaf. */
+static bool go_on(struct planning *planning, const struct sample_range *range, struct sample_range ret_children[2])
 {
-    if (part->count > planning->enough && split_part(planning, part, ret_children))
+    if (range->count > planning->enough && split_range(planning, range, ret_children))
         return true;
-    planning->nodes[part->node] = (struct scatter_node){INFINITY, 0, part->node, 0};
+    planning->nodes[range->node] = (struct scatter_node){INFINITY, 0, range->node, 0};
     return false;
 }
 
@@ -73,25 +74,25 @@ static bool go_on(struct planning *planning, const struct sample_range *part, st
  * Plans on one thread, left children first: where not all nodes fit, the result must not depend on the order in which
  * threads make them.
  */
-static void plan_in_order(struct planning *planning, struct sample_range part)
+static void plan_in_order(struct planning *planning, struct sample_range range)
 {
     struct sample_range waiting[SCATTER_PIECES_MAX], children[2];
     uint32_t waiting_count = 0;
     for (;;) {
-        if (go_on(planning, &part, children)) {
+        if (go_on(planning, &range, children)) {
             waiting[waiting_count++] = children[1];
-            part = children[0];
+            range = children[0];
             continue;
         }
         if (waiting_count == 0)
             return;
-        part = waiting[--waiting_count];
+        range = waiting[--waiting_count];
     }
 }
 
 struct branch {
     struct planning *planning;
-    struct sample_range parts[2];
+    struct sample_range ranges[2];
 };
 
 static void plan_branch(void *context, size_t index);
@@ -100,24 +101,24 @@ static void plan_branch(void *context, size_t index);
  * Plans both children in parallel where both are large; otherwise the smaller one first, so that calls nest only a few
  * levels deep.
  */
-static void plan_part(struct planning *planning, struct sample_range part)
+static void plan_range(struct planning *planning, struct sample_range range)
 {
     struct branch branch = {.planning = planning};
-    while (go_on(planning, &part, branch.parts)) {
-        bool left_first = branch.parts[0].count <= branch.parts[1].count;
-        if (branch.parts[!left_first].count >= APART) {
+    while (go_on(planning, &range, branch.ranges)) {
+        bool left_first = branch.ranges[0].count <= branch.ranges[1].count;
+        if (branch.ranges[!left_first].count >= APART) {
             parallel_for(planning->parallel, 2, plan_branch, &branch);
             return;
         }
-        plan_part(planning, branch.parts[!left_first]);
-        part = branch.parts[left_first];
+        plan_range(planning, branch.ranges[!left_first]);
+        range = branch.ranges[left_first];
     }
 }
 
 static void plan_branch(void *context, size_t index)
 {
     const struct branch *branch = context;
-    plan_part(branch->planning, branch->parts[index]);
+    plan_range(branch->planning, branch->ranges[index]);
 }
 
 /* A node of the unordered plan, and its place in the result. */
@@ -161,7 +162,7 @@ void scatter_plan_make(struct primitive_ref *sample, uint32_t count, uint32_t en
 {
     struct planning planning = {.parallel = parallel, .enough = enough, .node_count = 1};
     const struct sample_range all = {sample, 0, count};
-    plan_part(&planning, all);
+    plan_range(&planning, all);
     if (planning.full) {
         planning.node_count = 1;
         plan_in_order(&planning, all);

@@ -26,10 +26,10 @@ struct spatial_range {
     bool in_scratch;
 };
 
-/* A chunk of the part that is being divided. */
+/* A chunk of the range that is being divided. */
 struct spatial_chunk {
     struct bins bins;
-    struct spatial_bins parts;
+    struct spatial_bins spatial;
     uint32_t counts[2], places[2]; /* for each side: how many refs go there, and where */
     double areas[2]; /* at the root, for each side: sum of its refs' half areas */
     struct spatial_side sides[2];
@@ -43,9 +43,9 @@ struct spatial_splitter {
     uint32_t node_capacity;
     float whole; /* half area of the root, without the outsize refs */
     float price; /* spatial_price */
-    struct spatial_range part; /* the node that is being divided */
+    struct spatial_range range; /* the node that is being divided */
     struct spatial_chunk *chunks;
-    uint8_t *sides; /* side of each ref of the part, by spatial_assign, or 0 and 1 */
+    uint8_t *sides; /* side of each ref of the range, by spatial_assign, or 0 and 1 */
     struct bins_mapping mapping;
     struct bins_plane plane;
     struct spatial_grid grid;
@@ -57,19 +57,19 @@ static struct primitive_ref *array_of(const struct spatial_splitter *s, bool scr
     return scratch ? s->request->scratch : s->request->refs;
 }
 
-static const struct primitive_ref *part_refs(const struct spatial_splitter *s)
+static const struct primitive_ref *range_refs(const struct spatial_splitter *s)
 {
-    return array_of(s, s->part.in_scratch) + s->part.first;
+    return array_of(s, s->range.in_scratch) + s->range.first;
 }
 
 static struct primitive_ref *target(const struct spatial_splitter *s)
 {
-    return array_of(s, !s->part.in_scratch) + s->part.room;
+    return array_of(s, !s->range.in_scratch) + s->range.room;
 }
 
 static uint32_t chunk_count(const struct spatial_splitter *s)
 {
-    return (uint32_t)parallel_chunks(CHUNK, s->part.count);
+    return (uint32_t)parallel_chunks(CHUNK, s->range.count);
 }
 
 static bool each_chunk(struct spatial_splitter *s, parallel_task task)
@@ -82,19 +82,19 @@ static void bin_chunk(void *context, size_t index)
     struct spatial_splitter *s = context;
     struct spatial_chunk *chunk = &s->chunks[index];
     size_t begin, end;
-    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
+    parallel_chunk(index, CHUNK, s->range.count, &begin, &end);
     bins_clear(&chunk->bins, &s->mapping);
-    bins_add(&chunk->bins, &s->mapping, part_refs(s) + begin, (uint32_t)(end - begin));
+    bins_add(&chunk->bins, &s->mapping, range_refs(s) + begin, (uint32_t)(end - begin));
 }
 
-static void bin_chunk_parts(void *context, size_t index)
+static void bin_chunk_spatially(void *context, size_t index)
 {
     struct spatial_splitter *s = context;
     struct spatial_chunk *chunk = &s->chunks[index];
     size_t begin, end;
-    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
-    spatial_bins_clear(&chunk->parts);
-    spatial_bins_add(&chunk->parts, s->request->canonical, &s->grid, part_refs(s) + begin, (uint32_t)(end - begin),
+    parallel_chunk(index, CHUNK, s->range.count, &begin, &end);
+    spatial_bins_clear(&chunk->spatial);
+    spatial_bins_add(&chunk->spatial, s->request->canonical, &s->grid, range_refs(s) + begin, (uint32_t)(end - begin),
                      s->request->cancel);
 }
 
@@ -105,8 +105,8 @@ static void partition_chunk(void *context, size_t index)
     struct primitive_ref *to = target(s);
     struct vec4_box centroids[2];
     size_t begin, end;
-    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
-    bins_partition(&s->mapping, &s->plane, part_refs(s) + begin, (uint32_t)(end - begin), to + chunk->places[0],
+    parallel_chunk(index, CHUNK, s->range.count, &begin, &end);
+    bins_partition(&s->mapping, &s->plane, range_refs(s) + begin, (uint32_t)(end - begin), to + chunk->places[0],
                    to + chunk->places[1], centroids);
     for (int side = 0; side < 2; side++)
         chunk->sides[side] =
@@ -118,8 +118,8 @@ static void assign_chunk(void *context, size_t index)
     struct spatial_splitter *s = context;
     struct spatial_chunk *chunk = &s->chunks[index];
     size_t begin, end;
-    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
-    spatial_assign(&s->grid, &s->cut, part_refs(s) + begin, (uint32_t)(end - begin), s->sides + begin, chunk->counts);
+    parallel_chunk(index, CHUNK, s->range.count, &begin, &end);
+    spatial_assign(&s->grid, &s->cut, range_refs(s) + begin, (uint32_t)(end - begin), s->sides + begin, chunk->counts);
 }
 
 static void cut_chunk(void *context, size_t index)
@@ -128,15 +128,15 @@ static void cut_chunk(void *context, size_t index)
     struct spatial_chunk *chunk = &s->chunks[index];
     struct primitive_ref *to = target(s);
     size_t begin, end;
-    parallel_chunk(index, CHUNK, s->part.count, &begin, &end);
-    spatial_send(s->request->canonical, &s->grid, &s->cut, part_refs(s) + begin, s->sides + begin,
+    parallel_chunk(index, CHUNK, s->range.count, &begin, &end);
+    spatial_send(s->request->canonical, &s->grid, &s->cut, range_refs(s) + begin, s->sides + begin,
                  (uint32_t)(end - begin), to + chunk->places[0], to + chunk->places[1], chunk->sides);
 }
 
 /* Places left refs from the start of the room on, and right ones up to its end. */
 static void place_chunks(struct spatial_splitter *s)
 {
-    uint32_t left = 0, right = s->part.capacity;
+    uint32_t left = 0, right = s->range.capacity;
     for (uint32_t i = 0; i < chunk_count(s); i++)
         right -= s->chunks[i].counts[1];
     for (uint32_t i = 0; i < chunk_count(s); i++) {
@@ -165,9 +165,9 @@ static void assign_halves(void *context, size_t index)
 {
     struct spatial_splitter *s = context;
     struct spatial_chunk *chunk = &s->chunks[index];
-    const uint32_t left = s->part.count / 2;
+    const uint32_t left = s->range.count / 2;
     size_t i, end;
-    parallel_chunk(index, CHUNK, s->part.count, &i, &end);
+    parallel_chunk(index, CHUNK, s->range.count, &i, &end);
     chunk->counts[0] = chunk->counts[1] = 0;
     for (; i < end; i++) {
         s->sides[i] = i >= left;
@@ -196,7 +196,7 @@ static bool carry_out(struct spatial_splitter *s, struct spatial_side ret_sides[
     for (uint32_t i = 0; i < chunk_count(s); i++) {
         struct spatial_chunk *chunk = &s->chunks[i];
         size_t begin, end;
-        parallel_chunk(i, CHUNK, s->part.count, &begin, &end);
+        parallel_chunk(i, CHUNK, s->range.count, &begin, &end);
         chunk->counts[0] = bins_left_count(&chunk->bins, &s->plane);
         chunk->counts[1] = (uint32_t)(end - begin) - chunk->counts[0];
     }
@@ -213,17 +213,17 @@ static bool carry_out(struct spatial_splitter *s, struct spatial_side ret_sides[
  */
 static bool look_for_cut(struct spatial_splitter *s, bool *ret_better)
 {
-    const struct spatial_range *part = &s->part;
+    const struct spatial_range *range = &s->range;
     *ret_better = false;
-    if (!spatial_worth_a_try(&s->plane, part->count, part->capacity - part->count, s->price))
+    if (!spatial_worth_a_try(&s->plane, range->count, range->capacity - range->count, s->price))
         return true;
-    spatial_grid_lay(&part->bounds, &s->grid);
-    if (!each_chunk(s, bin_chunk_parts))
+    spatial_grid_lay(&range->bounds, &s->grid);
+    if (!each_chunk(s, bin_chunk_spatially))
         return false;
     for (uint32_t i = 1; i < chunk_count(s); i++)
-        spatial_bins_merge(&s->chunks[0].parts, &s->chunks[i].parts);
-    *ret_better = spatial_bins_choose(&s->chunks[0].parts, &s->grid, part->capacity, &s->cut) &&
-                  spatial_is_better(&s->cut, &s->plane, part->count, s->price);
+        spatial_bins_merge(&s->chunks[0].spatial, &s->chunks[i].spatial);
+    *ret_better = spatial_bins_choose(&s->chunks[0].spatial, &s->grid, range->capacity, &s->cut) &&
+                  spatial_is_better(&s->cut, &s->plane, range->count, s->price);
     return true;
 }
 
@@ -247,10 +247,10 @@ static bool carry_out_cut(struct spatial_splitter *s, struct spatial_side ret_si
     return move_refs(s, ret_sides);
 }
 
-/* Divides the part, by a cut or without. Returns false when cancelled. */
+/* Divides the range, by a cut or without. Returns false when cancelled. */
 static bool divide(struct spatial_splitter *s, struct spatial_side ret_sides[2])
 {
-    bins_map(&s->part.centroids, s->part.count, &s->mapping);
+    bins_map(&s->range.centroids, s->range.count, &s->mapping);
     if (!each_chunk(s, bin_chunk))
         return false;
     struct bins sum;
@@ -258,7 +258,7 @@ static bool divide(struct spatial_splitter *s, struct spatial_side ret_sides[2])
     bins_clear(&sum, &s->mapping);
     for (uint32_t i = 0; i < chunk_count(s); i++)
         bins_merge(&sum, &s->mapping, &s->chunks[i].bins);
-    bool halved = !bins_choose(&sum, &s->mapping, s->part.count, &s->plane);
+    bool halved = !bins_choose(&sum, &s->mapping, s->range.count, &s->plane);
     if (halved)
         return halve(s, ret_sides);
     if (!look_for_cut(s, &better))
@@ -270,7 +270,7 @@ static bool add_children(struct spatial_splitter *s, const struct spatial_side s
                          struct spatial_range ret_children[2])
 {
     struct split_tree *tree = &s->tree;
-    const struct spatial_range part = s->part;
+    const struct spatial_range range = s->range;
     if (s->node_capacity - tree->node_count < 2) {
         uint32_t capacity = s->node_capacity * 2;
         struct split_node *nodes = memory_resize(s->memory, tree->nodes, (uint64_t)capacity * sizeof *nodes);
@@ -284,25 +284,25 @@ static bool add_children(struct spatial_splitter *s, const struct spatial_side s
             .bounds = sides[side].bounds,
             .centroids = sides[side].centroids,
             .node = tree->node_count + side,
-            .first = side ? part.room + part.capacity - sides[1].count : part.room,
+            .first = side ? range.room + range.capacity - sides[1].count : range.room,
             .count = sides[side].count,
-            .room = part.room + (side ? left : 0),
-            .capacity = side ? part.capacity - left : left,
-            .in_scratch = !part.in_scratch,
+            .room = range.room + (side ? left : 0),
+            .capacity = side ? range.capacity - left : left,
+            .in_scratch = !range.in_scratch,
         };
-    tree->nodes[part.node] = (struct split_node){.child = tree->node_count};
+    tree->nodes[range.node] = (struct split_node){.child = tree->node_count};
     tree->node_count += 2;
     return true;
 }
 
 static void finish_piece(struct spatial_splitter *s)
 {
-    const struct spatial_range *part = &s->part;
-    s->tree.nodes[part->node] = (struct split_node){.first = part->room, .count = part->count};
+    const struct spatial_range *range = &s->range;
+    s->tree.nodes[range->node] = (struct split_node){.first = range->room, .count = range->count};
     s->tree.piece_count++;
-    struct primitive_ref *to = s->request->refs + part->room;
-    if (part->in_scratch || part->first != part->room)
-        memmove(to, part_refs(s), part->count * sizeof *to);
+    struct primitive_ref *to = s->request->refs + range->room;
+    if (range->in_scratch || range->first != range->room)
+        memmove(to, range_refs(s), range->count * sizeof *to);
 }
 
 static void assign_outsize(void *context, size_t index)
@@ -310,11 +310,11 @@ static void assign_outsize(void *context, size_t index)
     struct spatial_splitter *s = context;
     struct spatial_chunk *chunk = &s->chunks[index];
     size_t i, end;
-    parallel_chunk(index, CHUNK, s->part.count, &i, &end);
+    parallel_chunk(index, CHUNK, s->range.count, &i, &end);
     chunk->counts[0] = chunk->counts[1] = 0;
     chunk->areas[0] = chunk->areas[1] = 0;
     for (; i < end; i++) {
-        float area = vec4_box_half_area(vec4_box_load(&part_refs(s)[i]));
+        float area = vec4_box_half_area(vec4_box_load(&range_refs(s)[i]));
         s->sides[i] = area >= outsize_share * s->whole;
         chunk->counts[s->sides[i]]++;
         chunk->areas[s->sides[i]] += area;
@@ -338,31 +338,31 @@ static bool set_apart(struct spatial_splitter *s, struct spatial_side ret_sides[
         for (int side = 0; side < 2; side++)
             areas[side] += s->chunks[i].areas[side];
     }
-    if (outsize == 0 || outsize > s->part.count / OUTSIZE_RARE) {
-        s->price = spatial_price(areas[0] + areas[1], s->whole, s->part.count);
+    if (outsize == 0 || outsize > s->range.count / OUTSIZE_RARE) {
+        s->price = spatial_price(areas[0] + areas[1], s->whole, s->range.count);
         return true;
     }
     if (!move_refs(s, ret_sides))
         return false;
     s->whole = vec4_box_half_area(ret_sides[0].bounds);
-    s->price = spatial_price(areas[0], s->whole, s->part.count - outsize);
+    s->price = spatial_price(areas[0], s->whole, s->range.count - outsize);
     *ret_apart = true;
     return true;
 }
 
-/* Makes the part's children; *ret_split is false when the part is a piece. */
-static enum bvhd_status split_part(struct spatial_splitter *s, struct spatial_range ret_children[2], bool *ret_split)
+/* Makes the range's children; *ret_split is false when the range is a piece. */
+static enum bvhd_status split_range(struct spatial_splitter *s, struct spatial_range ret_children[2], bool *ret_split)
 {
     struct spatial_side sides[2];
     bool apart = false;
-    if (s->part.node == 0 && !set_apart(s, sides, &apart))
+    if (s->range.node == 0 && !set_apart(s, sides, &apart))
         return BVHD_CANCELLED;
-    *ret_split = apart || s->part.count > s->request->piece_size;
+    *ret_split = apart || s->range.count > s->request->piece_size;
     if (!*ret_split)
         return BVHD_OK;
     if (!apart && !divide(s, sides))
         return BVHD_CANCELLED;
-    uint32_t left = apart ? s->part.capacity - sides[1].count : spatial_share_room(s->part.capacity, sides);
+    uint32_t left = apart ? s->range.capacity - sides[1].count : spatial_share_room(s->range.capacity, sides);
     return add_children(s, sides, left, ret_children) ? BVHD_OK : BVHD_NO_MEMORY;
 }
 
@@ -373,19 +373,19 @@ static enum bvhd_status split_to_end(struct spatial_splitter *s)
     uint32_t waiting_count = 0;
     bool split;
     for (;;) {
-        enum bvhd_status status = split_part(s, children, &split);
+        enum bvhd_status status = split_range(s, children, &split);
         if (status != BVHD_OK)
             return status;
         if (!split) {
             finish_piece(s);
             if (waiting_count == 0)
                 return BVHD_OK;
-            s->part = waiting[--waiting_count];
+            s->range = waiting[--waiting_count];
             continue;
         }
         bool right_first = children[1].capacity < children[0].capacity;
         waiting[waiting_count++] = children[!right_first];
-        s->part = children[right_first];
+        s->range = children[right_first];
     }
 }
 
@@ -400,10 +400,10 @@ static enum bvhd_status split(struct spatial_splitter *s)
         return BVHD_NO_MEMORY;
     s->tree.node_count = 1;
     s->whole = (float)box_half_area(&request->bounds);
-    s->part = (struct spatial_range){.bounds = vec4_box_from(&request->bounds),
-                                     .centroids = vec4_box_from(&request->centroids),
-                                     .count = request->count,
-                                     .capacity = request->capacity};
+    s->range = (struct spatial_range){.bounds = vec4_box_from(&request->bounds),
+                                      .centroids = vec4_box_from(&request->centroids),
+                                      .count = request->count,
+                                      .capacity = request->capacity};
     enum bvhd_status status = split_to_end(s);
     uint32_t count = 0;
     for (uint32_t i = 0; i < s->tree.node_count && status == BVHD_OK; i++)

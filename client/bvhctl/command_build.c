@@ -138,7 +138,7 @@ static enum bvhd_status keep_structure(struct build_command *run, const struct a
     run->changed_count += changed;
     run->byte_count += item->size;
     if (!run->options->json)
-        print_structure(item, files[index], index == assembly->import->part_count);
+        print_structure(item, files[index], index == assembly->import->bottom_count);
     return BVHD_OK;
 }
 
@@ -162,7 +162,7 @@ static enum bvhd_status check_handles(const struct assembly *assembly, char *con
 /* What cannot be written has failed like what cannot be built. */
 static void keep_structures(struct build_command *run, const struct assembly *assembly, char **files)
 {
-    uint32_t top = assembly->import->part_count;
+    uint32_t top = assembly->import->bottom_count;
     for (uint32_t i = 0; i <= top && !is_interrupted(run); i++) {
         struct bvhd_error error = assembly->items[i].error;
         if (!error.status && i == top)
@@ -177,7 +177,7 @@ static void keep_structures(struct build_command *run, const struct assembly *as
 
 static char **make_file_names(const struct import *import)
 {
-    uint64_t count = (uint64_t)import->part_count + 1;
+    uint64_t count = (uint64_t)import->bottom_count + 1;
     char **files = memory_array(import->memory, count, sizeof *files);
     bool ok = files != NULL;
     for (uint64_t i = 0; i < count && files; i++)
@@ -191,7 +191,7 @@ static char **make_file_names(const struct import *import)
 
 static void free_file_names(const struct import *import, char **files)
 {
-    for (uint64_t i = 0; i <= import->part_count; i++)
+    for (uint64_t i = 0; i <= import->bottom_count; i++)
         memory_free(import->memory, files[i]);
     memory_free(import->memory, files);
 }

@@ -7,32 +7,32 @@
 #include "proto/base/place.h"
 
 /* The kinds of memory that a geometry's row can name. */
-enum { PART_DATA, PART_INDICES, PART_TRANSFORM, PART_COUNT };
+enum { ARRAY_DATA, ARRAY_INDICES, ARRAY_TRANSFORM, ARRAY_COUNT };
 
-struct parts {
-    struct bytes of[PART_COUNT]; /* data NULL: not given */
+struct arrays {
+    struct bytes of[ARRAY_COUNT]; /* data NULL: not given */
 };
 
-static struct parts parts_of(const struct geometry *geometry)
+static struct arrays arrays_of(const struct geometry *geometry)
 {
-    struct parts parts = {{{NULL, 0}}};
+    struct arrays arrays = {{{NULL, 0}}};
     if (geometry->type == GEOMETRY_TRIANGLES) {
-        parts.of[PART_DATA] = geometry->triangles.vertices;
-        parts.of[PART_INDICES] = geometry->triangles.indices;
-        parts.of[PART_TRANSFORM] = geometry->triangles.transform;
+        arrays.of[ARRAY_DATA] = geometry->triangles.vertices;
+        arrays.of[ARRAY_INDICES] = geometry->triangles.indices;
+        arrays.of[ARRAY_TRANSFORM] = geometry->triangles.transform;
     } else if (geometry->type == GEOMETRY_AABBS) {
-        parts.of[PART_DATA] = geometry->aabbs.boxes;
+        arrays.of[ARRAY_DATA] = geometry->aabbs.boxes;
     } else if (geometry->type == GEOMETRY_INSTANCES) {
-        parts.of[PART_DATA] = geometry->instances.records;
+        arrays.of[ARRAY_DATA] = geometry->instances.records;
     }
-    return parts;
+    return arrays;
 }
 
 /* Places the memory of all geometries in the order of the payload. */
 struct payload_layout {
-    struct parts last; /* of the previous geometry */
-    struct row_span spans[PART_COUNT]; /* of the geometry that was placed last */
-    bool fresh[PART_COUNT]; /* true unless the part shares the span of the previous geometry */
+    struct arrays last; /* of the previous geometry */
+    struct row_span spans[ARRAY_COUNT]; /* of the geometry that was placed last */
+    bool fresh[ARRAY_COUNT]; /* true unless the array shares the span of the previous geometry */
     uint64_t end;
 };
 
@@ -46,22 +46,22 @@ static bool extend(uint64_t *end, uint64_t size)
     return true;
 }
 
-static bool place_part(struct payload_layout *layout, int part, struct bytes bytes)
+static bool place_array(struct payload_layout *layout, int array, struct bytes bytes)
 {
-    const struct bytes *last = &layout->last.of[part];
-    layout->fresh[part] = bytes.data != last->data || bytes.size != last->size;
-    if (layout->fresh[part])
-        layout->spans[part] = bytes.data ? (struct row_span){layout->end, bytes.size} : (struct row_span){0, 0};
-    return !layout->fresh[part] || !bytes.data || extend(&layout->end, bytes.size);
+    const struct bytes *last = &layout->last.of[array];
+    layout->fresh[array] = bytes.data != last->data || bytes.size != last->size;
+    if (layout->fresh[array])
+        layout->spans[array] = bytes.data ? (struct row_span){layout->end, bytes.size} : (struct row_span){0, 0};
+    return !layout->fresh[array] || !bytes.data || extend(&layout->end, bytes.size);
 }
 
 static bool place_geometry(struct payload_layout *layout, const struct geometry *geometry)
 {
-    struct parts parts = parts_of(geometry);
-    for (int part = 0; part < PART_COUNT; part++)
-        if (!place_part(layout, part, parts.of[part]))
+    struct arrays arrays = arrays_of(geometry);
+    for (int array = 0; array < ARRAY_COUNT; array++)
+        if (!place_array(layout, array, arrays.of[array]))
             return false;
-    layout->last = parts;
+    layout->last = arrays;
     return true;
 }
 
@@ -82,7 +82,7 @@ bool rows_payload_size(const struct build_input *input, uint64_t *ret_size)
     return true;
 }
 
-static struct geometry_row geometry_to_row(const struct geometry *geometry, const struct row_span spans[PART_COUNT])
+static struct geometry_row geometry_to_row(const struct geometry *geometry, const struct row_span spans[ARRAY_COUNT])
 {
     struct geometry_row row = {
         .type = geometry->type,
@@ -91,9 +91,9 @@ static struct geometry_row geometry_to_row(const struct geometry *geometry, cons
         .primitive_offset = geometry->range.primitive_offset,
         .first_vertex = geometry->range.first_vertex,
         .transform_offset = geometry->range.transform_offset,
-        .data = spans[PART_DATA],
-        .indices = spans[PART_INDICES],
-        .transform = spans[PART_TRANSFORM],
+        .data = spans[ARRAY_DATA],
+        .indices = spans[ARRAY_INDICES],
+        .transform = spans[ARRAY_TRANSFORM],
     };
     if (geometry->type == GEOMETRY_TRIANGLES) {
         row.vertex_format = geometry->triangles.vertex_format;
@@ -133,11 +133,11 @@ static void write_rows(const struct build_input *input, unsigned char *payload)
     }
 }
 
-static enum bvhd_status stream_part(struct bytes part, rows_sink sink, void *context)
+static enum bvhd_status stream_array(struct bytes array, rows_sink sink, void *context)
 {
     static const unsigned char zeros[ROWS_ALIGNMENT];
-    enum bvhd_status status = part.size > 0 ? sink(context, part) : BVHD_OK;
-    uint64_t padding = bytes_align(part.size, ROWS_ALIGNMENT) - part.size;
+    enum bvhd_status status = array.size > 0 ? sink(context, array) : BVHD_OK;
+    uint64_t padding = bytes_align(array.size, ROWS_ALIGNMENT) - array.size;
     return status == BVHD_OK && padding > 0 ? sink(context, (struct bytes){zeros, padding}) : status;
 }
 
@@ -147,9 +147,9 @@ static enum bvhd_status stream_data(const struct build_input *input, rows_sink s
     enum bvhd_status status = BVHD_OK;
     for (uint32_t i = 0; i < input->geometry_count; i++) {
         place_geometry(&layout, &input->geometries[i]);
-        for (int part = 0; part < PART_COUNT; part++)
-            if (status == BVHD_OK && layout.fresh[part] && layout.last.of[part].data)
-                status = stream_part(layout.last.of[part], sink, context);
+        for (int array = 0; array < ARRAY_COUNT; array++)
+            if (status == BVHD_OK && layout.fresh[array] && layout.last.of[array].data)
+                status = stream_array(layout.last.of[array], sink, context);
     }
     return status;
 }

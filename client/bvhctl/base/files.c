@@ -94,10 +94,10 @@ static bool has_content(const char *path, struct bytes content)
     if (open_regular(path, &descriptor, &size, NULL))
         return false;
     bool same = size == content.size;
-    unsigned char part[65536];
+    unsigned char chunk[65536];
     for (uint64_t done = 0; same && done < size;) {
-        uint64_t step = size - done < sizeof part ? size - done : sizeof part;
-        same = read_all(descriptor, part, step) && !memcmp(part, content.data + done, step);
+        uint64_t step = size - done < sizeof chunk ? size - done : sizeof chunk;
+        same = read_all(descriptor, chunk, step) && !memcmp(chunk, content.data + done, step);
         done += step;
     }
     close(descriptor);
@@ -171,19 +171,19 @@ enum bvhd_status files_write(const char *path, struct bytes content, struct memo
 
 enum bvhd_status files_make_directory(const char *path, struct bvhd_error *error)
 {
-    char part[4096];
+    char folder[4096];
     size_t length = strlen(path);
-    if (length == 0 || length >= sizeof part)
+    if (length == 0 || length >= sizeof folder)
         return bvhd_error_set(error, BVHD_IO, path, "not a usable path");
-    memcpy(part, path, length + 1);
+    memcpy(folder, path, length + 1);
     for (size_t i = 1; i <= length; i++) {
-        if (part[i] != '/' && part[i] != '\0')
+        if (folder[i] != '/' && folder[i] != '\0')
             continue;
-        char end = part[i];
-        part[i] = '\0';
-        if (mkdir(part, 0777) < 0 && errno != EEXIST)
-            return system_error(error, part, errno);
-        part[i] = end;
+        char end = folder[i];
+        folder[i] = '\0';
+        if (mkdir(folder, 0777) < 0 && errno != EEXIST)
+            return system_error(error, folder, errno);
+        folder[i] = end;
     }
     if (!files_is_directory(path))
         return bvhd_error_set(error, BVHD_IO, path, "not a directory");

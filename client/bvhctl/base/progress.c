@@ -22,13 +22,13 @@ void progress_begin(struct progress *progress, const char *verb, const char *nam
     atomic_store(&progress->next, (int64_t)clock_ms() + DRAW_INTERVAL);
 }
 
-static void draw(const struct progress *progress, double part)
+static void draw(const struct progress *progress, double fraction)
 {
     char bar[BAR_WIDTH + 1] = "";
     for (int i = 0; i < BAR_WIDTH; i++)
-        bar[i] = i < (int)(part * BAR_WIDTH) ? '#' : '.';
+        bar[i] = i < (int)(fraction * BAR_WIDTH) ? '#' : '.';
     char line[160];
-    int size = snprintf(line, sizeof line, "\r%s  %s %3d %%\033[K", progress->label, bar, (int)(part * 100));
+    int size = snprintf(line, sizeof line, "\r%s  %s %3d %%\033[K", progress->label, bar, (int)(fraction * 100));
     put(line, (size_t)size);
 }
 

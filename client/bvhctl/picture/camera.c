@@ -59,9 +59,9 @@ static bool in_focus(const struct stage *stage, struct vector point)
     struct vector extent = vector_sub(stage->high, stage->low),
                   middle = vector_scale(vector_add(stage->low, stage->high), 0.5);
     struct vector away = vector_sub(stage_to_local(stage, point), middle);
-    double part = flatness(stage) < 0.05 ? 0.26 : 0.501,
+    double reach = flatness(stage) < 0.05 ? 0.26 : 0.501,
            rounding = 1e-6 * stage->size; /* the extent of a level plane is 0 */
-    return fabs(away.x) <= part * extent.x + rounding && fabs(away.y) <= part * extent.y + rounding &&
+    return fabs(away.x) <= reach * extent.x + rounding && fabs(away.y) <= reach * extent.y + rounding &&
            fabs(away.z) <= 0.501 * extent.z + rounding;
 }
 
@@ -273,8 +273,8 @@ static bool is_enclosing(const struct stage *stage)
     uint32_t stands = 0, walls = 0, openings = 0;
     struct vector extent = vector_sub(stage->high, stage->low);
     for (int i = 0; i < OPENNESS_STANDS; i++) {
-        struct vector part = vector_make(rays_uniform(&state), rays_uniform(&state), rays_uniform(&state) * 0.7);
-        struct vector stand = stage_to_world(stage, vector_add(stage->low, vector_mul(extent, part)));
+        struct vector fractions = vector_make(rays_uniform(&state), rays_uniform(&state), rays_uniform(&state) * 0.7);
+        struct vector stand = stage_to_world(stage, vector_add(stage->low, vector_mul(extent, fractions)));
         uint32_t hits = 0;
         double nearest = INFINITY;
         for (int k = 0; k < OPENNESS_RAYS; k++) {

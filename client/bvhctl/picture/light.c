@@ -22,8 +22,8 @@ enum { COLOURS = sizeof palette / sizeof *palette };
 
 static double smooth_step(double low, double high, double value)
 {
-    double part = fmin(fmax((value - low) / (high - low), 0), 1);
-    return part * part * (3 - 2 * part);
+    double fraction = fmin(fmax((value - low) / (high - low), 0), 1);
+    return fraction * fraction * (3 - 2 * fraction);
 }
 
 void light_init(struct light *light, const struct stage *stage, const struct surfaces *surfaces,

@@ -191,10 +191,10 @@ static void take_tour(struct tour *tour)
 {
     const struct stage *stage = tour->stage;
     const struct structure_file *files = stage->structures->files;
-    uint32_t part_count = stage->structures->has_top ? stage->instance_count : 1;
+    uint32_t source_count = stage->structures->has_top ? stage->instance_count : 1;
     double step = fmax(1, (double)stage->triangle_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE));
     double next = 0, at = rays_uniform(&tour->place) * step, base = 0;
-    for (uint32_t i = 0; i < part_count; i++) {
+    for (uint32_t i = 0; i < source_count; i++) {
         const struct structure_instance *instance = stage->structures->has_top ? &stage->instances[i] : NULL;
         const struct structure *bottom = &files[instance ? instance->bottom : 0].structure;
         double count = structure_triangle_count(bottom);

@@ -51,9 +51,9 @@ static inline struct vector vector_mul(struct vector a, struct vector b)
     return vector_make(a.x * b.x, a.y * b.y, a.z * b.z);
 }
 
-static inline struct vector vector_mix(struct vector a, struct vector b, double part)
+static inline struct vector vector_mix(struct vector a, struct vector b, double fraction)
 {
-    return vector_mad(vector_scale(a, 1 - part), b, part);
+    return vector_mad(vector_scale(a, 1 - fraction), b, fraction);
 }
 
 static inline double vector_dot(struct vector a, struct vector b)

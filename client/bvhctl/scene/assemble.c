@@ -19,7 +19,7 @@ static enum bvhd_status no_memory(const struct scene_build *job)
     return bvhd_error_no_memory(job->error, job->import->name, "no memory to describe the scene");
 }
 
-/* A handle only has to differ from the others: part + 1; one more for the top level. */
+/* A handle only has to differ from the others: bottom level + 1; one more for the top level. */
 static VkAccelerationStructureKHR make_handle(uint64_t number)
 {
     VkAccelerationStructureKHR handle;
@@ -82,7 +82,7 @@ static struct bvhd_build make_request(const struct options *options, uint32_t co
     };
 }
 
-/* The bottom levels' descriptions: geometries and ranges of all parts behind each other. */
+/* The bottom levels' descriptions: geometries and ranges of all bottom levels one after the other. */
 struct bottom_arrays {
     VkAccelerationStructureBuildGeometryInfoKHR *infos;
     const VkAccelerationStructureBuildRangeInfoKHR **ranges;
@@ -101,10 +101,10 @@ static void bottom_arrays_finish(struct bottom_arrays *arrays, struct memory *me
 static bool bottom_arrays_init(struct bottom_arrays *arrays, const struct import *import, struct memory *memory)
 {
     uint64_t geometry_count = 0;
-    for (uint32_t i = 0; i < import->part_count; i++)
-        geometry_count += import->parts[i].mesh_count;
-    arrays->infos = memory_array(memory, import->part_count, sizeof *arrays->infos);
-    arrays->ranges = memory_array(memory, import->part_count, sizeof *arrays->ranges);
+    for (uint32_t i = 0; i < import->bottom_count; i++)
+        geometry_count += import->bottoms[i].mesh_count;
+    arrays->infos = memory_array(memory, import->bottom_count, sizeof *arrays->infos);
+    arrays->ranges = memory_array(memory, import->bottom_count, sizeof *arrays->ranges);
     arrays->geometries = memory_array(memory, geometry_count, sizeof *arrays->geometries);
     arrays->range_rows = memory_array(memory, geometry_count, sizeof *arrays->range_rows);
     return arrays->infos && arrays->ranges && arrays->geometries && arrays->range_rows;
@@ -114,18 +114,18 @@ static void describe_bottoms(const struct scene_build *job, struct bottom_arrays
 {
     VkAccelerationStructureGeometryKHR *geometries = arrays->geometries;
     VkAccelerationStructureBuildRangeInfoKHR *ranges = arrays->range_rows;
-    for (uint32_t i = 0; i < job->import->part_count; i++) {
-        const struct import_part *part = &job->import->parts[i];
-        for (uint32_t k = 0; k < part->mesh_count; k++) {
-            const struct import_mesh *mesh = &job->import->meshes[part->meshes[k]];
+    for (uint32_t i = 0; i < job->import->bottom_count; i++) {
+        const struct import_bottom *bottom = &job->import->bottoms[i];
+        for (uint32_t k = 0; k < bottom->mesh_count; k++) {
+            const struct import_mesh *mesh = &job->import->meshes[bottom->meshes[k]];
             geometries[k] = describe_mesh(mesh, job->options->geometry_flags);
             ranges[k] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = mesh->triangle_count};
         }
         arrays->infos[i] = describe_build(job->options, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
-                                          UINT64_C(1) + i, part->mesh_count, geometries);
+                                          UINT64_C(1) + i, bottom->mesh_count, geometries);
         arrays->ranges[i] = ranges;
-        geometries += part->mesh_count;
-        ranges += part->mesh_count;
+        geometries += bottom->mesh_count;
+        ranges += bottom->mesh_count;
     }
 }
 
@@ -137,46 +137,46 @@ static enum bvhd_status build_bottoms(const struct scene_build *job, struct asse
         status = no_memory(job);
     } else {
         describe_bottoms(job, &arrays);
-        struct bvhd_build request = make_request(job->options, job->import->part_count, arrays.infos, arrays.ranges);
+        struct bvhd_build request = make_request(job->options, job->import->bottom_count, arrays.infos, arrays.ranges);
         status = job->backend->build(job->backend, &request, assembly->items, &assembly->bottoms, job->error);
     }
     bottom_arrays_finish(&arrays, job->import->memory);
     return status;
 }
 
-struct keyed_part {
+struct keyed_bottom {
     const struct bvhd_key *key;
-    uint32_t part;
+    uint32_t bottom;
 };
 
-static int compare_parts(const void *a, const void *b)
+static int compare_bottoms(const void *a, const void *b)
 {
-    const struct keyed_part *x = a, *y = b;
+    const struct keyed_bottom *x = a, *y = b;
     int order = memcmp(x->key, y->key, sizeof *x->key);
-    return order ? order : (x->part > y->part) - (x->part < y->part);
+    return order ? order : (x->bottom > y->bottom) - (x->bottom < y->bottom);
 }
 
 /*
- * ret_shared[part]: the first part with the same content, so that a scene with equal meshes is loaded with one
- * structure for them.
+ * ret_shared[bottom]: the first bottom level with the same content, so that a scene with equal meshes is loaded with
+ * one structure for them.
  */
-static enum bvhd_status share_equal_parts(const struct scene_build *job, const struct assembly *assembly,
-                                          uint32_t *ret_shared)
+static enum bvhd_status share_equal_bottoms(const struct scene_build *job, const struct assembly *assembly,
+                                            uint32_t *ret_shared)
 {
-    uint32_t count = job->import->part_count, built = 0;
-    struct keyed_part *parts = memory_array(job->import->memory, count, sizeof *parts);
-    if (!parts)
+    uint32_t count = job->import->bottom_count, built = 0;
+    struct keyed_bottom *bottoms = memory_array(job->import->memory, count, sizeof *bottoms);
+    if (!bottoms)
         return no_memory(job);
     for (uint32_t i = 0; i < count; i++) {
         ret_shared[i] = i;
         if (!assembly->items[i].error.status)
-            parts[built++] = (struct keyed_part){&assembly->items[i].key, i};
+            bottoms[built++] = (struct keyed_bottom){&assembly->items[i].key, i};
     }
-    qsort(parts, built, sizeof *parts, compare_parts);
+    qsort(bottoms, built, sizeof *bottoms, compare_bottoms);
     for (uint32_t i = 1; i < built; i++)
-        if (!memcmp(parts[i].key, parts[i - 1].key, sizeof *parts[i].key))
-            ret_shared[parts[i].part] = ret_shared[parts[i - 1].part];
-    memory_free(job->import->memory, parts);
+        if (!memcmp(bottoms[i].key, bottoms[i - 1].key, sizeof *bottoms[i].key))
+            ret_shared[bottoms[i].bottom] = ret_shared[bottoms[i - 1].bottom];
+    memory_free(job->import->memory, bottoms);
     return BVHD_OK;
 }
 
@@ -186,7 +186,7 @@ static VkAccelerationStructureInstanceKHR describe_instance(const struct import_
     VkAccelerationStructureInstanceKHR record = {
         .instanceCustomIndex = index & 0xffffff,
         .mask = 0xff,
-        .accelerationStructureReference = instance->skipped ? 0 : UINT64_C(1) + shared[instance->part],
+        .accelerationStructureReference = instance->skipped ? 0 : UINT64_C(1) + shared[instance->bottom],
     };
     static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     memcpy(record.transform.matrix, instance->skipped ? identity : instance->transform, sizeof record.transform.matrix);
@@ -199,33 +199,34 @@ static enum bvhd_status collect_references(const struct scene_build *job, struct
                                            struct bvhd_error *ret_failure)
 {
     const struct import *import = job->import;
-    memset(seen, 0, import->part_count * sizeof *seen);
+    memset(seen, 0, import->bottom_count * sizeof *seen);
     for (uint32_t i = 0; i < import->instance_count; i++) {
-        if (import->instances[i].skipped || seen[shared[import->instances[i].part]])
+        if (import->instances[i].skipped || seen[shared[import->instances[i].bottom]])
             continue;
-        uint32_t part = shared[import->instances[i].part];
-        const struct bvhd_result *item = &assembly->items[part];
+        uint32_t bottom = shared[import->instances[i].bottom];
+        const struct bvhd_result *item = &assembly->items[bottom];
         if (item->error.status)
             return bvhd_error_set(ret_failure, item->error.status, import->name,
-                                  "bottom level %u, which it needs, was not built", part);
-        seen[part] = true;
-        assembly->handles[assembly->handle_count] = part;
+                                  "bottom level %u, which it needs, was not built", bottom);
+        seen[bottom] = true;
+        assembly->handles[assembly->handle_count] = bottom;
         struct bvhd_reference *reference = &references[assembly->handle_count++];
-        *reference = (struct bvhd_reference){.handle = UINT64_C(1) + part, .has_key = 1, .key = item->key};
+        *reference = (struct bvhd_reference){.handle = UINT64_C(1) + bottom, .has_key = 1, .key = item->key};
         memcpy(reference->bounds, item->bounds, sizeof reference->bounds);
         memcpy(reference->slabs, item->slabs, sizeof reference->slabs);
     }
     return BVHD_OK;
 }
 
-/* The rows that the blob's handles name, as parts. False when it is none of this request's. */
-static bool parts_of_handles(struct bytes blob, uint64_t count, const struct assembly *assembly, uint32_t *ret_parts)
+/* The rows that the blob's handles name, as bottom levels. False when it is none of this request's. */
+static bool bottoms_of_handles(struct bytes blob, uint64_t count, const struct assembly *assembly,
+                               uint32_t *ret_bottoms)
 {
     for (uint64_t i = 0; i < count; i++) {
         uint64_t row = bytes_get64(blob.data + SERIALIZED_HANDLES + 8 * i) - 1; /* a handle is its row + 1 */
         if (row >= assembly->handle_count)
             return false;
-        ret_parts[i] = assembly->handles[row];
+        ret_bottoms[i] = assembly->handles[row];
     }
     return true;
 }
@@ -234,21 +235,21 @@ static bool parts_of_handles(struct bytes blob, uint64_t count, const struct ass
 static enum bvhd_status read_handles(const struct scene_build *job, struct assembly *assembly)
 {
     struct memory *memory = job->import->memory;
-    struct bvhd_result *top = &assembly->items[job->import->part_count];
+    struct bvhd_result *top = &assembly->items[job->import->bottom_count];
     struct bytes blob = {top->data, top->size};
     struct serialized_header header;
     if (serialized_read(blob, &header, &top->error) != BVHD_OK)
         return BVHD_OK; /* it has failed, like others that are not built */
-    uint32_t *parts = memory_array(memory, header.handle_count + 1, sizeof *parts);
-    if (!parts)
+    uint32_t *bottoms = memory_array(memory, header.handle_count + 1, sizeof *bottoms);
+    if (!bottoms)
         return no_memory(job);
-    if (header.handle_count > UINT32_MAX || !parts_of_handles(blob, header.handle_count, assembly, parts)) {
-        memory_free(memory, parts);
+    if (header.handle_count > UINT32_MAX || !bottoms_of_handles(blob, header.handle_count, assembly, bottoms)) {
+        memory_free(memory, bottoms);
         bvhd_error_set(&top->error, BVHD_CORRUPT, "handles", "they name structures that were not asked for");
         return BVHD_OK;
     }
     memory_free(memory, assembly->handles);
-    assembly->handles = parts;
+    assembly->handles = bottoms;
     assembly->handle_count = (uint32_t)header.handle_count;
     return BVHD_OK;
 }
@@ -267,13 +268,13 @@ static enum bvhd_status build_described_top(const struct scene_build *job, struc
                                .data.hostAddress = records},
     };
     VkAccelerationStructureBuildGeometryInfoKHR info = describe_build(
-        job->options, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, UINT64_C(1) + import->part_count, 1, &geometry);
+        job->options, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, UINT64_C(1) + import->bottom_count, 1, &geometry);
     VkAccelerationStructureBuildRangeInfoKHR range = {.primitiveCount = import->instance_count};
     const VkAccelerationStructureBuildRangeInfoKHR *ranges = &range;
     struct bvhd_build request = make_request(job->options, 1, &info, &ranges);
     request.references = references;
     request.reference_count = assembly->handle_count;
-    return job->backend->build(job->backend, &request, &assembly->items[import->part_count], &assembly->top,
+    return job->backend->build(job->backend, &request, &assembly->items[import->bottom_count], &assembly->top,
                                job->error);
 }
 
@@ -281,13 +282,13 @@ static enum bvhd_status build_top(const struct scene_build *job, struct assembly
 {
     const struct import *import = job->import;
     struct memory *memory = import->memory;
-    struct bvhd_error *failure = &assembly->items[import->part_count].error;
+    struct bvhd_error *failure = &assembly->items[import->bottom_count].error;
     VkAccelerationStructureInstanceKHR *records = memory_array(memory, import->instance_count, sizeof *records);
-    struct bvhd_reference *references = memory_array(memory, import->part_count, sizeof *references);
-    bool *seen = memory_array(memory, import->part_count, sizeof *seen);
-    uint32_t *shared = memory_array(memory, import->part_count, sizeof *shared);
+    struct bvhd_reference *references = memory_array(memory, import->bottom_count, sizeof *references);
+    bool *seen = memory_array(memory, import->bottom_count, sizeof *seen);
+    uint32_t *shared = memory_array(memory, import->bottom_count, sizeof *shared);
     enum bvhd_status status =
-        records && references && seen && shared ? share_equal_parts(job, assembly, shared) : no_memory(job);
+        records && references && seen && shared ? share_equal_bottoms(job, assembly, shared) : no_memory(job);
     if (!status && collect_references(job, assembly, shared, references, seen, failure) == BVHD_OK)
         status = build_described_top(job, assembly, shared, records, references);
     if (!status && !failure->status)
@@ -304,7 +305,7 @@ enum bvhd_status assemble(const struct import *import, const struct options *opt
 {
     struct scene_build job = {import, options, backend, error};
     struct assembly assembly = {.import = import, .backend = backend};
-    uint64_t count = (uint64_t)import->part_count + 1;
+    uint64_t count = (uint64_t)import->bottom_count + 1;
     assembly.items = memory_array(import->memory, count, sizeof *assembly.items);
     assembly.handles = memory_array(import->memory, count, sizeof *assembly.handles);
     enum bvhd_status status = BVHD_OK;

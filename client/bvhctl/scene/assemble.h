@@ -14,8 +14,8 @@
 
 struct assembly {
     const struct import *import;
-    struct bvhd_result *items; /* bottom levels in the order of parts, then the top level: part_count + 1 */
-    uint32_t *handles; /* for each handle of the top level, in their order, the part that it names */
+    struct bvhd_result *items; /* bottom levels in the order of the import, then the top level: bottom_count + 1 */
+    uint32_t *handles; /* for each handle of the top level, in their order, the bottom level that it names */
     uint32_t handle_count;
     struct backend *backend;
     void *bottoms, *top; /* the backend's: what the results live in */

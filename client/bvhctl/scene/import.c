@@ -79,10 +79,10 @@ static void copy_colour(const struct aiMaterial *material, struct import_mesh *m
     if (aiGetMaterialColor(material, AI_MATKEY_BASE_COLOR, &colour) != aiReturn_SUCCESS &&
         aiGetMaterialColor(material, AI_MATKEY_COLOR_DIFFUSE, &colour) != aiReturn_SUCCESS)
         return;
-    const float parts[3] = {(float)colour.r, (float)colour.g, (float)colour.b};
+    const float channels[3] = {(float)colour.r, (float)colour.g, (float)colour.b};
     mesh->has_colour = true;
     for (int i = 0; i < 3; i++)
-        mesh->colour[i] = parts[i] >= 0 && parts[i] <= 1 ? parts[i] : parts[i] > 1 ? 1.0f : 0.0f;
+        mesh->colour[i] = channels[i] >= 0 && channels[i] <= 1 ? channels[i] : channels[i] > 1 ? 1.0f : 0.0f;
 }
 
 static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMesh *source, const char *path,
@@ -200,25 +200,25 @@ void import_finish(struct import *import)
     if (!import || !import->memory)
         return;
     finish_meshes(import);
-    for (uint32_t i = 0; i < import->part_count; i++) {
-        memory_free(import->memory, import->parts[i].name);
-        memory_free(import->memory, import->parts[i].meshes);
+    for (uint32_t i = 0; i < import->bottom_count; i++) {
+        memory_free(import->memory, import->bottoms[i].name);
+        memory_free(import->memory, import->bottoms[i].meshes);
     }
     for (uint32_t i = 0; i < import->file_count; i++)
         memory_free(import->memory, import->files[i]);
-    memory_free(import->memory, import->parts);
+    memory_free(import->memory, import->bottoms);
     memory_free(import->memory, import->files);
     memory_free(import->memory, import->instances);
     memory_free(import->memory, import->name);
     *import = (struct import){0};
 }
 
-static struct oracle_mesh *add_oracle_meshes(const struct import *import, uint32_t part_index, const float *transform,
+static struct oracle_mesh *add_oracle_meshes(const struct import *import, uint32_t bottom_index, const float *transform,
                                              uint32_t instance, struct oracle_mesh *next)
 {
-    const struct import_part *part = &import->parts[part_index];
-    for (uint32_t i = 0; i < part->mesh_count; i++) {
-        const struct import_mesh *mesh = &import->meshes[part->meshes[i]];
+    const struct import_bottom *bottom = &import->bottoms[bottom_index];
+    for (uint32_t i = 0; i < bottom->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[bottom->meshes[i]];
         *next++ = (struct oracle_mesh){.positions = mesh->positions,
                                        .indices = mesh->indices,
                                        .triangle_count = mesh->triangle_count,
@@ -233,14 +233,14 @@ static uint64_t count_instanced_meshes(const struct import *import)
 {
     uint64_t count = 0;
     for (uint32_t i = 0; i < import->instance_count; i++)
-        count += import->instances[i].skipped ? 0 : import->parts[import->instances[i].part].mesh_count;
+        count += import->instances[i].skipped ? 0 : import->bottoms[import->instances[i].bottom].mesh_count;
     return count;
 }
 
 enum bvhd_status import_oracle_meshes(const struct import *import, bool has_top, struct oracle_mesh **ret_meshes,
                                       uint32_t *ret_count, struct bvhd_error *error)
 {
-    uint64_t count = has_top ? count_instanced_meshes(import) : import->parts[0].mesh_count;
+    uint64_t count = has_top ? count_instanced_meshes(import) : import->bottoms[0].mesh_count;
     struct oracle_mesh *meshes = count < UINT32_MAX ? memory_array(import->memory, count, sizeof *meshes) : NULL;
     if (!meshes && count)
         return no_memory(import->name, error);
@@ -249,7 +249,7 @@ enum bvhd_status import_oracle_meshes(const struct import *import, bool has_top,
         add_oracle_meshes(import, 0, NULL, RAY_NO_INSTANCE, next);
     for (uint32_t i = 0; has_top && i < import->instance_count; i++)
         if (!import->instances[i].skipped)
-            next = add_oracle_meshes(import, import->instances[i].part, import->instances[i].transform, i, next);
+            next = add_oracle_meshes(import, import->instances[i].bottom, import->instances[i].transform, i, next);
     *ret_meshes = meshes;
     *ret_count = (uint32_t)count;
     return BVHD_OK;

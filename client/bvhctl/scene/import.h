@@ -3,8 +3,9 @@
  * import.h - a scene file, read with assimp, as what acceleration structures are built from.
  *
  * Faces are triangulated; nothing else is changed: no axes, no units, no merging, no dropping. NaN and degenerate
- * triangles survive. What is no triangle geometry is counted. A part is a distinct list of meshes that some node has,
- * and becomes one bottom level with one geometry a mesh; nodes with meshes become instances, in depth-first order.
+ * triangles survive. What is no triangle geometry is counted. A bottom level is a distinct list of meshes that some
+ * node has, and becomes one bottom level with one geometry a mesh; nodes with meshes become instances, in depth-first
+ * order.
  */
 #ifndef BVHCTL_IMPORT_H
 #define BVHCTL_IMPORT_H
@@ -22,14 +23,14 @@ struct import_mesh {
     uint32_t vertex_count, triangle_count;
 };
 
-struct import_part {
+struct import_bottom {
     char *name; /* of its only mesh, else of the first node that has it; may be "" */
     uint32_t *meshes;
     uint32_t mesh_count;
 };
 
 struct import_instance {
-    uint32_t part;
+    uint32_t bottom;
     float transform[12]; /* row-major 3x4, object to world; products of the nodes' matrices in double, rounded once */
     bool skipped; /* Vulkan forbids its matrix: not invertible (03799); it keeps its place, as an inactive instance */
 };
@@ -43,10 +44,10 @@ struct import_counts {
 struct import {
     char *name; /* the file's name without directory and extension */
     struct import_mesh *meshes;
-    struct import_part *parts;
+    struct import_bottom *bottoms;
     struct import_instance *instances;
     char **files; /* all files that were read, in order */
-    uint32_t mesh_count, part_count, instance_count, file_count;
+    uint32_t mesh_count, bottom_count, instance_count, file_count;
     uint64_t skipped_instances;
     uint64_t triangle_count; /* over all meshes */
     struct import_counts counts;
@@ -75,8 +76,8 @@ char *import_name(const char *path, struct memory *memory);
 
 /*
  * The triangles for brute force: one oracle_mesh for each mesh of each instance that is not skipped, as traversal over
- * the top level reports them; or those of part 0 alone, when there is no top level. They point into the import. From
- * import->memory, freed by the caller.
+ * the top level reports them; or those of bottom level 0 alone, when there is no top level. They point into the import.
+ * From import->memory, freed by the caller.
  */
 enum bvhd_status import_oracle_meshes(const struct import *import, bool has_top, struct oracle_mesh **ret_meshes,
                                       uint32_t *ret_count, struct bvhd_error *error);

@@ -16,9 +16,9 @@ struct visit {
 struct node_walk {
     struct visit *stack;
     uint64_t depth, capacity;
-    uint32_t *slots; /* hash table of parts by their list of meshes: part + 1, 0 for empty; power of two */
+    uint32_t *slots; /* hash table of bottom levels by their list of meshes: index + 1, 0 for empty; power of two */
     uint64_t slot_count;
-    uint64_t part_capacity, instance_capacity;
+    uint64_t bottom_capacity, instance_capacity;
 };
 
 static bool grow(struct memory *memory, void **array, uint64_t used, uint64_t *capacity, size_t size)
@@ -67,9 +67,9 @@ static uint64_t hash_list(const unsigned *list, uint32_t count)
     return hash ^ hash >> 29;
 }
 
-static bool same_list(const struct import_part *part, const unsigned *list, uint32_t count)
+static bool same_list(const struct import_bottom *bottom, const unsigned *list, uint32_t count)
 {
-    return part->mesh_count == count && !memcmp(part->meshes, list, count * sizeof *list);
+    return bottom->mesh_count == count && !memcmp(bottom->meshes, list, count * sizeof *list);
 }
 
 /* The slot that holds this list of meshes, or the empty one where it belongs. */
@@ -78,7 +78,7 @@ static uint32_t *find_slot(const struct node_walk *walk, const struct import *im
 {
     for (uint64_t at = hash_list(list, count);; at++) {
         uint32_t *slot = &walk->slots[at & (walk->slot_count - 1)];
-        if (*slot == 0 || same_list(&import->parts[*slot - 1], list, count))
+        if (*slot == 0 || same_list(&import->bottoms[*slot - 1], list, count))
             return slot;
     }
 }
@@ -86,7 +86,7 @@ static uint32_t *find_slot(const struct node_walk *walk, const struct import *im
 /* Keeps the table at most half full. */
 static bool grow_slots(struct node_walk *walk, const struct import *import)
 {
-    if (walk->slots && import->part_count * UINT64_C(2) < walk->slot_count)
+    if (walk->slots && import->bottom_count * UINT64_C(2) < walk->slot_count)
         return true;
     uint64_t slot_count = walk->slot_count ? walk->slot_count * 2 : 64;
     uint32_t *slots = memory_array(import->memory, slot_count, sizeof *slots);
@@ -96,26 +96,26 @@ static bool grow_slots(struct node_walk *walk, const struct import *import)
     memory_free(import->memory, walk->slots);
     walk->slots = slots;
     walk->slot_count = slot_count;
-    for (uint32_t i = 0; i < import->part_count; i++)
-        *find_slot(walk, import, import->parts[i].meshes, import->parts[i].mesh_count) = i + 1;
+    for (uint32_t i = 0; i < import->bottom_count; i++)
+        *find_slot(walk, import, import->bottoms[i].meshes, import->bottoms[i].mesh_count) = i + 1;
     return true;
 }
 
-static bool add_part(struct node_walk *walk, struct import *import, const struct aiNode *node)
+static bool add_bottom(struct node_walk *walk, struct import *import, const struct aiNode *node)
 {
-    void *parts = import->parts;
-    if (!grow(import->memory, &parts, import->part_count, &walk->part_capacity, sizeof *import->parts))
+    void *bottoms = import->bottoms;
+    if (!grow(import->memory, &bottoms, import->bottom_count, &walk->bottom_capacity, sizeof *import->bottoms))
         return false;
-    import->parts = parts;
-    struct import_part *part = &import->parts[import->part_count++];
-    *part = (struct import_part){.mesh_count = node->mNumMeshes};
+    import->bottoms = bottoms;
+    struct import_bottom *bottom = &import->bottoms[import->bottom_count++];
+    *bottom = (struct import_bottom){.mesh_count = node->mNumMeshes};
     const char *mesh_name = import->meshes[node->mMeshes[0]].name;
     const char *node_name = node->mName.length < sizeof node->mName.data ? node->mName.data : "";
-    part->name = files_copy_text(import->memory, part->mesh_count == 1 && *mesh_name ? mesh_name : node_name);
-    part->meshes = memory_array(import->memory, part->mesh_count, sizeof *part->meshes);
-    if (!part->name || !part->meshes)
+    bottom->name = files_copy_text(import->memory, bottom->mesh_count == 1 && *mesh_name ? mesh_name : node_name);
+    bottom->meshes = memory_array(import->memory, bottom->mesh_count, sizeof *bottom->meshes);
+    if (!bottom->name || !bottom->meshes)
         return false;
-    memcpy(part->meshes, node->mMeshes, part->mesh_count * sizeof *part->meshes);
+    memcpy(bottom->meshes, node->mMeshes, bottom->mesh_count * sizeof *bottom->meshes);
     return true;
 }
 
@@ -136,14 +136,14 @@ static bool add_instance(struct node_walk *walk, struct import *import, const st
         return false;
     import->instances = instances;
     uint32_t *slot = find_slot(walk, import, node->mMeshes, node->mNumMeshes);
-    uint32_t part = *slot ? *slot - 1 : import->part_count;
+    uint32_t bottom = *slot ? *slot - 1 : import->bottom_count;
     if (*slot == 0) {
-        *slot = part + 1;
-        if (!add_part(walk, import, node) || !grow_slots(walk, import))
+        *slot = bottom + 1;
+        if (!add_bottom(walk, import, node) || !grow_slots(walk, import))
             return false;
     }
     struct import_instance *instance = &import->instances[import->instance_count++];
-    instance->part = part;
+    instance->bottom = bottom;
     for (int i = 0; i < 12; i++)
         instance->transform[i] = (float)world[i];
     instance->skipped = !is_usable(instance->transform);

@@ -66,10 +66,10 @@ static void put_import(FILE *file, const struct import *import)
         put(file, mesh->positions, mesh->vertex_count * UINT64_C(12));
         put(file, mesh->indices, mesh->triangle_count * UINT64_C(12));
     }
-    put(file, import->parts, import->part_count * sizeof *import->parts);
-    for (uint32_t i = 0; i < import->part_count; i++) {
-        put_text(file, import->parts[i].name);
-        put(file, import->parts[i].meshes, import->parts[i].mesh_count * sizeof *import->parts[i].meshes);
+    put(file, import->bottoms, import->bottom_count * sizeof *import->bottoms);
+    for (uint32_t i = 0; i < import->bottom_count; i++) {
+        put_text(file, import->bottoms[i].name);
+        put(file, import->bottoms[i].meshes, import->bottoms[i].mesh_count * sizeof *import->bottoms[i].meshes);
     }
     put(file, import->instances, import->instance_count * sizeof *import->instances);
     for (uint32_t i = 0; i < import->file_count; i++)
@@ -186,13 +186,13 @@ static void take_meshes(struct file_cursor *cursor, uint32_t count, struct impor
     }
 }
 
-static void take_parts(struct file_cursor *cursor, uint32_t count, struct import *import)
+static void take_bottoms(struct file_cursor *cursor, uint32_t count, struct import *import)
 {
-    import->parts = take(cursor, count * sizeof *import->parts, 0);
-    import->part_count = import->parts ? count : 0;
-    for (uint32_t i = 0; i < import->part_count; i++) {
-        import->parts[i].name = take_text(cursor);
-        import->parts[i].meshes = take(cursor, import->parts[i].mesh_count * sizeof *import->parts[i].meshes, 0);
+    import->bottoms = take(cursor, count * sizeof *import->bottoms, 0);
+    import->bottom_count = import->bottoms ? count : 0;
+    for (uint32_t i = 0; i < import->bottom_count; i++) {
+        import->bottoms[i].name = take_text(cursor);
+        import->bottoms[i].meshes = take(cursor, import->bottoms[i].mesh_count * sizeof *import->bottoms[i].meshes, 0);
     }
 }
 
@@ -211,13 +211,13 @@ static enum bvhd_status take_import(struct file_cursor *cursor, const struct out
     import.memory = cursor->memory;
     import.name = NULL;
     import.meshes = NULL;
-    import.parts = NULL;
+    import.bottoms = NULL;
     import.instances = NULL;
     import.files = NULL;
-    import.mesh_count = import.part_count = import.file_count = 0;
+    import.mesh_count = import.bottom_count = import.file_count = 0;
     import.name = take_text(cursor);
     take_meshes(cursor, outcome->import.mesh_count, &import);
-    take_parts(cursor, outcome->import.part_count, &import);
+    take_bottoms(cursor, outcome->import.bottom_count, &import);
     import.instances = take(cursor, import.instance_count * sizeof *import.instances, 0);
     take_files(cursor, outcome->import.file_count, &import);
     if (!cursor->ok) {

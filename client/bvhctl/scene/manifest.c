@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { NAME_PART_MAX = 48 }; /* of a mesh's or node's name, in a file name */
+enum { LEVEL_NAME_MAX = 48 }; /* of a mesh's or node's name, in a file name */
 
 static bool is_safe(unsigned char character)
 {
@@ -42,20 +42,20 @@ char *manifest_safe_name(const char *name, struct memory *memory)
 
 char *manifest_file_name(const struct import *import, uint32_t index)
 {
-    char part_name[NAME_PART_MAX + 1] = "", part[NAME_PART_MAX + 32];
+    char level_name[LEVEL_NAME_MAX + 1] = "", level[LEVEL_NAME_MAX + 32];
     char *scene = manifest_safe_name(import->name, import->memory);
     if (!scene)
         return NULL;
-    bool is_top = index == import->part_count;
-    size_t named = is_top ? 0 : make_safe(import->parts[index].name, NAME_PART_MAX, false, part_name);
+    bool is_top = index == import->bottom_count;
+    size_t named = is_top ? 0 : make_safe(import->bottoms[index].name, LEVEL_NAME_MAX, false, level_name);
     if (is_top)
-        snprintf(part, sizeof part, "tlas");
+        snprintf(level, sizeof level, "tlas");
     else
-        snprintf(part, sizeof part, "blas-%u%s%s", index, named ? "-" : "", part_name);
-    uint64_t size = strlen(scene) + strlen(part) + sizeof "..as";
+        snprintf(level, sizeof level, "blas-%u%s%s", index, named ? "-" : "", level_name);
+    uint64_t size = strlen(scene) + strlen(level) + sizeof "..as";
     char *file = memory_alloc(import->memory, size);
     if (file)
-        snprintf(file, size, "%s.%s.as", scene, part);
+        snprintf(file, size, "%s.%s.as", scene, level);
     memory_free(import->memory, scene);
     return file;
 }
@@ -71,9 +71,9 @@ static void write_colour(struct json *json, const float colour[3])
 static void write_geometries(struct json *json, const struct import *import, uint32_t index)
 {
     json_array(json, "geometries");
-    const struct import_part *part = index < import->part_count ? &import->parts[index] : NULL;
-    for (uint32_t i = 0; part && i < part->mesh_count; i++) {
-        const struct import_mesh *mesh = &import->meshes[part->meshes[i]];
+    const struct import_bottom *bottom = index < import->bottom_count ? &import->bottoms[index] : NULL;
+    for (uint32_t i = 0; bottom && i < bottom->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[bottom->meshes[i]];
         json_object(json, NULL);
         json_text(json, "name", mesh->name);
         json_text(json, "material", mesh->material);
@@ -104,8 +104,8 @@ static void write_times(struct json *json, const struct bvhd_result *item)
 
 static const char *structure_name(const struct import *import, uint32_t index)
 {
-    bool named = index < import->part_count && *import->parts[index].name;
-    return named ? import->parts[index].name : import->name;
+    bool named = index < import->bottom_count && *import->bottoms[index].name;
+    return named ? import->bottoms[index].name : import->name;
 }
 
 static const char *target_name(const struct bvhd_result *item)
@@ -131,7 +131,7 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     char key_text[KEY_TEXT_SIZE];
     memcpy(&key, &item->key, sizeof key);
     key_to_text(&key, key_text);
-    bool is_top = index == import->part_count;
+    bool is_top = index == import->bottom_count;
     json_object(json, NULL);
     json_text(json, "file", file);
     json_text(json, "type", is_top ? "tlas" : "blas");

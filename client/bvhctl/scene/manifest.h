@@ -16,9 +16,9 @@
 #define MANIFEST_NAME "manifest.json"
 
 /*
- * The file name of structure `index` of an import (part_count: the top level): "SCENE.blas-3-NAME.as", "SCENE.tlas.as",
- * with letters, digits and . _ - only. NAME has no dot, so that files of two scenes cannot have the same name. From
- * import->memory; NULL when there is none.
+ * The file name of structure `index` of an import (bottom_count: the top level): "SCENE.blas-3-NAME.as",
+ * "SCENE.tlas.as", with letters, digits and . _ - only. NAME has no dot, so that files of two scenes cannot have the
+ * same name. From import->memory; NULL when there is none.
  */
 char *manifest_file_name(const struct import *import, uint32_t index);
 

@@ -82,11 +82,11 @@ static struct manifest_colour read_colour(const cJSON *geometry)
     struct manifest_colour colour;
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(geometry, "color");
     for (int i = 0; i < 3; i++) {
-        const cJSON *part = cJSON_IsArray(list) ? cJSON_GetArrayItem(list, i) : NULL;
-        bool is_valid = cJSON_IsNumber(part) && part->valuedouble >= 0 && part->valuedouble <= 1;
+        const cJSON *channel = cJSON_IsArray(list) ? cJSON_GetArrayItem(list, i) : NULL;
+        bool is_valid = cJSON_IsNumber(channel) && channel->valuedouble >= 0 && channel->valuedouble <= 1;
         if (!is_valid)
             return (struct manifest_colour){{-1, -1, -1}};
-        colour.rgb[i] = (float)part->valuedouble;
+        colour.rgb[i] = (float)channel->valuedouble;
     }
     return colour;
 }

@@ -32,7 +32,7 @@ static struct import_mesh meshes[] = {
 };
 
 static uint32_t ground_list[] = {0}, cube_list[] = {1};
-static struct import_part parts[] = {{ground_name, ground_list, 1}, {cube_name, cube_list, 1}};
+static struct import_bottom bottoms[] = {{ground_name, ground_list, 1}, {cube_name, cube_list, 1}};
 
 static struct import_instance instances[TEST_WORLD_INSTANCES] = {
     {0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, false},
@@ -52,11 +52,11 @@ void test_world_import(struct import *ret_import, struct memory *memory)
 {
     *ret_import = (struct import){.name = world_name,
                                   .meshes = meshes,
-                                  .parts = parts,
+                                  .bottoms = bottoms,
                                   .instances = instances,
                                   .files = files,
                                   .mesh_count = 2,
-                                  .part_count = 2,
+                                  .bottom_count = 2,
                                   .instance_count = TEST_WORLD_INSTANCES,
                                   .file_count = 1,
                                   .skipped_instances = 1,

@@ -71,7 +71,7 @@ static void no_other_cut_is_cheaper(void **state)
     (void)state;
     struct random random = {3};
     for (uint32_t round = 0; round < 300; round++) {
-        uint32_t count = 1 + round % 28, leaf_max = 1 + round % 5, length = (count + LEAVES_PARTS - 1) / LEAVES_PARTS;
+        uint32_t count = 1 + round % 28, leaf_max = 1 + round % 5, length = (count + LEAVES_RANGES - 1) / LEAVES_RANGES;
         uint8_t lengths[28], *next = lengths;
         struct primitive_ref *refs = test_refs_make(round % 2 ? REFS_CLUSTERS : REFS_CHAIN, count, round);
         for (uint32_t i = 0; i < count; i++) {

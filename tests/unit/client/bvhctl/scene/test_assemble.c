@@ -63,7 +63,7 @@ static void test_unpack(void **state)
         const struct oracle_mesh *mesh = &unpacked.meshes[m];
         const struct import_instance *instance = &world.import.instances[mesh->instance];
         const struct import_mesh *source =
-            &world.import.meshes[world.import.parts[instance->part].meshes[mesh->geometry]];
+            &world.import.meshes[world.import.bottoms[instance->bottom].meshes[mesh->geometry]];
         assert_int_equal(mesh->triangle_count, source->triangle_count);
         assert_memory_equal(mesh->transform, instance->transform, sizeof instance->transform);
         for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++)

@@ -155,23 +155,23 @@ static void test_nodes(void **state)
                                           {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
                                           {1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0},
                                           {2, 0, 0, 2, 0, 2, 0, 0, 0, 0, 2, 0}};
-    static const uint32_t parts[5] = {0, 0, 1, 0, 1};
+    static const uint32_t bottoms[5] = {0, 0, 1, 0, 1};
     struct memory memory;
     struct import import;
     write_sample_gltf();
     import_good("sample.gltf", &memory, &import);
-    assert_int_equal(import.part_count, 2);
-    assert_int_equal(import.parts[0].mesh_count, 1);
-    assert_int_equal(import.parts[1].mesh_count, 2);
-    assert_string_equal(import.parts[1].name, "C");
+    assert_int_equal(import.bottom_count, 2);
+    assert_int_equal(import.bottoms[0].mesh_count, 1);
+    assert_int_equal(import.bottoms[1].mesh_count, 2);
+    assert_string_equal(import.bottoms[1].name, "C");
     assert_int_equal(import.instance_count, 5);
     for (int i = 0; i < 5; i++) {
-        assert_int_equal(import.instances[i].part, parts[i]);
+        assert_int_equal(import.instances[i].bottom, bottoms[i]);
         assert_memory_equal(import.instances[i].transform, expected[i], sizeof expected[i]);
         assert_int_equal(import.instances[i].skipped, i == 3);
     }
     assert_int_equal(import.skipped_instances, 1);
-    const struct import_mesh *mesh = &import.meshes[import.parts[0].meshes[0]];
+    const struct import_mesh *mesh = &import.meshes[import.bottoms[0].meshes[0]];
     assert_string_equal(mesh->material, "green");
     assert_true(mesh->has_colour && mesh->colour[0] == 0.25f && mesh->colour[1] == 0.5f && mesh->colour[2] == 0.125f);
     assert_int_equal(import.file_count, 2);
@@ -206,22 +206,22 @@ static void test_oracle_meshes(void **state)
 }
 
 /* More distinct lists of meshes than the first table of them holds, each used twice. */
-static void test_many_parts(void **state)
+static void test_many_bottoms(void **state)
 {
     (void)state;
-    enum { PARTS = 300 };
+    enum { BOTTOMS = 300 };
     FILE *file = fopen("many.gltf", "w");
     fputs("{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"buffers\":[{\"uri\":\"sample.bin\",\"byteLength\":48}],"
           "\"bufferViews\":[{\"buffer\":0,\"byteLength\":36}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,"
           "\"count\":3,\"type\":\"VEC3\",\"min\":[0,0,0],\"max\":[1,2,0]}],\"meshes\":[",
           file);
-    for (int i = 0; i < PARTS; i++)
+    for (int i = 0; i < BOTTOMS; i++)
         fprintf(file, "%s{\"name\":\"mesh%d\",\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}", i ? "," : "", i);
     fputs("],\"nodes\":[", file);
-    for (int i = 0; i < 2 * PARTS; i++)
-        fprintf(file, "%s{\"mesh\":%d}", i ? "," : "", i % PARTS);
+    for (int i = 0; i < 2 * BOTTOMS; i++)
+        fprintf(file, "%s{\"mesh\":%d}", i ? "," : "", i % BOTTOMS);
     fputs("],\"scenes\":[{\"nodes\":[0", file);
-    for (int i = 1; i < 2 * PARTS; i++)
+    for (int i = 1; i < 2 * BOTTOMS; i++)
         fprintf(file, ",%d", i);
     fputs("]}]}", file);
     fclose(file);
@@ -229,10 +229,10 @@ static void test_many_parts(void **state)
     struct memory memory;
     struct import import;
     import_good("many.gltf", &memory, &import);
-    assert_int_equal(import.part_count, PARTS);
-    assert_int_equal(import.instance_count, 2 * PARTS);
-    for (uint32_t i = 0; i < 2 * PARTS; i++)
-        assert_int_equal(import.instances[i].part, i % PARTS);
+    assert_int_equal(import.bottom_count, BOTTOMS);
+    assert_int_equal(import.instance_count, 2 * BOTTOMS);
+    for (uint32_t i = 0; i < 2 * BOTTOMS; i++)
+        assert_int_equal(import.instances[i].bottom, i % BOTTOMS);
     finish(&import, &memory);
 }
 
@@ -319,10 +319,10 @@ static void test_names(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_faces),      cmocka_unit_test(test_nothing_is_dropped),
-        cmocka_unit_test(test_nodes),      cmocka_unit_test(test_oracle_meshes),
-        cmocka_unit_test(test_many_parts), cmocka_unit_test(test_failures),
-        cmocka_unit_test(test_no_memory),  cmocka_unit_test(test_importer_crash),
+        cmocka_unit_test(test_faces),        cmocka_unit_test(test_nothing_is_dropped),
+        cmocka_unit_test(test_nodes),        cmocka_unit_test(test_oracle_meshes),
+        cmocka_unit_test(test_many_bottoms), cmocka_unit_test(test_failures),
+        cmocka_unit_test(test_no_memory),    cmocka_unit_test(test_importer_crash),
         cmocka_unit_test(test_names),
     };
     return cmocka_run_group_tests_name("import", tests, enter_scratch, leave_scratch);

@@ -157,12 +157,12 @@ static void test_missing_and_memory(void **state)
     }
 }
 
-static void check_file_name(char *scene, char *part_name, uint32_t index, const char *expected)
+static void check_file_name(char *scene, char *level_name, uint32_t index, const char *expected)
 {
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
-    struct import_part parts[2] = {{.name = part_name}, {.name = part_name}};
-    struct import import = {.name = scene, .parts = parts, .part_count = 2, .memory = &memory};
+    struct import_bottom bottoms[2] = {{.name = level_name}, {.name = level_name}};
+    struct import import = {.name = scene, .bottoms = bottoms, .bottom_count = 2, .memory = &memory};
     char *file = manifest_file_name(&import, index);
     assert_string_equal(file, expected);
     memory_free(&memory, file);

@@ -57,7 +57,7 @@ static void check_instances(const struct structure *top, const struct import *im
         assert_in_range(instance.instance, 0, TEST_WORLD_INSTANCES - 1);
         const struct import_instance *source = &import->instances[instance.instance];
         assert_false(source->skipped);
-        assert_int_equal(instance.bottom, source->part);
+        assert_int_equal(instance.bottom, source->bottom);
         assert_memory_equal(instance.object_to_world, source->transform, sizeof source->transform);
     }
 }
@@ -113,8 +113,8 @@ static void check_world(const struct target_reader *reader, struct test_world *w
         assert_int_equal(structures->files[i].structure.target, reader->target);
         check_survey(&structures->files[i].structure, &world->local.memory);
     }
-    for (uint32_t part = 0; part < 2; part++)
-        check_triangles(&structures->files[part].structure, &world->import.meshes[part]);
+    for (uint32_t bottom = 0; bottom < 2; bottom++)
+        check_triangles(&structures->files[bottom].structure, &world->import.meshes[bottom]);
     check_instances(structures_top(structures), &world->import);
     check_handles(reader, structures_top(structures));
     check_trace(structures);
