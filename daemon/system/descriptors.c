@@ -7,10 +7,12 @@
 #include <stdlib.h>
 #include <sys/resource.h>
 
-/* How far to look for open descriptors where the system does not list them: more than any parent hands down. */
+/* How many descriptors are probed where the system does not list the open ones: more than any parent hands down. */
 enum { PROBED = 4096 };
 
-/* Of the process, as descriptors are. */
+/*
+ * Descriptors that are still open after their count was given back. Global, because descriptors belong to the process.
+ */
 static _Atomic uint32_t lingering;
 
 static uint64_t raise_limit(void)
@@ -30,7 +32,10 @@ static uint32_t probe_open(uint64_t limit)
     return count;
 }
 
-/* Below the limit: one above it, from a parent with a higher one, takes no place. */
+/*
+ * Counts the open descriptors below the limit. A descriptor above it, which a parent with a higher limit opened, does
+ * not reduce how many can still be opened.
+ */
 static uint32_t count_open(uint64_t limit)
 {
     DIR *directory = opendir("/proc/self/fd");
@@ -40,7 +45,7 @@ static uint32_t count_open(uint64_t limit)
     for (struct dirent *entry; (entry = readdir(directory));)
         count += entry->d_name[0] != '.' && strtoull(entry->d_name, NULL, 10) < limit;
     closedir(directory);
-    return count ? count - 1 : 0; /* without the directory's own */
+    return count ? count - 1 : 0; /* the directory's own descriptor was listed, too */
 }
 
 void descriptors_init(struct descriptors *descriptors)
@@ -52,7 +57,7 @@ void descriptors_init(struct descriptors *descriptors)
     atomic_init(&descriptors->unread, 0);
 }
 
-/* Adds `count` where the sum stays within `limit`. */
+/* Adds `count` if the sum stays within `limit`; otherwise returns false and adds nothing. */
 static bool add_within(_Atomic uint32_t *counter, uint32_t count, uint64_t limit)
 {
     uint32_t before = atomic_load_explicit(counter, memory_order_relaxed);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * descriptors.h - how many file descriptors the process may still open. Counted, so that a shortage is met before the
- * system reports it: with none left, a received descriptor is lost without a trace. From any thread.
+ * descriptors.h - how many file descriptors the process is still allowed to open. The daemon counts them itself, so
+ * that it notices a shortage before the system reports it: when none is left, the kernel drops a received descriptor
+ * without an error. All functions but descriptors_init can be called from any thread.
  */
 #ifndef BVHD_DESCRIPTORS_H
 #define BVHD_DESCRIPTORS_H
@@ -11,42 +12,47 @@
 #include <stdint.h>
 
 /*
- * What everything but receiving leaves free, so that a message that comes with descriptors can always be received
- * whole.
+ * Descriptors that everything except receiving leaves free, so that a message that comes with descriptors can always be
+ * received as a whole.
  */
 enum { DESCRIPTORS_RESERVE = 16 };
 
 struct descriptors {
-    uint32_t limit; /* RLIMIT_NOFILE less those that were open at the start */
-    _Atomic uint32_t used;
-    /* descriptors sent to clients that have not read them: the kernel limits them for a user */
+    uint32_t limit; /* RLIMIT_NOFILE minus the descriptors that were open at the start */
+    _Atomic uint32_t used; /* by descriptors_take, not yet given back */
+    /* descriptors sent to clients that have not read them; the kernel limits how many of these a user has */
     _Atomic uint32_t unread;
 };
 
 /*
- * Raises the process's soft limit to the hard one, and counts what is open. Once, before threads open descriptors of
- * their own.
+ * Raises the process's soft limit to the hard one, and counts the open descriptors. To be called once, before other
+ * threads open descriptors.
  */
 void descriptors_init(struct descriptors *descriptors);
 
 /*
- * All `count` or none: false when fewer than `count` + `keep` are left. `keep` is DESCRIPTORS_RESERVE, or 0 for
- * descriptors that have been received, which count when they arrive.
+ * Counts `count` descriptors that the caller is about to open. Returns false, and counts none, when fewer than `count`
+ * + `keep` are left. `keep` is at least DESCRIPTORS_RESERVE, or 0 for descriptors that are about to be received.
  */
 bool descriptors_take(struct descriptors *descriptors, uint32_t count, uint32_t keep);
+
+/* Gives back `count` of the descriptors that were taken, after they were closed or handed to release.h. */
 void descriptors_give(struct descriptors *descriptors, uint32_t count);
+
 uint32_t descriptors_left(const struct descriptors *descriptors);
 
 /*
- * For whoever closes later (release.h): one descriptor, whose count was given back, is still open; and no longer. Those
- * that linger count as used in every struct descriptors.
+ * For release.h, which closes descriptors later than their owner gives back their count. descriptors_linger says that
+ * one such descriptor is still open, descriptors_lingered that it was closed. Lingering descriptors are counted for the
+ * process and are missing from what is left in every struct descriptors.
  */
 void descriptors_linger(void);
 void descriptors_lingered(void);
 
 /*
- * Sending and having been read: false when more than half of the limit would be on its way unread, all clients
- * together.
+ * descriptors_send counts descriptors that are about to be sent to a client. It returns false, and counts none, when
+ * all clients together would then have more than half of the limit unread. descriptors_read counts those that a client
+ * has read, or that were not sent after all.
  */
 bool descriptors_send(struct descriptors *descriptors, uint32_t count);
 void descriptors_read(struct descriptors *descriptors, uint32_t count);

@@ -23,7 +23,8 @@ static pthread_once_t journal_once = PTHREAD_ONCE_INIT;
 static bool journal;
 
 /*
- * $JOURNAL_STREAM names the device and inode that the service manager connected; stderr may lead elsewhere meanwhile.
+ * $JOURNAL_STREAM names the device and inode that the service manager connected to stderr. They are compared, because
+ * stderr may have been redirected since.
  */
 static void find_journal(void)
 {
@@ -45,11 +46,11 @@ static size_t write_prefix(enum log_level level, const char *event, char *line)
         return (size_t)snprintf(line, LINE_SIZE, "<%c>level=%s event=%s", journal_priorities[level], level_names[level],
                                 event);
     struct timespec now;
-    struct tm parts;
+    struct tm utc;
     char text[32];
     clock_gettime(CLOCK_REALTIME, &now);
-    gmtime_r(&now.tv_sec, &parts);
-    strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%S", &parts);
+    gmtime_r(&now.tv_sec, &utc);
+    strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%S", &utc);
     return (size_t)snprintf(line, LINE_SIZE, "%s.%03ldZ level=%s event=%s", text, now.tv_nsec / 1000000,
                             level_names[level], event);
 }
@@ -79,7 +80,7 @@ void log_event(enum log_level level, const char *event, const char *pairs, ...)
             line[i] = '?';
     line[length++] = '\n';
     if (write(STDERR_FILENO, line, length) < 0)
-        return; /* there is nowhere to complain */
+        return; /* stderr is the only place where an error could be reported */
 }
 
 struct log_quoted log_quote(const char *text)

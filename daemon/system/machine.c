@@ -9,7 +9,7 @@
 
 #define GROUPS "/sys/fs/cgroup"
 
-/* The path of the process's control group, "" where there is none or it is the root. */
+/* Finds the path of the process's control group (version 2). It is "" if there is none, or if it is the root. */
 static void find_group(char ret_path[PATH_MAX])
 {
     char line[PATH_MAX];
@@ -27,7 +27,7 @@ static void find_group(char ret_path[PATH_MAX])
         ret_path[0] = '\0';
 }
 
-/* "max" is no number, and no limit. */
+/* Returns UINT64_MAX for "max", which means that the group has no limit, and for a file that cannot be read. */
 static uint64_t read_limit(const char *group)
 {
     char path[2 * PATH_MAX];
@@ -42,7 +42,7 @@ static uint64_t read_limit(const char *group)
     return limit;
 }
 
-/* A group is bound by those above it, too. */
+/* Returns the least limit of the group and its ancestors, since each of them applies. */
 static uint64_t group_limit(void)
 {
     char group[PATH_MAX];

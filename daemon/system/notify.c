@@ -3,7 +3,7 @@
 
 #include <systemd/sd-daemon.h>
 
-_Static_assert(NOTIFY_FIRST_SOCKET == SD_LISTEN_FDS_START, "the protocol of socket activation");
+_Static_assert(NOTIFY_FIRST_SOCKET == SD_LISTEN_FDS_START, "sockets that are handed over begin at this descriptor");
 
 void notify_ready(const char *status)
 {

@@ -13,7 +13,7 @@
 #include "daemon/system/descriptors.h"
 #include "daemon/system/detached.h"
 
-/* Either a mapping or a descriptor. */
+/* A queued call of munmap or close. */
 struct release {
     struct release *next;
     void *address; /* NULL for a descriptor */
@@ -21,19 +21,20 @@ struct release {
     int descriptor;
 };
 
-/* What waits, and the threads that work on it; they end when nothing does. */
-struct crew {
+/* A queue, and the threads that work on it. They end when the queue is empty. */
+struct release_queue {
     pthread_mutex_t mutex;
     struct release *first, *last;
     unsigned threads, most_threads;
 };
 
 /*
- * Of the process, as pages and descriptors are. What is ours takes its time but ends; what is a stranger's may not, and
- * would hold that up.
+ * Both are global, because mappings and descriptors belong to the process. `own` is for mappings and memfds, which take
+ * a while to release but come to an end. `foreign` is for other descriptors of clients: close() of one of these may
+ * never return, so it must not be queued ahead of the former.
  */
-static struct crew ours = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = 1};
-static struct crew strangers = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = RELEASE_STRANGERS};
+static struct release_queue own = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = 1};
+static struct release_queue foreign = {.mutex = PTHREAD_MUTEX_INITIALIZER, .most_threads = RELEASE_FOREIGN_THREADS};
 
 static void carry_out(const struct release *release)
 {
@@ -47,85 +48,89 @@ static void carry_out(const struct release *release)
     }
 }
 
-/* NULL ends the thread that asks. */
-static struct release *take_first(struct crew *crew)
+/* Returns NULL when the queue is empty; the calling thread is then no longer counted, and has to end. */
+static struct release *take_first(struct release_queue *queue)
 {
-    pthread_mutex_lock(&crew->mutex);
-    struct release *release = crew->first;
+    pthread_mutex_lock(&queue->mutex);
+    struct release *release = queue->first;
     if (release)
-        crew->first = release->next;
+        queue->first = release->next;
     else
-        crew->threads--;
-    pthread_mutex_unlock(&crew->mutex);
+        queue->threads--;
+    pthread_mutex_unlock(&queue->mutex);
     return release;
 }
 
 static void *work(void *context)
 {
-    struct crew *crew = context;
-    for (struct release *release; (release = take_first(crew));) {
+    struct release_queue *queue = context;
+    for (struct release *release; (release = take_first(queue));) {
         carry_out(release);
         free(release);
     }
     return NULL;
 }
 
-/* True when there should be one more thread, which is counted. */
-static bool append(struct crew *crew, struct release *release)
+/* Returns true when the caller has to start one more thread, which is counted already. */
+static bool append(struct release_queue *queue, struct release *release)
 {
-    pthread_mutex_lock(&crew->mutex);
-    if (crew->first)
-        crew->last->next = release;
+    pthread_mutex_lock(&queue->mutex);
+    if (queue->first)
+        queue->last->next = release;
     else
-        crew->first = release;
-    crew->last = release;
-    bool more = crew->threads < crew->most_threads;
-    crew->threads += more;
-    pthread_mutex_unlock(&crew->mutex);
+        queue->first = release;
+    queue->last = release;
+    bool more = queue->threads < queue->most_threads;
+    queue->threads += more;
+    pthread_mutex_unlock(&queue->mutex);
     return more;
 }
 
-/* False without memory. Without a thread it waits for the next one that can be had. */
-static bool hand_over(struct crew *crew, const struct release *release)
+/*
+ * Queues a copy of `release`. Returns false when there is no memory for it. When no thread can be started, the entry
+ * stays in the queue until a running thread of this queue, or one that a later call starts, takes it.
+ */
+static bool hand_over(struct release_queue *queue, const struct release *release)
 {
     struct release *queued = malloc(sizeof *queued);
     if (!queued)
         return false;
     *queued = *release;
-    if (append(crew, queued) && !detached_start(work, crew)) {
-        pthread_mutex_lock(&crew->mutex);
-        crew->threads--;
-        pthread_mutex_unlock(&crew->mutex);
+    if (append(queue, queued) && !detached_start(work, queue)) {
+        pthread_mutex_lock(&queue->mutex);
+        queue->threads--;
+        pthread_mutex_unlock(&queue->mutex);
     }
     return true;
 }
 
-static void release_ours(const struct release *release)
+static void release_own(const struct release *release)
 {
-    if (release->size < RELEASE_LATER_MIN || !hand_over(&ours, release))
+    if (release->size < RELEASE_LATER_MIN || !hand_over(&own, release))
         carry_out(release);
 }
 
 void release_mapping(void *address, uint64_t size)
 {
-    release_ours(&(struct release){.address = address, .size = size});
+    release_own(&(struct release){.address = address, .size = size});
 }
 
 void release_memfd(int descriptor, uint64_t size)
 {
     descriptors_linger();
-    release_ours(&(struct release){.descriptor = descriptor, .size = size});
+    release_own(&(struct release){.descriptor = descriptor, .size = size});
 }
 
 /*
- * Asking for seals is answered by the kernel alone, whoever the file belongs to; so is everything about what has them.
+ * Neither call can block: F_GET_SEALS is answered by the kernel alone, whatever file system the file belongs to, and so
+ * is fstat of a file that has seals.
  */
 static bool is_memfd(int descriptor, uint64_t *ret_size)
 {
     struct stat file;
     if (fcntl(descriptor, F_GET_SEALS) < 0 || fstat(descriptor, &file) != 0)
         return false;
-    *ret_size = (uint64_t)file.st_blocks * 512; /* may be more or less than what it says to hold */
+    *ret_size = (uint64_t)file.st_blocks * 512; /* its pages, which may be more or less than st_size */
     return true;
 }
 
@@ -136,7 +141,7 @@ void release_descriptor(int descriptor)
         release_memfd(descriptor, size);
     } else if (fcntl(descriptor, F_GETFD) >= 0) {
         descriptors_linger();
-        hand_over(&strangers,
-                  &(struct release){.descriptor = descriptor}); /* without memory it stays open, and counted */
+        /* Without memory it stays open, and counted. */
+        hand_over(&foreign, &(struct release){.descriptor = descriptor});
     }
 }

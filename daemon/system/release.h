@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * release.h - closing and unmapping what would keep the caller, who may be the loop. Threads of the module's own do it,
- * a moment later. What is not closed yet lingers (descriptors.h), so its count may be given back at once. From any
- * thread.
+ * release.h - closes and unmaps without blocking the caller, who may be the loop: calls that could take long are made a
+ * moment later, on threads of this module. A descriptor that is not closed yet lingers (descriptors.h), so its owner
+ * gives back its count at once. All functions can be called from any thread; none reports an error.
  *
- * The system takes some 50 us for each MiB of a memfd's pages, wherever the last hold on them ends: small ones go at
- * once, those of RELEASE_LATER_MIN bytes and more later.
+ * Freeing the pages of a memfd takes the system some 50 us for each MiB, when the last reference to them goes. Small
+ * ones are therefore released at once, those of RELEASE_LATER_MIN bytes and more later.
  */
 #ifndef BVHD_RELEASE_H
 #define BVHD_RELEASE_H
@@ -14,18 +14,20 @@
 
 enum { RELEASE_LATER_MIN = 1024 * 1024 };
 
+/* Unmaps `size` bytes at `address`. */
 void release_mapping(void *address, uint64_t size);
 
-/* A memfd of `size` bytes, of our own making. */
+/* Closes a memfd of `size` bytes that this process has made. */
 void release_memfd(int descriptor, uint64_t size);
 
 /*
- * What a client sent, whatever it is, or a socket on which a client may have sent descriptors that were not received.
- * Closing either may take as long as somebody likes: a file of a FUSE file system waits for that file system's answer,
- * a TCP socket, also one that lies unread in another socket, for its SO_LINGER. So each has a thread of its own, unless
- * RELEASE_STRANGERS wait already. Nothing happens when it is not open.
+ * Closes a descriptor that a client sent, of whatever kind, or a socket on which a client may have sent descriptors
+ * that were not received. Such a close() can block for as long as somebody else likes: a file of a FUSE file system
+ * waits for that file system's answer, and a TCP socket, even one that is unread in another socket, for its SO_LINGER.
+ * Each is therefore closed on a thread of its own, at most RELEASE_FOREIGN_THREADS at the same time; more of them
+ * queue. A descriptor that is not open is ignored.
  */
-enum { RELEASE_STRANGERS = 64 };
+enum { RELEASE_FOREIGN_THREADS = 64 };
 
 void release_descriptor(int descriptor);
 

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_descriptors.c - tests that the count of descriptors agrees with the system, and that no limit is exceeded. */
 #include "tests/support/unit.h"
 
 #include <fcntl.h>
@@ -9,7 +10,7 @@
 
 #include "daemon/system/descriptors.h"
 
-/* As after descriptors_init, with a limit of the test's own. */
+/* Returns what descriptors_init would give, but with the limit that the test asks for. */
 static struct descriptors with_limit(uint32_t limit)
 {
     return (struct descriptors){.limit = limit};
@@ -38,7 +39,7 @@ static void the_soft_limit_is_raised(void **state)
     assert_int_equal(setrlimit(RLIMIT_NOFILE, &before), 0);
 }
 
-static void what_is_open_is_not_free(void **state)
+static void open_descriptors_are_not_free(void **state)
 {
     (void)state;
     struct descriptors before, after;
@@ -61,10 +62,10 @@ static int lower_hard_limit(uint32_t limit)
 }
 
 /*
- * Counted before the system says no: with everything taken that is said to be left, opening fails for the first time.
- * In a process of its own.
+ * The count runs out exactly when the system does: every descriptor that descriptors_take grants can be opened, and the
+ * next one cannot. The test lowers the hard limit, so it runs in a child process.
  */
-static void the_count_is_the_systems(void **state)
+static void the_count_agrees_with_the_system(void **state)
 {
     (void)state;
     pid_t child = fork();
@@ -84,7 +85,7 @@ static void the_count_is_the_systems(void **state)
     assert_int_equal(WEXITSTATUS(status), 0);
 }
 
-/* A parent may hand down more than the limit allows: nothing is left, and nothing wraps round. */
+/* A parent can hand down more open descriptors than the limit allows. Then none are left, and no count wraps round. */
 static void a_limit_below_what_is_open_leaves_none(void **state)
 {
     (void)state;
@@ -194,7 +195,7 @@ static void threads_share_the_limit(void **state)
     assert_int_equal(descriptors_left(&crowd.descriptors), LIMIT);
 }
 
-static void what_lingers_is_not_free(void **state)
+static void lingering_descriptors_are_not_free(void **state)
 {
     (void)state;
     struct descriptors descriptors = with_limit(10), full = with_limit(3);
@@ -217,11 +218,15 @@ static void what_lingers_is_not_free(void **state)
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_soft_limit_is_raised), cmocka_unit_test(what_is_open_is_not_free),
-        cmocka_unit_test(the_count_is_the_systems), cmocka_unit_test(a_limit_below_what_is_open_leaves_none),
-        cmocka_unit_test(taking_keeps_some_free),   cmocka_unit_test(all_or_none),
-        cmocka_unit_test(half_may_be_unread),       cmocka_unit_test(threads_share_the_limit),
-        cmocka_unit_test(what_lingers_is_not_free),
+        cmocka_unit_test(the_soft_limit_is_raised),
+        cmocka_unit_test(open_descriptors_are_not_free),
+        cmocka_unit_test(the_count_agrees_with_the_system),
+        cmocka_unit_test(a_limit_below_what_is_open_leaves_none),
+        cmocka_unit_test(taking_keeps_some_free),
+        cmocka_unit_test(all_or_none),
+        cmocka_unit_test(half_may_be_unread),
+        cmocka_unit_test(threads_share_the_limit),
+        cmocka_unit_test(lingering_descriptors_are_not_free),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

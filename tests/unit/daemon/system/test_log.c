@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_log.c - tests that log lines have the documented form, whatever text they contain, and that levels apply. */
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -10,7 +11,7 @@
 
 static char text[8192];
 
-/* stderr goes to a file while `event` runs; its contents are in `text`. */
+/* Runs `event` with stderr redirected to a file, and copies what was written into `text`. */
 static void capture(void (*event)(void))
 {
     int file = memfd_create("log", MFD_CLOEXEC), kept = dup(STDERR_FILENO);
@@ -111,7 +112,7 @@ static void test_limit(void **state)
     assert_int_equal(suppressed, 0);
     for (int i = 0; i < 5; i++)
         assert_false(log_limit_pass(&limit, &suppressed));
-    limit.next_ms -= 1000; /* a second later */
+    limit.next_ms -= 1000; /* as if a second had passed */
     assert_true(log_limit_pass(&limit, &suppressed));
     assert_int_equal(suppressed, 5);
 }

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lines for a journal. A program of its own: whether there is one is found out once. */
+/*
+ * test_log_journal.c - tests that log lines carry a journal's priorities. It is a program of its own, because log.c
+ * finds out only once in a process whether stderr is connected to a journal.
+ */
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_release.c - tests that mappings and descriptors are released, each once, without blocking the caller. */
 #include "tests/support/unit.h"
 
 #include <fcntl.h>
@@ -50,7 +51,7 @@ static void wait_until_all_is_closed(void)
     assert_int_equal(descriptors_left(&descriptors), LIMIT);
 }
 
-static void small_things_go_at_once(void **state)
+static void small_ones_are_released_at_once(void **state)
 {
     (void)state;
     int descriptor = make_file(SMALL);
@@ -62,7 +63,7 @@ static void small_things_go_at_once(void **state)
     assert_false(is_mapped(mapping));
 }
 
-static void large_things_go_soon(void **state)
+static void large_ones_are_released_soon(void **state)
 {
     (void)state;
     int descriptor = make_file(LARGE);
@@ -89,7 +90,7 @@ static void *release_many(void *context)
 }
 
 /*
- * All are closed in the end, and none is closed twice: a count would be below zero, or somebody else's descriptor gone.
+ * All descriptors are closed in the end, and none is closed twice: that would make the count negative, or close `mine`.
  */
 static void any_thread_may_release(void **state)
 {
@@ -117,11 +118,8 @@ static void handle(int number)
     handled_by_main = pthread_equal(pthread_self(), main_thread) ? 1 : -1;
 }
 
-/*
- * With every other thread's signals blocked, one that is sent to the process waits for them: the module's own takes
- * none.
- */
-static void signals_are_for_others(void **state)
+/* While the main thread blocks a signal, the signal stays pending: the module's threads do not take it. */
+static void no_signal_is_taken(void **state)
 {
     (void)state;
     sigset_t usr1, before;
@@ -141,7 +139,7 @@ static void signals_are_for_others(void **state)
     sigaction(SIGUSR1, &old, NULL);
 }
 
-static void whatever_clients_send_is_closed(void **state)
+static void descriptors_of_clients_are_closed(void **state)
 {
     (void)state;
     int pipes[2], small = make_file(10), large = make_file(LARGE);
@@ -151,7 +149,7 @@ static void whatever_clients_send_is_closed(void **state)
     release_descriptor(large);
     release_descriptor(pipes[1]);
     char byte;
-    assert_int_equal(read(pipes[0], &byte, 1), 0); /* the end: nobody holds the other one */
+    assert_int_equal(read(pipes[0], &byte, 1), 0); /* the end of the stream: the writing side is closed */
     release_descriptor(pipes[0]);
     wait_until_all_is_closed();
     assert_false(is_open(large));
@@ -168,8 +166,11 @@ static double seconds(void)
     return (double)now.tv_sec + (double)now.tv_nsec * 1e-9;
 }
 
-/* It says to hold hardly anything, and holds what takes long to give back: it waits behind what keeps the thread. */
-static void the_size_is_what_is_there(void **state)
+/*
+ * The file's st_size is one byte, but it has LARGE bytes of pages, so it must be closed later: it queues behind the
+ * socket whose close() blocks the thread.
+ */
+static void the_size_is_that_of_the_pages(void **state)
 {
     (void)state;
     struct test_lingering pair = {-1, -1};
@@ -188,11 +189,14 @@ static void the_size_is_what_is_there(void **state)
     assert_false(is_open(descriptor));
 }
 
-/* close() would take a minute each. What is not closed yet is not free; once the peers go away, it is. */
-static void strangers_hold_nobody_up(void **state)
+/*
+ * Each close() would take a minute. Descriptors that are not closed yet are not counted as free; they are once their
+ * peers have gone away.
+ */
+static void foreign_descriptors_block_nobody(void **state)
 {
     (void)state;
-    enum { COUNT = RELEASE_STRANGERS + 10 };
+    enum { COUNT = RELEASE_FOREIGN_THREADS + 10 };
     static struct test_lingering pairs[COUNT];
     if (!test_lingering_is_possible())
         skip();
@@ -203,11 +207,11 @@ static void strangers_hold_nobody_up(void **state)
         release_descriptor(pairs[i].sender);
     assert_true(seconds() - begun < 20);
     assert_int_equal(descriptors_left(&descriptors), LIMIT - COUNT);
-    int ours = make_file(LARGE);
-    release_memfd(ours, LARGE);
+    int own = make_file(LARGE);
+    release_memfd(own, LARGE);
     for (int i = 0; i < 5000 && descriptors_left(&descriptors) < LIMIT - COUNT; i++)
         usleep(1000);
-    assert_false(is_open(ours));
+    assert_false(is_open(own));
     assert_int_equal(descriptors_left(&descriptors), LIMIT - COUNT);
     for (int i = 0; i < COUNT; i++)
         test_lingering_end(&pairs[i]);
@@ -229,8 +233,8 @@ static void send_descriptor(int socket, int descriptor)
     assert_int_equal(sendmsg(socket, &message, 0), 1);
 }
 
-/* The last hold on the lingering socket is a message that nobody has received. */
-static void what_lies_unread_holds_nobody_up(void **state)
+/* The last reference to the lingering socket is in a message that nobody has received. */
+static void unread_descriptors_block_nobody(void **state)
 {
     (void)state;
     struct test_lingering pair = {-1, -1};
@@ -253,10 +257,14 @@ static void what_lies_unread_holds_nobody_up(void **state)
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
-        cmocka_unit_test(small_things_go_at_once),         cmocka_unit_test(large_things_go_soon),
-        cmocka_unit_test(any_thread_may_release),          cmocka_unit_test(signals_are_for_others),
-        cmocka_unit_test(whatever_clients_send_is_closed), cmocka_unit_test(the_size_is_what_is_there),
-        cmocka_unit_test(strangers_hold_nobody_up),        cmocka_unit_test(what_lies_unread_holds_nobody_up),
+        cmocka_unit_test(small_ones_are_released_at_once),
+        cmocka_unit_test(large_ones_are_released_soon),
+        cmocka_unit_test(any_thread_may_release),
+        cmocka_unit_test(no_signal_is_taken),
+        cmocka_unit_test(descriptors_of_clients_are_closed),
+        cmocka_unit_test(the_size_is_that_of_the_pages),
+        cmocka_unit_test(foreign_descriptors_block_nobody),
+        cmocka_unit_test(unread_descriptors_block_nobody),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
