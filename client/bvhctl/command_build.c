@@ -18,31 +18,31 @@ struct failure {
     struct bvhd_error error;
 };
 
-/* One call of `bvhctl build`. */
+/* The state of `bvhctl build`. */
 struct build_command {
-    const struct options *options; /* `complete` */
-    struct options complete; /* what was asked, and the format that it means */
+    const struct options *options; /* points to `complete` */
+    struct options complete; /* the options, with the format that they mean */
     struct bvhd_format format;
     const atomic_bool *cancel;
-    struct memory memory; /* the budget: of scenes, and of what is built here */
-    struct memory notes; /* for what is said and listed: outside the budget, so that its end can be reported */
+    struct memory memory; /* the budget: for scenes, and for builds in this process */
+    struct memory notes; /* for messages and lists: outside the budget, so that its exhaustion can be reported */
     struct progress progress;
-    struct backend *backend; /* one of the two */
+    struct backend *backend; /* that of `local` or of `service` */
     struct backend_local local;
     struct backend_service service;
     struct json report; /* what --json prints */
     struct json manifest;
-    struct json scenes; /* the report's part about scenes */
+    struct json scenes; /* the array "scenes" of the report */
     struct depfile depfile;
     struct failure *failures;
     uint32_t failure_count, failure_capacity;
     bool failed;
-    struct bvhd_error loss; /* not BVHD_OK: the service went away */
+    struct bvhd_error loss; /* its status is not BVHD_OK if the connection to the service was lost */
     uint64_t structure_count, changed_count, byte_count;
     double start;
 };
 
-/* Says it at once, and keeps it for the JSON object. */
+/* Prints an error at once, and keeps it for the JSON object. */
 static void fail(struct build_command *run, const char *what, const struct bvhd_error *error)
 {
     progress_end(&run->progress);
@@ -119,7 +119,7 @@ static void print_structure(const struct bvhd_result *item, const char *file, bo
            manifest_quality_name(item->quality), item->method ? item->method : "", origin_note(item->origin));
 }
 
-/* Writes the file, and its entry everywhere. */
+/* Writes the file of a structure, and its entries in the manifest and the report. */
 static enum bvhd_status keep_structure(struct build_command *run, const struct assembly *assembly, uint32_t index,
                                        char *const *files, struct bvhd_error *error)
 {
@@ -147,7 +147,7 @@ static bool is_interrupted(const struct build_command *run)
     return atomic_load(run->cancel);
 }
 
-/* A top level is worth nothing without the files that it names. */
+/* A top level is not written if a file that it names has failed. */
 static enum bvhd_status check_handles(const struct assembly *assembly, char *const *files, struct bvhd_error *error)
 {
     for (uint32_t i = 0; i < assembly->handle_count; i++) {
@@ -159,7 +159,7 @@ static enum bvhd_status check_handles(const struct assembly *assembly, char *con
     return BVHD_OK;
 }
 
-/* What cannot be written has failed like what cannot be built. */
+/* Writes all structures of a scene. One that cannot be written has failed, like one that cannot be built. */
 static void keep_structures(struct build_command *run, const struct assembly *assembly, char **files)
 {
     uint32_t top = assembly->import->bottom_count;
@@ -219,7 +219,7 @@ static void build_scene(struct build_command *run, const char *path)
     struct bvhd_error error = {0};
     enum bvhd_status status = import_scene(path, &run->memory, &import, &error);
     if (status) {
-        if (!is_interrupted(run)) /* at the terminal that ends the process that reads, too */
+        if (!is_interrupted(run)) /* an interrupt at the terminal also ends the child that reads the scene */
             fail(run, "build", &error);
         return;
     }
@@ -235,7 +235,7 @@ static void build_scene(struct build_command *run, const char *path)
     import_finish(&import);
 }
 
-/* Two scenes of one name would write the same files. */
+/* Refuses two scenes with the same name, because they would write the same files. */
 static enum bvhd_status check_names(const struct options *options, struct memory *memory, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
@@ -324,7 +324,7 @@ static void write_lists(struct build_command *run)
 {
     struct bvhd_error error;
     if (run->failed && run->structure_count == 0)
-        return; /* nothing to list, and an earlier manifest may still be right */
+        return; /* there is nothing to list, and an earlier manifest may still be right */
     if (write_manifest(run, &error))
         fail(run, "build", &error);
     else if (run->options->depfile && !run->failed && depfile_write(&run->depfile, run->options->depfile, &error))
@@ -367,7 +367,7 @@ static void release(struct build_command *run)
     backend_service_close(&run->service);
 }
 
-/* What is built for: portable structures are for any device. */
+/* Finds the format of the device that structures are built for. Targets that are not native need none. */
 static enum bvhd_status find_format(struct build_command *run, struct bvhd_error *error)
 {
     struct options *options = &run->complete;

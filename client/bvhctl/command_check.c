@@ -10,7 +10,7 @@
 
 enum { DEFAULT_RAYS = 4000 };
 
-/* One call of `bvhctl check`. */
+/* The state of `bvhctl check`. */
 struct check_command {
     const struct options *options;
     struct local local;
@@ -22,7 +22,7 @@ struct check_command {
     struct oracle_answer *answers;
     uint32_t ray_count;
     bool answered;
-    bool is_damaged; /* the structures cannot be opened: that is a finding, too */
+    bool is_damaged; /* the structures cannot be opened, which is a result of the check */
 };
 
 struct tally {

@@ -5,18 +5,18 @@
 #include "client/bvhctl/gpu/gpu.h"
 #include "client/bvhctl/gpu/probe_source.h"
 
-/* A device, and what it loads natively as far as a probe tells. */
+/* A device, and the target that it loads natively, according to a probe. */
 struct found {
     struct gpu_properties properties;
-    const char *native; /* a target's name; NULL: none */
-    struct bvhd_error why_not; /* when there is none */
+    const char *native; /* the target's name; NULL: none */
+    struct bvhd_error why_not; /* without a target: the reason */
 };
 
 struct device_list {
     struct memory memory;
     struct found *devices;
     uint32_t count;
-    struct bvhd_error missing; /* why the list is empty */
+    struct bvhd_error missing; /* the reason if the list is empty */
 };
 
 static const char *kind_of(VkPhysicalDeviceType type)
@@ -46,7 +46,7 @@ static void probe(struct found *found, struct memory *memory)
     gpu_close(gpu);
 }
 
-/* That there is no device is an answer. */
+/* An empty list is not an error. */
 static enum bvhd_status find(struct device_list *list, struct bvhd_error *error)
 {
     struct gpu_properties *properties = NULL;

@@ -42,7 +42,7 @@ static bool print_result(const struct options *options, const struct bvhd_result
     return ok;
 }
 
-/* The key's bytes into the file. */
+/* Waits for the structure and writes it to the file. */
 static enum bvhd_status fetch(const struct options *options, struct bvhd_batch *batch, struct memory *memory,
                               struct bvhd_error *error)
 {

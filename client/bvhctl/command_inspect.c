@@ -12,7 +12,7 @@
 
 enum { GEOMETRY_LINES = 16 }; /* most geometries that the text shows */
 
-/* One call of `bvhctl inspect`. */
+/* The state of `bvhctl inspect`. */
 struct inspect_command {
     const struct options *options;
     struct memory memory;
@@ -22,7 +22,7 @@ struct inspect_command {
     uint32_t shown;
 };
 
-/* Drivers put the names of their versions there. */
+/* Adds the UUID as text if it is printable: some drivers put the name of their version there. */
 static void add_letters(const uint8_t uuid[SERIALIZED_UUID_SIZE], char text[64])
 {
     for (int i = 0; i < SERIALIZED_UUID_SIZE; i++)
@@ -39,7 +39,7 @@ static void write_counts(struct json *json, const char *key, const uint64_t *cou
     json_array_end(json);
 }
 
-/* One file, opened and looked at. */
+/* An opened file and the facts about it. */
 struct inspected {
     const char *path;
     const struct structure *structure;
@@ -252,7 +252,7 @@ static enum bvhd_status take(struct inspect_command *run, struct inspected *insp
     return status ? status : survey_take(inspected->structure, &run->memory, &inspected->survey, error);
 }
 
-/* BVHD_NOT_FOUND: it is none, and what is wrong with it as a structure is what matters. */
+/* Prints a probe. BVHD_NOT_FOUND: the file is not a probe, and its error as a structure is the one to report. */
 static enum bvhd_status inspect_probe(struct inspect_command *run, const char *path, struct bvhd_error *error)
 {
     struct inspect_probe probe;
@@ -267,7 +267,7 @@ static enum bvhd_status inspect_probe(struct inspect_command *run, const char *p
     return BVHD_OK;
 }
 
-/* A file that is no structure may be a probe. */
+/* Inspects a file that cannot be opened as a structure: it may be a probe. */
 static enum bvhd_status inspect_other(struct inspect_command *run, const char *path, enum bvhd_status status,
                                       struct bvhd_error *error)
 {

@@ -5,18 +5,18 @@
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/gpu/gpu.h"
 
-/* One call of `bvhctl probe`. */
+/* The state of `bvhctl probe`. */
 struct probe_command {
     const struct options *options;
     struct memory memory;
     struct gpu *gpu;
     void *probe;
     uint64_t size;
-    const char *target; /* what reproduces the probe; NULL: nothing */
+    const char *target; /* the name of the target that the device loads; NULL: none that is known */
     struct bvhd_error why_not;
 };
 
-/* A probe that nothing reproduces is worth a file too: a newer version may know more. */
+/* It is not an error if no target is known: the probe is written anyway, because a newer version may know one. */
 static enum bvhd_status match(struct probe_command *call, struct bvhd_error *error)
 {
     struct bvhd_format format = {.struct_size = sizeof format};
@@ -83,7 +83,7 @@ enum exit_code command_probe(const struct options *options)
     enum exit_code code;
     if (run(&call, &error)) {
         report_failure(options->json, "probe", &error);
-        code = EXIT_FAILED; /* a device that is not there is no daemon that is not there */
+        code = EXIT_FAILED; /* EXIT_NO_DAEMON would be wrong: it is a device that is missing */
     } else {
         code = (options->json ? print_json(&call) : print_text(&call)) ? EXIT_DONE : EXIT_FAILED;
     }

@@ -14,7 +14,7 @@ static void write_counters(const struct bvhd_counters *counters, struct json *js
     json_object_end(json);
 }
 
-/* 0 for a counter that this daemon does not have. */
+/* Returns the value of a counter, or 0 if this daemon does not have it. */
 static uint64_t value_of(const struct bvhd_counters *counters, const char *name)
 {
     for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
@@ -28,7 +28,7 @@ static double megabytes(const struct bvhd_counters *counters, const char *name)
     return (double)value_of(counters, name) / 1e6;
 }
 
-/* What one wants to know first. */
+/* Prints the figures that matter most. */
 static void print_summary(const struct bvhd_counters *counters)
 {
     uint64_t hits = value_of(counters, "hits_memory") + value_of(counters, "hits_disk");
@@ -88,7 +88,7 @@ enum exit_code command_stats(const struct options *options)
     return code;
 }
 
-/* Whose daemon has answered; one that had to be started shows that none did. */
+/* Says which daemon has answered. If it had to be started, no other daemon has answered. */
 static const char *whose(const struct connect *connect)
 {
     return connect->is_started   ? ": a private daemon, started now, for none answered"

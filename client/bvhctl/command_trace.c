@@ -11,18 +11,19 @@
 #include "client/bvhctl/picture/picture.h"
 
 /*
- * On the CPU, camera rays that are compared with brute force: at most so many, and so many pairs of ray and triangle.
+ * Limits for the camera rays of a picture by the CPU that are compared with brute force: the number of rays, on a
+ * square of CHECKED_SIDE rays a side, and of pairs of a ray and a triangle.
  */
 enum { CHECKED_RAYS = 1024, CHECKED_SIDE = 32 };
 static const double checked_pairs = 4e8;
 
-/* Samples at once: devices want many threads at work. */
+/* Samples at once. Devices need more, to keep many threads busy. */
 enum { CPU_BATCH = 1 << 14, DEVICE_BATCH = 1 << 18 };
 
 enum { RAYS_A_PIXEL = 20 };
 static const double affordable_tests = 2e10;
 
-/* One call of `bvhctl trace`. */
+/* The state of `bvhctl trace`. */
 struct trace_command {
     const struct options *options;
     tracer_chooser choose;
@@ -38,8 +39,8 @@ struct trace_command {
 };
 
 /*
- * Scenes in which boxes tell nothing apart - the same triangle many times, coordinates near the smallest floats - have
- * every ray test every triangle. Better say so than draw for days.
+ * Refuses scenes in which every ray would test every triangle, so that a picture would take days. That happens where
+ * boxes do not separate triangles: if there are many copies of one, or coordinates are near the smallest floats.
  */
 static enum bvhd_status check_cost(const struct trace_command *run, struct bvhd_error *error)
 {
@@ -79,7 +80,7 @@ static enum bvhd_status render(struct trace_command *run, struct bvhd_error *err
     return status;
 }
 
-/* Rays of the picture's camera, spread over the picture. */
+/* Makes rays of the picture's camera that are spread over the picture. */
 static void make_checked_rays(const struct trace_command *run, uint32_t count, struct ray *rays)
 {
     double step = (double)CHECKED_RAYS / count;
@@ -207,7 +208,7 @@ static void release(struct trace_command *run)
     local_close(&run->local);
 }
 
-/* No daemon is asked, so whatever is not there fails like anything else. */
+/* EXIT_NO_DAEMON is not for this command, which uses no daemon: every error is EXIT_FAILED. */
 static enum exit_code fail(const struct options *options, const struct bvhd_error *error)
 {
     report_failure(options->json, "trace", error);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bvhctl: builds acceleration structures from scene files, checks them, looks into them, makes pictures of them. */
+/* bvhctl: builds acceleration structures from scene files, checks them, inspects them and renders pictures of them. */
 #include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@ static void interrupt(int number)
     atomic_store(&cancelled, true);
 }
 
-/* The first interrupt ends a build in order, without a half-written file; the second one ends the process. */
+/* The first interrupt ends a build without a half-written file; the second one kills the process. */
 static void watch_signals(void)
 {
     struct sigaction action = {.sa_handler = interrupt, .sa_flags = SA_RESETHAND | SA_RESTART};
@@ -24,8 +24,9 @@ static void watch_signals(void)
 }
 
 /*
- * A standard descriptor that the caller closed would be the next file's that is opened, and messages would land in
- * that. What was closed for output is opened for reading only: writing to it fails, as before.
+ * Opens standard descriptors that the caller has closed. Otherwise the next file that is opened would get one of them,
+ * and messages would be written into that file. Descriptors for output are opened read-only, so that writing to them
+ * fails as it would if they were closed.
  */
 static void fill_standard_descriptors(void)
 {
@@ -70,7 +71,7 @@ int main(int argc, char **argv)
     struct options options;
     struct bvhd_error error;
     fill_standard_descriptors();
-    signal(SIGPIPE, SIG_IGN); /* a reader that went away is an error to report, not the end */
+    signal(SIGPIPE, SIG_IGN); /* a closed pipe is reported as an error then, and does not end the process */
     if (options_parse(argc, argv, &options, &error)) {
         report_failure(options_want_json(argc, argv), "usage", &error);
         return EXIT_USAGE;

@@ -23,7 +23,7 @@ static void append(struct depfile *depfile, const char *text, size_t size)
     depfile->text[depfile->size] = '\0';
 }
 
-/* In make, backslashes count only before a blank or '#', where each is doubled. */
+/* In make, a backslash is special only before a blank or '#', and is doubled there. */
 static void append_quoted(struct depfile *depfile, const char *path)
 {
     size_t backslashes = 0;

@@ -16,7 +16,7 @@ static enum bvhd_status system_error(struct bvhd_error *error, const char *path,
     return bvhd_error_set(error, status, path, "%s", strerror(number));
 }
 
-/* Opens without waiting: what turns out to be a pipe or a device is refused, not read. */
+/* Opens a file without blocking, and refuses pipes and devices, so that bvhctl never waits for their data. */
 static enum bvhd_status open_regular(const char *path, int *ret_descriptor, uint64_t *ret_size,
                                      struct bvhd_error *error)
 {
@@ -40,7 +40,7 @@ static bool read_all(int descriptor, unsigned char *data, uint64_t size)
         if (got < 0 && errno == EINTR)
             continue;
         if (got == 0)
-            errno = EIO; /* it became shorter meanwhile */
+            errno = EIO; /* the file has become shorter meanwhile */
         if (got <= 0)
             return false;
         done += (uint64_t)got;
@@ -104,7 +104,7 @@ static bool has_content(const char *path, struct bytes content)
     return same;
 }
 
-/* mkstemp makes files that only their owner may read; give what any new file would have. */
+/* mkstemp creates files that only their owner may read; this sets the mode that any new file would have. */
 static bool set_default_mode(int descriptor)
 {
     mode_t mask = umask(0);
@@ -128,7 +128,7 @@ static enum bvhd_status replace(const char *path, char *temporary, struct bytes 
     return system_error(error, path, number);
 }
 
-/* Where the content belongs: what is there already must be a file, or a link to one. */
+/* Resolves a symbolic link. BVHD_IO when the path exists and is neither a regular file nor a link to one. */
 static enum bvhd_status find_place(const char *path, char ret_place[PATH_MAX], struct bvhd_error *error)
 {
     struct stat status;

@@ -51,8 +51,8 @@ static void append_word(struct json *json, const char *text)
 }
 
 /*
- * Bytes of the UTF-8 sequence at `at` (of NUL-terminated text), or 0 when it is none: overlong, surrogate, too large,
- * cut off.
+ * Returns the number of bytes of the UTF-8 sequence at `at` in a NUL-terminated text, or 0 when it is not valid:
+ * overlong, a surrogate, too large or truncated.
  */
 static unsigned utf8_length(const unsigned char *at)
 {

@@ -20,13 +20,13 @@ enum { ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
 enum {
     ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
     ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING | ON_DEVICES | ON_PROBE,
-    ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* what may ask a daemon */
-    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* what never does */
+    ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* commands that may connect to a daemon */
+    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
     ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
     ON_MAIN = 1 << COMMAND_COUNT,
 };
 
-/* Values of options without a letter of their own. */
+/* getopt's values of the options that have no letter. */
 enum {
     OPTION_JSON = 256,
     OPTION_LOCAL,
@@ -54,7 +54,7 @@ enum {
 struct option_row {
     const char *name;
     int value;
-    const char *argument; /* NULL: takes none */
+    const char *argument; /* its name in the help; NULL: the option takes none */
     unsigned commands;
     const char *help;
 };
@@ -115,7 +115,7 @@ struct command_row {
     const char *name;
     const char *arguments;
     const char *purpose;
-    int fewest, most; /* operands */
+    int fewest, most; /* numbers of operands that are allowed */
 };
 
 static const struct command_row command_rows[COMMAND_COUNT] = {
@@ -191,7 +191,7 @@ static const struct name_value *find_name(const struct name_value *names, const 
     return NULL;
 }
 
-/* Names every choice there is, for who has only guessed. */
+/* The error lists all names that are allowed. */
 static enum bvhd_status no_such_name(struct bvhd_error *error, const char *where, const struct name_value *names,
                                      const char *text, size_t length)
 {
@@ -366,7 +366,7 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
     }
 }
 
-/* getopt's tables for the options of `commands`. */
+/* Fills getopt's table with the options of `commands`. */
 static void fill_tables(unsigned commands, struct option table[OPTION_ROWS + 1])
 {
     size_t count = 0;
@@ -417,7 +417,7 @@ static enum bvhd_status find_command(const char *word, enum command *ret_command
     return usage(error, word, "not a command; see bvhctl --help", "");
 }
 
-/* Without a word about the target a probe decides. */
+/* Checks the options about the target. Without --target it stays 0 if a probe decides it, and is portable otherwise. */
 static enum bvhd_status complete_target(struct options *options, struct bvhd_error *error)
 {
     bool is_portable = options->build.target == TARGET_PORTABLE;
@@ -472,7 +472,7 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         .height = 720,
         .up = "auto",
     };
-    optind = 0; /* glibc: start anew, also when called again */
+    optind = 0; /* makes glibc's getopt start again, even in a second call of this function */
     enum bvhd_status status = parse_options(argc, argv, ON_MAIN, &options, error);
     if (!status && options.command == COMMAND_COUNT) {
         if (optind >= argc)

@@ -12,7 +12,7 @@ enum { BAR_WIDTH = 30, DRAW_INTERVAL = 100 };
 static void put(const char *text, size_t size)
 {
     if (write(STDERR_FILENO, text, size) < 0)
-        return; /* a terminal that went away is no reason to stop */
+        return; /* the terminal is gone, which is no reason to stop */
 }
 
 void progress_begin(struct progress *progress, const char *verb, const char *name)

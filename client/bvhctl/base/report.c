@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* A line is one line, whatever is in the names. */
+/* Replaces control characters, so that names cannot break a line in two. */
 static void print_clean(const char *text)
 {
     char line[2048];

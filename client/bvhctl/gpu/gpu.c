@@ -7,7 +7,7 @@
 #include "client/bvhctl/gpu/gpu_instance.h"
 #include "proto/base/status.h"
 
-/* What opening devices and making kernels may give besides what the library knows. */
+/* Results of opening devices and creating kernels that libbvhd does not convert. */
 static const struct {
     VkResult result;
     enum bvhd_status status;
@@ -29,7 +29,7 @@ enum bvhd_status gpu_result(const char *call, VkResult result, struct bvhd_error
     return vulkan_device_result(call, result, error);
 }
 
-/* Into the text of "not found": as many names as fit. */
+/* The text of the error lists the names of the devices, as many as fit. */
 static enum bvhd_status no_such_device(const char *name, const struct gpu_candidate *list, uint32_t count,
                                        struct bvhd_error *error)
 {
@@ -40,7 +40,7 @@ static enum bvhd_status no_such_device(const char *name, const struct gpu_candid
     return bvhd_error_set(error, BVHD_NOT_FOUND, name, "no device of that name; there is: %s", names);
 }
 
-/* A number means the one at that place, and a full name that device, even where it is a part of another's name. */
+/* A number or a full name takes precedence over a part of a name. */
 static enum bvhd_status choose(const char *name, const struct gpu_candidate *list, uint32_t count,
                                const struct gpu_candidate **ret_chosen, struct bvhd_error *error)
 {
@@ -62,7 +62,7 @@ static enum bvhd_status choose(const char *name, const struct gpu_candidate *lis
 
 enum { MAX_EXTENSIONS = 8 };
 
-/* The names of the extensions that the properties stand for, as many as *ret_count. */
+/* Writes the names of the extensions that the device's properties need to names[0 .. *ret_count). */
 static void name_extensions(const struct gpu_candidate *candidate, const char *names[MAX_EXTENSIONS],
                             uint32_t *ret_count)
 {

@@ -30,7 +30,7 @@ static VKAPI_ATTR VkBool32 VKAPI_CALL show_message(VkDebugUtilsMessageSeverityFl
     return VK_FALSE;
 }
 
-/* The loader and its drivers tell about themselves too, as "general": only what is said of our calls counts. */
+/* Messages of the type "general" are left out: they are about the loader and its drivers, not about our calls. */
 static const VkDebugUtilsMessengerCreateInfoEXT messenger_info = {
     .sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT,
     .messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
@@ -74,7 +74,7 @@ static bool has_layer(const struct gpu_instance *instance, const char *name, str
     return found;
 }
 
-/* The newest version that both the loader and this program know; 0 when that is below 1.1. */
+/* Returns the newest version of Vulkan that both the loader and this program know, or 0 when that is below 1.1. */
 static uint32_t usable_version(const struct gpu_instance *instance)
 {
     PFN_vkEnumerateInstanceVersion enumerate =
@@ -86,8 +86,8 @@ static uint32_t usable_version(const struct gpu_instance *instance)
 }
 
 /*
- * What shaders do to buffers takes part in synchronisation too: off by default. Headers that are older than this know
- * no layer that has it.
+ * Turns on the layer's synchronisation checks for accesses by shaders, which are off by default. Layers that are as old
+ * as headers without this extension do not have them.
  */
 #ifdef VK_EXT_layer_settings
 static const VkBool32 switched_on = VK_TRUE;
@@ -212,7 +212,7 @@ static int rank(const struct gpu_candidate *candidate)
     }
 }
 
-/* Keeps the loader's order among equals; there are few. */
+/* An insertion sort, which keeps the loader's order among equals; there are few devices. */
 static void sort(struct gpu_candidate *list, uint32_t count)
 {
     for (uint32_t i = 1; i < count; i++)

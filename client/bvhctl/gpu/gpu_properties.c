@@ -4,7 +4,7 @@
 
 #include "client/bvhctl/gpu/gpu_instance.h"
 
-/* What the device's extensions are: of those that matter here. */
+/* The extensions of the device that bvhctl uses. */
 struct gpu_extensions {
     bool acceleration_structure, deferred_host_operations, ray_query, ray_pipeline, executable_properties;
     bool position_fetch, subgroup_size_control, portability_subset, sm_builtins;
@@ -44,7 +44,7 @@ static void read_extensions(const struct gpu_instance *instance, VkPhysicalDevic
     memory_free(memory, rows);
 }
 
-/* A family that computes; best one that draws too: drivers run everything there. */
+/* Finds a queue family that computes. It prefers one that also draws, because drivers support everything on those. */
 static void find_family(const struct gpu_instance *instance, VkPhysicalDevice device, struct memory *memory,
                         struct gpu_features *features)
 {
@@ -78,7 +78,7 @@ static uint64_t largest_heap(const struct gpu_instance *instance, VkPhysicalDevi
     return largest;
 }
 
-/* The properties of drivers have a struct of their own from Vulkan 1.2 on. */
+/* The struct with the driver's name exists since Vulkan 1.2. */
 static void read_properties(const struct gpu_instance *instance, VkPhysicalDevice device, uint32_t version,
                             struct gpu_candidate *candidate)
 {
@@ -108,8 +108,9 @@ static void read_properties(const struct gpu_instance *instance, VkPhysicalDevic
 }
 
 /*
- * Vulkan tells whether there are doubles, not how quick. NVIDIA's multiprocessors that hold 64 warps are those of its
- * larger chips, with a double for every two floats; others have one for 32 or 64. A CPU takes twice the time.
+ * Guesses has_quick_doubles: Vulkan says whether there are doubles, but not how fast they are. Multiprocessors of
+ * NVIDIA that hold 64 warps are those of its larger chips, with one unit for doubles for every two units for floats;
+ * others have one for 32 or 64. A CPU needs twice the time.
  */
 static void read_processors(const struct gpu_instance *instance, VkPhysicalDevice device,
                             const struct gpu_extensions *extensions, struct gpu_properties *properties)

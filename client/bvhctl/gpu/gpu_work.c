@@ -12,7 +12,7 @@ enum bvhd_status gpu_begin(struct gpu *gpu, VkCommandBuffer *ret_commands, struc
 
 enum bvhd_status gpu_submit(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error)
 {
-    (void)commands; /* the device's only ones */
+    (void)commands; /* the device has no others */
     return vulkan_work_run(&gpu->work, error);
 }
 

@@ -6,7 +6,7 @@
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/gpu/gpu.h"
 
-enum { LARGEST_FILE = 16 << 20, WHY_SIZE = 127 /* so that a text has room for what to do */ };
+enum { LARGEST_FILE = 16 << 20, WHY_SIZE = 127 /* leaves room in the text for the advice after it */ };
 
 static const char *name_of(enum bvhd_target target)
 {
@@ -66,7 +66,7 @@ static enum bvhd_status probe_device(const struct gpu_properties *properties, en
     return status;
 }
 
-/* Lack of memory is no property of a device. */
+/* A lack of memory keeps its status, because it says nothing about the devices. */
 static enum bvhd_status refuse(enum bvhd_target target, enum bvhd_status status, const char *why,
                                struct bvhd_error *error)
 {

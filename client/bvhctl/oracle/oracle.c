@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Two passes. The first compares, for blocks of triangles and each ray, the distance between the ray's line and the
- * triangle's bounding sphere with a radius that is generous about everything that may move or round; nearly all pairs
- * end there. The second is oracle_triangle.h. What a ray has met is kept by oracle_pursuit.h. Chunks of rays are
- * independent: each walks all triangles.
+ * The oracle works in two passes. For each ray and each block of triangles, the first one (oracle_filter.h) drops
+ * nearly all triangles by the distance between the ray's line and their bounding spheres. The second one
+ * (oracle_triangle.h) tests the others, and oracle_pursuit.h collects the hits of a ray. Chunks of rays are
+ * independent: each goes through all triangles.
  */
 #include "client/bvhctl/oracle/oracle.h"
 
@@ -47,7 +47,7 @@ static bool corners_equal(const float a[3], const float b[3])
     return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
 }
 
-/* False for a triangle that no ray can hit. */
+/* Returns false for a triangle that no ray can hit. */
 static bool fetch_corners(const struct oracle_mesh *mesh, uint32_t triangle, const float *ret_corners[3])
 {
     for (int k = 0; k < 3; k++) {
@@ -99,7 +99,7 @@ static void block_add(struct triangle_block *block, const struct oracle_mesh *me
     oracle_filter_add(&block->filter, triangle->corners);
 }
 
-/* The next triangles that can be hit. Returns how many were looked at; 0 at the end. */
+/* Fills the block with the next triangles that can be hit. Returns how many triangles were read; 0 at the end. */
 static uint64_t block_fill(const struct trace *trace, struct triangle_cursor *cursor, double wobble,
                            struct triangle_block *ret_block)
 {
@@ -121,7 +121,7 @@ static uint64_t block_fill(const struct trace *trace, struct triangle_cursor *cu
 
 struct ray_chunk {
     uint32_t count;
-    double wobble; /* the most that any direction may turn */
+    double wobble; /* the largest of all its rays (oracle_filter.h) */
     struct oracle_pursuit *pursuits;
     struct oracle_filter_ray *filters;
     struct triangle_block *block;
@@ -251,7 +251,7 @@ static const struct oracle_triangle_id *find_tied(const struct oracle_answer *an
     return NULL;
 }
 
-/* Within the bounds, and what a reader that computes in float may add. */
+/* Returns whether t is within the bounds, with a tolerance for traversal that computes in float. */
 static bool is_possible_t(const struct oracle_answer *answer, double t)
 {
     double slack = 8 * FLT_EPSILON * fmax(fabs(answer->t_low), fabs(answer->t_end)) + FLT_TRUE_MIN;

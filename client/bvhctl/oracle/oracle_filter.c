@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#define ROUNDING 1e-14 /* relative; generous for the few operations between the inputs and each comparison */
+#define ROUNDING 1e-14 /* relative; more than the few operations between the inputs and each comparison can add */
 
 static double dot(const double a[3], const double b[3])
 {
@@ -50,13 +50,13 @@ double oracle_filter_ray_init(struct oracle_filter_ray *ret_filter, const struct
         direction[axis] = along.centre;
         direction_moves[axis] = along.radius;
     }
-    double norm = length(direction), turn = length(direction_moves) / norm;
+    double norm = length(direction), sine = length(direction_moves) / norm;
     scale(direction, 1 / norm);
     make_across(direction, ret_filter->across);
     ret_filter->offset[0] = dot(ret_filter->across[0], origin);
     ret_filter->offset[1] = dot(ret_filter->across[1], origin);
-    /* asin(turn) <= pi / 2 * turn; from a whole turn on, every triangle may be met. */
-    double wobble = turn < 1 ? 1.6 * turn + ROUNDING : INFINITY;
+    /* asin(sine) <= pi / 2 * sine. If the sine of the angle may be 1, the ray may meet every triangle. */
+    double wobble = sine < 1 ? 1.6 * sine + ROUNDING : INFINITY;
     ret_filter->slack = wobble * length(origin) * (1 + ROUNDING) + length(origin_moves) * (1 + ROUNDING);
     return wobble;
 }

@@ -6,7 +6,10 @@ static bool corners_equal(const double a[3], const double b[3])
     return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
 }
 
-/* Edge k of triangle a against edge m of triangle b: 1 the same way, -1 the opposite way, 0 another edge. */
+/*
+ * Compares edge k of triangle a with edge m of triangle b. Returns 1 for the same edge in the same direction, -1 for
+ * the same edge in the opposite direction, 0 for different edges.
+ */
 static int compare_edges(const struct oracle_patch_triangle *a, int k, const struct oracle_patch_triangle *b, int m)
 {
     const double *from = a->corners[(k + 1) % 3], *to = a->corners[(k + 2) % 3];
@@ -49,7 +52,7 @@ struct patch {
     uint32_t count;
     const uint32_t *member_of;
     uint32_t which;
-    bool by_area; /* triangles count as turned so that all areas are positive, not as they are given */
+    bool by_area; /* false: triangles keep their winding; true: they are reversed so that all areas are positive */
 };
 
 static int orientation(const struct patch *patch, uint32_t triangle)
@@ -57,7 +60,10 @@ static int orientation(const struct patch *patch, uint32_t triangle)
     return patch->by_area && !patch->triangles[triangle].outline.positive ? -1 : 1;
 }
 
-/* How often the patch has this edge, the opposite way counted against it: 0 inside of the patch. */
+/*
+ * Returns how often the patch has this edge, minus how often it has it in the opposite direction. It is 0 for edges
+ * inside the patch.
+ */
 static int multiplicity(const struct patch *patch, uint32_t triangle, int edge)
 {
     int sum = 0;
@@ -70,7 +76,7 @@ static int multiplicity(const struct patch *patch, uint32_t triangle, int edge)
     return sum;
 }
 
-/* What an edge adds to the winding number: whether it crosses the positive x axis, and which way. */
+/* Returns what an edge adds to the winding number: 1 or -1, by direction, if it crosses the positive x axis, else 0. */
 static int crossing_of(const double from[2], const double to[2])
 {
     double side = from[0] * to[1] - to[0] * from[1];
@@ -79,7 +85,7 @@ static int crossing_of(const double from[2], const double to[2])
     return to[1] <= 0 && side < 0 ? -1 : 0;
 }
 
-/* Of the boundary; 0 also when the boundary may lie on the ray. */
+/* Returns the winding number of the boundary, or 0 when the boundary may touch the ray. */
 static int winding_number(const struct patch *patch)
 {
     int winding = 0;
@@ -103,8 +109,8 @@ bool oracle_patch_covers(const struct oracle_patch_triangle *triangles, uint32_t
                          uint32_t which)
 {
     /*
-     * Meshes whose triangles are turned alike, and soups whose are not. Any choice is right if the winding number is
-     * not 0.
+     * The first choice is for meshes with a consistent winding, the second one for other triangles. Either proves a hit
+     * if its winding number is not 0.
      */
     struct patch as_given = {triangles, count, patch, which, false}, by_area = {triangles, count, patch, which, true};
     return winding_number(&as_given) != 0 || winding_number(&by_area) != 0;

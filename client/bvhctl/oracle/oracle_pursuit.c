@@ -39,7 +39,10 @@ static void drop_beaten_doubts(struct oracle_pursuit *pursuit)
     doubts->count = kept;
 }
 
-/* Identical triangles in a row make one contender, or many copies of a triangle would need memory for each pair. */
+/*
+ * Returns whether `next` is the primitive after `last` and an identical triangle. Both become one contender then, so
+ * that many copies of a triangle do not need memory for each pair of a ray and a copy.
+ */
 static bool extends(const struct oracle_contender *last, const struct oracle_contender *next)
 {
     const struct oracle_crossing *a = &last->crossing, *b = &next->crossing;
@@ -120,7 +123,10 @@ bool oracle_pursuit_meet(struct oracle_pursuit *pursuit, const struct oracle_tri
     return true;
 }
 
-/* One of the patch's triangles is hit: each is a contender, anywhere in the range of all. */
+/*
+ * Takes note of a patch that is surely hit. It is not known which of its triangles is hit, so that each becomes a
+ * contender, with an interval that contains those of all.
+ */
 static bool add_patch(struct oracle_pursuit *pursuit, const uint32_t *patch, uint32_t which, struct memory *memory)
 {
     const struct oracle_doubts *doubts = pursuit->doubts;

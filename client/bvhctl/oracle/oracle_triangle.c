@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* A few roundings of a double, and the roundings made while radii themselves are computed. */
+/* Relative errors: of a few roundings of a double, and of the computation of the radii themselves. */
 #define ROUNDING (2 * DBL_EPSILON)
 #define WIDEN (1 + 8 * DBL_EPSILON)
 
@@ -13,7 +13,7 @@ struct radial radial_input(float value)
     float power = fabsf(value);
     uint32_t bits;
     memcpy(&bits, &power, sizeof bits);
-    bits &= 0x7f800000; /* the exponent alone: the power of two at or below the value */
+    bits &= 0x7f800000; /* only the exponent is left: the power of two at or below the value */
     memcpy(&power, &bits, sizeof bits);
     return (struct radial){value, bits ? power * (double)FLT_EPSILON : FLT_TRUE_MIN};
 }
@@ -42,7 +42,7 @@ struct radial radial_mul(struct radial a, struct radial b)
     return rounded(product, radius, fabs(product));
 }
 
-/* The caller knows that 0 does not lie in b. */
+/* The interval b must not contain 0. */
 static struct radial radial_div(struct radial a, struct radial b)
 {
     double quotient = a.centre / b.centre;
@@ -73,7 +73,7 @@ enum oracle_ray_kind oracle_ray_init(struct oracle_ray *ret_prepared, const stru
             return ORACLE_RAY_EMPTY;
         z = fabsf(ray->direction[axis]) > fabsf(ray->direction[z]) ? axis : z;
     }
-    /* Written so that a NaN at either end is empty too. */
+    /* The comparison is false, and the ray empty, also if tmin or tmax is NaN. */
     if (ray->direction[z] == 0 || !(ray->tmin < ray->tmax))
         return ORACLE_RAY_EMPTY;
     struct radial along = radial_input(ray->direction[z]);
@@ -99,9 +99,8 @@ static struct radial exact(double value)
 }
 
 /*
- * Corners relative to the ray: it passes where x = y = 0; z runs along it, and the origin counts as exact there. Radii
- * are of what moves a corner alone. What moves all corners alike, the ray's own moves, stands in `common`: it matters
- * to a triangle only as far as the triangle reaches.
+ * The corners relative to the ray, which is at x = y = 0 and runs along z. The ray's origin counts as exact there. The
+ * radii contain the moves of each corner alone. Moves of the ray, which shift all corners alike, are in `common`.
  */
 struct sheared {
     struct radial corners[3][3];
@@ -128,7 +127,7 @@ static void shear(const struct oracle_ray *ray, const struct oracle_triangle *tr
     }
 }
 
-/* All corners but `but` (-1: all of them) surely on one side of the ray, along x or y. */
+/* Returns whether all corners except `but` (-1: no exception) are surely on one side of the ray, along x or y. */
 static bool lies_aside(const struct sheared *sheared, int but)
 {
     for (int axis = 0; axis < 2; axis++) {
@@ -154,7 +153,7 @@ static struct radial edge_function(const struct sheared *sheared, int from_corne
     return edge;
 }
 
-/* The sum of the edge functions: a moving ray leaves it alone. */
+/* Returns the sum of the edge functions, which does not depend on the position of the ray. */
 static struct radial determinant(const struct sheared *sheared)
 {
     struct radial sides[2][2];
@@ -164,7 +163,7 @@ static struct radial determinant(const struct sheared *sheared)
     return radial_sub(radial_mul(sides[1][0], sides[0][1]), radial_mul(sides[1][1], sides[0][0]));
 }
 
-/* edges[i] is the function of the edge opposite to corner i. */
+/* edges[i] is the function of the edge that is opposite to corner i. */
 static enum oracle_presence presence_of(const struct radial edges[3])
 {
     int positive = 0, negative = 0;
@@ -178,8 +177,9 @@ static enum oracle_presence presence_of(const struct radial edges[3])
 }
 
 /*
- * z where the ray meets the plane: a mean of the corners' z, weighted by the edge functions, taken about the middle
- * corner, where the radii of the weights count least. Never outside of the corners' own range.
+ * Computes z where the ray meets the plane: the mean of the corners' z, weighted by the edge functions. The mean is
+ * taken of the differences from the middle of the corners, because the radii of the weights add least to those. It is
+ * clamped to the range of the corners.
  */
 static void meeting_z(const struct sheared *sheared, const struct radial edges[3], struct radial det, double *ret_z,
                       double *ret_low, double *ret_high)
@@ -220,7 +220,7 @@ static enum oracle_presence worse(enum oracle_presence a, enum oracle_presence b
     return a < b ? a : b;
 }
 
-/* The open interval tmin < t < tmax. */
+/* Returns whether t is in the open interval tmin < t < tmax. */
 static enum oracle_presence presence_between(const struct oracle_ray *ray, const struct oracle_crossing *crossing)
 {
     double low = crossing->low - crossing->shift, high = crossing->high + crossing->shift;
@@ -229,7 +229,10 @@ static enum oracle_presence presence_between(const struct oracle_ray *ray, const
     return low > ray->tmin && high < ray->tmax ? ORACLE_SURE : ORACLE_POSSIBLE;
 }
 
-/* Front: the normal (b - a) x (c - a), in the space of the mesh, points against the ray. */
+/*
+ * Returns whether culling by facing keeps the triangle. It is front-facing if its normal (b - a) x (c - a), in the
+ * space of the mesh, points against the ray.
+ */
 static enum oracle_presence presence_of_facing(const struct oracle_ray *ray, struct radial det, bool mirrored)
 {
     bool keep_front = !(ray->flags & RAY_CULL_FRONT_FACING), keep_back = !(ray->flags & RAY_CULL_BACK_FACING);

@@ -4,11 +4,12 @@
 #include <float.h>
 #include <math.h>
 
-enum { PICKS = 64 }; /* random triangles that are looked at before a search in order begins */
+enum { PICKS = 64 }; /* random triangles that are tried before a search in order begins */
 
-#define RESOLVED 16 /* ulps: the height from which on a triangle is more than a line */
-#define FARTHEST                                                                                                       \
-    0x1p18 /* heights: from farther away, one ulp of a unit direction moves a ray by a sixty-fourth of its target */
+/* The height, in ulps, from which on a triangle counts as more than a line. */
+#define RESOLVED 16
+/* The distance, in heights of a triangle, at which one ulp of a unit direction moves a ray by 1/64 of the height. */
+#define FARTHEST 0x1p18
 
 uint64_t rays_random(uint64_t *state)
 {
@@ -35,12 +36,12 @@ static void transform_point(const float *matrix, const float point[3], double re
                                 : point[row];
 }
 
-/* A triangle in the world, and what its shape says about how it can be aimed at. */
+/* A triangle in world space, and the dimensions that decide how a ray can be aimed at it. */
 struct facet {
     double corners[3][3];
-    double longest; /* edge */
-    double height; /* the least */
-    double ulp; /* between floats at its corners */
+    double longest; /* the longest edge */
+    double height; /* the smallest height */
+    double ulp; /* the distance between floats at its largest coordinate */
 };
 
 static double length3(const double v[3])
@@ -67,7 +68,7 @@ static void measure(struct facet *facet)
     facet->ulp = largest * FLT_EPSILON;
 }
 
-/* False for a triangle that cannot be hit. */
+/* Returns false for a triangle that cannot be hit. */
 static bool fetch_triangle(const struct oracle_mesh *mesh, uint32_t triangle, struct facet *ret_facet)
 {
     for (int k = 0; k < 3; k++) {
@@ -82,7 +83,7 @@ static bool fetch_triangle(const struct oracle_mesh *mesh, uint32_t triangle, st
     return ret_facet->height > 0;
 }
 
-/* False when no triangle can be hit. */
+/* Returns false when no triangle can be hit. */
 static bool find_box(const struct oracle_mesh *meshes, uint32_t mesh_count, struct scene_box *ret_box)
 {
     struct scene_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
@@ -109,7 +110,10 @@ static bool fetch_flat(const struct oracle_mesh *meshes, uint64_t index, struct 
     return fetch_triangle(meshes, (uint32_t)index, ret_facet);
 }
 
-/* There is a triangle that can be hit. Taken is one that floats can tell from a line, if a few picks show one. */
+/*
+ * Picks a random triangle that can be hit; there must be one. It prefers one that floats can distinguish from a line,
+ * if a few random picks find one.
+ */
 static void pick_triangle(const struct oracle_mesh *meshes, uint64_t total, uint64_t *state, struct facet *ret_facet)
 {
     uint64_t index = 0;
@@ -128,7 +132,7 @@ static void pick_triangle(const struct oracle_mesh *meshes, uint64_t total, uint
         index = index + 1 < total ? index + 1 : 0;
 }
 
-/* Inside, at least a fiftieth of the height away from each edge. */
+/* Returns a random point inside the triangle, at least a fiftieth of the height away from each edge. */
 static void point_within(double corners[3][3], uint64_t *state, double ret_point[3])
 {
     const double margin = 0.02;
@@ -143,7 +147,7 @@ static void point_within(double corners[3][3], uint64_t *state, double ret_point
         ret_point[axis] = (1 - u - v) * corners[0][axis] + u * corners[1][axis] + v * corners[2][axis];
 }
 
-/* Only operations that every machine rounds alike: no sine, no cosine. */
+/* Uses no sine or cosine, but only operations that every machine rounds alike. */
 static void unit_direction(uint64_t *state, double ret_direction[3])
 {
     double square;
@@ -176,7 +180,7 @@ static void point_at(struct ray *ray, const double point[3], const double otherw
     double towards[3];
     for (int axis = 0; axis < 3; axis++)
         towards[axis] = point[axis] - ray->origin[axis];
-    /* Where floats are too coarse to leave the point, any direction will do. */
+    /* If floats are too coarse to tell the two points apart, any direction will do. */
     set_direction(ray, length3(towards) > 0 ? towards : otherwise);
 }
 
@@ -190,7 +194,8 @@ static void aim(struct ray *ray, const struct scene_box *box, struct facet *face
         centre[axis] = 0.5 * box->min[axis] + 0.5 * box->max[axis];
     }
     double outside = 0.5 * length3(diagonal) * (1.1 + 0.4 * rays_uniform(state));
-    double near = fmin(fmax(FARTHEST * facet->height, facet->longest), FLT_MAX / 4); /* t must stay a float */
+    /* t must be in the range of floats */
+    double near = fmin(fmax(FARTHEST * facet->height, facet->longest), FLT_MAX / 4);
     for (int axis = 0; axis < 3; axis++)
         origin[axis] = near < outside ? point[axis] + near * direction[axis] : centre[axis] + outside * direction[axis];
     set_origin(ray, origin);
@@ -203,7 +208,8 @@ static void start_inside(struct ray *ray, const struct scene_box *box, uint64_t 
     for (int axis = 0; axis < 3; axis++)
         diagonal[axis] = box->max[axis] - box->min[axis];
     for (int axis = 0; axis < 3; axis++) {
-        double grown = 0.04 * diagonal[axis] + 0.01 * length3(diagonal); /* off the plane of a flat scene */
+        /* the second term leaves the plane of a flat scene */
+        double grown = 0.04 * diagonal[axis] + 0.01 * length3(diagonal);
         double low = box->min[axis] - grown, high = box->max[axis] + grown;
         origin[axis] = low + (high - low) * rays_uniform(state);
     }

@@ -10,7 +10,7 @@
 
 enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, RAYS_A_PIXEL = 20, CAMERA_RAYS_A_PIXEL = 4 };
 enum { CASES = 4096, FEWEST_CASES = 256, CHUNK = 256, AROUND = 9 };
-static const double affordable_pairs = 2e10; /* of a ray and a triangle, for the oracle: a minute */
+static const double affordable_pairs = 2e10; /* pairs of a ray and a triangle that the oracle tests in a minute */
 
 static const double roundings = 8;
 
@@ -18,7 +18,7 @@ static const double roundings = 8;
 enum {
     ANSWERS_AGREE,
     ANSWERS_DIFFER,
-    FACTS_DIFFER /* other than by where the ray goes: of one triangle, not the same is said */
+    FACTS_DIFFER /* t is NaN, or both report the same triangle with different facts: rounding explains neither */
 };
 
 struct agreement_case {
@@ -58,7 +58,7 @@ static bool is_miss(const struct tracer_hit *hit)
     return hit->t == INFINITY;
 }
 
-/* The distance to the triangle's plane, and how far rounding may move it. */
+/* Computes the distance to the triangle's plane, and by how much rounding may change it. */
 static void plane_distance(const struct ray *ray, const struct surface *surface, double *ret_t, double *ret_tolerance)
 {
     struct vector normal = surface_normal(surface);
@@ -79,7 +79,7 @@ static void plane_distance(const struct ray *ray, const struct surface *surface,
     *ret_tolerance = roundings * FLT_EPSILON * wobble / fabs(facing) + FLT_TRUE_MIN;
 }
 
-/* Whether two distances to the same triangle differ by rounding alone. */
+/* Returns whether two distances to the same triangle differ by rounding alone. */
 static bool is_near(const struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
                     const struct tracer_hit *own)
 {
@@ -120,7 +120,7 @@ struct wave {
     const struct agreement *agreement;
     const struct ray *rays;
     const struct tracer_hit *hits;
-    uint64_t first, count; /* of the rays that are looked at, and how many they are */
+    uint64_t first, count; /* the first ray that is compared, and the number of those that are */
     uint32_t stride;
 };
 
@@ -171,7 +171,7 @@ static enum bvhd_status no_memory(struct bvhd_error *error)
     return bvhd_error_no_memory(error, "trace", "no memory to compare with the CPU");
 }
 
-/* Every stride-th ray of all waves of its kind; returns the first one in this wave. */
+/* Selects every stride-th ray over all waves of a kind. Returns the first one in this wave. */
 static uint64_t next_ray(uint64_t *seen, uint64_t count, uint32_t stride)
 {
     uint64_t first = (stride - *seen % stride) % stride;
@@ -212,11 +212,11 @@ enum bvhd_status agreement_doubt(struct agreement *agreement, const struct ray *
     return BVHD_OK;
 }
 
-/* ---- what the oracle says ---- */
+/* ---- the judgement of the oracle ---- */
 
 /*
- * An answer as the oracle judges it, which leaves less room for rounding than is given here: within that, the
- * triangle's own distance stands for t.
+ * Has the oracle judge a hit. It tolerates less rounding of t than plane_distance() allows; if t is within that
+ * tolerance, the oracle therefore gets the distance to the triangle's plane instead.
  */
 static enum oracle_verdict judge_hit(const struct agreement *agreement, const struct oracle_answer *answer,
                                      const struct ray *ray, const struct tracer_hit *hit)
@@ -242,7 +242,7 @@ static bool is_any_hit(const struct agreement_case *one)
     return one->ray.flags & RAY_TERMINATE_ON_FIRST_HIT;
 }
 
-/* Of a ray that any hit ends, whether there is one. */
+/* Rays that end at any hit are right if they report whether there is one. */
 static bool is_right(const struct agreement *agreement, const struct oracle_answer *answer,
                      const struct agreement_case *one, const struct tracer_hit *hit)
 {
@@ -251,13 +251,13 @@ static bool is_right(const struct agreement *agreement, const struct oracle_answ
     return judge_hit(agreement, answer, &one->ray, hit) == ORACLE_RIGHT;
 }
 
-/* Puts a case that is not settled to the front of the others. */
+/* Moves an unsettled case to the front of the list, behind those that are there already. */
 static void leave_open(struct agreement *agreement, const struct agreement_case *one, uint32_t *open_count)
 {
     agreement->cases[(*open_count)++] = *one;
 }
 
-/* true: one that a driver's inverse or its rounding may explain. */
+/* Returns true if the device's answer is wrong, but a driver's inverse or its rounding may explain it. */
 static bool judge_case(struct agreement *agreement, const struct agreement_case *one,
                        const struct oracle_answer *answer)
 {
@@ -273,8 +273,8 @@ static bool judge_case(struct agreement *agreement, const struct agreement_case 
 }
 
 /*
- * `answer` is that of the oracle going by the inverse: its t and the triangle's place are not those that judge_hit
- * knows.
+ * Returns whether the oracle, with the driver's inverse, agrees with the device. judge_hit() cannot be used, because
+ * the inverse changes t and the position of the triangle.
  */
 static bool is_explained(const struct agreement *agreement, const struct oracle_answer *answer,
                          const struct agreement_case *one)
@@ -297,7 +297,7 @@ static bool is_explained(const struct agreement *agreement, const struct oracle_
            oracle_judge(answer, &judged, NULL) == ORACLE_RIGHT;
 }
 
-/* What the oracle is asked with. */
+/* The inputs of the oracle, and room for its answers. */
 struct questions {
     struct unpacked unpacked;
     struct ray *rays;
@@ -314,7 +314,7 @@ static enum bvhd_status ask_oracle(const struct agreement *agreement, const stru
                         agreement->parallel, questions->progress, questions->progress_context, ret_answers, error);
 }
 
-/* The ray of a case, and some beside it by as much as rounding may move it. */
+/* Makes the ray of a case, and rays beside it that are as far away as rounding may move it. */
 static void ask_around(const struct agreement_case *one, struct ray rays[AROUND])
 {
     const struct ray *ray = &one->ray;
@@ -337,8 +337,8 @@ static void ask_around(const struct agreement_case *one, struct ray rays[AROUND]
 }
 
 /*
- * Of what is wrong, how much a driver's inverses and its rounding account for: its own structures are traced in float,
- * without knowing its errors.
+ * Finds the mismatches that a driver's inverses and its rounding explain, because it traces its own structures in float
+ * without bounds on its errors. Those become uncertain.
  */
 static enum bvhd_status ask_again(struct agreement *agreement, struct questions *questions, uint32_t count,
                                   struct bvhd_error *error)
@@ -362,7 +362,7 @@ static enum bvhd_status ask_again(struct agreement *agreement, struct questions 
     return BVHD_OK;
 }
 
-/* How many of `count` cases the oracle may be asked about, each with so many rays. */
+/* Returns how many of `count` cases, each with `rays` rays, the oracle can judge in the time that is allowed. */
 static uint32_t affordable_cases(const struct unpacked *unpacked, uint32_t count, uint32_t rays)
 {
     double limit = fmax(affordable_pairs / (double)(unpacked->triangle_count + 1), FEWEST_CASES) / rays;

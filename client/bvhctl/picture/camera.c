@@ -6,17 +6,17 @@
 enum {
     AZIMUTHS = 16,
     ELEVATIONS = 4,
-    INSIDE_GRID = 6, /* stands along each horizontal axis */
+    INSIDE_GRID = 6, /* positions along each horizontal axis */
     INSIDE_HEIGHTS = 2,
-    INSIDE_TURNS = 12,
+    INSIDE_AZIMUTHS = 12,
     OUTSIDE_VIEWS = AZIMUTHS * ELEVATIONS,
-    INSIDE_VIEWS = INSIDE_GRID * INSIDE_GRID * INSIDE_HEIGHTS * INSIDE_TURNS,
+    INSIDE_VIEWS = INSIDE_GRID * INSIDE_GRID * INSIDE_HEIGHTS * INSIDE_AZIMUTHS,
     VIEWS = OUTSIDE_VIEWS + INSIDE_VIEWS,
     PROBE_WIDTH = 40,
     PROBE_HEIGHT = 24,
     OPENNESS_STANDS = 256,
     OPENNESS_RAYS = 24,
-    COSTLY = 500, /* triangle tests a ray */
+    COSTLY = 500, /* triangle tests a ray from which on views are not compared */
 };
 
 static const double pi = 3.14159265358979323846;
@@ -51,8 +51,8 @@ static double flatness(const struct stage *stage)
 }
 
 /*
- * What should be in the picture: the bulk; of land that is much wider than high only the middle, or all on it would be
- * tiny.
+ * Returns whether a point should be in the picture. These are the points of the bulk; but of a landscape, which is much
+ * wider than high, only those in the middle, because otherwise everything on it would be tiny.
  */
 static bool in_focus(const struct stage *stage, struct vector point)
 {
@@ -66,10 +66,11 @@ static bool in_focus(const struct stage *stage, struct vector point)
 }
 
 /*
- * What the samples of the bulk need of the picture when seen from far away, in units of its half sides at distance 1.
+ * The size of the bulk in the picture, by its samples, as seen from far away. The unit is half a side of the picture at
+ * distance 1.
  */
 struct fit {
-    double left, right, bottom, top; /* where the outermost ones are, as shifts of the view's centre */
+    double left, right, bottom, top; /* of the outermost samples, relative to the centre of the view */
     double distance;
 };
 
@@ -111,7 +112,7 @@ static struct camera outside_view(const struct stage *stage, double aspect, int 
 static struct camera inside_view(const struct stage *stage, double aspect, int index)
 {
     static const double heights[INSIDE_HEIGHTS] = {0.14, 0.4};
-    int turn = index % INSIDE_TURNS, stand = index / INSIDE_TURNS, column = stand % INSIDE_GRID,
+    int azimuth = index % INSIDE_AZIMUTHS, stand = index / INSIDE_TURNS, column = stand % INSIDE_GRID,
         row = stand / INSIDE_GRID % INSIDE_GRID;
     double height = heights[stand / (INSIDE_GRID * INSIDE_GRID)];
     struct vector extent = vector_sub(stage->high, stage->low);
@@ -119,7 +120,7 @@ static struct camera inside_view(const struct stage *stage, double aspect, int i
         vector_make(stage->low.x + extent.x * (column + 0.5) / INSIDE_GRID,
                     stage->low.y + extent.y * (row + 0.5) / INSIDE_GRID, stage->low.z + extent.z * height);
     struct camera camera = {.is_inside = true, .origin = stage_to_world(stage, local)};
-    aim(&camera, stage, spherical(stage, 2 * pi * turn / INSIDE_TURNS, 0.04), 0.52, aspect);
+    aim(&camera, stage, spherical(stage, 2 * pi * azimuth / INSIDE_AZIMUTHS, 0.04), 0.52, aspect);
     return camera;
 }
 
@@ -129,7 +130,7 @@ static struct camera make_view(const struct stage *stage, double aspect, int ind
                                  : inside_view(stage, aspect, index - OUTSIDE_VIEWS);
 }
 
-/* A few rays through a view. Distances of misses are INFINITY. */
+/* The hits of a few rays through a view. The distance of a miss is INFINITY. */
 struct view_probe {
     double distance[PROBE_HEIGHT][PROBE_WIDTH];
     struct vector normal[PROBE_HEIGHT][PROBE_WIDTH];
@@ -152,7 +153,7 @@ static void take_probe(const struct stage *stage, const struct camera *camera, s
         }
 }
 
-/* Entropy, in bits, of the directions in which the visible surfaces face: one flat wall has 0. */
+/* Returns the entropy, in bits, of the directions in which the visible surfaces face: 0 for one flat wall. */
 static double facing_entropy(const struct view_probe *probe)
 {
     uint32_t counts[27] = {0};
@@ -169,7 +170,10 @@ static double facing_entropy(const struct view_probe *probe)
     return entropy;
 }
 
-/* The share of neighbouring rays between which the distance jumps: outlines, of which detail and depth have many. */
+/*
+ * Returns the fraction of neighbouring rays between which the distance jumps. Those are outlines, of which views with
+ * detail and depth have many.
+ */
 static double outlines(const struct view_probe *probe)
 {
     uint32_t jumps = 0;
@@ -181,7 +185,9 @@ static double outlines(const struct view_probe *probe)
     return (double)jumps / (PROBE_WIDTH * PROBE_HEIGHT);
 }
 
-/* Entropy of the visible distances in steps of a factor 1.5: near and far both in the picture. */
+/*
+ * Returns the entropy of the visible distances, in steps of a factor 1.5: it is high if near and far are both visible.
+ */
 static double depth_entropy(const struct view_probe *probe)
 {
     uint32_t counts[32] = {0};
@@ -210,7 +216,7 @@ struct vector camera_sun(const struct stage *stage, const struct camera *camera)
     return vector_unit(vector_mad(level, stage->up, camera->is_inside ? 1.7 : 0.95));
 }
 
-/* The share of the picture that the sun shines on. */
+/* Returns the fraction of the picture that the sun shines on. */
 static double sunlit(const struct stage *stage, const struct camera *camera, const struct view_probe *probe)
 {
     struct vector sun = camera_sun(stage, camera);
@@ -241,7 +247,7 @@ static double score_view(const struct stage *stage, const struct camera *camera,
     take_probe(stage, camera, &probe);
     if (probe.hits == 0)
         return -1;
-    /* Flat scenes are seen better from above, compact ones from nearly level; a corner view is the usual one. */
+    /* Flat scenes look better from above, compact ones from a nearly level view. */
     double flat = flatness(stage), best = flat < 0.35 ? 2 : flat < 0.8 ? 1.2 : 0.6;
     double level = index / AZIMUTHS - best;
     return camera->is_inside ? score_inside(stage, camera, &probe) : score_outside(&probe, -0.12 * level * level);
@@ -263,14 +269,14 @@ static void judge_view(void *context, size_t task)
 }
 
 /*
- * Whether one can stand inside: of the places in the bulk that have room around them, most see walls in most
- * directions. In the space around things outdoors half of all directions lead to the sky. Where none does, the bulk is
- * a closed body, and dark inside.
+ * Returns whether the camera can be inside the stage. That is so if most positions in the bulk that have room around
+ * them see walls in most directions. Between objects outdoors, half of all directions lead to the sky. If no direction
+ * from any position does, the bulk is a closed body, and it is dark inside.
  */
 static bool is_enclosing(const struct stage *stage)
 {
     uint64_t state = 0xca3e7a;
-    uint32_t stands = 0, walls = 0, openings = 0;
+    uint32_t stands = 0, walls = 0, openings = 0; /* positions, those between walls, and rays that hit nothing */
     struct vector extent = vector_sub(stage->high, stage->low);
     for (int i = 0; i < OPENNESS_STANDS; i++) {
         struct vector fractions = vector_make(rays_uniform(&state), rays_uniform(&state), rays_uniform(&state) * 0.7);
@@ -278,8 +284,8 @@ static bool is_enclosing(const struct stage *stage)
         uint32_t hits = 0;
         double nearest = INFINITY;
         for (int k = 0; k < OPENNESS_RAYS; k++) {
-            double height = 2 * (k + 0.5) / OPENNESS_RAYS - 1, turn = 2 * pi * 0.618034 * k;
-            double clearance = stage_clearance(stage, stand, spherical(stage, turn, asin(height)));
+            double height = 2 * (k + 0.5) / OPENNESS_RAYS - 1, azimuth = 2 * pi * 0.618034 * k;
+            double clearance = stage_clearance(stage, stand, spherical(stage, azimuth, asin(height)));
             hits += isfinite(clearance);
             nearest = fmin(nearest, clearance);
         }
@@ -296,7 +302,7 @@ enum bvhd_status camera_choose(const struct stage *stage, double aspect, const s
                                struct memory *memory, struct camera *ret_camera, uint64_t *ret_rays,
                                struct bvhd_error *error)
 {
-    bool is_slow = stage_cost(stage) > COSTLY; /* then the first view has to do */
+    bool is_slow = stage_cost(stage) > COSTLY; /* the first view is taken then */
     struct contest contest = {.stage = stage, .aspect = aspect, .inside = !is_slow && is_enclosing(stage)};
     contest.scores = memory_array(memory, VIEWS, sizeof *contest.scores);
     if (!contest.scores)

@@ -5,15 +5,16 @@
 
 static const double pi = 3.14159265358979323846;
 static const double sun_radius = 0.012,
-                    sun_radius_inside = 0.0045; /* of its disc, in radians: a little softer than the real one */
+                    /* of the sun's disc, in radians: shadows are a little softer than real ones */
+    sun_radius_inside = 0.0045;
 static const struct vector sun_light = {2.5, 2.2, 1.8};
 static const struct vector horizon = {0.92, 0.93, 0.95}, zenith = {0.36, 0.55, 0.92};
 static const struct vector floor_albedo = {0.42, 0.415, 0.41};
-static const struct vector floor_bounce = {0.34, 0.32, 0.29}; /* of a floor in the sun, seen from below */
+static const struct vector floor_bounce = {0.34, 0.32, 0.29}; /* the light that a floor in the sun reflects upward */
 static const struct vector inside_fill = {0.20, 0.19, 0.18},
-                           outside_fill = {0.16, 0.17, 0.19}; /* light after more than one bounce */
+                           outside_fill = {0.16, 0.17, 0.19}; /* the light after more than one bounce */
 
-/* Muted, and told apart at a glance. The first one is for all that is there when a scene is one geometry. */
+/* Muted colours that differ clearly. A scene of one geometry has the first one. */
 static const struct vector palette[] = {
     {0.56, 0.38, 0.25}, {0.30, 0.44, 0.20}, {0.36, 0.48, 0.60}, {0.72, 0.58, 0.28}, {0.62, 0.34, 0.26},
     {0.52, 0.52, 0.50}, {0.45, 0.36, 0.50}, {0.24, 0.48, 0.46}, {0.70, 0.64, 0.54},
@@ -45,7 +46,7 @@ static struct vector sky(const struct light *light, struct vector direction)
 }
 
 /*
- * What the camera sees behind everything: paler than the sky that gives light, so that it does not compete with the
+ * Returns the colour of the background. It is paler than the sky that gives light, so that it does not compete with the
  * scene.
  */
 static struct vector backdrop(const struct light *light, struct vector direction)
@@ -56,7 +57,7 @@ static struct vector backdrop(const struct light *light, struct vector direction
     return vector_mix(vector_make(0.72, 0.77, 0.83), vector_make(0.27, 0.41, 0.62), smooth_step(-0.02, 0.75, height));
 }
 
-/* No real surface takes or gives back all light. */
+/* Limits a colour, because no real surface absorbs or reflects all light. */
 static double reflectance(float colour)
 {
     return 0.03 + 0.82 * (double)colour;
@@ -73,31 +74,34 @@ static struct vector surface_albedo(const struct light *light, const struct stag
         double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
         albedo = vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
     }
-    if (light->camera->is_inside) /* light that bounces on and on would take too much of the colour */
+    if (light->camera->is_inside) /* many bounces would make the colour too strong */
         albedo = vector_mix(albedo, vector_make(0.62, 0.59, 0.55), 0.6);
-    /* A hint of where surfaces face, also where no light tells. */
+    /* The colour depends slightly on the normal, so that shapes are visible even in even light. */
     struct vector n = hit->normal;
     return vector_mul(albedo, vector_make(1 + 0.05 * n.x, 1 + 0.05 * n.y, 1 + 0.05 * n.z));
 }
 
-/* A unit vector within the cone or hemisphere around `axis`: x turns, y in [0, 1) goes outward. */
-static struct vector around(struct vector axis, double turn, double sine, double cosine)
+/*
+ * Returns a vector that has the component `cosine` along `axis`, and `sine` perpendicular to it, in the direction
+ * `azimuth`, which counts from 0 to 1 around the axis.
+ */
+static struct vector around(struct vector axis, double azimuth, double sine, double cosine)
 {
     struct vector a, b;
     vector_basis(axis, &a, &b);
-    double angle = 2 * pi * turn;
+    double angle = 2 * pi * azimuth;
     return vector_mad(vector_mad(vector_scale(axis, cosine), a, sine * cos(angle)), b, sine * sin(angle));
 }
 
 /*
- * The sun's light on a surface, from a random point of its disc, when nothing is in the way. `reflected`: what it is
- * multiplied with.
+ * Returns the ray to a random point of the sun's disc, which azimuth and outward, both in [0, 1), choose, and the light
+ * that comes from there if the ray hits nothing, multiplied by `reflected`.
  */
-static struct light_shadow sun_on(const struct light *light, struct vector position, struct vector normal, double turn,
-                                  double outward, struct vector reflected)
+static struct light_shadow sun_on(const struct light *light, struct vector position, struct vector normal,
+                                  double azimuth, double outward, struct vector reflected)
 {
     double radius = light->camera->is_inside ? sun_radius_inside : sun_radius;
-    struct vector towards = vector_unit(around(light->sun, turn, radius * sqrt(outward), 1));
+    struct vector towards = vector_unit(around(light->sun, azimuth, radius * sqrt(outward), 1));
     double cosine = vector_dot(normal, towards);
     return (struct light_shadow){.is_needed = cosine > 0,
                                  .from = position,
@@ -108,15 +112,15 @@ static struct light_shadow sun_on(const struct light *light, struct vector posit
 static void shade(const struct light *light, struct vector position, struct vector normal, struct vector albedo,
                   double share, struct light_sample *sample)
 {
-    double turn = (sample->index % 4 + rays_uniform(&sample->random)) / 4, outward = rays_uniform(&sample->random);
+    double azimuth = (sample->index % 4 + rays_uniform(&sample->random)) / 4, outward = rays_uniform(&sample->random);
     sample->albedo = vector_scale(albedo, share);
     sample->position = position;
     sample->normal = normal;
     sample->is_surface = true;
-    sample->shadow = sun_on(light, position, normal, turn, outward, sample->albedo);
+    sample->shadow = sun_on(light, position, normal, azimuth, outward, sample->albedo);
 }
 
-/* The distance to the floor along a ray from the camera, INFINITY when it does not come down. */
+/* Returns the distance to the floor along a ray from the camera, INFINITY if the ray does not descend to it. */
 static double floor_distance(const struct light *light, struct vector direction)
 {
     double down = -vector_dot(direction, light->stage->up);
@@ -155,19 +159,23 @@ void light_meet(const struct light *light, const struct ray *ray, const struct t
         sample->backdrop = backdrop(light, sample->direction);
 }
 
-/* The hemisphere is shared out among a pixel's samples in squares, so that together they cover it evenly. */
+/*
+ * Stratified: each sample of a pixel takes its rays from other cells of the hemisphere, so that they cover it evenly.
+ */
 void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_BOUNCES])
 {
     for (unsigned i = 0; i < LIGHT_BOUNCES; i++) {
         unsigned cell = sample->index * LIGHT_BOUNCES + i;
-        double turn = (cell % LIGHT_STRATA + rays_uniform(&sample->random)) / LIGHT_STRATA;
+        double azimuth = (cell % LIGHT_STRATA + rays_uniform(&sample->random)) / LIGHT_STRATA;
         double outward = (cell / LIGHT_STRATA % 2 + rays_uniform(&sample->random)) / 2;
-        struct vector direction = vector_unit(around(sample->normal, turn, sqrt(outward), sqrt(1 - outward)));
+        struct vector direction = vector_unit(around(sample->normal, azimuth, sqrt(outward), sqrt(1 - outward)));
         ret_rays[i] = stage_ray(sample->position, direction);
     }
 }
 
-/* Light that arrives along one ray: from the sky, or from a surface that the sun may shine on. */
+/*
+ * Returns the light that arrives along one ray, from the sky or from a surface; the sun's light there is *ret_shadow.
+ */
 static struct vector arriving(const struct light *light, const struct ray *ray, const struct tracer_hit *hit,
                               uint64_t *state, struct light_shadow *ret_shadow)
 {
@@ -175,11 +183,11 @@ static struct vector arriving(const struct light *light, const struct ray *ray, 
     *ret_shadow = (struct light_shadow){0};
     if (!surfaces_meet(light->surfaces, ray, hit, &met))
         return sky(light, vector_make((double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2]));
-    double turn = rays_uniform(state), outward = rays_uniform(state);
+    double azimuth = rays_uniform(state), outward = rays_uniform(state);
     struct vector albedo = surface_albedo(light, &met), fill = light->camera->is_inside ? inside_fill : outside_fill;
-    double room =
-        met.distance / (met.distance + 0.03 * light->stage->size); /* corners get less of what bounces on and on */
-    *ret_shadow = sun_on(light, stage_leave(light->stage, &met), met.normal, turn, outward,
+    /* Corners receive less light that has bounced more than once. */
+    double room = met.distance / (met.distance + 0.03 * light->stage->size);
+    *ret_shadow = sun_on(light, stage_leave(light->stage, &met), met.normal, azimuth, outward,
                          vector_scale(albedo, 1.0 / LIGHT_BOUNCES));
     return vector_mul(albedo, vector_scale(fill, 2 * room));
 }
@@ -200,7 +208,7 @@ struct ray light_shadow_ray(const struct light_shadow *shadow)
     return ray;
 }
 
-/* A filmic curve: a toe, a nearly straight part, a long shoulder (the fit of Narkowicz 2015). */
+/* A filmic tone curve with a toe, a nearly straight middle and a long shoulder (the fit of Narkowicz 2015). */
 static double film(double value)
 {
     double x = fmax(value, 0) * 0.55;

@@ -32,7 +32,8 @@ void light_init(struct light *light, const struct stage *stage, const struct sur
 
 enum {
     LIGHT_BOUNCES = 2, /* rays that look for ambient light at each sample's surface */
-    LIGHT_STRATA = 4, /* a pixel has LIGHT_STRATA x LIGHT_STRATA samples, which divide the sky among them */
+    /* sectors of the hemisphere above a surface; the bounces of each four samples of a pixel cover every one twice */
+    LIGHT_STRATA = 4,
 };
 
 /* A ray towards the sun, and the light that it adds when it hits nothing. */

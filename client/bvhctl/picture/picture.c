@@ -8,12 +8,8 @@
 #include "client/bvhctl/oracle/rays.h"
 #include "client/bvhctl/picture/smooth.h"
 
-enum {
-    GRID = 2,
-    SAMPLES = GRID * GRID,
-    EDGE_GRID = 3,
-    EDGE_SAMPLES = EDGE_GRID * EDGE_GRID
-}; /* pixels on edges get the samples of both grids */
+/* Each pixel has a grid of samples; pixels on edges have a second, finer one in addition. */
+enum { GRID = 2, SAMPLES = GRID * GRID, EDGE_GRID = 3, EDGE_SAMPLES = EDGE_GRID * EDGE_GRID };
 
 static enum bvhd_status no_memory(const struct picture_options *options, struct bvhd_error *error)
 {
@@ -25,9 +21,9 @@ struct rendering {
     struct sampler sampler;
     struct pixel *pixels;
     uint8_t *rgb;
-    struct sums *sums; /* of the pixels that are sampled */
-    struct edge *edges; /* of pixels that wait for more samples */
-    uint32_t first, count; /* the pixels that are sampled, unless `edges` are */
+    struct sums *sums; /* of the pixels that are being sampled */
+    struct edge *edges; /* pixels that wait for more samples */
+    uint32_t first, count; /* the range of pixels that are being sampled, unless those in `edges` are */
     uint32_t edge_count;
     double exposure;
 };
@@ -47,11 +43,11 @@ static void set_surface(const struct light *light, struct pixel *pixel, struct v
     pixel->depth = (float)fmax(vector_length(seen), 1e-30);
 }
 
-/* What a pixel's samples add up to. */
+/* The sums over a pixel's samples. */
 struct sums {
     struct vector backdrop, albedo, direct, ambient, normal, position;
     unsigned samples, surfaces;
-    double darkest, brightest; /* of what is seen without ambient light: edges of things and of shadows show in it */
+    double darkest, brightest; /* sample, without ambient light: they differ at edges of objects and of shadows */
 };
 
 struct edge {
@@ -95,7 +91,7 @@ static void finish_pixel(const struct light *light, const struct sums *sums, str
     *ret_pixel = pixel;
 }
 
-/* One sample in each cell of a grid over the pixel. */
+/* Places one sample at a random point of each cell of a grid over the pixel. */
 static void place_samples(const struct rendering *rendering, uint32_t pixel, unsigned grid,
                           struct light_sample *samples)
 {
@@ -111,7 +107,7 @@ static void place_samples(const struct rendering *rendering, uint32_t pixel, uns
     }
 }
 
-/* ---- all pixels, some at a time ---- */
+/* ---- all pixels, in batches ---- */
 
 enum { CHUNK = 128 }; /* pixels */
 
@@ -177,7 +173,7 @@ static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_er
     return BVHD_OK;
 }
 
-/* Pixels on edges wait until there are enough of them for a batch. */
+/* Collects the pixels on edges, and samples them again when there are enough for a batch. */
 static enum bvhd_status collect_edges(struct rendering *rendering, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
@@ -211,7 +207,7 @@ static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_e
     return status ? status : sample_edges(rendering, error);
 }
 
-/* ---- development ---- */
+/* ---- from light to colours ---- */
 
 static struct vector pixel_colour(const struct pixel *pixel)
 {
@@ -220,8 +216,8 @@ static struct vector pixel_colour(const struct pixel *pixel)
 }
 
 /*
- * Outdoors the light is known; inside it depends on the windows: the geometric mean of what is seen becomes a middle
- * grey.
+ * Returns the factor for all colours. Outdoors the light is known, and the factor is constant. Inside, the light
+ * depends on the windows, and the geometric mean of the picture becomes a middle grey.
  */
 static double choose_exposure(const struct rendering *rendering)
 {
@@ -236,7 +232,7 @@ static double choose_exposure(const struct rendering *rendering)
     return rendering->options->light->camera->is_inside ? fmin(fmax(exposure, 0.5), 8) : 1;
 }
 
-/* Corners a little darker, as through a lens. */
+/* Makes the corners a little darker, as a lens does. */
 static double vignette(const struct rendering *rendering, uint32_t x, uint32_t y)
 {
     double u = 2 * (x + 0.5) / rendering->options->width - 1, v = 2 * (y + 0.5) / rendering->options->height - 1;

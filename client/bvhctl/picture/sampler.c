@@ -3,9 +3,9 @@
 
 #include "client/bvhctl/oracle/rays.h"
 
-enum { CHUNK = 256, WAVE_RAYS = 1 + LIGHT_BOUNCES }; /* the most that a sample has in a wave */
+enum { CHUNK = 256, WAVE_RAYS = 1 + LIGHT_BOUNCES }; /* samples of a task; most rays of a sample in a wave */
 
-/* How many rays a chunk's samples have in the next wave; then where they begin. */
+/* The numbers of rays that a chunk's samples have in the next wave; after lay_out(), where they begin in it. */
 struct sampler_counts {
     uint32_t shadows, ambients;
 };
@@ -61,7 +61,10 @@ static void in_chunks(struct sampler *sampler, parallel_task task)
     parallel_for(sampler->options.parallel, chunk_count(sampler), task, sampler);
 }
 
-/* From counts of rays to places: shadow rays of all chunks first, then the others. Returns how many there are. */
+/*
+ * Converts the chunks' numbers of rays to positions in the wave: the shadow rays of all chunks come first, then the
+ * ambient rays. Returns the number of rays in the wave.
+ */
 static uint32_t lay_out(struct sampler *sampler)
 {
     uint32_t shadows = 0, ambients = 0;
@@ -76,7 +79,7 @@ static uint32_t lay_out(struct sampler *sampler)
     return shadows + ambients;
 }
 
-/* ---- what happens to each sample between waves ---- */
+/* ---- the steps of each sample between waves ---- */
 
 static void begin(void *context, size_t index)
 {

@@ -18,7 +18,8 @@ struct pass {
 };
 
 /*
- * 1 for neighbours on the same plane that face the same way; falls to 0 soon, so that light does not leak around edges.
+ * Returns the weight of a neighbouring pixel: 1 if it is in the same plane and faces the same way. The weight falls to
+ * 0 quickly, so that light does not leak around edges.
  */
 static float likeness(const struct pass *pass, const struct pixel *here, const struct pixel *there)
 {

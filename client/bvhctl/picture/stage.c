@@ -7,19 +7,19 @@
 
 #include "client/bvhctl/oracle/rays.h"
 
-/* The bulk leaves out so many of a thousand samples on each side of each axis. */
+/* Of a thousand samples, those that the bulk leaves out on each side along each axis. */
 enum { OUTLIERS = 4 };
 
 enum { MANY_INSTANCES = 16 };
 
 enum {
-    TOUR_STRIDE = 8, /* triangles that are looked at, for each one that a sample is taken from */
-    FEW_TRIANGLES = 4096, /* from fewer, samples are taken from every one */
-    FEWEST_SAMPLES = 256, /* that tell an extent; where triangles are fewer, each gives several */
+    TOUR_STRIDE = 8, /* triangles that are visited for each one that a sample is taken from */
+    FEW_TRIANGLES = 4096, /* of fewer triangles, each one gives a sample */
+    FEWEST_SAMPLES = 256, /* that are needed to find an extent; of fewer triangles, each one gives several */
 };
 
-static const double clear_of_box =
-    1.6; /* how much larger the whole may be than the bulk before the rest counts as outliers */
+/* The factor by which the whole scene may be larger than the bulk before the rest counts as outliers. */
+static const double clear_of_box = 1.6;
 
 struct ray stage_ray(struct vector origin, struct vector direction)
 {
@@ -36,7 +36,7 @@ static int compare_instances(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The one at `instance` of the request, of which there is a hit. */
+/* Returns the instance at position `instance` of the request, which must be in the top level. */
 static const struct structure_instance *stage_instance(const struct stage *stage, uint32_t instance)
 {
     const struct structure_instance wanted = {.instance = instance};
@@ -145,16 +145,19 @@ static struct vector random_point(const struct vector corners[3], uint64_t *stat
     return vector_mad(vector_mad(vector_scale(corners[0], 1 - u - v), corners[1], u), corners[2], v);
 }
 
-/* Goes through some triangles of all instances, in order. */
+/* A pass over the triangles of all instances, of which it visits some, in order. */
 struct tour {
     struct stage *stage;
     uint64_t state; /* of random numbers */
-    double area, area_step,
-        area_next; /* area so far, and where the next point by area is taken; area_step 0: only adds up */
-    uint64_t seen, stride, repeats; /* by number: so many samples from one of each `stride` triangles */
-    /* Random numbers, for where and which: instances repeat, and even steps would see the same parts of all of them. */
+    /* samples by area: the area so far, its distance between samples (0: it is only added up), and that of the next */
+    double area, area_step, area_next;
+    uint64_t seen, stride, repeats; /* samples by number: `repeats` from one of each `stride` triangles that are seen */
+    /*
+     * states of random numbers, for the triangles that are visited and for those that are picked. Regular steps could
+     * find the same triangles in every instance, because instances repeat
+     */
     uint64_t place, pick;
-    uint64_t picked;
+    uint64_t picked; /* which of the next `stride` triangles gives samples */
 };
 
 static void add_sample(struct tour *tour, const struct vector corners[3])
@@ -206,7 +209,7 @@ static void take_tour(struct tour *tour)
     }
 }
 
-/* First points that tell where most triangles are, then points that tell where most of what can be seen is. */
+/* Takes samples by number, which show where most triangles are, and then by area, which show what is most visible. */
 static void sample_triangles(struct stage *stage)
 {
     uint64_t count = stage->triangle_count;
@@ -234,8 +237,8 @@ static void set_component(struct vector *vector, int axis, double value)
 }
 
 /*
- * The extent along each axis of nearly all samples; or of everything, where that is not much more. `axes` are the
- * world's, in any order. `sorted` has room for all samples.
+ * Measures the extent of nearly all samples along each axis, or that of everything if it is not much larger. `axes` are
+ * those of the world, in any order. `sorted` has room for all samples.
  */
 static void measure(const struct stage *stage, const int axes[3], double *sorted, struct vector *ret_low,
                     struct vector *ret_high)
@@ -256,7 +259,7 @@ static void measure(const struct stage *stage, const int axes[3], double *sorted
     }
 }
 
-/* The extent of the places where instances stand. */
+/* Returns the extent of the positions of the instances. */
 static struct vector spread_of_instances(const struct stage *stage)
 {
     struct vector low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
@@ -270,8 +273,8 @@ static struct vector spread_of_instances(const struct stage *stage)
 }
 
 /*
- * Things made for pictures mostly have y up. What is thin along z - maps, terrain, plans - has z up, and so have many
- * things that stand side by side in one plane across z.
+ * Guesses the axis that points up. Most models that were made for pictures have y up. Those that are thin along z, such
+ * as maps, terrain and plans, have z up, and so have scenes of many instances in one plane perpendicular to z.
  */
 static char guess_up(const struct stage *stage, double *sorted)
 {

@@ -14,7 +14,7 @@ static uint32_t *make_rows(struct memory *memory, uint64_t count)
     return rows;
 }
 
-/* Of split triangles any row will do: all have the same corners. */
+/* All rows of a split triangle have the same corners, so that any of them will do. */
 static uint32_t *find_triangles(const struct structure *bottom, struct memory *memory)
 {
     uint32_t *rows = make_rows(memory, bottom->primitive_count), count = structure_triangle_count(bottom);
@@ -40,7 +40,7 @@ static int compare_places(const void *a, const void *b)
                               : (x->bottom > y->bottom) - (x->bottom < y->bottom);
 }
 
-/* One table for each distinct bottom level, though several rows may name it. */
+/* Makes one table for each distinct bottom level, which several rows may name. */
 static bool fill_bottoms(struct surfaces *surfaces, struct bottom_data *places)
 {
     const struct structures *structures = surfaces->structures;
@@ -116,7 +116,7 @@ static const struct structure_geometry *find_geometry(const struct structure *bo
     const struct structure_geometry *rows = bottom->geometries;
     uint32_t low = 0, high = bottom->geometry_count;
     if (geometry < high && rows[geometry].geometry == geometry)
-        return &rows[geometry]; /* none is left out before it: nearly always */
+        return &rows[geometry]; /* nearly always, when no geometry before it is left out */
     while (low < high) {
         uint32_t middle = low + (high - low) / 2;
         if (rows[middle].geometry == geometry)
@@ -144,7 +144,7 @@ static bool find_corners(const struct surfaces *surfaces, uint32_t bottom, const
     return true;
 }
 
-/* *ret_bottom for an AABB's hit, too. */
+/* Finds the instance of a hit, of a triangle or an AABB. */
 static bool find_instance(const struct surfaces *surfaces, const struct tracer_hit *hit,
                           struct structure_instance *ret_instance)
 {
@@ -182,7 +182,7 @@ struct vector surface_normal(const struct surface *surface)
     return vector_normal(surface->corners);
 }
 
-/* A box has no side that is known: it looks at who looks at it. */
+/* Finds the bottom level of a hit of an AABB. */
 static bool find_box(const struct surfaces *surfaces, const struct tracer_hit *hit, uint32_t *ret_bottom)
 {
     struct structure_instance instance = {0};

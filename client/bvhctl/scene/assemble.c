@@ -6,7 +6,7 @@
 
 #include "builder/format/serialized.h"
 
-/* What both batches share while they are described and built. */
+/* The arguments of assemble(), for its helpers. */
 struct scene_build {
     const struct import *import;
     const struct options *options;
@@ -19,7 +19,7 @@ static enum bvhd_status no_memory(const struct scene_build *job)
     return bvhd_error_no_memory(job->error, job->import->name, "no memory to describe the scene");
 }
 
-/* A handle only has to differ from the others: bottom level + 1; one more for the top level. */
+/* Makes a handle, which only has to differ from the others: they are numbered from 1, the top level's last. */
 static VkAccelerationStructureKHR make_handle(uint64_t number)
 {
     VkAccelerationStructureKHR handle;
@@ -82,7 +82,7 @@ static struct bvhd_build make_request(const struct options *options, uint32_t co
     };
 }
 
-/* The bottom levels' descriptions: geometries and ranges of all bottom levels one after the other. */
+/* The descriptions of all bottom levels. Their geometries are in one array, and their ranges in another. */
 struct bottom_arrays {
     VkAccelerationStructureBuildGeometryInfoKHR *infos;
     const VkAccelerationStructureBuildRangeInfoKHR **ranges;
@@ -157,8 +157,8 @@ static int compare_bottoms(const void *a, const void *b)
 }
 
 /*
- * ret_shared[bottom]: the first bottom level with the same content, so that a scene with equal meshes is loaded with
- * one structure for them.
+ * Sets ret_shared[i] to the first bottom level with the same content as bottom level i, so that one structure is loaded
+ * for all equal meshes of a scene.
  */
 static enum bvhd_status share_equal_bottoms(const struct scene_build *job, const struct assembly *assembly,
                                             uint32_t *ret_shared)
@@ -193,7 +193,7 @@ static VkAccelerationStructureInstanceKHR describe_instance(const struct import_
     return record;
 }
 
-/* The structures that the top level names, each once, in the order in which its instances first name them. */
+/* Collects the structures that the top level names, each once, in the order in which its instances first name them. */
 static enum bvhd_status collect_references(const struct scene_build *job, struct assembly *assembly,
                                            const uint32_t *shared, struct bvhd_reference *references, bool *seen,
                                            struct bvhd_error *ret_failure)
@@ -218,7 +218,9 @@ static enum bvhd_status collect_references(const struct scene_build *job, struct
     return BVHD_OK;
 }
 
-/* The rows that the blob's handles name, as bottom levels. False when it is none of this request's. */
+/*
+ * Converts the blob's handles to bottom levels of the import. Returns false when a handle is not one of this request.
+ */
 static bool bottoms_of_handles(struct bytes blob, uint64_t count, const struct assembly *assembly,
                                uint32_t *ret_bottoms)
 {
@@ -231,7 +233,7 @@ static bool bottoms_of_handles(struct bytes blob, uint64_t count, const struct a
     return true;
 }
 
-/* Some targets name each row once, others have a handle for each instance. */
+/* Reads the handles of the built top level: some targets have one for each bottom level, others for each instance. */
 static enum bvhd_status read_handles(const struct scene_build *job, struct assembly *assembly)
 {
     struct memory *memory = job->import->memory;
@@ -239,7 +241,7 @@ static enum bvhd_status read_handles(const struct scene_build *job, struct assem
     struct bytes blob = {top->data, top->size};
     struct serialized_header header;
     if (serialized_read(blob, &header, &top->error) != BVHD_OK)
-        return BVHD_OK; /* it has failed, like others that are not built */
+        return BVHD_OK; /* this structure alone has failed, and top->error says so */
     uint32_t *bottoms = memory_array(memory, header.handle_count + 1, sizeof *bottoms);
     if (!bottoms)
         return no_memory(job);

@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * assemble.h - the acceleration structures of an imported scene: asked for in Vulkan's structs, as any client does.
+ * assemble.h - builds the acceleration structures of an imported scene. They are described by Vulkan's structs, as any
+ * client does.
  *
- * One batch for the bottom levels, one for the top level, which names them by key and bounds. A structure that fails
- * does not disturb the others; a top level fails when a bottom level that it needs has failed.
+ * There is one batch for the bottom levels, and then one for the top level, which names them by key and bounds. A
+ * structure that fails does not affect the others, but the top level fails when a bottom level that it needs has
+ * failed.
  */
 #ifndef BVHCTL_ASSEMBLE_H
 #define BVHCTL_ASSEMBLE_H
@@ -15,15 +17,16 @@
 struct assembly {
     const struct import *import;
     struct bvhd_result *items; /* bottom levels in the order of the import, then the top level: bottom_count + 1 */
-    uint32_t *handles; /* for each handle of the top level, in their order, the bottom level that it names */
+    uint32_t *handles; /* of each handle of the top level, in their order: the bottom level that it names */
     uint32_t handle_count;
     struct backend *backend;
-    void *bottoms, *top; /* the backend's: what the results live in */
+    void *bottoms, *top; /* owners of the results, which the backend releases */
 };
 
 /*
- * Fails only when nothing could be tried, or the service is gone; else look at each item's error. `import`, whose
- * memory is used, and `backend` must outlive *ret_assembly.
+ * Builds everything and waits for it. It fails only when nothing could be tried, or when the service is gone; otherwise
+ * each item has an error of its own. `import`, whose memory is used, and `backend` must outlive *ret_assembly. End with
+ * assembly_finish.
  */
 enum bvhd_status assemble(const struct import *import, const struct options *options, struct backend *backend,
                           struct assembly *ret_assembly, struct bvhd_error *error);

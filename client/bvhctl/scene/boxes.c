@@ -12,7 +12,7 @@ void boxes_visit(const struct lavapipe_view *view, boxes_visitor visit, void *co
 {
     struct {
         uint32_t offset, level;
-    } waiting[LAVAPIPE_MAX_LEVELS + 1] = {{LAVAPIPE_HEADER, 0}}; /* of each level one, and two of the lowest */
+    } waiting[LAVAPIPE_MAX_LEVELS + 1] = {{LAVAPIPE_HEADER, 0}}; /* one of each level, and two of the lowest */
     for (unsigned count = 1; count > 0;) {
         uint32_t level = waiting[--count].level;
         struct lavapipe_box box = lavapipe_box_at(view, waiting[count].offset);

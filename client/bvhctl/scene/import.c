@@ -12,7 +12,7 @@
 #include "client/bvhctl/scene/import_files.h"
 #include "client/bvhctl/scene/import_nodes.h"
 
-/* One place for "no memory": every allocation here is for the scene as a whole. */
+/* The text is the same for every allocation, because all of them are for the scene as a whole. */
 static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
 {
     return bvhd_error_no_memory(error, path, "no memory for the scene, or more than --memory allows");
@@ -70,7 +70,7 @@ static void copy_positions(const struct aiMesh *source, struct import_mesh *mesh
     }
 }
 
-/* Nameless and default materials have a colour that nobody chose. */
+/* Materials without a name and assimp's default material give no colour, because nobody chose it. */
 static void copy_colour(const struct aiMaterial *material, struct import_mesh *mesh)
 {
     struct aiColor4D colour;
@@ -97,7 +97,7 @@ static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMe
     mesh->vertex_count = source->mVertices ? source->mNumVertices : 0;
     mesh->name = copy_name(import->memory, &source->mName);
     mesh->material = copy_name(import->memory, &name);
-    /* Room for one more, so that a mesh without triangles has an address as well. */
+    /* There is room for one element more, so that arrays of a mesh without triangles are not NULL. */
     mesh->positions = memory_array(import->memory, (uint64_t)mesh->vertex_count + 1, 3 * sizeof *mesh->positions);
     mesh->indices = memory_array(import->memory, (uint64_t)mesh->triangle_count + 1, 3 * sizeof *mesh->indices);
     if (!mesh->name || !mesh->material || !mesh->positions || !mesh->indices)

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * import.h - a scene file, read with assimp, as what acceleration structures are built from.
+ * import.h - reads a scene file with assimp, as the input of builds.
  *
- * Faces are triangulated; nothing else is changed: no axes, no units, no merging, no dropping. NaN and degenerate
- * triangles survive. What is no triangle geometry is counted. A bottom level is a distinct list of meshes that some
- * node has, and becomes one bottom level with one geometry a mesh; nodes with meshes become instances, in depth-first
- * order.
+ * Faces are triangulated. Nothing else is changed: axes and units stay, nothing is merged or dropped, and NaN and
+ * degenerate triangles survive. Points, lines, skins and morph targets are left out and counted. There is one bottom
+ * level for each distinct list of meshes that some node has, with one geometry for each mesh. Nodes with meshes become
+ * instances, in depth-first order.
  */
 #ifndef BVHCTL_IMPORT_H
 #define BVHCTL_IMPORT_H
@@ -17,14 +17,14 @@
 struct import_mesh {
     char *name, *material; /* may be "" */
     bool has_colour;
-    float colour[3]; /* of the material: base colour, linear, 0 to 1 */
+    float colour[3]; /* the base colour of the material, linear, 0 to 1 */
     float *positions; /* xyz each; never NULL */
     uint32_t *indices; /* three a triangle, each < vertex_count; never NULL */
     uint32_t vertex_count, triangle_count;
 };
 
 struct import_bottom {
-    char *name; /* of its only mesh, else of the first node that has it; may be "" */
+    char *name; /* that of its mesh if it has only one, else that of the first node that has it; may be "" */
     uint32_t *meshes;
     uint32_t mesh_count;
 };
@@ -32,10 +32,14 @@ struct import_bottom {
 struct import_instance {
     uint32_t bottom;
     float transform[12]; /* row-major 3x4, object to world; products of the nodes' matrices in double, rounded once */
-    bool skipped; /* Vulkan forbids its matrix: not invertible (03799); it keeps its place, as an inactive instance */
+    /*
+     * its matrix has no inverse, which Vulkan forbids (VUID-VkAccelerationStructureInstanceKHR-transform-03799 is the
+     * rule). It keeps its position, as an inactive instance
+     */
+    bool skipped;
 };
 
-/* What the file has and acceleration structures of triangles do not. */
+/* Numbers of things in the file that are left out. */
 struct import_counts {
     uint64_t points, lines; /* faces with one or two corners */
     uint64_t skins, morphs; /* meshes with bones, morph targets */
@@ -55,29 +59,32 @@ struct import {
 };
 
 /*
- * BVHD_NOT_FOUND: no such file; BVHD_UNSUPPORTED: assimp does not read it; BVHD_INVALID: no triangles in it. End with
- * import_finish.
+ * Reads a scene file, which is hostile. BVHD_NOT_FOUND: there is no such file; BVHD_UNSUPPORTED: assimp does not read
+ * it; BVHD_INVALID: it has no triangles. End with import_finish.
  *
- * Reads in a child process: broken files make some of assimp's importers abort, or run for ever; here that is
- * BVHD_UNSUPPORTED.
+ * The file is read in a child process, because broken files make some of assimp's importers abort or run for ever. The
+ * result is BVHD_UNSUPPORTED then.
  */
 enum bvhd_status import_scene(const char *path, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);
 
-/* The same in this process, come what may. */
+/* Does the same in this process, which a broken file can crash. */
 enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
 void import_finish(struct import *import);
 
-/* The name of a scene, from its file's: without directory and extension. From `memory`; NULL when there is none. */
+/*
+ * Returns the name of a scene, which is that of its file without directory and extension. The caller frees it with
+ * memory_free. NULL when there is no memory.
+ */
 char *import_name(const char *path, struct memory *memory);
 
 /*
- * The triangles for brute force: one oracle_mesh for each mesh of each instance that is not skipped, as traversal over
- * the top level reports them; or those of bottom level 0 alone, when there is no top level. They point into the import.
- * From import->memory, freed by the caller.
+ * Lists the triangles for the oracle. With a top level there is one oracle_mesh for each mesh of each instance that is
+ * not skipped, with the numbers that traversal reports; without one, there are the meshes of bottom level 0. They point
+ * into the import. The caller frees *ret_meshes, with memory_free of import->memory.
  */
 enum bvhd_status import_oracle_meshes(const struct import *import, bool has_top, struct oracle_mesh **ret_meshes,
                                       uint32_t *ret_count, struct bvhd_error *error);

@@ -48,9 +48,9 @@ static void file_flush(struct aiFile *file)
     (void)file;
 }
 
-enum { MEMORY_A_BYTE = 64 }; /* that a scene may take, for each byte of its files */
+enum { MEMORY_A_BYTE = 64 }; /* bytes of memory that a scene may take for each byte of its files */
 
-/* Where memory is limited (import_process.c), and as far as it may be raised. */
+/* Raises the limit of this process's memory, if it has one (import_process.c), by a multiple of the file's size. */
 static void allow_memory(FILE *stream)
 {
     struct stat status;
@@ -87,7 +87,7 @@ static void record(struct import_files *files, const char *path)
         files->paths[files->count++] = copy;
 }
 
-/* A directory opens as a stream, too, and a pipe would wait for a writer. */
+/* Opens regular files only: a directory could be opened as a stream too, and a pipe would wait for a writer. */
 static FILE *open_stream(const char *path)
 {
     struct stat status;

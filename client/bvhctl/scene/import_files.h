@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * import_files.h - the file system as assimp sees it: reading only, regular files only, and a record of what was read.
+ * import_files.h - the file system that assimp gets: it can only read regular files, and it records which ones it read.
  */
 #ifndef BVHCTL_IMPORT_FILES_H
 #define BVHCTL_IMPORT_FILES_H
@@ -12,14 +12,14 @@
 #include "proto/base/memory.h"
 
 struct import_files {
-    struct aiFileIO io; /* to hand to assimp */
-    char **paths; /* in the order of opening, each once */
+    struct aiFileIO io; /* for assimp */
+    char **paths; /* of the files that were opened, in that order, each once */
     uint32_t count, capacity;
-    bool failed; /* no memory for the record */
+    bool failed; /* there was no memory for the record */
     struct memory *memory;
 };
 
-/* Nothing is held at first; the paths and their array, from `memory`, are the caller's to free. */
+/* Prepares an empty record. The caller frees each path and the array with memory_free. */
 void import_files_init(struct import_files *files, struct memory *memory);
 
 #endif

@@ -7,7 +7,7 @@
 #include "client/bvhctl/base/files.h"
 #include "builder/input/validate.h"
 
-/* A node yet to be visited, with its parent's place in the world. */
+/* A node that has to be visited, with the matrix of its parent, from object to world. */
 struct visit {
     const struct aiNode *node;
     double parent[12];
@@ -72,7 +72,7 @@ static bool same_list(const struct import_bottom *bottom, const unsigned *list, 
     return bottom->mesh_count == count && !memcmp(bottom->meshes, list, count * sizeof *list);
 }
 
-/* The slot that holds this list of meshes, or the empty one where it belongs. */
+/* Returns the slot that has this list of meshes, or the empty slot for it. */
 static uint32_t *find_slot(const struct node_walk *walk, const struct import *import, const unsigned *list,
                            uint32_t count)
 {
@@ -83,7 +83,7 @@ static uint32_t *find_slot(const struct node_walk *walk, const struct import *im
     }
 }
 
-/* Keeps the table at most half full. */
+/* Grows the table so that it is at most half full. Returns false when there is no memory. */
 static bool grow_slots(struct node_walk *walk, const struct import *import)
 {
     if (walk->slots && import->bottom_count * UINT64_C(2) < walk->slot_count)
@@ -119,7 +119,10 @@ static bool add_bottom(struct node_walk *walk, struct import *import, const stru
     return true;
 }
 
-/* Vulkan asks for an inverse (03799); a translation that is not finite is no place either. */
+/*
+ * Returns whether the matrix has an inverse, which Vulkan requires
+ * (VUID-VkAccelerationStructureInstanceKHR-transform-03799), and is finite.
+ */
 static bool is_usable(const float matrix[12])
 {
     for (int i = 0; i < 12; i++)
@@ -151,13 +154,13 @@ static bool add_instance(struct node_walk *walk, struct import *import, const st
     return true;
 }
 
-/* A node with nothing but points and lines would be a bottom level without a triangle. */
+/* Nodes with only points and lines are left out, because they would become a bottom level without a triangle. */
 static bool has_triangles(const struct import *import, const struct aiNode *node)
 {
     uint64_t triangles = 0;
     for (unsigned i = 0; i < node->mNumMeshes; i++) {
         if (node->mMeshes[i] >= import->mesh_count)
-            return false; /* a broken importer: assimp promises the range */
+            return false; /* an error of assimp, which guarantees the range */
         triangles += import->meshes[node->mMeshes[i]].triangle_count;
     }
     return triangles > 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* import_nodes.h - the part of import.h that walks assimp's nodes: bottom levels and instances, depth first. */
+/* import_nodes.h - makes the bottom levels and instances of an import from assimp's nodes. Internal to import.h. */
 #ifndef BVHCTL_IMPORT_NODES_H
 #define BVHCTL_IMPORT_NODES_H
 
@@ -8,8 +8,8 @@
 #include "client/bvhctl/scene/import.h"
 
 /*
- * Fills the bottom levels and instances of an import that has its meshes. false: no memory; import_finish frees what is
- * there.
+ * Adds the bottom levels and instances to an import that has its meshes. Returns false when there is no memory;
+ * import_finish frees what was added.
  */
 bool import_nodes(const struct aiScene *scene, struct import *import);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The part of import.h that keeps a crash of the importer away: a child process reads, and passes the result through a
- * memory file.
+ * import_process.c - implements import_scene of import.h: a child process reads the file and passes the result through
+ * a memory file, so that a crash of assimp ends only the child.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -18,11 +18,11 @@
 #include "proto/base/bytes.h"
 #include "client/bvhctl/scene/import.h"
 
-enum { CPU_SECONDS = 60, BYTES_A_SECOND = 1000000 }; /* time for a file: so much, and more by its size */
+enum { CPU_SECONDS = 60, BYTES_A_SECOND = 1000000 }; /* processor time for a file: a constant, and more for its size */
 
 /*
- * Memory for a scene, to which each file that is opened adds: a few hundred bytes of nodes that name each other can
- * unfold without end.
+ * The memory for a scene, in bytes, to which each opened file adds (import_files.c). A limit is needed, because a few
+ * hundred bytes of nodes that refer to each other can expand without end.
  */
 static const rlim_t memory_base = (rlim_t)4 << 30;
 
@@ -35,11 +35,11 @@ static const rlim_t memory_base = (rlim_t)4 << 30;
 #define HAS_SHADOW_MEMORY
 #endif
 
-/* What comes first in the memory file. */
+/* The header of the memory file. */
 struct outcome {
     bool is_complete;
-    struct bvhd_error error; /* of status BVHD_OK when the rest follows */
-    struct import import; /* its counts; no pointer in it means anything */
+    struct bvhd_error error; /* if its status is BVHD_OK, the data of the import follow */
+    struct import import; /* only its numbers are valid, not its pointers */
 };
 
 static void put(FILE *file, const void *data, uint64_t size)
@@ -76,7 +76,7 @@ static void put_import(FILE *file, const struct import *import)
         put_text(file, import->files[i]);
 }
 
-/* The child ends here, or wherever assimp leads it. */
+/* Reads the scene in the child, which exits here, unless assimp crashes it before. */
 __attribute__((noreturn)) static void read_in_child(const char *path, int descriptor, struct memory *memory)
 {
     struct outcome outcome = {0};
@@ -95,7 +95,7 @@ __attribute__((noreturn)) static void read_in_child(const char *path, int descri
     _exit(1);
 }
 
-/* Address space in use: stacks of threads and heaps are much of it before anything is read. */
+/* Returns the address space in use. Stacks of threads and heaps take much of it before anything is read. */
 static rlim_t used_memory(void)
 {
     unsigned long long pages = 0;
@@ -107,7 +107,7 @@ static rlim_t used_memory(void)
     return (rlim_t)pages * (rlim_t)sysconf(_SC_PAGESIZE);
 }
 
-/* Not where a sanitizer keeps its shadow: terabytes of address space, hardly any of it used. */
+/* Does nothing under a sanitizer, whose shadow memory takes terabytes of address space but uses hardly any of it. */
 static void limit_memory(void)
 {
 #ifdef HAS_SHADOW_MEMORY
@@ -122,7 +122,7 @@ static void limit_memory(void)
 #endif
 }
 
-/* No core file, no time or memory without end, no words of its own, and no life after its parent. */
+/* Limits the child: no core file, finite time and memory, no output, and it is killed when its parent dies. */
 static void prepare_child(const char *path)
 {
     struct stat file;
@@ -140,7 +140,7 @@ static void prepare_child(const char *path)
     }
 }
 
-/* What is left of the memory file. */
+/* The rest of the memory file, while it is read. */
 struct file_cursor {
     const unsigned char *at;
     uint64_t left;
@@ -148,7 +148,7 @@ struct file_cursor {
     bool ok; /* enough bytes, enough memory */
 };
 
-/* A copy of the next bytes, with room for `extra` more; never of no size. */
+/* Returns a copy of the next bytes, with room for `extra` more, or NULL after an error. It is never empty. */
 static void *take(struct file_cursor *cursor, uint64_t size, uint64_t extra)
 {
     void *copy = cursor->ok && size <= cursor->left ? memory_alloc(cursor->memory, size + extra + 1) : NULL;
@@ -252,7 +252,7 @@ static enum bvhd_status take_outcome(int descriptor, const char *path, struct me
     return status;
 }
 
-/* Its exit status, or -1 when a signal ended it. */
+/* Waits for the child. Returns its exit status, or -1 when a signal ended it. */
 static int wait_for(pid_t child)
 {
     int status;

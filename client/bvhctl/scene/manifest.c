@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { LEVEL_NAME_MAX = 48 }; /* of a mesh's or node's name, in a file name */
+enum { LEVEL_NAME_MAX = 48 }; /* of the name of a mesh or node that are used in a file name */
 
 static bool is_safe(unsigned char character)
 {
@@ -14,8 +14,8 @@ static bool is_safe(unsigned char character)
 }
 
 /*
- * Runs of other characters become one '_', dots only where `dots` allows them; no leading dot, so that nothing is
- * hidden.
+ * Makes a name that is safe in file names: runs of other characters become one '_', dots are kept only with `dots`, and
+ * the first character is neither a dot, which would hide the file, nor a hyphen.
  */
 static size_t make_safe(const char *name, size_t limit, bool dots, char *ret_safe)
 {

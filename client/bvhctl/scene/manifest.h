@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * manifest.h - manifest.json: which structures a directory holds, for whom they were built and how they belong
- * together.
+ * manifest.h - writes and reads manifest.json, which lists the structures in a directory: their files, their targets,
+ * and which bottom levels a top level refers to.
  *
- * {"schema":1,"structures":[{"file","type","scene","name",...,"handles"}]}: the same for equal input, whatever the
- * machine or the number of threads, so it has no times. `file` is a plain name inside the directory; `handles`, for a
- * top level, are the files in the order of its serialized handles.
+ * Its form is {"schema":1,"structures":[{"file","type","scene","name",...,"handles"}]}. It contains no times, so that
+ * it is the same for equal input on any machine, with any number of threads. `file` is a plain name in the directory.
+ * The `handles` of a top level are files, in the order of its serialized handles.
  */
 #ifndef BVHCTL_MANIFEST_H
 #define BVHCTL_MANIFEST_H
@@ -16,20 +16,26 @@
 #define MANIFEST_NAME "manifest.json"
 
 /*
- * The file name of structure `index` of an import (bottom_count: the top level): "SCENE.blas-3-NAME.as",
- * "SCENE.tlas.as", with letters, digits and . _ - only. NAME has no dot, so that files of two scenes cannot have the
- * same name. From import->memory; NULL when there is none.
+ * Returns the file name of structure `index` of an import (bottom_count is the top level): "SCENE.blas-3-NAME.as" or
+ * "SCENE.tlas.as", with only letters, digits and . _ - in it. NAME has no dot, so that files of two scenes cannot have
+ * the same name. The caller frees it, with memory_free of import->memory. NULL when there is no memory.
  */
 char *manifest_file_name(const struct import *import, uint32_t index);
 
-/* The scene's name as it begins file names. From `memory`; NULL when there is none. */
+/*
+ * Returns the scene's name in the form that file names begin with. The caller frees it with memory_free. NULL when
+ * there is no memory.
+ */
 char *manifest_safe_name(const char *name, struct memory *memory);
 
-/* One member of "structures"; `times`: with what depends on the run - times, peak memory, cache words. */
+/*
+ * Writes one element of "structures". With `times` it has also the members that depend on the run: times, peak memory,
+ * cache hits.
+ */
 void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index, const char *file,
                               char *const *all_files, bool times);
 
-/* A geometry's base colour, linear; red < 0: none given. */
+/* The base colour of a geometry, linear. It has none if red < 0. */
 struct manifest_colour {
     float rgb[3];
 };
@@ -38,7 +44,7 @@ struct manifest_entry {
     char *file, *scene, *name;
     enum target target;
     bool is_top;
-    char **handles; /* of a top level: files in handle order */
+    char **handles; /* of a top level: files, in the order of its handles */
     uint32_t handle_count;
     struct manifest_colour *colours; /* one for each geometry */
     uint32_t colour_count;
@@ -51,8 +57,8 @@ struct manifest {
 };
 
 /*
- * Reads DIRECTORY/manifest.json, hostile: file names with a '/' or ".." are refused. BVHD_NOT_FOUND, BVHD_CORRUPT with
- * the place. End with manifest_finish.
+ * Reads DIRECTORY/manifest.json, which is hostile: file names that contain '/' or are ".." are refused. BVHD_NOT_FOUND,
+ * or BVHD_CORRUPT with the place. End with manifest_finish.
  */
 enum bvhd_status manifest_read(const char *directory, struct memory *memory, struct manifest *ret_manifest,
                                struct bvhd_error *error);
@@ -61,8 +67,8 @@ enum bvhd_status manifest_read(const char *directory, struct memory *memory, str
 void manifest_finish(struct manifest *manifest);
 
 /*
- * "fast", "balanced", "high": what was built. "" for one that only a newer service knows, and from an older one, which
- * does not say.
+ * Returns the name of the quality that was built: "fast", "balanced" or "high". It is "" for a quality that only a
+ * newer service knows, and for results of an older service, which do not contain it.
  */
 const char *manifest_quality_name(enum bvhd_quality quality);
 

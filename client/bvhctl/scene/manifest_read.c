@@ -9,7 +9,7 @@
 
 enum { MANIFEST_LIMIT = 1 << 30 };
 
-/* Where the reader is, for errors. */
+/* The state of the reader, with its place in the manifest for errors. */
 struct manifest_reader {
     struct memory *memory;
     struct bvhd_error *error;
@@ -29,7 +29,7 @@ static enum bvhd_status no_memory(const struct manifest_reader *reader)
     return bvhd_error_no_memory(reader->error, reader->path, "no memory for the manifest");
 }
 
-/* A name that stays inside its directory. */
+/* Returns whether the name is that of a file in the same directory. */
 static bool is_plain_name(const char *name)
 {
     return *name && !strchr(name, '/') && strcmp(name, ".") && strcmp(name, "..");

@@ -15,7 +15,7 @@ static enum bvhd_status no_memory(const char *where, struct bvhd_error *error)
     return bvhd_error_no_memory(error, where, "no memory to open it");
 }
 
-/* Puts the file's name before the place inside it. */
+/* Puts the file's name before the place in it. */
 static void prefix_where(struct bvhd_error *error, const char *name)
 {
     char where[sizeof error->where];
@@ -73,7 +73,7 @@ const float *structures_colour(const struct structures *structures, uint32_t bot
     return rgb[0] >= 0 ? rgb : NULL;
 }
 
-/* Takes them over from the manifest. */
+/* Moves the colours of a file from the manifest. */
 static void take_colours(struct manifest *manifest, const char *file, struct structure_file *opened)
 {
     for (uint32_t i = 0; i < manifest->count; i++) {
@@ -88,7 +88,7 @@ static void take_colours(struct manifest *manifest, const char *file, struct str
     }
 }
 
-/* What open_scene reads, and from where. */
+/* The arguments of open_scene, for its helpers. */
 struct scene_reader {
     struct structures *structures;
     const char *directory;
@@ -128,7 +128,7 @@ struct named_row {
     uint32_t row;
 };
 
-/* By rows, and of one row those with equal names side by side. */
+/* Sorts by rows, and equal rows by names. */
 static int compare_rows(const void *a, const void *b)
 {
     const struct named_row *x = a, *y = b;
@@ -142,7 +142,7 @@ static int compare_names(const void *a, const void *b)
     return order ? order : (x->row > y->row) - (x->row < y->row);
 }
 
-/* The file of each row, once. */
+/* Removes duplicates, so that each row is listed once. BVHD_CORRUPT when a row has two files. */
 static enum bvhd_status merge_rows(const struct scene_reader *reading, const char *top, struct named_row *rows,
                                    uint32_t *count)
 {
@@ -158,7 +158,7 @@ static enum bvhd_status merge_rows(const struct scene_reader *reading, const cha
     return BVHD_OK;
 }
 
-/* A file that several rows name is read once. */
+/* Reads the files of all rows, which are sorted by name: a file that several rows name is read once. */
 static enum bvhd_status read_rows(const struct scene_reader *reading, const struct named_row *rows, uint32_t count)
 {
     struct structure_file *files = reading->structures->files;
@@ -178,8 +178,8 @@ static enum bvhd_status read_rows(const struct scene_reader *reading, const stru
 }
 
 /*
- * What each handle of the top level is the row of, and the file that the manifest has for it. Rows are as many as the
- * handles at most.
+ * Lists the row that each handle of the top level names, with the file that the manifest has for it. The number of rows
+ * is at most that of the handles.
  */
 static enum bvhd_status list_rows(const struct scene_reader *reading, const struct manifest_entry *entry,
                                   const struct structure *top, struct named_row *ret_rows, uint32_t *ret_row_count)
@@ -243,7 +243,7 @@ static enum bvhd_status read_below(const struct scene_reader *reading, const str
     return status;
 }
 
-/* The top level before any bottom level, so that a manifest cannot have files read that the top level does not name. */
+/* Reads the top level first, so that the manifest cannot name more files than the top level has handles. */
 static enum bvhd_status read_files(const struct scene_reader *reading, const struct manifest_entry *top,
                                    const struct manifest_entry *bottom)
 {
@@ -264,7 +264,7 @@ const struct structure *structures_top(const struct structures *structures)
     return structures->has_top ? &structures->files[structures->bottom_count].structure : NULL;
 }
 
-/* What instances name is there. */
+/* Checks that the bottom levels that instances name are there. */
 static enum bvhd_status check_instances(const struct structures *structures, struct bvhd_error *error)
 {
     const struct structure *top = structures_top(structures);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* structures.h - the built files of one scene of a directory, opened: to trace on the CPU, and to upload. */
+/* structures.h - opens the built files of one scene of a directory, to trace them on the CPU and to upload them. */
 #ifndef BVHCTL_STRUCTURES_H
 #define BVHCTL_STRUCTURES_H
 
@@ -11,24 +11,24 @@
 enum { STRUCTURE_NAME = 61 };
 
 struct structure_file {
-    char name[STRUCTURE_NAME]; /* of the file, without its directory, for people; "" when it is from none */
+    char name[STRUCTURE_NAME]; /* of the file, without its directory, for messages; "" if there is no file */
     unsigned char *data; /* from memory */
     uint64_t size;
-    bool is_shared; /* data, structure and colours are another one's */
+    bool is_shared; /* data, structure and colours belong to another entry */
     struct structure structure;
     struct manifest_colour *colours; /* of its geometries, as far as the manifest has them */
     uint32_t colour_count;
 };
 
-/* All of one target. */
+/* The structures of a scene, all of one target. */
 struct structures {
     char *name; /* of the scene */
     enum target target;
     bool has_top;
-    /* bottom levels by rows of the top level's references, then the top level if there is one */
+    /* the bottom levels, by rows of the top level's references, then the top level if there is one */
     struct structure_file *files;
     uint32_t file_count, bottom_count;
-    /* by the same rows: the files' bytes, with handles as written (row + 1); equal data pointers are one structure */
+    /* by the same rows: the files' bytes, with handles as written (row + 1); equal data pointers mean one structure */
     struct bytes *blobs;
     union {
         struct scene portable;
@@ -39,9 +39,9 @@ struct structures {
 };
 
 /*
- * Opens the scene called `name` (NULL: the first one in the manifest): its top level and what that names, else its
- * first bottom level. Files are hostile: BVHD_CORRUPT, BVHD_INCOMPATIBLE, BVHD_NOT_FOUND say which one and where. End
- * with structures_close.
+ * Opens the scene with that name, or the first one in the manifest if `name` is NULL: its top level with all bottom
+ * levels that it names or, if it has no top level, its first bottom level. Files are hostile: the errors BVHD_CORRUPT,
+ * BVHD_INCOMPATIBLE and BVHD_NOT_FOUND name the file and the place in it. End with structures_close.
  */
 enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory,
                                  struct structures *ret_structures, struct bvhd_error *error);
@@ -50,20 +50,21 @@ enum bvhd_status structures_open(const char *directory, const char *name, struct
 void structures_close(struct structures *structures);
 
 /*
- * The end of structures_open, for files that are open: name, files, file_count, has_top and memory are set; the rest
- * follows. BVHD_CORRUPT when they do not belong together. End with structures_close.
+ * The last step of structures_open, for callers that have opened the files themselves: they set name, files,
+ * file_count, has_top and memory, and this function sets the other members. BVHD_CORRUPT when the files do not belong
+ * together. End with structures_close.
  */
 enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error);
 
-/* Undoes structures_join, so that files may be added or removed before another one. The files stay open. */
+/* Undoes structures_join, so that it can be called again with other files. The files stay open. */
 void structures_separate(struct structures *structures);
 
-/* The top level; NULL without one. */
+/* Returns the top level, or NULL if there is none. */
 const struct structure *structures_top(const struct structures *structures);
 
 /*
- * Traces on the CPU: traverse.h's semantics and answers, whatever the target; `handle` of a hit is the row of its
- * bottom level, 0 without a top level. `options` and `counters` may be NULL. Any thread.
+ * Trace a ray on the CPU, with the semantics and answers of traverse.h for every target. `handle` of a hit is the row
+ * of its bottom level, and 0 without a top level. `options` and `counters` may be NULL. Any thread.
  */
 bool structures_trace(const struct structures *structures, const struct ray *ray,
                       const struct traverse_options *options, struct ray_hit *ret_hit);
@@ -71,13 +72,13 @@ bool structures_trace_counted(const struct structures *structures, const struct 
                               const struct traverse_options *options, struct ray_hit *ret_hit,
                               struct traverse_counters *counters);
 
-/* The exact corners of the triangle that was hit on the CPU, in the space of its bottom level. Not for AABBs. */
+/* Gives the exact corners of a triangle that structures_trace has hit, in object space. Not for AABBs. */
 void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3]);
 
-/* The base colour of a geometry of bottom level `bottom`, or NULL. */
+/* Returns the base colour of a geometry of bottom level `bottom`, or NULL if the manifest has none. */
 const float *structures_colour(const struct structures *structures, uint32_t bottom, uint32_t geometry);
 
-/* Reads and opens one file, without colours. On success the caller ends it with structures_close_file. */
+/* Reads and opens one file, without colours. End with structures_close_file, unless it fails. */
 enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file,
                                  struct bvhd_error *error);
 void structures_close_file(struct structure_file *file, struct memory *memory);

@@ -6,7 +6,7 @@
 
 #include "client/bvhctl/scene/target_reader.h"
 
-/* Nine floats for each primitive. */
+/* Returns nine floats for each primitive, or NULL when there is no memory. */
 static float *unpack_positions(const struct structure *bottom, struct memory *memory)
 {
     uint64_t count = UINT64_C(9) * bottom->primitive_count;
@@ -108,7 +108,7 @@ enum bvhd_status unpack_structures(const struct structures *structures, struct m
     return BVHD_OK;
 }
 
-/* The inverse of an affine matrix, by cofactors in double; zeros where there is none. */
+/* Computes the inverse of an affine matrix, by cofactors in double; it is zero if the matrix has none. */
 static void invert(const float matrix[12], float ret_inverse[12])
 {
     double inverse[12] = {0}, determinant = 0;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * unpack.h - the exact triangles in opened structures, as brute force takes them: to check a picture without the file
- * it was built from.
+ * unpack.h - extracts the exact triangles from opened structures for the oracle, so that a picture can be checked
+ * without the scene file.
  */
 #ifndef BVHCTL_UNPACK_H
 #define BVHCTL_UNPACK_H
@@ -15,14 +15,14 @@ struct unpacked {
     struct oracle_mesh *meshes; /* one for each geometry of each instance */
     uint32_t mesh_count;
     uint64_t triangle_count; /* over all meshes */
-    float **positions; /* of each bottom level: nine floats a primitive, NaN where it is not in the structure */
+    float **positions; /* of each bottom level: nine floats a primitive, NaN if it is not in the structure */
     uint32_t bottom_count;
-    struct structure_instance *instances; /* that meshes take their transforms from */
+    struct structure_instance *instances; /* the transforms of the meshes point into them */
     uint32_t instance_count;
     struct memory *memory;
 };
 
-/* Bottom levels of AABBs have no triangles. End with unpack_finish. */
+/* Extracts the triangles; bottom levels of AABBs have none. BVHD_NO_MEMORY. End with unpack_finish. */
 enum bvhd_status unpack_structures(const struct structures *structures, struct memory *memory,
                                    struct unpacked *ret_unpacked, struct bvhd_error *error);
 

@@ -7,7 +7,7 @@
 #include "client/format.h"
 #include "client/vulkan_input.h"
 
-/* What results' bytes live in. */
+/* The owner of the results' bytes. */
 struct hold {
     struct batch_item *items;
     uint32_t count;
@@ -81,7 +81,7 @@ static void copy_result(const struct batch_item *item, enum target target, struc
     *ret_result = result;
 }
 
-/* `errors`: of the rules on Vulkan's structs, said before any building. */
+/* `errors`: for each item, the rule of Vulkan that its structs break, which was found before the builds. */
 static void copy_results(const struct hold *hold, const struct bvhd_error *errors, enum target target,
                          struct bvhd_result *ret_results)
 {

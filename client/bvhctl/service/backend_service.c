@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-enum { LOOK_MS = 50 }; /* between looks at the cancel flag */
+enum { POLL_MS = 50 }; /* between checks of the cancel flag */
 
 static void release(struct backend *backend, void *hold)
 {
@@ -19,7 +19,7 @@ static uint64_t count_primitives(const struct bvhd_build *build, uint32_t info)
     return count;
 }
 
-/* By primitives: structures are too different to be counted. */
+/* Counts primitives and not structures, because the sizes of structures differ too much. */
 static void show_progress(const struct backend_service *service, struct bvhd_batch *batch,
                           const struct bvhd_build *build)
 {
@@ -43,7 +43,7 @@ static void wait_until_done(const struct backend_service *service, struct bvhd_b
                             const struct bvhd_build *build)
 {
     bool cancelled = false;
-    while (bvhd_batch_wait(batch, LOOK_MS) == BVHD_PENDING) {
+    while (bvhd_batch_wait(batch, POLL_MS) == BVHD_PENDING) {
         show_progress(service, batch, build);
         if (!cancelled && is_cancelled(service)) {
             bvhd_batch_cancel(batch);
@@ -52,7 +52,7 @@ static void wait_until_done(const struct backend_service *service, struct bvhd_b
     }
 }
 
-/* Items that a lost service takes with it are no results of theirs: the batch as a whole has failed. */
+/* When the connection is lost, its items have no results, and the batch as a whole has failed. */
 static enum bvhd_status take_results(struct bvhd_batch *batch, const char *path, struct bvhd_result *ret_results,
                                      struct bvhd_error *error)
 {

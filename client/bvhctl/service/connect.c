@@ -15,7 +15,10 @@
 
 static const char system_socket[] = "/run/bvhd/bvhd.sock";
 
-/* A daemon may leave between our look and our call: then look again. */
+/*
+ * Limits for one attempt to connect. They are short, because the daemon may exit after it was found; then bvhctl
+ * searches again.
+ */
 enum { SHORTEST_CALL_MS = 250, LONGEST_CALL_MS = 1000 };
 
 enum answer { ANSWER_NONE, ANSWER_FORBIDDEN, ANSWER_GIVEN };
@@ -29,7 +32,7 @@ static enum answer ask(const char *path)
     int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (descriptor < 0)
         return ANSWER_NONE;
-    /* EAGAIN: so many wait for it already that it has to be there. */
+    /* EAGAIN: its queue of connections is full, so there is a daemon. */
     int number = connect(descriptor, (struct sockaddr *)&address, sizeof address) == 0 ? 0 : errno;
     close(descriptor);
     return !number || number == EAGAIN ? ANSWER_GIVEN : number == EACCES ? ANSWER_FORBIDDEN : ANSWER_NONE;
@@ -53,7 +56,7 @@ static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
     return bvhd_error_no_memory(error, path, "no memory for its name");
 }
 
-/* A client on the socket of `connect`, which it takes, on failure too. */
+/* Creates a client on the socket of `connect`. Takes ownership of `connect`, even after a failure. */
 static enum bvhd_status attach(struct connect connect, uint32_t timeout_ms, struct connect *ret_connect,
                                struct bvhd_error *error)
 {
@@ -79,14 +82,14 @@ static enum bvhd_status open_explicit(const char *socket, uint32_t timeout_ms, s
                 : no_memory(socket, error);
 }
 
-/* What has happened in all looks for a daemon so far. */
+/* The state of the search for a daemon, which may take several attempts. */
 struct search {
     double deadline;
-    bool is_started; /* one, by us */
-    bool is_refused; /* by the machine's, as has been remarked */
+    bool is_started; /* this process has started a daemon */
+    bool is_refused; /* the daemon of the machine has refused this user, and a remark has said so */
 };
 
-/* The socket of a daemon that answers, started if need be, and whose it is. */
+/* Finds the socket of a daemon that answers, and whether it is private. Starts a private daemon if none answers. */
 static enum bvhd_status find_daemon(struct search *search, struct memory *memory, struct connect *ret_found,
                                     struct bvhd_error *error)
 {

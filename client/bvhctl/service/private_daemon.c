@@ -21,7 +21,7 @@
 
 enum { POLL_MS = 5 };
 
-/* How long it stays without work; as bvhd takes it. */
+/* The time after which the daemon exits without work, as an argument for bvhd. */
 static char idle_seconds[] = "60";
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
@@ -34,7 +34,7 @@ static void nap(void)
     nanosleep(&(struct timespec){.tv_nsec = POLL_MS * 1000000L}, NULL);
 }
 
-/* A directory, not a link to one, that belongs to this user and to nobody else. */
+/* Returns whether the path is a directory (not a link to one) that this user owns and nobody else can access. */
 static bool is_safe(const char *path)
 {
     struct stat status;
@@ -42,7 +42,7 @@ static bool is_safe(const char *path)
            !(status.st_mode & 077);
 }
 
-/* The directory for the user's sockets, if the session has one. */
+/* Returns the directory for the user's sockets, or NULL if the session has none. */
 static const char *runtime_directory(void)
 {
     const char *path = getenv("XDG_RUNTIME_DIR");
@@ -97,7 +97,7 @@ static enum bvhd_status make_safe(struct private_place *place, struct bvhd_error
     return BVHD_OK;
 }
 
-/* The path of the socket with something behind it. */
+/* Returns the path of the socket with a suffix. The caller frees it. */
 static char *beside(const struct private_place *place, const char *suffix, struct memory *memory)
 {
     uint64_t size = strlen(place->socket) + strlen(suffix) + 1;
@@ -107,7 +107,7 @@ static char *beside(const struct private_place *place, const char *suffix, struc
     return path;
 }
 
-/* Waits for the lock, or until somebody answers: *ret_descriptor -1. */
+/* Waits until it has the lock file, or until a daemon answers; *ret_descriptor is -1 then. */
 static enum bvhd_status take_lock(const struct private_place *place, const char *path, double deadline,
                                   int *ret_descriptor, struct bvhd_error *error)
 {
@@ -135,7 +135,7 @@ static bool is_program(const char *path)
     return stat(path, &status) == 0 && S_ISREG(status.st_mode) && access(path, X_OK) == 0;
 }
 
-/* Looks for "DIRECTORY[0 .. length)/name". */
+/* Returns whether `name` is a program in the directory, whose path has `length` bytes. */
 static bool find_in(const char *directory, size_t length, const char *name, char ret_path[PATH_MAX])
 {
     char path[PATH_MAX];
@@ -155,7 +155,10 @@ static bool find_in_path(char ret_path[PATH_MAX])
     return false;
 }
 
-/* Where this program lies in a build folder, bvhd has its place, too; anywhere else that place may be a stranger's. */
+/*
+ * Finds bvhd in the build folder that contains this program. The folder must look like one, because elsewhere the same
+ * relative path could lead to another user's file.
+ */
 static bool find_built(const char *directory, size_t length, char ret_path[PATH_MAX])
 {
     static const char built[] = "/client/bvhctl";
@@ -164,7 +167,9 @@ static bool find_built(const char *directory, size_t length, char ret_path[PATH_
            find_in(directory, length - tail, "daemon/bvhd", ret_path);
 }
 
-/* Beside this program, where both are built, where both are installed, in $PATH. */
+/*
+ * Searches for bvhd beside this program, in its build folder, in the directory where both are installed, and in $PATH.
+ */
 static bool find_program(char ret_path[PATH_MAX])
 {
     char self[PATH_MAX];
@@ -178,7 +183,7 @@ static bool find_program(char ret_path[PATH_MAX])
     return find_in(BVHD_BINDIR, strlen(BVHD_BINDIR), "bvhd", ret_path) || find_in_path(ret_path);
 }
 
-/* What a service manager has told this process is not meant for the daemon. */
+/* Variables by which a service manager addresses this process are not passed on to the daemon. */
 static bool is_passed_on(const char *variable)
 {
     return strncmp(variable, "NOTIFY_SOCKET=", 14) && strncmp(variable, "WATCHDOG_", 9) &&
@@ -199,7 +204,10 @@ static char **make_environment(struct memory *memory)
     return environment;
 }
 
-/* A session of its own, so that an interrupt at the terminal is not for it, and none of our descriptors. */
+/*
+ * Starts the daemon in a session of its own, so that an interrupt at the terminal does not reach it, and with none of
+ * this process's descriptors.
+ */
 static int spawn(char *program, char *socket, const char *log, char **environment, pid_t *ret_child)
 {
     char option_socket[] = "--socket", option_idle[] = "--idle-exit";
@@ -233,7 +241,7 @@ static int spawn(char *program, char *socket, const char *log, char **environmen
     return number;
 }
 
-/* The last line of its messages, without their end. */
+/* Reads the last line of the daemon's messages, without the line break. */
 static void read_last_line(const char *log, char *ret_line, size_t size)
 {
     char text[4096];
