@@ -112,7 +112,7 @@ static struct camera outside_view(const struct stage *stage, double aspect, int 
 static struct camera inside_view(const struct stage *stage, double aspect, int index)
 {
     static const double heights[INSIDE_HEIGHTS] = {0.14, 0.4};
-    int azimuth = index % INSIDE_AZIMUTHS, stand = index / INSIDE_TURNS, column = stand % INSIDE_GRID,
+    int azimuth = index % INSIDE_AZIMUTHS, stand = index / INSIDE_AZIMUTHS, column = stand % INSIDE_GRID,
         row = stand / INSIDE_GRID % INSIDE_GRID;
     double height = heights[stand / (INSIDE_GRID * INSIDE_GRID)];
     struct vector extent = vector_sub(stage->high, stage->low);
