@@ -43,11 +43,11 @@ static const struct config_option option_rows[] = {
      "limit of\nits "
      "control group)"},
     {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none (default: 1G)"},
-    {"cache", "DIR", KIND_CACHE, "taken with a warning: this version keeps results in\nmemory only"},
+    {"cache", "DIR", KIND_CACHE, "accepted with a warning: this version keeps results in\nmemory only"},
     {"max-connections", "N", KIND_CONNECTIONS,
      "clients at once (default: 1024), of one user at most\nthree quarters of them"},
-    {"idle-exit", "SECONDS", KIND_IDLE, "leave after so long without clients (default: 0, never)"},
-    {"drain-timeout", "SECONDS", KIND_DRAIN, "after SIGTERM, time to finish what is under way\n(default: 20)"},
+    {"idle-exit", "SECONDS", KIND_IDLE, "exit after that time without clients (default: 0, never)"},
+    {"drain-timeout", "SECONDS", KIND_DRAIN, "time to finish what is under way after SIGTERM\n(default: 20)"},
     {"log-level", "LEVEL", KIND_LEVEL, "error, warning, info (default) or debug"},
     {"config", "FILE", KIND_CONFIG,
      "read \"name = value\" lines, with names as above,\nand lines that begin with #; the command line wins"},
@@ -205,7 +205,7 @@ static enum bvhd_status apply_lines(FILE *file, const char *path, struct config 
         size_t length = strlen(path), most = sizeof where - 16; /* the end of a long path says more than its start */
         snprintf(where, sizeof where, "%s:%u", length > most ? path + length - most : path, number);
         if (!strchr(line, '\n') && !feof(file))
-            return bvhd_error_set(error, BVHD_INVALID, where, "a line that is too long, or that has a NUL in it");
+            return bvhd_error_set(error, BVHD_INVALID, where, "the line is too long, or has a NUL in it");
         status = apply_line(line, where, config, error);
     }
     if (!status && ferror(file))

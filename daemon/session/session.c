@@ -188,7 +188,7 @@ bool session_admits(struct session *session, uint64_t request, uint32_t items)
     if (session->service->draining)
         bvhd_error_set(&error, BVHD_UNAVAILABLE, "", "the service is about to end");
     else if (items == 0)
-        bvhd_error_set(&error, BVHD_INVALID, "items", "a request without items");
+        bvhd_error_set(&error, BVHD_INVALID, "items", "the request has no items");
     else if (items > options->credits - (session->under_way < options->credits ? session->under_way : options->credits))
         bvhd_error_set(&error, BVHD_TOO_LARGE, "items",
                        "%u items beside %u under way: the connection has credits for %u", items, session->under_way,

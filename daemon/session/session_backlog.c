@@ -55,7 +55,7 @@ static void end_longest(struct service *service)
     if (!longest)
         return;
     session_backlog_drop(longest);
-    session_end(longest, BVHD_TOO_LARGE, "too much of what was asked for is not read");
+    session_end(longest, BVHD_TOO_LARGE, "the client does not read its results");
 }
 
 void session_backlog_add(struct session *session, uint64_t bytes)

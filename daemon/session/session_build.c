@@ -142,7 +142,7 @@ static enum bvhd_status find_payload(const struct intake *intake, const struct c
         return BVHD_OK;
     case SOURCE_MEMFD:
         if (item->memfd >= intake->message->memfd_count)
-            return bvhd_error_set(error, BVHD_INVALID, where, "memfd %u of %u", item->memfd,
+            return bvhd_error_set(error, BVHD_INVALID, where, "memfd %u, but the request has %u", item->memfd,
                                   intake->message->memfd_count);
         *ret_place =
             (struct payload_place){NULL, intake->attachments[item->memfd], intake->message->memfd_sizes[item->memfd]};
@@ -238,8 +238,8 @@ enum bvhd_status session_build(struct session *session, const struct frame *fram
     struct control_build *message;
     enum bvhd_status status = control_unpack_build(frame->control, memory, &message, error);
     if (status == BVHD_OK && message->memfd_count != frame->header.descriptors) {
-        status = bvhd_error_set(error, BVHD_INVALID, "build.memfds", "%u are described, %u came", message->memfd_count,
-                                frame->header.descriptors);
+        status = bvhd_error_set(error, BVHD_INVALID, "build.memfds", "%u memfds are described, but %u descriptors came",
+                                message->memfd_count, frame->header.descriptors);
         memory_free(memory, message);
     }
     if (status != BVHD_OK) {

@@ -44,7 +44,7 @@ static enum bvhd_status take_hello(struct session *session, const struct frame *
 {
     struct control_hello *hello;
     if (session->open)
-        return bvhd_error_set(error, BVHD_INVALID, "frame.type", "HELLO again");
+        return bvhd_error_set(error, BVHD_INVALID, "frame.type", "a second HELLO");
     enum bvhd_status status = control_unpack_hello(frame->control, session_memory(session), &hello, error);
     if (status != BVHD_OK)
         return status;
@@ -54,7 +54,7 @@ static enum bvhd_status take_hello(struct session *session, const struct frame *
         welcome(session, frame->header.request);
     } else {
         status = bvhd_error_set(error, BVHD_INCOMPATIBLE, "hello.version",
-                                "the client speaks versions %u to %u of the protocol, the daemon %d to %d",
+                                "the client speaks versions %u to %u of the protocol, and the daemon speaks %d to %d",
                                 hello->version_min, hello->version_max, CONTROL_VERSION, CONTROL_VERSION);
     }
     memory_free(session_memory(session), hello);
@@ -173,7 +173,7 @@ static enum bvhd_status take_cancel(struct session *session, const struct frame 
     struct request *request = session_find(session, frame->header.request);
     for (uint32_t i = 0; request && i < message->count; i++)
         if (message->items[i] >= request->count)
-            status = bvhd_error_set(error, BVHD_INVALID, "cancel.items", "item %u of a request with %u",
+            status = bvhd_error_set(error, BVHD_INVALID, "cancel.items", "item %u of a request with %u items",
                                     message->items[i], request->count);
     if (request && status == BVHD_OK && message->count == 0) {
         request_cancel(request);
@@ -219,14 +219,14 @@ static enum bvhd_status check_frame(const struct session *session, const struct 
     if (session->failure.status != BVHD_OK)
         *error = session->failure;
     else if (!session->open && header->type != FRAME_HELLO)
-        bvhd_error_set(error, BVHD_INVALID, "frame.type", "type %u before HELLO", header->type);
+        bvhd_error_set(error, BVHD_INVALID, "frame.type", "a frame of type %u before HELLO", header->type);
     else if (header->request == 0 && header->type != FRAME_HELLO)
-        bvhd_error_set(error, BVHD_INVALID, "frame.request", "a request with the number 0");
+        bvhd_error_set(error, BVHD_INVALID, "frame.request", "a request cannot have the number 0");
     else if (!may_carry(header))
-        bvhd_error_set(error, BVHD_INVALID, "frame.descriptors", "%u with a frame of type %u", header->descriptors,
-                       header->type);
+        bvhd_error_set(error, BVHD_INVALID, "frame.descriptors", "%u descriptors came with a frame of type %u",
+                       header->descriptors, header->type);
     else if (starts && session_find(session, header->request))
-        bvhd_error_set(error, BVHD_INVALID, "frame.request", "number %" PRIu64 " is in use", header->request);
+        bvhd_error_set(error, BVHD_INVALID, "frame.request", "the number %" PRIu64 " is in use", header->request);
     else
         return BVHD_OK;
     return error->status;
