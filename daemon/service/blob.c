@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "daemon/system/release.h"
+#include "proto/base/container_of.h"
 #include "proto/base/seal.h"
 
 #ifndef MFD_NOEXEC_SEAL
@@ -114,7 +115,7 @@ static void give(struct blob_account *account, uint64_t size)
 
 static struct blob_writer *writer_of(struct build_output *output)
 {
-    return (struct blob_writer *)(void *)((unsigned char *)output - offsetof(struct blob_writer, output));
+    return container_of(output, struct blob_writer, output);
 }
 
 static unsigned char *allocate(struct build_output *output, uint64_t size)

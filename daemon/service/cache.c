@@ -1,16 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/service/cache.h"
 
+#include "proto/base/container_of.h"
+#include "proto/base/list.h"
+
 struct entry {
     struct blob *blob; /* a ref */
     uint64_t cost; /* bytes, overhead included */
     uint64_t used; /* the cache's clock at its last use */
-    struct entry *warmer, *colder; /* its neighbours in the order of use: used later, used earlier */
+    struct list_link link; /* in the order of its kind */
 };
 
-/* Entries in the order of their last use: the coldest is the least recently used. */
+/* Entries in the order of their last use: the first one, the coldest, is the least recently used. */
 struct order {
-    struct entry *warmest, *coldest;
+    struct list list;
     uint64_t count;
 };
 
@@ -96,28 +99,21 @@ static void link_warmest(struct cache *cache, struct entry *entry)
 {
     struct order *order = order_of(cache, entry);
     entry->used = ++cache->clock;
-    entry->warmer = NULL;
-    entry->colder = order->warmest;
-    if (order->warmest)
-        order->warmest->warmer = entry;
-    else
-        order->coldest = entry;
-    order->warmest = entry;
+    list_append(&order->list, &entry->link);
     order->count++;
 }
 
 static void unlink_entry(struct cache *cache, struct entry *entry)
 {
     struct order *order = order_of(cache, entry);
-    if (entry->warmer)
-        entry->warmer->colder = entry->colder;
-    else
-        order->warmest = entry->colder;
-    if (entry->colder)
-        entry->colder->warmer = entry->warmer;
-    else
-        order->coldest = entry->warmer;
+    list_remove(&order->list, &entry->link);
     order->count--;
+}
+
+/* NULL if there is none. */
+static struct entry *coldest_of(const struct order *order)
+{
+    return order->list.first ? container_of(order->list.first, struct entry, link) : NULL;
 }
 
 /* Frees a slot, and moves entries up that were inserted behind it because it was taken. */
@@ -156,8 +152,8 @@ void cache_destroy(struct cache *cache)
     if (!cache)
         return;
     for (int kind = 0; kind < KINDS; kind++)
-        while (cache->orders[kind].coldest)
-            drop(cache, cache->orders[kind].coldest);
+        while (cache->orders[kind].count > 0)
+            drop(cache, coldest_of(&cache->orders[kind]));
     for (int i = 0; i < TABLES; i++)
         memory_free(cache->memory, cache->tables[i].slots);
     memory_free(cache->memory, cache);
@@ -235,7 +231,7 @@ static void insert(struct table *table, struct entry *entry)
 
 static struct entry *coldest(const struct cache *cache)
 {
-    struct entry *a = cache->orders[IN_MEMORY].coldest, *b = cache->orders[WITH_DESCRIPTOR].coldest;
+    struct entry *a = coldest_of(&cache->orders[IN_MEMORY]), *b = coldest_of(&cache->orders[WITH_DESCRIPTOR]);
     if (!a || !b)
         return a ? a : b;
     return a->used < b->used ? a : b;
@@ -245,8 +241,9 @@ static struct entry *coldest(const struct cache *cache)
 static struct entry *surplus(const struct cache *cache)
 {
     const struct order *holders = &cache->orders[WITH_DESCRIPTOR];
-    if (holders->coldest && holders->count > descriptor_share(holders->coldest->blob))
-        return holders->coldest;
+    struct entry *holder = coldest_of(holders);
+    if (holder && holders->count > descriptor_share(holder->blob))
+        return holder;
     return cache->bytes > cache->budget ? coldest(cache) : NULL;
 }
 

@@ -1,37 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/service/deferred.h"
 
-#include <stddef.h>
+#include "proto/base/container_of.h"
 
 void deferred_add(struct deferred_calls *calls, struct deferred_call *call)
 {
-    call->next = NULL;
-    call->previous = calls->last;
-    if (calls->last)
-        calls->last->next = call;
-    else
-        calls->first = call;
-    calls->last = call;
+    list_append(&calls->list, &call->link);
 }
 
 void deferred_cancel(struct deferred_calls *calls, struct deferred_call *call)
 {
-    if (call->previous)
-        call->previous->next = call->next;
-    else
-        calls->first = call->next;
-    if (call->next)
-        call->next->previous = call->previous;
-    else
-        calls->last = call->previous;
-    call->previous = call->next = NULL;
+    list_remove(&calls->list, &call->link);
 }
 
 void deferred_run(struct deferred_calls *calls)
 {
-    while (calls->first) {
-        struct deferred_call *call = calls->first;
-        deferred_cancel(calls, call);
+    struct list_link *link;
+    while ((link = list_take_first(&calls->list))) {
+        struct deferred_call *call = container_of(link, struct deferred_call, link);
         call->run(call);
     }
 }

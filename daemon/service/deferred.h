@@ -9,15 +9,17 @@
 #ifndef BVHD_DEFERRED_H
 #define BVHD_DEFERRED_H
 
+#include "proto/base/list.h"
+
 /* Zeroed, with `run` filled: not on a list. */
 struct deferred_call {
     void (*run)(struct deferred_call *call);
-    struct deferred_call *previous, *next; /* belong to the list */
+    struct list_link link; /* belongs to the list */
 };
 
 /* Zeroed means empty. */
 struct deferred_calls {
-    struct deferred_call *first, *last;
+    struct list list;
 };
 
 /* Appends a call that is on no list. */

@@ -2,7 +2,8 @@
 #include "daemon/service/fair_queue.h"
 
 #include <assert.h>
-#include <stddef.h>
+
+#include "proto/base/container_of.h"
 
 /* Inserts a lane at the end of the ring, level with the others at least. */
 static void join_ring(struct fair_queue *queue, struct fair_lane *lane)
@@ -35,13 +36,7 @@ void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fai
     assert(!entry->lane && priority < FAIR_PRIORITIES);
     entry->lane = lane;
     entry->priority = priority;
-    entry->next = NULL;
-    entry->previous = lane->lists[priority].last;
-    if (entry->previous)
-        entry->previous->next = entry;
-    else
-        lane->lists[priority].first = entry;
-    lane->lists[priority].last = entry;
+    list_append(&lane->lists[priority], &entry->link);
     if (lane->count++ == 0 && !lane->held)
         join_ring(queue, lane);
     queue->count++;
@@ -74,7 +69,7 @@ static struct fair_entry *first_of(const struct fair_lane *lane)
     int i = 0;
     while (!lane->lists[i].first)
         i++;
-    return lane->lists[i].first;
+    return container_of(lane->lists[i].first, struct fair_entry, link);
 }
 
 struct fair_entry *fair_queue_peek(const struct fair_queue *queue)
@@ -88,14 +83,7 @@ void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
     struct fair_lane *lane = entry->lane;
     if (!lane)
         return;
-    if (entry->previous)
-        entry->previous->next = entry->next;
-    else
-        lane->lists[entry->priority].first = entry->next;
-    if (entry->next)
-        entry->next->previous = entry->previous;
-    else
-        lane->lists[entry->priority].last = entry->previous;
+    list_remove(&lane->lists[entry->priority], &entry->link);
     *entry = (struct fair_entry){0};
     queue->count--;
     if (--lane->count == 0 && !lane->held)

@@ -13,6 +13,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "proto/base/list.h"
+
 enum { FAIR_PRIORITIES = 3 }; /* 0 goes first */
 
 struct fair_lane;
@@ -20,15 +22,13 @@ struct fair_lane;
 /* Something that can wait. Zeroed means that it does not. */
 struct fair_entry {
     struct fair_lane *lane; /* NULL: not queued */
-    struct fair_entry *previous, *next;
+    struct list_link link;
     uint32_t priority;
 };
 
 /* One client's entries. Zeroed means empty; an empty lane may be freed. */
 struct fair_lane {
-    struct {
-        struct fair_entry *first, *last;
-    } lists[FAIR_PRIORITIES];
+    struct list lists[FAIR_PRIORITIES];
     uint32_t count;
     bool held; /* the queue passes it over */
     uint64_t given; /* the sum of its costs, or more where it was raised to start level */

@@ -2,11 +2,11 @@
 #include "daemon/service/flight.h"
 
 #include <assert.h>
-#include <stddef.h>
 
 #include "builder/build.h"
 #include "daemon/system/log.h"
 #include "builder/input/prepare.h"
+#include "proto/base/container_of.h"
 
 /*
  * WAITING for memory -> BUILDING on a worker -> landed, or back to WAITING to be tried again alone. A flight is
@@ -19,7 +19,7 @@ struct flight {
     struct flight *next; /* in its bucket */
     enum flight_state state;
     struct preparation *preparation;
-    struct flight_waiter *first, *last;
+    struct list waiters; /* empty while ABANDONED */
     struct memory_waiter memory; /* waits while WAITING; its claim is exclusive when the build is tried again */
     uint64_t started; /* the value of flights->started after the build started */
     bool accompanied; /* other builds ran when it started */
@@ -102,39 +102,32 @@ static void flight_destroy(struct flight *flight)
     memory_free(flight->flights->memory, flight);
 }
 
+/* There must be one. */
+static struct flight_waiter *first_waiter(const struct flight *flight)
+{
+    return container_of(flight->waiters.first, struct flight_waiter, link);
+}
+
 /* Queues the flight on behalf of its first waiter. */
 static void wait_for_memory(struct flight *flight)
 {
+    struct flight_waiter *first = first_waiter(flight);
     flight->state = FLIGHT_WAITING;
-    flight->memory.priority = flight->first->priority;
-    memory_queue_add(&flight->flights->waiting, &flight->first->client->lanes, &flight->memory);
+    flight->memory.priority = first->priority;
+    memory_queue_add(&flight->flights->waiting, &first->client->lanes, &flight->memory);
 }
 
 void flight_join(struct flight *flight, struct flight_waiter *waiter)
 {
     waiter->flight = flight;
     waiter->own = false;
-    waiter->next = NULL;
-    waiter->previous = flight->last;
-    if (flight->last)
-        flight->last->next = waiter;
-    else
-        flight->first = waiter;
-    flight->last = waiter;
+    list_append(&flight->waiters, &waiter->link);
 }
 
-static void unlink_waiter(struct flight *flight, struct flight_waiter *waiter)
+static void remove_waiter(struct flight *flight, struct flight_waiter *waiter)
 {
-    if (waiter->previous)
-        waiter->previous->next = waiter->next;
-    else
-        flight->first = waiter->next;
-    if (waiter->next)
-        waiter->next->previous = waiter->previous;
-    else
-        flight->last = waiter->previous;
+    list_remove(&flight->waiters, &waiter->link);
     waiter->flight = NULL;
-    waiter->previous = waiter->next = NULL;
 }
 
 /* Its last waiter has left. */
@@ -154,11 +147,11 @@ void flight_leave(struct flights *flights, struct flight_waiter *waiter)
     struct flight *flight = waiter->flight;
     if (!flight)
         return;
-    bool was_first = flight->first == waiter;
-    unlink_waiter(flight, waiter);
+    bool was_first = first_waiter(flight) == waiter;
+    remove_waiter(flight, waiter);
     if (was_first)
         memory_queue_remove(&flights->waiting, &flight->memory);
-    if (!flight->first)
+    if (!flight->waiters.first)
         abandon(flight);
     else if (was_first && flight->state == FLIGHT_WAITING)
         wait_for_memory(flight);
@@ -203,7 +196,7 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
 
 static struct flight *flight_of_job(struct pool_job *job)
 {
-    return (struct flight *)(void *)((unsigned char *)job - offsetof(struct flight, job));
+    return container_of(job, struct flight, job);
 }
 
 static bool is_shortage(enum bvhd_status status)
@@ -248,9 +241,9 @@ static void land(struct flight *flight, double ms)
 {
     struct flight_landing landing = {.blob = flight->blob, .error = &flight->error, .build_ms = ms};
     leave_table(flight);
-    while (flight->first) {
-        struct flight_waiter *waiter = flight->first;
-        unlink_waiter(flight, waiter);
+    while (flight->waiters.first) {
+        struct flight_waiter *waiter = first_waiter(flight);
+        remove_waiter(flight, waiter);
         landing.own = waiter->own;
         waiter->landed(waiter, &landing);
     }
@@ -301,14 +294,14 @@ static void build_done(struct pool_job *job)
 
 static struct flight *flight_of_memory(struct memory_waiter *waiter)
 {
-    return (struct flight *)(void *)((unsigned char *)waiter - offsetof(struct flight, memory));
+    return container_of(waiter, struct flight, memory);
 }
 
 static void start_build(struct memory_waiter *waiter)
 {
     struct flight *flight = flight_of_memory(waiter);
     struct flights *flights = flight->flights;
-    struct flight_waiter *first = flight->first;
+    struct flight_waiter *first = first_waiter(flight);
     struct admission *admission = admission_of(flight);
     /* One of the promises is its own. */
     flight->accompanied = admission->builds[ADMISSION_SMALL].count + admission->builds[ADMISSION_LARGE].count > 1;

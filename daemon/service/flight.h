@@ -17,6 +17,7 @@
 #include "daemon/service/memory_queue.h"
 #include "daemon/pool/pool.h"
 #include "daemon/service/preparation.h"
+#include "proto/base/list.h"
 
 struct flight;
 
@@ -41,7 +42,7 @@ struct flight_waiter {
     int priority; /* PRIORITY_ */
     /* ---- belongs to the flight ---- */
     struct flight *flight; /* NULL: waits for none */
-    struct flight_waiter *previous, *next;
+    struct list_link link;
     bool own;
 };
 

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/service/memory_queue.h"
-
-#include <stddef.h>
+#include "proto/base/container_of.h"
 
 void memory_queue_init(struct memory_queue *queue, struct admission *admission, enum admission_step step)
 {
@@ -37,7 +36,7 @@ uint32_t memory_queue_count(const struct memory_queue *queue)
 
 static struct memory_waiter *waiter_of(struct fair_entry *entry)
 {
-    return (struct memory_waiter *)(void *)((unsigned char *)entry - offsetof(struct memory_waiter, entry));
+    return container_of(entry, struct memory_waiter, entry);
 }
 
 static void start_class(struct memory_queue *queue, enum admission_class class)

@@ -125,7 +125,7 @@ static void await_workers(struct service *service)
     for (;;) {
         while (service_collect(service))
             ;
-        if (service->flights.running == 0 && service->disposals.running == 0 && !service->sessions.first)
+        if (service->flights.running == 0 && service->disposals.running == 0 && !service->sessions.all.first)
             return;
         nanosleep(&moment, NULL);
     }

@@ -14,15 +14,14 @@
 #include "daemon/service/flight.h"
 #include "daemon/service/memory_queue.h"
 #include "daemon/service/service.h"
-
-struct session;
+#include "proto/base/list.h"
 
 /*
  * All sessions, and what they have under way together. The session layer keeps these up to date and enforces its quotas
  * by them; the service only reads them.
  */
 struct session_totals {
-    struct session *first; /* of the list of all that exist */
+    struct list all; /* every session that exists */
     uint32_t open; /* sessions that are not closed */
     uint32_t closing; /* closed sessions of which a worker still has something */
     uint32_t items; /* under way, of sessions that are not closed */

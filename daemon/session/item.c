@@ -2,11 +2,11 @@
 #include "daemon/session/item_internal.h"
 
 #include <assert.h>
-#include <stddef.h>
 #include <stdio.h>
 
 #include "daemon/system/log.h"
 #include "proto/base/clock.h"
+#include "proto/base/container_of.h"
 #include "proto/base/place.h"
 
 #define STATE(state) (1u << ITEM_##state)
@@ -129,7 +129,7 @@ void item_fail(struct item *item, const struct bvhd_error *error)
 
 static struct item *item_of_waiter(struct flight_waiter *waiter)
 {
-    return (struct item *)(void *)((unsigned char *)waiter - offsetof(struct item, waiter));
+    return container_of(waiter, struct item, waiter);
 }
 
 static void landed(struct flight_waiter *waiter, const struct flight_landing *landing)

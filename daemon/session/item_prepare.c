@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/session/item_internal.h"
 
-#include <stddef.h>
-
+#include "proto/base/container_of.h"
 #include "proto/base/place.h"
 
 /* ---- waiting for memory ---- */
@@ -82,7 +81,7 @@ static void finish_preparing(struct item *item)
 
 static struct item *item_of_job(struct pool_job *job)
 {
-    return (struct item *)(void *)((unsigned char *)job - offsetof(struct item, job));
+    return container_of(job, struct item, job);
 }
 
 static void prepare_run(struct pool_job *job, const struct parallel *parallel)
@@ -151,7 +150,7 @@ static void submit_prepare(struct item *item)
 
 static struct item *item_of_memory(struct memory_waiter *waiter)
 {
-    return (struct item *)(void *)((unsigned char *)waiter - offsetof(struct item, memory));
+    return container_of(waiter, struct item, memory);
 }
 
 static void start_preparing(struct memory_waiter *waiter)

@@ -2,11 +2,11 @@
 #include "daemon/session/request.h"
 
 #include <assert.h>
-#include <stddef.h>
 
 #include "daemon/session/item_internal.h"
 #include "daemon/system/log.h"
 #include "proto/base/clock.h"
+#include "proto/base/container_of.h"
 
 /* ---- the end ---- */
 
@@ -73,7 +73,7 @@ static bool list_prepared(struct request *request, struct memory *memory, struct
 
 static struct request *request_of_report(struct deferred_call *call)
 {
-    return (struct request *)(void *)((unsigned char *)call - offsetof(struct request, report));
+    return container_of(call, struct request, report);
 }
 
 static void report_prepared(struct deferred_call *call)

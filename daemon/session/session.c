@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <assert.h>
 #include <inttypes.h>
-#include <stddef.h>
 
 #include "daemon/system/log.h"
 #include "daemon/system/release.h"
 #include "daemon/session/session_internal.h"
+#include "proto/base/container_of.h"
 
 /* How long BUSY asks a client to wait: 5 ms, and 1 ms for each 16 items that are under way, up to 1 s. */
 enum { RETRY_BASE_MS = 5, RETRY_ITEMS_PER_MS = 16, RETRY_MAX_MS = 1000 };
 
 static struct session *session_of(struct request_client *client)
 {
-    return (struct session *)(void *)((unsigned char *)client - offsetof(struct session, client));
+    return container_of(client, struct session, client);
 }
 
 /* ---- replies ---- */
@@ -108,12 +108,7 @@ static struct request **bucket_of(struct session *session, uint64_t number)
 static void destroy(struct session *session)
 {
     struct service *service = session->service;
-    if (session->previous)
-        session->previous->next = session->next;
-    else
-        service->sessions.first = session->next;
-    if (session->next)
-        session->next->previous = session->previous;
+    list_remove(&service->sessions.all, &session->in_service);
     service->sessions.closing--;
     memory_free(&service->memory, session);
 }
@@ -216,10 +211,7 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
     }
     *session = (struct session){.service = service, .peer = *peer, .link = *link};
     session->client = (struct request_client){.service = service, .events = &events, .flights = {.flow = flow}};
-    session->next = service->sessions.first;
-    if (session->next)
-        session->next->previous = session;
-    service->sessions.first = session;
+    list_prepend(&service->sessions.all, &session->in_service);
     service->sessions.open++;
     *ret_session = session;
     return BVHD_OK;

@@ -2,6 +2,7 @@
 #include <assert.h>
 
 #include "daemon/session/session_internal.h"
+#include "proto/base/container_of.h"
 
 /* The share of one session, and that of all sessions together: the budget divided by these. */
 enum { SESSION_DIVISOR = 8, ALL_DIVISOR = 2 };
@@ -49,9 +50,11 @@ static bool is_too_much(const struct service *service)
 static void end_longest(struct service *service)
 {
     struct session *longest = NULL;
-    for (struct session *session = service->sessions.first; session; session = session->next)
+    for (struct list_link *link = service->sessions.all.first; link; link = link->next) {
+        struct session *session = container_of(link, struct session, in_service);
         if (!session->backlog.dropped && (!longest || session->backlog.bytes > longest->backlog.bytes))
             longest = session;
+    }
     if (!longest)
         return;
     session_backlog_drop(longest);

@@ -24,7 +24,7 @@ struct session {
     struct service *service;
     struct session_peer peer;
     struct session_link link;
-    struct session *next, *previous; /* in the service's list */
+    struct list_link in_service; /* in the list of all sessions */
     bool open; /* HELLO was answered with WELCOME */
     bool goodbye; /* GOODBYE was sent */
     bool closed;

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "builder/batch.h"
+#include "proto/base/container_of.h"
 #include "tests/support/random.h"
 #include "tests/support/unit.h"
 
@@ -175,10 +176,10 @@ static bool is_idle(void *context)
     struct service *service = world->service;
     struct pool_load load = pool_load(service->pool);
     bool requests = false;
-    for (struct session *session = service->sessions.first; session; session = session->next)
-        requests = requests || session->request_count > 0;
-    bool flies = service->flights.running > 0 || service->disposals.running > 0;
-    return load.queued == 0 && load.running == 0 && !flies && service->sessions.closing == 0 && !requests;
+    for (struct list_link *link = service->sessions.all.first; link; link = link->next)
+        requests = requests || container_of(link, struct session, in_service)->request_count > 0;
+    bool is_flying = service->flights.running > 0 || service->disposals.running > 0;
+    return load.queued == 0 && load.running == 0 && !is_flying && service->sessions.closing == 0 && !requests;
 }
 
 void world_finish(struct session_world *world)
