@@ -11,12 +11,8 @@
 struct scene_boxes {
     const float *boxes; /* six floats each, of all structures */
     uint32_t box_count;
-    uint32_t instance_count,
-        /*
-         * number of instances of the top level; geometry_stride is at least the largest number of geometries in one of
-         * them
-         */
-        geometry_stride;
+    /* instances of the top level; geometry_stride is at least the largest number of geometries in one of them */
+    uint32_t instance_count, geometry_stride;
     /*
      * [instance * geometry_stride + geometry]: row in `boxes` of that geometry's primitive 0; any value for triangles
      */

@@ -3,7 +3,7 @@
 
 #include "proto/base/bytes.h"
 
-enum { SKEW = 64 /* addresses of memory are no multiples of more */ };
+enum { SKEW = 64 /* largest alignment of memory addresses */ };
 
 struct fake_vulkan fake_vulkan;
 int fake_instance, fake_physical, fake_device, fake_queue, fake_command_buffer;
@@ -41,7 +41,7 @@ void fake_destroy(struct object *object, enum kind kind, const VkAllocationCallb
     free(object);
 }
 
-/* ---- memory and buffers ---- */
+/* ---- Memory and buffers ---- */
 
 static const VkMemoryPropertyFlags memory_types[] = {
     VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT | VK_MEMORY_PROPERTY_PROTECTED_BIT,
@@ -144,7 +144,7 @@ static VkDeviceAddress VKAPI_CALL buffer_address(VkDevice device, const VkBuffer
     return (VkDeviceAddress)(uintptr_t)buffer->memory->bytes;
 }
 
-/* ---- structures ---- */
+/* ---- Structures ---- */
 
 static VkResult VKAPI_CALL create_structure(VkDevice device, const VkAccelerationStructureCreateInfoKHR *info,
                                             const VkAllocationCallbacks *allocator,
@@ -206,7 +206,7 @@ static void VKAPI_CALL compatibility(VkDevice device, const VkAccelerationStruct
                                          : VK_ACCELERATION_STRUCTURE_COMPATIBILITY_COMPATIBLE_KHR;
 }
 
-/* ---- the physical device ---- */
+/* ---- The physical device ---- */
 
 static void VKAPI_CALL get_properties(VkPhysicalDevice physical, VkPhysicalDeviceProperties2 *properties)
 {
@@ -257,7 +257,7 @@ static VkResult VKAPI_CALL enumerate_extensions(VkPhysicalDevice physical, const
     return VK_SUCCESS;
 }
 
-/* ---- looking functions up ---- */
+/* ---- Looking up functions ---- */
 
 #define ROW(name, function)                                                                                            \
     {                                                                                                                  \
@@ -308,7 +308,7 @@ static PFN_vkVoidFunction VKAPI_CALL get_instance_proc_addr(VkInstance instance,
     return find(name);
 }
 
-/* ---- for tests ---- */
+/* ---- For tests ---- */
 
 void fake_vulkan_reset(void)
 {

@@ -18,9 +18,9 @@ struct command {
 static struct command commands[MAX_COMMANDS];
 static uint32_t command_count;
 static bool is_recording, has_fill;
-static bool is_under_way; /* nobody has waited for the last submission with success */
+static bool is_under_way; /* no wait for the last submission has succeeded yet */
 
-/* ---- commands ---- */
+/* ---- Commands ---- */
 
 static VkResult VKAPI_CALL create_pool(VkDevice device, const VkCommandPoolCreateInfo *info,
                                        const VkAllocationCallbacks *allocator, VkCommandPool *ret_pool)
@@ -171,7 +171,7 @@ static void VKAPI_CALL reset_queries(VkCommandBuffer buffer, VkQueryPool pool, u
     (void)count;
 }
 
-/* ---- running them ---- */
+/* ---- Running commands ---- */
 
 static void run_deserialize(const struct command *command)
 {
@@ -207,7 +207,8 @@ static void run(const struct command *command)
         break;
     case BUILD:
         memset(fake_structure_bytes(command->dest), (int)command->dest->size, 64);
-        for (uint32_t i = 0; command->from && i < command->row; i++) /* addresses, at odd places */
+        /* Writes the addresses that instances name, at odd offsets. */
+        for (uint32_t i = 0; command->from && i < command->row; i++)
             memcpy(fake_structure_bytes(command->dest) + 64 + 9 * i, command->from + 64 * i + 56, 8);
         break;
     case QUERY:
@@ -306,7 +307,7 @@ static VkResult VKAPI_CALL query_results(VkDevice device, VkQueryPool pool, uint
     return VK_SUCCESS;
 }
 
-/* ---- looking functions up ---- */
+/* ---- Looking up functions ---- */
 
 #define ROW(name, function)                                                                                            \
     {                                                                                                                  \

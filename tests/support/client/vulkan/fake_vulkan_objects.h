@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* fake_vulkan_objects.h - the insides of fake_vulkan: objects, and what makes calls fail. */
+/* fake_vulkan_objects.h - the internals of fake_vulkan: its objects, and what makes calls fail. */
 #ifndef BVHD_TEST_FAKE_VULKAN_OBJECTS_H
 #define BVHD_TEST_FAKE_VULKAN_OBJECTS_H
 
@@ -15,12 +15,12 @@ struct object {
     enum kind kind;
     const VkAllocationCallbacks *allocator;
     uint64_t size;
-    unsigned char *block, *bytes; /* memory: what is allocated, where it begins */
-    struct object *memory; /* buffer */
-    uint32_t type; /* memory type, structure type */
+    unsigned char *block, *bytes; /* memory: the allocated block, and where its bytes begin */
+    struct object *memory; /* of a buffer */
+    uint32_t type; /* memory type, or structure type */
     VkFlags usage;
     bool has_address, is_mapped, is_signalled;
-    struct object *buffer; /* structure */
+    struct object *buffer; /* of a structure */
     uint64_t offset, results[8];
 };
 
@@ -28,9 +28,9 @@ struct object {
 #define OBJECT(handle) ((struct object *)(void *)(handle))
 
 extern int fake_instance, fake_physical, fake_device, fake_queue, fake_command_buffer;
-extern const VkAllocationCallbacks *fake_allocator; /* that all objects are made and ended with */
+extern const VkAllocationCallbacks *fake_allocator; /* for all objects */
 
-/* Whether this call fails. */
+/* Returns the failure if this call is to fail, else VK_SUCCESS. */
 VkResult fake_turn(void);
 #define RETURN_FAILURE                                                                                                 \
     do {                                                                                                               \
@@ -43,11 +43,11 @@ struct object *fake_create(enum kind kind, const VkAllocationCallbacks *allocato
 void fake_destroy(struct object *object, enum kind kind, const VkAllocationCallbacks *allocator);
 unsigned char *fake_structure_bytes(const struct object *structure);
 
-/* The functions of commands and submissions; NULL for another name. */
+/* Returns a function of commands and submissions; NULL for another name. */
 PFN_vkVoidFunction fake_commands_find(const char *name);
 void fake_commands_reset(void);
 bool fake_commands_are_recording(void);
-bool fake_commands_are_under_way(void); /* what is in use is not destroyed */
+bool fake_commands_are_under_way(void); /* objects that are in use must not be destroyed */
 void fake_commands_run(void);
 
 #endif
