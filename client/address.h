@@ -8,6 +8,7 @@
 
 enum { ADDRESS_MAX_PATHS = 2 };
 
+/* The paths to try; address_finish() frees them. */
 struct address {
     char *paths[ADDRESS_MAX_PATHS]; /* in the order in which they are tried; from library_memory */
     uint32_t count;

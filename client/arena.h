@@ -19,6 +19,7 @@ struct arena_range {
     uint64_t offset, size;
 };
 
+/* The free ranges of one block. */
 struct arena {
     struct memory *memory; /* for the list of ranges */
     struct arena_range *free_ranges; /* ascending, none empty, no two adjacent */

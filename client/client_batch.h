@@ -7,6 +7,7 @@
 #include "proto/wire/control.h"
 #include "client/vulkan_input.h"
 
+/* The progress of an item. */
 enum client_item_state {
     ITEM_WAITING, /* its payload is in the caller's memory */
     ITEM_COPIED, /* its payload is in the client's memory, not sent yet */
@@ -14,6 +15,7 @@ enum client_item_state {
     ITEM_DONE,
 };
 
+/* One item of a batch. */
 struct client_item {
     enum client_item_state state;
     struct held held; /* ITEM_COPIED: where the payload is */
@@ -23,6 +25,7 @@ struct client_item {
     char method[CONTROL_NAME_SIZE];
 };
 
+/* A batch; client_batch.c and client_submit.c own it. */
 struct bvhd_batch {
     struct bvhd_client *client;
     struct bvhd_batch *next; /* in the client's queue */

@@ -9,6 +9,7 @@
 #include "proto/wire/control.h"
 #include "client/exchange.h"
 
+/* The progress of a connection. */
 enum connection_state {
     CONNECTION_HELLO, /* WELCOME has not come yet */
     CONNECTION_OPEN,
@@ -25,10 +26,12 @@ struct connection_limits {
     uint64_t max_payload;
 };
 
+/* A list of exchanges in the order of sending. */
 struct exchange_list {
     struct exchange *head, *tail;
 };
 
+/* One connection. Moments are nanoseconds of CLOCK_MONOTONIC. */
 struct connection {
     int socket;
     enum connection_state state;

@@ -15,6 +15,7 @@
 #include "proto/wire/frame.h"
 #include "client/placement.h"
 
+/* One item of an exchange. */
 struct exchange_entry {
     uint32_t item; /* its number in the batch */
     bool prepared, answered;
@@ -29,6 +30,7 @@ struct exchange_waiter {
     struct bvhd_counters *counters;
 };
 
+/* One frame and its answers. */
 struct exchange {
     struct exchange *next; /* in the list that contains it */
     /* The frame: */

@@ -14,6 +14,7 @@
 /* The memory of all clients, without a limit. Tests make it fail, and check that nothing is left. */
 extern struct memory library_memory;
 
+/* Nanoseconds in a millisecond; and a moment that never comes. */
 #define LIBRARY_MS UINT64_C(1000000)
 #define LIBRARY_NEVER UINT64_MAX
 

@@ -26,6 +26,7 @@ struct held {
     uint64_t size;
 };
 
+/* The pool, and the number of payloads in their own memfds. */
 struct placement {
     struct memory *memory;
     uint64_t wanted_size; /* of the pool, from the options */

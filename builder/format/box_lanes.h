@@ -15,6 +15,7 @@
 #define BOX_LANES __attribute__((target("avx2")))
 #define BOX_LANES_INLINE BOX_LANES static inline __attribute__((always_inline))
 
+/* Eight boxes, one per lane, by axis. */
 struct box_lanes {
     __m256 min[3], max[3];
 };

@@ -25,11 +25,13 @@
 
 enum { IR_MAX_KEYS = 2 };
 
+/* One node: inner nodes name their children, leaves their refs. */
 struct ir_node {
     uint32_t first; /* inner: left child; leaf: first ref */
     uint32_t count; /* inner: 0; leaf: number of refs */
 };
 
+/* A tree. The arrays belong to it; ir_finish() frees them. */
 struct ir {
     uint32_t node_count;
     uint32_t ref_count;

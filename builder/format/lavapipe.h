@@ -36,8 +36,10 @@ enum {
     LAVAPIPE_MAX_PRIMITIVES = (1 << 24) - 1
 };
 
+/* The kind of a node, as stored in references. */
 enum lavapipe_kind { LAVAPIPE_TRIANGLE = 0, LAVAPIPE_BOX = 1, LAVAPIPE_INSTANCE = 2, LAVAPIPE_AABB = 3 };
 
+/* An absent child; and the flag of opaque geometries in geometry_and_flags. */
 #define LAVAPIPE_NONE UINT32_C(0xffffffff)
 #define LAVAPIPE_GEOMETRY_OPAQUE UINT32_C(0x80000000)
 
@@ -47,6 +49,7 @@ enum lavapipe_kind { LAVAPIPE_TRIANGLE = 0, LAVAPIPE_BOX = 1, LAVAPIPE_INSTANCE 
 #define LAVAPIPE_CULL_DISABLE UINT32_C(0x20000000)
 #define LAVAPIPE_FLIP_FACING UINT32_C(0x10000000)
 
+/* A box node with two children. */
 struct lavapipe_box {
     struct {
         float min[3], max[3];
@@ -54,6 +57,7 @@ struct lavapipe_box {
     uint32_t children[2]; /* offset | kind, or LAVAPIPE_NONE */
 };
 
+/* A leaf with a triangle. */
 struct lavapipe_triangle {
     float corners[3][3];
     uint32_t padding;
@@ -61,12 +65,14 @@ struct lavapipe_triangle {
     uint32_t geometry_and_flags;
 };
 
+/* A leaf with an AABB. */
 struct lavapipe_aabb {
     float min[3], max[3];
     uint32_t primitive;
     uint32_t geometry_and_flags;
 };
 
+/* A leaf with an instance. */
 struct lavapipe_instance {
     uint64_t address; /* of the bottom level; a loader sets it from the handle */
     uint32_t custom_and_mask;

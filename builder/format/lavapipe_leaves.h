@@ -10,6 +10,7 @@
 #include "builder/format/lavapipe.h"
 #include "builder/format/layout.h"
 
+/* The leaves of one structure: which primitives have one, and where. */
 struct lavapipe_leaves {
     const struct canonical *canonical;
     struct memory *memory;

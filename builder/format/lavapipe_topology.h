@@ -10,6 +10,7 @@
 #include "builder/format/ir.h"
 #include "builder/format/lavapipe.h"
 
+/* A driver's tree, and the places of its boxes. */
 struct lavapipe_topology {
     struct ir ir;
     uint32_t *places; /* for each inner node the place of its box, as lavapipe_write_at takes it */

@@ -33,6 +33,7 @@ struct layout_input {
     struct build_output *output; /* provides the blob's bytes; NULL: the blob comes from `memory` */
 };
 
+/* One layout: what kind of tree it needs, and how it writes a blob. */
 struct layout {
     enum target target;
     const char *name; /* for example "portable" */

@@ -9,6 +9,7 @@
 #include "builder/format/canonical.h"
 #include "builder/format/portable.h"
 
+/* What the records are written from, and where to. */
 struct portable_records {
     enum portable_content content;
     const struct canonical *canonical;

@@ -15,6 +15,7 @@
 
 enum { SERIALIZED_UUID_SIZE = 16, SERIALIZED_HANDLES = 56 };
 
+/* The fields of the header. */
 struct serialized_header {
     uint8_t driver_uuid[SERIALIZED_UUID_SIZE];
     uint8_t compatibility_uuid[SERIALIZED_UUID_SIZE];

@@ -37,6 +37,7 @@ static inline enum wide_kind wide_kind(const struct wide_child *child)
     return child->ref_count ? WIDE_LEAF : child->node != WIDE_NONE ? WIDE_INNER : WIDE_EMPTY;
 }
 
+/* A node with up to 8 children. */
 struct wide_node {
     uint32_t node; /* the ir node that it replaces; 0 if the ir consists of boxes and refs alone, joined from pieces */
     uint32_t first_child; /* wide index of the first inner child; 0 if it has none */
@@ -44,6 +45,7 @@ struct wide_node {
     struct wide_child slots[WIDE_ARITY];
 };
 
+/* A wide tree; wide_finish() frees its nodes. */
 struct wide {
     uint32_t node_count;
     uint32_t leaf_refs; /* number of refs over all leaf children */

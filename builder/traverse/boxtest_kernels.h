@@ -56,6 +56,7 @@ BOXTEST_INLINE float lesser(float a, float b)
     return a < b ? a : b;
 }
 
+/* Implements boxtest_float(). */
 BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                      float ret_near[8])
 {
@@ -90,6 +91,7 @@ BOXTEST_INLINE bool is_beside(double offset, double lo, double hi, double moved)
     return offset + lo <= slack && offset + hi >= -slack;
 }
 
+/* Implements boxtest_double(). */
 BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax,
                                       double ret_near[8])
 {
@@ -203,6 +205,7 @@ BOXTEST_AVX2_INLINE unsigned kernel_avx2_slots(const struct boxtest_ray *ray, co
     return (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_castsi256_ps(near), _mm256_castsi256_ps(far), _CMP_LE_OQ));
 }
 
+/* Implements boxtest_avx2(). */
 BOXTEST_AVX2_INLINE unsigned kernel_avx2(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                          float ret_near[8])
 {

@@ -37,6 +37,7 @@ enum {
 
 #define RAY_NO_INSTANCE UINT32_C(0xffffffff)
 
+/* A ray in world space, with Vulkan's ray flags. */
 struct ray {
     float origin[3];
     float tmin;
@@ -50,6 +51,7 @@ struct ray {
     uint8_t cull_mask; /* instances with mask & cull_mask == 0 are invisible */
 };
 
+/* A hit. */
 struct ray_hit {
     float t; /* t, u, v are computed in double and rounded once */
     float u, v; /* barycentrics: position = (1-u-v) v0 + u v1 + v v2; 0 for AABBs */
@@ -85,6 +87,7 @@ enum candidate_verdict { CANDIDATE_IGNORE, CANDIDATE_ACCEPT, CANDIDATE_ACCEPT_AN
  */
 typedef enum candidate_verdict (*candidate_function)(void *context, const struct ray *ray, struct ray_hit *hit);
 
+/* How to trace. All zero is the default. */
 struct traverse_options {
     candidate_function candidate; /* NULL: triangles are accepted, and AABBs at their entry distance */
     void *context;

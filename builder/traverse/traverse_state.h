@@ -34,6 +34,7 @@ struct traverse_found {
 /* Whether primitives count as opaque. */
 enum traverse_opacity { OPACITY_AS_BUILT, OPACITY_OPAQUE, OPACITY_NO_OPAQUE };
 
+/* One ray: its answer so far, and the bottom level in which it is. */
 struct traverse_state {
     const struct ray *ray;
     const struct traverse_options *options; /* never NULL */

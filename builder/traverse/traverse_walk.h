@@ -11,6 +11,7 @@
 
 #include "builder/traverse/traverse_state.h"
 
+/* One ray in portable structures. */
 struct traverse_walk {
     struct traverse_state state; /* first, because identify() casts it back to the walk */
     const struct scene *scene;

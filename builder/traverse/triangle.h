@@ -33,6 +33,7 @@ struct triangle_ray {
     int axis[4];
 };
 
+/* Where a ray's line meets a triangle. */
 struct triangle_hit {
     double t;
     double u, v; /* position = (1 - u - v) v0 + u v1 + v v2 */

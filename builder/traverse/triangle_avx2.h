@@ -18,6 +18,7 @@ struct triangle_avx2_ray {
     __m128i order; /* the axis of each component */
 };
 
+/* Copies each number of a triangle_ray to all lanes. */
 BOXTEST_AVX2_INLINE void triangle_avx2_spread(const struct triangle_ray *ray, struct triangle_avx2_ray *ret_ray)
 {
     for (int k = 0; k < 3; k++) {
@@ -86,6 +87,7 @@ BOXTEST_AVX2_INLINE double triangle_avx2_sum(__m256d lanes)
     return _mm_cvtsd_f64(_mm_add_sd(_mm_add_sd(low, _mm_unpackhi_pd(low, low)), high));
 }
 
+/* Implements triangle_intersect(). `wide` and `ray` are the same ray. */
 BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray *wide, const struct triangle_ray *ray,
                                                  const float *const vertices[3], struct triangle_hit *ret_hit)
 {

@@ -10,6 +10,7 @@
 
 enum { EXAMPLE_BOTTOMS = 2, EXAMPLE_BLOBS = EXAMPLE_BOTTOMS + 1 };
 
+/* The scene's structures, as the service has built them. */
 struct example_build {
     struct bvhd_client *client;
     struct bvhd_batch *bottoms, *top;

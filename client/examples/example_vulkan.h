@@ -8,8 +8,10 @@
 
 #include <vulkan/vulkan.h>
 
+/* What a device must support: compute shaders, also buffer addresses, also ray queries. */
 enum example_device { EXAMPLE_COMPUTE, EXAMPLE_ADDRESSES, EXAMPLE_RAY_QUERIES };
 
+/* A device with one queue. */
 struct example_vulkan {
     VkInstance instance;
     VkPhysicalDevice physical;
@@ -19,6 +21,7 @@ struct example_vulkan {
     VkCommandPool pool;
 };
 
+/* A buffer with its own memory. */
 struct example_buffer {
     VkBuffer buffer;
     VkDeviceMemory memory;
@@ -30,12 +33,14 @@ struct example_buffer {
 /* Opens a device. Ends the program with status 77 if there is no such device. */
 void example_open(struct example_vulkan *vulkan, enum example_device wanted);
 void example_close(struct example_vulkan *vulkan);
+/* Ends the program with the name of the call unless the result is VK_SUCCESS. */
 void example_check(const char *what, VkResult result);
 
 struct example_buffer example_buffer(const struct example_vulkan *vulkan, VkDeviceSize size, VkBufferUsageFlags usage,
                                      VkMemoryPropertyFlags properties);
 void example_free(const struct example_vulkan *vulkan, struct example_buffer *buffer);
 
+/* Starts recording into a new command buffer. */
 VkCommandBuffer example_begin(const struct example_vulkan *vulkan);
 void example_submit(const struct example_vulkan *vulkan, VkCommandBuffer commands); /* also waits */
 

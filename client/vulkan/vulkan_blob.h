@@ -14,6 +14,7 @@
 #include "builder/format/serialized.h"
 #include "client/vulkan/vulkan_device.h"
 
+/* A serialized structure whose header has been read. It points to the program's bytes. */
 struct vulkan_blob {
     struct bytes bytes;
     struct serialized_header header;

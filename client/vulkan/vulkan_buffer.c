@@ -33,7 +33,10 @@ static VkResult allocate_of(const struct bvhd_vulkan_device *device, VkDeviceSiz
     return device->vk.AllocateMemory(device->handle, &info, device->allocator, ret_memory);
 }
 
-/* The best kind that the device has memory left of. Memory with other properties than PLAIN has rules of its own. */
+/*
+ * Allocates the best type of memory that the device has left. Memory with other properties than PLAIN has special
+ * rules, and is not used.
+ */
 static enum bvhd_status allocate(const struct bvhd_vulkan_device *device, const VkMemoryRequirements *requirements,
                                  enum vulkan_place place, struct vulkan_buffer *buffer, bool has_address,
                                  struct bvhd_error *error)

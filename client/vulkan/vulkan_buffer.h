@@ -5,6 +5,7 @@
 
 #include "client/vulkan/vulkan_device.h"
 
+/* A buffer with its own memory. */
 struct vulkan_buffer {
     VkBuffer buffer;
     VkDeviceMemory memory;
@@ -13,6 +14,7 @@ struct vulkan_buffer {
     unsigned char *mapped; /* the mapping, coherent and valid for the buffer's whole life; NULL on the device */
 };
 
+/* Where a buffer's memory is, and how the host uses it. */
 enum vulkan_place {
     VULKAN_DEVICE, /* local to the device, if it has such memory left */
     VULKAN_HOST, /* mapped; for the host to write, or to read a little */

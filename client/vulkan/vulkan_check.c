@@ -37,7 +37,7 @@ static const char *target_name(enum bvhd_target target)
     return name ? name : "an unknown one";
 }
 
-/* ---- portable ---- */
+/* ---- Portable structures ---- */
 
 /* Shaders that use addresses find the words of a structure with signed 32-bit indices. */
 static const uint64_t reach_of_addresses = UINT64_C(4) << 31;
@@ -57,7 +57,7 @@ static enum bvhd_status check_portable(const struct check *check)
     return portable_open(check->blob.bytes, &library_memory, &view, check->error);
 }
 
-/* ---- native ---- */
+/* ---- Native structures ---- */
 
 static enum bvhd_status incompatible(const struct check *check)
 {

@@ -36,6 +36,7 @@ struct vulkan_limits {
     uint64_t scratch_alignment;
 };
 
+/* The program's device, as bvhd_vulkan_device_create found it. */
 struct bvhd_vulkan_device {
     VkDevice handle;
     const VkAllocationCallbacks *allocator;

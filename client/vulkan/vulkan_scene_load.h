@@ -23,6 +23,7 @@ struct vulkan_scene_row {
     uint64_t offset, storage_size; /* bytes, in its page */
 };
 
+/* A scene on the device. */
 struct bvhd_vulkan_scene {
     const struct bvhd_vulkan_device *device;
     enum bvhd_target target;

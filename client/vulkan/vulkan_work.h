@@ -5,6 +5,7 @@
 
 #include "client/vulkan/vulkan_device.h"
 
+/* A command buffer and the fence with which its submissions are awaited. */
 struct vulkan_work {
     const struct bvhd_vulkan_device *device;
     VkQueue queue;

@@ -9,6 +9,7 @@
 
 #include <stdint.h>
 
+/* All fields are part of the key. */
 struct device_format {
     uint8_t driver_uuid[16]; /* the first two fields of every structure that the driver serializes */
     uint8_t compatibility_uuid[16];

@@ -85,6 +85,7 @@ struct geometry_instances {
     struct bytes records;
 };
 
+/* One geometry: VkAccelerationStructureGeometryKHR with its range. */
 struct geometry {
     uint32_t type; /* GEOMETRY_ */
     uint32_t flags; /* GEOMETRY_OPAQUE | GEOMETRY_NO_DUPLICATE_ANY_HIT */
@@ -120,6 +121,7 @@ enum build_quality {
     QUALITY_AUTO = 4,
 };
 
+/* The formats in which structures can be written. */
 enum target {
     TARGET_PORTABLE = 1,
     TARGET_LAVAPIPE = 2, /* the native format of Mesa's CPU driver */
@@ -128,6 +130,7 @@ enum target {
 /* Options of the portable layout. */
 enum { PORTABLE_FAST_TRIANGLES = 0x1 }; /* three float4 per triangle instead of shared, indexed vertices */
 
+/* What a request can choose besides Vulkan's structs. */
 struct build_options {
     enum build_quality quality;
     enum target target;

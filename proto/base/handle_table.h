@@ -14,6 +14,7 @@
 
 #define HANDLE_NONE UINT32_MAX
 
+/* One handle and its number. */
 struct handle_entry {
     uint64_t handle;
     uint32_t number;

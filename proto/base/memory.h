@@ -14,6 +14,7 @@
 #include <stdatomic.h>
 #include <stdint.h>
 
+/* A budget. The counters may be read at any time. */
 struct memory {
     struct memory *parent; /* its allocations count there too; NULL for an independent budget */
     uint64_t limit; /* bytes that may be live at once; UINT64_MAX: no limit */

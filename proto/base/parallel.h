@@ -15,6 +15,7 @@
 
 typedef void (*parallel_task)(void *context, size_t index);
 
+/* A way to run tasks, which pools of threads implement. */
 struct parallel {
     unsigned threads; /* how many tasks can run at once; at least 1 */
     void (*for_each)(const struct parallel *self, size_t count, parallel_task task, void *context);

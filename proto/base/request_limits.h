@@ -17,6 +17,7 @@
 /* per BLAS, all geometries together: VUIDs type-03794, type-03795 */
 #define LIMIT_MAX_PRIMITIVES ((UINT64_C(1) << 29) - 1)
 
+/* The limits that a daemon or a program applies to each request. */
 struct limits {
     uint64_t max_geometries;
     uint64_t max_instances;

@@ -62,6 +62,7 @@ struct control_pool {
     uint64_t size;
 };
 
+/* Where an item's payload is: inline in the frame, in the pool, or in one of the frame's memfds. */
 enum control_source { SOURCE_INLINE = 0, SOURCE_POOL = 1, SOURCE_MEMFD = 2 };
 
 /*

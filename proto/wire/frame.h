@@ -44,6 +44,7 @@ enum frame_type {
     FRAME_GOODBYE = 72, /* the daemon takes no new requests and finishes those that it has */
 };
 
+/* The fields of a frame's header. */
 struct frame_header {
     uint16_t type;
     uint8_t descriptors;
@@ -66,6 +67,7 @@ struct frame {
     int descriptors[FRAME_MAX_DESCRIPTORS]; /* the first header.descriptors entries are valid */
 };
 
+/* The state of receiving frames from one socket. */
 struct frame_parser {
     struct memory *memory;
     uint32_t max_control, max_inline;

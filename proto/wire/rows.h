@@ -19,10 +19,12 @@
 #include "proto/base/parallel.h"
 #include "proto/base/status.h"
 
+/* A range of the payload in bytes. */
 struct row_span {
     uint64_t offset, size;
 };
 
+/* One geometry in its wire format; fields as in struct geometry. */
 struct geometry_row {
     uint32_t type; /* GEOMETRY_ */
     uint32_t flags;
@@ -35,6 +37,7 @@ struct geometry_row {
     struct row_span transform;
 };
 
+/* One reference in its wire format; fields as in struct reference. */
 struct reference_row {
     uint64_t handle;
     uint32_t kind; /* REFERENCE_ */

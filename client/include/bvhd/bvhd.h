@@ -62,6 +62,7 @@ BVHD_API const char *bvhd_version(void);
 
 enum { BVHD_KEY_SIZE = 32, BVHD_KEY_TEXT_SIZE = 65 };
 
+/* A key: 32 bytes in binary, or 64 hexadecimal digits and a NUL as text. */
 struct bvhd_key {
     uint8_t bytes[BVHD_KEY_SIZE];
 };
@@ -74,6 +75,7 @@ BVHD_API enum bvhd_status bvhd_key_from_text(const char *text, struct bvhd_key *
 
 /* ---- The client: a connection to the service, which is made when it is needed. ---- */
 
+/* How a client finds its daemon, and how long it waits. All fields but struct_size may be 0. */
 struct bvhd_client_options {
     size_t struct_size; /* sizeof(struct bvhd_client_options): later versions may add fields */
     /*
@@ -125,6 +127,7 @@ BVHD_API void bvhd_client_dispatch(struct bvhd_client *client);
 
 /* ---- Batches: several structures requested at once, each of which succeeds or fails alone. ---- */
 
+/* How much time to spend on a structure: a higher quality takes longer to build and less time to trace. */
 enum bvhd_quality {
     /* Vulkan's PREFER flags decide: FAST_BUILD is fast, FAST_TRACE is high, neither is auto */
     BVHD_QUALITY_UNSPECIFIED = 0,
@@ -134,6 +137,7 @@ enum bvhd_quality {
     BVHD_QUALITY_AUTO = 4, /* decided by the geometry and rays_per_primitive; balanced if rays_per_primitive is 0 */
 };
 
+/* The formats in which the service can write structures. */
 enum bvhd_target {
     BVHD_TARGET_PORTABLE = 1, /* read by shaders from storage buffers, and on the CPU */
     BVHD_TARGET_LAVAPIPE = 2, /* the native format of Mesa's CPU driver; needs bvhd_build.format */
@@ -181,6 +185,7 @@ struct bvhd_reference {
     float slabs[20];
 };
 
+/* A request for several structures: what they are built from, and in which quality and format. */
 struct bvhd_build {
     size_t struct_size; /* sizeof(struct bvhd_build) */
     uint32_t info_count; /* number of structures to build; may be 0 */
@@ -271,6 +276,7 @@ enum bvhd_origin {
     BVHD_ORIGIN_DISK = 4, /* built before and kept on disk */
 };
 
+/* The outcome of one item of a batch. */
 struct bvhd_result {
     /*
      * BVHD_OK: the other fields are set. BVHD_PENDING: there is no result yet. `where` is a path such as
@@ -319,6 +325,7 @@ BVHD_API const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, u
  */
 BVHD_API struct bvhd_blob *bvhd_blob_ref(struct bvhd_blob *blob);
 BVHD_API void bvhd_blob_unref(struct bvhd_blob *blob);
+/* Return the bytes and their number. They never change, and live as long as the reference is held. */
 BVHD_API const void *bvhd_blob_data(const struct bvhd_blob *blob);
 BVHD_API uint64_t bvhd_blob_size(const struct bvhd_blob *blob);
 

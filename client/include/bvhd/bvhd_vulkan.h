@@ -41,6 +41,7 @@ extern "C" {
 
 struct bvhd_vulkan_device;
 
+/* The program's device, and the functions and features that the library may use. */
 struct bvhd_vulkan_device_options {
     size_t struct_size; /* sizeof(struct bvhd_vulkan_device_options) */
     PFN_vkGetInstanceProcAddr get_instance_proc_addr;
@@ -83,6 +84,7 @@ struct bvhd_vulkan_queue {
  */
 BVHD_API enum bvhd_status bvhd_vulkan_probe(struct bvhd_vulkan_device *device, const struct bvhd_vulkan_queue *queue,
                                             void **ret_probe, uint64_t *ret_size, struct bvhd_error *ret_error);
+/* Frees the block of a probe. NULL is allowed and does nothing. */
 BVHD_API void bvhd_vulkan_free(void *block);
 
 /*
@@ -159,6 +161,7 @@ struct bvhd_vulkan_span {
     VkDeviceSize size;
 };
 
+/* The upload of one structure: its bytes, the staging memory, and the storage where it is going to live. */
 struct bvhd_vulkan_upload {
     size_t struct_size; /* sizeof(struct bvhd_vulkan_upload) */
     const void *data; /* a serialized structure that has passed bvhd_vulkan_check; not needed after the call */
@@ -213,6 +216,7 @@ BVHD_API uint64_t bvhd_vulkan_address(struct bvhd_vulkan_device *device, VkAccel
 
 struct bvhd_vulkan_scene;
 
+/* The bytes of one structure. */
 struct bvhd_vulkan_bytes {
     const void *data;
     uint64_t size;
@@ -223,6 +227,7 @@ enum {
     BVHD_VULKAN_SCENE_ADDRESSES = 0x1,
 };
 
+/* The structures of a scene, and how to load them. */
 struct bvhd_vulkan_scene_options {
     size_t struct_size; /* sizeof(struct bvhd_vulkan_scene_options) */
     /*

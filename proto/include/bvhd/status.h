@@ -14,6 +14,7 @@
 extern "C" {
 #endif
 
+/* The outcome of a call or of a build. */
 enum bvhd_status {
     BVHD_OK = 0,
     BVHD_INVALID = 1, /* a rule is broken; the error names the rule and the place */
@@ -32,8 +33,10 @@ enum bvhd_status {
     BVHD_STATUS_COUNT
 };
 
+/* Bytes of an error's texts, the final NUL included. */
 enum { BVHD_WHERE_SIZE = 120, BVHD_TEXT_SIZE = 200 };
 
+/* An error: its status, the rule that was broken, the place, and the reason. */
 struct bvhd_error {
     enum bvhd_status status;
     enum bvhd_vuid vuid; /* BVHD_VUID_NONE if the rule is not one of Vulkan's */
