@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * container_of.h - from a member back to the struct that it is embedded in.
+ * container_of.h - finds the struct in which a given member is embedded.
  *
- * A callback or a list often gets a pointer to one member of a struct, and its owner needs the whole struct.
+ * A callback or a list often gets a pointer to one member of a struct, while its owner needs the whole struct.
  */
 #ifndef BVHD_CONTAINER_OF_H
 #define BVHD_CONTAINER_OF_H
@@ -10,8 +10,8 @@
 #include <stddef.h>
 
 /*
- * The `type` whose member `member` is at `pointer`, which must not be NULL. The compiler rejects a pointer of another
- * type than the member's.
+ * Returns the `type` whose member `member` is at `pointer`, which must not be NULL. The compiler rejects a pointer
+ * whose type is not that of the member.
  */
 #define container_of(pointer, type, member)                                                                            \
     ((type *)(void *)((char *)(1 ? (pointer) : &((type *)NULL)->member) - offsetof(type, member)))

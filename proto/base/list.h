@@ -19,6 +19,7 @@ struct list {
     struct list_link *first, *last; /* NULL while the list is empty */
 };
 
+/* Adds a link at the end, and list_prepend at the beginning; it must not be in a list. */
 static inline void list_append(struct list *list, struct list_link *link)
 {
     *link = (struct list_link){.previous = list->last};
@@ -33,7 +34,7 @@ static inline void list_prepend(struct list *list, struct list_link *link)
     list->first = link;
 }
 
-/* The link must be in this list. */
+/* Removes a link, which must be in this list. */
 static inline void list_remove(struct list *list, struct list_link *link)
 {
     *(link->previous ? &link->previous->next : &list->first) = link->next;

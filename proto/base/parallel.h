@@ -48,7 +48,7 @@ static inline bool parallel_cancelled_at(const atomic_bool *cancel, size_t step)
 bool parallel_for_until(const struct parallel *parallel, const atomic_bool *cancel, size_t count, parallel_task task,
                         void *context);
 
-/* How many chunks of `chunk` things `total` things are cut into; only the last one may be smaller. */
+/* Returns how many chunks of `chunk` things `total` things are cut into; only the last one may be smaller. */
 static inline size_t parallel_chunks(size_t chunk, size_t total)
 {
     return total / chunk + (total % chunk != 0);

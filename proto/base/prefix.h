@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * prefix.h - finds which range a number is in, when ranges follow each other and each stores its first number.
+ * prefix.h - finds the range that contains a number, when ranges follow each other and each stores its first number.
  *
- * Primitives and vertices are numbered through over all geometries of a build: geometry g has the numbers from the sum
- * of the counts before it on.
+ * The primitives and vertices of a build are numbered across all its geometries: the numbers of geometry g start at the
+ * sum of the counts of the geometries before it.
  */
 #ifndef BVHD_PREFIX_H
 #define BVHD_PREFIX_H
@@ -12,9 +12,9 @@
 #include <stdint.h>
 
 /*
- * The index of the last of `count` ranges whose first number is at most `number`, or 0. `firsts` is the first number of
- * range 0, and each range's is `stride` bytes after the one before; they ascend, and firsts[0] <= number. A range
- * without numbers is never found, unless it is the last one: the next range starts at the same number.
+ * Returns the index of the last of `count` ranges whose first number is at most `number`, or 0. `firsts` points to the
+ * first number of range 0; that of each following range is `stride` bytes later. They ascend, and firsts[0] <= number.
+ * A range without numbers is never found, unless it is the last one, because the next range starts at the same number.
  */
 static inline uint32_t prefix_find(const uint32_t *firsts, size_t stride, uint32_t count, uint64_t number)
 {
