@@ -33,8 +33,8 @@ struct import_instance {
     uint32_t bottom;
     float transform[12]; /* row-major 3x4, object to world; products of the nodes' matrices in double, rounded once */
     /*
-     * its matrix has no inverse, which Vulkan forbids (VUID-VkAccelerationStructureInstanceKHR-transform-03799 is the
-     * rule). It keeps its position, as an inactive instance
+     * its matrix has no inverse, which breaks a rule of Vulkan (VUID-VkTransformMatrixKHR-matrix-03799). The instance
+     * keeps its position and is inactive
      */
     bool skipped;
 };

@@ -121,7 +121,7 @@ static bool add_bottom(struct node_walk *walk, struct import *import, const stru
 
 /*
  * Returns whether the matrix has an inverse, which Vulkan requires
- * (VUID-VkAccelerationStructureInstanceKHR-transform-03799), and is finite.
+ * (VUID-VkTransformMatrixKHR-matrix-03799), and is finite.
  */
 static bool is_usable(const float matrix[12])
 {

@@ -11,7 +11,7 @@ static char ground_name[] = "ground", cube_name[] = "cube", material_name[] = "s
 static float ground_positions[] = {-8, 0, -8, 8, 0, -8, 8, 0, 8, -8, 0, 8};
 static uint32_t ground_indices[] = {0, 2, 1, 0, 3, 2};
 
-/* Corner i has x, y, z from bits 0, 1, 2 of i. */
+/* The x, y, z of corner i are bits 0, 1, 2 of i. */
 static float cube_positions[] = {-1, -1, -1, 1, -1, -1, -1, 1, -1, 1, 1, -1, -1, -1, 1, 1, -1, 1, -1, 1, 1, 1, 1, 1};
 static uint32_t cube_indices[] = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
                                   2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_command_trace.c - tests `bvhctl trace` with tracers that are right, wrong or lost. */
 #include "tests/support/unit.h"
 
 #include <fcntl.h>
@@ -29,7 +30,7 @@ static void write_file(const char *name, const void *data, uint64_t size, struct
     assert_int_equal(files_write(path, (struct bytes){data, size}, memory, NULL, NULL), BVHD_OK);
 }
 
-/* A directory with the world's structures. */
+/* Makes a directory with the world's structures. */
 static int enter_scratch(void **state)
 {
     (void)state;
@@ -56,13 +57,13 @@ static int leave_scratch(void **state)
     return system(command);
 }
 
-/* ---- tracers that lie ---- */
+/* ---- tracers with wrong answers ---- */
 
 struct liar {
     struct tracer tracer; /* its first member */
     struct tracer *honest;
     void (*change)(uint64_t ray, struct tracer_hit *hit);
-    uint64_t waves, fail_at; /* this wave, from 1 */
+    uint64_t waves, fail_at; /* waves so far; the wave that fails, from 1 */
     struct memory *memory;
 };
 
@@ -118,9 +119,9 @@ static void lie_always(uint64_t ray, struct tracer_hit *hit)
     hit->t = ray % 2 ? 1e-3f : NAN;
 }
 
-/* ---- runs ---- */
+/* ---- calls of the command ---- */
 
-/* Runs it, and gives what it printed. stderr goes the same way. */
+/* Runs the command, and returns what it printed to stdout and stderr. */
 static enum exit_code run_trace(tracer_chooser choose, const char *output, char *ret_text, size_t size)
 {
     char *operands[] = {directory};
@@ -177,7 +178,7 @@ static void test_cpu(void **state)
     unlink(picture);
 }
 
-/* As many rays as the picture's, the checked ones among them, and the same picture. */
+/* A correct device gives the CPU's picture, and all its rays, including the compared ones, are counted. */
 static void test_honest_device(void **state)
 {
     (void)state;
@@ -209,7 +210,7 @@ static void test_liars_are_found(void **state)
     unlink(picture);
 }
 
-/* No picture, no daemon that would be missing, one line and one object. */
+/* A lost device gives no picture, not the exit code of a missing daemon, one error line and one JSON object. */
 static void test_lost_device(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_files.c - tests that files are read and written completely or not at all. */
 #include "tests/support/unit.h"
 
 #include <dirent.h>
@@ -96,7 +97,7 @@ static void test_unchanged_keeps_time(void **state)
     unlink("same");
 }
 
-/* Differences at the very end of what is compared in parts. */
+/* A difference at the very end of a file that is compared in chunks is found. */
 static void test_large_content(void **state)
 {
     (void)state;
@@ -211,7 +212,7 @@ static void expect_write_failure(const char *path, enum bvhd_status expected)
     assert_int_equal(memory.live, 0);
 }
 
-/* A pipe stands for all that is neither file nor directory. */
+/* A pipe, as an example of anything that is neither a file nor a directory, is not replaced. */
 static void test_only_files_are_replaced(void **state)
 {
     (void)state;

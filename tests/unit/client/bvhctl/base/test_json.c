@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_json.c - tests the writer of JSON. */
 #include "tests/support/unit.h"
 
 #include <cjson/cJSON.h>
@@ -80,7 +81,7 @@ static void test_texts(void **state)
     check_text("\xc3\xa4 \xe2\x82\xac \xf0\x9f\x90\x89", "\"\xc3\xa4 \xe2\x82\xac \xf0\x9f\x90\x89\"");
 }
 
-/* Lone continuation, overlong, surrogate, beyond the last code point, cut off at the end. */
+/* Invalid UTF-8 is replaced: lone continuation, overlong, surrogate, beyond the last code point, truncated. */
 static void test_broken_utf8(void **state)
 {
     (void)state;

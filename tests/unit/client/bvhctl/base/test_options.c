@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_options.c - tests the parser of the command line. */
 #include "tests/support/unit.h"
 
 #include "client/bvhctl/base/options.h"
@@ -49,7 +50,7 @@ static void expect_words(const char *line, const char *words)
         fail_msg("%s: '%s' does not say '%s'", line, error.text, words);
 }
 
-/* Who guesses a name is told all there are, in full. */
+/* The error about an unknown name lists all names that are allowed, without truncation. */
 static void test_choices(void **state)
 {
     (void)state;
@@ -166,7 +167,7 @@ static void test_devices(void **state)
     assert_string_equal(options.output, "f");
     assert_null(parse_good("bvhctl probe -o f").device);
     expect_bad("bvhctl probe --device llvm", "probe");
-    expect_bad("bvhctl probe --device= -o f", "--device"); /* every device's name has nothing in it */
+    expect_bad("bvhctl probe --device= -o f", "--device"); /* an empty text is a part of every name */
     expect_bad("bvhctl trace a --device= -o p", "--device");
     expect_bad("bvhctl trace a -o p", "trace");
     expect_bad("bvhctl devices llvm", "llvm");

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_gpu.c - tests devices, buffers and kernels on a real Vulkan device, and the errors without one. */
 #include "tests/support/unit.h"
 
 #include "tests/support/gpu_add.h"
@@ -108,7 +109,7 @@ static void too_large_a_buffer_is_refused(void **state)
     (void)state;
     struct gpu_buffer buffer = {.size = 5};
     if (getenv("BVHD_VALIDATE"))
-        skip(); /* the layer finds fault with such sizes, and it is right */
+        skip(); /* the validation layer rightly reports such sizes */
     assert_int_not_equal(
         gpu_buffer_create(gpu, UINT64_C(1) << 60, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, GPU_DEVICE, &buffer, NULL),
         BVHD_OK);
@@ -184,7 +185,7 @@ static void kernels_run(void **state)
     sum_close(&sum);
 }
 
-/* What the device says of denormal halves, it says each time; a CPU is better off without them. */
+/* The check for denormal halves gives the same result each time; CPUs do not use them, because they are slow there. */
 static void small_halves_are_asked_for(void **state)
 {
     (void)state;
@@ -223,7 +224,7 @@ static void every_allocation_may_fail(void **state)
         gpu_close(other);
         assert_int_equal(small.live, 0);
         if (!status && has_failed)
-            status = BVHD_NO_MEMORY; /* one that is not needed, or whose lack looks like a lesser device */
+            status = BVHD_NO_MEMORY; /* this allocation is not needed, or its lack looks like a smaller device */
     }
     assert_true(tries > 3 && tries < 100);
 }

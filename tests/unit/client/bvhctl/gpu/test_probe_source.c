@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What is built for: by a file that may hold anything, or by the devices of a machine that has none. */
+/*
+ * test_probe_source.c - tests that the format to build for is found from a probe's file, which may contain anything,
+ * and that a machine without devices is an error.
+ */
 #include "tests/support/unit.h"
 
 #include <unistd.h>
@@ -76,7 +79,7 @@ static void refuse(enum bvhd_status want)
     assert_int_equal(format.variant, 77);
 }
 
-/* Cut anywhere; a byte more; a text; nothing. */
+/* Files that are not probes are refused: a probe truncated anywhere or with a byte more, a text, an empty file. */
 static void test_no_probes(void **state)
 {
     (void)state;
@@ -96,13 +99,13 @@ static void test_no_probes(void **state)
     refuse(BVHD_NOT_FOUND);
 }
 
-/* Another order of the same boxes would be a good probe, too, so it is an id that differs. */
+/* A probe that no layout reproduces. An id differs in it, because another order of the boxes would be a valid probe. */
 static void test_unknown_layout(void **state)
 {
     (void)state;
     unsigned char *other = malloc(probe_size);
     memcpy(other, probe, probe_size);
-    other[probe_size - 1] ^= 1; /* within the last matrix of the last instance */
+    other[probe_size - 1] ^= 1; /* in the last matrix of the last instance */
     put(other, probe_size);
     refuse(BVHD_UNSUPPORTED);
     free(other);
@@ -123,7 +126,7 @@ static void test_no_memory(void **state)
     atomic_store(&memory.fail_after, -1);
 }
 
-/* No driver that could be asked: the loader, where there is one, is sent where none is. */
+/* There is no driver: the loader, if this machine has one, searches in a place without drivers. */
 static void test_no_device(void **state)
 {
     (void)state;

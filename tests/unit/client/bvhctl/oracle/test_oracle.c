@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_oracle.c - tests the oracle: single triangles, neighbours and ties, whole scenes, and its judgement. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -7,7 +8,7 @@
 #include "tests/support/builder/moved.h"
 #include "builder/workers.h"
 
-/* ---- what tests ask the oracle ---- */
+/* ---- helpers ---- */
 
 static struct memory memory;
 
@@ -165,7 +166,7 @@ static void odd_rays(void **state)
 static void inner_edges_and_corners_are_certain(void **state)
 {
     (void)state;
-    /* A square of four triangles about its centre; the first pair's windings agree, the others are turned. */
+    /* A square of four triangles around its centre; the windings of the first two agree, the others are reversed. */
     static const float positions[15] = {-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, 1, 0, 0.125f, 0.0625f, 0};
     static const uint32_t alike[12] = {0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4},
                           mixed[12] = {0, 1, 4, 2, 1, 4, 2, 3, 4, 0, 3, 4};
@@ -181,7 +182,7 @@ static void inner_edges_and_corners_are_certain(void **state)
         assert_int_equal(answer.tied[0].primitive + answer.tied[answer.tied_count - 1].primitive,
                          answer.tied_count == 1 ? 2 : 3);
         forget(&answer);
-        mesh.triangle_count = 3; /* now the centre lies on the border */
+        mesh.triangle_count = 3; /* the centre is on the boundary now */
         assert_int_equal(kind_of(&mesh, 1, make_ray(0.125f, 0.0625f, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
         assert_int_equal(kind_of(&mesh, 1, make_ray(1, 0, 1, 0, 0, -1)), ORACLE_UNCERTAIN);
         assert_int_equal(kind_of(&mesh, 1, make_ray(-0.75f, 0, 1, 0, 0, -1)), ORACLE_MISS);
@@ -312,7 +313,7 @@ static void make_torus(float positions[3 * RINGS * RINGS], uint32_t indices[3 * 
 
 static const float scene_matrix[12] = {0.5f, -0.25f, 0.125f, 3, 0.375f, 1.5f, -0.5f, -2, 0.25f, 0, 0.75f, 1};
 
-/* The torus at three places, and rays, of which many go exactly at corners of the first. */
+/* Makes a scene of three tori, and rays, many of which aim exactly at corners of the first torus. */
 static void make_scene(struct oracle_mesh meshes[3], struct ray rays[SCENE_RAYS])
 {
     static float positions[3 * RINGS * RINGS];
@@ -337,8 +338,8 @@ static bool answers_equal(const struct oracle_answer *a, const struct oracle_ans
 }
 
 /*
- * Against moved inputs of whole scenes: the closest hit is one of the tied triangles, and a hit ray never turns into a
- * missed one.
+ * Answers hold when all inputs of a scene are moved: the closest hit is one of the tied triangles, and a ray that
+ * certainly hits never misses.
  */
 static void whole_answers_hold_for_moved_rays(void **state)
 {

@@ -6,7 +6,10 @@
 #include "tests/support/builder/moved.h"
 #include "client/bvhctl/oracle/oracle_filter.h"
 
-/* The bounds against many moved copies, in extended precision. */
+/*
+ * test_oracle_triangle.c - tests the oracle's bounds for a ray and a triangle against many copies with moved inputs,
+ * which are computed in extended precision.
+ */
 
 struct specimen {
     float corners[3][3], matrix[12];
@@ -14,7 +17,7 @@ struct specimen {
     struct ray ray;
 };
 
-/* Triangles of all shapes, rays that pass near their edges more often than not. */
+/* Makes a triangle of any shape, and a ray that is likely to pass near one of its edges. */
 static struct specimen make_specimen(double scale, double offset, uint64_t *state)
 {
     struct specimen s = {.transformed = rays_random(state) % 2};
@@ -81,7 +84,7 @@ static struct moved move(const struct specimen *s, uint64_t *state)
     return moved;
 }
 
-/* Scale and offset; the last are coarse beside their ulps. */
+/* Pairs of a scale and an offset; in the last ones an ulp is large compared with the triangles. */
 static const double magnitudes[][2] = {{1, 0}, {1, 1000}, {1e-20, 0}, {1e30, 0}, {5e36, 0}, {1e-42, 0}, {1, 100000}};
 
 enum { MAGNITUDES = sizeof magnitudes / sizeof magnitudes[0], SPECIMENS = 3000, MOVES = 12 };

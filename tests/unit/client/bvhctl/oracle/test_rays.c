@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_rays.c - tests that test rays are reproducible, aim at triangles, and work at any magnitude. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -8,7 +9,7 @@
 
 enum { SIDE = 12, VERTICES = (SIDE + 1) * (SIDE + 1), TRIANGLES = 2 * SIDE * SIDE, RAYS = 600 };
 
-/* A bumpy sheet: [-1, 1]^2, times scale, plus offset. */
+/* A bumpy sheet over [-1, 1]^2, multiplied by a scale and moved by an offset. */
 struct sheet {
     float positions[3 * VERTICES];
     uint32_t indices[3 * TRIANGLES];
@@ -141,7 +142,7 @@ static void the_seed_decides(void **state)
         same += memcmp(a[k].origin, c[k].origin, sizeof a[k].origin) == 0;
     }
     assert_int_equal(same, 0);
-    /* The same on every machine: a few bits, once and for all. */
+    /* The rays are the same on every machine; these two values check it. */
     assert_true(a[0].origin[0] == 1.91684508f && a[1].direction[2] == -0.716765881f);
 }
 
@@ -151,7 +152,7 @@ static void unusable_triangles_are_not_aimed_at(void **state)
     struct sheet sheet;
     struct ray rays[RAYS];
     sheet_init(&sheet, 1, 0);
-    /* All but one are inactive, infinite or degenerate: too rare for a lucky pick. */
+    /* All triangles but one are inactive, infinite or degenerate, so that random picks do not find it. */
     for (uint32_t i = 0; i < TRIANGLES; i++) {
         if (i != 100)
             sheet.indices[3 * i] = i % 3 == 0 ? 0 : i % 3 == 1 ? 1 : sheet.indices[3 * i + 1];
@@ -162,7 +163,7 @@ static void unusable_triangles_are_not_aimed_at(void **state)
     rays_make(&sheet.mesh, 1, 1, RAYS, rays);
     for (int k = 0; k < RAYS; k += 2)
         assert_true(hits_any(&sheet.mesh, &rays[k]));
-    /* None at all, and no mesh at all. */
+    /* There is no usable triangle, and then no mesh. */
     sheet.indices[300] = 0;
     rays_make(&sheet.mesh, 1, 1, RAYS, rays);
     for (int k = 0; k < RAYS; k++)
@@ -190,13 +191,13 @@ static void instances_are_aimed_at_where_they_stand(void **state)
         for (int i = 0; i < 2; i++)
             hits[i] += hits_any(&meshes[i], &rays[k]);
     assert_true(hits[0] + hits[1] >= RAYS / 2);
-    assert_true(hits[0] > hits[1] * 3 / 2 && hits[0] < hits[1] * 3); /* as two to one */
+    assert_true(hits[0] > hits[1] * 3 / 2 && hits[0] < hits[1] * 3); /* the ratio is about two to one */
 }
 
 static void rays_come_near_where_an_ulp_would_miss(void **state)
 {
     (void)state;
-    /* A millimetre sheet with a far outlier: from outside, an ulp of a direction is a metre. */
+    /* A sheet of a millimetre with a far outlier: an ulp of the direction of a ray from outside is a metre there. */
     struct sheet sheet;
     struct ray rays[RAYS];
     sheet_init(&sheet, 1e-3, 0);

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_agreement.c - tests which wrong answers of a device count as mismatches, and which are explained. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -12,7 +13,7 @@
 
 enum { RAYS = 4000, FEW_PIXELS = 1 };
 
-/* A world, rays through it, and the CPU's answers, for tests to falsify. */
+/* A world, rays through it, and the CPU's answers, which tests falsify. */
 struct court {
     struct test_world world;
     struct surfaces surfaces;
@@ -69,7 +70,7 @@ static void watch_and_judge(void)
     assert_int_equal(agreement_judge(&court.agreement, NULL, NULL, NULL), BVHD_OK);
 }
 
-/* Changes some answers, and has all of them judged. Returns how many were changed. */
+/* Changes some answers and has all judged. Returns how many were changed. */
 static unsigned falsify(bool (*change)(int ray, struct tracer_hit *hit))
 {
     unsigned changed = 0;
@@ -215,7 +216,7 @@ static bool round_t(int ray, struct tracer_hit *hit)
     return true;
 }
 
-/* Rounding is no difference; barycentrics are not looked at. */
+/* Rounding is not a difference, and barycentrics are not compared. */
 static void test_rounding(void **state)
 {
     (void)state;
@@ -228,8 +229,8 @@ static void test_rounding(void **state)
 }
 
 /*
- * Where a ray meets what it nearly follows - here the cube's top - says little about its distance; where it comes
- * straight down, much.
+ * A ray that grazes a surface, here the cube's top, may report a distance with a large error; one that comes straight
+ * down may not.
  */
 static void test_grazing(void **state)
 {
@@ -247,7 +248,7 @@ static void test_grazing(void **state)
     close_court();
 }
 
-/* On the diagonal of the ground both of its triangles are right; at its rim, neither is sure. */
+/* On the diagonal of the ground both of its triangles are right; at its rim, neither is surely hit. */
 static void test_ties_and_doubt(void **state)
 {
     (void)state;
@@ -273,7 +274,7 @@ static bool find_another(int ray, struct tracer_hit *hit)
     return is_hit(hit);
 }
 
-/* Of rays that any hit ends, it only counts whether one does. */
+/* For rays that end at any hit, only whether there is one is compared. */
 static void test_any_hit(void **state)
 {
     (void)state;
@@ -291,7 +292,7 @@ static void test_any_hit(void **state)
     }
 }
 
-/* All of them lies: more than the oracle is asked about, counted all the same. */
+/* All answers are wrong: they are more than the oracle judges, and are all counted. */
 static void test_many(void **state)
 {
     (void)state;
@@ -313,7 +314,7 @@ static void test_many(void **state)
     close_court();
 }
 
-/* In large pictures one in so many is compared, spread over all waves, of whatever size. */
+/* In large pictures every n-th ray is compared, over all waves, whatever their sizes. */
 static void test_stride(void **state)
 {
     (void)state;
@@ -335,7 +336,7 @@ static void test_stride(void **state)
     close_court();
 }
 
-/* What the CPU itself has traced goes to the oracle. */
+/* Hits of the CPU itself are judged by the oracle. */
 static void test_doubt(void **state)
 {
     (void)state;
@@ -355,13 +356,13 @@ static void test_doubt(void **state)
 static const struct bvhd_format lavapipe = {
     .struct_size = sizeof lavapipe, .target = BVHD_TARGET_LAVAPIPE, .variant = 1, .driver_uuid = "some driver"};
 
-/* A cube that is nearly flat, around (1, 1, 0) and (0, 0, 1): much of the inverse is lost in float. */
+/* The matrix of a cube that is nearly flat, along (1, 1, 0) and (0, 0, 1): its inverse in float is inaccurate. */
 static const float sheared[12] = {0.5f, 0.49987f, 0, 3.01f, 0.49987f, 0.5f, 0, 0.53f, 0, 0, 0.5f, 0.7f};
 
-/* As the world has it else. */
+/* The matrix that the cube has otherwise. */
 static const float upright[12] = {0.5f, 0, 0, 3, 0, 0.5f, 0, 0.5f, 0, 0, 0.5f, 0};
 
-/* Where lavapipe has it when it stands so, by its inverse in float; or as far from there on the other side. */
+/* The matrix by which lavapipe sees that cube, because of its inverse in float; or one as far off on the other side. */
 static void displace(bool is_other_side, float ret_matrix[12])
 {
     struct structure_instance instance;
@@ -372,7 +373,7 @@ static void displace(bool is_other_side, float ret_matrix[12])
         ret_matrix[i] = is_other_side ? 2 * sheared[i] - instance.object_to_world[i] : instance.object_to_world[i];
 }
 
-/* A court around that cube, with rays across its upper rim, or a little beside. */
+/* Makes a court with that cube, and rays that pass its upper rim closely. */
 static void open_court_at_rim(const struct bvhd_format *format, const float matrix[12], uint32_t flags)
 {
     uint64_t state = 5;
@@ -387,7 +388,7 @@ static void open_court_at_rim(const struct bvhd_format *format, const float matr
     trace_rays();
 }
 
-/* Has answers judged of a device that has the cube at a place a little beside its own. */
+/* Judges the answers of a device for which the cube is slightly displaced. */
 static void judge_displaced(const struct bvhd_format *format, bool is_other_side, uint32_t flags)
 {
     static struct tracer_hit hits[RAYS];
@@ -402,7 +403,7 @@ static void judge_displaced(const struct bvhd_format *format, bool is_other_side
     assert_true(court.agreement.differing > RAYS / 10);
 }
 
-/* What a driver's inverse of a matrix moves is the driver's own affair, if that is where its answers are from. */
+/* Answers that are displaced by the driver's inverse of a matrix are uncertain, and not mismatches. */
 static void test_drivers_inverse(void **state)
 {
     (void)state;

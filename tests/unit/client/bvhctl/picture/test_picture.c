@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_picture.c - tests the picture of `bvhctl trace`: stage, camera, sampling and smoothing. */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -12,7 +13,7 @@
 
 enum { WIDTH = 64, HEIGHT = 36 };
 
-/* A world with its stage, camera and light, and what traces them. */
+/* A world with its stage, camera, light and tracer. */
 struct studio {
     struct test_world world;
     struct surfaces surfaces;
@@ -82,7 +83,7 @@ static void test_stage(void **state)
     close_studio(&studio);
 }
 
-/* Any axis can be called up; the axes stay right-handed. */
+/* Any axis can be the one that points up; the axes stay right-handed. */
 static void test_up(void **state)
 {
     (void)state;
@@ -120,7 +121,7 @@ static void test_camera_sees_the_scene(void **state)
     close_studio(&studio);
 }
 
-/* One bottom level of the world as a scene of its own. */
+/* Opens one bottom level of the world as a scene. */
 static void open_alone(const struct test_world *world, uint32_t bottom, struct structures *ret_alone)
 {
     struct memory *memory = world->import.memory;
@@ -132,7 +133,7 @@ static void open_alone(const struct test_world *world, uint32_t bottom, struct s
     assert_int_equal(structures_join(ret_alone, NULL), BVHD_OK);
 }
 
-/* A quad, level or upright, and a cube, alone and with too few triangles for one sample each to tell anything. */
+/* Scenes of a level quad, an upright quad and a cube, which have too few triangles for one sample of each. */
 static void test_few_triangles(void **state)
 {
     (void)state;
@@ -178,7 +179,7 @@ static void test_same_for_any_threads(void **state)
     }
 }
 
-/* From the fewest samples at once to all of them. */
+/* The picture is the same for the smallest batch, for all samples at once, and for sizes between them. */
 static void test_same_for_any_batch(void **state)
 {
     (void)state;
@@ -201,7 +202,7 @@ static void test_same_for_any_batch(void **state)
 
 struct watcher {
     uint64_t camera_rays, other_rays, hits;
-    uint64_t fail_at; /* this wave, from 1 */
+    uint64_t fail_at; /* the wave that fails, from 1 */
     uint64_t waves, pixels, pixels_total;
 };
 
@@ -225,7 +226,7 @@ static void note_progress(void *context, uint64_t done, uint64_t total)
     watcher->pixels_total = total;
 }
 
-/* Every ray is shown, and progress ends at the end. */
+/* The watch sees every ray, and the progress reaches its end. */
 static void test_watch(void **state)
 {
     (void)state;
@@ -248,7 +249,7 @@ static void test_watch(void **state)
     close_studio(&studio);
 }
 
-/* Whichever wave fails, nothing is held. */
+/* A failure of any wave leaves no memory behind. */
 static void test_failing_wave(void **state)
 {
     (void)state;
@@ -273,7 +274,7 @@ static void test_failing_wave(void **state)
     close_studio(&studio);
 }
 
-/* A tracer that answers with what is not there draws nothing that is not there, and is survived. */
+/* Answers with triangles that do not exist draw nothing and do not crash. */
 static enum bvhd_status trace_nonsense(struct tracer *tracer, const struct ray *rays, uint64_t count,
                                        struct tracer_hit *ret_hits, double *ret_seconds, struct bvhd_error *error)
 {
@@ -312,7 +313,7 @@ static void test_nonsense(void **state)
     close_studio(&studio);
 }
 
-/* Something is in it: shadows are dark, the sun is bright. */
+/* The picture is not empty: shadows are dark, and the sun is bright. */
 static void test_contrast(void **state)
 {
     (void)state;
@@ -380,7 +381,7 @@ static void test_no_memory(void **state)
     close_studio(&studio);
 }
 
-/* Noise on a plane goes; light on either side of an edge stays apart. */
+/* Smoothing removes noise on a plane, and does not mix the light on both sides of an edge. */
 static void test_smooth(void **state)
 {
     (void)state;

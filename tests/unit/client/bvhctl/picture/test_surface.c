@@ -1,4 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_surface.c - tests that the triangle of a hit is found, and that hits of triangles that do not exist are refused.
+ */
 #include "tests/support/unit.h"
 
 #include <float.h>
@@ -37,7 +40,7 @@ static struct ray random_ray(uint64_t *state)
     return stage_ray(from, vector_unit(vector_sub(to, from)));
 }
 
-/* What is found by number alone is what the CPU looks at from the same place. */
+/* The surface that is found by number is the one that the CPU's ray hits. */
 static void test_same_as_stage(void **state)
 {
     (void)state;
@@ -72,7 +75,7 @@ static void test_same_as_stage(void **state)
     close_world(&world, &surfaces);
 }
 
-/* Corner i of the cube has x, y, z from its bits; instance 3 is half as large and stands at (3, 0.5, 0). */
+/* Corner i of the cube has x, y, z from the bits of i; instance 3 is half as large and is at (3, 0.5, 0). */
 static void test_corners(void **state)
 {
     (void)state;
@@ -124,7 +127,7 @@ static void test_nothing_there(void **state)
     close_world(&world, &surfaces);
 }
 
-/* It has no side of its own. */
+/* The normal of an AABB points against the ray. */
 static void test_aabb(void **state)
 {
     (void)state;

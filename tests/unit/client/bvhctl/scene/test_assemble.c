@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_assemble.c - tests that an imported scene is built into the right structures, whatever its backend answers. */
 #include "tests/support/unit.h"
 
 #include "proto/base/bytes.h"
@@ -28,7 +29,7 @@ static bool shoot_down(const struct test_world *world, float x, float z, struct 
     return structures_trace(&world->structures, &ray, NULL, ret_hit);
 }
 
-/* Rays from above, where what they meet is plain. */
+/* Rays from above hit what is known to be there. */
 static void test_answers(void **state)
 {
     (void)state;
@@ -49,7 +50,7 @@ static void test_answers(void **state)
     test_world_finish(&world);
 }
 
-/* What comes out of the files are the imported triangles, bit by bit, in their numbering. */
+/* The triangles that are unpacked from the files are the imported ones, bit by bit and with the same numbers. */
 static void test_unpack(void **state)
 {
     (void)state;
@@ -75,7 +76,10 @@ static void test_unpack(void **state)
     assert_int_equal(world.local.memory.live, 0);
 }
 
-/* Forbidden together (03796): every structure says so, and the one above says what it lacks. */
+/*
+ * Both preferences together break a rule (VUID-VkAccelerationStructureBuildGeometryInfoKHR-flags-03796): every bottom
+ * level reports it, and the top level reports that a bottom level is missing.
+ */
 static void test_rules_are_reported(void **state)
 {
     (void)state;
@@ -145,7 +149,7 @@ static void test_no_memory(void **state)
 }
 
 /*
- * A backend that answers for the bottom levels, with two different ones, and then is gone; it notes what it was asked.
+ * A backend that gives two different bottom levels and then loses its connection. It records the requests.
  */
 struct vanishing {
     struct backend backend;
@@ -199,8 +203,8 @@ static void test_lost_backend(void **state)
 }
 
 /*
- * One handle for each instance that is not skipped, in the order of its leaves; portable structures have one for each
- * structure.
+ * A native top level has one handle for each instance that is not skipped, in the order of its leaves; a portable one
+ * has one for each bottom level.
  */
 static void test_native_handles(void **state)
 {

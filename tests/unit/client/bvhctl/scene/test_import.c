@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_import.c - tests that scene files are imported completely and bit by bit, and that broken files are refused. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -81,7 +82,8 @@ static void test_faces(void **state)
 }
 
 /*
- * Binary PLY: NaN, infinity, a repeated vertex, a face that names one vertex thrice. All must come through bit by bit.
+ * A binary PLY file with NaN, infinity, a repeated vertex and a face that names one vertex three times: everything must
+ * be imported bit by bit.
  */
 static void test_nothing_is_dropped(void **state)
 {
@@ -205,7 +207,7 @@ static void test_oracle_meshes(void **state)
     finish(&import, &memory);
 }
 
-/* More distinct lists of meshes than the first table of them holds, each used twice. */
+/* There are more distinct lists of meshes than the hash table first has room for, and each is used twice. */
 static void test_many_bottoms(void **state)
 {
     (void)state;
@@ -262,7 +264,7 @@ static void test_failures(void **state)
 }
 
 /*
- * A file that ends too soon, at which some versions of the importer abort: this process lives on, and nothing is held.
+ * A truncated file, at which some versions of assimp abort: this process survives, and no memory is held.
  */
 static void test_importer_crash(void **state)
 {

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_manifest.c - tests that manifest.json is written and read, and that hostile ones are refused. */
 #include "tests/support/unit.h"
 
 #include <unistd.h>
@@ -110,7 +111,7 @@ static void test_hostile(void **state)
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[\"b\",\"../c\"]"), "structures[0].handles");
 }
 
-/* Nesting deep enough to overflow a careless parser's stack. */
+/* Nesting that is deep enough to overflow the stack of a recursive parser is refused. */
 static void test_deep_nesting(void **state)
 {
     (void)state;

@@ -1,4 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_structures.c - tests that built files are opened and traced alike for every target, and that bad files are
+ * refused.
+ */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -64,7 +68,7 @@ static void put_manifest(const char *target, const char *top, const char *handle
 static const char *const portable_handles = "\"ground.as\",\"cube.as\"", *const native_handles =
                                                                              "\"ground.as\",\"cube.as\",\"cube.as\"";
 
-/* As a build leaves it. */
+/* Writes the files and the manifest that a build would write. */
 static void put_world(const struct test_world *world, uint32_t variant)
 {
     static const char *const names[] = {"ground.as", "cube.as", "top.as"};
@@ -108,7 +112,7 @@ static void assert_same_answers(const struct structures *a, const struct structu
     assert_true(hits > 500);
 }
 
-/* What a build writes is read again, whatever the target, with the same answers. */
+/* Structures of every target can be read again, and give the same answers. */
 static void test_both_targets(void **state)
 {
     (void)state;
@@ -147,7 +151,7 @@ static void test_both_targets(void **state)
     test_world_finish(&reference);
 }
 
-/* The triangles and instances that come out are those that went in. */
+/* The triangles and instances that are unpacked are those of the import. */
 static void test_unpacked(void **state)
 {
     (void)state;
@@ -190,7 +194,7 @@ static void expect(enum bvhd_status expected, const char *place)
     assert_int_equal(memory.live, 0);
 }
 
-/* Manifests that do not fit their files. */
+/* Manifests that contradict their files are refused. */
 static void test_wrong_manifests(void **state)
 {
     (void)state;
@@ -217,7 +221,7 @@ static void test_wrong_manifests(void **state)
         put_file("cube.as", "", 0);
         expect(BVHD_CORRUPT, "cube.as");
     }
-    /* A bottom level of the other target under a good top level. */
+    /* A bottom level of the other target is refused under a good top level. */
     put_world(&worlds[1], 1);
     put_file("cube.as", worlds[0].assembly.items[1].data, worlds[0].assembly.items[1].size);
     expect(BVHD_CORRUPT, "cube.as");
@@ -225,7 +229,7 @@ static void test_wrong_manifests(void **state)
     test_world_finish(&worlds[1]);
 }
 
-/* Handles that no build writes. */
+/* Handles that no build writes are refused. */
 static void test_wrong_handles(void **state)
 {
     (void)state;
@@ -244,7 +248,7 @@ static void test_wrong_handles(void **state)
             put_file("top.as", top, item->size);
             expect(BVHD_CORRUPT, "top.as");
         }
-        /* The manifest says something else: row 0 would be two files. A portable structure has one handle a row. */
+        /* Two handles for row 0, for which the manifest has two files; in a portable structure handles are distinct. */
         bytes_put64(top + SERIALIZED_HANDLES + 8, 1);
         put_file("top.as", top, item->size);
         expect(BVHD_CORRUPT, "top.as");
@@ -253,7 +257,7 @@ static void test_wrong_handles(void **state)
     }
 }
 
-/* A native top level may leave rows out, and name one file by several rows. */
+/* A native top level may leave rows out, and several of its rows may be one file. */
 static void test_rows(void **state)
 {
     (void)state;
@@ -284,7 +288,7 @@ static void test_rows(void **state)
     test_world_finish(&world);
 }
 
-/* Leaves that are not in the order of primitives, which nothing else looks at. */
+/* Leaves that are not in the order of primitives are refused; only structure_open checks that. */
 static void test_wrong_leaves(void **state)
 {
     (void)state;
@@ -315,7 +319,7 @@ static void test_wrong_leaves(void **state)
     test_world_finish(&world);
 }
 
-/* Instances that no request has: tables by instance are not made for whatever a file says. */
+/* Numbers of instances that no request can have are refused, because tables of that size would be allocated. */
 static void test_wrong_instances(void **state)
 {
     (void)state;
@@ -340,7 +344,7 @@ static void test_wrong_instances(void **state)
     test_world_finish(&world);
 }
 
-/* Every truncation, and a byte too many, of every file. */
+/* Every file is refused when it is truncated anywhere, or has a byte too many. */
 static void test_cut(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_survey.c - tests the figures about a structure. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -55,7 +56,7 @@ static void test_sums(void **state)
     test_world_finish(&world);
 }
 
-/* Of four instances one is inactive, which leaves room for a leaf. */
+/* The same for native structures. One of four instances is inactive, which leaves room for a leaf. */
 static void test_native_sums(void **state)
 {
     (void)state;
@@ -82,7 +83,7 @@ static void test_native_sums(void **state)
     }
 }
 
-/* One node with two leaf children of known boxes: half areas by hand. */
+/* The SAH of one node with two leaf children is that of half areas computed by hand. */
 static void test_sah(void **state)
 {
     (void)state;

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_tracer.c - tests the tracer on the CPU, and which tracer is chosen without a driver. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -26,7 +27,7 @@ static void make_rays(struct ray *rays)
     }
 }
 
-/* As the traversal answers, for any number of threads and rays at once. */
+/* The tracer gives the answers of the traversal, for any number of threads and rays at once. */
 static void test_cpu(void **state)
 {
     (void)state;
@@ -102,7 +103,7 @@ static void test_choose_cpu(void **state)
     test_world_finish(&world);
 }
 
-/* Where there is no driver, "auto" is the CPU, and a name fails with what is missing. */
+/* Without a driver, "auto" chooses the CPU, and a device's name is an error that says what is missing. */
 static void test_choose_without_driver(void **state)
 {
     (void)state;
