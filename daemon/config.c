@@ -162,7 +162,7 @@ static enum bvhd_status apply_command_line(int argc, char **argv, struct config 
         char where[32];
         snprintf(where, sizeof where, "--%s", index >= 0 ? table[index].name : "help");
         enum bvhd_status status = apply(kind, where, optarg, config, error);
-        if (status || config->action != CONFIG_RUN)
+        if (status != BVHD_OK || config->action != CONFIG_RUN)
             return status;
     }
     if (optind < argc)
@@ -201,14 +201,14 @@ static enum bvhd_status apply_lines(FILE *file, const char *path, struct config 
 {
     char line[CONFIG_PATH_SIZE + 64], where[BVHD_WHERE_SIZE];
     enum bvhd_status status = BVHD_OK;
-    for (unsigned number = 1; !status && fgets(line, sizeof line, file); number++) {
+    for (unsigned number = 1; status == BVHD_OK && fgets(line, sizeof line, file); number++) {
         size_t length = strlen(path), most = sizeof where - 16; /* the end of a long path says more than its start */
         snprintf(where, sizeof where, "%s:%u", length > most ? path + length - most : path, number);
         if (!strchr(line, '\n') && !feof(file))
             return bvhd_error_set(error, BVHD_INVALID, where, "the line is too long, or has a NUL in it");
         status = apply_line(line, where, config, error);
     }
-    if (!status && ferror(file))
+    if (status == BVHD_OK && ferror(file))
         return bvhd_error_set(error, BVHD_IO, path, "reading: %s", strerror(errno));
     return status;
 }
@@ -221,7 +221,7 @@ enum bvhd_status config_read_file(const char *path, struct config *config, struc
     struct config changed = *config;
     enum bvhd_status status = apply_lines(file, path, &changed, error);
     fclose(file);
-    if (!status)
+    if (status == BVHD_OK)
         *config = changed;
     return status;
 }
@@ -231,15 +231,15 @@ enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, 
     struct config config;
     set_defaults(&config);
     enum bvhd_status status = apply_command_line(argc, argv, &config, error);
-    if (!status && config.action == CONFIG_RUN && *config.file) {
+    if (status == BVHD_OK && config.action == CONFIG_RUN && *config.file) {
         char file[CONFIG_PATH_SIZE];
         strcpy(file, config.file);
         set_defaults(&config);
         status = config_read_file(file, &config, error);
-        if (!status)
+        if (status == BVHD_OK)
             status = apply_command_line(argc, argv, &config, error);
     }
-    if (!status)
+    if (status == BVHD_OK)
         *ret_config = config;
     return status;
 }

@@ -35,7 +35,7 @@ int main(int argc, char **argv)
     fill_standard_descriptors();
     memory_keep();
     enum bvhd_status status = config_parse(argc, argv, &config, &error);
-    if (status)
+    if (status != BVHD_OK)
         return complain(&error, status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED);
     if (config.action == CONFIG_HELP) {
         config_print_help();
@@ -46,5 +46,5 @@ int main(int argc, char **argv)
         return flush_output();
     }
     log_set_level(config.log_level);
-    return server_run(&config, &error) ? complain(&error, EXIT_FAILED) : EXIT_DONE;
+    return server_run(&config, &error) != BVHD_OK ? complain(&error, EXIT_FAILED) : EXIT_DONE;
 }

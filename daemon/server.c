@@ -112,7 +112,7 @@ static enum bvhd_status bind_socket(struct server *server, struct bvhd_error *er
 {
     const struct config *config = server->config;
     enum bvhd_status status = listen_bind(config->socket, &server->listener, error);
-    if (status && !config->socket_given)
+    if (status != BVHD_OK && !config->socket_given)
         bvhd_error_set(error, status, error->where, "%s (--socket PATH names another place)", error->text);
     return status;
 }
@@ -149,7 +149,7 @@ static enum bvhd_status open_service(struct server *server, struct bvhd_error *e
     uv_signal_start(&server->terminate, on_signal, SIGTERM);
     uv_signal_start(&server->interrupt, on_signal, SIGINT);
     enum bvhd_status status = open_socket(server, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = service_create(&server->config->service, wake_loop, server, &server->service, error);
     return status;
 }
@@ -161,7 +161,7 @@ static enum bvhd_status start_watchdog(struct server *server, struct bvhd_error 
         return BVHD_OK;
     enum bvhd_status status =
         watchdog_init(&server->watchdog, service_pool(server->service), WATCHDOG_PATIENCE_MS, error);
-    if (!status)
+    if (status == BVHD_OK)
         uv_timer_start(&server->alive, on_alive, interval, interval);
     return status;
 }
@@ -169,7 +169,7 @@ static enum bvhd_status start_watchdog(struct server *server, struct bvhd_error 
 static enum bvhd_status start(struct server *server, struct bvhd_error *error)
 {
     enum bvhd_status status = open_service(server, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     struct conn_limits limits = conn_limits_default();
     conn_group_init(&server->group, &server->loop, server->service, &limits);
@@ -177,7 +177,7 @@ static enum bvhd_status start(struct server *server, struct bvhd_error *error)
     server->group.context = server;
     status =
         accept_open(&server->acceptor, &server->group, server->listener.socket, server->config->max_connections, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     return start_watchdog(server, error);
 }
@@ -232,7 +232,7 @@ enum bvhd_status server_run(const struct config *config, struct bvhd_error *erro
         return bvhd_error_set(error, BVHD_IO, "start", "no event loop: %s", uv_strerror(result));
     signal(SIGPIPE, SIG_IGN);
     enum bvhd_status status = start(&server, error);
-    if (!status) {
+    if (status == BVHD_OK) {
         announce(&server);
         uv_run(&server.loop, UV_RUN_DEFAULT);
         notify_stopping("leaving");

@@ -72,8 +72,8 @@ static void take_client(struct acceptor *acceptor, int socket)
     enum bvhd_status status = find_peer(socket, &peer)
                                   ? check_room(acceptor, &peer, &error)
                                   : bvhd_error_set(&error, BVHD_IO, "connection", "whose it is cannot be told");
-    if (!status) {
-        if (conn_open(acceptor->group, socket, &peer, &error))
+    if (status == BVHD_OK) {
+        if (conn_open(acceptor->group, socket, &peer, &error) != BVHD_OK)
             log_event(LOG_WARNING, "connection_not_opened", "why=%s", log_quote(error.text).text);
         return;
     }

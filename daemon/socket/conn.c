@@ -132,7 +132,7 @@ static bool is_queue_full(const struct conn *conn)
 static void take_frame(struct conn *conn, const struct frame *frame)
 {
     struct bvhd_error error;
-    if (session_frame(conn->session, frame, &error)) {
+    if (session_frame(conn->session, frame, &error) != BVHD_OK) {
         fail(conn, &error);
     } else if (conn->hello_by && session_is_open(conn->session)) {
         conn->hello_by = 0;
@@ -169,7 +169,7 @@ static bool take_frames(struct conn *conn)
             conn_group_later(conn->group, conn);
             break;
         }
-        if (inlet_next(&conn->inlet, &frame, &found, &error)) {
+        if (inlet_next(&conn->inlet, &frame, &found, &error) != BVHD_OK) {
             fail(conn, &error);
         } else if (found) {
             take_frame(conn, &frame);
@@ -340,17 +340,17 @@ enum bvhd_status conn_open(struct conn_group *group, int socket, const struct se
 {
     struct conn *conn = calloc(1, sizeof *conn);
     enum bvhd_status status = conn ? BVHD_OK : bvhd_error_no_memory(error, "connection", "no memory for a connection");
-    if (!status) {
+    if (status == BVHD_OK) {
         conn->group = group;
         conn->peer = *peer;
         const struct session_link link = {.send = send_reply, .fail = note_failure, .context = conn};
         status = session_open(group->service, peer, &link, &conn->session, error);
     }
-    if (!status && uv_poll_init(group->loop, &conn->poll, socket)) {
+    if (status == BVHD_OK && uv_poll_init(group->loop, &conn->poll, socket)) {
         session_close(conn->session);
         status = bvhd_error_set(error, BVHD_IO, "connection", "the event loop does not take its socket");
     }
-    if (status) {
+    if (status != BVHD_OK) {
         free(conn);
         release_descriptor(socket);
         descriptors_give(service_descriptors(group->service), 1);

@@ -108,7 +108,7 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
     unsigned char *at;
     uint64_t space;
     enum bvhd_status status = frame_parser_space(&inlet->parser, &at, &space, error);
-    if (status)
+    if (status != BVHD_OK)
         return status == BVHD_NO_MEMORY ? INLET_SHORT : INLET_BROKEN;
     if (!descriptors_take(inlet->descriptors, INLET_DESCRIPTORS, 0))
         return INLET_SHORT;
@@ -119,7 +119,7 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
     if (arrival.size <= 0)
         return arrival.size < 0 ? result_of_error(arrival.number) : INLET_END;
     *ret_size = (uint64_t)arrival.size;
-    if (feed(inlet, (uint64_t)arrival.size, arrival.descriptors, arrival.count, error))
+    if (feed(inlet, (uint64_t)arrival.size, arrival.descriptors, arrival.count, error) != BVHD_OK)
         return INLET_BROKEN;
     if (arrival.cut) {
         bvhd_error_set(error, BVHD_TOO_LARGE, "frame.descriptors", "more than %d descriptors at once",

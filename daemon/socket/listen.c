@@ -113,17 +113,20 @@ enum bvhd_status listen_bind(const char *path, struct listener *ret_listener, st
     struct sockaddr_un address;
     int lock = -1;
     enum bvhd_status status = make_address(path, &address, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = lock_directory(path, &lock, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     status = clear_path(&address, error);
-    if (!status && (listener.socket = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) < 0)
+    if (status == BVHD_OK && (listener.socket = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) < 0)
         status = refused(error, path, "a socket");
-    if (!status && (status = bind_here(&address, &listener, error)))
-        close(listener.socket);
+    if (status == BVHD_OK) {
+        status = bind_here(&address, &listener, error);
+        if (status != BVHD_OK)
+            close(listener.socket);
+    }
     close(lock);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_listener = listener;
     return status;
 }

@@ -35,7 +35,7 @@ enum bvhd_status number_read32(const char *where, const char *text, struct numbe
 {
     uint64_t value = 0;
     enum bvhd_status status = number_read(where, text, range, &value, error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_value = (uint32_t)value;
     return status;
 }

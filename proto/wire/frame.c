@@ -165,7 +165,7 @@ static void shrink_when_empty(struct frame_parser *parser)
 enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char **ret_at, uint64_t *ret_size,
                                     struct bvhd_error *error)
 {
-    if (parser->broken)
+    if (parser->broken != BVHD_OK)
         return fail_broken(parser, error);
     struct frame_header header;
     bool found;
@@ -189,7 +189,7 @@ enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char *
 enum bvhd_status frame_parser_feed(struct frame_parser *parser, uint64_t size, const int *descriptors, uint32_t count,
                                    struct bvhd_error *error)
 {
-    if (parser->broken) {
+    if (parser->broken != BVHD_OK) {
         close_all(descriptors, count);
         return fail_broken(parser, error);
     }
@@ -250,7 +250,7 @@ static void take_frame(struct frame_parser *parser, const struct frame_header *h
 enum bvhd_status frame_parser_next(struct frame_parser *parser, struct frame *ret_frame, bool *ret_found,
                                    struct bvhd_error *error)
 {
-    if (parser->broken)
+    if (parser->broken != BVHD_OK)
         return fail_broken(parser, error);
     struct frame_header header;
     bool found;

@@ -47,9 +47,9 @@ static bool build_one(struct run *run, const struct build_input *input, int team
     struct limits limits = limits_default();
     struct bvhd_error error;
     enum bvhd_status status = batch_build(input, 1, &limits, &context, ret_item, &error);
-    if (status || ret_item->status) {
-        fail(run, what, status ? error.text : ret_item->error.text);
-        if (!status)
+    if (status != BVHD_OK || ret_item->status != BVHD_OK) {
+        fail(run, what, status != BVHD_OK ? error.text : ret_item->error.text);
+        if (status == BVHD_OK)
             batch_finish(ret_item, 1, &run->memory);
         return false;
     }
@@ -292,11 +292,11 @@ static bool run_init(struct run *run)
     *run = (struct run){.digest = UINT64_C(0xcbf29ce484222325)};
     memory_init(&run->memory, UINT64_MAX);
     enum bvhd_status status = BVHD_OK;
-    for (int team = 0; team < TEAMS && !status; team++)
+    for (int team = 0; team < TEAMS && status == BVHD_OK; team++)
         status = workers_create(team_sizes[team], &run->workers[team], &error);
-    if (status)
+    if (status != BVHD_OK)
         fprintf(stderr, "determinism: %s\n", error.text);
-    return !status;
+    return status == BVHD_OK;
 }
 
 static void run_finish(struct run *run)

@@ -28,7 +28,7 @@ static struct device_format device;
 
 static void must(enum bvhd_status status, const struct bvhd_error *error)
 {
-    if (status)
+    if (status != BVHD_OK)
         fail_msg("%s: %s", error->where, error->text);
 }
 
@@ -413,7 +413,7 @@ static bool open_device(void)
 {
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
-    if (gpu_open("llvmpipe", &memory, &gpu, &error)) {
+    if (gpu_open("llvmpipe", &memory, &gpu, &error) != BVHD_OK) {
         fprintf(stderr, "skipped: %s: %s\n", error.where, error.text);
         return false;
     }

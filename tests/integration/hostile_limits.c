@@ -105,11 +105,11 @@ static int say_hello(uint32_t least, uint32_t most, struct bvhd_error *ret_error
         struct control_welcome *welcome;
         struct bvhd_error *error;
         type = frame.header.type;
-        if (type == FRAME_WELCOME && !control_unpack_welcome(frame.control, &client.memory, &welcome, NULL)) {
+        if (type == FRAME_WELCOME && control_unpack_welcome(frame.control, &client.memory, &welcome, NULL) == BVHD_OK) {
             *ret_version = welcome->version;
             memory_free(&client.memory, welcome);
         }
-        if (type == FRAME_ERROR && !control_unpack_error(frame.control, &client.memory, &error, NULL)) {
+        if (type == FRAME_ERROR && control_unpack_error(frame.control, &client.memory, &error, NULL) == BVHD_OK) {
             *ret_error = *error;
             memory_free(&client.memory, error);
         }
@@ -153,7 +153,7 @@ static void check_future(void)
     raw_send_frame(&client, &unknown);
     struct bvhd_error *error = NULL;
     bool answered = raw_await(&client, FRAME_ERROR, 2000, &frame) && frame.header.request == client.last_request &&
-                    !control_unpack_error(frame.control, &client.memory, &error, NULL);
+                    control_unpack_error(frame.control, &client.memory, &error, NULL) == BVHD_OK;
     hostile_expect(answered && error->status == BVHD_UNSUPPORTED,
                    "an unknown frame type is not answered with UNSUPPORTED");
     memory_free(&client.memory, error);
@@ -162,7 +162,7 @@ static void check_future(void)
     struct key key = {{9}};
     struct control_get get = {1, &key};
     struct bytes packed;
-    if (control_pack_get(&get, &client.memory, &packed, NULL) || packed.size + 5 > sizeof control)
+    if (control_pack_get(&get, &client.memory, &packed, NULL) != BVHD_OK || packed.size + 5 > sizeof control)
         return;
     memcpy(control, packed.data, packed.size);
     memcpy(control + packed.size, "\xfa\x3e\x02hi", 5); /* field 1007, two bytes */

@@ -153,7 +153,8 @@ static void judge_rays(struct run *run, const struct scene *scene, const struct 
     for (uint32_t i = 0; i < RAYS; i++)
         rays[i].flags |= RAY_SKIP_AABBS;
     struct bvhd_error error;
-    if (oracle_trace(meshes, mesh_count, rays, RAYS, &run->memory, &parallel_serial, NULL, NULL, answers, &error)) {
+    if (oracle_trace(meshes, mesh_count, rays, RAYS, &run->memory, &parallel_serial, NULL, NULL, answers, &error) !=
+        BVHD_OK) {
         fail(run, "oracle: %s", error.text);
         return;
     }
@@ -288,20 +289,20 @@ static struct oracle_mesh boxes_as_triangles(const struct random_meaning *meanin
 static bool build_one(struct run *run, const struct build_input *input, struct batch_item *ret_item)
 {
     struct bvhd_error error;
-    if (batch_build(input, 1, &run->limits, &run->context, ret_item, &error)) {
+    if (batch_build(input, 1, &run->limits, &run->context, ret_item, &error) != BVHD_OK) {
         fail(run, "batch: %s: %s", error.where, error.text);
         return false;
     }
-    if (ret_item->status)
+    if (ret_item->status != BVHD_OK)
         fail(run, "refused: %s at %s: %s", bvhd_vuid_string(ret_item->error.vuid), ret_item->error.where,
              ret_item->error.text);
-    return !ret_item->status;
+    return ret_item->status == BVHD_OK;
 }
 
 static bool open_one(struct run *run, const struct batch_item *item, struct portable_view *ret_view)
 {
     struct bvhd_error error;
-    if (portable_open((struct bytes){item->blob, item->size}, &run->memory, ret_view, &error)) {
+    if (portable_open((struct bytes){item->blob, item->size}, &run->memory, ret_view, &error) != BVHD_OK) {
         fail(run, "does not open: %s: %s", error.where, error.text);
         return false;
     }
@@ -464,10 +465,11 @@ static void run_broken(struct run *run, struct random *random)
     good.input.destination = 1;
     struct build_input inputs[3] = {good.input, broken.input, good.input};
     inputs[2].destination = 2;
-    if (batch_build(inputs, 3, &run->limits, &run->context, items, &error)) {
+    if (batch_build(inputs, 3, &run->limits, &run->context, items, &error) != BVHD_OK) {
         fail(run, "batch: %s: %s", error.where, error.text);
     } else {
-        if (items[0].status || items[2].status || !items[2].coalesced || !key_equal(&items[0].key, &items[2].key))
+        if (items[0].status != BVHD_OK || items[2].status != BVHD_OK || !items[2].coalesced ||
+            !key_equal(&items[0].key, &items[2].key))
             fail(run, "%s disturbs its neighbours", broken.what);
         check_status(run, &items[1], broken.what, random);
         batch_finish(items, 3, &run->memory);

@@ -163,8 +163,8 @@ static void build_one(struct run *run, const struct build_input *input, struct b
     struct bvhd_error error = {0};
     struct limits limits = limits_default();
     struct build_context context = {.memory = &run->memory, .parallel = &parallel_serial};
-    if (batch_build(input, 1, &limits, &context, ret_item, &error) || ret_item->status ||
-        portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error)) {
+    if (batch_build(input, 1, &limits, &context, ret_item, &error) != BVHD_OK || ret_item->status != BVHD_OK ||
+        portable_open((struct bytes){ret_item->blob, ret_item->size}, &run->memory, ret_view, &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement 1 %llu: does not build\n", (unsigned long long)run->seed);
         exit(1);
     }
@@ -210,12 +210,12 @@ static bool open_beds(struct run *run, const char *device)
 {
     struct bvhd_error error;
     struct shader_bed_options options = {.device = device};
-    if (shader_bed_create(&options, &run->memory, &run->beds[0], &error)) {
+    if (shader_bed_create(&options, &run->memory, &run->beds[0], &error) != BVHD_OK) {
         fprintf(stderr, "shader_agreement: skipped: %s\n", error.text);
         return false;
     }
     options.by_address = options.plain_bytes = true;
-    if (shader_bed_create(&options, &run->memory, &run->beds[1], &error))
+    if (shader_bed_create(&options, &run->memory, &run->beds[1], &error) != BVHD_OK)
         fprintf(stderr, "shader_agreement: without addresses: %s\n", error.text);
     return true;
 }

@@ -172,7 +172,7 @@ int main(int argc, char **argv)
     struct bvhd_error error;
     struct run run = {.options = parse(argc, argv)};
     must(local_open(&run.local, 0, UINT64_C(1) << 34, &error), &error);
-    if (shader_bed_create(&run.options.bed, &run.local.memory, &run.bed, &error)) {
+    if (shader_bed_create(&run.options.bed, &run.local.memory, &run.bed, &error) != BVHD_OK) {
         fprintf(stderr, "shader_scenes: skipped: %s\n", error.text);
         local_close(&run.local);
         return 77;

@@ -40,7 +40,7 @@ static struct bvhd_client *connect_client(void)
     struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = service.socket};
     struct bvhd_client *client;
     struct bvhd_error error;
-    if (bvhd_client_create(&options, &client, &error) || bvhd_client_connect(client, &error)) {
+    if (bvhd_client_create(&options, &client, &error) != BVHD_OK || bvhd_client_connect(client, &error) != BVHD_OK) {
         fprintf(stderr, "%s: %s\n", error.where, error.text);
         exit(1);
     }
@@ -52,7 +52,7 @@ static uint64_t counter(struct bvhd_client *client, const char *name)
     struct bvhd_counters *counters;
     struct bvhd_error error;
     uint64_t value = UINT64_MAX;
-    if (bvhd_client_counters(client, 5000, &counters, &error))
+    if (bvhd_client_counters(client, 5000, &counters, &error) != BVHD_OK)
         return value;
     for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
         if (!strcmp(bvhd_counters_name(counters, i), name))
@@ -73,7 +73,7 @@ static struct bvhd_batch *submit(struct bvhd_client *client, const struct terrai
         ranges[i] = terrain->ranges;
     }
     struct bvhd_build build = {.struct_size = sizeof build, .info_count = copies, .infos = infos, .ranges = ranges};
-    if (bvhd_batch_submit(client, &build, &batch, &error)) {
+    if (bvhd_batch_submit(client, &build, &batch, &error) != BVHD_OK) {
         fprintf(stderr, "%s: %s\n", error.where, error.text);
         exit(1);
     }
@@ -102,9 +102,9 @@ static void run_client(const struct terrain *terrain, int begin, int answer)
     bvhd_batch_wait(batch, -1);
     for (uint32_t i = 0; i < bvhd_batch_count(batch); i++) {
         const struct bvhd_result *result = bvhd_batch_result(batch, i);
-        uint64_t own = result->error.status ? 0 : checksum(result->data, result->size);
+        uint64_t own = result->error.status != BVHD_OK ? 0 : checksum(result->data, result->size);
         sum = i == 0 || own == sum ? own : 0;
-        if (result->error.status)
+        if (result->error.status != BVHD_OK)
             fprintf(stderr, "%s: %s\n", result->error.where, result->error.text);
     }
     bvhd_batch_destroy(batch);

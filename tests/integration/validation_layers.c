@@ -14,7 +14,7 @@ static int set_up(void **state)
 {
     (void)state;
     memory_init(&memory, UINT64_MAX);
-    return gpu_open("auto", &memory, &gpu, NULL) ? -1 : 0;
+    return gpu_open("auto", &memory, &gpu, NULL) != BVHD_OK ? -1 : 0;
 }
 
 static int tear_down(void **state)

@@ -114,7 +114,7 @@ static int open_device(void **state)
     (void)state;
     struct bvhd_error error = {0};
     memory_init(&memory, UINT64_MAX);
-    if (gpu_open("auto", &memory, &gpu, &error))
+    if (gpu_open("auto", &memory, &gpu, &error) != BVHD_OK)
         return -1;
     const struct bvhd_vulkan_device_options options = {
         .struct_size = sizeof options,
@@ -126,7 +126,7 @@ static int open_device(void **state)
         .has_buffer_device_address = gpu->properties.has_buffer_address,
         .allocator = &callbacks,
     };
-    return bvhd_vulkan_device_create(&options, &device, &error) ? -1 : 0;
+    return bvhd_vulkan_device_create(&options, &device, &error) != BVHD_OK ? -1 : 0;
 }
 
 static int close_device(void **state)
@@ -476,7 +476,7 @@ static bool load_and_trace(const struct vulkan_bed *bed)
     struct bvhd_error error = {0};
     struct tracer *tracer = NULL;
     const struct bvhd_vulkan_scene_options options = scene_options(bed, 0);
-    if (bvhd_vulkan_scene_create(device, &gpu->queue, &options, &scene, &error))
+    if (bvhd_vulkan_scene_create(device, &gpu->queue, &options, &scene, &error) != BVHD_OK)
         return false;
     enum { COUNT = 256 };
     struct ray rays[COUNT];

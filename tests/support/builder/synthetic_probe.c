@@ -33,7 +33,7 @@ static void name_addresses(unsigned char *blob, uint64_t size, enum lavapipe_var
 {
     struct lavapipe_view view;
     struct bvhd_error error;
-    if (lavapipe_open((struct bytes){blob, size}, variant, memory, &view, &error))
+    if (lavapipe_open((struct bytes){blob, size}, variant, memory, &view, &error) != BVHD_OK)
         end("lavapipe_open", &error);
     unsigned char *leaves = blob + (view.body - blob) + view.leaf_offset;
     for (uint64_t i = 0; i < view.handle_count; i++) {
@@ -53,7 +53,7 @@ static struct bytes build_structure(enum probe_structure which, const struct bui
     struct bvhd_error error;
     unsigned char *blob;
     probe_request_init(&request, which);
-    if (build(&request.canonical, options, &context, &blob, &stats, &error))
+    if (build(&request.canonical, options, &context, &blob, &stats, &error) != BVHD_OK)
         end("build", &error);
     if (which == PROBE_INSTANCES)
         name_addresses(blob, stats.sizes.total, (enum lavapipe_variant)options->device.variant, addresses, memory);
@@ -71,7 +71,7 @@ void synthetic_probe(enum lavapipe_variant variant, uint8_t seed, struct memory 
         probe.handles[i] = UINT64_C(0x7f0000001000) + (uint64_t)i * 0x10000;
     for (int i = 0; i < PROBE_COUNT; i++)
         probe.structures[i] = build_structure((enum probe_structure)i, &options, probe.handles, memory);
-    if (probe_pack(&probe, memory, ret_data, ret_size, &error))
+    if (probe_pack(&probe, memory, ret_data, ret_size, &error) != BVHD_OK)
         end("probe_pack", &error);
     for (int i = 0; i < PROBE_COUNT; i++)
         memory_free(memory, (void *)(uintptr_t)probe.structures[i].data);

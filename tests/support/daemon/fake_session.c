@@ -76,7 +76,7 @@ static struct blob *make_blob(struct session *session, uint64_t size)
         abort();
     for (uint64_t i = 0; i < size; i++)
         bytes[i] = (unsigned char)(i * 7);
-    if (blob_writer_finish(&writer, &blob, NULL))
+    if (blob_writer_finish(&writer, &blob, NULL) != BVHD_OK)
         abort();
     return blob;
 }

@@ -132,7 +132,7 @@ static bool read_more(struct raw_client *client)
     unsigned char *at;
     int descriptors[64];
     uint32_t count = 0;
-    if (frame_parser_space(&client->parser, &at, &space, NULL))
+    if (frame_parser_space(&client->parser, &at, &space, NULL) != BVHD_OK)
         fail("the daemon's frames");
     part = (struct iovec){at, space};
     struct msghdr message = {
@@ -147,7 +147,7 @@ static bool read_more(struct raw_client *client)
         memcpy(descriptors + count, CMSG_DATA(header), here * sizeof(int));
         count += here;
     }
-    if (frame_parser_feed(&client->parser, (uint64_t)size, descriptors, count, NULL))
+    if (frame_parser_feed(&client->parser, (uint64_t)size, descriptors, count, NULL) != BVHD_OK)
         fail("the daemon's descriptors");
     return true;
 }
@@ -160,7 +160,7 @@ bool raw_receive(struct raw_client *client, int timeout_ms, struct frame *ret_fr
     for (;;) {
         bool found = false;
         struct bvhd_error error;
-        if (frame_parser_next(&client->parser, ret_frame, &found, &error)) {
+        if (frame_parser_next(&client->parser, ret_frame, &found, &error) != BVHD_OK) {
             fprintf(stderr, "the daemon's frames: %s: %s\n", error.where, error.text);
             exit(1);
         }
@@ -205,7 +205,8 @@ bool raw_await_close(struct raw_client *client, int timeout_ms, struct bvhd_erro
             continue;
         close_descriptors(&frame);
         struct bvhd_error *error;
-        if (frame.header.type != FRAME_ERROR || control_unpack_error(frame.control, &client->memory, &error, NULL))
+        if (frame.header.type != FRAME_ERROR ||
+            control_unpack_error(frame.control, &client->memory, &error, NULL) != BVHD_OK)
             continue;
         if (ret_error)
             *ret_error = *error;
@@ -220,7 +221,7 @@ void raw_hello(struct raw_client *client)
         .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "raw client"};
     struct raw_frame frame = {.header.type = FRAME_HELLO};
     struct frame answer;
-    if (control_pack_hello(&hello, &client->memory, &frame.control, NULL))
+    if (control_pack_hello(&hello, &client->memory, &frame.control, NULL) != BVHD_OK)
         fail("hello");
     bool welcome = raw_send_frame(client, &frame) && raw_await(client, FRAME_WELCOME, 10000, &answer);
     memory_free(&client->memory, (void *)(uintptr_t)frame.control.data);
@@ -283,7 +284,7 @@ uint64_t raw_build(struct raw_client *client, const struct control_item *items, 
     };
     for (uint32_t i = 0; i < descriptor_count; i++)
         build.memfd_sizes[i] = sizes[i];
-    if (control_pack_build(&build, &client->memory, &frame.control, NULL))
+    if (control_pack_build(&build, &client->memory, &frame.control, NULL) != BVHD_OK)
         fail("build");
     bool sent = raw_send_frame(client, &frame);
     memory_free(&client->memory, (void *)(uintptr_t)frame.control.data);
@@ -309,7 +310,8 @@ int raw_memfd(const void *bytes, uint64_t size, unsigned seals)
 struct control_result *raw_result(struct raw_client *client, const struct frame *frame)
 {
     struct control_result *result;
-    if (frame->header.type != FRAME_RESULT || control_unpack_result(frame->control, &client->memory, &result, NULL))
+    if (frame->header.type != FRAME_RESULT ||
+        control_unpack_result(frame->control, &client->memory, &result, NULL) != BVHD_OK)
         return NULL;
     return result;
 }

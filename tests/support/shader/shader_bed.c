@@ -75,12 +75,12 @@ enum bvhd_status shader_bed_create(const struct shader_bed_options *options, str
 {
     struct shader_bed *bed = calloc(1, sizeof *bed);
     enum bvhd_status status = bed ? gpu_open(options->device, memory, &bed->gpu, error) : BVHD_NO_MEMORY;
-    if (!status && options->by_address && !bed->gpu->properties.has_buffer_address) {
+    if (status == BVHD_OK && options->by_address && !bed->gpu->properties.has_buffer_address) {
         status =
             bvhd_error_set(error, BVHD_UNAVAILABLE, "device", "%s has no buffer addresses", bed->gpu->properties.name);
         gpu_close(bed->gpu);
     }
-    if (status) {
+    if (status != BVHD_OK) {
         free(bed);
         return status;
     }

@@ -297,7 +297,8 @@ static void judge_differences(const char *what, const struct scene *scene, const
     for (uint32_t i = 0; i < count; i++)
         rays[i] = differences[i].ray;
     shader_meshes_make(scene, shared, &meshes);
-    if (oracle_trace(meshes.meshes, meshes.count, rays, count, memory, parallel, NULL, NULL, answers, &error)) {
+    if (oracle_trace(meshes.meshes, meshes.count, rays, count, memory, parallel, NULL, NULL, answers, &error) !=
+        BVHD_OK) {
         fprintf(stderr, "shader judge: %s: %s\n", error.where, error.text);
         exit(1);
     }

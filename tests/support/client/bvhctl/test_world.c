@@ -82,12 +82,13 @@ void test_world_init_for(struct test_world *world, uint32_t threads, const struc
         (struct test_world){.options = {.build = {.target = format ? (enum target)format->target : TARGET_PORTABLE},
                                         .format = format,
                                         .geometry_flags = GEOMETRY_OPAQUE}};
-    if (local_open(&world->local, threads, UINT64_MAX, &error))
+    if (local_open(&world->local, threads, UINT64_MAX, &error) != BVHD_OK)
         end("open", &error);
-    if (backend_local_open(&world->backend, threads, &world->local.memory, &world->local.progress, NULL, &error))
+    if (backend_local_open(&world->backend, threads, &world->local.memory, &world->local.progress, NULL, &error) !=
+        BVHD_OK)
         end("open", &error);
     test_world_import(&world->import, &world->local.memory);
-    if (assemble(&world->import, &world->options, &world->backend.backend, &world->assembly, &error))
+    if (assemble(&world->import, &world->options, &world->backend.backend, &world->assembly, &error) != BVHD_OK)
         end("assemble", &error);
     struct memory *memory = &world->local.memory;
     struct structure_file *opened = memory_array(memory, TEST_WORLD_FILES, sizeof *opened);
@@ -95,15 +96,15 @@ void test_world_init_for(struct test_world *world, uint32_t threads, const struc
         end("open", &error);
     for (int i = 0; i < TEST_WORLD_FILES; i++) {
         const struct bvhd_result *item = &world->assembly.items[i];
-        if (item->error.status)
+        if (item->error.status != BVHD_OK)
             end("build", &item->error);
         opened[i] = (struct structure_file){.size = item->size};
-        if (structure_open((struct bytes){item->data, item->size}, memory, &opened[i].structure, &error))
+        if (structure_open((struct bytes){item->data, item->size}, memory, &opened[i].structure, &error) != BVHD_OK)
             end("open", &error);
     }
     world->structures =
         (struct structures){.files = opened, .file_count = TEST_WORLD_FILES, .has_top = true, .memory = memory};
-    if (structures_join(&world->structures, &error))
+    if (structures_join(&world->structures, &error) != BVHD_OK)
         end("join", &error);
 }
 

@@ -55,7 +55,7 @@ static void missing_functions_are_named(void **state)
             const struct bvhd_vulkan_device_options options = fake_vulkan_options(has == 2, has >= 1, NULL);
             enum bvhd_status status = bvhd_vulkan_device_create(&options, &device, &error);
             assert_int_equal(status, has >= rows[i].needs ? BVHD_INVALID : BVHD_OK);
-            if (status) {
+            if (status != BVHD_OK) {
                 assert_string_equal(error.where, rows[i].name);
                 assert_null(device);
             }
