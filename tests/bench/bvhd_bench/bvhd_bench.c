@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bvhd-bench - every method and target beside Embree's own, in one run; and which of them survive what. README.md says
- * more.
+ * bvhd-bench - measures every tier and target beside Embree's builders in one run, and maps which of them survive which
+ * scenes. README.md says more.
  *
  *     bvhd-bench SCENE... -o DIR
  *     bvhd-bench --stability [NAME...] -o DIR
@@ -23,7 +23,7 @@ enum { EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_WRONG = 3 };
 struct options {
     const char *directory;
     bool stability;
-    char **names; /* scenes */
+    char **names; /* names of scenes */
     int name_count;
     struct measure_options measure;
     struct stability_options cells;
@@ -37,19 +37,19 @@ static void print_usage(FILE *file)
         "       bvhd-bench --stability [NAME...] -o DIR [OPTION...]\n"
         "       bvhd-bench --calibrate SCENE... [OPTION...]\n"
         "SCENE: a binary little-endian PLY file, or the name of a generated scene, also NAME@SEED and NAME@SEED@SIZE\n"
-        "  --runs N         repetitions, interleaved (7)\n"
-        "  --patience S     seconds of builds or rays of one method and scene after which 3 runs are enough (3)\n"
-        "  --threads N      of the first crew (all processors)\n"
-        "  --picture N      rays of N x N pixels (256)\n"
-        "  --rays N         against brute force: a scene (2000), a cell of the map (1000)\n"
-        "  --calibrate      times alone, and what the constants of builder/tier.c should be\n"
-        "  --seed N         of those rays, and of generated scenes (1)\n"
-        "  --methods A,B    only these\n"
-        "  --size N         triangles of a generated scene (100000), of one of the map (5000)\n"
-        "  --time-limit S   of a cell of the map (30)\n");
+        "  --runs N         repetitions of each measurement, interleaved (7)\n"
+        "  --patience S     once builds or rays of a method and scene have taken S seconds, 3 runs are enough (3)\n"
+        "  --threads N      threads of the first crew; the second is one thread (all processors)\n"
+        "  --picture N      a picture has N x N primary rays (256)\n"
+        "  --rays N         rays compared with brute force: of a scene (2000), of a cell of the map (1000)\n"
+        "  --calibrate      measure times only, and print what the constants of builder/tier.c should be\n"
+        "  --seed N         seed of those rays and of generated scenes (1)\n"
+        "  --methods A,B    measure only these methods\n"
+        "  --size N         triangles of a generated scene (100000), or of a scene of the map (5000)\n"
+        "  --time-limit S   seconds that a cell of the map may take (30)\n");
 }
 
-/* True when the list is one of names of methods. */
+/* Parses a list of method names, separated by commas. Returns false when one of them is unknown. */
 static bool choose_methods(struct measure_options *options, char *list)
 {
     options->method_count = 0;
@@ -226,6 +226,6 @@ int main(int argc, char **argv)
     }
     if (options.stability)
         return map_stability(&options);
-    memory_keep(); /* as the daemon does */
+    memory_keep(); /* The daemon calls this, too. */
     return measure_all(&options);
 }

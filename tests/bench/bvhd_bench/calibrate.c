@@ -12,8 +12,8 @@
 enum { TIERS = 3, BASE = 1, KINDS = 2 };
 
 /*
- * The weight, in scenes, of the belief that a term has no effect: on balanced, and on the quotient of another tier to
- * it, which varies less than what disturbs both.
+ * The weight, in scenes, of the prior that a term has no effect: for balanced, and for the quotient of another tier to
+ * balanced. Quotients vary less, because what disturbs a scene's measurements disturbs both tiers.
  */
 #define HELD 1
 #define HELD_QUOTIENT 3
@@ -21,12 +21,12 @@ enum { TIERS = 3, BASE = 1, KINDS = 2 };
 static const enum build_quality qualities[TIERS] = {QUALITY_FAST, [BASE] = QUALITY_BALANCED, QUALITY_HIGH};
 
 struct model {
-    double constants[TIERS][KINDS][TIER_TERMS]; /* of building, of rays */
+    double constants[TIERS][KINDS][TIER_TERMS]; /* of building, of tracing rays */
 };
 
 /*
- * Of the run that was disturbed least: nanoseconds a primitive to build, a ray to trace. False when they were not
- * measured.
+ * Reads the repetition that was disturbed least: nanoseconds a primitive to build, nanoseconds a ray to trace. Returns
+ * false when they were not measured.
  */
 static bool measured(const struct results *results, uint32_t scene, int tier, struct tier_cost *ret_cost)
 {
@@ -43,7 +43,7 @@ static bool measured(const struct results *results, uint32_t scene, int tier, st
     return false;
 }
 
-/* Gauss, with the largest pivot of each column. */
+/* Gauss-Jordan elimination, with the largest pivot of each column. */
 static void solve(double rows[TIER_TERMS][TIER_TERMS + 1], double ret_solution[TIER_TERMS])
 {
     for (int column = 0; column < TIER_TERMS; column++) {
@@ -70,7 +70,7 @@ static double exponent_of(const struct tier_cost *cost, int kind)
     return log2(kind ? cost->ray_ns : cost->build_ns);
 }
 
-/* Scenes of one kind differ in numbers alone: what the name says before the first @. */
+/* Whether two scenes are of one kind, that is, equal before the first @ of their names. */
 static bool is_like(const char *name, const char *other)
 {
     size_t length = strcspn(name, "@");
@@ -78,8 +78,8 @@ static bool is_like(const char *name, const char *other)
 }
 
 /*
- * Of balanced, or of another tier in relation to it; by scenes that are not like `left_out` (NULL: by all). Of how many
- * scenes it was.
+ * Fits the constants of balanced, or of the quotient of another tier to balanced, over the scenes that are not of the
+ * kind of `left_out` (NULL: over all). Returns the number of scenes used.
  */
 static uint32_t fit_one(const struct results *results, const char *left_out, int tier, int kind,
                         double ret_constants[TIER_TERMS])
@@ -107,7 +107,7 @@ static uint32_t fit_one(const struct results *results, const char *left_out, int
     return count;
 }
 
-/* False when a tier was not measured on any scene. */
+/* Returns false when a tier was not measured on any scene. */
 static bool fit(const struct results *results, const char *left_out, struct model *ret_model)
 {
     for (int tier = 0; tier < TIERS; tier++)
@@ -141,8 +141,8 @@ static int choose_by(const struct model *model, const struct facts *facts, doubl
 
 /* What the choices of one model lose. */
 struct tally {
-    uint32_t choices, bad; /* of all choices those that cost 10 % more than the best */
-    double most, beyond; /* the worst of them, and the sum of what they lose beyond 5 % */
+    uint32_t choices, bad; /* bad: choices that cost over 10 % more than the best */
+    double most, beyond; /* the worst loss, and the sum of what the losses exceed 5 % by */
 };
 
 static void add_loss(struct tally *tally, double loss)
@@ -155,13 +155,16 @@ static void add_loss(struct tally *tally, double loss)
 
 static void print_tally(const char *title, const struct tally *tally)
 {
-    printf("%-46s %4u of %4u lose more than 10 %%, the worst %.0f %%; beyond 5 %% all together %.2f\n", title,
-           tally->bad, tally->choices, 100 * tally->most, tally->beyond);
+    printf("%-46s %4u of %4u lose more than 10 %%, the worst %.0f %%; sum beyond 5 %% is %.2f\n", title, tally->bad,
+           tally->choices, 100 * tally->most, tally->beyond);
 }
 
 enum { FITTED, LEFT_OUT, IN_USE, MODELS };
 
-/* Of a model that was fitted to all, of one that has not seen the like, of the one in tier.c. */
+/*
+ * Adds the losses of three models on one scene: one that was fitted to all scenes, one that was fitted without scenes
+ * of this kind, and the one in tier.c.
+ */
 static void add_scene(const struct results *results, const struct model *fitted, uint32_t scene,
                       struct tally tallies[MODELS])
 {
@@ -196,7 +199,7 @@ static void add_scene(const struct results *results, const struct model *fitted,
     printf("\n");
 }
 
-/* As it stands in tier.c. */
+/* Prints the table in the syntax of tier.c. */
 static void print_table(const struct model *model)
 {
     static const char *const names[TIERS] = {"FAST", "BALANCED", "HIGH"};
@@ -221,10 +224,10 @@ bool calibrate_print(const struct results *results)
         return false;
     }
     print_table(&model);
-    printf("scene, primitives, crossings, thickness, unevenness | build ns: fast, balanced, high | ray ns | for 0.1, "
-           "1, 10, 100 rays: "
-           "best; chosen by "
-           "this table and what it loses, by one that is fitted without scenes of this kind, by the one in use\n");
+    printf(
+        "scene, primitives, crossings, thickness, unevenness | build ns: fast, balanced, high | ray ns | for 0.1, 1, "
+        "10, 100 rays: best; choice and loss of this table, of one fitted without scenes of this kind, of the one in "
+        "use\n");
     for (uint32_t i = 0; i < results->scene_count; i++)
         add_scene(results, &model, i, tallies);
     print_tally("this table:", &tallies[FITTED]);

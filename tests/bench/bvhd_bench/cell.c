@@ -24,7 +24,7 @@ const char *cell_outcome_name(enum cell_outcome outcome)
     return names[outcome];
 }
 
-/* A field of /proc/self/status, in bytes; 0 where there is none. */
+/* Reads a field of /proc/self/status, in bytes; 0 where there is none. */
 static uint64_t memory_field(const char *name)
 {
     FILE *file = fopen("/proc/self/status", "r");
@@ -38,7 +38,7 @@ static uint64_t memory_field(const char *name)
     return kib * 1024;
 }
 
-/* What is resident now becomes the peak; returned. */
+/* Resets the peak of resident memory to what is resident now, and returns that. */
 static uint64_t restart_peak(void)
 {
     FILE *file = fopen("/proc/self/clear_refs", "w");
@@ -133,7 +133,10 @@ static void become(const struct cell_request *request, int descriptor)
     _exit(127);
 }
 
-/* Whether the whole result came before the time was over; *ret_late when it was. */
+/*
+ * Receives the result. Returns whether all of it came within the time limit; *ret_late says that the limit was
+ * exceeded.
+ */
 static bool receive(int descriptor, double seconds, struct cell_result *ret_result, bool *ret_late)
 {
     struct cell_result result;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * cell.h - one method and one scene in a process of their own, because some methods abort, hang or take all memory on
- * some scenes.
+ * cell.h - measures one method on one scene in a separate process, because some methods abort, hang or take all memory
+ * on some scenes.
  *
- * The process is this program again, with `--cell`.
+ * The process runs this same program with `--cell`.
  */
 #ifndef BVHD_BENCH_CELL_H
 #define BVHD_BENCH_CELL_H
@@ -12,31 +12,37 @@
 
 struct cell_request {
     const char *method;
-    const char *scene; /* a file, or a generated one's name */
-    uint32_t size, rays; /* of a generated scene; rays 0: it is built only */
+    const char *scene; /* a file, or the name of a generated scene */
+    uint32_t size, rays; /* of a generated scene; with rays 0 it is built only */
     uint64_t seed;
-    double seconds; /* after which the process is ended */
+    double seconds; /* time limit, after which the process is killed */
 };
 
 enum cell_outcome { CELL_DONE, CELL_REFUSED, CELL_CRASHED, CELL_HUNG };
 
 struct cell_result {
     enum cell_outcome outcome;
-    int signal; /* CELL_CRASHED: by which, or 0 */
-    char failure[360]; /* CELL_REFUSED */
-    double ms; /* of the build */
-    uint64_t peak_bytes; /* most resident memory beyond what was there before the build */
-    double sah; /* 0: it has no tree */
-    double mrays_s; /* closest hits, the same rays */
+    int signal; /* CELL_CRASHED: the signal that ended the process, or 0 */
+    char failure[360]; /* CELL_REFUSED: the reason */
+    double ms; /* time of the build */
+    uint64_t peak_bytes; /* growth of peak resident memory over what was resident before the build */
+    double sah; /* 0: the method has no tree */
+    double mrays_s; /* million closest-hit rays a second, over the rays of the trial */
     struct verdicts verdicts;
 };
 
 const char *cell_outcome_name(enum cell_outcome outcome);
 
-/* Runs it in a process of its own. False, and a line on stderr, when none can be started. */
+/*
+ * Runs the request in a separate process and waits for it. Returns false, with a line on stderr, when no process can be
+ * started.
+ */
 bool cell_run(const struct cell_request *request, struct cell_result *ret_result);
 
-/* What `--cell METHOD SCENE SIZE SEED RAYS` does: the result's bytes go to the descriptor. An exit status. */
+/*
+ * Implements `--cell METHOD SCENE SIZE SEED RAYS`: writes the bytes of the result to the descriptor. Returns an exit
+ * status.
+ */
 int cell_main(char **arguments, int descriptor);
 
 #endif

@@ -8,7 +8,7 @@
 
 enum { POINTS_MAX = MEASURE_METHODS, LABEL_CHOICES = 26, NEAR_CHOICES = 8 };
 
-/* Families of methods: a colour and a shape each. */
+/* Families of methods, each with a colour and a shape. */
 enum family {
     FAMILY_INDEXED,
     FAMILY_FAST_TRIANGLES,
@@ -33,7 +33,7 @@ static const struct {
     {"reference", "#000000", 2},
 };
 
-/* Which is one tier or another, and no method of its own. */
+/* Whether the method is auto, which builds one of the other tiers. */
 static bool is_choice(const struct method *method)
 {
     return method->kind == METHOD_OWN && method->quality == QUALITY_AUTO;
@@ -62,8 +62,8 @@ struct point {
 struct scatter {
     const char *name, *title, *x_label, *y_label;
     bool low_x, low_y; /* less is better */
-    bool tiers_alone; /* without what auto chooses */
-    bool y_has_zero; /* of a logarithmic axis: y_zero stands for it */
+    bool tiers_alone; /* leaves out what auto chooses */
+    bool y_has_zero; /* the logarithmic axis shows 0 at y_zero */
     double y_zero;
     struct point points[POINTS_MAX];
     uint32_t count;
@@ -99,7 +99,7 @@ static void find_range(const struct scatter *scatter, bool is_y, double ret_rang
     ret_range[1] = high * margin;
 }
 
-/* By increasing x, so that the front is a line. */
+/* Sorts by increasing x, so that the front can be drawn as a line. */
 static void sort_points(struct scatter *scatter)
 {
     for (uint32_t i = 1; i < scatter->count; i++)
@@ -110,7 +110,7 @@ static void sort_points(struct scatter *scatter)
         }
 }
 
-/* A rectangle in shares of the plot's sides. */
+/* A rectangle, in fractions of the plot's sides. */
 struct area {
     double left, bottom, right, top;
 };
@@ -131,7 +131,10 @@ static struct area area_of_point(const struct scatter *scatter, const struct poi
     return (struct area){x - 0.008, y - 0.013, x + 0.008, y + 0.013};
 }
 
-/* Beside the point, else above or below it, the farther the higher the choice. */
+/*
+ * The area of a label for one of LABEL_CHOICES places: beside the point, then above or below it, farther away with
+ * every choice.
+ */
 static struct area area_of_label(const struct scatter *scatter, const struct point *point, int choice)
 {
     static const double places[NEAR_CHOICES][2] = {{0.014, 0},     {-1.014, 0},     {-0.5, 0.033},   {-0.5, -0.033},
@@ -145,7 +148,7 @@ static struct area area_of_label(const struct scatter *scatter, const struct poi
     return (struct area){left, y - height / 2, left + width, y + height / 2};
 }
 
-/* Where the label hides least of what is there already. Nobody can read what lies outside. */
+/* Finds the place where the label hides least. Places outside of the plot are the worst. */
 static struct area place_label(const struct scatter *scatter, uint32_t index, const struct area *placed,
                                uint32_t placed_count)
 {
@@ -169,7 +172,7 @@ static struct area place_label(const struct scatter *scatter, uint32_t index, co
     return best;
 }
 
-/* A thin line to a label that is not beside its point. */
+/* Draws a thin line to a label that is not beside its point. */
 static void draw_leader(const struct scatter *scatter, const struct point *point, const struct area *label,
                         FILE *script)
 {
@@ -289,7 +292,7 @@ static bool chart_figures(const struct results *results, const char *directory, 
     return finish_scatter(scatter, directory);
 }
 
-/* Wrong answers a million of those that are certain; *ret_any: that there were such. */
+/* Wrong answers per million certain ones; *ret_any says whether there were any certain ones. */
 static double wrong_share(const struct results *results, uint32_t method, bool *ret_any)
 {
     double wrong = 0, certain = 0;

@@ -13,7 +13,7 @@ static const struct {
     int shape;
 } tiers[TIERS] = {{"fast", "#E69F00", 9}, {"balanced", "#0072B2", 7}, {"high", "#CC79A7", 13}};
 
-/* What each panel shows, relative to what a user of Embree would take. */
+/* The figures of the panels, relative to the method that a user of Embree would take. */
 static const struct {
     enum figure figure;
     const char *peer, *title;
@@ -27,7 +27,7 @@ static unsigned height_for(const struct results *results)
     return ABOVE_PIXELS + BELOW_PIXELS + ROW_PIXELS * results->scene_count;
 }
 
-/* Of one scene alone. */
+/* The ratio on one scene alone. */
 static bool ratio_of(const struct results *results, uint32_t scene, const char *method, int panel, double *ret_ratio)
 {
     const struct results one = {results->options, results->scenes + scene, 1};
@@ -37,7 +37,7 @@ static bool ratio_of(const struct results *results, uint32_t scene, const char *
     return mean.count > 0;
 }
 
-/* Of a run of few methods there may be none. */
+/* Whether a panel has points; a run with few methods may have none. */
 static bool has_points(const struct results *results, int panel)
 {
     bool some = false;
@@ -52,7 +52,7 @@ static void draw_data(const struct results *results, FILE *script)
 {
     for (int panel = 0; panel < PANELS; panel++)
         for (int tier = 0; tier < TIERS; tier++) {
-            /* Off the picture: gnuplot complains of nothing at all. */
+            /* The extra point is outside of the picture; gnuplot rejects an empty data block. */
             fprintf(script, "$p%dt%d << EOD\n%s", panel, tier, has_points(results, panel) ? "" : "1 -9\n");
             for (uint32_t i = 0; i < results->scene_count; i++) {
                 double ratio;
@@ -84,10 +84,11 @@ static void draw_panel(const struct results *results, int panel, FILE *script)
     fprintf(script, "\n");
 }
 
-/* Where auto takes that tier; where it is not good, what it costs more. */
+/* Writes where auto takes that tier; for `tier` TIERS, how much more auto costs where its choice is not good. */
 static void draw_choice_data(const struct results *results, int tier, FILE *script)
 {
-    fprintf(script, "$c%d << EOD\n-9 0 \"\"\n", tier); /* off the picture: gnuplot complains of nothing at all */
+    /* The extra point is outside of the picture; gnuplot rejects an empty data block. */
+    fprintf(script, "$c%d << EOD\n-9 0 \"\"\n", tier);
     for (uint32_t i = 0; i < results->scene_count; i++)
         for (int hint = 0; hint < CHOICE_HINTS; hint++) {
             struct choice choice;
@@ -105,7 +106,7 @@ static void draw_choice_data(const struct results *results, int tier, FILE *scri
 static void draw_choices(FILE *script)
 {
     fprintf(script,
-            "set title \"auto, by rays a triangle (red: what it loses)\" font \",10\"\nunset arrow 1\nunset logscale "
+            "set title \"auto, by rays a triangle (red: its loss)\" font \",10\"\nunset arrow 1\nunset logscale "
             "x\nset xrange "
             "[-0.6:%d.8]\n"
             "set offsets 0, 0, 0, 0\nset xtics (",

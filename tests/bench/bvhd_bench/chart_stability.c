@@ -12,7 +12,9 @@ struct look {
     const char *ink;
 };
 
-/* Clean cells from white to blue by their speed; wrong ones orange; those without an answer dark. */
+/*
+ * Clean cells are white to blue by their speed; cells with wrong answers are orange; cells without an answer are dark.
+ */
 static struct look look_of(const struct stability *stability, uint32_t row, uint32_t column)
 {
     const struct cell_result *cell = &stability->cells[row][column];
@@ -73,12 +75,11 @@ static void draw(const void *context, FILE *script)
             "0.01,%.4f left font "
             "\",14\"\n",
             1 - 20.0 / height);
-    fprintf(script,
-            "set label \"blue: no wrong answer, rays a second as a share of the column's fastest;  orange: so many "
-            "wrong answers;  "
-            "dark: no "
-            "answer at all\" at screen 0.01,%.4f left font \",10\"\n",
-            20.0 / height);
+    fprintf(
+        script,
+        "set label \"blue: no wrong answer, rays a second as a share of the column's fastest;  orange: the number of "
+        "wrong answers;  dark: no answer at all\" at screen 0.01,%.4f left font \",10\"\n",
+        20.0 / height);
     draw_names(script, stability);
     for (uint32_t row = 0; row < stability->row_count; row++)
         for (uint32_t column = 0; column < stability->column_count; column++)

@@ -18,7 +18,7 @@ const char *choice_method(int hint)
 
 struct cost {
     double ms, spread;
-    enum build_quality quality; /* that was built */
+    enum build_quality quality; /* the quality that was built */
 };
 
 static bool cost_of(const struct results *results, uint32_t scene, const char *name, double rays, struct cost *ret_cost)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * choice.h - whether auto is as good a choice as the best tier, when a build and the rays through it are paid together.
+ * choice.h - decides whether auto chooses as well as the best tier, when the cost is a build plus the rays through it.
  */
 #ifndef BVHD_BENCH_CHOICE_H
 #define BVHD_BENCH_CHOICE_H
@@ -9,19 +9,19 @@
 
 enum { CHOICE_HINTS = 4 };
 
-/* Rays a primitive, and the method that is told so. */
+/* Rays a primitive of a hint, and the name of the method that is given this hint. */
 double choice_rays(int hint);
 const char *choice_method(int hint);
 
 struct choice {
     const char *best; /* the tier that costs least */
     const char *chosen; /* the tier that auto takes */
-    double best_ms, auto_ms; /* building on one thread, and diffuse rays on one */
+    double best_ms, auto_ms; /* build on one thread plus diffuse rays on one thread */
     double spread_ms; /* three median absolute deviations of both together */
-    bool is_good; /* auto costs at most 10 % or the spread more */
+    bool is_good; /* auto costs at most 10 %, or the spread, more than the best tier */
 };
 
-/* Of one scene, portable target. False when something was not measured. */
+/* For one scene and the portable target. Returns false when something needed was not measured. */
 bool choice_of(const struct results *results, uint32_t scene, int hint, struct choice *ret_choice);
 
 #endif

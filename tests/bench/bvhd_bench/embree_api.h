@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* embree_api.h - a device of Embree, the memory that it has taken, its qualities. */
+/* embree_api.h - opens a device of Embree, counts its memory, and names its qualities. */
 #ifndef BVHD_BENCH_EMBREE_API_H
 #define BVHD_BENCH_EMBREE_API_H
 
@@ -9,7 +9,7 @@
 #include "tests/bench/embree_version.h"
 #include "tests/bench/bvhd_bench/method.h"
 
-/* Counts what the device holds, in *live. NULL when there is no device. */
+/* Opens a device whose memory monitor counts the bytes that it holds in *live. Returns NULL when there is no device. */
 static inline RTCDevice embree_api_device(unsigned threads, RTCMemoryMonitorFunction monitor, atomic_llong *live)
 {
     char config[32];

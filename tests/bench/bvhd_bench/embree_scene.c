@@ -19,7 +19,7 @@ struct embree_scene {
     uint64_t bytes;
 };
 
-/* Of the first `triangles` of the mesh. */
+/* Describes a scene of the first `triangles` triangles of the mesh. */
 static RTCScene describe(const struct embree_scene *self, const struct method *method, const struct ply *mesh,
                          uint32_t triangles)
 {
@@ -31,7 +31,7 @@ static RTCScene describe(const struct embree_scene *self, const struct method *m
     if (vertices && indices) {
         memcpy(vertices, mesh->positions, (size_t)12 * mesh->vertex_count);
         memcpy(indices, mesh->indices, (size_t)12 * triangles);
-        /* Of a scene of low quality each geometry decides for itself. */
+        /* In a scene of low quality each geometry has its own quality. */
         if (method->effort == EFFORT_LOW)
             rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_LOW);
         rtcCommitGeometry(geometry);
@@ -44,7 +44,7 @@ static RTCScene describe(const struct embree_scene *self, const struct method *m
     return scene;
 }
 
-/* Starts the threads, which a program that builds often does once. */
+/* Starts Embree's threads, which a program that builds often does only once. */
 static void warm_up(const struct embree_scene *self, const struct method *method, const struct ply *mesh)
 {
     RTCScene scene = describe(self, method, mesh, mesh->triangle_count < WARM_UP ? mesh->triangle_count : WARM_UP);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* embree_scene.h - rtcCommitScene over one mesh, and rtcIntersect1 through the result. */
+/* embree_scene.h - times rtcCommitScene over one mesh, and traces the result with rtcIntersect1. */
 #ifndef BVHD_BENCH_EMBREE_SCENE_H
 #define BVHD_BENCH_EMBREE_SCENE_H
 
@@ -10,21 +10,24 @@
 struct embree_scene;
 
 /*
- * NULL when Embree fails. Each has a device of its own, which decides on the number of threads of every device of the
- * process.
+ * Returns NULL when Embree fails. Each scene has its own device. While it lives, its number of threads applies to every
+ * Embree device of the process.
  */
 struct embree_scene *embree_scene_build(const struct method *method, const struct ply *mesh, unsigned threads);
 void embree_scene_destroy(struct embree_scene *scene);
 
-/* Of rtcCommitScene alone. */
+/* Milliseconds of rtcCommitScene alone. */
 double embree_scene_ms(const struct embree_scene *scene);
 /*
- * What the commit left behind in the device. Vertices and indices, which COMPACT scenes need to be traced, are the
- * caller's.
+ * Bytes that the commit left allocated in the device. They exclude vertices and indices, which belong to the caller,
+ * although tracing a COMPACT scene needs them.
  */
 uint64_t embree_scene_bytes(const struct embree_scene *scene);
 
-/* As traverse(): closest hit, or any with RAY_TERMINATE_ON_FIRST_HIT, of which then only that there is one is told. */
+/*
+ * Works like traverse(): finds the closest hit, or any hit with RAY_TERMINATE_ON_FIRST_HIT. In the latter case only the
+ * return value says whether there is a hit; *ret_hit is not set.
+ */
 bool embree_scene_trace(const struct embree_scene *scene, const struct ray *ray, struct ray_hit *ret_hit);
 
 #endif

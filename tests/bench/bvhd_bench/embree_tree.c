@@ -14,9 +14,12 @@ struct child {
     struct box box;
 };
 
-/* As small as may be: its memory is part of what is measured. A leaf is its count and its ids. */
+/*
+ * A node is as small as possible, because its memory is part of what is measured. A leaf consists of its count and its
+ * ids.
+ */
 struct node {
-    uint32_t count; /* of a leaf's primitives; 0: inner */
+    uint32_t count; /* number of primitives of a leaf; 0: an inner node */
     uint32_t child_count;
     struct child children[];
 };
@@ -72,7 +75,7 @@ static void add(struct RTCBounds *bounds, const float point[3])
                                  .upper_z = box.max[2]};
 }
 
-/* Where both are. */
+/* Clips the bounds to the box of the primitive. */
 static void narrow(struct RTCBounds *bounds, const struct RTCBuildPrimitive *primitive)
 {
     float *low = &bounds->lower_x, *high = &bounds->upper_x;
@@ -84,7 +87,7 @@ static void narrow(struct RTCBounds *bounds, const struct RTCBuildPrimitive *pri
     }
 }
 
-/* The boxes of the triangle's two parts, within the primitive's own box. */
+/* Computes the boxes of the two halves of a triangle that is cut at `position`, clipped to the primitive's own box. */
 static void split(const struct RTCBuildPrimitive *primitive, unsigned axis, float position, struct RTCBounds *left,
                   struct RTCBounds *right, void *context)
 {
@@ -176,7 +179,10 @@ static struct tree copy_tree(const struct node *root, const struct box *bounds)
     return tree;
 }
 
-/* Starts the threads, which a program that builds often does once. Splits may go anywhere in the array. */
+/*
+ * Starts Embree's threads, which a program that builds often does only once. Restores the array of primitives
+ * afterwards, because spatial splits write anywhere in it.
+ */
 static void warm_up(RTCDevice device, struct RTCBuildArguments arguments, const struct primitive_refs *refs)
 {
     RTCBVH bvh = rtcNewBVH(device);
@@ -191,7 +197,7 @@ static void warm_up(RTCDevice device, struct RTCBuildArguments arguments, const 
 
 struct task {
     RTCDevice device;
-    atomic_llong live; /* bytes of the device */
+    atomic_llong live; /* bytes that the device holds */
     struct RTCBuildArguments arguments;
     const struct primitive_refs *refs;
     unsigned threads;

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* embree_tree.h - rtcBuildBVH as a user of Embree alone would call it: defaults, nodes from Embree's own allocator. */
+/*
+ * embree_tree.h - calls rtcBuildBVH as a user of Embree alone would: with defaults, and nodes from Embree's allocator.
+ */
 #ifndef BVHD_BENCH_EMBREE_TREE_H
 #define BVHD_BENCH_EMBREE_TREE_H
 
@@ -8,14 +10,14 @@
 #include "tests/bench/bvhd_bench/tree.h"
 
 struct embree_tree_result {
-    double ms; /* of rtcBuildBVH alone */
-    uint64_t bytes; /* what its device holds afterwards */
-    struct tree tree; /* empty unless asked for */
+    double ms; /* time of rtcBuildBVH alone */
+    uint64_t bytes; /* what the device holds after the build */
+    struct tree tree; /* empty unless want_tree */
 };
 
 /*
- * Builds over a copy of the refs of triangles of `mesh`. The device lives for this call alone: while it does, it
- * decides on the number of threads of every Embree device of the process. NULL, or what went wrong.
+ * Builds over a copy of the refs of the triangles of `mesh`. The device lives only during this call; while it lives,
+ * its number of threads applies to every Embree device of the process. Returns NULL, or what went wrong.
  */
 const char *embree_tree_build(const struct method *method, const struct ply *mesh, const struct primitive_refs *refs,
                               unsigned threads, bool want_tree, struct embree_tree_result *ret_result);

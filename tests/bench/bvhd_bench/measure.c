@@ -11,7 +11,7 @@
 
 enum { FEWEST_RUNS = 3, OVERLAP_SAMPLES = 20000, WORK_RAYS = 20000, CELL_SECONDS = 120 };
 
-/* One scene under way. */
+/* The state of measuring one scene. */
 struct session {
     const struct measure_options *options;
     const char *path;
@@ -35,13 +35,13 @@ double measure_rate(const struct scene_figures *scene, const struct figures *fig
     return ms > 0 ? scene->triangles / ms * 1e-3 : 0;
 }
 
-/* What is done now, and what a run is: for those who wait. */
+/* Tells the user at the terminal which phase begins. */
 static void tell(const struct session *session, const char *phase)
 {
     fprintf(stderr, "bvhd-bench: %s: %s\n", session->scene->name, phase);
 }
 
-/* Which methods survive this scene, in processes of their own; what they take there. */
+/* Finds out in separate processes which methods survive this scene, and how much memory they take. */
 static bool try_all(struct session *session)
 {
     tell(session, "each method in a process of its own");
@@ -110,7 +110,7 @@ static bool time_builds(struct session *session, int crew)
     return true;
 }
 
-/* The same rays for all, made by one of ours. */
+/* Makes the rays, which are the same for all methods, by tracing a build of our own. */
 static bool make_rays(struct session *session, struct bench *bench)
 {
     struct subject subject;
@@ -125,7 +125,7 @@ static bool make_rays(struct session *session, struct bench *bench)
     return is_built;
 }
 
-/* By evenly spaced ones of the diffuse rays. */
+/* Traces evenly spaced ones of the diffuse rays. */
 static struct tree_work trace_sample(const struct session *session, const struct tree *tree)
 {
     const struct ray_sets *rays = &session->rays;
@@ -148,7 +148,7 @@ static void look_at_tree(struct session *session, struct subject *subject, struc
     tree_finish(&subject->tree);
 }
 
-/* Builds once more, to keep what rays go through, and looks at trees. */
+/* Builds once more, keeps what rays are traced through, and inspects the trees. */
 static void build_tracers(struct session *session, struct bench *bench)
 {
     for (uint32_t i = 0; i < session->options->method_count; i++) {

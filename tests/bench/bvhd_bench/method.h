@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* method.h - what is compared: our tiers by target, and what Embree offers. */
+/* method.h - lists the methods that are compared: our tiers by target, and the builders that Embree offers. */
 #ifndef BVHD_BENCH_METHOD_H
 #define BVHD_BENCH_METHOD_H
 
@@ -9,9 +9,9 @@
 
 enum method_kind {
     METHOD_OWN, /* a tier and a target */
-    METHOD_BVH, /* rtcBuildBVH: a tree, nothing to trace it by */
-    METHOD_SCENE, /* rtcCommitScene: something to trace, no tree to look at */
-    METHOD_SWEEP, /* a full sweep, by which trees are measured */
+    METHOD_BVH, /* rtcBuildBVH: has a tree, but no tracer */
+    METHOD_SCENE, /* rtcCommitScene: has a tracer, but no tree to inspect */
+    METHOD_SWEEP, /* a full sweep, the reference for trees */
 };
 
 enum method_effort { EFFORT_LOW, EFFORT_MEDIUM, EFFORT_HIGH };
@@ -24,17 +24,17 @@ struct method {
     enum build_quality quality;
     enum target target;
     uint32_t layout_flags;
-    float rays_per_primitive; /* what auto is told */
-    /* Embree's */
+    float rays_per_primitive; /* the hint that auto is given */
+    /* of Embree */
     enum method_effort effort;
     uint32_t arity; /* METHOD_BVH */
     bool robust, compact; /* METHOD_SCENE */
 };
 
 const struct method *method_all(uint32_t *ret_count);
-/* NULL when there is none. */
+/* Returns NULL when no method has this name. */
 const struct method *method_find(const char *name);
-/* Whether rays can be sent through what it builds; whether its tree can be looked at. */
+/* Whether rays can be traced through the result; whether its tree can be inspected. */
 bool method_traces(const struct method *method);
 bool method_has_tree(const struct method *method);
 

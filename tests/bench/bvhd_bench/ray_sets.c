@@ -9,7 +9,7 @@
 
 enum { TILE = 8 };
 
-/* Where rays from a surface begin, of the scene's size. */
+/* tmin of rays that start on a surface, as a fraction of the scene's size. */
 static const double TMIN = 1e-5;
 
 struct view {
@@ -37,7 +37,7 @@ static struct ray make_ray(const double origin[3], const double direction[3], fl
 static const double forward[3] = {-0.6, -0.5, -0.6244998}, right[3] = {0.7211103, 0, -0.6928203},
                     up[3] = {-0.3464102, 0.8660254, -0.3605551};
 
-/* From outside, 40 degrees wide; the light above and aside. */
+/* The camera is outside of the scene and 40 degrees wide; the light is above it and aside. */
 static struct view view_of(const float bounds[6])
 {
     struct view view = {.radius = 0};
@@ -80,7 +80,7 @@ static void random_on_sphere(struct random *random, double ret_point[3])
         ret_point[axis] /= sqrt(square);
 }
 
-/* From where a primary ray hit. */
+/* Adds the shadow ray from the hit of a primary ray. */
 static void add_shadow(const struct view *view, const struct ray *ray, const struct ray_hit *hit, struct ray_sets *sets)
 {
     double point[3], shadow[3], length = 0;

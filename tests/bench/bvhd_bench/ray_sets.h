@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * ray_sets.h - the rays that are timed: of a picture, from its points to a light, and diffuse ones from anywhere.
+ * ray_sets.h - makes the rays that are timed: primary rays of a picture, shadow rays from their hits to a light, and
+ * diffuse rays from anywhere on the surface.
  *
- * A diffuse ray starts at a random point of the surface, half of them drawn by area, the other half one triangle like
- * another, and goes in a cosine-distributed direction to a random side. What a camera outside sees is no place to start
- * from: most rays from there leave the scene at once, after one step of a stadium's tree, and tell next to nothing
- * about it. By area alone one large ground would be all there is; small triangles are looked at more than their area
- * tells. To a random side, since meshes have no reliable front.
+ * A diffuse ray starts at a random point of the surface and goes in a cosine-distributed direction to a random side.
+ * Half of the points are drawn by area, the other half by triangle, all triangles with equal probability. The points
+ * are not those that a camera outside sees: most rays from there leave the scene at once, after one step in the tree of
+ * a stadium, and say next to nothing about the tree. By area alone, one large ground would receive nearly all rays,
+ * although small triangles matter more than their share of the area. The side is random because meshes have no reliable
+ * front.
  *
- * Through any subject, so that all are sent the same ones. Shadow rays end at the first hit.
+ * All subjects are given the same rays. Shadow rays end at the first hit.
  */
 #ifndef BVHD_BENCH_RAY_SETS_H
 #define BVHD_BENCH_RAY_SETS_H
@@ -24,7 +26,7 @@ struct ray_sets {
 
 const char *ray_kind_name(enum ray_kind kind);
 
-/* A picture of size x size, a multiple of 8. `subject` is of the portable target. */
+/* Makes a picture of size x size pixels, where size is a multiple of 8. `subject` has to be of the portable target. */
 struct ray_sets ray_sets_make(const struct subject *subject, const struct ply *mesh, uint32_t size);
 void ray_sets_finish(struct ray_sets *sets);
 

@@ -259,7 +259,7 @@ static void write_scene(struct json *json, const struct results *results, uint32
     json_object_end(json);
 }
 
-/* Ends the object and the text. */
+/* Ends the object, and writes the text to the file. */
 static bool save(struct json *json, const char *directory, const char *name)
 {
     char path[4096];

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Where a part of a scene stands: turned around the upright axis. */
+/* Where a part of a scene stands, rotated around the upright axis. */
 struct stand {
     double x, y, z, angle;
 };
@@ -15,7 +15,7 @@ static uint32_t add_at(struct mesh *mesh, const struct stand *stand, double x, d
     return mesh_add_vertex(mesh, stand->x + cosine * x - sine * z, stand->y + y, stand->z + sine * x + cosine * z);
 }
 
-/* Half sizes; a roof adds a ridge of that height instead of the flat top. */
+/* Adds a block with half sizes x and z; a roof replaces the flat top by a ridge of that height. */
 static void add_block(struct mesh *mesh, const struct stand *stand, double x, double height, double z, double roof)
 {
     static const double signs[4][2] = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
@@ -44,7 +44,7 @@ static double log_between(struct random *random, double low, double high)
     return exp(random_between(random, log(low), log(high)));
 }
 
-/* Halls side by side: large walls, columns of long thin triangles, furniture, a vase each. */
+/* Halls side by side: large walls, columns of long thin triangles, furniture, and a vase in each. */
 static void make_rooms(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t sides = 12 + (uint32_t)random_between(random, 0, 20), columns = 4 + (uint32_t)random_between(random, 0, 6);
@@ -85,7 +85,7 @@ static void draw_waves(struct random *random, double waves[4][4])
     }
 }
 
-/* A surface over a square, with a little roughness. */
+/* A surface over a square, with some roughness. */
 static void add_hills(struct mesh *mesh, uint32_t side, double rough, const double waves[4][4], struct random *random)
 {
     uint32_t first = mesh->vertex_count;
@@ -120,7 +120,7 @@ static void make_town(struct mesh *mesh, uint32_t size, struct random *random)
     }
 }
 
-/* Strands of three-sided tubes that begin on a head and fall or curl. */
+/* Strands of three-sided tubes that start on a head and fall or curl. */
 static void make_hair(struct mesh *mesh, uint32_t size, struct random *random)
 {
     enum { STEPS = 16 };
@@ -144,7 +144,7 @@ static void make_hair(struct mesh *mesh, uint32_t size, struct random *random)
     }
 }
 
-/* Balls and blocks of sizes over two decades, through each other. */
+/* Balls and blocks of sizes over two decades, which intersect each other. */
 static void make_clutter(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double low = log_between(random, 0.002, 0.02), part = random_between(random, 0.1, 0.6);
@@ -162,7 +162,7 @@ static void make_clutter(struct mesh *mesh, uint32_t size, struct random *random
     }
 }
 
-/* Shafts and pipes at all angles between plates: fans, slivers, large flats. */
+/* Shafts and pipes at all angles between plates: fans, slivers, and large flat faces. */
 static void make_machine(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t sides = 16 + (uint32_t)random_between(random, 0, 48);
@@ -179,7 +179,7 @@ static void make_machine(struct mesh *mesh, uint32_t size, struct random *random
     }
 }
 
-/* Small loose triangles at random within crowns. */
+/* Small loose triangles at random places within crowns. */
 static void make_leaves(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double leaf = log_between(random, 0.5, 3) / sqrt(size);

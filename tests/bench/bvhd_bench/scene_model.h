@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * scene_model.h - scenes such as people have, by numbers from a seed: architecture, a town, hair, hills, clutter,
+ * scene_model.h - generates scenes such as people have, from a seed: architecture, a town, hair, hills, clutter,
  * machines, leaves.
  */
 #ifndef BVHD_BENCH_SCENE_MODEL_H
@@ -8,7 +8,7 @@
 
 #include "tests/support/scene/adversarial.h"
 
-/* All of them, *ret_count of them. Proportions depend on the seed, too, not places alone. */
+/* Returns all of them; their number is *ret_count. Not only places but also proportions depend on the seed. */
 const struct adversarial *scene_model_all(uint32_t *ret_count);
 
 #endif

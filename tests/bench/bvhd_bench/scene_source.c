@@ -14,7 +14,7 @@
 
 enum { SOURCES_MAX = 64 };
 
-/* Parallel triangles around one axis, each within the next: every box holds all smaller ones. */
+/* Parallel triangles around one axis, each within the next: every box contains all smaller ones. */
 static void make_nested(struct mesh *mesh, uint32_t size, struct random *random)
 {
     (void)random;
@@ -25,7 +25,7 @@ static void make_nested(struct mesh *mesh, uint32_t size, struct random *random)
     }
 }
 
-/* Every triangle of a sphere three times over, by vertices of its own: ties everywhere. */
+/* Every triangle of a sphere three times, each time with its own vertices: ties everywhere. */
 static void make_coincident(struct mesh *mesh, uint32_t size, struct random *random)
 {
     static const double centre[3] = {1, 2, 3};
@@ -37,7 +37,7 @@ static void make_coincident(struct mesh *mesh, uint32_t size, struct random *ran
         mesh_add_sphere(mesh, centre, 1, level, NULL, NULL);
 }
 
-/* A ball of 20 um: absolute epsilons swallow it. */
+/* A ball of 20 um, which is smaller than absolute epsilons. */
 static void make_micro(struct mesh *mesh, uint32_t size, struct random *random)
 {
     static const double centre[3] = {0, 0, 0};
@@ -48,7 +48,10 @@ static void make_micro(struct mesh *mesh, uint32_t size, struct random *random)
     mesh_add_sphere(mesh, centre, 1e-5, level, NULL, NULL);
 }
 
-/* Balls of 10 cm at 10 km from each other, one of them far out: grids of eight bits lie far from what they hold. */
+/*
+ * Balls of 10 cm at distances of 10 km, one of them far away: the boxes on grids of eight bits are much larger than
+ * their contents.
+ */
 static void make_islands(struct mesh *mesh, uint32_t size, struct random *random)
 {
     enum { ISLANDS = 9 };
@@ -63,7 +66,7 @@ static void make_islands(struct mesh *mesh, uint32_t size, struct random *random
     }
 }
 
-/* Long thin diagonals across each other: what splits multiply without end. */
+/* Long thin diagonals across each other, whose references multiply without end in spatial splits. */
 static void make_sticks(struct mesh *mesh, uint32_t size, struct random *random)
 {
     for (uint32_t i = 0; i < size / 2; i++) {
@@ -79,7 +82,7 @@ static void make_sticks(struct mesh *mesh, uint32_t size, struct random *random)
     }
 }
 
-/* Nothing can be hit. */
+/* All corners are NaN, so that nothing can be hit. */
 static void make_nothing(struct mesh *mesh, uint32_t size, struct random *random)
 {
     static const double corners[3][3] = {{NAN, 0, 0}, {NAN, 1, 0}, {NAN, 0, 1}};
@@ -88,7 +91,7 @@ static void make_nothing(struct mesh *mesh, uint32_t size, struct random *random
         mesh_add_loose_triangle(mesh, corners[0], corners[1], corners[2]);
 }
 
-/* From 1e-30 to 1e30, log-uniform, each triangle as large as it is far away. */
+/* Triangles from 1e-30 to 1e30, log-uniform, each as large as its distance from the origin. */
 static void make_decades(struct mesh *mesh, uint32_t size, struct random *random)
 {
     for (uint32_t i = 0; i < size; i++) {
@@ -102,7 +105,7 @@ static void make_decades(struct mesh *mesh, uint32_t size, struct random *random
     }
 }
 
-/* One level of triangles over a plane that is tilted by an ulp or so: boxes that are flat but for rounding. */
+/* One level of triangles over a plane that is displaced by about an ulp: the boxes are flat but for rounding. */
 static void make_almost_flat(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t side = (uint32_t)sqrt(size / 2.0) + 2;
@@ -125,7 +128,7 @@ static const struct adversarial more[] = {
 
 enum { MORE = sizeof more / sizeof more[0] };
 
-/* The hard ones first. */
+/* The scene of that index; hard scenes come first. */
 static struct adversarial numbered(uint32_t index)
 {
     uint32_t hard, ordinary, various;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * scene_source.h - meshes from files, and generated ones by name: those at which builders and traversals fail, and such
- * as people have.
+ * scene_source.h - opens meshes from files, and generated ones by name: scenes on which builders and traversals fail,
+ * and scenes such as people have.
  */
 #ifndef BVHD_BENCH_SCENE_SOURCE_H
 #define BVHD_BENCH_SCENE_SOURCE_H
@@ -12,16 +12,17 @@
 
 struct scene_source {
     const char *name;
-    const char *shows; /* what goes wrong with it, or what it is, a few words */
-    bool is_hard; /* something goes wrong with it */
+    const char *shows; /* what goes wrong with the scene, or what it is, in a few words */
+    bool is_hard; /* something goes wrong with it in some methods */
 };
 
-/* Generated ones. The table lives as long as the program. */
+/* Returns the table of generated scenes. It lives as long as the program. */
 const struct scene_source *scene_source_all(uint32_t *ret_count);
 
 /*
- * A generated scene of that name, of about `size` triangles (NAME@SEED, NAME@SEED@SIZE: of others), or else a file;
- * freed with ply_free. NULL, and a line on stderr, when there is neither.
+ * Opens the generated scene of that name with about `size` triangles, or else a file. NAME@SEED and NAME@SEED@SIZE
+ * override `seed` and `size`. The caller frees the result with ply_free. Returns NULL, with a line on stderr, when
+ * there is neither a scene nor a file of that name.
  */
 struct ply *scene_source_open(const char *name, uint32_t size, uint64_t seed);
 

@@ -7,7 +7,7 @@
 
 #include "tests/bench/bvhd_bench/scene_model.h"
 
-/* Where a part of a scene stands: axes[i] is where its i-th axis points, with its scale. */
+/* Where a part of a scene stands: axes[i] is the direction of its i-th axis, multiplied by its scale. */
 struct frame {
     double origin[3], axes[3][3];
 };
@@ -17,7 +17,7 @@ static double log_between(struct random *random, double low, double high)
     return exp(random_between(random, log(low), log(high)));
 }
 
-/* Turned around the upright axis first, then by `tilt` around another. */
+/* A frame that is rotated around the upright axis first, then by `tilt` around another. */
 static struct frame frame_at(const double origin[3], double scale, double turn, double tilt)
 {
     double c = scale * cos(turn), s = scale * sin(turn), ct = cos(tilt), st = sin(tilt);
@@ -25,7 +25,7 @@ static struct frame frame_at(const double origin[3], double scale, double turn, 
                           {{c, s * st, s * ct}, {0, scale * ct, -scale * st}, {-s, c * st, c * ct}}};
 }
 
-/* Of any direction. */
+/* A frame of random orientation. */
 static struct frame any_frame(struct random *random, const double origin[3], double scale)
 {
     double turn = random_between(random, 0, 2 * M_PI);
@@ -46,7 +46,7 @@ static uint32_t add_at(struct mesh *mesh, const struct frame *frame, double x, d
     return mesh_add_vertex(mesh, point[0], point[1], point[2]);
 }
 
-/* All that was added from vertex `first` on. */
+/* Moves all vertices from `first` on into the frame. */
 static void move_from(struct mesh *mesh, uint32_t first, const struct frame *frame)
 {
     for (uint32_t i = first; i < mesh->vertex_count; i++) {
@@ -57,7 +57,7 @@ static void move_from(struct mesh *mesh, uint32_t first, const struct frame *fra
     }
 }
 
-/* Every other scene stands along the axes, the others do not. */
+/* Rotates half of the scenes at random; the other half stay aligned with the axes. */
 static void turn_whole(struct mesh *mesh, struct random *random)
 {
     static const double origin[3] = {0, 0, 0};
@@ -79,7 +79,7 @@ static void add_box(struct mesh *mesh, const struct frame *frame, double x, doub
         mesh_add_quad(mesh, first + sides[i][0], first + sides[i][1], first + sides[i][2], first + sides[i][3]);
 }
 
-/* Upright, in its frame. */
+/* Adds a surface of revolution around the upright axis of the frame. */
 static void add_lathe(struct mesh *mesh, const struct frame *frame, const double (*profile)[2], uint32_t count,
                       uint32_t sides)
 {
@@ -88,7 +88,7 @@ static void add_lathe(struct mesh *mesh, const struct frame *frame, const double
     move_from(mesh, first, frame);
 }
 
-/* A sheet over [-1, 1]^2 that waves. */
+/* Adds a wavy sheet over [-1, 1]^2. */
 static void add_sheet(struct mesh *mesh, const struct frame *frame, uint32_t side, double height, double waves)
 {
     uint32_t first = mesh->vertex_count;
@@ -100,8 +100,8 @@ static void add_sheet(struct mesh *mesh, const struct frame *frame, uint32_t sid
 }
 
 /*
- * A flat disc as programs cut it: all from one corner, or from side to side. Long thin triangles that lie across each
- * other's boxes.
+ * Adds a flat disc, triangulated as modelling programs do it: all triangles from one corner, or in zigzag. The long
+ * thin triangles overlap each other's boxes.
  */
 static void add_disc(struct mesh *mesh, const struct frame *frame, double radius, double y, uint32_t sides, bool zigzag)
 {
@@ -148,7 +148,7 @@ static void make_atrium(struct mesh *mesh, uint32_t size, struct random *random)
     turn_whole(mesh, random);
 }
 
-/* Plates with bores, shafts and rims, tessellated as surfaces with few curvatures are. */
+/* Plates with bores, shafts and rims, tessellated like surfaces with few curvatures. */
 static void make_fixture(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t sides = 16 + random_next(random) % 40;
@@ -205,7 +205,7 @@ static void make_bricks(struct mesh *mesh, uint32_t size, struct random *random)
     turn_whole(mesh, random);
 }
 
-/* One huge ground, things on it of ever smaller sizes. */
+/* One huge ground, and things on it of ever smaller sizes. */
 static void make_arena(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double ratio = log_between(random, 0.02, 0.5), scale = 1, origin[3] = {0, 0, 0};
@@ -234,7 +234,7 @@ static double bumps_at(const double direction[3], const void *context)
     return sum;
 }
 
-/* Figures as scanners see them: even, bumpy, on a table. */
+/* Scanned figures: even, bumpy, some on a table. */
 static void make_scan(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t level = 0, figures = 0;
@@ -252,7 +252,7 @@ static void make_scan(struct mesh *mesh, uint32_t size, struct random *random)
     turn_whole(mesh, random);
 }
 
-/* Balls within balls, fine ones. */
+/* Many concentric balls. */
 static void make_shells(struct mesh *mesh, uint32_t size, struct random *random)
 {
     static const double centre[3] = {0, 0, 0};
@@ -262,7 +262,7 @@ static void make_shells(struct mesh *mesh, uint32_t size, struct random *random)
         mesh_add_sphere(mesh, centre, radius, level, NULL, NULL);
 }
 
-/* Trees on hills: trunks and boughs of long triangles, many small leaves. */
+/* Trees on hills: trunks and boughs of long triangles, and many small leaves. */
 static void make_forest(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double leaf = log_between(random, 0.01, 0.08), share = random_between(random, 0.1, 0.5),
@@ -295,7 +295,7 @@ static void make_forest(struct mesh *mesh, uint32_t size, struct random *random)
     }
 }
 
-/* Sheets upon sheets, closer to each other than their folds are high. */
+/* Layered sheets, closer to each other than their folds are high. */
 static void make_cloth(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t layers = 1 + random_next(random) % 12;
@@ -309,7 +309,7 @@ static void make_cloth(struct mesh *mesh, uint32_t size, struct random *random)
     turn_whole(mesh, random);
 }
 
-/* Thin bars along the axes, some across; lattices. */
+/* Thin bars along the axes, some of them across: lattices. */
 static void make_scaffold(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double thin = log_between(random, 0.002, 0.05), across = random_between(random, 0, 0.5);
@@ -362,7 +362,7 @@ static void make_signs(struct mesh *mesh, uint32_t size, struct random *random)
     }
 }
 
-/* Far apart from each other, fine in themselves, of sizes over decades. */
+/* Fine balls far apart from each other, with sizes over decades. */
 static void make_clusters(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t level = 2 + random_next(random) % 3;
@@ -374,7 +374,7 @@ static void make_clusters(struct mesh *mesh, uint32_t size, struct random *rando
     }
 }
 
-/* A sheet of fine hills, and large plain things stuck into it. */
+/* A sheet of fine hills with large plain things stuck into it. */
 static void make_park(struct mesh *mesh, uint32_t size, struct random *random)
 {
     double share = random_between(random, 0.5, 0.98);
@@ -393,7 +393,7 @@ static void make_park(struct mesh *mesh, uint32_t size, struct random *random)
     }
 }
 
-/* One of the other models, which stand upright, at an angle. */
+/* One of the models of scene_model.h, which stand upright, rotated at random. */
 static void make_tilted(struct mesh *mesh, uint32_t size, struct random *random)
 {
     static const double origin[3] = {0, 0, 0};

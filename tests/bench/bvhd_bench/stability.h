@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * stability.h - which methods survive which scenes, and what they get wrong there: each cell in a process of its own.
+ * stability.h - maps which methods survive which scenes, and what they get wrong there. Each cell of the map is
+ * measured in a separate process.
  */
 #ifndef BVHD_BENCH_STABILITY_H
 #define BVHD_BENCH_STABILITY_H
@@ -13,8 +14,8 @@ enum { STABILITY_ROWS = 32, STABILITY_COLUMNS = 64 };
 struct stability_options {
     uint32_t size, rays; /* of each scene */
     uint64_t seed;
-    double seconds; /* that a cell may take */
-    char **scenes; /* names of the generated scenes wanted; none: all */
+    double seconds; /* time limit of a cell */
+    char **scenes; /* names of the generated scenes wanted; none: all hard ones */
     int scene_count;
 };
 
@@ -26,16 +27,16 @@ struct stability {
     struct cell_result cells[STABILITY_ROWS][STABILITY_COLUMNS];
 };
 
-/* Runs all cells. False, and a line on stderr, when one cannot be started. */
+/* Runs all cells. Returns false, with a line on stderr, when a process cannot be started. */
 bool stability_run(const struct stability_options *options, struct stability *ret_stability);
 
-/* Neither wrong nor without an answer. */
+/* Whether the cell has an answer and no wrong one. */
 bool stability_is_clean(const struct cell_result *cell);
 
-/* Rays a second as a share of those of the fastest clean method of the column; 0 when unknown. */
+/* The cell's rays a second divided by those of the fastest clean method of the column; 0 when unknown. */
 double stability_speed(const struct stability *stability, uint32_t row, uint32_t column);
 
-/* Cells of our own that are not clean. */
+/* The number of cells of our own methods that are not clean. */
 uint32_t stability_own_failures(const struct stability *stability);
 
 #endif

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * stopwatch.h - what a build takes: of several threads the time on the wall, of one the processor's, which others on
- * the machine hardly disturb and which is the same as long as nothing waits.
+ * stopwatch.h - tells the time that builds are measured by: wall-clock time for several threads, the process's
+ * processor time for one. Processor time is hardly disturbed by other programs, and equals wall-clock time as long as
+ * nothing waits.
  */
 #ifndef BVHD_BENCH_STOPWATCH_H
 #define BVHD_BENCH_STOPWATCH_H
 
 #include <time.h>
 
-/* Milliseconds since some moment. */
+/* Milliseconds since some fixed moment. */
 static inline double stopwatch_ms(unsigned threads)
 {
     struct timespec now;

@@ -63,7 +63,7 @@ static bool look_at_tree(const struct canonical *canonical, const struct build_o
     return true;
 }
 
-/* From the canonical copy on. */
+/* Builds from the canonical copy. */
 static bool build_own_from(struct bench *bench, const struct canonical *canonical, const struct build_options *options,
                            struct subject_wants wants, struct subject *subject)
 {
@@ -105,7 +105,8 @@ static bool build_own(struct bench *bench, const struct ply *mesh, struct subjec
     subject->prepare_ms = stopwatch_ms(bench->threads) - begin;
     bool is_built = build_own_from(bench, &canonical, &input.options, wants, subject);
     subject->peak_bytes -= is_built ? live : 0;
-    facts_gather(&canonical, &subject->facts); /* after it: auto is to pay for its look at cold primitives itself */
+    /* Gathered after the build, so that auto pays for reading the primitives from cold caches itself. */
+    facts_gather(&canonical, &subject->facts);
     prepare_finish(&canonical, &bench->memory);
     return is_built;
 }
@@ -154,7 +155,7 @@ static void build_sweep(const struct bench *bench, const struct primitive_refs *
         tree_finish(&subject->tree);
 }
 
-/* Both start from the same refs, which our first stage makes. */
+/* Builds with Embree's builder or the sweep; both start from the same refs, made by the first stage of our builder. */
 static bool build_tree(struct bench *bench, const struct ply *mesh, struct subject_wants wants, struct subject *subject)
 {
     struct bvhd_error error;

@@ -25,7 +25,7 @@ static double work_of(const struct figures *figures)
     return figures->work.inner + figures->work.triangles;
 }
 
-/* Relative to the sweep's; 0 where either is missing. */
+/* The figure relative to the sweep's; 0 where either is missing. */
 static double tree_figure(const struct figures *own, const struct figures *sweep, enum figure figure)
 {
     double value = figure == FIGURE_SAH ? own->sah : figure == FIGURE_WORK ? work_of(own) : own->overlap;

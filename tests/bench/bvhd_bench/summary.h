@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* summary.h - geometric means over the scenes, and how far the floors are. */
+/* summary.h - geometric means over the scenes, and the floors that they have to meet. */
 #ifndef BVHD_BENCH_SUMMARY_H
 #define BVHD_BENCH_SUMMARY_H
 
@@ -11,15 +11,15 @@ struct results {
     uint32_t scene_count;
 };
 
-/* What a mean is taken of. Trees' figures are relative to those of the full sweep. */
+/* The figures that have means. The figures of trees are relative to the full sweep's. */
 enum figure {
     FIGURE_RATE_ALL, /* million triangles a second, all threads */
     FIGURE_RATE_ONE, /* one thread */
     FIGURE_SAH,
     FIGURE_WORK,
     FIGURE_OVERLAP,
-    FIGURE_REFS, /* a triangle */
-    FIGURE_BYTES, /* a triangle */
+    FIGURE_REFS, /* references per triangle */
+    FIGURE_BYTES, /* bytes per triangle */
     FIGURE_PRIMARY, /* million rays a second */
     FIGURE_DIFFUSE,
     FIGURE_SHADOW,
@@ -27,24 +27,24 @@ enum figure {
 };
 
 const char *figure_name(enum figure figure);
-/* False when it was not measured. */
+/* Returns false when the figure was not measured. */
 bool figure_of(const struct results *results, uint32_t scene, uint32_t method, enum figure figure, double *ret_value);
 
 struct mean {
-    uint32_t count; /* of scenes; 0: no mean */
+    uint32_t count; /* number of scenes; 0: no mean */
     double value;
     double least, most;
     const char *least_scene, *most_scene;
 };
 /*
- * Of a figure of one method, or of its ratio to a peer's; `peer` NULL: as it is. Methods that are not measured have no
- * mean.
+ * Returns the mean of a figure of one method, or of its ratio to the figure of `peer` (NULL: of the figure itself).
+ * Methods that were not measured have no mean.
  */
 struct mean mean_of(const struct results *results, const char *method, const char *peer, enum figure figure);
 
-/* Something that has to hold. */
+/* A bound that a mean has to meet. */
 struct floor {
-    const char *method, *peer; /* peer NULL: the figure itself */
+    const char *method, *peer; /* peer NULL: bounds the figure itself */
     enum figure figure;
     bool at_least;
     double floor, aim;

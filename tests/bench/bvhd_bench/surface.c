@@ -6,7 +6,7 @@
 
 #include "tests/bench/bvhd_bench/tree.h"
 
-/* As long as twice the triangle's area. */
+/* Computes a normal whose length is twice the triangle's area, and returns that length. */
 static double perpendicular(const struct ply *mesh, uint32_t triangle, double ret_normal[3])
 {
     double edges[2][3];
@@ -67,13 +67,13 @@ static struct surface_point draw_from(const struct ply *mesh, uint32_t triangle,
         double a = mesh->positions[(size_t)3 * corners[0] + (size_t)axis],
                b = mesh->positions[(size_t)3 * corners[1] + (size_t)axis];
         double c = mesh->positions[(size_t)3 * corners[2] + (size_t)axis], value = (1 - u - v) * a + u * b + v * c;
-        /* Rounding must not take it out of the triangle's own box. */
+        /* Rounding must not move the point out of the triangle's box. */
         point.position[axis] = fmin(fmax(value, fmin(fmin(a, b), c)), fmax(fmax(a, b), c));
     }
     return point;
 }
 
-/* The first triangle up to which there is more area. */
+/* The first triangle whose summed area exceeds `area`. */
 static uint32_t triangle_at(const struct surface *surface, double area)
 {
     uint32_t low = 0, high = surface->count - 1;

@@ -4,12 +4,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* order[axis][begin .. end) holds the same refs for every axis, by their centres. */
+/* order[axis][begin .. end) holds the same refs for every axis, sorted by their centres. */
 struct sweep {
     const struct primitive_ref *refs;
     uint32_t *order[3];
     uint32_t *scratch;
-    double *right_area; /* of refs i .. end, while one axis is swept */
+    double *right_area; /* area of refs i .. end, while one axis is swept */
     bool *is_left;
     struct tree tree;
 };
@@ -17,7 +17,7 @@ struct sweep {
 struct cut {
     double cost;
     int axis;
-    uint32_t at; /* the first ref on the right */
+    uint32_t at; /* first ref of the right side */
 };
 
 struct entry {
@@ -61,7 +61,7 @@ static void sweep_axis(struct sweep *sweep, int axis, uint32_t begin, uint32_t e
     }
 }
 
-/* Keeps the order within both sides, on every axis. */
+/* Partitions the refs of every axis; within both sides they keep their order. */
 static void partition(struct sweep *sweep, const struct cut *cut, uint32_t begin, uint32_t end)
 {
     for (uint32_t i = begin; i < end; i++)

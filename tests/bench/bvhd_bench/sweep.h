@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * sweep.h - the tree that others are measured by: a full sweep of the surface area heuristic, every position on every
- * axis at every node.
+ * sweep.h - builds the reference tree that others are compared with: a full sweep of the surface area heuristic, which
+ * tries every position on every axis at every node.
  *
- * Traversal and intersection cost 1; a leaf is made where no split is cheaper. Slow, greedy, without reinsertion and
- * spatial splits.
+ * A traversal step and an intersection cost 1 each; a node becomes a leaf where no split is cheaper. The builder is
+ * slow and greedy, and has neither reinsertion nor spatial splits.
  */
 #ifndef BVHD_BENCH_SWEEP_H
 #define BVHD_BENCH_SWEEP_H

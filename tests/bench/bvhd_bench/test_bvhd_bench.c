@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What bvhd-bench computes, on cases small enough to be known. */
+/* test_bvhd_bench.c - tests that the parts of bvhd-bench compute what is known for small cases. */
 #include "tests/support/unit.h"
 
 #include <math.h>
@@ -10,12 +10,12 @@
 #include "tests/bench/bvhd_bench/surface.h"
 #include "tests/bench/bvhd_bench/sweep.h"
 
-/* Two right triangles of side 1 in the plane z = 0, ten apart. */
+/* Two right triangles with legs of 1 in the plane z = 0, ten apart. */
 static float positions[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 10, 0, 0, 11, 0, 0, 10, 1, 0};
 static uint32_t indices[] = {0, 1, 2, 3, 4, 5};
 static const struct ply pair = {6, 2, positions, indices};
 static const struct primitive_ref pair_refs[] = {{{0, 0, 0}, 0, {1, 1, 0}, 0}, {{10, 0, 0}, 0, {11, 1, 0}, 1}};
-/* From above the first of them. */
+/* A ray from above at the first of them. */
 static const struct ray down = {.origin = {0.2f, 0.2f, 5}, .direction = {0, 0, -1}, .tmax = 100, .cull_mask = 0xff};
 
 static void test_statistic(void **state)
@@ -50,7 +50,7 @@ static void test_sweep(void **state)
     tree_finish(&tree);
 }
 
-/* Equal refs are one leaf: no split is cheaper. */
+/* Equal refs become one leaf, because no split is cheaper. */
 static void test_sweep_ties(void **state)
 {
     const struct primitive_ref refs[] = {pair_refs[0], pair_refs[0], pair_refs[0]};
@@ -62,7 +62,8 @@ static void test_sweep_ties(void **state)
 }
 
 /*
- * The second is a hundred times as large as the first; a line, and one with a corner that is no number, have no points.
+ * The second triangle is a hundred times as large as the first. The third, which is a line, and the fourth, with a NaN
+ * corner, have no points.
  */
 static void test_surface(void **state)
 {
@@ -95,7 +96,7 @@ static void test_surface(void **state)
     surface_finish(&surface);
 }
 
-/* Both leaves as large as the root. */
+/* Both leaves are as large as the root. */
 static void test_overlap(void **state)
 {
     const struct box all = {{0, 0, 0}, {11, 1, 0}};
@@ -109,7 +110,7 @@ static void test_overlap(void **state)
     assert_true(work.inner == 1 && work.triangles == 2);
 }
 
-/* A scene where `name` took `ms` and traces `mrays`. */
+/* Adds a method `name` to the scene, which took `ms` to build and traces `mrays`. */
 static void put(struct results *results, struct measure_options *options, const char *name, double ms, double mrays)
 {
     struct figures *figures = &results->scenes[0].methods[options->method_count];
@@ -133,7 +134,7 @@ static void test_choice(void **state)
     put(&results, &options, "high", 20, 4);
     for (int hint = 0; hint < CHOICE_HINTS; hint++)
         put(&results, &options, choice_method(hint), 2, 2);
-    /* A tenth of a ray a primitive is 0.1 ms with fast, 100 are 25 ms with high. */
+    /* A tenth of a ray a primitive takes 0.1 ms with fast; 100 take 25 ms with high. */
     assert_true(choice_of(&results, 0, 0, &choice));
     assert_string_equal(choice.best, "fast");
     assert_true(fabs(choice.best_ms - 1.1) < 1e-9 && fabs(choice.auto_ms - 2.05) < 1e-9 && !choice.is_good);
@@ -162,12 +163,12 @@ static void test_means(void **state)
     assert_string_equal(mean.most_scene, "a");
     assert_int_equal(mean_of(&results, "balanced", "fast", FIGURE_SAH).count, 0);
     assert_int_equal(mean_of(&results, "high", NULL, FIGURE_RATE_ONE).count, 0);
-    /* What failed has no part in it. */
+    /* A method that failed on a scene has no figure there. */
     strcpy(scenes[1].methods[1].failure, "crashed");
     assert_int_equal(mean_of(&results, "balanced", "fast", FIGURE_RATE_ONE).count, 1);
 }
 
-/* Every generated scene is one, by a name of its own, with indices in range. */
+/* Every generated scene has triangles, a unique name, and indices in range. */
 static void test_scenes(void **state)
 {
     uint32_t count;

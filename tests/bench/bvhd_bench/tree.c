@@ -71,7 +71,10 @@ static bool holds(const struct box *box, const double point[3])
     return true;
 }
 
-/* The cost of the nodes below and at `index` that the sample lies in without belonging there. */
+/*
+ * The cost of the nodes at and below `index` whose box contains the sample, but whose subtree does not contain its
+ * triangle.
+ */
 static double overlap_below(const struct tree *tree, uint32_t index, const struct surface_point *sample,
                             bool *ret_belongs)
 {

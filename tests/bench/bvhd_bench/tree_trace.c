@@ -22,8 +22,8 @@ struct walk {
 };
 
 /*
- * Where the ray enters; infinite when it does not before `best`. NaNs of rays within a plane leave the other bound as
- * it is.
+ * The distance at which the ray enters the box; INFINITY when it does not enter before `best`. NaNs, from rays within a
+ * plane of the box, leave the other bound unchanged.
  */
 static double entry(const struct walk *walk, const struct box *box)
 {

@@ -8,7 +8,7 @@
 
 #include "client/bvhctl/oracle/rays.h"
 
-/* A random triangle with finite corners; false when none is found. */
+/* Picks a random triangle with finite corners; false when none is found. */
 static bool pick(const struct ply *mesh, uint64_t *state, const float *ret_corners[3])
 {
     enum { TRIES = 100 };
@@ -26,7 +26,7 @@ static bool pick(const struct ply *mesh, uint64_t *state, const float *ret_corne
     return false;
 }
 
-/* From where it starts to a point `share` along an edge of a random triangle. */
+/* Aims the ray from its origin at a point `share` along an edge of a random triangle. */
 static void aim_at_edge(const struct ply *mesh, double share, uint64_t *state, struct ray *ray)
 {
     const float *corners[3];
@@ -41,7 +41,10 @@ static void aim_at_edge(const struct ply *mesh, double share, uint64_t *state, s
         ray->direction[axis] = (float)(direction[axis] / length);
 }
 
-/* Half of the rays: one of four at a corner, one at an edge, both from outside of the scene, where even rays start. */
+/*
+ * Redirects half of the rays: of every four, one to a corner and one to an edge. Both start outside of the scene, where
+ * rays of even index start.
+ */
 static void aim_at_edges(const struct ply *mesh, uint64_t seed, struct trial *trial)
 {
     uint64_t state = seed;
@@ -81,7 +84,7 @@ void trial_finish(struct trial *trial)
     free(trial->rays);
 }
 
-/* Nothing is wrong but the distance. */
+/* Whether the hit is right in everything but the distance. */
 static bool is_inexact(const struct oracle_answer *answer, const struct ray_hit *hit)
 {
     bool is_tied = false;
