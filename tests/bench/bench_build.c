@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_build - how fast structures are built, beside rtcBuildBVH in the same run (MEDIUM, and LOW with eight-wide
- * nodes), and what they are worth.
+ * bench_build - measures how fast structures are built, beside rtcBuildBVH in the same run (MEDIUM, and LOW with
+ * eight-wide nodes), and how good they are.
  *
  *     bench_build [--quality fast|balanced|high] [--runs N] SCENE.ply...
  *
- * For 2 threads and for 1, per scene: medians of N runs (5), ours and Embree's taking turns. "build" is what build()
- * takes: boxes, splitting, pieces, joining, depth, collapse and the writing of the layout; prepare stands apart. SAH of
- * binary trees by the same formula, beside MEDIUM's and that of a full sweep. Ratios of rates by the clock, and by
- * processor time, which says more where others use the machine too.
+ * It measures with 2 threads and with 1. For each scene it prints medians of N runs (5), in which our build and
+ * Embree's alternate. "build" is the time of build(): boxes, splitting, pieces, joining, depth, collapse and writing of
+ * the layout; "prepare" is listed separately. The SAH cost of the binary trees, by one formula, is beside that of
+ * MEDIUM and of a full sweep. Ratios of rates are by wall-clock time, and by processor time, which says more while
+ * others use the machine.
  */
 #include <math.h>
 #include <stdio.h>
@@ -25,7 +26,7 @@
 
 enum { MAX_RUNS = 101, VALUES = 14, MAX_SCENES = 64 };
 
-/* The columns of times, ms. */
+/* The columns of times, in ms. */
 enum {
     PREPARE,
     BOXES,
@@ -182,7 +183,7 @@ static void print_row(const struct row *row)
            row->stats.method);
 }
 
-/* Geometric mean of a figure and the scene where it is worst. */
+/* Prints the geometric mean of a figure, and the scene where it is worst. */
 static void print_mean(const char *what, const struct row *rows, int count, double (*figure)(const struct row *row),
                        bool low_is_bad)
 {

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_cancel - how long a build goes on after it was cancelled.
+ * bench_cancel - measures how long a build continues after it was cancelled.
  *
  *     bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads N] [--seconds N] SCENE.ply
  *
  * The scene is repeated side by side until it has N triangles (2,000,000). One build, with preparation and key, runs to
- * its end; then 200 are cancelled, at moments spread evenly over that time, and what passes between the flag and the
- * return with nothing held is printed. Two threads, each quality unless one is named, at most 60 s for each quality:
- * what is done by then is spread evenly too. The processor time that all threads spent meanwhile is printed beside it:
- * on a machine that has other things to do it says more.
+ * its end; then builds are cancelled (200 times) at moments spread evenly over that time. Printed is the time between
+ * setting the flag and the return, by which nothing may be held any more. By default two threads build each quality for
+ * at most 60 s; the moments reached by then are evenly spread, too. The processor time that all threads spent after the
+ * flag is printed beside it; it says more on a machine that is busy otherwise.
  */
 #include <pthread.h>
 #include <stdio.h>
@@ -23,20 +23,20 @@
 #include "builder/workers.h"
 
 struct options {
-    long quality; /* 0: each */
+    long quality; /* 0: each quality */
     long triangles, cancels, threads, seconds;
 };
 
-/* What one cancelled build did. */
+/* The measurements of one cancelled build. */
 struct sample {
-    double moment, latency; /* ms after the start, after the flag */
+    double moment, latency; /* ms from the start to the flag, and from the flag to the return */
     double cpu; /* ms of all threads after the flag */
 };
 
 struct cancelling {
     atomic_bool cancel;
-    double after; /* ms */
-    double at, cpu; /* when the flag was set */
+    double after; /* ms to wait before setting the flag */
+    double at, cpu; /* clock and processor time when the flag was set */
 };
 
 static double read_clock(clockid_t clock)
@@ -57,7 +57,7 @@ static void fail(const char *what)
     exit(1);
 }
 
-/* Copies beside each other along x. */
+/* Copies the mesh beside itself along x, until there are `triangles` triangles. Frees `ply`. */
 static struct ply *repeat(struct ply *ply, uint32_t triangles)
 {
     uint32_t copies = (triangles + ply->triangle_count - 1) / ply->triangle_count;
@@ -97,7 +97,7 @@ static void *set_flag(void *context)
     return NULL;
 }
 
-/* Everything that a service does for one structure; nothing is held afterwards. */
+/* Does everything that a service does for one structure. Nothing is held afterwards. */
 static enum bvhd_status run_all(const struct build_input *input, const struct build_context *context)
 {
     struct limits limits = limits_default();
@@ -116,7 +116,7 @@ static enum bvhd_status run_all(const struct build_input *input, const struct bu
     return status;
 }
 
-/* Returns false when the build was done before. */
+/* Returns false when the build had ended before it was cancelled. */
 static bool cancel_once(const struct build_input *input, struct build_context *context, double after,
                         struct sample *ret_sample)
 {
@@ -131,7 +131,7 @@ static bool cancel_once(const struct build_input *input, struct build_context *c
     pthread_join(thread, NULL);
     context->cancel = NULL;
     if (atomic_load(&context->memory->live) != 0)
-        fail("something is held");
+        fail("memory is still held after the return");
     *ret_sample = (struct sample){cancelling.at - begin, end - cancelling.at, cpu - cancelling.cpu};
     return status == BVHD_CANCELLED;
 }
@@ -174,7 +174,7 @@ static double time_whole(const struct build_input *input, const struct build_con
     return milliseconds() - begin;
 }
 
-/* Steps of the golden ratio: evenly spread whenever it ends. */
+/* A sequence of multiples of the golden ratio, modulo 1: it is evenly spread wherever it ends. */
 static double share_of(long i)
 {
     double turns = 0.5 + 0.6180339887498949 * (double)i;
@@ -215,7 +215,7 @@ static long quality_named(const char *name)
     return 0;
 }
 
-/* Returns the number of arguments that it took. */
+/* Returns the index of the first argument that is no option. */
 static int read_options(int argc, char **argv, struct options *options)
 {
     const struct {
@@ -242,9 +242,8 @@ int main(int argc, char **argv)
     int first = read_options(argc, argv, &options);
     if (first + 1 != argc || options.triangles < 1 || options.triangles > 100000000 || options.cancels < 1 ||
         options.cancels > 1000000 || options.threads < 1 || options.threads > 1024) {
-        fprintf(stderr, "usage: bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] [--threads "
-                        "N] [--seconds N] "
-                        "SCENE.ply\n");
+        fprintf(stderr, "usage: bench_cancel [--quality fast|balanced|high] [--triangles N] [--cancels N] "
+                        "[--threads N] [--seconds N] SCENE.ply\n");
         return 2;
     }
     struct ply *ply = ply_read(argv[first]);

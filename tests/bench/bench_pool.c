@@ -1,17 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_pool - how well the daemon's pool keeps its threads busy, and how long a small job waits.
+ * bench_pool - measures how well the daemon's pool keeps its threads busy, and how long a small job waits.
  *
  *     bench_pool [THREADS]
  *
- * THREADS: as many as there are processors. Prints ratios for a quiet machine; takes some 15 seconds.
+ * THREADS defaults to the number of processors. The ratios are meant for a quiet machine; a run takes about 15 seconds.
  *
- *   scaling   640 jobs of about 1 ms in one flow: rate with THREADS / (THREADS times the rate with 1), the median of some runs; and in the
- *             same run the same for plain threads that share a counter, which is what the machine has to give; and, which a busy
- *             machine does not change, the part of the time that the threads spend in jobs
- *   beside    a 1 ms job of another flow while tasks of 25 ms fill all workers: time from submission to done, against a quiet pool
- *   start     from submission to the start on an idle pool
- *   share     part of all time that a client with one large job gets beside a client with a flood of small ones
+ *   scaling   640 jobs of about 1 ms in one flow: the rate with THREADS, divided by THREADS times the rate with 1
+ *             thread; the median of several runs. Beside it stand the same ratio for plain threads that share a
+ *             counter, which shows what the machine can give, and the fraction of the time that the pool's threads
+ *             spend in jobs, which a busy machine does not change.
+ *   beside    a 1 ms job of another flow while tasks of 25 ms fill all workers: time from submission to done, compared
+ *             with a quiet pool
+ *   start     time from submission to the start of a job on an idle pool
+ *   share     fraction of all time that a client with one large job gets beside a client with a flood of small ones
  */
 #include <poll.h>
 #include <pthread.h>
@@ -29,7 +31,7 @@ enum { JOBS = 640, RUNS = 5, SMALL_SAMPLES = 100, START_SAMPLES = 1000, LARGE = 
 struct work {
     struct pool_job job;
     double milliseconds;
-    unsigned tasks; /* 0: the work is done by run() itself */
+    unsigned tasks; /* 0: run() does the work itself */
     bool is_done;
 };
 
@@ -156,7 +158,7 @@ static void collect_until_done(struct bench *bench, const struct work *work)
     }
 }
 
-/* From the first start to the last end, ms; and which part of that the threads spent in jobs. */
+/* Milliseconds from the first start to the last end; *ret_busy is the fraction of it that the threads spent in jobs. */
 static double pool_span(unsigned threads, double *ret_busy)
 {
     struct bench bench;
@@ -277,7 +279,10 @@ static void bench_start(unsigned threads)
            quantile(waits, START_SAMPLES, 0.99), reply, quantile(replies, START_SAMPLES, 0.99));
 }
 
-/* Two floods, one of them as tasks of one job; whoever is first ends the race. */
+/*
+ * Two flows compete: one with a large job of many tasks, one with many small jobs. The measurement ends when all small
+ * jobs have ended.
+ */
 static void bench_share(unsigned threads)
 {
     struct bench bench;

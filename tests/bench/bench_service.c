@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_service - what the service costs, and how it shares itself out.
+ * bench_service - measures what the service costs, and how it divides its workers between clients.
  *
  *     bench_service BVHD [--runs N] [--workers N] [SECTION...] [SCENE.ply...]
  *
- * Starts its own daemons (BVHD is the program). Sections, all of them when none is named:
- *   cost      a build through the service beside the same views, canonical copy and blob in this process, without key and socket; interleaved
- *   hits      a result by key, 1 KiB and 1 MiB; the geometry of a 1 MiB result again
- *   many      640 different meshes of 2,000 triangles in one batch: all workers against one; beside it processes that share nothing, which
- *             shows what the machine has to give
- *   small     a small job beside a build of 4 million triangles, and on a quiet daemon
- *   cancel    200 cancelled in the queue, 200 while they run
- *   death     how long the work and the resources of a client that died go on
+ * It starts its own daemons; BVHD is the path of the program. The sections, all of which run when none is named:
+ *   cost    a build through the service, interleaved with one of the same views, canonical copy and blob in this
+ *           process, without key and socket
+ *   hits    fetching a result of 1 KiB and of 1 MiB by key; building the geometry of a 1 MiB result again
+ *   many    640 different meshes of 2,000 triangles in one batch: all workers compared with one; and the same in
+ *           processes that share nothing, which shows what the machine can give
+ *   small   a small job beside a build of 4 million triangles, and on a quiet daemon
+ *   cancel  200 cancels of queued builds, and 200 of running ones
+ *   death   how long the work and the resources of a client last after it died
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,8 +41,8 @@ static int find_section(const char *name)
 int main(int argc, char **argv)
 {
     if (argc < 2 || argv[1][0] == '-') {
-        fputs("usage: bench_service BVHD [--runs N] [--workers N] [cost|hits|many|small|cancel|death ...] [SCENE.ply "
-              "...]\n",
+        fputs("usage: bench_service BVHD [--runs N] [--workers N] [cost|hits|many|small|cancel|death ...] "
+              "[SCENE.ply ...]\n",
               stderr);
         return 2;
     }

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_trace.c - rays a second through a portable structure, against Embree's rtcIntersect1 and rtcOccluded1 on its
- * own robust scene of the same triangles.
+ * bench_trace.c - measures rays a second through a portable structure, compared with Embree's rtcIntersect1 and
+ * rtcOccluded1 on its own robust scene of the same triangles.
  *
- *   bench_trace [--size N] [--seconds S] [--fast-triangles] SCENE.ply...
+ *     bench_trace [--size N] [--seconds S] [--fast-triangles] [--high] SCENE.ply...
  *
- * One thread, its processor time. Primary rays of an N x N picture (in tiles), from what those hit (in the same order)
- * diffuse rays and shadow rays to a light above, and random ones through the box. Shadow rays end at any hit. Rates are
- * those of the fastest of several repetitions, which take turns; then the geometric mean of the ratios, and the worst.
+ * Times are processor time of one thread. The rays are the primary rays of an N x N picture (in tiles), from their hits
+ * (in the same order) diffuse rays and shadow rays to a light above, and random rays through the box. Shadow rays end
+ * at any hit. Rates are those of the fastest of several alternating repetitions. In the end it prints the geometric
+ * mean of the ratios, and the worst.
  */
 #include <float.h>
 #include <math.h>
@@ -76,7 +77,7 @@ static struct ray make_ray(const double origin[3], const double direction[3], fl
     return ray;
 }
 
-/* A camera that looks at the middle of the scene from outside, 40 degrees wide; the light is above and aside of it. */
+/* The camera looks at the middle of the scene from outside, 40 degrees wide; the light is above the scene and aside. */
 static uint32_t make_primary(struct subject *subject, int size, struct ray *ret_rays)
 {
     static const double forward[3] = {-0.6, -0.5, -0.6244998}, right[3] = {0.7211103, 0, -0.6928203},
@@ -116,7 +117,7 @@ static void face_normal(float corners[3][3], double ret_normal[3])
         ret_normal[axis] = normal[axis] / length;
 }
 
-/* From a point, cosine-distributed around a direction. */
+/* A ray from a point, cosine-distributed around a direction. */
 static struct ray make_diffuse(struct random *random, const double point[3], const double normal[3], float tmin)
 {
     double on_sphere[3], direction[3];
@@ -138,7 +139,7 @@ static struct ray make_shadow(const double point[3], const double light[3], floa
     return ray;
 }
 
-/* One ray of both kinds from each primary hit, on the side of the viewer. */
+/* Makes one diffuse and one shadow ray from each primary hit, on the viewer's side. */
 static uint32_t make_secondary(const struct subject *subject, const struct ray *primary, uint32_t primary_count,
                                struct ray *ret_diffuse, struct ray *ret_shadow)
 {
@@ -272,8 +273,7 @@ static void measure(const struct subject *subject, const struct settings *settin
         traverse(&subject->scene, &rays[i], NULL, &hit, &counters);
     double embree = 1e-6 * count / best[0], portable = 1e-6 * count / best[1], ratio = portable / embree;
     printf("  %-8s %7u rays, hits %6.2f %% (embree %+d): embree %6.2f, portable %6.2f Mray/s, ratio %5.3f; a ray: "
-           "%5.1f nodes, %5.1f "
-           "triangles\n",
+           "%5.1f nodes, %5.1f triangles\n",
            kind_names[kind], count, 100.0 * hits[1] / count, (int)hits[0] - (int)hits[1], embree, portable, ratio,
            (double)counters.nodes / count, (double)counters.triangles / count);
     totals->log_ratio[kind] += log(ratio);

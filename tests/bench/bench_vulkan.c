@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bench_vulkan.c - rays a second on a Vulkan device: through our structures, and through those that the driver builds
- * of the same triangles. See --help.
+ * bench_vulkan.c - measures rays a second on a Vulkan device: through our structures, and through those that the driver
+ * builds from the same triangles. See --help.
  */
 #include <math.h>
 #include <stdio.h>
@@ -22,33 +22,32 @@
 
 static const char help[] =
     "usage: bench_vulkan [OPTION]... DIR...\n"
-    "Traces the same rays through the structures in each DIR (of `bvhctl build`, target portable) and through what the "
-    "driver builds "
-    "of the same\n"
-    "triangles (PREFER_FAST_TRACE, compacted), in turns, and prints medians in millions of rays a second by the "
-    "device's clock.\n"
-    "Ratios are to the driver's ray queries where it has them, else to its ray-tracing pipeline; of the answers, how "
-    "many of the rays "
-    "are the same in all\n"
-    "of t, u, v, primitive, geometry, instance, and custom index; tied: equal t of another primitive; other: neither.\n"
-    "  --device NAME      which device; default: the best\n"
-    "  --rays N           of each kind; default 65536\n"
-    "  --kinds LIST       of primary,diffuse,surface,random; default: all\n"
-    "  --runs N           default 5\n"
+    "Traces the same rays through the structures in each DIR (of `bvhctl build`, target portable) and through those "
+    "that\n"
+    "the driver builds from the same triangles (PREFER_FAST_TRACE, compacted), alternating, and prints medians in\n"
+    "millions of rays a second by the device's clock. Ratios are relative to the driver's ray queries where it has "
+    "them,\n"
+    "else to its ray-tracing pipeline. Of the hits it prints how many are the same in all of t, u, v, primitive, "
+    "geometry,\n"
+    "instance and custom index; how many are tied (equal t, another primitive); and how many are neither (other).\n"
+    "  --device NAME      the device to use; default: the best\n"
+    "  --rays N           rays of each kind; default 65536\n"
+    "  --kinds LIST       some of primary,diffuse,surface,random; default: all\n"
+    "  --runs N           repetitions; default 5\n"
     "  --native           also builds for the driver's own format, in this process, and traces with ray queries\n"
-    "  --shuffle SEED     triangles of each geometry in random order before all builds\n"
-    "  --quality NAME     fast, balanced or high, of what is built here; default balanced\n"
-    "  --fast-triangles   builds portable ones again, with 48-byte triangles\n"
+    "  --shuffle SEED     shuffles the triangles of each geometry before all builds\n"
+    "  --quality NAME     quality of builds in this process: fast, balanced or high; default balanced\n"
+    "  --fast-triangles   builds the portable structures again, with 48-byte triangles\n"
     "  --kernel SPEC      NAME=FILE.spv[:CONSTANT,...], another kernel over the portable structures; may be repeated\n"
-    "  --ways             each of bvhctl's own kernels by itself, too\n"
+    "  --ways             also measures each of bvhctl's own kernels separately\n"
     "  --no-portable      leaves out bvhctl's own kernel\n"
-    "  --check            compares with the CPU traversal, and asks brute force about differences\n"
-    "  --statistics       prints what the driver says of each --kernel: registers, spills (needs "
-    "VK_KHR_pipeline_executable_properties)\n"
-    "  --bottom           leaves out top levels of one instance: portable structures without one, the driver's under "
-    "one of its own\n"
-    "  --threads N        of this process; default: one for each processor\n"
-    "  --json FILE        writes the figures there\n";
+    "  --check            compares with the CPU traversal, and resolves differences by brute force\n"
+    "  --statistics       prints the driver's statistics of each --kernel: registers, spills\n"
+    "                     (needs VK_KHR_pipeline_executable_properties)\n"
+    "  --bottom           leaves out top levels of one instance: the portable structures have none then, and the\n"
+    "                     driver's get one of their own\n"
+    "  --threads N        threads of this process; default: one for each processor\n"
+    "  --json FILE        writes the figures to FILE\n";
 
 enum { BUSY_MS = 15, COUNTED_RAYS = 16384 };
 
@@ -68,7 +67,7 @@ struct settings {
 struct contestant {
     const char *name;
     struct tracer *tracer;
-    bool has_top; /* its answers name instances */
+    bool has_top; /* its hits name instances */
     struct tracer_hit *hits;
     double seconds[MAX_RUNS];
     uint64_t bytes;
@@ -91,11 +90,11 @@ struct bench {
     struct totals totals[MAX_CONTESTANTS];
     uint64_t mismatches;
 
-    /* Of the scene at hand. */
+    /* The rest belongs to the scene that is being measured. */
     const char *directory;
     struct bench_scene scene;
     struct bench_driver driver;
-    struct structures native, portable; /* built here */
+    struct structures native, portable; /* built in this process */
     struct bench_rays rays;
     struct contestant contestants[MAX_CONTESTANTS];
     uint32_t contestant_count;
@@ -317,7 +316,7 @@ static void report(struct bench *bench, const char *kind, uint32_t count)
     fflush(stdout);
 }
 
-/* What the CPU traversal does for a ray of them, on average. */
+/* Prints the mean work of the CPU traversal for one of the rays. */
 static void print_work(const struct bench *bench, const char *kind, const struct ray *rays, uint32_t count)
 {
     struct traverse_counters all = {0};
@@ -325,7 +324,7 @@ static void print_work(const struct bench *bench, const char *kind, const struct
     struct ray_hit hit;
     for (uint32_t i = 0; i < count; i += step, counted++)
         hits += structures_trace_counted(portable_of(bench), &rays[i], NULL, &hit, &all);
-    printf("  %-8s %u rays; of the portable structure a ray takes %.1f nodes, %.1f triangles, %.1f instances; %.0f %% "
+    printf("  %-8s %u rays; in the portable structure a ray visits %.1f nodes, %.1f triangles, %.1f instances; %.0f %% "
            "hit\n",
            kind, count, (double)all.nodes / counted, (double)all.triangles / counted, (double)all.instances / counted,
            100.0 * hits / counted);
@@ -373,7 +372,7 @@ static void run_scene(struct bench *bench, const char *directory)
     bench_scene_close(&bench->scene);
 }
 
-/* ---- All of them ---- */
+/* ---- All scenes ---- */
 
 static void summarise(struct bench *bench)
 {
@@ -411,7 +410,7 @@ static uint32_t number(const char *option, const char *text, uint32_t most)
     char *end;
     unsigned long value = text ? strtoul(text, &end, 10) : 0;
     if (!text || *end || end == text || value > most)
-        die(option, "a number is wanted");
+        die(option, "a number is needed");
     return (uint32_t)value;
 }
 
@@ -429,7 +428,7 @@ static enum build_quality quality_of(const char *name)
     die("--quality", "fast, balanced or high");
 }
 
-/* How many arguments the option took: 0 when it is none. */
+/* Returns how many arguments the option took: 0 when it is none. */
 static int take_option(struct settings *settings, char **arguments)
 {
     const char *name = arguments[0], *value = arguments[1];
@@ -472,7 +471,7 @@ static int take_option(struct settings *settings, char **arguments)
     return value ? 2 : 0;
 }
 
-/* Returns the first argument that is no option. */
+/* Returns the index of the first argument that is no option. */
 static int take_options(struct settings *settings, int argc, char **argv)
 {
     int at = 1;

@@ -18,7 +18,7 @@ enum bvhd_status bench_busy_run(struct bench_busy *busy, struct bvhd_error *erro
     return gpu_submit(busy->gpu, commands, error);
 }
 
-/* As often as it takes for the clock to rise; then as many rounds as fit. */
+/* Doubles the rounds until they take the time asked for, which also raises the device's clock. */
 static enum bvhd_status calibrate(struct bench_busy *busy, double milliseconds, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;

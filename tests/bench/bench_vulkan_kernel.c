@@ -10,7 +10,7 @@
 
 enum { MAX_RAYS = 1 << 22, MAX_CONSTANTS = 16, BINDINGS = 4, SECOND_GROUPS = 1056 };
 
-/* Binding 3: zeros, then as much as bvhctl's own kernels ask for. */
+/* Binding 3: words that are 0, followed by as much working memory as bvhctl's own kernels need. */
 enum { WORK_WORDS = 64, WORK_EACH = 28 };
 
 struct push {
@@ -30,12 +30,12 @@ struct bench_kernel {
     struct gpu *gpu;
     struct memory *memory;
     char name[64];
-    struct pass passes[2]; /* the second one without a file where there is none */
+    struct pass passes[2]; /* the second one has no file if there is only one */
     struct gpu_timer timer;
     struct bvhd_vulkan_scene *scene;
-    struct gpu_buffer rays, hits, upload, readback, counter, storage; /* the last one is the scene's */
+    struct gpu_buffer rays, hits, upload, readback, counter, storage; /* the last one belongs to the scene */
     struct push push;
-    uint64_t most_rays; /* of a dispatch */
+    uint64_t most_rays; /* in one dispatch */
 };
 
 static void parse_pass(const char *text, size_t length, struct pass *pass)
@@ -55,7 +55,7 @@ static enum bvhd_status parse(struct bench_kernel *self, const char *text, struc
 {
     const char *equals = strchr(text, '='), *plus = equals ? strchr(equals, '+') : NULL;
     if (!equals || (size_t)(equals - text) >= sizeof self->name || strlen(equals) >= sizeof self->passes[0].file)
-        return bvhd_error_set(error, BVHD_INVALID, text, "NAME=FILE.spv:CONSTANT,... is wanted");
+        return bvhd_error_set(error, BVHD_INVALID, text, "NAME=FILE.spv:CONSTANT,... is needed");
     memcpy(self->name, text, (size_t)(equals - text));
     parse_pass(equals + 1, plus ? (size_t)(plus - equals - 1) : strlen(equals + 1), &self->passes[0]);
     if (plus)

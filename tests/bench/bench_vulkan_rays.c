@@ -16,9 +16,9 @@ struct making {
     struct bench_rays *rays;
     const struct stage *stage;
     struct camera camera;
-    uint32_t side; /* of the picture */
-    struct stage_hit *hits; /* of primary rays; distance 0: a miss */
-    uint32_t hit_count; /* after close_ranks */
+    uint32_t side; /* width of the picture in pixels */
+    struct stage_hit *hits; /* of the primary rays; distance 0: a miss */
+    uint32_t hit_count; /* set by close_ranks */
 };
 
 static void task_primary(void *context, size_t index)
@@ -36,7 +36,7 @@ static void task_primary(void *context, size_t index)
     }
 }
 
-/* Evenly over the unit sphere. */
+/* A direction, uniform over the unit sphere. */
 static struct vector random_direction(struct random *random)
 {
     double point[3], length;
@@ -61,7 +61,7 @@ static void task_look(void *context, size_t index)
     }
 }
 
-/* Hits that lie behind each other in memory, in the order of their rays. */
+/* Compacts the hits to the front, in the order of their rays. */
 static void close_ranks(struct making *making)
 {
     for (uint32_t i = 0; i < making->rays->count[RAYS_PRIMARY]; i++)
@@ -69,7 +69,7 @@ static void close_ranks(struct making *making)
             making->hits[making->hit_count++] = making->hits[i];
 }
 
-/* As many as there are primary rays: from the first hit again after the last. */
+/* Makes as many rays as there are primary ones; after the last hit it starts with the first again. */
 static void task_diffuse(void *context, size_t index)
 {
     struct making *making = context;
@@ -98,7 +98,7 @@ static void make_random(struct making *making)
     }
 }
 
-/* What the rays of all wanted kinds need: diffuse rays the primary ones too. */
+/* Allocates the rays of all wanted kinds. Diffuse rays need the primary ones, too. */
 static enum bvhd_status allocate(struct making *making, const struct bench_rays_options *options, struct memory *memory,
                                  struct bvhd_error *error)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bench_vulkan_rays.h - the rays that a scene is measured with: the same for everybody who traces it. */
+/* bench_vulkan_rays.h - makes the rays that a scene is measured with; they are the same for every tracer. */
 #ifndef BVHD_BENCH_VULKAN_RAYS_H
 #define BVHD_BENCH_VULKAN_RAYS_H
 
@@ -12,21 +12,24 @@ extern const char *const bench_rays_names[RAYS_KINDS];
 
 struct bench_rays {
     struct ray *rays[RAYS_KINDS];
-    uint32_t count[RAYS_KINDS]; /* 0: not wanted; diffuse: or no primary ray hits anything; surface: or there is none */
+    /* 0: not wanted; also for diffuse, if no primary ray hits anything, and for surface, if there is no surface */
+    uint32_t count[RAYS_KINDS];
     struct memory *memory;
 };
 
 struct bench_rays_options {
-    uint32_t count; /* of each kind, about */
-    bool kinds[RAYS_KINDS]; /* that are wanted */
+    uint32_t count; /* about how many of each kind */
+    bool kinds[RAYS_KINDS]; /* the wanted kinds */
 };
 
 /*
- * Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4. Diffuse: from what those hit
- * (found on the CPU), in the same order, and from the first again after the last; cosine-distributed, tmin a little
- * above 0. Surface: from random points of all surfaces (bench_vulkan_surface.h), in random order. Random: origins in
- * the bounds of the scene's bulk, directions evenly. The rays of a kind do not depend on which others are wanted. End
- * with bench_rays_finish.
+ * Makes rays of the wanted kinds. The rays of a kind do not depend on which other kinds are wanted. The caller ends
+ * them with bench_rays_finish.
+ * Primary: a square picture by the camera that `bvhctl trace` chooses, in tiles of 8 x 4.
+ * Diffuse: cosine-distributed, from the points that primary rays hit (found on the CPU), in the same order and cyclic;
+ * tmin is slightly above 0.
+ * Surface: from random points of all surfaces (bench_vulkan_surface.h), in random order.
+ * Random: origins in the bounds of the bulk of the scene, directions uniform.
  */
 enum bvhd_status bench_rays_make(const struct bench_scene *scene, const struct bench_rays_options *options,
                                  const struct parallel *parallel, struct memory *memory, struct bench_rays *ret_rays,

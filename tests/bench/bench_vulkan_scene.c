@@ -15,9 +15,9 @@ static enum bvhd_status no_memory(struct bvhd_error *error)
     return bvhd_error_no_memory(error, "scene", "no memory");
 }
 
-/* ---- Taking it apart ---- */
+/* ---- Recovering the input ---- */
 
-/* Triangles that are in no leaf cannot be hit: they come back without area. */
+/* Triangles that are in no leaf cannot be hit; they come back without area. */
 static void collect_triangles(const struct portable_view *view, struct bench_mesh *mesh)
 {
     memset(mesh->indices, 0, (size_t)12 * mesh->triangle_count);
@@ -43,7 +43,7 @@ static enum bvhd_status collect_mesh(const struct portable_view *view, struct me
 {
     bool indexed = view->header->content == PORTABLE_INDEXED_TRIANGLES;
     if (!indexed && view->header->content != PORTABLE_TRIANGLES)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, "scene", "only triangles are measured");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, "scene", "only triangles can be measured");
     mesh->triangle_count = view->header->primitive_count;
     mesh->vertex_count = indexed ? view->header->vertex_count : 3 * mesh->triangle_count;
     mesh->positions = memory_array(memory, (uint64_t)mesh->vertex_count + 1, 12);
@@ -115,7 +115,9 @@ static enum bvhd_status open_bottom(struct bench_scene *scene, uint32_t row, con
     return status;
 }
 
-/* Instances in the order of the request; those that the tree leaves out come back without a reference. */
+/*
+ * Collects the instances in the order of the request. Instances that the tree leaves out come back without a reference.
+ */
 static void collect_instances(const struct portable_view *view, VkAccelerationStructureInstanceKHR *records)
 {
     const struct portable_instance *rows = view->records;
@@ -171,7 +173,9 @@ static enum bvhd_status open_top(struct bench_scene *scene, const struct paralle
     return status;
 }
 
-/* The transform is forgotten with the instance: the scene is the mesh in its own space. */
+/*
+ * Leaves out a top level of one instance. Its transform is lost with it: the scene becomes the mesh in its own space.
+ */
 static enum bvhd_status leave_out_top(struct bench_scene *scene, struct bvhd_error *error)
 {
     struct structures *given = &scene->given;
@@ -239,7 +243,7 @@ void bench_scene_close(struct bench_scene *scene)
     structures_close(&scene->given);
 }
 
-/* ---- Ours, again ---- */
+/* ---- Building it again ---- */
 
 static enum bvhd_status build_file(const struct canonical *canonical, const struct build_options *options,
                                    const struct build_context *context, struct structure_file *file,
@@ -259,8 +263,8 @@ static enum bvhd_status build_file(const struct canonical *canonical, const stru
 }
 
 /*
- * The rows of a top level that was prepared again are those of the given one: both are in the order in which instances
- * name them.
+ * The rows of a top level that was prepared again are those of the given one, because both are in the order in which
+ * instances name them.
  */
 enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct build_options *options,
                                    const struct build_context *context, struct structures *ret_structures,
@@ -288,7 +292,7 @@ enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct
     return status;
 }
 
-/* ---- The driver's ---- */
+/* ---- The driver's structures ---- */
 
 static enum bvhd_status build_bottom(struct bench_driver *driver, const struct canonical *canonical,
                                      struct driver_structure *ret_structure, struct bvhd_error *error)

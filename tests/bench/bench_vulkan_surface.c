@@ -10,15 +10,15 @@
 
 struct place {
     const struct bench_mesh *mesh;
-    const float *to_world; /* NULL: it lies in world space */
-    uint64_t first; /* triangle of all */
+    const float *to_world; /* NULL: the mesh is in world space */
+    uint64_t first; /* number of its first triangle among all */
 };
 
 struct surface {
     struct place *places;
     uint32_t place_count;
-    uint64_t triangle_count; /* of all places */
-    double *areas; /* of all triangles up to each */
+    uint64_t triangle_count; /* over all places */
+    double *areas; /* areas[i] is the summed area, doubled, of triangles 0 .. i */
     struct memory *memory;
 };
 
@@ -35,7 +35,7 @@ static void corners_of(const struct place *place, uint64_t triangle, struct vect
         ret_corners[k] = corner_of(place, indices[k]);
 }
 
-/* As long as twice the area. */
+/* A normal whose length is twice the triangle's area. */
 static struct vector normal_of(const struct vector corners[3])
 {
     return vector_cross(vector_sub(corners[1], corners[0]), vector_sub(corners[2], corners[0]));
@@ -48,8 +48,8 @@ static void add_place(struct surface *surface, const struct bench_mesh *mesh, co
 }
 
 /*
- * By position in the request, so that the places do not depend on the tree. Rows of a top level name bottom levels by
- * `handle`.
+ * Finds the places by position in the request, so that they do not depend on the tree. The rows of a top level refer to
+ * bottom levels by `handle`.
  */
 static void find_places(struct surface *surface, const struct bench_scene *scene, const struct portable_instance **rows)
 {
@@ -106,7 +106,7 @@ static void surface_finish(struct surface *surface)
     memory_free(surface->memory, surface->places);
 }
 
-/* The first triangle up to which there is more area than this. */
+/* The first triangle whose summed area exceeds `area`. */
 static uint64_t triangle_at(const struct surface *surface, double area)
 {
     uint64_t low = 0, high = surface->triangle_count - 1;
@@ -149,7 +149,7 @@ static struct vector random_in_sphere(struct random *random)
     return (struct vector){point[0], point[1], point[2]};
 }
 
-/* false: the triangle has no area, or another direction is needed. */
+/* Returns false when the triangle has no area, or when the random direction has length 0 and another one is needed. */
 static bool make_ray(const struct surface *surface, uint64_t triangle, float tmin, struct random *random,
                      struct ray *ret_ray)
 {
@@ -160,7 +160,7 @@ static bool make_ray(const struct surface *surface, uint64_t triangle, float tmi
     double area = vector_length(normal), length = vector_length(away);
     if (!(area > 0) || !isfinite(area) || !(length > 0))
         return false;
-    bool is_beyond = a + b > 1; /* the edge opposite to corner 0 */
+    bool is_beyond = a + b > 1; /* beyond the edge opposite to corner 0 */
     at = vector_mad(at, vector_sub(corners[1], corners[0]), is_beyond ? 1 - a : a);
     at = vector_mad(at, vector_sub(corners[2], corners[0]), is_beyond ? 1 - b : b);
     *ret_ray = stage_ray(at, vector_add(vector_scale(normal, side / area), vector_scale(away, 0.999 / length)));
@@ -180,7 +180,8 @@ enum bvhd_status bench_surface_rays(const struct bench_scene *scene, float tmin,
     uint32_t made = 0;
     while (area > 0 && made < count) {
         bool is_by_area =
-            random_next(&random) & 1; /* one toss a ray: triangles without area must not change the halves */
+            /* One random bit for each ray, so that triangles without area do not change the halves. */
+            random_next(&random) & 1;
         while (!make_ray(&surface, draw_triangle(&surface, is_by_area, &random), tmin, &random, &rays[made]))
             continue;
         made++;

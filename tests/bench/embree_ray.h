@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* embree_ray.h - a ray as Embree takes it. */
+/* embree_ray.h - converts a ray to Embree's. */
 #ifndef BVHD_BENCH_EMBREE_RAY_H
 #define BVHD_BENCH_EMBREE_RAY_H
 

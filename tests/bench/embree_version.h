@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* embree_version.h - Embree 4, or 3 where there is no 4. */
+/* embree_version.h - includes Embree 4, or Embree 3 where there is no 4. */
 #ifndef BVHD_BENCH_EMBREE_VERSION_H
 #define BVHD_BENCH_EMBREE_VERSION_H
 

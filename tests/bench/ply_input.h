@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* ply_input.h - a mesh from a file as a description to build: one opaque geometry, portable target. */
+/* ply_input.h - describes a mesh from a file as a build input: one opaque geometry, portable target. */
 #ifndef BVHD_PLY_INPUT_H
 #define BVHD_PLY_INPUT_H
 
 #include "proto/base/geometry.h"
 #include "tests/support/scene/ply.h"
 
-/* Both the mesh and *geometry must live as long as the description. */
+/* Both the mesh and *geometry must outlive the description. */
 static inline struct build_input ply_input(const struct ply *ply, enum build_quality quality, struct geometry *geometry)
 {
     *geometry = (struct geometry){

@@ -20,7 +20,7 @@ _Static_assert(offsetof(struct RTCBuildPrimitive, primID) == offsetof(struct pri
 enum { WIDEST = 8 };
 
 struct node {
-    uint32_t count; /* of a leaf's primitives; 0: inner */
+    uint32_t count; /* number of primitives of a leaf; 0: an inner node */
     struct box boxes[WIDEST];
     struct node *children[WIDEST];
 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * reference_builder.h - what our builds are measured against: rtcBuildBVH as a user of Embree alone would call it, with
- * nodes from Embree's own allocator, and the SAH of a tree by full sweeps.
+ * reference_builder.h - the reference for our builds: rtcBuildBVH, called as a user of Embree alone would call it, with
+ * nodes from Embree's own allocator, and the SAH cost of a tree by full sweeps.
  */
 #ifndef BVHD_REFERENCE_BUILDER_H
 #define BVHD_REFERENCE_BUILDER_H
@@ -15,21 +15,23 @@ enum reference_method {
 };
 
 struct reference_result {
-    double ms; /* of rtcBuildBVH alone */
-    double cpu_ms; /* processor time of the whole process meanwhile */
-    double sah; /* as ir_sah; of REFERENCE_MEDIUM alone */
+    double ms; /* time of rtcBuildBVH alone */
+    double cpu_ms; /* processor time of the whole process during the build */
+    double sah; /* computed like ir_sah; only for REFERENCE_MEDIUM */
 };
 
 /*
- * Builds over a copy of the refs on `threads` threads. The device lives for this call alone: while it does, it decides
- * on the number of threads of every Embree device of the process. False, and a line on stderr, when Embree fails.
+ * Builds over a copy of the refs on `threads` threads. The device lives only during this call; while it lives, its
+ * number of threads applies to every Embree device of the process. Returns false, with a line on stderr, when Embree
+ * fails.
  */
 bool reference_build(enum reference_method kind, const struct primitive_ref *refs, uint32_t count, unsigned threads,
                      struct reference_result *ret_result);
 
 /*
- * As ir_sah, of the tree in which each node is divided at the best of all places along the three axes, and is a leaf
- * where that is no dearer. Takes seconds for a million. 0 without area or memory.
+ * The cost, by the formula of ir_sah, of the tree in which each node is split at the best of all positions along the
+ * three axes, and is a leaf where that costs no more. Takes seconds for a million refs. Returns 0 when the refs have no
+ * area or there is no memory.
  */
 double reference_sweep_sah(const struct primitive_ref *refs, uint32_t count);
 

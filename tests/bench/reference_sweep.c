@@ -5,7 +5,7 @@
 
 #include "tests/bench/reference_builder.h"
 
-/* Refs in the order of their centroids along each axis; each node has the same range in all three. */
+/* Refs sorted by their centroids along each axis; each node has the same range in all three orders. */
 struct sweep {
     const struct primitive_ref *refs;
     uint32_t *orders[3], *other;
@@ -32,7 +32,7 @@ static void grow(struct box *box, const struct primitive_ref *ref)
     box_grow(box, &own);
 }
 
-/* The least of area * refs over both sides, and where it is. */
+/* Returns the least sum of area * refs over both sides, and the split that has it. */
 static double best_place(const struct sweep *sweep, const struct range *range, int *ret_axis, uint32_t *ret_left)
 {
     double best = INFINITY;
@@ -56,7 +56,7 @@ static double best_place(const struct sweep *sweep, const struct range *range, i
     return best;
 }
 
-/* Brings the refs of the left side to the front in all three orders. */
+/* Moves the refs of the left side to the front of the range in all three orders. */
 static void divide(const struct sweep *sweep, const struct range *range, int axis, uint32_t left)
 {
     for (uint32_t i = 0; i < range->count; i++)

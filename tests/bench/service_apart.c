@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * service_apart.c - what the machine itself allows: the work of a batch in processes that share nothing but the
- * machine.
+ * service_apart.c - measures what the machine itself allows: the work of a batch in processes that share nothing but
+ * the machine.
  */
 #include <stdlib.h>
 #include <sys/wait.h>
@@ -13,7 +13,7 @@
 #include "tests/bench/service_bench.h"
 #include "client/vulkan_input.h"
 
-/* What a worker does for a mesh, on this thread alone. */
+/* Does what a worker does for a mesh, on this thread alone. */
 static void build_mesh(struct memory *memory, const struct terrain *mesh)
 {
     struct build_context context = {.memory = memory, .parallel = &parallel_serial};
@@ -35,7 +35,7 @@ static void build_mesh(struct memory *memory, const struct terrain *mesh)
     vulkan_input_destroy(input);
 }
 
-/* Every `step`-th mesh, from `first` on. */
+/* Builds every `step`-th mesh, starting with `first`. */
 static void build_part(struct memory *memory, const struct terrain *meshes, unsigned count, unsigned first,
                        unsigned step)
 {
@@ -57,7 +57,7 @@ static void await(int descriptor)
         bench_fail("a process has failed");
 }
 
-/* The first round is for caches and heaps. */
+/* Runs as one of the processes. Its first round only warms up caches and heaps. */
 static void be_process(const struct terrain *meshes, unsigned count, unsigned index, unsigned processes, int go,
                        int done)
 {

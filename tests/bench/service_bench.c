@@ -9,7 +9,7 @@
 
 enum { PAGE = 4096 };
 
-/* So that reading pages is not optimised away. */
+/* Keeps the compiler from removing the reads of pages. */
 static volatile unsigned char sink;
 
 double bench_now(void)
@@ -66,7 +66,7 @@ void bench_start(const struct bench *bench, unsigned workers, const char *cache,
 void bench_stop(struct service_process *service)
 {
     if (!service_process_stop(service))
-        bench_fail("the daemon did not leave well");
+        bench_fail("the daemon did not exit cleanly");
 }
 
 struct bvhd_client *bench_client(const struct service_process *service)

@@ -10,7 +10,7 @@
 #include "client/vulkan_input.h"
 #include "builder/workers.h"
 
-/* What builds in this process. */
+/* The resources of builds in this process. */
 struct local {
     struct memory memory;
     struct workers *workers;
@@ -33,7 +33,10 @@ static void local_finish(struct local *local)
     workers_destroy(local->workers);
 }
 
-/* The same views, canonical copy and blob, without key and socket; one byte of each page is read. */
+/*
+ * Builds from the same views over the same canonical copy to the same blob, without key and socket, and reads one byte
+ * of each page. Returns milliseconds.
+ */
 static double local_build(struct local *local, const struct terrain *terrain)
 {
     static volatile unsigned char sink;
@@ -120,7 +123,7 @@ void bench_cost(const struct bench *bench)
     bench_stop(&process);
 }
 
-/* Builds once; returns its key and size. */
+/* Builds once and returns the key of the result; *ret_size is its size in bytes. */
 static struct bvhd_key build_for_key(struct bvhd_client *client, const struct terrain *terrain, uint64_t *ret_size)
 {
     struct bvhd_batch *batch = bench_submit(client, terrain);

@@ -24,8 +24,8 @@ static const VkAccelerationStructureBuildRangeInfoKHR *ranges[MESHES];
 /* Milliseconds of one batch. */
 struct share_times {
     double wall; /* from submission to the last result */
-    double active; /* from the first job to the end of the last */
-    double busy; /* of all workers */
+    double active; /* from the start of the first job to the end of the last */
+    double busy; /* sum over all workers */
 };
 
 static struct share_times time_batch(struct bvhd_client *client, const struct bvhd_build *build)
@@ -45,13 +45,13 @@ static struct share_times time_batch(struct bvhd_client *client, const struct bv
     return times;
 }
 
-/* A daemon with so many workers, and as many processes that share nothing. */
+/* A daemon with `workers` workers, and the times of as many processes that share nothing. */
 struct crew {
     unsigned workers;
     struct service_process process;
     struct bvhd_client *client;
-    struct share_times best; /* of the run in which the jobs took least */
-    double apart;
+    struct share_times best; /* of the run whose jobs took the least time */
+    double apart; /* milliseconds, the least of all runs */
 };
 
 static void crew_start(struct crew *crew, const struct bench *bench, unsigned workers)
@@ -63,7 +63,7 @@ static void crew_start(struct crew *crew, const struct bench *bench, unsigned wo
 
 static void crew_build(struct crew *crew)
 {
-    enum { PAUSE_US = 30000 }; /* longer than the daemon counts as work */
+    enum { PAUSE_US = 30000 }; /* longer than the daemon counts as active after a job */
     struct bvhd_build build = {.struct_size = sizeof build,
                                .info_count = MESHES,
                                .infos = infos,
@@ -102,7 +102,8 @@ void bench_many(const struct bench *bench)
     unsigned workers = bench->workers ? bench->workers : (unsigned)sysconf(_SC_NPROCESSORS_ONLN);
     crew_start(&one, bench, 1);
     crew_start(&all, bench, workers);
-    for (int i = 0; i < ROUNDS; i++) { /* in turns: machines are not equally fast all the time */
+    /* The crews alternate, because the speed of a machine varies over time. */
+    for (int i = 0; i < ROUNDS; i++) {
         crew_build(&one);
         crew_build(&all);
     }
@@ -110,8 +111,7 @@ void bench_many(const struct bench *bench)
     crew_stop(&all);
     bench_line("640 meshes, rates",
                "%.3f times that of %u single workers (goal: 0.85), as clients see it %.3f; processes apart %.3f times "
-               "that of as many "
-               "alone",
+               "that of as many single ones",
                one.best.active / all.best.active / workers, workers, one.best.wall / all.best.wall / workers,
                one.apart / all.apart / workers);
     for (int i = 0; i < MESHES; i++)
@@ -119,7 +119,8 @@ void bench_many(const struct bench *bench)
 }
 
 /*
- * Fills ret_ms with the times of small builds, each of another mesh; stops early when `big` is done. Returns how many.
+ * Fills ret_ms with the times of small builds, each of a different mesh. Stops early when `big` is done. Returns the
+ * number of builds.
  */
 static int time_small(struct bvhd_client *client, struct bvhd_batch *big, uint32_t seed, double *ret_ms, int count)
 {
@@ -183,13 +184,13 @@ static void print_cancels(const char *what, double *ms, const char *goal)
     bench_line(what, "p50 %.3f ms, p99 %.3f ms, most %.3f ms of %d (goal: p99 %s)", p50, p99, most, CANCELS, goal);
 }
 
-/* The first `triangles` of a terrain, as a request of its own. */
+/* Wraps the first `triangles` triangles of a terrain as a separate request. */
 static void take_slice(const struct terrain *whole, uint32_t triangles, struct terrain *ret_slice)
 {
     terrain_wrap(ret_slice, whole->positions, whole->vertex_count, whole->indices, triangles);
 }
 
-/* Too large for a spare thread beside what runs, so they wait. */
+/* The victims are too large for a thread that is free beside the running jobs, so they wait in the queue. */
 static void cancel_queued(struct bvhd_client *client, const struct terrain *big)
 {
     enum { AHEAD = 6, EACH = 20 };
@@ -216,7 +217,7 @@ static void cancel_queued(struct bvhd_client *client, const struct terrain *big)
     print_cancels("cancel, queued", ms, "1 ms");
 }
 
-/* From the call until nobody works for it any more. */
+/* Measures from the call until no worker works on the build any more. */
 static void cancel_running(struct bvhd_client *client, const struct terrain *big)
 {
     static double answered[CANCELS], ended[CANCELS];
