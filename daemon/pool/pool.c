@@ -9,8 +9,8 @@
 #include "proto/base/processor.h"
 
 /*
- * The lock is held for less than a microsecond, so who finds it closed looks again for a moment; sleeping at once makes
- * queues of sleepers.
+ * The lock is held for less than a microsecond, so a thread that finds it taken spins for a moment. If threads slept at
+ * once, they would queue up asleep.
  */
 static void init_lock(pthread_mutex_t *lock)
 {
@@ -108,7 +108,7 @@ void pool_submit(struct pool *pool, struct pool_job *job)
 
 void pool_append_ended(struct pool *pool, struct pool_job *job)
 {
-    pool->to_tell |= !pool->ended;
+    pool->wake_is_due |= !pool->ended;
     job->state = POOL_JOB_ENDED;
     job->next = NULL;
     *pool->ended_end = job;
@@ -127,7 +127,7 @@ void pool_cancel(struct pool *pool, struct pool_job *job)
     pool_unlock(pool);
 }
 
-/* The first that have ended. What is left is told of once more. */
+/* Takes the jobs that ended first, POOL_COLLECT_MOST at most. If any are left, the loop is woken again. */
 static struct pool_job *take_ended(struct pool *pool, bool *ret_more)
 {
     pool_lock(pool);
@@ -139,7 +139,7 @@ static struct pool_job *take_ended(struct pool *pool, bool *ret_more)
     if (!pool->ended)
         pool->ended_end = &pool->ended;
     *ret_more = pool->ended != NULL;
-    pool->to_tell |= *ret_more;
+    pool->wake_is_due |= *ret_more;
     pool_unlock(pool);
     return jobs;
 }

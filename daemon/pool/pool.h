@@ -1,21 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * pool.h - the threads of the service, and who gets them next.
+ * pool.h - the worker threads of the service, and the order in which they take jobs.
  *
- * A job is one call of run() on a worker; what it hands to its struct parallel is shared out to the workers that are
- * free. Between two tasks or jobs a worker chooses its next work:
+ * A job is one call of run() on a worker. The tasks that run() passes to its struct parallel are distributed over the
+ * workers that are free. A flow is one client's account with the pool: the time that the client's jobs have had. After
+ * each task or job a worker chooses its next work:
  *
- * * between clients, to the flow that has had the least time so far (a flow that comes back after a pause starts level
+ * * among flows, it takes the one that has had the least time so far (a flow that returns after a pause starts level
  *   with the others);
- * * within a flow, to the highest priority; of equal ones a running job's open tasks come before a queued job, and
- *   older jobs first.
+ * * within a flow, it takes the highest priority; among equal priorities the unfinished tasks of a running job come
+ *   before a queued job, and older jobs before newer ones.
  *
- * A job that runs keeps the thread that runs it. So that a small job need not wait for a large one, there are a few
- * spare threads beside the workers: one starts a queued job only while every thread that runs is busy for a job at
- * least POOL_SPARE_RATIO times as large, and of size POOL_SPARE_LEAST or more: what ends soon by itself is waited for.
- * The system's scheduler then shares the processors.
+ * A running job keeps its thread. To spare a small job from waiting for a large one, there are a few spare threads
+ * beside the workers. One of them starts a queued job only while all workers are busy, and every running job is at least
+ * POOL_SPARE_RATIO times as large as the queued one and has a size of POOL_SPARE_LEAST or more: smaller ones end soon by
+ * themselves. The system's scheduler then shares the processors.
  *
- * Everything but run() is called from one thread, the loop; `wake` comes from any.
+ * All functions are called from one thread, the loop. run() is called on a worker, and `wake` on any thread.
  */
 #ifndef BVHD_POOL_H
 #define BVHD_POOL_H
@@ -29,81 +30,93 @@
 
 enum {
     POOL_SPARE_RATIO = 8,
-    POOL_SPARE_LEAST = 8192,
+    POOL_SPARE_LEAST = 8192, /* in the unit of pool_job.size */
     POOL_MAX_THREADS = 1024,
-    POOL_PAUSE_NS = 10 * 1000 * 1000,
-    POOL_COLLECT_MOST = 64
+    POOL_PAUSE_NS = 10 * 1000 * 1000, /* a pause without jobs that is shorter counts as active time */
+    POOL_COLLECT_MOST = 64 /* jobs that one call of pool_collect finishes */
 };
 
 struct pool;
 struct pool_flow;
 
 /*
- * Lives in its owner's struct, from pool_submit until done() is called. Zeroed, then filled by the owner down to the
- * line.
+ * A job is memory of its owner, which has to stay valid from pool_submit until done() is called. The owner zeroes it
+ * and fills the first group of fields; the second group belongs to the pool.
  */
 struct pool_job {
     /*
-     * `parallel` is for run() and its tasks, until run() returns; on any other thread its for_each does all tasks
-     * itself.
+     * Called on a worker. It checks `cancel` itself. `parallel` is valid for run() and its tasks, until run() returns;
+     * a call of its for_each from any other thread runs all tasks on that thread.
      */
-    void (*run)(struct pool_job *job, const struct parallel *parallel); /* on a worker; looks at `cancel` by itself */
-    void (*done)(struct pool_job *job); /* on the loop, from pool_collect; the job is its owner's again */
+    void (*run)(struct pool_job *job, const struct parallel *parallel);
+    void (*done)(struct pool_job *job); /* called on the loop, by pool_collect; the job is its owner's again */
     struct pool_flow *flow;
-    uint64_t size; /* how much there is to do, in primitives or the like; decides about spare threads */
-    int priority; /* higher goes first, within a flow */
-    atomic_bool cancel; /* set by pool_cancel; for run() to hand on */
-    /* the pool's own */
-    bool ran; /* for done(): false when it was cancelled while it was queued */
-    uint64_t submitted_ns, started_ns, ended_ns; /* CLOCK_MONOTONIC; started and ended only if it ran */
-    int state; /* under the pool's lock */
-    uint64_t order; /* counts submissions */
-    struct pool_job *next, *previous, *child; /* in the flow's queue, then in the list of ended jobs */
+    uint64_t size; /* how much work it is, in primitives or similar units; decides whether a spare thread starts it */
+    int priority; /* within a flow; a higher one goes first */
+    atomic_bool cancel; /* set by pool_cancel, checked by run() */
+
+    bool ran; /* for done() to read: false when the job was cancelled in the queue */
+    uint64_t submitted_ns, started_ns, ended_ns; /* CLOCK_MONOTONIC; the last two are 0 if the job did not run */
+    int state; /* an enum pool_job_state, under the pool's lock */
+    uint64_t order; /* the number of jobs submitted before this one */
+    struct pool_job *next, *previous, *child; /* links of the flow's queue, then of the list of ended jobs */
 };
 
 /*
- * `threads` 0: one for each processor that this process may use. `wake` is called whenever pool_collect has something
- * to do after it had nothing; it may only pass the word on (uv_async_send).
+ * Starts `threads` workers, or one for each processor that this process is allowed to use if `threads` is 0, and the
+ * spare threads. `wake` is called, on any thread, whenever pool_collect has something to do after it had nothing; it
+ * must only cause the loop to call pool_collect (uv_async_send). Errors: BVHD_TOO_LARGE for more than POOL_MAX_THREADS,
+ * BVHD_NO_MEMORY, and BVHD_IO when the system starts no more threads.
  */
 enum bvhd_status pool_create(unsigned threads, void (*wake)(void *context), void *wake_context, struct pool **ret_pool,
                              struct bvhd_error *error);
 
-/* All jobs must be done and all flows ended. Waits for the threads, one of which may still be in `wake`. NULL-safe. */
+/*
+ * Joins all threads, one of which may still be inside `wake`. All jobs must be done and all flows ended. `pool` may be
+ * NULL.
+ */
 void pool_destroy(struct pool *pool);
 
+/* Returns the number of workers, without the spare threads. */
 unsigned pool_threads(const struct pool *pool);
 
-/*
- * A client's account with the scheduler: the time that its jobs have had. NULL without memory. It may end while its
- * jobs still wait or run: they keep it until the last is done.
- */
+/* Creates the flow of one client. Returns NULL without memory. */
 struct pool_flow *pool_flow_create(struct pool *pool);
+
+/*
+ * Gives the flow up. Its jobs may still be queued or running; it is freed when the last of them is done. `flow` may be
+ * NULL.
+ */
 void pool_flow_end(struct pool *pool, struct pool_flow *flow);
 
-/* A job whose done() has been called may come again; its `cancel` stays as it is. */
+/* Queues a job. A job whose done() has been called can be submitted again; its `cancel` keeps its value. */
 void pool_submit(struct pool *pool, struct pool_job *job);
 
 /*
- * Sets the flag. A queued job is withdrawn, and its done() comes with the next pool_collect. Harmless when repeated, or
- * late, as long as the job's memory is there.
+ * Sets `cancel`, and withdraws the job if it is queued; its done() is then called by the next pool_collect. The call
+ * may be repeated, and is allowed after the job has ended, as long as the job's memory is valid.
  */
 void pool_cancel(struct pool *pool, struct pool_job *job);
 
 /*
- * Calls done() of the jobs that have ended, in the order in which they did, of POOL_COLLECT_MOST at most; done() may
- * submit and cancel. Returns whether there are more, for which `wake` has been called again.
+ * Calls done() of the jobs that have ended, in the order in which they ended, for at most POOL_COLLECT_MOST jobs.
+ * done() is allowed to submit and cancel jobs. Returns whether more jobs have ended; `wake` has then been called again.
  */
 bool pool_collect(struct pool *pool);
 
 struct pool_load {
     uint32_t queued, running; /* jobs */
-    /* time that threads have spent in jobs and tasks so far, all together; waiting for other threads' tasks is none */
+    /*
+     * the sum of the time that all threads have spent in jobs and tasks; sleeping until other threads end theirs is not
+     * counted
+     */
     uint64_t busy_ns;
-    uint64_t jobs_done; /* those that ran */
-    /* wall time with jobs queued or running; pauses shorter than POOL_PAUSE_NS between them count */
+    uint64_t jobs_done; /* jobs that ran to their end */
+    /* wall time with jobs queued or running, with the pauses between them that are shorter than POOL_PAUSE_NS */
     uint64_t active_ns;
 };
 
+/* Returns the load now, and the sums since the pool was created. */
 struct pool_load pool_load(struct pool *pool);
 
 #endif

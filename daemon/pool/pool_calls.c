@@ -3,13 +3,15 @@
 
 #include "proto/base/processor.h"
 
-/* How often a helper asks whether it should go on: seldom enough not to be noticed at the lock. */
+/*
+ * How long a helper runs tasks before it checks for more urgent work: long enough to cause no contention on the lock.
+ */
 enum { ROUND_NS = 1000 * 1000 };
 
-/* The innermost call whose task this thread is running. */
+/* The innermost call of which this thread is running a task. */
 static _Thread_local struct pool_call *current;
 
-/* False when all were given out. */
+/* Runs the next task of the call. Returns false when all have been taken. */
 static bool run_task(struct pool_call *call)
 {
     size_t index = atomic_fetch_add_explicit(&call->next, 1, memory_order_relaxed);
@@ -28,7 +30,7 @@ static void run_tasks(struct pool_call *call)
     current = outer;
 }
 
-/* Some tasks, until it is time to ask whether others are due. */
+/* Runs tasks until none are left or the time is `until`. */
 static void run_round(struct pool_call *call, uint64_t until)
 {
     current = call;
@@ -70,7 +72,7 @@ static bool descends_from(const struct pool_call *call, const struct pool_call *
     return false;
 }
 
-/* A call with tasks to give that this call's tasks have made. */
+/* Returns a call that was made, directly or not, by a task of this call and has tasks left, or NULL. */
 static struct pool_call *open_below(const struct pool_call *call)
 {
     for (struct pool_call *other = call->run->job->flow->calls; other; other = other->after)
@@ -99,7 +101,10 @@ static void spin_for_helpers(const struct pool_call *call)
         processor_relax();
 }
 
-/* What is slept away does not count for the flow. */
+/*
+ * Sleeps until the last helper has left the call or one of its tasks makes a call. This time does not count for the
+ * flow.
+ */
 static void sleep_as_caller(struct pool *pool, struct pool_call *call, struct pool_thread *self)
 {
     struct pool_flow *flow = call->run->job->flow;
@@ -109,6 +114,10 @@ static void sleep_as_caller(struct pool *pool, struct pool_call *call, struct po
     pool_threads_resume(pool, flow, clock_ns());
 }
 
+/*
+ * While the caller waits, it helps only with calls that descend from its own. A task of any other call could keep it
+ * from going on after its helpers have left.
+ */
 static void wait_for_helpers(struct pool *pool, struct pool_call *call, struct pool_thread *self)
 {
     while (atomic_load_explicit(&call->helpers, memory_order_acquire) > 0) {
@@ -125,7 +134,7 @@ static void wait_for_helpers(struct pool *pool, struct pool_call *call, struct p
     }
 }
 
-/* From when the call is off the list nobody new comes in. */
+/* Once the call is off the flow's list, no more helpers join it. */
 static void close_call(struct pool *pool, struct pool_call *call, struct pool_thread *self)
 {
     pool_lock(pool);

@@ -4,13 +4,17 @@
 #include "proto/base/container_of.h"
 
 /*
- * A flow's time decides. What a flow without work for free threads missed meanwhile it cannot claim later: it comes
- * back at the level of those that are served. What it had too much is forgiven but for MEMORY_NS of every worker, or a
- * client that had the machine for itself for an hour would wait as long for the next one.
+ * The flow with the least time is served next. A flow cannot claim later the time in which it had no work: when it gets
+ * work again, its time is raised to that of the flow that was served last. The time that a flow has had in excess is
+ * forgotten except for MAX_DEBT_NS for each worker; otherwise a client that has had the machine to itself for an hour
+ * would wait for an hour when another client comes.
  */
-enum { MEMORY_NS = 100 * 1000 * 1000 };
+enum { MAX_DEBT_NS = 100 * 1000 * 1000 };
 
-/* How far a helper's own flow may be ahead before the helper leaves: less often than that, changing costs little. */
+/*
+ * How far the flow that a helper works for may be ahead of others before the helper changes to another flow. It keeps
+ * changes so rare that they cost little.
+ */
 enum { FAVOUR_NS = 1000 * 1000 };
 
 static struct pool_call *open_call(const struct pool_flow *flow)
@@ -21,6 +25,7 @@ static struct pool_call *open_call(const struct pool_flow *flow)
     return NULL;
 }
 
+/* Returns the first work of a flow: tasks of its first open call, unless a queued job has a higher priority. */
 static struct pool_work work_of(const struct pool_flow *flow)
 {
     struct pool_call *call = open_call(flow);
@@ -30,13 +35,17 @@ static struct pool_work work_of(const struct pool_flow *flow)
     return (struct pool_work){call, call ? NULL : job};
 }
 
-/* Whenever work is added; to a flow that has some already it makes no difference to speak of. */
-static void limit_past(struct pool *pool, struct pool_flow *flow, uint64_t now)
+/*
+ * Brings the time of a flow that gets work into the range described above. A flow that has work already is in this
+ * range, or nearly so.
+ */
+static void limit_time(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
-    uint64_t time = pool_time_at(&flow->time, now), most = pool->level + (uint64_t)MEMORY_NS * pool->threads;
+    uint64_t time = pool_time_at(&flow->time, now), most = pool->level + (uint64_t)MAX_DEBT_NS * pool->threads;
     flow->time.base += (time < pool->level ? pool->level : time > most ? most : time) - time;
 }
 
+/* The pool's active time begins; a pause shorter than POOL_PAUSE_NS counts as active. */
 static void open_pool(struct pool *pool, uint64_t now)
 {
     pool->open.base -= now - pool->closed_ns < POOL_PAUSE_NS ? pool->closed_ns : now;
@@ -71,7 +80,7 @@ void pool_flows_close_job(struct pool *pool, const struct pool_job *job, uint64_
 void pool_flows_add_job(struct pool *pool, struct pool_job *job, uint64_t now)
 {
     unsigned class = pool_queue_class(job->size);
-    limit_past(pool, job->flow, now);
+    limit_time(pool, job->flow, now);
     open_job(pool, job->flow, now);
     pool_queue_put(&job->flow->queue, job);
     pool->queued++;
@@ -91,7 +100,7 @@ void pool_flows_take_job(struct pool *pool, struct pool_job *job)
 void pool_flows_add_call(struct pool *pool, struct pool_call *call, uint64_t now)
 {
     struct pool_flow *flow = call->run->job->flow;
-    limit_past(pool, flow, now);
+    limit_time(pool, flow, now);
     struct pool_call **link = &flow->calls;
     while (*link && !pool_queue_before(call->run->job, (*link)->run->job))
         link = &(*link)->after;
@@ -107,7 +116,10 @@ void pool_flows_remove_call(struct pool_call *call)
     *link = call->after;
 }
 
-/* The least served flow with work; `favoured` counts as served less than it is. */
+/*
+ * Returns the work of the flow with the least time, among those that have work. The time of `favoured` (or NULL) counts
+ * as less by FAVOUR_NS.
+ */
 static struct pool_work least_served(struct pool *pool, const struct pool_flow *favoured, uint64_t now)
 {
     struct pool_work best = {NULL, NULL};
@@ -135,20 +147,23 @@ struct pool_work pool_flows_next(struct pool *pool, uint64_t now)
 
 bool pool_flows_leave(struct pool *pool, const struct pool_call *call, uint64_t now)
 {
-    /* A spare thread has started something: there are more at work than there should be, and only helpers can go. */
+    /*
+     * A spare thread has started a job, so more threads than there are workers are busy, and only helpers can stop
+     * early.
+     */
     if (pool->active > pool->threads)
         return true;
     return least_served(pool, call->run->job->flow, now).call != call;
 }
 
-/* The largest size that may start beside this job; 0: none. */
+/* The largest size of a job that a spare thread may start while this job runs, or 0 if none may start. */
 static uint64_t size_beside(const struct pool_job *job)
 {
     uint64_t size = pool_queue_size(job);
     return size < POOL_SPARE_LEAST ? 0 : size / POOL_SPARE_RATIO;
 }
 
-/* The largest size that may start beside what runs, or 0 once it is less than `enough`. */
+/* The largest size of a job that a spare thread may start beside all running jobs; 0 when it is less than `enough`. */
 static uint64_t spare_size(const struct pool *pool, uint64_t enough)
 {
     uint64_t size = UINT64_MAX;

@@ -17,7 +17,7 @@ static struct pool_job *meld(struct pool_job *a, struct pool_job *b)
     return root;
 }
 
-/* Takes one off a list of siblings, as a root. */
+/* Takes the first job off a list of siblings, and makes it a root. Returns NULL when the list is empty. */
 static struct pool_job *take_sibling(struct pool_job **list)
 {
     struct pool_job *job = *list;
@@ -28,7 +28,7 @@ static struct pool_job *take_sibling(struct pool_job **list)
     return job;
 }
 
-/* First in pairs from the front, then all pairs from the back: that keeps the heap flat. */
+/* Melds siblings in pairs from the front, then all pairs from the back, which keeps the heap flat. */
 static struct pool_job *meld_siblings(struct pool_job *list)
 {
     struct pool_job *pairs = NULL, *root = NULL;

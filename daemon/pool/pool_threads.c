@@ -21,17 +21,17 @@ void pool_threads_wake(struct pool *pool, struct pool_thread *thread)
 void pool_unlock(struct pool *pool)
 {
     struct pool_thread *thread = pool->to_wake;
-    bool to_tell = pool->to_tell;
+    bool wake_is_due = pool->wake_is_due;
     pool->to_wake = NULL;
-    pool->to_tell = false;
+    pool->wake_is_due = false;
     pthread_mutex_unlock(&pool->lock);
     while (thread) {
-        /* Once it is awake it may be put on other lists. */
+        /* `next` is read first: once the thread is awake, it can be put on another list. */
         struct pool_thread *next = thread->next;
         sem_post(&thread->wake);
         thread = next;
     }
-    if (to_tell)
+    if (wake_is_due)
         pool->wake(pool->wake_context);
 }
 
@@ -61,18 +61,18 @@ void pool_threads_pause(struct pool *pool, struct pool_flow *flow, uint64_t now)
     }
 }
 
-/* To spinning threads. */
-static void announce(struct pool *pool)
+/* Makes all spinning threads check for work. */
+static void signal_spinning(struct pool *pool)
 {
     atomic_fetch_add_explicit(&pool->posted, 1, memory_order_relaxed);
 }
 
-/* One more thread to look for work; false when all are at it. */
+/* Calls one more thread to look for work. Returns false when every thread is busy or has been called. */
 static bool call_one(struct pool *pool)
 {
-    if (pool->promised < pool->spinning) {
-        pool->promised++;
-        announce(pool);
+    if (pool->called_spinning < pool->spinning) {
+        pool->called_spinning++;
+        signal_spinning(pool);
     } else if (pool->idle) {
         struct pool_thread *thread = pool->idle;
         pool->idle = thread->next;
@@ -84,6 +84,7 @@ static bool call_one(struct pool *pool)
     return true;
 }
 
+/* Calls a spare thread if all workers are busy and there is a job that a spare thread may start. */
 static void call_spare(struct pool *pool, uint64_t now)
 {
     unsigned busy = pool->active + pool->coming;
@@ -168,8 +169,8 @@ static struct pool_work find_work(struct pool *pool, uint64_t now)
     return (struct pool_work){NULL, pool_flows_spare_job(pool, now)};
 }
 
-/* Looks around for a while, then sleeps. */
-static void rest(struct pool *pool, struct pool_thread *self)
+/* Spins for a while, then sleeps, until the thread is called to look for work or the pool stops. */
+static void wait_for_work(struct pool *pool, struct pool_thread *self)
 {
     unsigned seen = atomic_load_explicit(&pool->posted, memory_order_relaxed);
     pool->spinning++;
@@ -178,8 +179,8 @@ static void rest(struct pool *pool, struct pool_thread *self)
         processor_relax();
     pool_lock(pool);
     pool->spinning--;
-    if (pool->promised > 0) {
-        pool->promised--;
+    if (pool->called_spinning > 0) {
+        pool->called_spinning--;
         pool->coming--;
     } else if (!pool->stop) {
         self->next = pool->idle;
@@ -203,7 +204,7 @@ static void *work_until_stopped(void *argument)
         else if (work.job)
             run_job(pool, work.job, now);
         else
-            rest(pool, self);
+            wait_for_work(pool, self);
     }
     pool_unlock(pool);
     return NULL;
@@ -219,7 +220,7 @@ static int start_thread(struct pool *pool, struct pool_thread *thread)
     return failure;
 }
 
-/* Signals are for the threads of the program. */
+/* All signals are blocked on the pool's threads, so that the loop thread takes them. */
 int pool_threads_start(struct pool *pool)
 {
     sigset_t all, before;
@@ -238,7 +239,7 @@ void pool_threads_stop(struct pool *pool)
 {
     pool_lock(pool);
     pool->stop = true;
-    announce(pool);
+    signal_spinning(pool);
     for (struct pool_thread *thread = pool->idle, *next; thread; thread = next) {
         next = thread->next;
         pool_threads_wake(pool, thread);

@@ -37,7 +37,7 @@ void watchdog_finish(struct watchdog *watchdog)
         return;
     if (watchdog->under_way)
         pool_cancel(watchdog->pool, &watchdog->probe);
-    while (watchdog->under_way) { /* withdrawn, or about to end: it does nothing */
+    while (watchdog->under_way) { /* not for long: the probe was withdrawn, or is running and does nothing */
         pool_collect(watchdog->pool);
         nanosleep(&(struct timespec){.tv_nsec = 100000}, NULL);
     }

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * watchdog.h - whether the service still gets anywhere. That the loop does shows by itself: it is the one that asks.
- * The threads are asked by a job that does nothing: they are stuck when it has not come back in `patience_ms`. Whatever
- * runs lets it through between two tasks, or on a spare thread, so only something that holds every thread for so long,
- * without end or not, is in its way. Loop thread only.
+ * watchdog.h - checks whether the service still makes progress. The loop proves it by calling this module. The pool's
+ * threads are checked with a probe: a job that does nothing. They are stuck when the probe has not come back within
+ * `patience_ms`. Other jobs let the probe run between two of their tasks, or it runs on a spare thread, so it is late
+ * only if every thread has been held for that long. Loop thread only.
  */
 #ifndef BVHD_WATCHDOG_H
 #define BVHD_WATCHDOG_H
@@ -14,20 +14,23 @@ enum { WATCHDOG_PATIENCE_MS = 300 * 1000 };
 
 struct watchdog {
     struct pool *pool;
-    struct pool_job probe; /* its flow is the watchdog's */
+    struct pool_job probe; /* its flow belongs to the watchdog */
     uint64_t patience_ms;
-    uint64_t sent_ms;
-    bool under_way;
+    uint64_t sent_ms; /* when the probe was last submitted */
+    bool under_way; /* the probe was submitted and is not done */
 };
 
-/* BVHD_NO_MEMORY. `pool` must outlive it. */
+/* `pool` must outlive the watchdog. Fails with BVHD_NO_MEMORY only. */
 enum bvhd_status watchdog_init(struct watchdog *watchdog, struct pool *pool, uint64_t patience_ms,
                                struct bvhd_error *error);
 
-/* Takes the job back, with pool_collect. NULL-safe, also when zeroed. */
+/* Waits for the probe, by calls of pool_collect. `watchdog` may be NULL or zeroed. */
 void watchdog_finish(struct watchdog *watchdog);
 
-/* Asks anew when the last job is back. `now_ms` is monotonic. */
+/*
+ * Returns false while a probe has been under way for `patience_ms` or longer. When the last probe is back, it submits
+ * the next one. `now_ms` is the time of a monotonic clock, in milliseconds.
+ */
 bool watchdog_is_alive(struct watchdog *watchdog, uint64_t now_ms);
 
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_pool.c - tests that each job runs and is done once, whenever it is cancelled, and that the load is counted. */
 #include "tests/support/daemon/pool_steps.h"
 
 #include <sched.h>
@@ -27,7 +28,7 @@ static void a_job_runs_and_is_done(void **state)
     loop_finish(&loop);
 }
 
-static void one_wake_for_all_that_is_there(void **state)
+static void one_wake_for_all_ended_jobs(void **state)
 {
     (void)state;
     struct loop loop;
@@ -105,7 +106,7 @@ static void done_may_submit(void **state)
     loop_finish(&loop);
 }
 
-/* The same struct again, without being zeroed but for the flag. */
+/* The same struct is submitted a second time, without being zeroed. */
 static void a_done_job_may_come_again(void **state)
 {
     (void)state;
@@ -229,8 +230,8 @@ static void cancelled_in_the_queue(void **state)
     loop_finish(&loop);
 }
 
-/* The loop gets to its other work in between. */
-static void collected_in_portions(void **state)
+/* One call of pool_collect finishes a limited number of jobs, so that the loop gets to its other work in between. */
+static void collected_in_batches(void **state)
 {
     (void)state;
     enum { QUEUED = 2 * POOL_COLLECT_MOST + 10 };
@@ -245,12 +246,12 @@ static void collected_in_portions(void **state)
     }
     for (int i = 0; i < QUEUED; i++)
         pool_cancel(loop.pool, &steps[i].job);
-    for (int portion = 1; portion <= 3; portion++) {
+    for (int batch = 1; batch <= 3; batch++) {
         unsigned wakes = loop_wakes(&loop);
-        assert_int_equal(pool_collect(loop.pool), portion < 3);
-        assert_int_equal(loop_wakes(&loop), wakes + (portion < 3));
+        assert_int_equal(pool_collect(loop.pool), batch < 3);
+        assert_int_equal(loop_wakes(&loop), wakes + (batch < 3));
         for (int i = 0; i < QUEUED; i++)
-            assert_int_equal(steps[i].done, i < portion * POOL_COLLECT_MOST);
+            assert_int_equal(steps[i].done, i < batch * POOL_COLLECT_MOST);
     }
     assert_false(pool_collect(loop.pool));
     step_let_go(&holder);
@@ -311,7 +312,10 @@ static void cancelled_while_it_runs(void **state)
     loop_finish(&loop);
 }
 
-/* Ended, not yet collected: by the loop, and by done() of one that ended before. */
+/*
+ * Jobs are cancelled after they have ended and before they are collected: one by the loop, the other by done() of the
+ * first.
+ */
 static void cancelled_too_late(void **state)
 {
     (void)state;
@@ -384,7 +388,7 @@ static void a_flow_ends_before_its_jobs(void **state)
     step_await(&loop, &queued);
     assert_true(queued.job.ran);
 
-    /* By done() of its last job. */
+    /* A flow is ended by done() of its last job. */
     step_init(&ender, &loop, own, 10);
     ender.to_end = own;
     step_submit(&ender);
@@ -414,7 +418,7 @@ static void limits_of_threads(void **state)
     loop_finish(&loop);
 }
 
-static void look_at_signals(struct step *step, const struct parallel *parallel)
+static void check_signals(struct step *step, const struct parallel *parallel)
 {
     (void)parallel;
     sigset_t mask;
@@ -433,7 +437,7 @@ static void signals_go_to_the_program(void **state)
     assert_false(sigismember(&mask, SIGTERM));
     struct pool_flow *flow = loop_flow(&loop);
     step_init(&step, &loop, flow, 10);
-    step.body = look_at_signals;
+    step.body = check_signals;
     step_submit(&step);
     step_await(&loop, &step);
     assert_int_equal(step.count, 1);
@@ -481,7 +485,7 @@ static void pools_come_and_go(void **state)
     pool_destroy(NULL);
 }
 
-/* Everything at once; each job is done once, whatever happens to it. */
+/* Many jobs submit, cancel and make calls at the same time; each is done once, and runs all its tasks if it runs. */
 enum { FLOWS = 5, CROWD = 400 };
 
 static void small_task(void *context, size_t index)
@@ -539,14 +543,14 @@ int main(void)
 {
     static const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_job_runs_and_is_done),
-        cmocka_unit_test(one_wake_for_all_that_is_there),
+        cmocka_unit_test(one_wake_for_all_ended_jobs),
         cmocka_unit_test(done_in_the_order_of_ending),
         cmocka_unit_test(done_may_submit),
         cmocka_unit_test(a_done_job_may_come_again),
         cmocka_unit_test(load_counts),
         cmocka_unit_test(pauses),
         cmocka_unit_test(cancelled_in_the_queue),
-        cmocka_unit_test(collected_in_portions),
+        cmocka_unit_test(collected_in_batches),
         cmocka_unit_test(a_cancelled_queued_job_wakes_the_loop),
         cmocka_unit_test(cancelled_while_it_runs),
         cmocka_unit_test(cancelled_too_late),

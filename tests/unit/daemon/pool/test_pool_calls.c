@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_pool_calls.c - tests that for_each runs every task once, on all threads, also when calls nest. */
 #include "tests/support/daemon/pool_steps.h"
 
 #include <sched.h>
@@ -7,21 +8,21 @@ static const unsigned thread_counts[] = {1, 2, 3, 8};
 
 enum { THREAD_COUNTS = sizeof thread_counts / sizeof thread_counts[0], MOST_TASKS = 300 };
 
-/* A job, and what its tasks share. */
+/* A job, and the state that its tasks share. */
 struct act {
-    struct step step; /* first */
+    struct step step; /* has to be the first field: the job's step is cast to the act */
     const struct parallel *parallel;
     unsigned threads;
     atomic_uint runs[MOST_TASKS];
     size_t plain[MOST_TASKS]; /* not atomic: the caller must see it when for_each returns */
     pthread_barrier_t barrier;
     atomic_bool first_done;
-    pthread_t stranger, waiter;
+    pthread_t foreign_thread, waiter;
     atomic_bool helper_began, beside_began;
     atomic_bool failed;
 };
 
-/* Runs it as one job of a pool of its own. */
+/* Runs `body` as the only job of a new pool. */
 static void perform(struct act *act, unsigned threads, void (*body)(struct step *step, const struct parallel *parallel))
 {
     struct loop loop;
@@ -76,7 +77,7 @@ static void meet(void *context, size_t index)
     pthread_barrier_wait(&((struct act *)context)->barrier);
 }
 
-/* Tasks that wait for each other: it ends only when as many run at once as there are threads. */
+/* The tasks wait for each other, so the job ends only if as many tasks run at the same time as there are threads. */
 static void let_all_meet(struct step *step, const struct parallel *parallel)
 {
     for (int round = 0; round < 50; round++)
@@ -126,7 +127,7 @@ static void calls_nest(void **state)
         perform(&act, thread_counts[t], call_nested);
 }
 
-/* Task 1 makes a call for both threads after task 0 has ended: the caller of task 0 must come and help. */
+/* Task 1 makes a call for both threads after task 0 has ended: the thread that ran task 0 must come back and help. */
 static void call_when_the_other_is_done(void *context, size_t index)
 {
     struct act *act = context;
@@ -159,9 +160,9 @@ static void a_waiting_caller_helps(void **state)
 }
 
 /*
- * Task 0 makes an inner call, whose own task ends early and whose other task, on a second thread, waits for all of what
- * task 1 makes on a third. Meanwhile the first thread waits, and must not take tasks of the third: one of those could
- * keep it from going on.
+ * Task 0 makes an inner call with two tasks: the one on its own thread ends early, and the one on a second thread waits
+ * for all tasks that task 1 makes on a third. Meanwhile the first thread waits, and must not take tasks of the third:
+ * one of those could keep it from going on.
  */
 enum { BESIDE = 40 };
 
@@ -216,7 +217,9 @@ static void a_waiting_caller_helps_nobody_else(void **state)
     perform(&act, 3, call_side_by_side);
 }
 
-/* The runner's task returns at once, the helper's sleeps: what the runner sleeps away meanwhile is nobody's time. */
+/*
+ * The runner's task returns at once, and the helper's sleeps. The time in which the runner waits for it must not count.
+ */
 static void sleep_unless_runner(void *context, size_t index)
 {
     (void)index;
@@ -252,18 +255,18 @@ static void waiting_is_not_counted(void **state)
     loop_finish(&loop);
 }
 
-/* A thread that is none of the pool's does the work itself. */
+/* A thread that does not belong to the pool runs all tasks of its call itself. */
 static void count_own_run(void *context, size_t index)
 {
     struct act *act = context;
     steps_burn(20000);
-    act->runs[index] += pthread_equal(pthread_self(), act->stranger) != 0;
+    act->runs[index] += pthread_equal(pthread_self(), act->foreign_thread) != 0;
 }
 
 static void *call_from_outside(void *context)
 {
     struct act *act = context;
-    act->stranger = pthread_self();
+    act->foreign_thread = pthread_self();
     parallel_for(act->parallel, MOST_TASKS, count_own_run, act);
     return NULL;
 }
@@ -281,14 +284,14 @@ static void call_on_own_thread(struct step *step, const struct parallel *paralle
         act->failed |= act->runs[i] != 1;
 }
 
-static void strangers_may_call(void **state)
+static void foreign_threads_may_call(void **state)
 {
     (void)state;
     static struct act act;
     perform(&act, 3, call_on_own_thread);
 }
 
-/* Jobs with nested calls side by side, in two flows. */
+/* Jobs of two flows make nested calls at the same time. */
 static void several_jobs_call_at_once(void **state)
 {
     (void)state;
@@ -321,7 +324,7 @@ int main(void)
         cmocka_unit_test(a_waiting_caller_helps),
         cmocka_unit_test(a_waiting_caller_helps_nobody_else),
         cmocka_unit_test(waiting_is_not_counted),
-        cmocka_unit_test(strangers_may_call),
+        cmocka_unit_test(foreign_threads_may_call),
         cmocka_unit_test(several_jobs_call_at_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_pool_flows.c - tests the order in which threads take work: by priority, by age, and by time among flows. */
 #include "tests/support/daemon/pool_steps.h"
 
 #include <sched.h>
@@ -54,7 +55,7 @@ static void rivalry_finish(struct rivalry *rivalry)
     loop_finish(&rivalry->loop);
 }
 
-/* Queues EACH jobs of the flow. */
+/* Queues EACH jobs of the rival's flow. */
 static void enter_race(struct rivalry *rivalry, int rival, uint64_t burn_ns)
 {
     for (int i = 0; i < EACH; i++) {
@@ -72,7 +73,8 @@ static int rival_of(const struct rivalry *rivalry, const struct step *step)
 }
 
 /*
- * Whoever starts has had the least of those that wait; what each has had at the start of the race is `slack` at most.
+ * Checks that each job that started was of the flow that had had the least time among those with queued jobs. The times
+ * that the flows had at the start of the race may differ by `slack`.
  */
 static void check_race(struct rivalry *rivalry, int rivals, uint64_t slack)
 {
@@ -96,8 +98,11 @@ static void await_race(struct rivalry *rivalry, int rivals)
             step_await(&rivalry->loop, &rivalry->steps[r][i]);
 }
 
-/* Each submitted by done() of the last. Too long a stall is forgiven by the pool, so it proves nothing. */
-static void who_comes_one_by_one_has_no_more_than_its_part(void **state)
+/*
+ * Each job of the second flow is submitted by done() of the one before. After a job that took too long, because the
+ * machine was busy, the order is not checked, since the pool forgives such a time.
+ */
+static void a_flow_that_submits_one_by_one_gets_only_its_share(void **state)
 {
     (void)state;
     struct rivalry rivalry;
@@ -135,8 +140,8 @@ static void sleep_for_count(struct step *step, const struct parallel *parallel)
     steps_sleep_ms((long)step->count);
 }
 
-/* A flow that has had 300 ms while nobody else was there does not pay for all of it when somebody comes. */
-static void what_was_taken_alone_is_forgiven(void **state)
+/* A flow that has had 300 ms while there was no other does not have to wait for as long when another one comes. */
+static void time_had_alone_is_forgiven(void **state)
 {
     (void)state;
     enum { RIVAL = 25 };
@@ -198,7 +203,8 @@ static void a_newcomer_starts_level(void **state)
     struct step holder, last;
     rivalry_init(&rivalry);
     /*
-     * The second flow has the machine for itself for a while; what it is ahead of the first is its last job, at most.
+     * The second flow has the machine to itself for a while. After that it is ahead of the first by its last job at
+     * most.
      */
     enter_race(&rivalry, 1, 2000000);
     for (int i = 0; i < EACH; i++)
@@ -223,7 +229,7 @@ struct meeting {
     struct step large, newcomer;
 };
 
-/* A large job has all threads; the newcomer is as large, so that no spare thread starts it. */
+/* A large job keeps all threads busy. The newcomer is as large, so that no spare thread starts it. */
 static void meeting_init(struct meeting *meeting, unsigned threads)
 {
     loop_init(&meeting->loop, threads);
@@ -286,7 +292,7 @@ static void note_tasks_of_other(struct step *step, const struct parallel *parall
     step->count = step->other->tasks;
 }
 
-/* How many threads are at work, by the pool's own account. */
+/* Returns how many threads are at work, as counted by the pool. */
 static double threads_at_work(struct loop *loop)
 {
     uint64_t begin = steps_now_ns(), busy = pool_load(loop->pool).busy_ns;
@@ -324,12 +330,12 @@ static void open_tasks_come_before_a_queued_job(void **state)
     start_large(&meeting);
     step_submit(&meeting.newcomer);
     step_await(&meeting.loop, &meeting.newcomer);
-    /* A thread that was handed the last task may not have counted it yet. */
+    /* The thread that took the last task has perhaps not counted it yet. */
     assert_true(meeting.newcomer.count >= 59);
     meeting_finish(&meeting);
 }
 
-/* The pool's own account of time, so that a busy machine makes no difference. */
+/* The test uses the time that the pool has counted, so that a busy machine makes no difference. */
 static void both_progress_in_proportion(void **state)
 {
     (void)state;
@@ -357,8 +363,8 @@ static void both_progress_in_proportion(void **state)
 }
 
 /*
- * A step in another flow every now and then, while the helper has a call of its own; none of them may be put off by the
- * next.
+ * While the helper works on a call, a step in another flow is submitted every 300 us. The later ones must not keep the
+ * earlier ones from starting.
  */
 static void newcomers_are_not_put_off_by_more_of_them(void **state)
 {
@@ -397,14 +403,14 @@ static void await_help(struct step *step)
     }
 }
 
-/* As many more than there are. */
+/* Waits until `more` further tasks of the step have run. */
 static void await_tasks(struct step *step, unsigned more)
 {
     for (more += step->tasks; step->tasks < more;)
         steps_sleep_ms(1);
 }
 
-/* Two jobs of one flow make their calls in either order; the thread that is free for them goes to the older job. */
+/* Two jobs of one flow make their calls in either order; the free thread helps the older job. */
 static void the_older_job_is_helped(void **state)
 {
     (void)state;
@@ -440,8 +446,8 @@ int main(void)
 {
     static const struct CMUnitTest tests[] = {
         cmocka_unit_test(priority_then_age_within_a_flow),
-        cmocka_unit_test(who_comes_one_by_one_has_no_more_than_its_part),
-        cmocka_unit_test(what_was_taken_alone_is_forgiven),
+        cmocka_unit_test(a_flow_that_submits_one_by_one_gets_only_its_share),
+        cmocka_unit_test(time_had_alone_is_forgiven),
         cmocka_unit_test(the_least_served_flow_is_next),
         cmocka_unit_test(a_newcomer_starts_level),
         cmocka_unit_test(a_helper_leaves_for_another_flow),

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_pool_queue.c - tests that the queue of a flow keeps its order, and finds small jobs behind large ones. */
 #include "tests/support/unit.h"
 
 #include "daemon/pool/pool_queue.h"
 
 enum { MOST = 400 };
 
-/* What the queue ought to be: jobs in no order. */
+/* A queue, and a plain list of the jobs that are in it, to compare with. */
 struct model {
     struct pool_queue queue;
     struct pool_job jobs[MOST];
@@ -83,7 +84,7 @@ static void small_ones_are_found_behind_large_ones(void **state)
     assert_ptr_equal(pool_queue_first_small(&model.queue, 1), &model.jobs[2]);
     assert_null(pool_queue_first_small(&model.queue, 0));
     /*
-     * The first of the border's class is too large: what is behind it may be overlooked, but nothing too large is
+     * The first job in the class of 100 is too large. Jobs behind it may be missed, but none that is too large may be
      * found.
      */
     assert_ptr_equal(pool_queue_first_small(&model.queue, 100), &model.jobs[2]);
@@ -97,10 +98,9 @@ static void check_against_model(struct model *model)
 {
     uint64_t whole_classes = ((uint64_t)1 << draw(model, 64)) - 1, any = whole_classes / (1 + draw(model, 5));
     assert_ptr_equal(pool_queue_first(&model->queue), expected_first(model, UINT64_MAX));
+    /* `whole_classes` is the largest size of its class, so no job of this class can be missed. */
     if (whole_classes > 0)
-        assert_true(expected_first(model, whole_classes) ==
-                    pool_queue_first_small(&model->queue,
-                                           whole_classes)); /* the border's class has its first within the limit */
+        assert_true(expected_first(model, whole_classes) == pool_queue_first_small(&model->queue, whole_classes));
     struct pool_job *small = pool_queue_first_small(&model->queue, any);
     assert_true(!small || (small->size <= any && model->is_in[small - model->jobs]));
 }

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_pool_spare.c - tests when spare threads start small jobs beside large ones, and when they do not. */
 #include "tests/support/daemon/pool_steps.h"
 
 #include <sched.h>
@@ -30,7 +31,7 @@ static void a_small_job_starts_beside_a_large_one(void **state)
     }
 }
 
-/* One that must not start is given time to do so by mistake. */
+/* Gives a step that must not start some time, in which it could start by mistake. */
 static void check_waits(struct step *step)
 {
     steps_sleep_ms(10);
@@ -58,7 +59,7 @@ static void others_wait(void **state)
     check_waits(&smallest);
     assert_int_equal(pool_load(loop.pool).queued, 3);
 
-    /* Its thread is free for the smallest; when the small one ends too, for the one of the same size. */
+    /* When `smaller` ends, its thread is free for `smallest`; when `small` ends too, a thread is free for `same`. */
     step_let_go(&smaller);
     step_await(&loop, &smallest);
     assert_false(step_has_started(&same));
@@ -73,7 +74,7 @@ static void others_wait(void **state)
     loop_finish(&loop);
 }
 
-static void what_ends_soon_is_waited_for(void **state)
+static void a_job_that_ends_soon_is_waited_for(void **state)
 {
     (void)state;
     struct loop loop;
@@ -126,7 +127,8 @@ static void hold(struct step *step, const struct parallel *parallel)
 }
 
 /*
- * The first leaves its thread to a large one, which is taken before the small ones; only then there is room beside it.
+ * The worker takes the large job after the first one, before the small ones. Only then may spare threads start the
+ * small ones.
  */
 static void a_spare_thread_comes_when_a_large_one_starts(void **state)
 {
@@ -166,7 +168,8 @@ static void sleep_for_count(struct step *step, const struct parallel *parallel)
 }
 
 /*
- * Both wait for a job of their size to end; the order of their flows in whatever list there may be makes no difference.
+ * Two jobs wait for one of their size to end. The flow that has had less time is served first, whichever of the two was
+ * created first.
  */
 static void a_spare_thread_goes_to_the_least_served(void **state)
 {
@@ -236,7 +239,7 @@ int main(void)
     static const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_small_job_starts_beside_a_large_one),
         cmocka_unit_test(others_wait),
-        cmocka_unit_test(what_ends_soon_is_waited_for),
+        cmocka_unit_test(a_job_that_ends_soon_is_waited_for),
         cmocka_unit_test(a_small_job_does_not_wait_behind_a_large_one),
         cmocka_unit_test(a_spare_thread_comes_when_a_large_one_starts),
         cmocka_unit_test(a_spare_thread_goes_to_the_least_served),

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_watchdog.c - tests that the watchdog tells a stuck pool from a working one. */
 #include <pthread.h>
 #include <time.h>
 
@@ -37,14 +38,14 @@ static void collect_for(struct pool *pool, int ms)
     }
 }
 
-/* Until what the pool was asked is answered. */
+/* Collects until the probe is back. */
 static void await_answer(struct pool *pool, const struct watchdog *watchdog)
 {
     for (int ms = 0; watchdog->under_way && ms < PATIENCE_MS; ms++)
         collect_for(pool, 1);
 }
 
-/* Until that many jobs run. */
+/* Collects until `count` jobs run. */
 static void await_running(struct pool *pool, uint32_t count)
 {
     for (int ms = 0; pool_load(pool).running < count && ms < PATIENCE_MS; ms++)
@@ -66,7 +67,10 @@ static void test_idle_pool(void **state)
     pool_destroy(pool);
 }
 
-/* Jobs that hold every thread, spare ones too: patience ends, and begins anew when they have gone. */
+/*
+ * While jobs hold every thread, spare ones included, the pool counts as stuck once the patience is over. When they have
+ * ended, it counts as alive again.
+ */
 static void test_stuck_pool(void **state)
 {
     struct pool *pool;
