@@ -30,7 +30,8 @@ layout(set = 0, binding = 1, std430) readonly buffer SceneWords { uint scene_wor
 void main()
 {
     uint index = gl_GlobalInvocationID.x;
-    vec3 origin = vec3((float(index % 64u) + 0.25) / 16.0, (float(index / 64u) + 0.5) / 16.0, 10.0), direction = vec3(0.0, 0.0, -1.0);
+    vec3 origin = vec3((float(index % 64u) + 0.25) / 16.0, (float(index / 64u) + 0.5) / 16.0, 10.0),
+         direction = vec3(0.0, 0.0, -1.0);
     float distance = -1.0;
 #if defined(NATIVE)
     rayQueryEXT query;
