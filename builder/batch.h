@@ -24,9 +24,9 @@ struct batch_item {
 
 /*
  * Prepares and builds every input, and fills ret_items[count]. Returns BVHD_OK when every item has been tried: each
- * item's own `status` says how it went. Otherwise (BVHD_NO_MEMORY for the batch itself) ret_items must not be read. The
- * caller ends the items with batch_finish. context->output must be NULL. Blocks the calling thread; the stages of each
- * build run on context->parallel.
+ * item's own `status` says how it went. Otherwise, which means BVHD_NO_MEMORY for the batch itself, ret_items must not
+ * be read. The caller ends the items with batch_finish. context->output must be NULL. Blocks the calling thread; the
+ * stages of each build run on context->parallel.
  */
 enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, const struct limits *limits,
                              const struct build_context *context, struct batch_item *ret_items,

@@ -6,7 +6,7 @@
  * The canonical block is cut into leaves of CONTENT_KEY_LEAF bytes (the last may be shorter; an empty block has none),
  * which are hashed in parallel:
  *
- *     leaf = SHA-256("bvhd key leaf 1\0", u64 bytes in the leaf, the bytes)
+ *     leaf = SHA-256("bvhd key leaf 1\0", u64 size of the leaf, its bytes)
  *     key  = SHA-256("bvhd key root 2\0", u64 bytes of the block, u32 BUILD_VERSION, u32 target, u32 layout version,
  *                    u32 layout flags, u32 quality, 36 bytes of struct device_format, the leaves' digests in order)
  *

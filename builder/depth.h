@@ -13,10 +13,11 @@
 /*
  * Brings the tree within `limit` levels (the root alone is one level), for layouts whose traversal stack is fixed.
  *
- * It rebuilds the smallest subtrees that reach below the limit and that fit when balanced; a rebuilt subtree is
- * balanced over its leaves in the order of their refs. Refs and their order do not change; the nodes of a rebuilt
- * subtree stay within the places that the subtree had. A tree that fits is not changed. *ret_depth: levels afterwards.
- * Takes O(n log n) for n nodes at worst. `cancel` may be NULL.
+ * It rebuilds subtrees that reach below the limit, and of these the smallest ones that stay within the limit once they
+ * are balanced. A rebuilt subtree is a balanced tree over its old leaves in the order of their refs. Refs and their
+ * order do not change, and a rebuilt subtree uses the same entries of the array of nodes as before. A tree that fits is
+ * not changed. *ret_depth is the number of levels afterwards. Takes O(n log n) for n nodes at worst. `cancel` may be
+ * NULL.
  *
  * Returns BVHD_TOO_LARGE unless ceil(log2(leaves)) + 1 <= limit, BVHD_NO_MEMORY, or BVHD_CANCELLED. The tree is
  * unchanged after the first two, and must be thrown away after BVHD_CANCELLED.

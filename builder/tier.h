@@ -16,13 +16,13 @@
 #include "proto/base/geometry.h"
 
 /*
- * Fills the terms of the model, by which the exponents of both times are linear. With L = log2(1 + crossings),
- * T = log2(thickness) and U = unevenness they are
+ * Fills the terms of the model. Each time is 2^e nanoseconds, where e is a sum of these terms times fitted constants.
+ * With L = log2(1 + crossings), T = log2(thickness) and U = unevenness they are
  *
  *     1, L, L^2 / 8, T^2 / 6, U * L^2 / 16
  *
- * where crossings are at most 4096 and thickness at least 1/64. The last term stands for splits, which help with few
- * large boxes but not with many alike.
+ * where crossings are at most 4096 and thickness at least 1/64. The last term stands for spatial splits, which help
+ * where a few boxes are large, but not where many are of one size.
  */
 enum { TIER_TERMS = 5 };
 void tier_terms(const struct facts *facts, double ret_terms[TIER_TERMS]);

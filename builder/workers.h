@@ -4,9 +4,10 @@
  * pool (daemon/pool).
  *
  * The tasks of a for_each call are handed out one by one, from an atomic counter, to the caller and to the workers that
- * are free. A caller whose last tasks run on other threads meanwhile works on the nested calls that those tasks make,
- * and on no others; so nested calls use all threads and never wait for each other in a circle. A free worker spins for
- * a few microseconds before it sleeps. Workers block all signals.
+ * are free. Tasks may call for_each themselves. A caller that has no task left to start, but whose last tasks still run
+ * on other threads, helps with the nested calls of those tasks, and with no other calls. So nested calls use all
+ * threads, and there is no deadlock. A free worker spins for a few microseconds before it sleeps. Workers block all
+ * signals.
  */
 #ifndef BVHD_WORKERS_H
 #define BVHD_WORKERS_H
@@ -21,7 +22,8 @@ struct workers;
 /*
  * Starts the threads. `threads` counts the caller's thread, which works too; 0 means one for each processor that this
  * process may use. Returns BVHD_TOO_LARGE over WORKERS_MAX_THREADS, BVHD_NO_MEMORY, or BVHD_IO when the system starts
- * no more threads. All threads are up and idle on return, so the process may fork. The caller ends *ret_workers with
+ * no more threads. On return all threads are up and idle, so that the process may fork: a thread that is still starting
+ * can hold a lock of the allocator. A forked child has none of the threads. The caller ends *ret_workers with
  * workers_destroy.
  */
 enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, struct bvhd_error *error);

@@ -31,7 +31,7 @@ enum lavapipe_variant {
 enum {
     LAVAPIPE_VERSION = 1, /* of the layout as it is written here; part of keys */
     LAVAPIPE_HEADER = 40, /* bytes; the root follows */
-    /* levels of box nodes: half of the driver's stack, for a bottom level and for a top level */
+    /* levels of box nodes in one structure: a top level and a bottom level share the driver's stack of 48 */
     LAVAPIPE_MAX_LEVELS = 24,
     LAVAPIPE_MAX_PRIMITIVES = (1 << 24) - 1
 };

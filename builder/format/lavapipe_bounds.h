@@ -26,9 +26,10 @@ struct box lavapipe_bounds_join(const struct box *first, const struct box *secon
 struct box lavapipe_bounds_leaf(const struct canonical *canonical, uint32_t id);
 
 /*
- * Enlarges boxes for the driver (layout.inflate_boxes). The driver tests boxes in float, without a margin. A ray finds
- * a triangle through any tree as it does through the driver's own, because the boxes above a leaf contain the leaf's
- * box and rounding preserves that order. Therefore leaf boxes must not be smaller than the driver's:
+ * Enlarges boxes for the driver (layout.inflate_boxes). Returns false when cancelled. The driver tests boxes in float,
+ * without a margin. A ray finds a triangle through any tree as it does through the driver's own, because the boxes
+ * above a leaf contain the leaf's box and rounding preserves that order. Therefore leaf boxes must not be smaller than
+ * the driver's:
  * - Boxes of instances, which are rounded outward from double, grow to contain the driver's float result.
  * - Boxes of split references grow by 2^-16 of the whole structure's largest side, but not beyond the triangle. The
  *   rounding errors of rays that start within about 64 such sides are smaller than that, so that no ray slips through

@@ -62,8 +62,8 @@ enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, un
 bool probe_is(struct bytes data);
 
 /*
- * Reads a hostile block: checks that names end, that sizes fit and that nothing is left over. The structures point into
- * it. Fails with BVHD_CORRUPT, or with BVHD_INCOMPATIBLE for another version.
+ * Reads a hostile block: checks that names end in NUL, that sizes fit and that no bytes are left over. The structures
+ * point into it. Fails with BVHD_CORRUPT, or with BVHD_INCOMPATIBLE for another version.
  */
 enum bvhd_status probe_unpack(struct bytes data, struct probe *ret_probe, struct bvhd_error *error);
 

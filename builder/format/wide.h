@@ -4,12 +4,12 @@
  * in which a layout writes them. Node i of a layout is wide node i.
  *
  * Node 0 is the root (count 0 for an empty structure). Slots are octants: the child in slot s lies towards +x if bit 0
- * of s is set, +y for bit 1, +z for bit 2, as far as the assignment that minimises the sum over all children allows;
- * slots may be empty. The inner children of a node are adjacent in the array, in slot order, from first_child on, and
- * follow their parent: first_child > index. The refs of a node's leaf children are written adjacently, in slot order,
- * from first_leaf on. Those blocks follow each other in node order, so that first_leaf of node i + 1 is first_leaf of
- * node i plus the number of refs of node i's leaf children. The order is depth first: a block of inner children, then
- * the subtree of each.
+ * of s is set, +y for bit 1, +z for bit 2, as far as all children together allow (octants.h); slots may be empty. The
+ * inner children of a node are adjacent in the array, in slot order, from first_child on, and follow their parent:
+ * first_child > index. The refs of a node's leaf children are written adjacently, in slot order, from first_leaf on.
+ * Those blocks follow each other in node order, so that first_leaf of node i + 1 is first_leaf of node i plus the
+ * number of refs of node i's leaf children. The order is depth first: a block of inner children, then the subtree of
+ * each.
  */
 #ifndef BVHD_WIDE_H
 #define BVHD_WIDE_H

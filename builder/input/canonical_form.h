@@ -67,7 +67,7 @@ _Static_assert(sizeof(struct form_reference) == 144, "format");
 
 enum form_section { FORM_PRIMITIVES, FORM_POSITIONS };
 
-/* Returns the bytes of a geometry's array in one section; 0 when it has none. */
+/* Returns the size in bytes of a geometry's array in one section; 0 when it has none. */
 uint64_t form_bytes(const struct form_geometry *row, enum form_section section);
 
 /* Returns the field of the row that holds the array's offset; NULL when the geometry has no array in that section. */

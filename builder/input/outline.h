@@ -18,8 +18,9 @@ bool outline_find(const struct canonical *canonical, const struct build_context 
 
 /*
  * Makes the world box of an instance tighter. `box` comes in as a box around the transformed bounds, and is cut to the
- * transformed slabs. It does not change when the slabs are unknown, or where they would leave nothing. `matrix` is
- * finite, a row-major 3x4.
+ * transformed slabs. It does not change when the slabs are unknown, and an axis on which the slabs would leave nothing
+ * does not change. `matrix` is the instance's, finite, a row-major 3x4; `bounds` and `slabs` are those of its bottom
+ * level, in object space.
  */
 void outline_narrow(const float matrix[12], const struct box *bounds, const struct slabs *slabs, struct box *box);
 

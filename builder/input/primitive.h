@@ -4,10 +4,11 @@
  * primitive that can be hit.
  *
  * Inactive primitives get no ref: a triangle or an AABB with a NaN in any component, an instance without a reference or
- * with a NaN in its transform (Vulkan specification, Inactive Primitives and Instances; it names fewer components).
- * Unless the build says ALLOW_UPDATE, these get none either, because no ray can meet them: degenerate primitives
- * (triangles of zero area, instances of an empty structure), triangles with infinite corners, and instances with an
- * infinite transform. AABBs that are points stay. Infinite coordinates that are kept are clamped to the largest float.
+ * with a NaN in its transform (Vulkan specification, Inactive Primitives and Instances. The specification names only
+ * the x of a triangle's vertices, the minimum x of an AABB, and references that are 0.). Unless the build says
+ * ALLOW_UPDATE, these get none either, because no ray can meet them: degenerate primitives (triangles of zero area,
+ * instances of an empty structure), triangles with infinite corners, and instances with an infinite transform. AABBs
+ * that are points stay. Infinite coordinates that are kept are clamped to the largest float.
  *
  * Boxes of triangles and AABBs are exact. The box of an instance is the box of its reference's bounds under the
  * transform, cut to the transformed slabs (outline.h), computed in double and rounded outward; for an empty structure
@@ -22,19 +23,22 @@
 
 struct leaves_options;
 
-/* Primitives of a block: each task fills one block of refs, at the places of its primitives. */
+/*
+ * Number of primitives in a block. Each task makes the refs of one block, and writes them from the array element on
+ * that has the number of the block's first primitive.
+ */
 enum { PRIMITIVE_BLOCK = 8192 };
 
 struct primitive_refs {
     struct primitive_ref *refs; /* 64-byte aligned; in the order of primitive numbers */
     /*
-     * Number of refs in each block; they start at the block's first place, so there may be gaps between blocks. NULL
-     * when there are no gaps.
+     * Number of refs in each block. The refs of block b start at refs[b * PRIMITIVE_BLOCK], so there are gaps behind
+     * blocks that are not full. NULL when there are no gaps.
      */
     uint32_t *blocks;
     uint32_t block_count;
     uint32_t count;
-    uint32_t primitives; /* that the refs stand for */
+    uint32_t primitives; /* number of primitives that the refs stand for; larger than `count` when some refs are runs */
     struct box bounds; /* union of all refs' boxes */
     struct box centroids; /* bounds of min + max of all refs, which is twice their centres */
     uint64_t inactive; /* number of inactive primitives */

@@ -20,7 +20,7 @@ struct reference_lookup {
 };
 
 /*
- * Checks the caller's table and sorts it. `index`: the entry's place in its batch, for errors. Returns BVHD_INVALID
+ * Checks the caller's table and sorts it. `index`: the entry's position in its batch, for errors. Returns BVHD_INVALID
  * with the place for a bad handle, bounds or slabs or for a handle that occurs twice, BVHD_UNSUPPORTED for an unknown
  * kind, BVHD_NO_MEMORY, or BVHD_CANCELLED. reference_lookup_finish frees the lookup; it may be NULL.
  */

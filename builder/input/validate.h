@@ -41,14 +41,14 @@ enum bvhd_status validate_input_until(const struct build_input *input, uint32_t 
 enum bvhd_status validate_canonical(const struct canonical *canonical, uint32_t index, const atomic_bool *cancel,
                                     struct bvhd_error *error);
 
-/* True when `count` boxes (six floats each) or canonical instance records keep the same rules. */
+/* True when `count` boxes (six floats each) or canonical instance records keep the rules of validate_canonical. */
 bool validate_boxes(const float *boxes, uint64_t count);
 bool validate_instances(const unsigned char *records, uint64_t count);
 
 /*
  * True when the 3x3 part of a row-major 3x4 matrix is invertible in double precision: its determinant is finite and
- * larger than 2^-48 of what it would be if no products cancelled. A smaller one is rounding error, and so would be the
- * rays that are transformed to object space.
+ * larger than 2^-48 of what it would be if no products cancelled. A smaller determinant consists of rounding errors,
+ * and rays could not be transformed to object space with it.
  */
 bool validate_invertible(const float matrix[12]);
 

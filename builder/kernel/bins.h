@@ -23,7 +23,10 @@ struct bins_mapping {
     uint32_t bins; /* at most BINS_MAX; fewer for few refs */
 };
 
-/* The contents of the bins: of each one the box's minimum and its negated maximum, so that one operation grows both. */
+/*
+ * The contents of the bins: for each bin the minimum of its box and the negated maximum, so that one operation grows
+ * both.
+ */
 struct bins {
     _Alignas(32) struct vec4_box boxes[3][BINS_MAX]; /* by axis */
     vec4_int counts[BINS_MAX]; /* one lane for each axis */
@@ -41,7 +44,7 @@ struct bins_plane {
 void bins_bound(const struct primitive_ref *refs, uint32_t count, struct vec4_box *ret_bounds,
                 struct vec4_box *ret_centroids);
 
-/* Computes only the box of the centroids, in half the time. The sign of a zero side has no meaning. */
+/* Computes only the box of the centroids, in half the time. A coordinate of the box that is 0 may have either sign. */
 struct vec4_box bins_centroids(const struct primitive_ref *refs, uint32_t count);
 
 /* Chooses the map for `count` refs with these centroids. */
@@ -63,7 +66,10 @@ bool bins_choose(const struct bins *bins, const struct bins_mapping *mapping, ui
 bool bins_find(const struct primitive_ref *refs, uint32_t count, const struct vec4_box *centroids,
                struct bins_mapping *ret_mapping, struct bins_plane *ret_plane);
 
-/* Divides the refs in the middle of their present order, where there is no plane. Sets no axis and no bin. */
+/*
+ * Divides the refs in the middle of their present order, for use where there is no plane. Does not set the plane's axis
+ * and bin.
+ */
 void bins_halve(const struct primitive_ref *refs, uint32_t count, struct bins_plane *ret_plane,
                 struct vec4_box ret_centroids[2]);
 

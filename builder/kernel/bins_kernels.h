@@ -10,11 +10,11 @@
 
 struct bins_kernels {
     /*
-     * Does what bins_clear does. The same set of kernels has to clear and to add: a box that is stored in two halves is
-     * slow to load as a whole directly afterwards.
+     * Does what bins_clear does. Use clear and add of the same set: one set stores a box in two halves, and the other
+     * loads it as a whole, which is slow directly after such a store (store forwarding fails).
      */
     void (*clear)(struct bins *bins, const struct bins_mapping *mapping);
-    /* Adds even refs to sets[0] and odd ones to sets[1]; both may point to the same bins. */
+    /* Adds refs with an even index to sets[0] and the others to sets[1]; both may point to the same bins. */
     void (*add)(struct bins *const sets[2], const struct bins_mapping *mapping, const struct primitive_ref *refs,
                 uint32_t count);
     /* Does what bins_partition does. */

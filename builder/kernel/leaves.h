@@ -8,8 +8,8 @@
  * which is what a node above both would cost, but that area counts at most as twice the smaller ref's: a large ref
  * beside a small one says nothing about whether to cut there.
  *
- * The sequence is first divided into LEAVES_RANGES ranges of equal length (the last ones may be shorter), because their
- * chains of dependent operations then run side by side.
+ * The sequence is first divided into LEAVES_RANGES ranges of equal length (the last ones may be shorter), because the
+ * processor then works on their chains of dependent operations at the same time.
  */
 #ifndef BVHD_LEAVES_H
 #define BVHD_LEAVES_H

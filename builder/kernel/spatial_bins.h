@@ -44,7 +44,8 @@ struct spatial_plane {
     float cost; /* half area times count, summed over both sides */
     uint32_t left_count, right_count;
     struct vec4_box left, right; /* boxes of the refs' parts on each side */
-    bool cut_all; /* cut every ref that crosses, leave none whole; only spatial_assign reads this */
+    /* every ref that crosses the plane is cut, even if it is cheaper whole; only spatial_assign reads this */
+    bool cut_all;
 };
 
 /* The refs on one side of a plane. */
@@ -66,7 +67,7 @@ void spatial_bins_clear(struct spatial_bins *bins);
 /* Adds the parts of `count` refs. Returns false when *cancel was set meanwhile; `cancel` may be NULL. */
 bool spatial_bins_add(struct spatial_bins *bins, const struct canonical *canonical, const struct spatial_grid *grid,
                       const struct primitive_ref *refs, uint32_t count, const atomic_bool *cancel);
-/* Adds the contents of other bins of the same grid. */
+/* Adds the contents of other bins, which have the same grid. */
 void spatial_bins_merge(struct spatial_bins *bins, const struct spatial_bins *other);
 
 /*
@@ -77,16 +78,17 @@ bool spatial_bins_choose(const struct spatial_bins *bins, const struct spatial_g
                          struct spatial_plane *ret_plane);
 
 /*
- * Returns what an additional ref has to save, in half areas times counts, in proportion to the average cost of a ref;
- * so room and time go where they save most. `areas`: sum of the half areas of the structure's `count` refs; `whole`:
- * half area of the structure.
+ * Returns the price of an additional ref: how much SAH cost (half areas times counts) a split has to save for each ref
+ * that it adds. One price holds for the whole structure, so room and time go to the splits that save most. It is
+ * proportional to sqrt(areas * whole) / count, where `areas` is the sum of the half areas of the structure's `count`
+ * refs, and `whole` the half area of the structure.
  */
 float spatial_price(double areas, float whole, uint32_t count);
 
 /*
- * spatial_worth_a_try: true when a cut may pay in a node of `count` whole refs whose best division is `plane`, with
- * room for `slack` more refs. Call it first, because finding a cut costs as much as all the rest of the node.
- * spatial_is_better: true when the cut that was found does pay.
+ * spatial_worth_a_try: true when a spatial split may pay in a node of `count` refs with room for `slack` more; `plane`
+ * is the best division of the node that cuts no ref. Call it first, because finding a spatial split costs as much as
+ * all the rest of the node. spatial_is_better: true when the spatial split that was found does pay.
  */
 bool spatial_worth_a_try(const struct bins_plane *plane, uint32_t count, uint32_t slack, float price);
 bool spatial_is_better(const struct spatial_plane *cut, const struct bins_plane *plane, uint32_t count, float price);
@@ -112,7 +114,8 @@ enum { SPATIAL_BOTH = 2 };
 /*
  * Do the same for some of a node's refs, in two steps, so that several threads can share a node. spatial_assign decides
  * where each ref goes and counts both sides; spatial_send copies them to `left` and `right`, upwards. Whether a ref
- * stays whole is decided by what the plane expects of the sides, so one side may get no refs.
+ * stays whole is decided by the boxes and counts of the plane's sides as spatial_bins_choose found them, not by the
+ * refs seen so far, so one side may get no refs.
  */
 void spatial_assign(const struct spatial_grid *grid, const struct spatial_plane *plane,
                     const struct primitive_ref *refs, uint32_t count, uint8_t *ret_sides, uint32_t ret_counts[2]);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * binned.h - builds a piece's tree from above, on one thread, for quality balanced: leaves that were cut along a Morton
+ * binned.h - builds a piece's tree top-down, on one thread, for quality balanced: leaves that were cut along a Morton
  * curve (cluster_tree.h) are divided by binned SAH (bins.h), and by a full sweep (full_sweep.h) once few are left. This
- * is faster than clustering from below with a radius of more than a step or two, and its trees overlap less.
+ * is faster than PLOC (ploc.h) with a search radius of more than one or two, and its trees overlap less.
  */
 #ifndef BVHD_BINNED_H
 #define BVHD_BINNED_H

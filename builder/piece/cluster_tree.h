@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * cluster_tree.h - the tree of a piece while it is made by joining clusters. Leaves come first: refs that follow each
- * other on a Morton curve. Then any two nodes without a parent are joined by an inner node, by whatever method (ploc.h,
- * binned.h). At the end the tree is written as an ir.
+ * other on a Morton curve. Then a method (ploc.h, binned.h) joins nodes without a parent, two at a time, by inner
+ * nodes, until one is left. At the end the tree is written as an ir.
  *
  * Nodes are stored as refs: a box, and for an inner node the numbers of both children. The leaves are the first nodes,
  * in the order of the curve. One thread builds a tree.
@@ -41,7 +41,8 @@ struct cluster_tree {
     const struct cluster_request *request;
     struct primitive_ref *leaves, *inner;
     uint32_t leaf_count, node_count;
-    uint32_t *ids; /* primitives of all leaves; a leaf's own start at index `id`, and are `link` many */
+    /* primitives of all leaves; those of a leaf are ids[id .. id + link), with `id` and `link` of its ref */
+    uint32_t *ids;
     struct cluster_facts *facts; /* one for each node */
 };
 
@@ -72,8 +73,8 @@ static inline uint32_t cluster_as_child(const struct cluster_tree *tree, uint32_
 }
 
 /*
- * Returns the facts of a node with this box above two nodes with these facts: it becomes a leaf where that fits and
- * pays.
+ * Returns the facts of a node that has this box, and two children with these facts. It becomes a leaf if it has at most
+ * leaf_max primitives and, without fills_leaves, costs no more as a leaf.
  */
 static inline struct cluster_facts cluster_facts_of(const struct cluster_tree *tree, struct cluster_facts left,
                                                     struct cluster_facts right, struct vec4_box box)

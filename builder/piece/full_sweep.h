@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * full_sweep.h - builds the tree of a few boxes from above by SAH, trying every cut between neighbours on all three
- * axes. For few boxes this is faster than bins (bins.h), and finds cuts that clustering from below does not.
+ * full_sweep.h - builds the tree of a few boxes top-down by SAH, trying every cut between neighbours on all three axes.
+ * For few boxes this is faster than bins (bins.h), and finds cuts that bottom-up clustering does not.
  *
  * A side of a cut costs its half area times its number of boxes.
  */
@@ -13,8 +13,8 @@
 enum { FULL_SWEEP_MOST = 48 };
 
 /*
- * Two subtrees that become one. Numbers below the count of boxes are boxes; others are that count plus the index of an
- * earlier pair.
+ * An inner node, by the numbers of its two children. A number below the count of boxes is a box; others are that count
+ * plus the index of an earlier pair.
  */
 struct full_sweep_pair {
     uint8_t left, right;

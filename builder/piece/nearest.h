@@ -15,14 +15,14 @@
 enum { NEAREST_MAX = 15, NEAREST_PAD = 24 };
 
 /*
- * Arrays of coordinates with magnitudes up to 2^40, with room for NEAREST_PAD boxes before the first and after the
- * last.
+ * The boxes as six arrays of coordinates, with magnitudes up to 2^40. The pointers lead to the first box; there is room
+ * for NEAREST_PAD more boxes before it, and after the last.
  */
 struct nearest_boxes {
     float *min[3], *max[3];
 };
 
-/* Fills the padding with boxes that are near to none. */
+/* Fills the padding with boxes that no box has as its nearest neighbour. */
 void nearest_pad(const struct nearest_boxes *boxes, uint32_t count);
 
 /*

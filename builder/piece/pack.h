@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pack.h - moves those boxes of a sequence that are kept together, eight at a time where the machine can. */
+/*
+ * pack.h - removes boxes from a sequence: moves the remaining ones together (stream compaction), eight at a time where
+ * the machine can.
+ */
 #ifndef BVHD_PACK_H
 #define BVHD_PACK_H
 
@@ -8,8 +11,9 @@
 enum { PACK_PAD = 8 };
 
 /*
- * Copies the boxes and nodes whose `kept` is 1 (not 0), in their order, to the start of another sequence. Up to
- * PACK_PAD entries after those that are read and written are read and written too; their `kept` must be 0.
+ * Copies those of `count` boxes and nodes whose `kept` is 1 (not 0), in their order, to the start of another sequence.
+ * It may read up to PACK_PAD entries beyond `count`, whose `kept` must be 0, and may overwrite up to PACK_PAD entries
+ * behind the copies.
  */
 void pack_row(const struct nearest_boxes *boxes, const uint32_t *nodes, const uint8_t *kept, uint32_t count,
               const struct nearest_boxes *ret_boxes, uint32_t *ret_nodes);

@@ -18,8 +18,8 @@ enum { REINSERTION_LEAF_MOST = 3 };
 
 struct reinsertion_request {
     /*
-     * The tree to improve, which has nodes and one key. Each leaf holds one ref, the first child of each pair has an
-     * odd number, and a node's box is exactly that of its children. It is freed as soon as it has been read.
+     * The tree to improve, which has nodes and one motion key. Each leaf holds one ref, the first child of each pair
+     * has an odd number, and a node's box is exactly that of its children. It is freed as soon as it has been read.
      */
     struct ir *ir;
     uint32_t leaf_max; /* 1 .. REINSERTION_LEAF_MOST */

@@ -26,7 +26,10 @@ struct spatial_request {
     float price; /* what an additional ref has to save (spatial_price) */
 };
 
-/* Returns the room for a tree over `count` refs: two fifths more, or just `count` where that would not fit. */
+/*
+ * Returns the `capacity` to choose for `count` refs: two fifths more than `count`, or just `count` (which means no
+ * splits) where that would exceed 2^31 - 1.
+ */
 uint32_t spatial_capacity(uint32_t count);
 
 /*

@@ -15,7 +15,7 @@ struct spatial_split_request {
     const struct canonical *canonical; /* clip_allowed holds for it; only read when capacity > count */
     struct primitive_ref *refs, *scratch; /* room for `capacity` refs each; `refs` holds the first `count` */
     uint32_t count, capacity; /* 1 <= count <= capacity */
-    uint32_t piece_size; /* most refs of a piece; >= 1 */
+    uint32_t piece_size; /* the maximum number of refs in a piece; >= 1 */
     struct box bounds, centroids; /* of all refs (primitive_ref_bounds); magnitudes are at most 2^40 */
     const atomic_bool *cancel; /* may be NULL; once set it stays set; checked every few thousand refs */
 };
@@ -23,9 +23,9 @@ struct spatial_split_request {
 /*
  * Does what split_refs does, except that cut triangles are referenced from both sides, and that each piece has room for
  * more: its refs are refs[first .. first + count), and both arrays belong to it up to the `first` of the next piece. No
- * bounds are set; the root's count is the sum over the pieces. If a few refs are about as large as the whole scene,
- * which would enlarge every box on their way down, they form a piece of their own below the root. *ret_price is the
- * spatial_price of the other refs.
+ * bounds are set; the root's count is the sum over the pieces. If a few refs are about as large as the whole scene
+ * (outsize refs), they would enlarge the box of every node above them, so they form a separate piece directly below the
+ * root. *ret_price is the spatial_price of the other refs.
  *
  * The caller frees ret_tree->nodes. Returns BVHD_CANCELLED or BVHD_NO_MEMORY.
  */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * split.h - divides a set of refs into pieces of bounded size by binned SAH (Wald 2007), so that a build can be
- * cancelled and shared among threads between pieces. Where nothing separates the refs they are halved in their order,
- * so there the depth stays within log2 of the count.
+ * split.h - divides a set of refs into pieces of bounded size by binned SAH (Wald 2007). Each piece is then built on
+ * one thread, and a build can be cancelled between pieces. Refs that no plane separates are halved in their order, so
+ * that below such a node the depth is at most log2 of their number.
  */
 #ifndef BVHD_SPLIT_H
 #define BVHD_SPLIT_H
@@ -36,7 +36,7 @@ struct split_request {
     const uint32_t *blocks; /* for scatter_refs: NULL, or the refs lie in block_count blocks with gaps (primitive.h) */
     uint32_t block_count;
     uint32_t count; /* >= 1 */
-    uint32_t piece_size; /* most refs of a piece; >= 1 */
+    uint32_t piece_size; /* the maximum number of refs in a piece; >= 1 */
     struct box bounds, centroids; /* of all refs (primitive_ref_bounds) */
     const atomic_bool *cancel; /* may be NULL; once set it stays set; checked every few thousand refs */
 };
