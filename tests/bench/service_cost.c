@@ -84,8 +84,7 @@ static void cost_of(const struct bench *bench, struct bvhd_client *client, struc
     double s = bench_quantile(service, bench->runs, 0.5), a = bench_quantile(alone, bench->runs, 0.5);
     bench_line(name,
                "service %.1f ms, in process %.1f ms: ratio %.3f, %+.1f ms (mean in the service: queued %.1f, prepare "
-               "and key %.1f, "
-               "build %.1f)",
+               "and key %.1f, build %.1f)",
                s, a, s / a, s - a, queued, prepared, built);
     free(service);
     free(alone);

@@ -1,11 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * determinism [COUNT [SEED]] - the same request gives the same bytes: with 1, 2 and 8 threads, and written in other
- * strides, offsets and index widths. determinism --digest [COUNT [SEED]] - prints nothing but one digest over all keys
- * and blobs, to be compared between compilers and machines.
+ * determinism.c - tests that the same request gives the same bytes: with 1, 2 and 8 threads, and written with other
+ * strides, offsets and index widths.
  *
- * Random requests, and generated meshes large enough to be cut into several pieces. Ends with status 1 if anything
- * differs.
+ *     determinism [COUNT [SEED]]
+ *     determinism --digest [COUNT [SEED]]
+ *
+ * The requests are random ones, and generated meshes that are large enough to be cut into several pieces. The exit
+ * status is 1 if anything differs. With --digest it prints only one digest over all keys and blobs, which can be
+ * compared between compilers and machines.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,7 +19,7 @@
 #include "tests/support/builder/random_top.h"
 #include "builder/workers.h"
 
-enum { TEAMS = 3, GRID = 260 }; /* 135,200 triangles: three pieces at least */
+enum { TEAMS = 3, GRID = 260 }; /* 135,200 triangles: at least three pieces */
 
 static const unsigned team_sizes[TEAMS] = {1, 2, 8};
 
@@ -26,7 +29,7 @@ struct run {
     uint64_t digest, failures, blobs, bytes;
 };
 
-/* FNV-1a, which is enough where nobody cheats. */
+/* FNV-1a is good enough, because nobody forges collisions here. */
 static void digest_bytes(struct run *run, const void *data, uint64_t size)
 {
     const unsigned char *bytes = data;
@@ -61,7 +64,10 @@ static bool items_equal(const struct batch_item *a, const struct batch_item *b)
     return key_equal(&a->key, &b->key) && a->size == b->size && memcmp(a->blob, b->blob, a->size) == 0;
 }
 
-/* One request with every team. False if it could not be built; else the caller ends *ret_first. */
+/*
+ * Builds one request with every team of threads. Returns false if it could not be built; otherwise the caller ends
+ * *ret_first.
+ */
 static bool build_with_all(struct run *run, const struct build_input *input, const char *what,
                            struct batch_item *ret_first)
 {
@@ -84,7 +90,7 @@ static bool build_with_all(struct run *run, const struct build_input *input, con
 
 /* ---- random requests ---- */
 
-/* A third of the requests is for a driver's own format, of either variant. */
+/* Makes a third of the requests for a driver's own format, in either variant. */
 static void choose_target(struct build_input *input, struct random *random)
 {
     if (!random_chance(random, 0.33))
@@ -125,7 +131,7 @@ static void run_top(struct run *run, struct random *random)
     random_top_finish(&top);
 }
 
-/* ---- one mesh, written in many ways ---- */
+/* ---- one mesh, encoded in many ways ---- */
 
 struct mesh {
     float (*positions)[3];
@@ -143,7 +149,7 @@ static void *allocate(size_t size)
     return block;
 }
 
-/* Hills on a grid, with a share of triangles put elsewhere so that boxes overlap. */
+/* Hills on a grid. Some triangles get a random corner, so that boxes overlap. */
 static struct mesh make_mesh(uint32_t side, uint64_t seed)
 {
     struct mesh mesh = {.vertex_count = (side + 1) * (side + 1), .triangle_count = 2 * side * side};
@@ -174,7 +180,7 @@ static void free_mesh(struct mesh *mesh)
     free(mesh->triangles);
 }
 
-/* How a mesh is written down. */
+/* How a mesh is encoded in a request. */
 struct writing {
     const char *name;
     uint32_t format, stride, first_vertex, index_type, offset;
@@ -252,7 +258,7 @@ static void run_writing(struct run *run, const struct mesh *mesh, const struct w
     free((void *)(uintptr_t)geometry.triangles.indices.data);
 }
 
-/* Every writing of a mesh against the first; 16-bit ones where they fit. */
+/* Compares every encoding of a mesh with the first; encodings with 16-bit indices only where the indices fit. */
 static void run_mesh(struct run *run, uint32_t side, const struct build_options *options)
 {
     struct mesh mesh = make_mesh(side, side);
@@ -284,7 +290,7 @@ static const struct {
     {60, {.quality = QUALITY_HIGH, .target = TARGET_LAVAPIPE, .device = {.variant = LAVAPIPE_COMPACTED}}},
 };
 
-/* ---- all ---- */
+/* ---- all cases ---- */
 
 static bool run_init(struct run *run)
 {

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Candidates that a driver reports of our structures with split references, counted in the loop of a ray query: Vulkan
- * lets a primitive come twice, unless its geometry says NO_DUPLICATE_ANY_HIT, and then it never does; none is left out.
- * Skipped (77) where no device loads our structures.
+ * driver_candidates.c - tests which candidates a driver reports for our structures with split references, in the loop
+ * of a ray query. Vulkan allows a primitive to be reported twice, unless its geometry has NO_DUPLICATE_ANY_HIT; with
+ * the flag it is never reported twice, and no primitive is missing in either case. Skipped (77) where no device loads
+ * our structures.
  */
 #include "tests/support/unit.h"
 
@@ -23,7 +24,7 @@ static struct memory memory;
 static struct gpu *gpu;
 static struct bvhd_format format;
 
-/* Long, thin triangles across the scene, in all directions: what spatial splits are for. */
+/* Long, thin triangles across the scene, in all directions, which spatial splits are made for. */
 static void make_needles(float *corners)
 {
     struct random random = {11};
@@ -106,7 +107,7 @@ static struct ray *make_rays(void)
 struct count {
     uint64_t reported,
         different; /* candidates of all rays, and how many of them are different primitives of their ray */
-    uint64_t missing; /* that the driver's own has, and ours has not */
+    uint64_t missing; /* candidates of the driver's own structure that ours does not have */
 };
 
 static bool is_among(const struct query_id *ids, uint32_t count, uint32_t primitive)
@@ -153,7 +154,7 @@ static struct count count_candidates(const struct driver_scene *scene)
     return count;
 }
 
-/* How many references there are to leaves: more than there are triangles only where references were split. */
+/* Counts the references to leaves. There are more than triangles only where references were split. */
 static uint32_t count_references(const struct bvhd_vulkan_bytes *blob)
 {
     struct bvhd_error error;

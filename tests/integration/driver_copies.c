@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Our structures, copied by a driver: cloned, compacted, serialized and loaded again, one after the other in both
- * orders, bottom levels, top levels, and both. Every copy is traced as the scene that it comes from is, and serialized
- * again it gives the bytes that we wrote, apart from addresses. Skipped (77) where no device loads our structures.
+ * driver_copies.c - tests our structures after a driver has copied them: cloned, compacted, and serialized and loaded
+ * again, one after the other in several orders; bottom levels, top levels, and both. Every copy traces the same as the
+ * scene that it comes from, and serializing it gives the bytes that we wrote, apart from addresses. Skipped (77) where
+ * no device loads our structures.
  */
 #include "tests/support/unit.h"
 
@@ -16,7 +17,7 @@
 
 enum { RAYS = 200, MOST_ROWS = DRIVER_WORLD_BOTTOMS };
 
-/* One way to copy, and sequences of them. */
+/* The ways to copy, and sequences of them. */
 enum way { CLONE, COMPACT, RELOAD, WAYS };
 
 static const enum way sequences[][WAYS] = {
@@ -75,7 +76,7 @@ static struct driver_structure copy(const struct driver_structure *from, enum wa
     return to;
 }
 
-/* The last of the copies of copies; those between are gone when it is used. */
+/* Copies, then copies the copy, and so on. Returns the last one; the others are destroyed by then. */
 static struct driver_structure copy_in_turn(const struct driver_structure *from, const enum way ways[WAYS])
 {
     struct driver_structure to = copy(from, ways[0]);
@@ -87,7 +88,7 @@ static struct driver_structure copy_in_turn(const struct driver_structure *from,
     return to;
 }
 
-/* What we wrote, with these addresses where handles are: `addresses` by row. */
+/* The bytes that we wrote, with addresses in place of handles; `addresses` is indexed by row. */
 static unsigned char *written_with(uint32_t row, const uint64_t *addresses)
 {
     struct bvhd_error error;
@@ -126,7 +127,7 @@ static void our_addresses(uint64_t addresses[MOST_ROWS])
 
 /* ---- Tracing them ---- */
 
-/* As the driver's own of the same scene, which driver_query compares with ours. */
+/* Traces and compares with the driver's own structure of the same scene, which driver_query compares with ours. */
 static void assert_traced_the_same(VkAccelerationStructureKHR top)
 {
     struct driver_judge judge;
@@ -156,7 +157,7 @@ static void what_was_loaded_gives_its_bytes(void **state)
     assert_traced_the_same(VK_NULL_HANDLE);
 }
 
-/* The copied top level stands on the bottom levels that were loaded. */
+/* The copied top level refers to the bottom levels that were loaded. */
 static void top_levels_are_copied(void **state)
 {
     (void)state;
@@ -195,7 +196,7 @@ static void bottom_levels_are_copied(void **state)
     }
 }
 
-/* The driver's own over ours, and ours over the driver's own: one is as good as the other. */
+/* The driver's own top level over our bottom levels, and ours over the driver's: both trace the same. */
 static void levels_are_mixed(void **state)
 {
     (void)state;

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The lavapipe layout against the driver itself: it builds, and our writer, fed with the driver's topology and our own
- * geometry, gives the bytes that the driver serializes. Then what our builder makes of the same request is loaded into
- * the driver, which gives the same bytes back.
+ * driver_golden.c - tests the lavapipe layout against the driver itself. The driver builds; our writer, given the
+ * driver's topology and our own geometry, has to give the bytes that the driver serializes. Then the structure that our
+ * builder makes of the same request is loaded into the driver, which has to serialize the same bytes.
  *
- * Not compared are empty structures, whose serialized size the driver says to be 0. Skipped (77) where no device loads
- * this layout.
+ * Empty structures are not compared, because the driver reports a serialized size of 0 for them. Skipped (77) where no
+ * device loads this layout.
  */
 #include "tests/support/unit.h"
 
@@ -47,7 +47,7 @@ static enum bvhd_status open_as_device(struct bytes blob, struct lavapipe_view *
                           : lavapipe_open_any(blob, &memory, ret_view, error);
 }
 
-/* Addresses for rows, as a loader sets them. */
+/* Replaces rows by addresses in the handles, as a loader does. */
 static void set_handles(unsigned char *blob, uint64_t size, const uint64_t *addresses)
 {
     struct bvhd_error error;
@@ -71,7 +71,7 @@ static void assert_equal(const char *name, struct bytes driver, struct bytes our
     assert_int_equal(driver.size, ours.size);
 }
 
-/* The driver's tree over our canonical copy. */
+/* Writes our canonical copy with the driver's tree. */
 static void write_again(const struct canonical *canonical, const struct lavapipe_view *view,
                         const struct parallel *parallel, struct bytes *ret_blob)
 {
@@ -99,7 +99,7 @@ static struct bytes build_ours(const struct canonical *canonical, const uint64_t
     return (struct bytes){blob, stats.sizes.total};
 }
 
-/* What the driver has loaded it serializes again, byte by byte. */
+/* Loads our structure into the driver and compares what the driver serializes byte by byte. */
 static void assert_round_trip(const char *name, const struct canonical *canonical, const uint64_t *addresses)
 {
     struct bvhd_error error;
@@ -115,7 +115,7 @@ static void assert_round_trip(const char *name, const struct canonical *canonica
     memory_free(&memory, (void *)(uintptr_t)ours.data);
 }
 
-/* Of each leaf the box that the node above it has. */
+/* Collects for each leaf the box that its parent node stores. */
 static void collect_boxes(struct bytes blob, struct box *ret_boxes)
 {
     struct bvhd_error error;
@@ -133,8 +133,8 @@ static void collect_boxes(struct bytes blob, struct box *ret_boxes)
 }
 
 /*
- * The driver computes boxes of instances in float, ours are rounded outward from double and contain the driver's: what
- * it hits, ours hits.
+ * Checks that our boxes of instances contain the driver's. The driver computes them in float; ours are rounded outward
+ * from double, so that what hits the driver's box hits ours.
  */
 static void assert_instance_boxes_contain(const struct canonical *canonical, struct bytes driver,
                                           const uint64_t *addresses)
@@ -206,7 +206,7 @@ static void check_input(const char *name, const struct build_input *input, const
 
 /* ---- Requests ---- */
 
-/* Random triangles; each ninth coordinate is a zero, each second of those negative. */
+/* Random triangles. Every ninth coordinate is a zero, and every second of these is negative. */
 static float *random_floats(uint64_t seed, uint32_t count)
 {
     struct random random = {seed};
@@ -309,7 +309,10 @@ struct world {
     uint64_t addresses[BOTTOMS];
 };
 
-/* Two of triangles, one of boxes; an empty one has no serialized bytes, and its driver has bounds of zeros. */
+/*
+ * Three bottom levels of triangles. None is empty, because an empty one has no serialized bytes, and the driver's has
+ * bounds of zeros.
+ */
 static void make_world(struct world *world)
 {
     struct bvhd_error error;
@@ -334,7 +337,10 @@ static void make_world(struct world *world)
     memory_free(&memory, floats);
 }
 
-/* The canonical copy sorts its references and leaves out those that nobody names: addresses by row, from the bounds. */
+/*
+ * The canonical copy sorts its references and drops those that no instance uses. This finds the addresses by row, by
+ * comparing bounds.
+ */
 static void map_addresses(const struct world *world, const struct canonical *canonical, uint64_t *ret_addresses)
 {
     for (uint32_t row = 0; row < canonical->reference_count; row++)
@@ -343,7 +349,9 @@ static void map_addresses(const struct world *world, const struct canonical *can
                 ret_addresses[row] = world->addresses[i];
 }
 
-/* A turn by an eighth of a circle and a small step: entries of one size, among which pivots tie. */
+/*
+ * A rotation by an eighth of a circle and a small translation, whose entries have equal magnitudes, so that pivots tie.
+ */
 static void make_ties(struct random *random, float ret_matrix[12])
 {
     static const float turn[2][12] = {{1, 1, 0, 0, -1, 1, 0, 0, 0, 0, 1, 0}, {0, 1, 1, 0, 1, 0, 0, 0, 0, -1, 1, 0}};
@@ -352,7 +360,10 @@ static void make_ties(struct random *random, float ret_matrix[12])
         ret_matrix[4 * row + 3] = (float)(random_next(random) % 3) - 1;
 }
 
-/* Random matrices, some mirrored, some far from even, some of few values; all flags, masks and offsets. */
+/*
+ * Random matrices: some are mirrored, some have very uneven scales, some have few different values. All flags, masks
+ * and offsets occur.
+ */
 static void fill_record(struct random *random, const struct world *world, bool null, unsigned char *record)
 {
     float matrix[12];
@@ -365,7 +376,7 @@ static void fill_record(struct random *random, const struct world *world, bool n
         make_ties(random, matrix);
     memcpy(record, matrix, sizeof matrix);
     bytes_put32(record + 48, (uint32_t)random_next(random));
-    /* Opaqueness is forced in one way at most. */
+    /* At most one of the two flags that force opacity is set. */
     uint32_t flags = (uint32_t)random_next(random) & 0xf, both = INSTANCE_FORCE_OPAQUE | INSTANCE_FORCE_NO_OPAQUE;
     flags &= (flags & both) == both ? ~both : ~UINT32_C(0);
     bytes_put32(record + 52, flags << 24 | (uint32_t)(random_next(random) & 0xffffff));
@@ -408,7 +419,7 @@ static void top_levels_are_equal(void **state)
         driver_structure_destroy(gpu, &world.bottoms[i]);
 }
 
-/* Whether a device is one whose structures this layout can mean. */
+/* Opens the device whose structures this layout describes. Returns false when it does not exist. */
 static bool open_device(void)
 {
     struct bvhd_error error;

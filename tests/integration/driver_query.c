@@ -1,15 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * driver_query [--rays N] [--seed S] [--quality NAME] [--cases LIST] [DIR...] - our structures in a driver against the
- * driver's own of the same scene: the same rays by ray queries and by ray-tracing pipelines, with all flags, masks, and
- * fates of candidates. Of every ray all that the driver tells is equal to the last bit, or it is a tie: the same t,
- * which both primitives have, each traced alone in the other structure.
+ * driver_query.c - tests our structures in a driver against the driver's own of the same scene.
  *
- * Without a DIR: generated scenes. A DIR is one of `bvhctl build` of the portable target, whose scene is built again
- * for the device.
+ *     driver_query [--rays N] [--seed S] [--quality NAME] [--cases LIST] [DIR...]
  *
- * Prints a line a scene, a line a case for those of a DIR. Ends with status 3 when there is a difference, 77 where
- * there is no device that loads our structures.
+ * Both are traced with the same rays, by ray queries and by ray-tracing pipelines, with all flags, masks and decisions
+ * about candidates. For each ray all values that the driver reports are equal to the last bit, or it is a tie: both
+ * primitives have the same t, which is checked by tracing each primitive alone in the other structure.
+ *
+ * Without a DIR it uses generated scenes. A DIR is the output of `bvhctl build` for the portable target; its scene is
+ * built again for the device.
+ *
+ * It prints one line for each scene, and for scenes of a DIR one for each case. The exit status is 3 when there is a
+ * difference, and 77 where no device loads our structures.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -29,8 +32,8 @@
 struct run {
     uint32_t rays;
     uint64_t seed;
-    enum build_quality quality; /* of scenes of files */
-    const char *cases; /* likewise; NULL: all */
+    enum build_quality quality; /* of scenes from a DIR */
+    const char *cases; /* of scenes from a DIR; NULL: all */
     struct memory memory;
     struct workers *workers;
     struct gpu *gpu;
@@ -38,7 +41,7 @@ struct run {
     bool has_failed;
 };
 
-/* Whether a list of names with commas has it; no list has all. */
+/* Whether the comma-separated list of cases contains a name. Without a list all cases are chosen. */
 static bool is_chosen(const struct run *run, const char *name)
 {
     size_t length = strlen(name);
@@ -108,7 +111,10 @@ static void run_world(struct run *run, const struct driver_world *world, enum bu
     judge.tells_repeated = quality == QUALITY_HIGH;
     judge_world(run, &judge, world, rays);
     print_tally(world->name, build_quality_name(quality), &judge.tally);
-    /* A test that hits nothing would be none, and what is lost is lost by few rays that lie in faces of boxes. */
+    /*
+     * A run that hits hardly anything tests nothing. Lost hits are accepted for a few rays, which lie in faces of
+     * boxes.
+     */
     run->has_failed = run->has_failed || judge.tally.other || judge.tally.lost * 100 > judge.tally.rays ||
                       judge.tally.hits * 20 < judge.tally.rays || !judge.tally.candidates;
     driver_judge_finish(&judge);
@@ -136,12 +142,12 @@ static void run_generated(struct run *run)
     }
 }
 
-/* ---- Scenes of files ---- */
+/* ---- Scenes from directories ---- */
 
 typedef void (*judge_function)(struct driver_judge *, const char *, const struct driver_case *, const struct ray *,
                                uint32_t);
 
-/* One case, one kind of rays, by queries or by pipelines; nothing where these do not apply. */
+/* Judges one case and one kind of rays, by queries or by pipelines. Prints nothing where these do not apply. */
 static void judge_some(struct driver_judge *judge, const char *scene, const char *what, judge_function function,
                        const struct driver_case *shared, const struct ray *rays, uint32_t count,
                        struct driver_tally *sum)
@@ -224,7 +230,7 @@ static enum build_quality quality_of(const char *name)
     return QUALITY_UNSPECIFIED;
 }
 
-/* Returns the first argument that is no option. */
+/* Returns the index of the first argument that is no option. */
 static int take_options(struct run *run, int argc, char **argv)
 {
     int at = 1;

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Structures that are offered to a device which cannot load them are refused before the driver sees a byte, and the
- * text says what the device needs instead: another driver, another version, another layout of the same version, another
- * target, a device without acceleration structures. Skipped (77) where no device loads our structures.
+ * driver_refusals.c - tests that structures which a device cannot load are refused before the driver reads a byte, and
+ * that the text says what the device needs instead: another driver, another version, another layout of the same
+ * version, another target, or no native target, for a device without acceleration structures. Skipped (77) where no
+ * device loads our structures.
  */
 #include "tests/support/unit.h"
 
@@ -26,7 +27,7 @@ static void build_for(struct vulkan_bed *bed, enum target target, const struct d
     vulkan_bed_init(bed, &options);
 }
 
-/* What the driver itself says of a structure's header. */
+/* Whether the driver itself accepts the header of a structure. */
 static bool driver_takes(const struct bvhd_vulkan_bytes *blob)
 {
     const VkAccelerationStructureVersionInfoKHR version = {
@@ -47,7 +48,7 @@ static enum bvhd_status load(struct bvhd_vulkan_device *on, const struct bvhd_vu
     return status;
 }
 
-/* By the check, and by whoever loads a scene of it. */
+/* Checks that bvhd_vulkan_check refuses each structure, and that loading a scene of them is refused, too. */
 static void assert_refused(struct bvhd_vulkan_device *on, const struct vulkan_bed *bed, enum bvhd_status expected,
                            const char *text)
 {
@@ -94,7 +95,7 @@ static void another_versions_are_refused(void **state)
     vulkan_bed_finish(&bed);
 }
 
-/* The driver compares one UUID alone and would load it. */
+/* The driver compares only one of the two UUIDs and would load the structure. */
 static void both_uuids_count(void **state)
 {
     (void)state;
@@ -106,7 +107,7 @@ static void both_uuids_count(void **state)
     vulkan_bed_finish(&bed);
 }
 
-/* The driver would take it for its own: the header says so. */
+/* The driver would load the structure as its own, because the header says so. */
 static void another_variants_are_refused(void **state)
 {
     (void)state;
@@ -135,7 +136,7 @@ static void portable_ones_do_not_become_native(void **state)
             BVHD_OK);
         assert_int_equal(needed.target, BVHD_TARGET_PORTABLE);
     }
-    /* A native top level over portable bottom levels, and the other way round. */
+    /* A native top level over portable bottom levels, and a portable one over native ones. */
     struct bvhd_vulkan_bytes mixed[BOTTOMS + 1] = {portable.blobs[0], portable.blobs[1], native.blobs[2]};
     assert_int_not_equal(load(gpu->library, mixed, BOTTOMS + 1, &error), BVHD_OK);
     print_message("refused: %s: %s\n", error.where, error.text);

@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_blobs [FLIPS [SEED]] - portable structures that were cut, overwritten or flipped: opening one gives a status,
- * and where it opens, rays through it end. Reads outside are found by the address sanitizer: every blob lies in a block
- * of exactly its size.
+ * hostile_blobs.c - tests that portable structures which were truncated, overwritten or had bits flipped do no harm:
+ * opening one gives a status, and where it opens, rays through it terminate.
+ *
+ *     hostile_blobs [FLIPS [SEED]]
+ *
+ * The address sanitizer finds reads outside of a blob, because every blob is in a block of exactly its size.
  */
 #include <float.h>
 #include <inttypes.h>
@@ -35,7 +38,7 @@ struct tally {
 };
 
 static struct memory memory;
-static struct portable_view bottom; /* what instances show */
+static struct portable_view bottom; /* the bottom level of all instances */
 
 static void fail(const char *what, const struct bvhd_error *error)
 {
@@ -111,7 +114,7 @@ static void *exact_block(uint64_t size)
     return block;
 }
 
-/* Every truncation, with and without the size in the header going along. */
+/* Tries every truncation, with the original size in the header and with an adapted one. */
 static void truncate_blob(struct bytes blob, struct random *random, double extent, struct tally *tally)
 {
     for (uint64_t size = 0; size < blob.size; size++)
@@ -127,7 +130,7 @@ static void truncate_blob(struct bytes blob, struct random *random, double exten
         fail("a truncated blob opened", &(struct bvhd_error){.where = ""});
 }
 
-/* Every byte of both headers and of what lies between them, with every bit flipped alone and some values. */
+/* Tries each bit flipped and some values, for every byte of both headers and of what is between them. */
 static void spoil_headers(unsigned char *blob, uint64_t size, struct random *random, double extent, struct tally *tally)
 {
     static const unsigned char values[] = {0, 1, 0x7f, 0x80, 0xfe, 0xff};
@@ -142,7 +145,7 @@ static void spoil_headers(unsigned char *blob, uint64_t size, struct random *ran
     }
 }
 
-/* A bit, a byte, or a whole aligned word with a value that is likely to matter. */
+/* Changes a bit, a byte, or a whole aligned word to a value that is likely to matter. */
 static void damage(unsigned char *blob, uint64_t size, struct random *random)
 {
     static const uint32_t words[] = {0,          1,          2,          0x7fffffff, 0x80000000, 0xffffffff,

@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_clients BVHD [CASE...] - clients that break every rule of the protocol, against a real daemon on a real
- * socket. After each of them the daemon serves somebody else, and has back what the hostile one held.
+ * hostile_clients.c - tests a real daemon, on a real socket, against clients that break every rule of the protocol.
+ * After each of them the daemon serves another client, and has released what the hostile one held.
+ *
+ *     hostile_clients BVHD [CASE...]
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -31,7 +33,7 @@ static void connect_well(struct raw_client *client)
     raw_hello(client);
 }
 
-/* ---- floods: control messages that want far more memory than they are long ---- */
+/* ---- floods: control messages that need far more memory than their length ---- */
 
 static size_t fill_empty_messages(unsigned char *at, size_t size, int field)
 {
@@ -52,7 +54,7 @@ static size_t put_varint(unsigned char *at, uint64_t value)
     return size;
 }
 
-/* Field 1 within field 1 within ..., from the inside out. */
+/* Field 1 within field 1 within ..., written from the inside out. */
 static size_t fill_nested(unsigned char *at, size_t size)
 {
     unsigned char *scratch = calloc(1, size);
@@ -108,7 +110,7 @@ static void case_floods(void)
     free(control);
 }
 
-/* ---- descriptors that are not what they should be ---- */
+/* ---- descriptors of a wrong kind ---- */
 
 static unsigned char *payload;
 static uint64_t payload_size;
@@ -177,7 +179,7 @@ static const char *const kind_names[KINDS] = {"unsealed",
                                               "/dev/zero",
                                               "a path only"};
 
-/* -1 where this machine cannot make one. *ret_size: what the client declares. */
+/* Makes a descriptor. *ret_size is the size that the client declares. Returns -1 where this machine cannot make one. */
 static int make_descriptor(enum kind kind, unsigned seals, uint64_t *ret_size)
 {
     *ret_size = payload_size;
@@ -218,7 +220,7 @@ static int make_descriptor(enum kind kind, unsigned seals, uint64_t *ret_size)
     }
 }
 
-/* An error has to come: of the request, of the item, or of the connection. */
+/* Expects an error: for the request, for the item, or for the connection. */
 static void expect_refusal(struct raw_client *client, const char *what, const char *name)
 {
     struct frame frame;
@@ -245,7 +247,8 @@ static void try_pool(enum kind kind)
         printf("skipped: a pool that is %s\n", kind_names[kind]);
         return;
     }
-    if (kind == K_SPARSE) { /* a pool may have holes: its pages come as they are used */
+    /* A pool may have holes, because its pages are allocated when they are used. */
+    if (kind == K_SPARSE) {
         close(descriptor);
         return;
     }
@@ -326,7 +329,7 @@ static void case_counts(void)
         send_counts(pairs[i][0], pairs[i][1]);
 }
 
-/* ---- descriptors in the middle of another frame: legal, since reads are glued ---- */
+/* ---- a descriptor with the bytes of another frame: it is legal, because the socket is a stream ---- */
 
 static void case_middle(void)
 {
@@ -375,7 +378,7 @@ static void case_garbage(void)
             connect_well(&client);
         else if (!raw_connect(&client, hostile.service.socket))
             break;
-        if (i % 2) { /* a frame that is right as far as its header goes */
+        if (i % 2) { /* a frame with a correct header */
             struct raw_frame frame = {
                 .header = {.type = (uint16_t)(random_next(&random) % 12), .request = random_next(&random) % 3},
                 .control = {bytes, size}};
@@ -389,9 +392,9 @@ static void case_garbage(void)
     }
 }
 
-/* ---- a client dead at every byte and every state ---- */
+/* ---- a client that dies after every byte, in every state ---- */
 
-/* The bytes of a whole conversation: HELLO, BUILD of two items inline, CANCEL, GET, STATS. */
+/* Makes the bytes of a whole conversation: HELLO, BUILD of two inline items, CANCEL, GET, STATS. */
 static unsigned char *make_conversation(struct memory *memory, size_t *ret_size)
 {
     struct control_hello hello = {.version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "dying"};

@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_fuzz BVHD [SECONDS [SEED]] - processes that send requests with one thing wrong, and are killed at any moment.
+ * hostile_fuzz.c - tests a daemon against processes that send requests with one thing wrong, and that are killed at any
+ * moment.
  *
- * Meanwhile an honest client builds the same meshes again and again: each time it has to get the bytes of the first
- * time, soon. In the end the daemon has nothing left of anybody's.
+ *     hostile_fuzz BVHD [SECONDS [SEED]]
+ *
+ * Meanwhile an honest client builds the same meshes again and again. Each time it has to get the same bytes as the
+ * first time, and soon. In the end the daemon must hold nothing of any client.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -21,14 +24,14 @@ enum { VANDALS = 5, LINES = 4, FRAMES = 400, MESHES = 4, TRIANGLES = 300, PATIEN
 struct mesh {
     unsigned char *payload;
     uint64_t size;
-    unsigned char *blob; /* as it came the first time */
+    unsigned char *blob; /* the bytes of the first result */
     uint64_t blob_size;
 };
 
 static struct hostile hostile;
 static struct mesh meshes[MESHES];
 
-/* ---- who sends wrong things ---- */
+/* ---- clients that send wrong frames ---- */
 
 static void send_a_while(struct wrong_frames *wrong, uint64_t frames)
 {
@@ -62,7 +65,7 @@ static pid_t start_vandal(uint64_t seed)
         send_a_while(&wrong, FRAMES);
 }
 
-/* ---- who does not ---- */
+/* ---- the honest client ---- */
 
 static void keep_or_compare(struct mesh *mesh, const struct bytes *bytes)
 {
@@ -76,7 +79,7 @@ static void keep_or_compare(struct mesh *mesh, const struct bytes *bytes)
     }
 }
 
-/* BUSY is no answer, but asks for patience. Returns how long it took. */
+/* Builds a mesh and checks its bytes. After BUSY it asks again. Returns how many milliseconds it took. */
 static double build_honestly(struct mesh *mesh)
 {
     struct raw_client client;
@@ -122,7 +125,7 @@ static void kill_vandal(pid_t pid)
 
 int main(int argc, char **argv)
 {
-    /* A cache that holds nothing for long: meshes are built again. */
+    /* The cache is so small that meshes are built again. */
     static const char *const options[] = {"--workers", "2", "--memory", "256M", "--cache-size", "64K", NULL};
     double seconds = argc > 2 ? atof(argv[2]) : 8;
     uint64_t seed = argc > 3 ? strtoull(argv[3], NULL, 10) : 1, killed = 0, builds = 0;

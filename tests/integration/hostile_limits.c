@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_limits BVHD - what happens at the edges: no descriptors left, too many connections, other versions of the
- * protocol, frames of the future.
+ * hostile_limits.c - tests a daemon at its limits: without free descriptors, with too many connections, with other
+ * versions of the protocol, and with frames of future versions.
+ *
+ *     hostile_limits BVHD
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,7 +24,7 @@ static void sleep_ms(long ms)
     nanosleep(&wait, NULL);
 }
 
-/* What a process has used so far, from /proc. */
+/* The processor time that a process has used so far, from /proc, in seconds. */
 static double cpu_seconds(pid_t pid)
 {
     char path[64];
@@ -36,7 +38,7 @@ static double cpu_seconds(pid_t pid)
     return (double)(user + system) / (double)sysconf(_SC_CLK_TCK);
 }
 
-/* One PING answered, on a connection that is there already. */
+/* Whether the daemon answers one PING on an existing connection. */
 static bool still_answers(struct raw_client *client)
 {
     struct frame frame;
@@ -45,8 +47,8 @@ static bool still_answers(struct raw_client *client)
 }
 
 /*
- * In a process of its own, whose limit the daemon inherits. The daemon keeps some descriptors for what it needs, so
- * that those who are connected are served while others wait at the door.
+ * Runs in a separate process, whose limit the daemon inherits. The daemon keeps some descriptors in reserve, so that it
+ * serves connected clients while others wait to be accepted.
  */
 static int crowd_out(const char *program)
 {
@@ -89,7 +91,7 @@ static int run_short_of_descriptors(const char *program)
     return waitpid(pid, &status, 0) == pid && WIFEXITED(status) ? WEXITSTATUS(status) : 1;
 }
 
-/* HELLO with these versions. Returns the frame type of the answer, 0 when there is none. */
+/* Sends HELLO with these versions. Returns the frame type of the answer, or 0 when there is none. */
 static int say_hello(uint32_t least, uint32_t most, struct bvhd_error *ret_error, uint32_t *ret_version)
 {
     struct raw_client client;
@@ -139,7 +141,7 @@ static void check_versions(void)
                    "a range upside down is welcome");
 }
 
-/* A frame type that does not exist yet, and a field that does not. */
+/* Sends a frame of an unknown type, and a message with an unknown field. */
 static void check_future(void)
 {
     struct raw_client client;

@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_lingering BVHD - clients send sockets whose closing takes a minute, at every place where the daemon would let
- * go of them, and keep no descriptor themselves. The daemon goes on serving others meanwhile.
+ * hostile_lingering.c - tests that a daemon continues to serve others while clients send it sockets whose closing takes
+ * a minute. The daemon closes them at every place where it closes descriptors, and is their only holder.
+ *
+ *     hostile_lingering BVHD
  */
 #include <signal.h>
 #include <stdio.h>
@@ -18,7 +20,8 @@ enum { MANY = 20 };
 static struct hostile hostile;
 
 /*
- * While it stops the daemon closes nothing: who sends a descriptor closes its own first, and the daemon's is the last.
+ * Stops the daemon, so that it closes nothing: the client closes its own descriptor first, so that the daemon's is the
+ * last one.
  */
 static void stop_daemon(void)
 {
@@ -28,7 +31,7 @@ static void stop_daemon(void)
         exit(1);
 }
 
-/* Bytes with `count` descriptors, the last of which nobody else holds afterwards. */
+/* Sends bytes with `count` descriptors. Afterwards only the daemon holds the last of them. */
 static struct test_lingering send_lingering(struct raw_client *client, const void *bytes, size_t size, uint32_t count)
 {
     struct test_lingering pair;
@@ -50,7 +53,7 @@ static void connect_to(struct raw_client *client)
         exit(1);
 }
 
-/* It comes with the first bytes, and its client is gone before they are read, or nearly so. */
+/* The descriptor comes with the first bytes, and its client is gone before, or just after, they are read. */
 static struct test_lingering in_the_door(void)
 {
     struct raw_client client;
@@ -60,7 +63,7 @@ static struct test_lingering in_the_door(void)
     return pair;
 }
 
-/* It waits for a frame that never comes. */
+/* The descriptor waits for a frame that never comes. */
 static struct test_lingering without_a_frame(void)
 {
     struct raw_client client;
@@ -72,7 +75,7 @@ static struct test_lingering without_a_frame(void)
     return pair;
 }
 
-/* More than one read takes. */
+/* There are more descriptors than one read accepts. */
 static struct test_lingering beyond_the_most(void)
 {
     struct raw_client client;
@@ -84,7 +87,7 @@ static struct test_lingering beyond_the_most(void)
     return pair;
 }
 
-/* What a client sends that has broken the protocol is thrown away. */
+/* After a client has broken the protocol, the daemon discards what it sends. */
 static struct test_lingering after_the_end(void)
 {
     struct raw_client client;
@@ -99,7 +102,7 @@ static struct test_lingering after_the_end(void)
     return pair;
 }
 
-/* Where a memfd belongs. */
+/* The socket is in the place of a memfd. */
 static struct test_lingering as_a_payload(void)
 {
     struct raw_client client;

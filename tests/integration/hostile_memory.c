@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_memory BVHD [TRIES] - a client that writes into its payloads while the daemon prepares them.
+ * hostile_memory.c - tests a daemon against a client that writes into its payloads while the daemon prepares them.
  *
- * The pool holds mesh A, and a thread keeps writing A and B over each other. Whatever the daemon reads becomes a
- * private copy with a key of its own, so: the daemon lives; a result under A's key has A's bytes, under B's key B's;
- * and so does what an honest client gets under these keys afterwards.
+ *     hostile_memory BVHD [TRIES]
+ *
+ * The pool holds mesh A, and a thread keeps writing A and B over each other. The daemon makes a canonical copy of what
+ * it reads and computes the key of that. Therefore the daemon must survive; a result with A's key must have A's bytes,
+ * and with B's key B's; and so must the results that an honest client gets under these keys afterwards.
  */
 #include <fcntl.h>
 #include <pthread.h>
@@ -20,7 +22,7 @@ enum { TRIANGLES = 200, SLOTS = 64, BATCH = 64 };
 struct mesh_bytes {
     unsigned char *payload;
     struct key key;
-    unsigned char *blob; /* as an honest client got it first */
+    unsigned char *blob; /* the bytes that an honest client got first */
     uint64_t blob_size;
 };
 
@@ -31,7 +33,7 @@ static unsigned char *pool;
 static atomic_bool stop;
 static uint64_t other_keys, equal_results;
 
-/* Builds honestly, inline. Every client but the first must get the same bytes. */
+/* Builds inline as an honest client. Every result but the first must have the same bytes as the first. */
 static void build_honestly(struct mesh_bytes *mesh, bool first)
 {
     struct raw_client client;
@@ -60,9 +62,7 @@ static void build_honestly(struct mesh_bytes *mesh, bool first)
     raw_close(&client);
 }
 
-/*
- * Rows stay as they are most of the time, so that most requests come through to the build; data changes all the time.
- */
+/* Overwrites the payloads all the time. The geometry rows change rarely, so that most requests reach the build. */
 static void *scribble(void *unused)
 {
     (void)unused;
@@ -147,7 +147,7 @@ static void send_tries(struct raw_client *client, long tries)
 int main(int argc, char **argv)
 {
     static const char *const options[] = {"--workers", "2", "--cache-size", "256K", NULL};
-    const char *fewer = getenv("TRIES"); /* where everything is slow */
+    const char *fewer = getenv("TRIES"); /* TRIES is set where everything is slow */
     long tries = fewer ? atol(fewer) : argc > 2 ? atol(argv[2]) : 100000;
     struct raw_client client;
     pthread_t thread;

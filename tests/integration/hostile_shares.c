@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * hostile_shares BVHD [CASE...] - clients that ask for much, or let things lie: other clients get their share in
- * the meantime, and memory stays within bounds.
+ * hostile_shares.c - tests that clients which demand much, or leave things unread, do not take the share of others, and
+ * that memory stays within bounds.
+ *
+ *     hostile_shares BVHD [CASE...]
  */
 #include <fcntl.h>
 #include <signal.h>
@@ -16,7 +18,7 @@
 
 #include "tests/support/daemon/hostile.h"
 
-/* The thread sanitizer makes a thread that others wake all the time some twenty times as slow. */
+/* The thread sanitizer makes a thread that others wake all the time about twenty times as slow. */
 #if defined(__SANITIZE_THREAD__)
 enum { SLOWNESS = 20 };
 #elif defined(__has_feature)
@@ -32,7 +34,7 @@ enum { SLOWNESS = 1 };
 enum {
     MIB = 1 << 20,
     MEMORY = 256,
-    UNREAD_MEMORY = 80, /* of MiB: an eighth of the budget of 128 for each reader, and what was under way */
+    UNREAD_MEMORY = 80, /* MiB: an eighth of the budget of 128 for each reader, plus what was in flight */
     SOON_MS = 1000,
     UNFINISHED = 300,
     SLOW_READERS = 4,
@@ -64,8 +66,8 @@ static double counter_mib(const char *name)
 }
 
 /*
- * That many boxes in 120 bytes: with a stride of 0 all are the same one. Different for each seed; `times`: items, all
- * the same.
+ * Requests `count` boxes with a payload of 120 bytes: with a stride of 0 all boxes are the same one. The payload
+ * differs with the seed. `times` is the number of items, which are all the same.
  */
 static void ask_for_boxes(struct raw_client *client, uint32_t count, uint32_t seed, uint32_t times)
 {
@@ -81,7 +83,7 @@ static void ask_for_boxes(struct raw_client *client, uint32_t count, uint32_t se
     raw_build(client, items, times, (struct bytes){payload, sizeof payload}, NULL, NULL, 0);
 }
 
-/* Waits for the counter to become at least that. */
+/* Waits until the counter is at least `least`. Returns false after 20 s. */
 static bool wait_for(const char *counter, uint64_t least)
 {
     double begin = hostile_now();
@@ -104,8 +106,8 @@ static enum bvhd_status status_of(struct raw_client *client, int timeout_ms)
 }
 
 /*
- * A request of 120 bytes wants nearly all memory, and so has to wait for a build that takes its time. Nobody else has
- * to.
+ * A request of 120 bytes needs nearly all memory, so it has to wait for a slow build to end. No other client has to
+ * wait.
  */
 static void case_giants(void)
 {
@@ -131,7 +133,7 @@ static void case_giants(void)
     raw_close(&giant);
 }
 
-/* Of each frame its header and a little. */
+/* Each client sends the header of a frame, and a few bytes more. */
 static void case_unfinished(void)
 {
     static struct raw_client clients[UNFINISHED];
@@ -158,7 +160,7 @@ static void case_unfinished(void)
         raw_close(&clients[i]);
 }
 
-/* As many items as the service takes at all, none of which is soon done. */
+/* The queue is filled with as many items as the service accepts at all, none of which is done soon. */
 static void case_crowd(void)
 {
     static struct raw_client clients[CROWD];
@@ -174,7 +176,7 @@ static void case_crowd(void)
         raw_close(&clients[i]);
 }
 
-/* Results of 2.6 MiB each that nobody reads. */
+/* Clients do not read their results of 2.6 MiB each. */
 static void case_unread(void)
 {
     struct raw_client clients[SLOW_READERS];
@@ -203,7 +205,7 @@ static void case_unread(void)
         raw_close(&clients[i]);
 }
 
-/* Asks how long the loop takes to answer, for that long. */
+/* Measures for `ms` milliseconds how long the daemon's event loop takes to answer a PING. */
 static void ping_for(double ms, const char *when)
 {
     struct raw_client client;
@@ -240,7 +242,10 @@ static void connect_impatiently(struct raw_client *client)
     setsockopt(client->socket, SOL_SOCKET, SO_SNDTIMEO, &patience, sizeof patience);
 }
 
-/* 1,024 items at a time, half of them cancelled at once, over many connections, some of which are new. Never ends. */
+/*
+ * Sends 1,024 items at a time over many connections, cancels half of them at once, and replaces some connections. Never
+ * returns.
+ */
 static void flood(void)
 {
     static struct raw_client clients[FLOODS];
@@ -295,7 +300,7 @@ static int make_rows(uint64_t *ret_size)
     return descriptor;
 }
 
-/* A million geometries in one item; cancelled at any moment, they let go of their thread soon. */
+/* One item has a million geometries. When it is cancelled at any moment, its thread is soon free. */
 static void case_rows(void)
 {
     struct raw_client client;
@@ -347,7 +352,7 @@ int main(int argc, char **argv)
         hostile_begin(&hostile, argv[1], options);
         double begin = hostile_now();
         cases[i].run();
-        hostile.descriptors_base += hostile_counter(&hostile, "cache_entries"); /* each may have one */
+        hostile.descriptors_base += hostile_counter(&hostile, "cache_entries"); /* each entry may hold a descriptor */
         hostile_expect_clean(&hostile, cases[i].name, 5000);
         printf("%-12s %.0f ms\n", cases[i].name, hostile_now() - begin);
         fflush(stdout);

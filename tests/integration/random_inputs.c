@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * random_inputs [COUNT [SEED]] - random correct requests through the whole pipeline, rays through the result, each
- * answer against brute force over what the request means by the test's own decoding; then as many requests again with
- * something broken, which must give a status each.
+ * random_inputs.c - tests the whole pipeline with random requests.
  *
- * Prints each failure with the call that repeats it. Ends with status 1 if there was any.
+ *     random_inputs [COUNT [SEED]]
+ *
+ * Rays through the result of each correct request are compared with brute force over the request, decoded by the test's
+ * own code. As many requests again have something broken, and each of these must give a status.
+ *
+ * It prints each failure with the arguments that repeat it. The exit status is 1 if there was any.
  */
 #include <float.h>
 #include <stdarg.h>
@@ -25,7 +28,7 @@ struct run {
     struct memory memory;
     struct build_context context;
     struct limits limits;
-    uint64_t seed; /* of the case at hand */
+    uint64_t seed; /* of the current case */
     uint64_t failures;
     uint64_t cases, rays, hits, uncertain, boxes, refused;
 };
@@ -46,7 +49,7 @@ static void fail(struct run *run, const char *format, ...)
 
 /* ---- rays ---- */
 
-/* Exactly at a corner of a random triangle: the rays that leak. */
+/* Aims exactly at a corner of a random triangle, where a traversal that is not watertight leaks. */
 static void aim_at_corner(const struct oracle_mesh *meshes, uint32_t mesh_count, struct random *random, struct ray *ray)
 {
     const struct oracle_mesh *mesh = &meshes[random_below(random, mesh_count)];
@@ -98,7 +101,7 @@ static bool hits_equal(const struct ray_hit *a, const struct ray_hit *b)
            a->primitive == b->primitive && a->front_face == b->front_face;
 }
 
-/* Everything that must not change the answer. */
+/* Checks variants of the traversal that must not change the answer. */
 static void check_variants(struct run *run, const struct scene *scene, const struct ray *ray, bool is_hit,
                            const struct ray_hit *hit)
 {
@@ -116,7 +119,7 @@ static void check_variants(struct run *run, const struct scene *scene, const str
         fail(run, "any hit says %d, closest hit %d", !is_hit, is_hit);
 }
 
-/* Farther out than floats reach there are no boxes. An instance can move things there. */
+/* Where coordinates exceed the range of floats there are no boxes. An instance can move primitives there. */
 static bool is_beyond_floats(const struct ray *ray, long double t)
 {
     for (int axis = 0; axis < 3; axis++)
@@ -168,7 +171,7 @@ static bool same_position(float a, float b, bool moved)
     return a == b || (a != a && b != b) || (moved && (nextafterf(a, b) == b));
 }
 
-/* The stored corners of what is hit are those that the request means. */
+/* Checks that the stored corners of a hit primitive are those that the request means. */
 static void check_positions(struct run *run, const struct scene *scene, const struct random_meaning *meanings,
                             const struct ray *ray)
 {
@@ -185,10 +188,10 @@ static void check_positions(struct run *run, const struct scene *scene, const st
         }
 }
 
-/* ---- boxes: every one that is surely met is a candidate, none that is clearly missed ---- */
+/* ---- boxes: each box that is certainly hit is a candidate, and no box that is clearly missed ---- */
 
 struct found {
-    uint8_t *seen; /* by geometry and primitive, all geometries counted through */
+    uint8_t *seen; /* indexed by geometry and primitive, numbered through all geometries */
     const uint32_t *first;
     uint32_t instance;
 };
@@ -213,7 +216,7 @@ static long double reach_of(const struct long_ray *ray, const float box[6])
 struct box_check {
     const struct ray *world;
     struct long_ray local;
-    long double slack; /* what the way into an instance's space may add, as a share */
+    long double slack; /* the relative error that the transformation into an instance's space can add */
     const char *what;
 };
 
@@ -221,7 +224,7 @@ static const char *wrong_candidate(const struct box_check *check, const float bo
 {
     const struct long_ray *ray = &check->local;
     long double near = 0, far = 0;
-    float ends[6]; /* a box that is infinite ends where floats do */
+    float ends[6]; /* an infinite box ends at FLT_MAX */
     bool is_finite = true;
     for (int i = 0; i < 6; i++) {
         is_finite = is_finite && isfinite(box[i]);
@@ -272,7 +275,7 @@ static void check_boxes(struct run *run, const struct scene *scene, const struct
     free(found.seen);
 }
 
-/* Something that rays can be aimed at: a triangle through opposite corners of each box. */
+/* Makes something that rays can be aimed at: a triangle through opposite corners of each box. */
 static struct oracle_mesh boxes_as_triangles(const struct random_meaning *meaning)
 {
     float *corners = calloc((size_t)meaning->count + 1, 9 * sizeof *corners);
@@ -353,7 +356,7 @@ static void run_bottom(struct run *run, struct random *random)
     random_input_finish(&bottom);
 }
 
-/* ---- a top level over several ---- */
+/* ---- a top level over several bottom levels ---- */
 
 static void trace_top(struct run *run, struct random_top *top, const struct scene *scene, struct random *random)
 {
@@ -415,9 +418,9 @@ static void run_top(struct run *run, struct random *random)
     random_top_finish(&top);
 }
 
-/* ---- something broken ---- */
+/* ---- broken requests ---- */
 
-/* Whatever opens must end. */
+/* Rays through any structure that opens must terminate. */
 static void poke(struct run *run, const struct batch_item *item, struct random *random)
 {
     struct portable_view view;
@@ -453,7 +456,7 @@ static void check_status(struct run *run, const struct batch_item *item, const c
         fail(run, "%s: a blob although it failed", what);
 }
 
-/* A broken entry between two correct ones, which must not notice. */
+/* A broken entry between two correct ones must not disturb them. */
 static void run_broken(struct run *run, struct random *random)
 {
     struct random_input good;
@@ -478,7 +481,7 @@ static void run_broken(struct run *run, struct random *random)
     random_input_finish(&good);
 }
 
-/* ---- all ---- */
+/* ---- all cases ---- */
 
 static void run_case(struct run *run, uint64_t seed, void (*test)(struct run *run, struct random *random))
 {
@@ -513,7 +516,7 @@ int main(int argc, char **argv)
            (unsigned long long)run.cases, (unsigned long long)run.rays, (unsigned long long)run.hits,
            (unsigned long long)run.uncertain, (unsigned long long)run.boxes, (unsigned long long)run.refused,
            (unsigned long long)run.failures);
-    /* A test that asks too little shows nothing. */
+    /* A run with too few hits or refusals shows nothing. */
     bool thin = count >= 100 && (run.hits < run.rays / 5 || run.uncertain > run.rays / 2 || run.refused < count / 4);
     if (thin)
         fprintf(stderr, "random_inputs: too few of these cases decide anything\n");

@@ -1,11 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shader_agreement [--device NAME] [COUNT [SEED]] - ray queries of the shaders over random structures and instances:
- * every combination of ray flags, masks, opacities and facings, AABBs, candidates that are accepted, ignored, accepted
- * in part or end the query; through a storage buffer and through addresses. Ray by ray against the CPU traversal, and
- * where they differ against references.
+ * shader_agreement.c - tests ray queries of the shaders over random structures and instances.
  *
- * Ends with status 1 when something is wrong, 77 without a device.
+ *     shader_agreement [--device NAME] [COUNT [SEED]]
+ *
+ * It covers every combination of ray flags, masks, opacities and facings; AABBs; candidates that are accepted, ignored,
+ * accepted in part, or that end the query; through a storage buffer and through addresses. Each ray is compared with
+ * the CPU traversal, and where they differ, with references.
+ *
+ * The exit status is 1 when something is wrong, and 77 without a device.
  */
 #include <float.h>
 #include <math.h>
@@ -32,8 +35,8 @@ struct run {
 /* ---- rays ---- */
 
 /*
- * What Vulkan lets be combined: at most one of the four of opacity, at most one of the three of culling by facing and
- * skipping triangles.
+ * A random combination of flags that Vulkan allows: at most one of the four about opacity, and at most one of culling
+ * back faces, culling front faces and skipping triangles.
  */
 static struct shader_case random_case(struct random *random)
 {
@@ -45,13 +48,13 @@ static struct shader_case random_case(struct random *random)
     shared.flags = opacities[random_below(random, 6)] | triangles[random_below(random, 6)];
     shared.flags |= random_chance(random, 0.1) ? RAY_TERMINATE_ON_FIRST_HIT : 0;
     shared.flags |= random_chance(random, 0.1) && !(shared.flags & RAY_SKIP_TRIANGLES) ? RAY_SKIP_AABBS : 0;
-    /* Candidates are told apart from each other only where nothing is committed. */
+    /* Candidates can be compared one by one only where nothing is committed. */
     if (shared.policy == SHADER_IGNORE && !(shared.flags & (RAY_NO_OPAQUE | RAY_CULL_OPAQUE)))
         shared.flags = (shared.flags & ~(uint32_t)(RAY_OPAQUE | RAY_CULL_NO_OPAQUE)) | RAY_NO_OPAQUE;
     return shared;
 }
 
-/* Exactly at a corner of a random triangle: the rays that leak. */
+/* Aims exactly at a corner of a random triangle, where a traversal that is not watertight leaks. */
 static void aim_at_corner(const struct shader_meshes *meshes, struct random *random, struct ray *ray)
 {
     const struct oracle_mesh *mesh = &meshes->meshes[random_below(random, meshes->count)];
@@ -108,8 +111,8 @@ static bool is_in_range(const float *values, int count)
 }
 
 /*
- * Shaders promise nothing about other magnitudes, nor about a small primitive in a large structure. Corners that are
- * NaN are those of none.
+ * Shaders guarantee nothing about other magnitudes, nor about a small primitive in a large structure. NaNs, which belong
+ * to inactive primitives, are ignored.
  */
 static bool is_promised(const struct scene *scene, const struct shader_meshes *aims)
 {
@@ -225,9 +228,7 @@ static void print_tally(const struct run *run)
     const struct shader_tally *tally = &run->tally;
     const struct shader_candidate_tally *candidates = &run->candidates;
     printf("%s: %llu scenes, %llu rays: %llu hits, %llu with other bits of t; %llu differ: %llu ties, %llu uncertain, "
-           "%llu about "
-           "boxes, %llu "
-           "wrong\n",
+           "%llu about boxes, %llu wrong\n",
            shader_bed_device(run->beds[0]), (unsigned long long)run->scenes, (unsigned long long)tally->rays,
            (unsigned long long)tally->hits, (unsigned long long)tally->other_bits, (unsigned long long)tally->differing,
            (unsigned long long)tally->right, (unsigned long long)tally->uncertain, (unsigned long long)tally->boxes,
@@ -262,7 +263,7 @@ int main(int argc, char **argv)
         (run.seed % 3 ? run_top : run_bottom)(&run, &random);
     }
     print_tally(&run);
-    /* A test that asks too little shows nothing. */
+    /* A run with too few hits or candidates shows nothing. */
     bool thin =
         count >= 30 && (run.tally.hits < run.tally.rays / 10 || run.candidates.candidates < run.candidates.rays / 10);
     bool is_wrong =

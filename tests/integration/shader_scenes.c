@@ -1,12 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] SCENE... - ray queries of the
- * shaders over whole scenes, ray by ray against the CPU traversal, and where they differ against brute force in double.
- * A SCENE is a PLY file, a directory of `bvhctl build`, or the name of an adversarial scene of make_scene. Half of the
- * rays aim at triangles from outside, half are random ones inside.
+ * shader_scenes.c - tests ray queries of the shaders over whole scenes.
  *
- * Prints a line a scene. Ends with status 3 when a ray is certainly wrong or more than 1 of 10,000 differ, 77 without
- * such a device.
+ *     shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] [--plain-bytes] [--fused-fma]
+ *                   SCENE...
+ *
+ * Each ray is compared with the CPU traversal, and where they differ, with brute force in double. A SCENE is a PLY
+ * file, a directory of `bvhctl build`, or the name of an adversarial scene of make_scene. Half of the rays are aimed at
+ * triangles from outside, half are random ones inside.
+ *
+ * It prints one line for each scene. The exit status is 3 when a ray is certainly wrong or more than 1 of 10,000 rays
+ * differ, and 77 without such a device.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -27,7 +31,7 @@ struct arguments {
     struct shader_bed_options bed;
     uint64_t rays, seed;
     bool fast_triangles;
-    int scene; /* the first of them in argv */
+    int scene; /* index of the first one in argv */
 };
 
 struct run {
@@ -48,8 +52,7 @@ static void must(enum bvhd_status status, const struct bvhd_error *error)
 static void print_tally(const char *name, const struct shader_tally *tally)
 {
     printf("%-24s rays %8llu hits %8llu other bits of t %7llu differing %5llu: ties %5llu uncertain %5llu boxes %llu "
-           "certain %llu "
-           "(%.1e of all differ)\n",
+           "certain %llu (%.1e of all differ)\n",
            name, (unsigned long long)tally->rays, (unsigned long long)tally->hits,
            (unsigned long long)tally->other_bits, (unsigned long long)tally->differing,
            (unsigned long long)tally->right, (unsigned long long)tally->uncertain, (unsigned long long)tally->boxes,
@@ -160,8 +163,7 @@ static struct arguments parse(int argc, char **argv)
     }
     if (options.scene >= argc || options.rays == 0) {
         fprintf(stderr, "usage: shader_scenes [--device NAME] [--rays N] [--seed S] [--address] [--fast-triangles] "
-                        "[--plain-bytes] [--fused-fma] "
-                        "SCENE...\n");
+                        "[--plain-bytes] [--fused-fma] SCENE...\n");
         exit(2);
     }
     return options;

@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shared_work BVHD - equal work is done once, whoever asks: many client processes at once, and clients that leave while
- * others wait for the same.
+ * shared_work.c - tests that the daemon does equal work only once for all clients: with many client processes at the
+ * same time, and with clients that leave while others wait for the same result.
+ *
+ *     shared_work BVHD
  */
 #include <signal.h>
 #include <stdarg.h>
@@ -61,7 +63,7 @@ static uint64_t counter(struct bvhd_client *client, const char *name)
     return value;
 }
 
-/* `copies` of one info in one batch. */
+/* Submits `copies` items with the same info in one batch. */
 static struct bvhd_batch *submit(struct bvhd_client *client, const struct terrain *terrain, uint32_t copies)
 {
     VkAccelerationStructureBuildGeometryInfoKHR *infos = calloc(copies, sizeof *infos);
@@ -90,7 +92,10 @@ static uint64_t checksum(const void *data, uint64_t size)
     return sum;
 }
 
-/* A client process: builds its share and writes one checksum for all its results, 0 when one failed or differed. */
+/*
+ * Runs as a client process: builds its share and writes one checksum for all its results, or 0 when one failed or
+ * differed.
+ */
 static void run_client(const struct terrain *terrain, int begin, int answer)
 {
     char go;
@@ -129,7 +134,7 @@ static void many_at_once(const struct terrain *terrain)
         }
     }
     close(begin[0]);
-    close(begin[1]); /* all begin */
+    close(begin[1]); /* closing the last writing end makes all clients start */
     for (int i = 0; i < PROCESSES; i++) {
         uint64_t sum = 0;
         expect(read(answers[0], &sum, sizeof sum) == sizeof sum && sum != 0, "a client failed");
@@ -156,7 +161,7 @@ static void sleep_ms(long ms)
     nanosleep(&wait, NULL);
 }
 
-/* Waits until the build that both want has begun, or for a while. */
+/* Waits until the build that both clients need has started, for 2 s at most. */
 static void await_start(struct bvhd_client *client, uint64_t started)
 {
     for (int i = 0; i < 2000 && counter(client, "builds_started") <= started; i++)
@@ -165,7 +170,7 @@ static void await_start(struct bvhd_client *client, uint64_t started)
 
 enum way { DIES, CANCELS, DESTROYS };
 
-/* One client asks first and leaves, at different moments; the other one's result comes. */
+/* One client submits first and leaves, at different moments; the other one must get its result. */
 static void first_leaves(const struct terrain *terrain, enum way way, long after_ms)
 {
     struct bvhd_client *stays = connect_client();
@@ -205,7 +210,7 @@ static void first_leaves(const struct terrain *terrain, enum way way, long after
     bvhd_client_destroy(stays);
 }
 
-/* Of a build that lasts long enough to be left; $SIZE says less where everything is slow. */
+/* The size of a build that lasts long enough to leave meanwhile; $SIZE makes it smaller where everything is slow. */
 static uint32_t long_build(void)
 {
     const char *size = getenv("SIZE");
@@ -229,6 +234,6 @@ int main(int argc, char **argv)
             first_leaves(&terrain, (enum way)way, moments[i]);
             terrain_finish(&terrain);
         }
-    expect(service_process_stop(&service), "the daemon did not leave well");
+    expect(service_process_stop(&service), "the daemon did not exit cleanly");
     return failures ? 1 : 0;
 }

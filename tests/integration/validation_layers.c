@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * That the validation layers, which all tests of the suite "vulkan" want to be silent, would speak: mistakes made on
- * purpose are counted. Skipped (77), and it says so, unless $BVHD_VALIDATE is 1.
+ * validation_layers.c - tests that the validation layers report mistakes, since all tests of the suite "vulkan" rely on
+ * their silence. Mistakes made on purpose are counted. Skipped (77), with a message, unless $BVHD_VALIDATE is 1.
  */
 #include "tests/support/unit.h"
 
@@ -48,7 +48,7 @@ static void wrong_arguments_are_noticed(void **state)
     assert_true(gpu_messages() > before);
 }
 
-/* Two writes to the same place, with nothing between them that says which is first. */
+/* Two writes to the same place without a barrier between them. */
 static void missing_barriers_are_noticed(void **state)
 {
     (void)state;
@@ -73,7 +73,7 @@ int main(void)
     };
     const char *asked = getenv("BVHD_VALIDATE");
     if (!asked || strcmp(asked, "1") != 0) {
-        printf("skipped: $BVHD_VALIDATE is not 1, so no validation layers look at the tests of Vulkan devices\n");
+        printf("skipped: $BVHD_VALIDATE is not 1, so no validation layer checks the tests of Vulkan devices\n");
         return GPU_BED_SKIPPED;
     }
     return gpu_bed_is_missing(false) ? GPU_BED_SKIPPED : cmocka_run_group_tests(tests, set_up, tear_down);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_driver.c - bvhd_vulkan.h on the Vulkan device of this machine: what the probe says, structures of its native
- * target loaded both ways and traced by the driver's own ray queries, portable ones read back, and that nothing of it
- * is left. Skipped where there is no such device.
+ * vulkan_driver.c - tests bvhd_vulkan.h on the Vulkan device of this machine: what the probe says; structures of the
+ * device's native target, loaded in both ways and traced by the driver's own ray queries; portable structures, read
+ * back; and that nothing leaks. Skipped where there is no such device.
  */
 #include "tests/support/unit.h"
 
@@ -21,7 +21,7 @@ static struct bvhd_vulkan_device *device;
 static struct bvhd_format format;
 static bool is_native;
 
-/* ---- the program's own allocator: everything is counted, and the n-th allocation can fail ---- */
+/* ---- the program's allocator: it counts everything, and its n-th allocation can fail ---- */
 
 static int64_t live_blocks, fail_after = -1;
 
@@ -64,7 +64,7 @@ static void *VKAPI_CALL reallocate(void *user, void *block, size_t size, size_t 
 static const VkAllocationCallbacks callbacks = {
     .pfnAllocation = allocate, .pfnReallocation = reallocate, .pfnFree = release};
 
-/* lavapipe ends the process when memory is short while commands are recorded, so then it never is. */
+/* lavapipe ends the process when an allocation fails while commands are recorded, so none fails then. */
 static PFN_vkGetDeviceProcAddr get_device_proc_addr;
 static PFN_vkBeginCommandBuffer begin_commands;
 static PFN_vkEndCommandBuffer end_commands;
@@ -175,7 +175,7 @@ static struct vulkan_bed_options native(uint32_t bottoms, uint32_t instances, ui
     return (struct vulkan_bed_options){TARGET_LAVAPIPE, device_format(), bottoms, instances, triangles, named};
 }
 
-/* Every instance is met where it should be. */
+/* Checks that a ray towards each instance hits it at the expected distance. */
 static void trace(const struct vulkan_bed *bed, VkAccelerationStructureKHR top)
 {
     struct bvhd_error error = {0};
@@ -221,7 +221,7 @@ static void native_scenes_are_traced(void **state)
         const struct vulkan_bed_options shape = native(shapes[i][0], shapes[i][1], shapes[i][2], shapes[i][3]);
         vulkan_bed_init(&bed, &shape);
         struct bvhd_vulkan_scene_options options = scene_options(&bed, 0);
-        options.format = i == 0 ? NULL : &format; /* it finds out by itself */
+        options.format = i == 0 ? NULL : &format; /* the scene probes the format itself */
         assert_int_equal(bvhd_vulkan_scene_create(device, &gpu->queue, &options, &scene, &error), BVHD_OK);
         assert_int_equal(bvhd_vulkan_scene_target(scene), BVHD_TARGET_LAVAPIPE);
         trace(&bed, bvhd_vulkan_scene_structure(scene, bed.count - 1));
@@ -230,7 +230,7 @@ static void native_scenes_are_traced(void **state)
     }
 }
 
-/* Buffers of a program with an allocator of its own. */
+/* Makes buffers as a program with its own allocator does. */
 static struct gpu_buffer make_buffer(uint64_t size, uint64_t alignment, VkBufferUsageFlags usage, enum gpu_place place)
 {
     struct gpu_buffer buffer;
@@ -285,7 +285,7 @@ static void own_buffers_are_filled(void **state)
     vulkan_bed_finish(&bed);
 }
 
-/* What lies in the scene's buffer: the bodies, with locations in the instances. */
+/* Checks the contents of the scene's buffer: the bodies, with locations in the instances. */
 static void check_portable(const struct vulkan_bed *bed, const struct bvhd_vulkan_scene *scene,
                            const unsigned char *bytes)
 {
@@ -342,7 +342,7 @@ static void portable_scenes_arrive(void **state)
     }
 }
 
-/* Whatever object cannot be had: no memory, and nothing is left of the others. */
+/* Every allocation fails once: the status is NO_MEMORY, and nothing is left of the other objects. */
 static void failing_allocations_leave_nothing(void **state)
 {
     (void)state;
@@ -373,9 +373,9 @@ static void failing_allocations_leave_nothing(void **state)
     }
 }
 
-/* ---- what the driver does with structures that it has not built ---- */
+/* ---- driver functions on structures that the driver has not built ---- */
 
-/* Of a scene: for functions that copy. Not to be destroyed. */
+/* Borrows a structure of a scene for functions that copy. The result must not be destroyed. */
 static struct driver_structure borrow(const struct vulkan_bed *bed, const struct bvhd_vulkan_scene *scene, uint32_t row)
 {
     struct bvhd_vulkan_requirements needed;
@@ -388,8 +388,8 @@ static struct driver_structure borrow(const struct vulkan_bed *bed, const struct
 }
 
 /*
- * Serialized again it is the bytes that it came from, with addresses for handles; and what these are loaded to traces
- * the same.
+ * Serializing the structure must give the bytes that it came from, with addresses for handles. A top level that is
+ * loaded from these bytes must trace the same.
  */
 static void serialize_again(const struct vulkan_bed *bed, const struct driver_structure *structure, uint32_t row,
                             const uint64_t *addresses)
@@ -458,7 +458,7 @@ static void tamper(struct random *random, unsigned char *data, uint64_t size)
     case 1:
         data[at] = (unsigned char)(data[at] ^ 1 << random_next(random) % 8);
         break;
-    case 2: /* like an offset, or a count */
+    case 2: /* a value like an offset or a count */
         bytes_put32(data + aligned, (uint32_t)(random_next(random) % 700));
         break;
     default:
@@ -467,8 +467,8 @@ static void tamper(struct random *random, unsigned char *data, uint64_t size)
 }
 
 /*
- * Loads what passes, and traces rays through it: their answers do not matter, but the driver goes on. False when it was
- * refused.
+ * Loads a scene if the checks pass, and traces rays through it. The answers do not matter, but the driver must survive.
+ * Returns false when the scene was refused.
  */
 static bool load_and_trace(const struct vulkan_bed *bed)
 {
@@ -498,7 +498,7 @@ static bool load_and_trace(const struct vulkan_bed *bed)
     return true;
 }
 
-/* More of them: vulkan_driver TRIES. */
+/* The command line can ask for more: vulkan_driver TRIES. */
 static uint64_t tries = 150;
 
 static void what_passes_the_check_does_no_harm(void **state)

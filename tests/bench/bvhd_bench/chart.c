@@ -233,8 +233,7 @@ static void draw_scatter(const void *context, FILE *script)
     fprintf(script, "\nset logscale xy\nset xrange [%.6g:%.6g]\nset yrange [%.6g:%.6g]\n", scatter->x_range[0],
             scatter->x_range[1], scatter->y_range[0], scatter->y_range[1]);
     fprintf(script, "set grid xtics ytics mxtics mytics lc rgb \"#d8d8d8\" lw 1, lc rgb \"#ececec\" lw 1\nset bmargin "
-                    "6\nset key at "
-                    "screen 0.5,0.03 center horizontal samplen 1 maxrows 2 font \",10\"\n"
+                    "6\nset key at screen 0.5,0.03 center horizontal samplen 1 maxrows 2 font \",10\"\n"
                     "set border 3 lc rgb \"#606060\"\nset tics nomirror\n");
     fprintf(script, "set xtics (0.02,0.05,0.1,0.2,0.5,1,2,3,5,7,10,15,20,30,40,50,70,100,150,200)\n");
     if (scatter->y_has_zero)
@@ -245,8 +244,7 @@ static void draw_scatter(const void *context, FILE *script)
                 "(0.01,0.02,0.05,0.1,0.2,0.3,0.5,0.7,0.8,0.9,1,1.1,1.2,1.3,1.5,1.7,2,2.5,3,3.5,4,5,7,10,15,20)\n");
     draw_labels(scatter, script);
     fprintf(script, "plot $front with lines lc rgb \"#b0b0b0\" lw 2 dt 2 title \"Pareto front\", $front with points pt "
-                    "6 ps 2.2 lw 1.5 "
-                    "lc rgb \"#707070\" notitle");
+                    "6 ps 2.2 lw 1.5 lc rgb \"#707070\" notitle");
     for (int family = 0; family < FAMILIES; family++)
         if (has_family(scatter, family))
             fprintf(script, ", $family%d with points pt %d ps 1.3 lc rgb \"%s\" title \"%s\"", family,

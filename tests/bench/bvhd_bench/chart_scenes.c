@@ -106,9 +106,8 @@ static void draw_choice_data(const struct results *results, int tier, FILE *scri
 static void draw_choices(FILE *script)
 {
     fprintf(script,
-            "set title \"auto, by rays a triangle (red: its loss)\" font \",10\"\nunset arrow 1\nunset logscale "
-            "x\nset xrange "
-            "[-0.6:%d.8]\n"
+            "set title \"auto, by rays a triangle (red: its loss)\" font \",10\"\nunset arrow 1\nunset logscale x\nset "
+            "xrange [-0.6:%d.8]\n"
             "set offsets 0, 0, 0, 0\nset xtics (",
             CHOICE_HINTS - 1);
     for (int hint = 0; hint < CHOICE_HINTS; hint++)
@@ -129,8 +128,7 @@ static void draw(const void *context, FILE *script)
         draw_choice_data(results, tier, script);
     fprintf(script,
             "set multiplot layout 1,3 title \"Tiers by scene: right is better, 1 is Embree\" font \",13\" margins "
-            "0.12,0.98,%.4f,%.4f "
-            "spacing 0.03\n",
+            "0.12,0.98,%.4f,%.4f spacing 0.03\n",
             BELOW_PIXELS / height, 1 - ABOVE_PIXELS / height);
     fprintf(script, "set border 1 lc rgb \"#606060\"\nset grid lc rgb \"#e0e0e0\"\nset tics nomirror\nset logscale "
                     "x\nset autoscale x\n"

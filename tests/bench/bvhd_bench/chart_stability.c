@@ -72,8 +72,7 @@ static void draw(const void *context, FILE *script)
             stability->column_count, stability->column_count, stability->row_count);
     fprintf(script,
             "set label \"Stability: methods (ours above, Embree below) on scenes at which methods fail\" at screen "
-            "0.01,%.4f left font "
-            "\",14\"\n",
+            "0.01,%.4f left font \",14\"\n",
             1 - 20.0 / height);
     fprintf(
         script,

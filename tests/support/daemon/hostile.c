@@ -70,7 +70,7 @@ void hostile_begin(struct hostile *hostile, const char *program, const char *con
 int hostile_end(struct hostile *hostile)
 {
     hostile_expect(service_process_runs(&hostile->service), "the daemon is gone");
-    hostile_expect(service_process_stop(&hostile->service), "the daemon did not leave well");
+    hostile_expect(service_process_stop(&hostile->service), "the daemon did not exit cleanly");
     return failures;
 }
 
