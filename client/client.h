@@ -20,15 +20,19 @@
 
 /* How waiting threads and the program's event loop are woken. */
 struct client_wakeups {
-    int epoll; /* the program's descriptor; it watches the sockets, `timer` and `notice` */
+    /*
+     * the descriptor that the program's event loop watches; it becomes readable for the sockets, `timer` and `notice`
+     */
+    int epoll;
+    /* a timerfd, set to timer_at; an eventfd that tells the program's loop that another thread has changed something */
     int timer, notice;
-    int wake; /* wakes the thread that polls */
+    int wake; /* an eventfd that wakes the thread that polls */
     uint64_t timer_at; /* when the timer fires; LIBRARY_NEVER: it is off */
     bool has_loop; /* the program has asked for its descriptor */
     bool polling; /* a thread polls the sockets, with the lock dropped */
     uint64_t polling_until; /* until when it polls at most */
     uint32_t waiting; /* number of threads that wait on the condition variable */
-    bool stirred;
+    bool stirred; /* client_stir was called, and the waiting threads have not been woken yet */
 };
 
 /* A client. Moments are nanoseconds of CLOCK_MONOTONIC. */

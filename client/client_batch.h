@@ -20,7 +20,7 @@ struct client_item {
     enum client_item_state state;
     struct held held; /* ITEM_COPIED: where the payload is */
     struct exchange *exchange; /* ITEM_SENT: the exchange that will bring the answer */
-    uint32_t entry;
+    uint32_t entry; /* ITEM_SENT: the item's position in that exchange */
     struct bvhd_result result; /* ITEM_DONE: the result */
     char method[CONTROL_NAME_SIZE];
 };

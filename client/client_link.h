@@ -11,7 +11,10 @@ struct connection *client_link_open(const struct bvhd_client *client);
 /* Connects, if a thread or a batch needs a connection and the next attempt is due. */
 void client_link_connect(struct bvhd_client *client, uint64_t now);
 
-/* Checks timeouts: silent daemons (sends PING when due), and batches that have waited too long for a daemon. */
+/*
+ * Checks timeouts: sends PING to a daemon that has been silent, ends the connection if it stays silent, and fails
+ * batches that have waited too long for a daemon.
+ */
 void client_link_check(struct bvhd_client *client, uint64_t now);
 
 /* Returns when client_link_check or client_link_connect have something to do next; LIBRARY_NEVER if they have not. */

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * connection.h - one socket to a daemon: the frames in both directions, what is under way, and what the daemon allows.
- * It never blocks, and knows nothing of batches: it passes received frames to a handler.
+ * It never blocks, and does not know batches: it passes received frames to a handler. Moments (`now`, `until` and the
+ * fields below) are nanoseconds of CLOCK_MONOTONIC. The client's lock guards a connection.
  */
 #ifndef BVHD_CONNECTION_H
 #define BVHD_CONNECTION_H
@@ -61,8 +62,8 @@ enum bvhd_status connection_create(const char *path, uint64_t now, struct connec
                                    struct bvhd_error *error);
 
 /*
- * Stops sending. Afterwards, exchanges that expect an answer are only in the table, from which their owner removes
- * them.
+ * Stops sending: empties the lists of outgoing and parked exchanges. Exchanges that expect no answer are freed; the
+ * others are still in the table, from which the caller removes them.
  */
 void connection_silence(struct connection *connection);
 
@@ -81,8 +82,8 @@ bool connection_send_empty(struct connection *connection, enum frame_type type, 
                            uint64_t now);
 
 /*
- * Sends CANCEL for these entries of an exchange; count 0 means all. Without memory nothing is sent, and the daemon
- * works in vain.
+ * Sends CANCEL for these entries of the exchange with the number `request`; count 0 means all. Without memory nothing
+ * is sent, and the daemon does work that nobody needs.
  */
 void connection_cancel(struct connection *connection, uint64_t request, const uint32_t *entries, uint32_t count,
                        uint64_t now);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * format.h - which target and which native format a program requests: converts bvhd.h's structs to a description's
- * options.
+ * format.h - converts what a program requests in bvhd.h's structs (quality, target, native format) to the options of a
+ * description.
  */
 #ifndef BVHD_FORMAT_H
 #define BVHD_FORMAT_H
@@ -10,8 +10,8 @@
 #include "proto/base/geometry.h"
 
 /*
- * The sizes of struct bvhd_build before `format`, and before `rays_per_primitive` was added: programs that were
- * compiled then lack these fields.
+ * The sizes that struct bvhd_build had in earlier versions: before `format` was added, and before `rays_per_primitive`
+ * was added. Programs that were compiled with such a version lack these fields.
  */
 enum {
     FORMAT_BUILD_WITHOUT = offsetof(struct bvhd_build, format),

@@ -36,7 +36,10 @@ struct placement {
     struct arena arena;
     uint64_t touched; /* bytes at the pool's front whose pages exist */
     uint32_t memfds;
-    bool is_refused; /* the daemon does not take the pool: it may hold only payloads that also fit into a frame */
+    /*
+     * the daemon does not take the pool: only payloads that also fit into a frame (FRAME_MAX_INLINE) are placed in it
+     */
+    bool is_refused;
 };
 
 void placement_init(struct placement *placement, struct memory *memory, uint64_t pool_size);

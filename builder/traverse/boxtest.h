@@ -50,7 +50,8 @@ struct boxtest_ray {
     float inverse[4]; /* 1 / direction; 0 for parallel axes */
     float slack[4]; /* in t; FLT_MAX for parallel axes, which makes their interval infinite */
     float common_slack[4]; /* the slack plus the error bound that is common to all nodes */
-    float wide_scale[4]; /* smaller nodes (scale not 0) are too small for the common bound; the last is 0 */
+    /* nodes whose scale is below this, and not 0, are too small for the common bound; the last is 0 */
+    float wide_scale[4];
     const struct boxtest_planes *planes;
     float tmin;
     uint32_t backward; /* bit a: the direction is negative along axis a */

@@ -20,20 +20,34 @@
 
 #define BOXTEST_INLINE static inline __attribute__((always_inline))
 
-/* The ranges of rays and structures in which float suffices. */
+/*
+ * The ranges of rays and structures in which float suffices: origins, directions and bounds are at most range_max, the
+ * largest of the bounds is at least structure_min, and the longest component of the direction at least direction_min.
+ */
 static const double range_max = 0x1p60, structure_min = 0x1p-60, direction_min = 0x1p-32;
 /*
  * An axis whose direction is less than this share of the longest counts as parallel: float's rounding of the position
  * is of that size.
  */
 static const double parallel_ratio = 0x1p-30;
+/*
+ * Terms of the slack in boxtest.h: how far the triangle test moves corners, relative to their distance; the allowance
+ * for t, relative to the largest |t| in the structure; and the allowance for underflow.
+ */
 static const double corner_error = 0x1p-50, t_error = 0x1p-40, underflow_error = 0x1p-118;
-/* 8u of the distance is 1/64 of 256 steps of this share of the distance. */
+/*
+ * A node is 256 steps (its scale) wide. If the step is at least this share of the distance R of boxtest.h, the common
+ * bound, 8u of the distance with u = 2^-24, is at most 1/64 of the node.
+ */
 static const double wide_share = 0x1p-23;
 
-/* Indexed by the signs of the direction: bit a for axis a. */
+/*
+ * The planes that a ray meets first and last, indexed by the signs of its direction: bit a is set if it is negative
+ * along axis a.
+ */
 extern const struct boxtest_planes boxtest_planes[8];
 
+/* The factors of the error bounds: 8u with u = 2^-24 in float, 16u with u = 2^-53 in double. */
 static const float boxtest_gamma = 0x1p-21f;
 static const double boxtest_gamma_double = 0x1p-49;
 
@@ -56,6 +70,7 @@ BOXTEST_INLINE float lesser(float a, float b)
     return a < b ? a : b;
 }
 
+/* Implements boxtest_float(). */
 /* Implements boxtest_float(). */
 BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct portable_node *node, float tmax,
                                      float ret_near[8])
@@ -84,13 +99,17 @@ BOXTEST_INLINE unsigned kernel_float(const struct boxtest_ray *ray, const struct
     return ray->parallel_axes ? boxtest_beside(ray, node, hits) : hits;
 }
 
-/* Returns whether child s reaches the ray's position along an axis that the ray is exactly parallel to. */
+/*
+ * Returns whether a box reaches the ray's position on an axis to which the ray is exactly parallel. The box lies
+ * between offset + lo and offset + hi, relative to the ray's origin; `moved` is by how much its planes may be off.
+ */
 BOXTEST_INLINE bool is_beside(double offset, double lo, double hi, double moved)
 {
     double slack = boxtest_gamma_double * (fabs(offset) + fabs(lo) + fabs(hi)) + moved;
     return offset + lo <= slack && offset + hi >= -slack;
 }
 
+/* Implements boxtest_double(). */
 /* Implements boxtest_double(). */
 BOXTEST_INLINE unsigned kernel_double(const struct boxtest_exact *ray, const struct portable_node *node, double tmax,
                                       double ret_near[8])

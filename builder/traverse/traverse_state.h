@@ -3,9 +3,9 @@
  * traverse_state.h - the state of one ray for every layout: the semantics of traverse.h, implemented once. Internal.
  *
  * A layout's traversal provides the walk over its nodes and the reading of its leaves. For each bottom level that the
- * ray reaches it calls traverse_state_enter (for that of an instance, traverse_state_to_object before), and it passes
- * the primitives of the leaves that the ray may meet up to the distance tmax to traverse_leaf_..., until is_done is
- * set.
+ * ray reaches it calls traverse_state_enter (before that, traverse_state_to_object if the bottom level belongs to an
+ * instance). Then it passes the primitives of each leaf that the ray may meet at a distance of at most the state's tmax
+ * to traverse_leaf_triangle, traverse_leaf_hit or traverse_leaf_aabb, until is_done is set.
  */
 #ifndef BVHD_TRAVERSE_STATE_H
 #define BVHD_TRAVERSE_STATE_H

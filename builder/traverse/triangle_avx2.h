@@ -19,6 +19,7 @@ struct triangle_avx2_ray {
 };
 
 /* Copies each number of a triangle_ray to all lanes. */
+/* Copies each number of a prepared ray to all lanes. */
 BOXTEST_AVX2_INLINE void triangle_avx2_spread(const struct triangle_ray *ray, struct triangle_avx2_ray *ret_ray)
 {
     for (int k = 0; k < 3; k++) {
@@ -88,6 +89,10 @@ BOXTEST_AVX2_INLINE double triangle_avx2_sum(__m256d lanes)
 }
 
 /* Implements triangle_intersect(). `wide` and `ray` are the same ray. */
+/*
+ * Works like triangle_intersect(). `wide` and `ray` are the same ray in two forms; `ray` is for triangles that have to
+ * be decided exactly.
+ */
 BOXTEST_AVX2_INLINE bool triangle_avx2_intersect(const struct triangle_avx2_ray *wide, const struct triangle_ray *ray,
                                                  const float *const vertices[3], struct triangle_hit *ret_hit)
 {

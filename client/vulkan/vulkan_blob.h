@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * vulkan_blob.h - reads what a loader has to know about a serialized structure: where its bytes go, and which places
- * the loader fills. It reads headers and handles alone; bvhd_vulkan_check checks the rest.
+ * vulkan_blob.h - reads what a loader has to know about a serialized structure: which of its bytes go to the device,
+ * and where in them the loader has to write references to bottom levels. It reads headers and handles alone;
+ * bvhd_vulkan_check checks the rest.
  */
 #ifndef BVHD_VULKAN_BLOB_H
 #define BVHD_VULKAN_BLOB_H
@@ -36,15 +37,15 @@ enum bvhd_status vulkan_blob_read(struct bytes bytes, struct vulkan_blob *ret_bl
 struct bvhd_vulkan_requirements vulkan_blob_requirements(const struct vulkan_blob *blob,
                                                          const struct bvhd_vulkan_device *device);
 
-/* Returns handle `row`; handles count from 1. */
+/* Returns the handle at position `row` of the blob's table, from 0. A handle is a number from 1 to reference_count. */
 static inline uint64_t vulkan_blob_handle(const struct vulkan_blob *blob, uint64_t row)
 {
     return bytes_get64(blob->bytes.data + SERIALIZED_HANDLES + 8 * row);
 }
 
 /*
- * Checks that every row that a handle names has a reference that is not `none`. Otherwise it returns BVHD_INVALID with
- * a place such as "references[7]".
+ * Checks that each handle v has a reference: v <= reference_count, and references[v - 1] is not `none`, the value that
+ * stands for a missing structure. Otherwise it returns BVHD_INVALID with a place such as "references[7]".
  */
 enum bvhd_status vulkan_blob_check_references(const struct vulkan_blob *blob, const uint64_t *references,
                                               uint32_t reference_count, uint64_t none, struct bvhd_error *error);

@@ -10,8 +10,8 @@
 #define VULKAN_SCENE_NOWHERE UINT64_MAX
 
 /*
- * One blob of the scene. `leader` is the lowest row with the same bytes: only that row is loaded, and this one is a
- * copy of it.
+ * One blob of the scene. `leader` is the lowest row with the same `data` pointer. Only the leader is loaded; the other
+ * rows with that pointer use its structure.
  */
 struct vulkan_scene_row {
     const void *data;
@@ -29,7 +29,7 @@ struct bvhd_vulkan_scene {
     enum bvhd_target target;
     struct vulkan_scene_row *rows;
     uint32_t row_count;
-    struct vulkan_buffer *pages; /* the memory of all structures; portable: one page */
+    struct vulkan_buffer *pages; /* the buffers that hold all structures; portable: one page */
     uint32_t page_count;
 };
 
@@ -59,8 +59,8 @@ enum bvhd_status vulkan_scene_row_error(const struct vulkan_scene_loading *loadi
 enum bvhd_status vulkan_scene_no_memory(const struct vulkan_scene_loading *loading);
 
 /*
- * Allocates memory for the rows, which have been checked, and uploads them. On failure, too, the owners of the scene
- * and of `loading` free what these hold.
+ * Allocates memory for the rows, which have been checked, and uploads them. Also on failure the scene and `loading`
+ * keep what has been created; their owners free it.
  */
 enum bvhd_status vulkan_scene_load(struct vulkan_scene_loading *loading);
 

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vulkan_work.h - commands that the library submits itself and waits for, with one command buffer that is reused. */
+/*
+ * vulkan_work.h - commands that the library submits itself and waits for, with one command buffer that is reused. One
+ * thread at a time may use a struct vulkan_work and its queue.
+ */
 #ifndef BVHD_VULKAN_WORK_H
 #define BVHD_VULKAN_WORK_H
 

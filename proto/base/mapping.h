@@ -17,12 +17,12 @@
  */
 void *mapping_obtain(uint64_t length, uint64_t *ret_length);
 
-/* Unmaps a mapping or puts it into the cache. `length` is the mapping's full length. */
+/* Unmaps a mapping or puts it into the cache. `length` is the mapping's full length (*ret_length). */
 void mapping_release(void *mapping, uint64_t length);
 
 /*
- * Changes the length of a mapping, by moving pages instead of copying them. Returns NULL if there is no memory; the old
- * mapping is then unchanged.
+ * Changes the length of a mapping to `length`, a multiple of 4096, by moving pages instead of copying them, and returns
+ * its new address. Returns NULL if there is no memory; the old mapping is then unchanged.
  */
 void *mapping_resize(void *mapping, uint64_t old_length, uint64_t length);
 

@@ -3,11 +3,14 @@
  * frame.h - turns the bytes of a socket into frames, without any I/O. PROTOCOL.md has the table of the header's bytes.
  *
  * A frame is a header of FRAME_HEADER_SIZE bytes, a control message (control.h), inline bytes, and the descriptors that
- * it declares. The sender of a frame with descriptors starts a sendmsg with the frame's first byte. Therefore the read
- * that delivers the descriptors also delivers a byte of their frame, possibly after bytes of earlier frames: the kernel
- * ends a read after the bytes that carried descriptors. The parser queues descriptors in the order of arrival, and a
- * complete frame claims as many as it declares. At that time missing descriptors show, and so do surplus ones: their
- * read ended within this frame or before it. After a wrong frame no byte can be trusted, so the connection has to end.
+ * it declares. A sender passes the descriptors of a frame with a sendmsg that starts at the frame's first byte. The
+ * kernel ends a read after the bytes that carried descriptors, so the read that delivers descriptors also delivers at
+ * least the first byte of their frame, possibly after bytes of earlier frames.
+ *
+ * The parser queues descriptors in the order of arrival, and a complete frame claims as many as it declares. The frame
+ * is wrong if fewer have come. It is also wrong if one is left whose read ended within this frame or before it, because
+ * that descriptor cannot belong to a later frame. After a wrong frame no byte can be trusted, so the connection has to
+ * end.
  */
 #ifndef BVHD_FRAME_H
 #define BVHD_FRAME_H
