@@ -146,7 +146,7 @@ static void print_geometries(const struct structure *structure)
                geometry->flags & GEOMETRY_NO_DUPLICATE_ANY_HIT ? ", no duplicate any-hit" : "");
     }
     if (count > GEOMETRY_LINES)
-        printf("  and %u geometries more\n", count - GEOMETRY_LINES);
+        printf("  and %u more geometries\n", count - GEOMETRY_LINES);
 }
 
 /* For layouts with one leaf for each primitive: how many of them the tree refers to, and how often. */
@@ -154,7 +154,7 @@ static void print_leaves(const struct survey *survey, uint64_t leaf_offset)
 {
     uint64_t referred = survey->records - survey->unreferred_records;
     printf("  leaves from byte %llu of the body on: %llu that no box refers to, %llu references beyond the first; room "
-           "for %llu boxes more\n",
+           "for %llu more boxes\n",
            (unsigned long long)leaf_offset, (unsigned long long)survey->unreferred_records,
            (unsigned long long)(survey->leaf_children - referred), (unsigned long long)survey->unused_nodes);
 }

@@ -71,7 +71,7 @@ static bool print_text(const struct probe_command *call)
     if (call->target)
         printf("it loads %s structures: bvhctl build --probe %s\n", call->target, call->options->output);
     else
-        printf("it loads portable structures alone (%s)\n", call->why_not.text);
+        printf("it loads only portable structures (%s)\n", call->why_not.text);
     return report_flush();
 }
 

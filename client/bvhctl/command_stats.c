@@ -91,7 +91,7 @@ enum exit_code command_stats(const struct options *options)
 /* Says which daemon has answered. If it had to be started, no other daemon has answered. */
 static const char *whose(const struct connect *connect)
 {
-    return connect->is_started   ? ": a private daemon, started now, for none answered"
+    return connect->is_started   ? ": a private daemon, started now because none answered"
            : connect->is_private ? ": a private daemon"
                                  : "";
 }

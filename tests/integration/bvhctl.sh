@@ -202,7 +202,7 @@ run 1 inspect missing.as
 one_error_line
 run 3 inspect ball.ply
 one_error_line
-says 'bvhctl: inspect: ball.ply: header: this is no structure'
+says 'bvhctl: inspect: ball.ply: header: this is not a structure'
 head -c 1000 good/ball.blas-0.as >cut.as
 run 3 inspect cut.as --json
 one_json_object

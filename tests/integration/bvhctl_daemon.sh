@@ -320,7 +320,7 @@ kill -9 "$(private_daemons)"
 expect 'a socket without a daemon' within 30 private_count_is 0
 run 0 ping
 expect 'is taken over' private_count_is 1
-expect "that none answered is said: $(cat out)" grep -q 'answers in [0-9.]* ms: a private daemon, started now, for none answered$' out
+expect "that none answered is said: $(cat out)" grep -q 'answers in [0-9.]* ms: a private daemon, started now because none answered$' out
 kill -TERM "$(private_daemons)"
 
 within 30 private_count_is 0

@@ -60,52 +60,52 @@ struct option_row {
 };
 
 static const struct option_row option_rows[] = {
-    {"output", 'o', "PATH", ON_BUILD, "the directory that gets manifest.json and one .as file a structure"},
+    {"output", 'o', "PATH", ON_BUILD, "the directory for manifest.json and one .as file for each structure"},
     {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
     {"output", 'o', "FILE", ON_GET, "the file to write"},
     {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
     {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD,
-     "also write what the scenes were read from, as a make rule for manifest.json"},
+     "also write a make rule for manifest.json, with the files that the scenes were\nread from"},
     {"target", OPTION_TARGET, "NAME", ON_BUILD,
-     "portable (default): for shaders, on any device; lavapipe: for that driver's own\nray queries, in this machine's "
-     "version or in "
-     "that of --probe"},
+     "portable (default): for shaders on any device; lavapipe: for ray queries of that\ndriver, in the version of this "
+     "machine or in that of --probe"},
     {"probe", OPTION_PROBE, "FILE", ON_BUILD,
-     "a file of 'bvhctl probe': build what its device loads natively, and without\n--target whatever that is"},
+     "a file of 'bvhctl probe': build for the device that it describes; without\n--target, for the target that this "
+     "device loads"},
     {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else auto)"},
     {"flags", OPTION_FLAGS, "LIST", ON_BUILD,
-     "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build,\nlow-memory, allow-data-access; with "
-     "commas between"},
-    {"layout", OPTION_LAYOUT, "LIST", ON_BUILD, "fast-triangles: three float4 a triangle, larger and quicker to trace"},
+     "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build,\nlow-memory, allow-data-access; separated "
+     "by commas"},
+    {"layout", OPTION_LAYOUT, "LIST", ON_BUILD,
+     "fast-triangles: three float4 for each triangle, larger but faster to trace"},
     {"geometry-flags", OPTION_GEOMETRY_FLAGS, "LIST", ON_BUILD, "opaque (default), no-duplicate-any-hit, none"},
     {"rays", OPTION_RAYS, "N", ON_BUILD,
-     "rays a primitive that the result will meet: what auto chooses by (without: balanced)"},
-    {"rays", OPTION_RAYS, "N", ON_CHECK, "how many rays to send (default 4000)"},
-    {"seed", OPTION_SEED, "S", ON_CHECK, "which rays (default 1)"},
+     "expected rays for each primitive, by which the quality auto chooses; without it,\nauto is balanced"},
+    {"rays", OPTION_RAYS, "N", ON_CHECK, "number of rays to trace (default 4000)"},
+    {"seed", OPTION_SEED, "S", ON_CHECK, "seed of the random rays (default 1)"},
     {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK,
      "visit children in the opposite order; the answers must be the same"},
     {"scene", OPTION_SCENE, "NAME", ON_CHECK | ON_TRACE,
-     "which scene of the directory (default: that of the file; the first)"},
+     "name of the scene in the directory (default: check: that of the file; trace:\nthe first)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE,
      "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads\nthe structures, else cpu"},
     {"device", OPTION_DEVICE, "NAME", ON_PROBE,
-     "its number or a part of its name as 'bvhctl devices' has them, or auto: the first\none there (default)"},
-    {"size", OPTION_SIZE, "WxH", ON_TRACE, "of the picture (default 1280x720)"},
-    {"up", OPTION_UP, "AXIS", ON_TRACE, "x, y, z or auto (default): which axis points up"},
+     "its number or a part of its name, as 'bvhctl devices' prints them, or auto\n(default): the first of them"},
+    {"size", OPTION_SIZE, "WxH", ON_TRACE, "width and height of the picture (default 1280x720)"},
+    {"up", OPTION_UP, "AXIS", ON_TRACE, "the axis that points up: x, y, z or auto (default)"},
     {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE,
-     "how many threads work in this process (default: one for each\nprocessor); a daemon has its own"},
+     "number of threads of this process (default: one for each processor); a daemon\nhas its own"},
     {"memory", OPTION_MEMORY, "BYTES", ON_SCENES,
-     "fail rather than use more for geometry and results; K, M, G may follow"},
+     "limit for geometry and results, beyond which the command fails; K, M, G may\nfollow the number"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
     {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
     {"socket", OPTION_SOCKET, "PATH", ON_SERVICE | ON_MAIN,
-     "the daemon's socket (default: $BVHD_SOCKET; without that a running daemon's,\nand where there is none a daemon "
-     "of your own is "
-     "started)"},
-    {"local", OPTION_LOCAL, NULL, ON_ALONE, "changes nothing: this command never asks a daemon"},
-    {"socket", OPTION_SOCKET, "PATH", ON_ALONE, "changes nothing, likewise"},
+     "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon;\nif there is none, a private "
+     "daemon is started)"},
+    {"local", OPTION_LOCAL, NULL, ON_ALONE, "has no effect: this command never uses a daemon"},
+    {"socket", OPTION_SOCKET, "PATH", ON_ALONE, "has no effect: this command never uses a daemon"},
     {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SEC", ON_SERVICE | ON_MAIN,
-     "how many seconds a daemon is waited for (default 5)"},
+     "seconds to wait for a daemon (default 5)"},
     {"help", 'h', NULL, ON_ALL | ON_MAIN, "print this help"},
     {"version", OPTION_VERSION, NULL, ON_MAIN, "print the version"},
 };
@@ -120,12 +120,10 @@ struct command_row {
 
 static const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_BUILD] = {"build", "SCENE... -o DIR", "build acceleration structures from scene files", 1, 1 << 20},
-    [COMMAND_CHECK] = {"check", "DIR SCENE", "trace built files against brute force over the scene they came from", 2,
-                       2},
-    [COMMAND_INSPECT] = {"inspect", "PATH", "say what is in a built file or a probe, or in all files of a directory", 1,
-                         1},
-    [COMMAND_TRACE] = {"trace", "DIR --device NAME -o PNG", "make a picture of what was built", 1, 1},
-    [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure that the daemon knows by its key", 1, 1},
+    [COMMAND_CHECK] = {"check", "DIR SCENE", "check built files against brute force over their scene", 2, 2},
+    [COMMAND_INSPECT] = {"inspect", "PATH", "describe a built file or a probe, or all files of a directory", 1, 1},
+    [COMMAND_TRACE] = {"trace", "DIR --device NAME -o PNG", "render a picture of built structures", 1, 1},
+    [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure from the daemon, by its key", 1, 1},
     [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},
     [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
     [COMMAND_DEVICES] = {"devices", "", "list the Vulkan devices of this machine, and what they load", 0, 0},
@@ -395,7 +393,7 @@ static enum bvhd_status parse_options(int argc, char **argv, unsigned commands, 
             return usage(error, argv[optind - 1], "needs a value", "");
         if (value == '?')
             return usage(error, optind > before ? argv[optind - 1] : word,
-                         "not an option of this command, or short for several", "");
+                         "not an option of this command, or an ambiguous abbreviation", "");
         if (value == 'h' || value == OPTION_VERSION) {
             options->help_about = options->command;
             options->command = value == 'h' ? COMMAND_HELP : COMMAND_VERSION;
@@ -428,7 +426,7 @@ static enum bvhd_status complete_target(struct options *options, struct bvhd_err
     if (!options->probe && !options->build.target)
         options->build.target = TARGET_PORTABLE;
     if (options->build.layout_flags && options->build.target != TARGET_PORTABLE)
-        return usage(error, "--layout", "a choice of the portable target alone", "");
+        return usage(error, "--layout", "only the portable target has this option", "");
     return BVHD_OK;
 }
 
@@ -442,12 +440,12 @@ static enum bvhd_status check_complete(const struct options *options, struct bvh
     if (options->socket && !*options->socket)
         return usage(error, "--socket", "an empty name", "");
     if (options->local && (command & ON_SERVICE) && !(command & ON_BUILD))
-        return usage(error, "--local", "%s asks a daemon", row->name);
+        return usage(error, "--local", "%s needs a daemon", row->name);
     if (options->operand_count < row->fewest)
         return usage(error, row->name, "wants: %s", row->arguments);
     if (options->operand_count > row->most)
         return usage(error, options->operands[row->most],
-                     *row->arguments ? "one word too many; wants: %s" : "one word too many", row->arguments);
+                     *row->arguments ? "one word too many; expected: %s" : "one word too many", row->arguments);
     if (needs_output && !options->output)
         return usage(error, row->name, "wants -o: %s", row->arguments);
     if (needs_output && !*options->output)
@@ -530,10 +528,10 @@ void options_print_help(enum command about)
         return;
     }
     printf("Usage: bvhctl [--socket PATH | --local] COMMAND ...\n\n"
-           "Builds Vulkan acceleration structures on the CPU, and looks at what was built.\n\nCommands:\n");
+           "Builds Vulkan acceleration structures on the CPU, and inspects the results.\n\nCommands:\n");
     for (int i = 0; i < COMMAND_COUNT; i++)
         printf("  %-8s %-23s  %s\n", command_rows[i].name, command_rows[i].arguments, command_rows[i].purpose);
     print_options(ON_MAIN);
-    printf("\nbvhctl COMMAND --help says more about one.\n"
+    printf("\nbvhctl COMMAND --help says more about a command.\n"
            "Exit status: 0 done, 1 failed, 2 wrong usage, 3 something wrong was found, 4 no daemon.\n");
 }

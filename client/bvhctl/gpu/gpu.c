@@ -37,7 +37,7 @@ static enum bvhd_status no_such_device(const char *name, const struct gpu_candid
     size_t used = 0;
     for (uint32_t i = 0; i < count && used < sizeof names; i++)
         used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", i ? "; " : "", list[i].properties.name);
-    return bvhd_error_set(error, BVHD_NOT_FOUND, name, "no device of that name; there is: %s", names);
+    return bvhd_error_set(error, BVHD_NOT_FOUND, name, "no device has that name; the devices are: %s", names);
 }
 
 /* A number or a full name takes precedence over a part of a name. */

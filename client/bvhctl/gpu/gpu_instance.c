@@ -235,7 +235,8 @@ static enum bvhd_status read_devices(const struct gpu_instance *instance, const 
         used += gpu_properties_read(instance, devices[i], memory, &list[used]);
     if (!used) {
         memory_free(memory, list);
-        return bvhd_error_set(error, BVHD_UNAVAILABLE, "devices", "no Vulkan device here has Vulkan 1.1 and computes");
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, "devices",
+                              "no Vulkan device here supports Vulkan 1.1 and compute");
     }
     sort(list, used);
     for (uint32_t i = 0; i < used; i++)

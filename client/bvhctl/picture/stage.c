@@ -305,7 +305,7 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
     else
         sample_triangles(stage);
     if (!status && stage->even_count == 0)
-        status = bvhd_error_set(error, BVHD_INVALID, "trace", "the scene has no triangle that could be seen");
+        status = bvhd_error_set(error, BVHD_INVALID, "trace", "the scene has no visible triangle");
     if (!status) {
         orient(stage, up == 'a' ? guess_up(stage, sorted) : up, sorted);
         stage->size = fmax(vector_length(vector_sub(stage->high, stage->low)), 1e-44);

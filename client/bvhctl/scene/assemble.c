@@ -247,7 +247,7 @@ static enum bvhd_status read_handles(const struct scene_build *job, struct assem
         return no_memory(job);
     if (header.handle_count > UINT32_MAX || !bottoms_of_handles(blob, header.handle_count, assembly, bottoms)) {
         memory_free(memory, bottoms);
-        bvhd_error_set(&top->error, BVHD_CORRUPT, "handles", "they name structures that were not asked for");
+        bvhd_error_set(&top->error, BVHD_CORRUPT, "handles", "they name structures that were not requested");
         return BVHD_OK;
     }
     memory_free(memory, assembly->handles);

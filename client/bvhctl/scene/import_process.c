@@ -237,7 +237,7 @@ static enum bvhd_status take_outcome(int descriptor, const char *path, struct me
     void *map = is_there ? mmap(NULL, (size_t)file.st_size, PROT_READ, MAP_PRIVATE, descriptor, 0) : MAP_FAILED;
     if (map == MAP_FAILED)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
-                              "the importer gave up: the file is broken, or too much for it");
+                              "the importer gave up: the file is broken, or too complex for it");
     memcpy(&outcome, map, sizeof outcome);
     struct file_cursor cursor = {(const unsigned char *)map + sizeof outcome, (uint64_t)file.st_size - sizeof outcome,
                                  memory, true};

@@ -46,8 +46,9 @@ static enum bvhd_status read_header(struct bytes blob, struct serialized_header 
     enum bvhd_status status = serialized_read(blob, ret_header, &inner);
     bool is_ours = blob.size >= SERIALIZED_UUID_SIZE && find_reader(blob.data);
     if (status == BVHD_CORRUPT && !is_ours)
-        return bvhd_error_set(error, status, "header", "this is no structure, or a part of a driver's (%s: %s)",
-                              inner.where, inner.text);
+        return bvhd_error_set(error, status, "header",
+                              "this is not a structure, or only a part of a driver's structure (%s: %s)", inner.where,
+                              inner.text);
     if (status && error)
         *error = inner;
     return status;

@@ -109,7 +109,7 @@ static enum bvhd_status find_daemon(struct search *search, struct memory *memory
     found.is_started = found.is_private && search->is_started;
     if (!status && of_system == ANSWER_FORBIDDEN && !search->is_refused) {
         report_note(system_socket,
-                    "not for you: members of its group may use it; a daemon of your own was started, on %s",
+                    "only members of its group may use it, and you are not one; a private daemon was started on %s",
                     place.socket);
         search->is_refused = true;
     }

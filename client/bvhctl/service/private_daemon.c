@@ -92,8 +92,9 @@ static enum bvhd_status make_safe(struct private_place *place, struct bvhd_error
         place->is_safe = is_safe(place->directory);
     }
     if (!place->is_safe)
-        return bvhd_error_set(error, BVHD_UNAVAILABLE, place->directory,
-                              "no daemon, and none is started here: not a directory that is yours alone");
+        return bvhd_error_set(
+            error, BVHD_UNAVAILABLE, place->directory,
+            "no daemon, and none is started here: you must own the directory, and nobody else may access it");
     return BVHD_OK;
 }
 
