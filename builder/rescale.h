@@ -24,7 +24,8 @@ bool rescale_refs(struct primitive_refs *refs, const struct build_context *conte
 
 /*
  * Gives each node of a tree that was built over scaled refs the exact box of its primitives. The tree must not contain
- * spatial splits (build() makes none in rescaled scenes). Runs on context->parallel. Returns false when cancelled.
+ * spatial splits (build() makes none in rescaled scenes). The leaves run on context->parallel, the nodes above them on
+ * the calling thread. Returns false when cancelled.
  */
 bool rescale_restore(const struct canonical *canonical, const struct build_context *context, struct ir *ir);
 

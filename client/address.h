@@ -14,7 +14,10 @@ struct address {
     uint32_t count;
 };
 
-/* Uses `explicit_path` if it is given, else the environment. Returns false without memory. */
+/*
+ * Uses `explicit_path` if it is given (not NULL or empty), else $BVHD_SOCKET, else both $XDG_RUNTIME_DIR/bvhd.sock and
+ * /run/bvhd/bvhd.sock. Returns false without memory.
+ */
 bool address_init(struct address *address, const char *explicit_path);
 
 void address_finish(struct address *address);

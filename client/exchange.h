@@ -17,7 +17,7 @@
 
 /* One item of an exchange. */
 struct exchange_entry {
-    uint32_t item; /* its number in the batch */
+    uint32_t item; /* the item's position in the batch */
     bool prepared, answered;
     bool cancelled; /* the program does not want its result */
     struct held held;
@@ -51,7 +51,9 @@ struct exchange {
     struct exchange_entry entries[];
 };
 
-/* Creates an exchange with room for `capacity` entries, without any. Returns NULL without memory. */
+/*
+ * Creates an exchange with room for `capacity` entries, of which `count` (0) are in use. Returns NULL without memory.
+ */
 struct exchange *exchange_create(enum frame_type type, uint32_t capacity);
 
 /* Frees an exchange whose payloads have been released. NULL is allowed. */

@@ -17,7 +17,7 @@ enum bvhd_status memfd_create_mapped(const char *name, uint64_t size, int *ret_d
 /* Adds F_SEAL_ flags. Fails with BVHD_NO_MEMORY or BVHD_IO. */
 enum bvhd_status memfd_seal(int descriptor, int seals, struct bvhd_error *error);
 
-/* Creates the same without a size or a mapping, for a memfd_writer. */
+/* Creates such a memfd with size 0 and without a mapping, for a memfd_writer. */
 enum bvhd_status memfd_open(const char *name, int *ret_descriptor, struct bvhd_error *error);
 
 /*

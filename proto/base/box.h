@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * box.h - axis-aligned boxes in float, which all parts exchange.
+ * box.h - axis-aligned boxes in float, which all folders use.
  *
  * A box is empty if min > max on any axis; box_empty() is the neutral element of box_grow. Areas are half areas (dx*dy
  * + dy*dz + dz*dx), because the surface area heuristic needs only ratios.

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bytes.h - checked arithmetic on sizes and offsets, and little-endian fields. This is the only place where lengths are
- * added or multiplied.
+ * bytes.h - checked arithmetic on sizes and offsets, and little-endian fields. Sizes that input influences are computed
+ * with these functions.
  *
  * The checked operations return false on overflow and leave *ret untouched. Loads and stores work at any alignment.
  */

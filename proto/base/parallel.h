@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * parallel.h - how code that owns no threads uses several.
+ * parallel.h - the interface through which code that owns no threads runs tasks on several.
  *
  * for_each calls task(context, i) once for every i in [0, count), in any order, on any threads including the caller's,
  * and returns when all calls have returned. Results must not depend on the order or on the number of threads. Tasks may

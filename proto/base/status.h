@@ -21,7 +21,7 @@ enum bvhd_status bvhd_error_set(struct bvhd_error *error, enum bvhd_status statu
 enum bvhd_status bvhd_error_rule(struct bvhd_error *error, enum bvhd_vuid vuid, const char *where, const char *format,
                                  ...) __attribute__((format(printf, 4, 5)));
 
-/* As bvhd_error_set with BVHD_NO_MEMORY. */
+/* Works like bvhd_error_set with BVHD_NO_MEMORY. */
 enum bvhd_status bvhd_error_no_memory(struct bvhd_error *error, const char *where, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
