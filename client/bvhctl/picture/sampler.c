@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/bvhctl/picture/sampler.h"
 
-#include "client/bvhctl/oracle/rays.h"
-
 enum { CHUNK = 256, WAVE_RAYS = 1 + LIGHT_BOUNCES }; /* samples of a task; most rays of a sample in a wave */
 
 /* The numbers of rays that a chunk's samples have in the next wave; after lay_out(), where they begin in it. */

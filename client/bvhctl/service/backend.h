@@ -9,7 +9,6 @@
 #include <stdatomic.h>
 
 #include "bvhd/bvhd.h"
-#include "client/bvhctl/base/progress.h"
 
 struct backend {
     /*

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "builder/batch.h"
+#include "builder/workers.h"
 #include "client/format.h"
 #include "client/vulkan_input.h"
 

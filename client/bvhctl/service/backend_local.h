@@ -5,7 +5,9 @@
 
 #include "client/bvhctl/service/backend.h"
 #include "builder/context.h"
-#include "builder/workers.h"
+#include "client/bvhctl/base/progress.h"
+
+struct workers;
 
 struct backend_local {
     struct backend backend;

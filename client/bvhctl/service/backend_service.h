@@ -3,6 +3,7 @@
 #ifndef BVHCTL_BACKEND_SERVICE_H
 #define BVHCTL_BACKEND_SERVICE_H
 
+#include "client/bvhctl/base/progress.h"
 #include "client/bvhctl/service/backend.h"
 #include "client/bvhctl/service/connect.h"
 

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/bvhctl/service/local.h"
 
+#include "builder/workers.h"
+
 enum bvhd_status local_open(struct local *local, uint32_t threads, uint64_t memory_limit, struct bvhd_error *error)
 {
     *local = (struct local){0};

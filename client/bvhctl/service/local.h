@@ -5,7 +5,9 @@
 
 #include "proto/base/memory.h"
 #include "client/bvhctl/base/progress.h"
-#include "builder/workers.h"
+#include "proto/base/parallel.h"
+
+struct workers;
 
 struct local {
     struct memory memory;
