@@ -6,6 +6,7 @@
 #include "proto/base/memory.h"
 #include "client/bvhctl/base/progress.h"
 #include "proto/base/parallel.h"
+#include "proto/base/status.h"
 
 struct workers;
 
