@@ -19,7 +19,8 @@ enum { REINSERTION_LEAF_MOST = 3 };
 struct reinsertion_request {
     /*
      * The tree to improve, which has nodes and one motion key. Each leaf holds one ref, the first child of each pair
-     * has an odd number, and a node's box is exactly that of its children. It is freed as soon as it has been read.
+     * has an odd number, and a node's box is exactly that of its children. Its arrays are freed as soon as they have
+     * been read; after a failure the caller has to call ir_finish for it.
      */
     struct ir *ir;
     uint32_t leaf_max; /* 1 .. REINSERTION_LEAF_MOST */

@@ -102,8 +102,9 @@ struct traverse_counters {
 };
 
 /*
- * Finds the closest hit (or any hit, with RAY_TERMINATE_ON_FIRST_HIT). Returns true and fills *ret_hit if there is one.
- * `options` and `counters` may be NULL. May be called from any thread.
+ * Finds the closest hit (or any hit, with RAY_TERMINATE_ON_FIRST_HIT). Returns true and fills *ret_hit if there is one,
+ * otherwise returns false and leaves *ret_hit as it was. `options` and `counters` may be NULL. May be called from any
+ * thread.
  */
 bool traverse(const struct scene *scene, const struct ray *ray, const struct traverse_options *options,
               struct ray_hit *ret_hit, struct traverse_counters *counters);
