@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * fuzz.h - what a fuzz target is: one function that takes any bytes, and samples to start from. README.md says how they
- * are run.
+ * fuzz.h - the interface of a fuzz target: one function that takes any bytes, and samples to start from. README.md says
+ * how targets are run.
  */
 #ifndef BVHD_FUZZ_H
 #define BVHD_FUZZ_H
@@ -11,15 +11,18 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { FUZZ_ROOM = 16 * 1024 }; /* of a sample */
+enum { FUZZ_ROOM = 16 * 1024 }; /* bytes of a sample */
 
-/* libFuzzer's name. Ends the process when something is wrong, returns 0 otherwise. */
+/*
+ * Runs the target on one input; libFuzzer prescribes the name. Ends the process when something is wrong, and returns 0
+ * otherwise.
+ */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-/* Sample number `index`, of at most FUZZ_ROOM bytes; 0 when there are no more. */
+/* Makes sample number `index`, of at most FUZZ_ROOM bytes. Returns its size, or 0 when there are no more samples. */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes);
 
-/* What must hold, in every build. */
+/* Ends the process unless the condition holds, in every kind of build. */
 #define FUZZ_CHECK(condition)                                                                                          \
     do {                                                                                                               \
         if (!(condition)) {                                                                                            \

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Control messages, and what a daemon does with a BUILD: unpack, rows of each payload, validation, the canonical copy
- * and its view.
+ * fuzz_control.c - fuzzes control messages, and what a daemon does with a BUILD: it unpacks the message, reads the rows
+ * of each payload, validates the input, makes the canonical copy and opens it.
  *
- * Input: a byte for the kind, two for the control message's size, the message, the bytes that payloads lie in. What is
- * unpacked and packed again has to be the same from then on. Payloads are copied to blocks of their exact size, so that
- * a sanitizer sees a byte too far.
+ * The input is a byte for the kind, two bytes for the control message's size, the message, and the bytes that contain
+ * the payloads. A message that is unpacked, packed and unpacked again has to stay the same. Payloads are copied to
+ * blocks of their exact size, so that a sanitizer detects a read beyond them.
  */
 #include "tests/fuzz/fuzz.h"
 
@@ -19,7 +19,7 @@ enum { HEAD = 3, MOST_ITEMS = 8, BUDGET = 64 << 20 };
 
 static struct memory memory = {.limit = BUDGET, .fail_after = -1};
 
-/* Limits of a small service: what passes them is quick. */
+/* The limits of a small service, so that inputs within them are quick. */
 static struct limits small_limits(void)
 {
     return (struct limits){
@@ -80,7 +80,7 @@ static void try_build(const struct control_build *build, struct bytes bytes)
     }
 }
 
-/* Packed, unpacked and packed once more: the same bytes. */
+/* Packing, unpacking and packing once more must give the same bytes. */
 static void try_again(const struct messages_kind *kind, const void *message)
 {
     struct bytes first, second;
@@ -124,7 +124,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     return 0;
 }
 
-/* A BUILD of all of `inputs`, their payloads one after another. */
+/* Makes a BUILD of all of `inputs`, with their payloads one after another. */
 static size_t build_sample(uint8_t kind, const struct build_input *const *inputs, uint32_t count, uint8_t *ret_bytes)
 {
     static unsigned char payloads[FUZZ_ROOM];
@@ -175,7 +175,10 @@ static uint8_t build_kind(void)
     return kind;
 }
 
-/* One of each kind, and four builds: most mutations are of these, for most can go wrong there. */
+/*
+ * Samples are one message of each kind, and 16 builds of four kinds: most mutations should be of builds, because most
+ * can go wrong there.
+ */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     static struct test_input triangles, boxes, instances;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Bytes into the parser of frames: whole, in portions, in portions with descriptors. Portions must not matter, and no
- * descriptor may be lost.
+ * fuzz_frame.c - fuzzes the parser of frames: with all bytes at once, in portions, and in portions with descriptors.
+ * Portions must not change the result, and no descriptor may be lost.
  *
- * Input: a byte that chooses portions and descriptors, then what comes from the socket.
+ * The input is a byte that seeds portions and descriptors, followed by the bytes from the socket.
  */
 #include "tests/fuzz/fuzz.h"
 
@@ -94,8 +94,8 @@ static uint64_t feed_some(struct run *run, const uint8_t *data, size_t size)
 }
 
 /*
- * The same number may stand for a later descriptor, so those that are still open are looked for at the end, when none
- * may be.
+ * Checks that every descriptor is closed. A number can be reused for a later descriptor, so this is checked at the end,
+ * when none may be open.
  */
 static void finish(struct run *run)
 {
@@ -134,7 +134,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     return 0;
 }
 
-/* Sample 0 has nothing, 1 .. 7 have that many frames of growing sizes, the later ones with descriptors. */
+/* Sample 0 is empty; samples 1 .. 7 have that many frames of growing sizes, the later ones with descriptors. */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     if (index >= 8)

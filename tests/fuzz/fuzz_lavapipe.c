@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A native structure from anywhere: refused, or good for rays that end.
+ * fuzz_lavapipe.c - fuzzes the reader of native structures: a structure is refused, or rays through it terminate.
  *
- * Input: a byte whose lowest bit is the variant, and whose next one has sizes repaired; then the structure.
+ * The input is a byte, whose lowest bit is the variant and whose next bit says whether sizes are repaired, followed by
+ * the structure.
  */
 #include "tests/fuzz/fuzz.h"
 
@@ -58,7 +59,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     return 0;
 }
 
-/* A probe's three structures, of each variant, as they are and to be repaired. */
+/* Samples are the three structures of a probe in each variant, unrepaired and to be repaired. */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     struct memory memory;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A probe's block from anywhere: what it says of a device is either an error with a place, or a format that a build may
- * have.
+ * fuzz_probe.c - fuzzes the reader of probes: what it says about a device is either an error with a place, or a valid
+ * format for builds.
  *
- * Input: a byte, 0, or the variant under which the structures' sizes are repaired; then the block.
+ * The input is a byte, which is 0 or the variant for which the structures' sizes are repaired, followed by the probe.
  */
 #include "tests/fuzz/fuzz.h"
 
@@ -57,7 +57,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     return 0;
 }
 
-/* A device of each variant, as it is and to be repaired. */
+/* Samples are a device of each variant, unrepaired and to be repaired. */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
     struct memory memory;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * repair.h - makes sizes in a mutated native structure agree with each other, so that readers come to what lies behind
- * their check.
+ * repair.h - makes the sizes in a mutated native structure consistent, so that the code after the reader's check of
+ * sizes is fuzzed, too.
  */
 #ifndef BVHD_FUZZ_REPAIR_H
 #define BVHD_FUZZ_REPAIR_H
@@ -11,7 +11,7 @@
 
 enum { REPAIR_SMALLEST = LAVAPIPE_HEADER + sizeof(struct lavapipe_box), REPAIR_HANDLES = 64 };
 
-/* Where leaves begin stays as it is, and so does everything that leads from node to node. */
+/* The offset of the leaves and all links between nodes stay unchanged. */
 static inline void repair_structure(uint8_t *blob, uint64_t size, uint32_t variant)
 {
     if (size < SERIALIZED_HANDLES + REPAIR_SMALLEST)

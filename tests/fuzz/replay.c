@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A fuzz target without libFuzzer: the samples, mutations of them, files. See usage below and README.md. */
+/*
+ * replay.c - runs a fuzz target without libFuzzer: on its samples, on mutations of them, or on files. See usage below
+ * and README.md.
+ */
 #include "tests/fuzz/fuzz.h"
 
 #include <dirent.h>
@@ -29,7 +32,7 @@ static int usage(void)
     return 2;
 }
 
-/* From a block of exactly its size. */
+/* Runs the target on a copy in a block of exactly its size. */
 static void run(const uint8_t *bytes, size_t size)
 {
     uint8_t *exact = malloc(size ? size : 1);
@@ -92,7 +95,7 @@ static void cut_out(struct sample *sample, struct random *random)
     sample->size -= size;
 }
 
-/* A stretch of this sample or of another one, put in somewhere. */
+/* Inserts some bytes of this sample or of another one at a random place. */
 static void put_in(struct sample *sample, struct random *random)
 {
     struct sample *from = below(random, 2) ? sample : &samples[below(random, sample_count)];
@@ -121,7 +124,7 @@ static void mutate_once(struct sample *sample, struct random *random)
         overwrite(sample, random);
 }
 
-/* Depends on seed and number alone. */
+/* The mutation depends only on the seed and the number. */
 static void run_mutation(uint64_t seed, uint64_t number)
 {
     static struct sample sample;

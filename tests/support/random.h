@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* random.h - the random numbers of generated scenes: splitmix64, the same on every machine. */
+/* random.h - random numbers for generated scenes: splitmix64, which is the same on every machine. */
 #ifndef BVHD_RANDOM_H
 #define BVHD_RANDOM_H
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* unit.h - cmocka, with the headers that it expects to be there before it. Every unit test starts with this. */
+/* unit.h - cmocka, with the headers that it requires before it. Every unit test starts with this. */
 #ifndef BVHD_UNIT_H
 #define BVHD_UNIT_H
 

@@ -28,7 +28,7 @@ struct bed {
     uv_loop_t loop;
     struct fake_service service;
     struct conn_group group;
-    struct memory memory; /* the clients' */
+    struct memory memory; /* the clients' memory */
     struct bed_client clients[BED_CLIENTS];
     int open_before;
 };
@@ -37,7 +37,7 @@ static inline void bed_open(struct bed *bed, const struct conn_limits *limits)
 {
     struct conn_limits defaults = conn_limits_default();
     memset(bed, 0, sizeof *bed);
-    uv_loop_init(&bed->loop); /* a process's first one opens descriptors that stay */
+    uv_loop_init(&bed->loop); /* the first loop of a process opens descriptors that stay open */
     uv_loop_close(&bed->loop);
     bed->open_before = frames_open();
     assert_int_equal(uv_loop_init(&bed->loop), 0);
@@ -48,13 +48,13 @@ static inline void bed_open(struct bed *bed, const struct conn_limits *limits)
         bed->clients[i].socket = -1;
 }
 
-/* The daemon's side of the connection that came last. */
+/* The daemon's side of the connection that was opened last. */
 static inline struct conn *bed_newest_conn(const struct bed *bed)
 {
     return container_of(bed->group.all.first, struct conn, link);
 }
 
-/* A client's end; its connection is open. */
+/* Opens a connection and returns the client's end. */
 static inline struct bed_client *bed_connect(struct bed *bed, uint32_t uid)
 {
     int pair[2], i = 0;
@@ -75,7 +75,7 @@ static inline uint64_t bed_now(void)
     return uv_hrtime() / 1000000;
 }
 
-/* Turns of the loop for so long; at least a few. */
+/* Runs iterations of the event loop for `ms` milliseconds, at least eight. */
 static inline void bed_pump(struct bed *bed, uint64_t ms)
 {
     uint64_t end = bed_now() + ms;
@@ -139,7 +139,7 @@ static inline void bed_read(struct bed_client *client)
     assert_int_equal(frame_parser_feed(&client->parser, (uint64_t)size, descriptors, count, NULL), BVHD_OK);
 }
 
-/* The next frame, within two seconds of turns; its descriptor is the caller's. */
+/* Receives the next frame within two seconds of iterations. Its descriptor belongs to the caller. */
 static inline bool bed_receive(struct bed *bed, struct bed_client *client, struct frame *ret_frame)
 {
     bool found = false;
@@ -169,7 +169,7 @@ static inline void bed_hello(struct bed *bed, struct bed_client *client)
     bed_expect(bed, client, FRAME_WELCOME, 0);
 }
 
-/* FRAME_ERROR with this status for the connection, then its end. */
+/* Expects FRAME_ERROR with this status for the connection, then its end. */
 static inline void bed_expect_error(struct bed *bed, struct bed_client *client, enum bvhd_status status)
 {
     struct frame frame;
@@ -191,7 +191,7 @@ static inline void bed_hang_up(struct bed_client *client)
     client->socket = -1;
 }
 
-/* Everything that was taken is given back. */
+/* Checks that everything is released. */
 static inline void bed_close(struct bed *bed)
 {
     for (int i = 0; i < BED_CLIENTS; i++)
@@ -210,7 +210,7 @@ static inline void bed_close(struct bed *bed)
     assert_int_equal(bed->service.descriptors.used, 0);
     assert_int_equal(bed->service.descriptors.unread, 0);
     for (int i = 0; i < 2000 && frames_open() != bed->open_before; i++)
-        poll(NULL, 0, 1); /* some are closed by other threads */
+        poll(NULL, 0, 1); /* Other threads close some of them. */
     assert_int_equal(frames_open(), bed->open_before);
 }
 

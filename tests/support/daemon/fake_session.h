@@ -1,10 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * fake_session.h - sessions and a service without builds, in place of the real ones, for tests of connections. A
- * frame's type says what a session does: HELLO opens it, PING gives PONG, GET gives as many results as its request
- * number says, each with a descriptor, STATS an inline result of 64 KiB, POOL closes what descriptors came; FAKE_WRONG
- * breaks the protocol, FAKE_FAIL has the session fail a moment later, FAKE_FAIL_SENT gives PONG and has it fail when
- * that leaves; FAKE_COSTLY takes FAKE_COSTLY_MS.
+ * fake_session.h - sessions and a service without builds, in place of the real ones, for tests of connections. The type
+ * of a frame selects what a session does:
+ *   HELLO            opens the session
+ *   PING             replies PONG
+ *   GET              replies as many results as the request number says, each with a descriptor
+ *   STATS            replies an inline result of 64 KiB
+ *   POOL             closes the descriptors of the frame
+ *   FAKE_WRONG       reports a violation of the protocol
+ *   FAKE_FAIL        makes the session fail a moment later
+ *   FAKE_FAIL_SENT   replies PONG, and makes the session fail when that has been sent
+ *   FAKE_COSTLY      takes FAKE_COSTLY_MS
  */
 #ifndef BVHD_FAKE_SESSION_H
 #define BVHD_FAKE_SESSION_H
@@ -16,13 +22,13 @@ enum { FAKE_WRONG = 200, FAKE_FAIL = 201, FAKE_COSTLY = 202, FAKE_FAIL_SENT = 20
 struct fake_service {
     struct memory memory;
     struct descriptors descriptors;
-    uint32_t connections; /* as last told */
-    uint32_t opened, closed; /* sessions */
-    uint32_t frames, sent; /* frames taken; replies that have left */
+    uint32_t connections; /* as reported last */
+    uint32_t opened, closed; /* numbers of sessions */
+    uint32_t frames, sent; /* frames received; replies that have been sent */
     bool refuse; /* session_open fails */
 };
 
-/* Descriptors: those that are free now. */
+/* Initialises the service. Its limit of descriptors is the number that are free now. */
 void fake_service_init(struct fake_service *service);
 
 static inline struct service *fake_service_face(struct fake_service *service)

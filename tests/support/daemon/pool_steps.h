@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pool_steps.h - jobs that do what a test of the pool wants, and a loop that they are done on. */
+/* pool_steps.h - jobs for tests of the pool, and an event loop that collects them. */
 #ifndef BVHD_POOL_STEPS_H
 #define BVHD_POOL_STEPS_H
 
@@ -10,7 +10,7 @@
 
 #include "daemon/pool/pool.h"
 
-/* The loop of these tests: sleeps until the pool has something for it. */
+/* The event loop of these tests. It sleeps until the pool wakes it. */
 struct loop {
     struct pool *pool;
     pthread_mutex_t lock;
@@ -19,7 +19,7 @@ struct loop {
     pthread_t thread;
 };
 
-/* A job that does what its test wants. `log` takes jobs in the order in which they start. */
+/* A job with a body that its test sets. `log` records jobs in the order in which they start. */
 struct step {
     struct pool_job job;
     struct loop *loop;
@@ -27,14 +27,14 @@ struct step {
     uint64_t burn_ns;
     struct log *log;
     sem_t started, may_end;
-    bool cancelled_inside; /* what run() saw at its end */
+    bool cancelled_inside; /* whether the job was cancelled at the end of run() */
     unsigned done;
-    struct step *to_submit, *to_cancel; /* by done() */
+    struct step *to_submit, *to_cancel; /* done() submits or cancels these */
     struct pool_flow *to_end;
     pthread_t runner;
-    atomic_uint tasks; /* that have begun */
-    atomic_bool helped; /* some of them on another thread than run() */
-    size_t count; /* for the test's own use, as are these */
+    atomic_uint tasks; /* number of tasks that have started */
+    atomic_bool helped; /* some of them ran on another thread than run() */
+    size_t count; /* for the test's own use, like `other` */
     struct step *other;
 };
 
@@ -48,17 +48,17 @@ struct log {
 uint64_t steps_now_ns(void);
 void steps_sleep_ms(long milliseconds);
 
-/* Keeps the thread busy by the clock. */
+/* Keeps the thread busy for this time by the clock. */
 void steps_burn(uint64_t nanoseconds);
 
-/* sem_wait that is not interrupted. */
+/* Like sem_wait, but continues after interruptions. */
 void steps_wait(sem_t *semaphore);
 
 void loop_init(struct loop *loop, unsigned threads);
 void loop_finish(struct loop *loop);
 unsigned loop_wakes(struct loop *loop);
 
-/* Waits for a wake that has not been seen, and collects; the test fails after a minute. */
+/* Waits for a wake-up that has not been handled yet, and collects. The test fails after a minute. */
 void loop_once(struct loop *loop);
 struct pool_flow *loop_flow(struct loop *loop);
 
@@ -66,17 +66,17 @@ void step_init(struct step *step, struct loop *loop, struct pool_flow *flow, uin
 void step_submit(struct step *step);
 void step_await(struct loop *loop, const struct step *step);
 
-/* done() of every step, unless the test sets another that calls this. */
+/* The done() of every step, unless the test sets another one that calls this. */
 void step_done(struct pool_job *job);
 
-/* Until somebody waits for `started`. */
+/* Whether the step has started. It can be true only until step_wait takes `started`. */
 bool step_has_started(struct step *step);
 
-/* Inits and submits one that takes a thread until it is let go, and waits until it does. */
+/* Initialises and submits a step that occupies a thread until step_let_go, and waits until it does. */
 void step_hold_thread(struct step *step, struct loop *loop, struct pool_flow *flow, uint64_t size);
 void step_let_go(struct step *step);
 
-/* A body: `count` tasks of half a millisecond in one for_each, of none when the job is cancelled. */
+/* A body: `count` tasks of half a millisecond in one for_each; tasks return at once when the job is cancelled. */
 void step_many_tasks(struct step *step, const struct parallel *parallel);
 
 #endif

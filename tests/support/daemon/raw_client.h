@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * raw_client.h - a client that says exactly what it is told to, right or wrong: frames by hand on a daemon's socket.
+ * raw_client.h - a client that sends exactly what the test tells it, right or wrong: hand-made frames on a daemon's
+ * socket.
  *
- * For test programs only: what cannot be done on this side is said on stderr and ends the program. What the daemon does
- * is for the caller to judge.
+ * For test programs only: failures on this side are printed to stderr and end the program. The caller judges what the
+ * daemon does.
  */
 #ifndef BVHD_RAW_CLIENT_H
 #define BVHD_RAW_CLIENT_H
@@ -19,63 +20,66 @@ struct raw_client {
     uint64_t last_request;
 };
 
-/* Connects, but does not say HELLO. False when nobody listens or the connection is refused. */
+/* Connects, but does not send HELLO. Returns false when nobody listens or the connection is refused. */
 bool raw_connect(struct raw_client *client, const char *path);
 
-/* Says HELLO and takes WELCOME; ends the program when there is none. */
+/* Sends HELLO and receives WELCOME. Ends the program when none comes. */
 void raw_hello(struct raw_client *client);
 
-/* Closes everything. Idempotent. */
+/* Closes everything. It can be called again. */
 void raw_close(struct raw_client *client);
 
 /*
- * Sends bytes, with descriptors on the first one; blocks. False when the daemon has closed. The descriptors stay the
- * caller's.
+ * Sends bytes, with the descriptors on the first byte; blocks. Returns false when the daemon has closed the connection.
+ * The descriptors stay open and belong to the caller.
  */
 bool raw_send(struct raw_client *client, const void *bytes, size_t size, const int *descriptors, uint32_t count);
 
 /* A frame of any kind. `control` and `inline_bytes` may be empty. */
 struct raw_frame {
-    struct frame_header header; /* sizes are set by raw_send_frame */
+    struct frame_header header; /* raw_send_frame sets the sizes */
     struct bytes control, inline_bytes;
     const int *descriptors;
-    uint32_t descriptor_count; /* that are sent, whatever the header declares */
+    uint32_t descriptor_count; /* number of descriptors sent, whatever the header declares */
 };
 
 bool raw_send_frame(struct raw_client *client, const struct raw_frame *frame);
 
-/* The bytes of a frame as they go on the wire; malloc'ed. */
+/* Makes the bytes of a frame on the wire; malloc. */
 unsigned char *raw_frame_bytes(const struct raw_frame *frame, size_t *ret_size);
 
 /*
- * The next frame, within `timeout_ms`; its descriptors are the caller's. False on a timeout or when the daemon has
- * closed (*ret_closed, may be NULL).
+ * Receives the next frame within `timeout_ms`; its descriptors belong to the caller. Returns false on a timeout, or
+ * when the daemon has closed the connection (*ret_closed, may be NULL).
  */
 bool raw_receive(struct raw_client *client, int timeout_ms, struct frame *ret_frame, bool *ret_closed);
 
-/* Frames until one of `type` comes; others are dropped, their descriptors closed. */
+/* Receives frames until one of `type` comes. Drops the others and closes their descriptors. */
 bool raw_await(struct raw_client *client, enum frame_type type, int timeout_ms, struct frame *ret_frame);
 
 /*
- * Waits until the daemon closes; true if it did. What comes before is dropped, but the last FRAME_ERROR is told
- * (ret_error may be NULL).
+ * Waits until the daemon closes the connection; returns whether it did. Drops the frames before that, but returns the
+ * last FRAME_ERROR in *ret_error (may be NULL).
  */
 bool raw_await_close(struct raw_client *client, int timeout_ms, struct bvhd_error *ret_error);
 
-/* One item over a grid of triangles, in a payload of `payload` bytes: the mesh of raw_payload. */
+/* An item over the mesh of raw_payload, whose payload has `payload_size` bytes. */
 struct control_item raw_item(uint64_t payload_offset, uint64_t payload_size, enum control_source source);
 
-/* The payload of a small mesh, different for each seed; malloc'ed. */
+/* Makes the payload of a small mesh, a grid of triangles that differs with the seed; malloc. */
 unsigned char *raw_payload(uint32_t triangles, uint32_t seed, uint64_t *ret_size);
 
-/* FRAME_BUILD with these items; returns the request's number, or 0 when the daemon has closed. */
+/* Sends FRAME_BUILD with these items. Returns the request's number, or 0 when the daemon has closed the connection. */
 uint64_t raw_build(struct raw_client *client, const struct control_item *items, uint32_t count,
                    struct bytes inline_bytes, const int *descriptors, const uint64_t *sizes, uint32_t descriptor_count);
 
-/* A memfd with these bytes and seals. */
+/* Makes a memfd with these bytes and seals. */
 int raw_memfd(const void *bytes, uint64_t size, unsigned seals);
 
-/* The unpacked RESULT of a frame; freed with memory_free(&client->memory, ...). NULL when it is none. */
+/*
+ * Unpacks the RESULT in a frame; the caller frees it with memory_free(&client->memory, ...). Returns NULL for another
+ * frame.
+ */
 struct control_result *raw_result(struct raw_client *client, const struct frame *frame);
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_lingering.h - sockets that take a minute to close: connected over TCP, with more to send than their peer reads,
- * and the wish to wait for that at their end. For test programs only.
+ * test_lingering.h - sockets that take a minute to close: TCP connections with SO_LINGER and more bytes to send than
+ * their peer reads. For test programs only.
  */
 #ifndef BVHD_TEST_LINGERING_H
 #define BVHD_TEST_LINGERING_H
@@ -13,8 +13,8 @@
 #include <unistd.h>
 
 struct test_lingering {
-    int sender; /* closing the last descriptor of it takes a minute */
-    int peer; /* unless this is ended */
+    int sender; /* closing its last descriptor takes a minute */
+    int peer; /* the other end */
 };
 
 static inline void test_lingering_set(int socket, int seconds)
@@ -38,7 +38,7 @@ static inline bool test_lingering_connect(int listener, int sender, int *ret_pee
     return *ret_peer >= 0;
 }
 
-/* False where there is no loopback interface. */
+/* Makes a connection. Returns false where there is no loopback interface. */
 static inline bool test_lingering_make(struct test_lingering *ret_pair)
 {
     int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0),
@@ -57,14 +57,14 @@ static inline bool test_lingering_make(struct test_lingering *ret_pair)
     return true;
 }
 
-/* Resets the connection: nothing is left to wait for. The sender is not closed. */
+/* Resets the connection, so that closing the sender takes no time. Does not close the sender. */
 static inline void test_lingering_end(const struct test_lingering *pair)
 {
     test_lingering_set(pair->peer, 0);
     close(pair->peer);
 }
 
-/* Says so when not. */
+/* Whether such sockets can be made here; prints a message if not. */
 static inline bool test_lingering_is_possible(void)
 {
     struct test_lingering pair;

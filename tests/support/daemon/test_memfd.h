@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_memfd.h - memfds with known bytes, sealed or not. After unit.h; for test programs only. */
+/* test_memfd.h - memfds with known bytes, sealed or not. Include it after unit.h; for test programs only. */
 #ifndef BVHD_TEST_MEMFD_H
 #define BVHD_TEST_MEMFD_H
 
@@ -7,7 +7,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* What every file holds. */
+/* Byte `at` of every file. */
 static inline unsigned char test_memfd_byte(uint64_t at)
 {
     return (unsigned char)(at * 2654435761u >> 13);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* gpu_bed.h - tests that need a Vulkan device: they are skipped, and say so, where there is none. */
+/* gpu_bed.h - for tests that need a Vulkan device: they are skipped, with a message, where there is none. */
 #ifndef BVHD_TEST_GPU_BED_H
 #define BVHD_TEST_GPU_BED_H
 
@@ -7,11 +7,11 @@
 
 #include "client/bvhctl/gpu/gpu.h"
 
-enum { GPU_BED_SKIPPED = 77 }; /* the exit status that meson takes for it */
+enum { GPU_BED_SKIPPED = 77 }; /* the exit status that meson treats as skipped */
 
 /*
- * True, with a line on stdout that says why, when there is no device with compute, or, with `wants_queries`, none with
- * ray queries as "auto" opens it.
+ * Returns true, with a line on stdout that says why, when there is no device with compute, or, with `wants_queries`,
+ * when the device that "auto" opens has no ray queries.
  */
 static inline bool gpu_bed_is_missing(bool wants_queries)
 {

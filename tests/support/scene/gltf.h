@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * gltf.h - a small glTF 2.0 scene: meshes of several materials, nodes with matrices, in a tree. Names are string
- * literals, or outlive it.
+ * gltf.h - a small glTF 2.0 scene: meshes of several materials, and nodes with matrices in a tree. Names are string
+ * literals, or outlive the scene.
  *
  * For test programs only: a scene over the fixed limits, or without memory, ends the program.
  */
@@ -27,9 +27,9 @@ struct gltf_mesh {
 struct gltf_node {
     const char *name;
     int number; /* appended to the name when >= 0 */
-    int mesh; /* or GLTF_NONE */
-    int parent; /* or GLTF_NONE: a root; an earlier node */
-    double matrix[12]; /* row-major 3x4, to the parent */
+    int mesh; /* index of a mesh, or GLTF_NONE */
+    int parent; /* index of an earlier node, or GLTF_NONE for a root */
+    double matrix[12]; /* row-major 3x4, to the parent's space */
 };
 
 struct gltf {
@@ -41,21 +41,24 @@ struct gltf {
     int node_count, node_capacity;
 };
 
-/* A zeroed scene is an empty one. NULL-safe. */
+/* Frees a scene. A zeroed scene is an empty one. Accepts NULL. */
 void gltf_finish(struct gltf *gltf);
 
-/* Each returns the index of what it added. */
+/* Each of these returns the index of what it added. */
 int gltf_add_material(struct gltf *gltf, const char *name, double red, double green, double blue);
 int gltf_add_mesh(struct gltf *gltf, const char *name);
 int gltf_add_node(struct gltf *gltf, const struct gltf_node *node);
 
-/* The new, empty part of a mesh, to be filled. Valid until gltf_finish. */
+/* Adds an empty part to a mesh and returns it, to be filled. It is valid until gltf_finish. */
 struct mesh *gltf_add_part(struct gltf *gltf, int mesh, int material);
 
-/* Triangles over all nodes, instances counted each. */
+/* The number of triangles of all nodes, each instance counted. */
 uint64_t gltf_triangles(const struct gltf *gltf);
 
-/* Writes PATH, which ends in .gltf, and beside it the same name with .bin. 0, or -1 with errno set. */
+/*
+ * Writes PATH, which must end in .gltf, and a file of the same name with .bin beside it. Returns 0, or -1 with errno
+ * set.
+ */
 int gltf_write(const struct gltf *gltf, const char *path);
 
 #endif

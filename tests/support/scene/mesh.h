@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * mesh.h - a growing triangle mesh and the few shapes that generated scenes are made of.
+ * mesh.h - a growing triangle mesh, and the shapes that generated scenes are made of.
  *
- * For test programs only: without memory they say so and end. All angles are in radians, y is up.
+ * For test programs only: without memory they print a message and end. All angles are in radians; y is up.
  */
 #ifndef BVHD_MESH_H
 #define BVHD_MESH_H
@@ -16,40 +16,42 @@ struct mesh {
     uint32_t triangle_count, triangle_capacity;
 };
 
-/* A zeroed mesh is an empty one. NULL-safe, idempotent. */
+/* Frees a mesh. A zeroed mesh is an empty one. Accepts NULL, and a mesh that is finished already. */
 void mesh_finish(struct mesh *mesh);
 
-/* The index of the new vertex. */
+/* Returns the index of the new vertex. */
 uint32_t mesh_add_vertex(struct mesh *mesh, double x, double y, double z);
 void mesh_add_triangle(struct mesh *mesh, uint32_t a, uint32_t b, uint32_t c);
-/* Corners in order around it; two triangles. */
+/* Adds two triangles. The corners are in order around the quad. */
 void mesh_add_quad(struct mesh *mesh, uint32_t a, uint32_t b, uint32_t c, uint32_t d);
-/* Three vertices of its own. */
+/* Adds a triangle with three vertices of its own. */
 void mesh_add_loose_triangle(struct mesh *mesh, const double a[3], const double b[3], const double c[3]);
 
 /*
- * Triangles between rows of equally many vertices, which lie in the mesh one after the other from `first` on; `closed`
- * joins the ends of each row. Faces look away from the axis when rows run counterclockwise, seen from above, and are
- * given from the bottom up.
+ * Adds triangles between rows of equally many vertices, which are in the mesh one after the other, starting with
+ * `first`; `closed` joins the ends of each row. Faces point away from the axis when rows run counterclockwise, seen
+ * from above, and are in order from the bottom up.
  */
 void mesh_add_rows(struct mesh *mesh, uint32_t first, uint32_t rows, uint32_t columns, int closed);
 
 /*
- * A surface of revolution around the y axis: profile[i] = {radius, height}, from the bottom up; `sides` vertices a
- * ring.
+ * Adds a surface of revolution around the y axis: profile[i] = {radius, height}, from the bottom up, with `sides`
+ * vertices in each ring.
  */
 void mesh_add_lathe(struct mesh *mesh, const double (*profile)[2], uint32_t profile_count, uint32_t sides);
 
-/* A closed tube with a tapering radius from one point to another. */
+/* Adds a closed tube with a tapering radius from one point to another. */
 void mesh_add_tube(struct mesh *mesh, const double from[3], const double to[3], double from_radius, double to_radius,
                    uint32_t sides);
 
-/* A sphere of 20 * 4^level triangles around centre, with each vertex moved along its direction d by bumps(d, context) * radius; bumps may
- * be NULL. */
+/*
+ * Adds a sphere of 20 * 4^level triangles around `centre`, with each vertex moved along its direction d by bumps(d,
+ * context) * radius; bumps may be NULL.
+ */
 void mesh_add_sphere(struct mesh *mesh, const double centre[3], double radius, uint32_t level,
                      double (*bumps)(const double direction[3], const void *context), const void *context);
 
-/* Binary little-endian PLY with a comment line. 0, or -1 with errno set. */
+/* Writes a binary little-endian PLY with a comment line. Returns 0, or -1 with errno set. */
 int mesh_write_ply(const struct mesh *mesh, const char *comment, const char *path);
 
 #endif

@@ -10,8 +10,8 @@
 #include "tests/support/random.h"
 
 /*
- * Fills an empty scene: the island of about `size` triangles, everything else of fixed size, most of it instances.
- * Metres, y is up.
+ * Fills an empty scene. The island has about `size` triangles; everything else has a fixed size, and most of it is
+ * instances. Units are metres; y is up.
  */
 void park_make(struct gltf *gltf, uint32_t size, struct random *random);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shader_bed.h - ray queries of client/shaders over scenes of the host, on a Vulkan device: rays in, all that a query
- * says out. For test programs only: when something of Vulkan fails they say so and end.
+ * shader_bed.h - traces rays by the ray queries of client/shaders over scenes on the host, on a Vulkan device, and
+ * returns all that a query reports. For test programs only: when Vulkan fails they print a message and end.
  */
 #ifndef BVHD_SHADER_BED_H
 #define BVHD_SHADER_BED_H
@@ -11,22 +11,22 @@
 
 enum { SHADER_BED_CANDIDATES = 40, SHADER_BED_PORTION = 4096 };
 
-/* What becomes of candidates. */
+/* What is done with candidates. */
 enum shader_policy { SHADER_ACCEPT, SHADER_IGNORE, SHADER_SOME, SHADER_END };
 
-/* As the kernel writes it. */
+/* Written by the kernel. */
 struct shader_intersection {
     float t, u, v;
     uint32_t instance, custom_index, geometry, primitive;
     uint32_t flags; /* bit 0: front face, bit 1: AABB */
     uint32_t sbt_offset;
-    uint32_t is_opaque; /* AABB candidates */
+    uint32_t is_opaque; /* for AABB candidates */
 };
 
 struct shader_answer {
     struct shader_intersection hit;
-    uint32_t type; /* 0: nothing was hit, and nothing else but the next says anything */
-    uint32_t candidate_count; /* may be above SHADER_BED_CANDIDATES */
+    uint32_t type; /* 0: nothing was hit; then only candidate_count is valid */
+    uint32_t candidate_count; /* can exceed SHADER_BED_CANDIDATES */
 };
 
 struct shader_details {
@@ -45,22 +45,22 @@ struct shader_bed;
 
 struct shader_bed_options {
     const char *device; /* as for gpu_open */
-    bool by_address; /* else through a storage buffer */
+    bool by_address; /* otherwise through a storage buffer */
     bool plain_bytes, fused_fma; /* constants of the shaders */
 };
 
-/* BVHD_UNAVAILABLE, BVHD_NOT_FOUND: there is no such device. */
+/* Returns BVHD_UNAVAILABLE or BVHD_NOT_FOUND when there is no such device. */
 enum bvhd_status shader_bed_create(const struct shader_bed_options *options, struct memory *memory,
                                    struct shader_bed **ret_bed, struct bvhd_error *error);
 void shader_bed_destroy(struct shader_bed *bed);
 const char *shader_bed_device(const struct shader_bed *bed);
 
-/* The scene to trace from now on. */
+/* Sets the scene to trace from now on. */
 void shader_bed_load(struct shader_bed *bed, const struct scene *scene);
 
 void shader_bed_trace(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy,
                       struct shader_answer *ret_answers);
-/* At most SHADER_BED_PORTION of them. */
+/* Traces at most SHADER_BED_PORTION rays. */
 void shader_bed_trace_fully(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy,
                             struct shader_full_answer *ret_answers);
 

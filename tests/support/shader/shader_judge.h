@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * shader_judge.h - what ray queries of a shader answered, against the CPU traversal, and where they differ against
+ * shader_judge.h - compares the answers of a shader's ray queries with the CPU traversal, and where they differ, with
  * brute force in double. For test programs only.
  */
 #ifndef BVHD_SHADER_JUDGE_H
@@ -17,23 +17,23 @@ struct shader_case {
 };
 
 struct shader_tally {
-    uint64_t rays, hits; /* hits of the CPU's */
-    uint64_t differing; /* another primitive, or a t, u, v that is not the same to some last bits */
-    uint64_t right; /* of these: all the same right, by the double reference: ties */
-    uint64_t uncertain; /* of these: the reference cannot tell */
-    uint64_t boxes; /* of these: an AABB is hit, about which the reference says nothing, where rounding can decide */
+    uint64_t rays, hits; /* hits of the CPU */
+    uint64_t differing; /* another primitive, or t, u or v differ by more than some last bits */
+    uint64_t right; /* of these: both are right by the double reference, so they are ties */
+    uint64_t uncertain; /* of these: the reference cannot decide */
+    uint64_t boxes; /* of these: an AABB is hit where rounding can decide; the reference covers no AABBs */
     uint64_t certain; /* the rest: defects */
-    uint64_t other_bits; /* the same primitive, with a t that is not bit-equal */
+    uint64_t other_bits; /* the same primitive, but t is not equal in every bit */
 };
 
 /*
- * The triangles of a scene that rays of a case can hit, for the double reference. Without a case (NULL): all of them
+ * The triangles of a scene that rays of a case can hit, for the double reference. Without a case (NULL): all of them,
  * and one for each box, to aim at.
  */
 struct shader_meshes {
     struct oracle_mesh *meshes;
     uint32_t count;
-    float **positions; /* what they point to */
+    float **positions; /* the arrays that `meshes` point to */
     uint32_t position_count;
 };
 
@@ -41,18 +41,18 @@ void shader_meshes_make(const struct scene *scene, const struct shader_case *ray
 void shader_meshes_finish(struct shader_meshes *meshes);
 
 /*
- * rays[i].flags and cull_mask are those of the case. Adds to *tally, and prints the first defects of a call as "WHAT:
- * ...".
+ * Judges the answers. rays[i].flags and cull_mask must be those of the case. Adds to *tally, and prints the first
+ * defects of a call as "WHAT: ...".
  */
 void shader_judge(const char *what, const struct scene *scene, const struct shader_case *shared, const struct ray *rays,
                   uint32_t count, const struct shader_answer *answers, const struct parallel *parallel,
                   struct memory *memory, struct shader_tally *tally);
 
-/* The shader's answer in the CPU's terms, and whether both say the same, to some last bits of t, u and v. */
+/* The shader's answer as a hit of the CPU, and whether two hits are the same, up to some last bits of t, u and v. */
 struct ray_hit shader_judge_hit(const struct shader_intersection *hit);
 bool shader_judge_same(const struct ray *ray, const struct ray_hit *a, const struct ray_hit *b);
 
-/* Whether the CPU's candidate function accepts, by the policy that context (enum shader_policy *) points to. */
+/* The CPU's candidate function. It accepts by the policy that context (enum shader_policy *) points to. */
 enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, struct ray_hit *hit);
 
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Arithmetic for some milliseconds: a device that has been idle raises its clock.
+// Computes for some milliseconds, so that a device that has been idle raises its clock.
 #version 450
 layout(local_size_x = 256) in;
 layout(set = 0, binding = 0, std430) buffer Out { float value[]; };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adds a specialisation constant and a push constant to numbers: for tests of gpu.h.
+// Adds a specialisation constant and a push constant to numbers, for tests of gpu.h.
 #version 450
 
 layout(local_size_x = 64) in;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device's own ray queries: all that they say of what they commit, and of every candidate on the way.
+// Traces a device's own ray queries and writes all that they report about the committed hit and about every candidate.
 #version 460
 #extension GL_EXT_ray_query : require
 #extension GL_EXT_ray_flags_primitive_culling : require
@@ -12,18 +12,20 @@ struct Ray {
     uvec4 flags; // ray flags, cull mask
 };
 
-// As struct query_answer.
+// The layout of struct query_answer.
 struct Answer {
     float t, u, v;
     uint instance, custom_index, geometry, primitive, flags, sbt_offset;
-    uint matrices; // a sum over both matrices and the ray in object space
+    uint matrices; // a checksum of both matrices and the ray in object space
     uint candidates, reserved;
 };
 
 layout(set = 0, binding = 0, std430) readonly buffer Rays { Ray rays[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Answers { Answer answers[]; };
-layout(set = 0, binding = 2, std430) readonly buffer Targets { uint targets[]; }; // three a ray: instance, geometry, primitive
-layout(set = 0, binding = 3, std430) writeonly buffer Candidates { uint candidates[]; }; // likewise, `listed` times three a ray
+// three words for each ray: instance, geometry, primitive
+layout(set = 0, binding = 2, std430) readonly buffer Targets { uint targets[]; };
+// `listed` times three words for each ray
+layout(set = 0, binding = 3, std430) writeonly buffer Candidates { uint candidates[]; };
 layout(set = 0, binding = 4, std430) readonly buffer Boxes { float bounds[]; };
 layout(set = 0, binding = 5, std430) readonly buffer First { uint first[]; };
 layout(set = 0, binding = 6) uniform accelerationStructureEXT top;
@@ -49,11 +51,12 @@ bool accepts(uvec3 id)
     return true;
 }
 
-// Half way through the box: what the driver makes of its boxes decides nothing then.
+// Hits the box half way through it, so that the driver's rounding of boxes decides nothing.
 bool cross_box(rayQueryEXT query, Ray ray, uvec3 id, out float t)
 {
     uint row = 6u * (first[id.x * geometry_stride + id.y] + id.z);
-    vec3 origin = rayQueryGetIntersectionObjectRayOriginEXT(query, false), direction = rayQueryGetIntersectionObjectRayDirectionEXT(query, false);
+    vec3 origin = rayQueryGetIntersectionObjectRayOriginEXT(query, false),
+         direction = rayQueryGetIntersectionObjectRayDirectionEXT(query, false);
     float enter = ray.origin.w, leave = ray.direction.w;
     for (int axis = 0; axis < 3; axis++) {
         float low = bounds[row + axis], high = bounds[row + 3 + axis];
@@ -79,13 +82,14 @@ void list_candidate(uint number, uvec3 id)
         candidates[at + i] = id[i];
 }
 
-// How many there were.
+// Runs the query and returns the number of candidates.
 uint see_candidates(rayQueryEXT query, Ray ray)
 {
     float nearest = ray.direction.w, t;
     uint number = 0u;
     while (rayQueryProceedEXT(query)) {
-        uvec3 id = uvec3(rayQueryGetIntersectionInstanceIdEXT(query, false), rayQueryGetIntersectionGeometryIndexEXT(query, false),
+        uvec3 id = uvec3(rayQueryGetIntersectionInstanceIdEXT(query, false),
+                         rayQueryGetIntersectionGeometryIndexEXT(query, false),
                          rayQueryGetIntersectionPrimitiveIndexEXT(query, false));
         bool is_triangle = rayQueryGetIntersectionTypeEXT(query, false) == gl_RayQueryCandidateIntersectionTriangleEXT;
         list_candidate(number++, id);
@@ -118,7 +122,8 @@ uint sum_spaces(rayQueryEXT query)
 {
     uint sum = sum_matrix(2166136261u, rayQueryGetIntersectionObjectToWorldEXT(query, true));
     sum = sum_matrix(sum, rayQueryGetIntersectionWorldToObjectEXT(query, true));
-    vec3 origin = rayQueryGetIntersectionObjectRayOriginEXT(query, true), direction = rayQueryGetIntersectionObjectRayDirectionEXT(query, true);
+    vec3 origin = rayQueryGetIntersectionObjectRayOriginEXT(query, true),
+         direction = rayQueryGetIntersectionObjectRayDirectionEXT(query, true);
     for (int axis = 0; axis < 3; axis++)
         sum = mix_in(mix_in(sum, floatBitsToUint(origin[axis])), floatBitsToUint(direction[axis]));
     return sum;
@@ -156,7 +161,8 @@ void main()
         return;
     Ray ray = rays[index];
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, top, ray.flags.x, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
+    rayQueryInitializeEXT(query, top, ray.flags.x, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz,
+                          ray.direction.w);
     uint number = see_candidates(query, ray);
     Answer answer = committed(query);
     answer.candidates = number;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// rays.glsl - what a ray-tracing pipeline of ray_pipeline.h carries: the payload, and the bits of a hit's flags.
+// rays.glsl - shared by the shaders of ray_pipeline.h: the payload, and the bits of a hit's flags.
 #ifndef RAYS_GLSL
 #define RAYS_GLSL
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Nothing to say: the payload is a miss until something is hit.
+// Does nothing: the payload is a miss until something is hit.
 #version 460
 #extension GL_EXT_ray_tracing : require
 

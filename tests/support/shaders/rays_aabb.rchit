@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The closest hit is an AABB.
+// Reports an AABB as the closest hit.
 #version 460
 #extension GL_EXT_ray_tracing : require
 #extension GL_GOOGLE_include_directive : require

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What ray queries over portable structures say of each ray, as shader_bed.h reads it. Compiled with BVHD_BUFFER_ADDRESS and without.
+// Writes what ray queries over portable structures report about each ray, in the layout that shader_bed.h reads. It is
+// compiled with BVHD_BUFFER_ADDRESS and without.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #ifdef BVHD_BUFFER_ADDRESS
@@ -33,7 +34,7 @@ layout(push_constant) uniform Push {
     uint count;
     uint policy;
     uvec2 root;
-    uint most_candidates; // 0: hits alone
+    uint most_candidates; // 0: hits only
 };
 
 const uint POLICY_ACCEPT = 0u, POLICY_IGNORE = 1u, POLICY_SOME = 2u, POLICY_END = 3u;
@@ -50,7 +51,7 @@ void note3(inout uint at, vec3 value)
     note(at, floatBitsToUint(value.z));
 }
 
-// Ten words.
+// Writes ten words.
 void note_intersection(inout uint at, BvhdRayQuery query, bool committed)
 {
     vec2 barycentrics = bvhdRayQueryGetIntersectionBarycentrics(query, committed);
@@ -68,7 +69,7 @@ void note_intersection(inout uint at, BvhdRayQuery query, bool committed)
     note(at, !committed && isAabb && bvhdRayQueryGetIntersectionCandidateAABBOpaque(query) ? 1u : 0u);
 }
 
-// 39 words: the corners, the ray in object space, both matrices.
+// Writes 39 words: the corners, the ray in object space, and both matrices.
 void note_details(inout uint at, BvhdRayQuery query)
 {
     vec3 corners[3] = vec3[](vec3(0.0), vec3(0.0), vec3(0.0));
@@ -79,7 +80,8 @@ void note_details(inout uint at, BvhdRayQuery query)
     note3(at, corners[2]);
     note3(at, bvhdRayQueryGetIntersectionObjectRayOrigin(query, true));
     note3(at, bvhdRayQueryGetIntersectionObjectRayDirection(query, true));
-    mat4x3 there = bvhdRayQueryGetIntersectionObjectToWorld(query, true), back = bvhdRayQueryGetIntersectionWorldToObject(query, true);
+    mat4x3 there = bvhdRayQueryGetIntersectionObjectToWorld(query, true),
+           back = bvhdRayQueryGetIntersectionWorldToObject(query, true);
     for (int column = 0; column < 4; column++)
         note3(at, there[column]);
     for (int column = 0; column < 4; column++)
@@ -88,7 +90,8 @@ void note_details(inout uint at, BvhdRayQuery query)
 
 bool is_accepted(BvhdRayQuery query)
 {
-    uint hash = bvhdRayQueryGetIntersectionInstanceId(query, false) * 73856093u ^ bvhdRayQueryGetIntersectionGeometryIndex(query, false) * 19349663u ^
+    uint hash = bvhdRayQueryGetIntersectionInstanceId(query, false) * 73856093u ^
+                bvhdRayQueryGetIntersectionGeometryIndex(query, false) * 19349663u ^
                 bvhdRayQueryGetIntersectionPrimitiveIndex(query, false) * 83492791u;
     return policy == POLICY_ACCEPT || policy == POLICY_END || policy == POLICY_SOME && (hash >> 7 & 1u) != 0u;
 }
@@ -101,7 +104,8 @@ void main()
     uint row = index * (12u + (most_candidates > 0u ? 39u + 10u * most_candidates : 0u)), candidates = 0u;
     Ray ray = rays[index];
     BvhdRayQuery query;
-    bvhdRayQueryInitialize(query, root, ray.flags.x, ray.flags.y, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
+    bvhdRayQueryInitialize(query, root, ray.flags.x, ray.flags.y, ray.origin.xyz, ray.origin.w, ray.direction.xyz,
+                           ray.direction.w);
     while (bvhdRayQueryProceed(query)) {
         uint at = row + 51u + 10u * candidates;
         if (candidates < most_candidates)
