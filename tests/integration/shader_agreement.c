@@ -111,8 +111,8 @@ static bool is_in_range(const float *values, int count)
 }
 
 /*
- * Shaders guarantee nothing about other magnitudes, nor about a small primitive in a large structure. NaNs, which belong
- * to inactive primitives, are ignored.
+ * Shaders guarantee nothing about other magnitudes, nor about a small primitive in a large structure. NaNs, which
+ * belong to inactive primitives, are ignored.
  */
 static bool is_promised(const struct scene *scene, const struct shader_meshes *aims)
 {

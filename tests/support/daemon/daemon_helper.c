@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * daemon_helper - what a shell script needs beside a daemon:
+ * daemon_helper - what shell scripts need besides a daemon:
  *
- *   daemon_helper ping SOCKET             HELLO and PING; status 0 when both are answered
- *   daemon_helper hold SOCKET             HELLO, then one line for each frame, "closed" at the end
- *   daemon_helper build SOCKET TRIANGLES  the same, with one build; ends after its result
- *   daemon_helper poke SOCKET             connects, whatever kind of socket it is, and sends a byte
- *   daemon_helper notify SOCKET SECONDS   receives a daemon's notifications, a line each
+ *   daemon_helper ping SOCKET              sends HELLO and PING; the exit status is 0 when both are answered
+ *   daemon_helper hold SOCKET              sends HELLO, then prints one line for each frame, and "closed" at the end
+ *   daemon_helper build SOCKET TRIANGLES   the same with one build; ends after its result
+ *   daemon_helper poke SOCKET              connects to a socket of any kind and sends a byte
+ *   daemon_helper notify SOCKET SECONDS    receives a daemon's notifications and prints a line for each
  */
 #include <fcntl.h>
 #include <poll.h>
@@ -80,7 +80,7 @@ static bool send_build(struct raw_client *client, uint32_t triangles)
     return sent;
 }
 
-/* Returns whether it was a RESULT. */
+/* Prints a line for the frame. Returns whether it was a RESULT. */
 static bool tell_frame(struct raw_client *client, const struct frame *frame)
 {
     bool is_result = frame->header.type == FRAME_RESULT;
@@ -120,7 +120,10 @@ static int poke(const char *path)
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         int poker = socket(AF_UNIX, kinds[i] | SOCK_CLOEXEC, 0);
         bool reached = connect(poker, (struct sockaddr *)&address, sizeof address) == 0;
-        /* Whoever was woken by a connection may have left by now; a datagram wakes only when it is sent. */
+        /*
+         * The connection alone wakes the other process, which may have exited before the send(). A datagram socket wakes
+         * it only when something is sent.
+         */
         bool sent = reached && send(poker, "", 1, MSG_NOSIGNAL) == 1;
         reached = kinds[i] == SOCK_DGRAM ? sent : reached;
         close(poker);

@@ -49,7 +49,7 @@ uint64_t hostile_counter(struct hostile *hostile, const char *name)
     return value;
 }
 
-/* A sanitizer's daemon keeps freed memory for a while, which is not what these tests measure. */
+/* A daemon under the address sanitizer keeps freed memory for a while, which these tests do not measure. */
 static void keep_little_freed(void)
 {
     const char *given = getenv("ASAN_OPTIONS");

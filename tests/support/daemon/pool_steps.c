@@ -53,7 +53,6 @@ unsigned loop_wakes(struct loop *loop)
     return wakes;
 }
 
-/* Waits for a wake that has not been seen, and collects. */
 void loop_once(struct loop *loop)
 {
     struct timespec limit;
@@ -140,7 +139,6 @@ static void hold(struct step *step, const struct parallel *parallel)
     steps_wait(&step->may_end);
 }
 
-/* Takes a thread until it is let go. */
 void step_hold_thread(struct step *step, struct loop *loop, struct pool_flow *flow, uint64_t size)
 {
     step_init(step, loop, flow, size);

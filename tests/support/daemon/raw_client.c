@@ -58,7 +58,7 @@ void raw_close(struct raw_client *client)
     client->socket = -1;
 }
 
-/* Sends a part with its descriptors; -1 when the daemon has closed. */
+/* Sends bytes with their descriptors. Returns -1 when the daemon has closed the connection. */
 static ssize_t send_part(int socket, const unsigned char *bytes, size_t size, const int *descriptors, uint32_t count)
 {
     union {
@@ -120,7 +120,7 @@ bool raw_send_frame(struct raw_client *client, const struct raw_frame *frame)
     return sent;
 }
 
-/* Reads once. False when the daemon has closed. */
+/* Reads once. Returns false when the daemon has closed the connection. */
 static bool read_more(struct raw_client *client)
 {
     union {

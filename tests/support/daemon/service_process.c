@@ -111,7 +111,7 @@ void service_process_kill(struct service_process *service)
     service->pid = 0;
 }
 
-/* Waits for a process that was told to stop. */
+/* Waits for the process after SIGTERM. Returns whether it exited with status 0 in time. */
 static bool left_well(struct service_process *service)
 {
     for (int waited = 0; waited < STOP_MS; waited += 5) {

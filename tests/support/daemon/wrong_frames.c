@@ -11,7 +11,7 @@
 
 enum { POOL_SIZE = 1 << 20, PAYLOAD_SIZE = 60 * 1024, MOST_ITEMS = 4096, SLOT = 16 * 1024 };
 
-/* Around limits of fields, of types, of sizes. */
+/* Values around limits of fields, of types, and of sizes. */
 static const uint64_t odd_values[] = {
     0,          1,          2,          3,           4,          5,          7,          8,          12,
     16,         24,         31,         32,          48,         64,         79,         80,         81,
@@ -47,7 +47,7 @@ static uint64_t odd_value(struct wrong_frames *wrong)
 
 /* ---- payloads ---- */
 
-/* Rows and data of one kind, one geometry, as they should be. Returns how many bytes. */
+/* Writes the valid rows and data of one geometry of this kind. Returns their size in bytes. */
 static uint64_t write_payload(struct wrong_frames *wrong, uint32_t kind, unsigned char *at)
 {
     uint32_t count = (uint32_t)wrong_below(wrong, 60) + 1, references = kind == GEOMETRY_INSTANCES ? 4 : 0;
@@ -101,7 +101,7 @@ static void spoil_item(struct wrong_frames *wrong, struct control_item *item)
         *wide[which - 12] = odd_value(wrong);
 }
 
-/* Where payloads of that source are written; what is sealed has them already. */
+/* Where payloads of this source are written. The sealed memfd already has payloads. */
 static unsigned char *place_of(struct wrong_frames *wrong, enum control_source source)
 {
     return source == SOURCE_POOL ? wrong->pool : wrong->payloads;
@@ -130,7 +130,7 @@ static struct control_item make_item(struct wrong_frames *wrong, enum control_so
 
 /* ---- frames ---- */
 
-/* What a frame is made of before it is sent. */
+/* A frame before it is sent. */
 struct draft {
     struct raw_frame frame;
     int descriptors[6];
@@ -227,7 +227,7 @@ static void make_draft(struct wrong_frames *wrong, struct raw_client *client, st
         draft_other(wrong, draft);
 }
 
-/* Seldom: most of it ends the connection. */
+/* Changes some bytes of a frame. It is called rarely, because most changes end the connection. */
 static void spoil_bytes(struct wrong_frames *wrong, unsigned char *bytes, size_t size)
 {
     uint64_t area = one_in(wrong, 2) ? FRAME_HEADER_SIZE : size, changes = wrong_below(wrong, 4) + 1;
@@ -278,7 +278,7 @@ static bool take_answers(struct wrong_frames *wrong, struct raw_client *client)
     return !closed;
 }
 
-/* While the daemon reads there. */
+/* Changes the pool while the daemon may be reading it. */
 static void disturb_pool(struct wrong_frames *wrong)
 {
     uint64_t at = wrong_below(wrong, POOL_SIZE / 4096) * 4096;
@@ -287,7 +287,7 @@ static void disturb_pool(struct wrong_frames *wrong)
     else
         memset(wrong->pool + at, (int)wrong_next(wrong), 4096);
     if (ftruncate(wrong->pool_file, 0) == 0)
-        abort(); /* it is sealed */
+        abort(); /* The pool is sealed against shrinking. */
 }
 
 bool wrong_send(struct wrong_frames *wrong, struct raw_client *client)

@@ -12,7 +12,7 @@
 
 enum { MOST_PRINTED = 5 };
 
-#define ROUNDING 1e-5 /* of floats in what is measured here, with room */
+#define ROUNDING 1e-5 /* relative rounding error of floats in the quantities compared here, with a margin */
 
 const struct driver_case driver_cases[] = {
     {"no flags", 0, 0xff, QUERY_ACCEPT, false},
@@ -74,19 +74,24 @@ void driver_judge_finish(struct driver_judge *judge)
 
 /* ---- Ties ---- */
 
-/* Answers of ours and of the driver's to rays, of which those that are not the same are looked at. */
+/*
+ * Answers of our structure and of the driver's to the same rays. Rays with different answers are doubtful and judged
+ * one by one.
+ */
 struct trial {
     struct driver_judge *judge;
     const char *what;
     const struct driver_case *shared;
     const struct ray *rays;
     const struct query_answer *ours, *theirs;
-    bool is_partial; /* by a pipeline, which does not tell all, and meets AABBs elsewhere */
-    uint32_t *doubtful; /* which rays */
+    bool is_partial; /* by a pipeline, which does not report everything, and hits AABBs at another t */
+    uint32_t *doubtful; /* numbers of the rays */
     uint32_t doubtful_count;
 };
 
-/* For each doubtful ray: what `top` says when only the primitive of `answers` counts, whether it is opaque or not. */
+/*
+ * Traces each doubtful ray through `top` so that only the primitive of `answers` counts, whether it is opaque or not.
+ */
 static void trace_alone(const struct trial *trial, VkAccelerationStructureKHR top, const struct query_answer *answers,
                         struct query_answer *ret_answers)
 {
@@ -106,7 +111,7 @@ static void trace_alone(const struct trial *trial, VkAccelerationStructureKHR to
     free(rays);
 }
 
-/* Whether what was said of a primitive is what the other structure says of it alone. */
+/* Whether an answer about a primitive equals the answer of the other structure about it alone. */
 static bool is_confirmed(const struct trial *trial, const struct query_answer *said, const struct query_answer *alone)
 {
     if (!trial->is_partial)
@@ -129,7 +134,7 @@ static void to_world(const float m[12], const float point[3], double ret_point[3
                          (double)m[4 * row + 2] * (double)point[2] + (double)m[4 * row + 3];
 }
 
-/* From the world into an instance's space, by Cramer's rule. */
+/* Transforms a point from the world into an instance's space, by Cramer's rule. */
 static void to_object(const float m[12], const double point[3], double ret_point[3])
 {
     double columns[4][3], determinant;
@@ -144,7 +149,7 @@ static void to_object(const float m[12], const double point[3], double ret_point
     ret_point[2] = triple(columns[0], columns[1], columns[3]) / determinant;
 }
 
-/* Whether a point is where an answer's barycentrics say, as far as floats can tell. */
+/* Whether a point is where an answer's barycentrics say, within rounding errors of floats. */
 static bool is_on_triangle(const struct query_answer *answer, const float corners[3][3], const float *transform,
                            const double there[3], double size)
 {
@@ -173,7 +178,7 @@ static bool is_in_box(const float *box, const double point[3])
     return away <= ROUNDING * size;
 }
 
-/* Whether an answer is true, by the geometry alone. */
+/* Whether an answer is true by the geometry alone. */
 static bool is_true(const struct trial *trial, const struct ray *ray, const struct query_answer *answer)
 {
     const struct driver_scene_options *scene = &trial->judge->scene->options;
@@ -285,13 +290,13 @@ static struct ray *rays_of_case(const struct driver_case *shared, const struct r
 
 /* ---- Candidates ---- */
 
-/* Any order will do. */
+/* Any total order is good enough. */
 static int compare_ids(const void *a, const void *b)
 {
     return memcmp(a, b, sizeof(struct query_id));
 }
 
-/* Sorted, each once; returns how many are left. */
+/* Sorts the list and removes duplicates. Returns the new length. */
 static uint32_t tidy(struct query_id *ids, uint32_t count)
 {
     uint32_t kept = 0;
@@ -305,8 +310,8 @@ static uint32_t tidy(struct query_id *ids, uint32_t count)
 enum verdict { SAME, LOST, WRONG };
 
 /*
- * All that the driver reports is among ours; ours is more only in instances in which the driver's own has found
- * nothing, so it has missed their boxes.
+ * Every candidate of the driver has to be among ours. Ours may have more only in instances in which the driver's own
+ * structure has found nothing, so that it has missed their boxes.
  */
 static enum verdict compare_lists(const struct query_id *ours, uint32_t our_count, const struct query_id *theirs,
                                   uint32_t their_count)
@@ -332,7 +337,7 @@ static enum verdict compare_candidates(struct driver_judge *judge, const struct 
 {
     uint32_t listed = judge->listed;
     judge->tally.candidates += theirs->candidates;
-    /* Longer lists are not known to their ends: they count as far as that tells something. */
+    /* Longer lists are incomplete, so only their lengths are compared, as far as these say something. */
     if (ours->candidates > listed || theirs->candidates > listed) {
         bool is_same =
             judge->tells_repeated ? ours->candidates >= theirs->candidates : ours->candidates == theirs->candidates;

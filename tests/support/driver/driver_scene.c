@@ -30,7 +30,7 @@ static void *allocate(struct memory *memory, uint64_t count, uint64_t size)
     return block;
 }
 
-/* Which bottom level a row of the top level is. */
+/* The index of the bottom level of a row of the top level. */
 static uint32_t bottom_of(const struct canonical *top, uint32_t row)
 {
     uint64_t number;
@@ -38,7 +38,7 @@ static uint32_t bottom_of(const struct canonical *top, uint32_t row)
     return (uint32_t)number - 1;
 }
 
-/* ---- The driver's ---- */
+/* ---- The driver's structures ---- */
 
 static void build_driver(struct driver_scene *scene, const struct driver_scene_options *options)
 {
@@ -54,7 +54,7 @@ static void build_driver(struct driver_scene *scene, const struct driver_scene_o
     memory_free(&scene->memory, addresses);
 }
 
-/* ---- Ours ---- */
+/* ---- Our structures ---- */
 
 static void build_blob(struct driver_scene *scene, const struct driver_scene_options *options,
                        const struct canonical *canonical, struct bvhd_vulkan_bytes *ret_blob)
@@ -122,7 +122,7 @@ static void collect_boxes(struct driver_scene *scene, const struct driver_scene_
                    stride * sizeof *first);
     }
     memory_free(&scene->memory, rows);
-    /* At least one of each: buffers want bytes. */
+    /* At least one of each, because a buffer cannot be empty. */
     scene->boxes = (struct scene_boxes){.boxes = boxes,
                                         .box_count = used + 1,
                                         .instance_count = instances->primitive_count + 1,

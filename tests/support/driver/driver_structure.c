@@ -6,14 +6,14 @@
 #include "builder/format/serialized.h"
 
 /*
- * The most that Vulkan lets a device ask for: scratch memory (minAccelerationStructureScratchOffsetAlignment) and
- * serialized structures.
+ * The largest alignment that Vulkan lets a device require: of scratch memory
+ * (minAccelerationStructureScratchOffsetAlignment) and of serialized structures.
  */
 enum { ALIGNMENT = 256 };
 
 enum { INSTANCE_SIZE = 64, INSTANCE_REFERENCE = 56, AABB_SIZE = 24 };
 
-/* One structure being built. */
+/* The state of one build. */
 struct driver_build {
     struct gpu *gpu;
     struct memory *memory;
@@ -30,7 +30,7 @@ static uint64_t aligned(uint64_t address)
     return (address + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
 }
 
-/* What was recorded is seen by whatever is submitted later. */
+/* Submits the commands with a barrier, so that later submissions see their results. */
 static enum bvhd_status submit(struct gpu *gpu, VkCommandBuffer commands, struct bvhd_error *error)
 {
     VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
@@ -41,7 +41,7 @@ static enum bvhd_status submit(struct gpu *gpu, VkCommandBuffer commands, struct
     return gpu_submit(gpu, commands, error);
 }
 
-/* A structure of `size` bytes with storage of its own, still empty. */
+/* Creates an empty structure of `size` bytes with its own storage. */
 static enum bvhd_status create(struct gpu *gpu, VkAccelerationStructureTypeKHR type, uint64_t size,
                                struct driver_structure *ret_structure, struct bvhd_error *error)
 {
@@ -81,7 +81,7 @@ void driver_structure_destroy(struct gpu *gpu, struct driver_structure *structur
 
 /* ---- Building ---- */
 
-/* Rows of the reference table, 1-based, become addresses; 0 stays an inactive instance. */
+/* Replaces the rows of the reference table, 1-based, by addresses; 0 remains an inactive instance. */
 static void patch_references(unsigned char *instances, uint32_t count, const uint64_t *references)
 {
     for (uint32_t i = 0; i < count; i++) {
@@ -98,7 +98,7 @@ static uint64_t input_address(const struct driver_build *build, const struct can
     return data ? build->input.address + (uint64_t)((const unsigned char *)data - canonical->bytes) : 0;
 }
 
-/* The canonical copy goes to the device as it is: the driver reads the arrays in it. */
+/* Uploads the canonical copy unchanged; the driver reads the arrays in it. */
 static enum bvhd_status upload_input(struct driver_build *build, const struct canonical *canonical,
                                      const uint64_t *references, struct bvhd_error *error)
 {
@@ -254,7 +254,7 @@ enum bvhd_status driver_structure_top_of(struct gpu *gpu, uint64_t address, stru
 
 /* ---- Copies ---- */
 
-/* A property that the device computes: VK_QUERY_TYPE_ACCELERATION_STRUCTURE_..._SIZE_KHR. */
+/* Queries a size that the device computes: VK_QUERY_TYPE_ACCELERATION_STRUCTURE_..._SIZE_KHR. */
 static enum bvhd_status query_size(struct gpu *gpu, const struct driver_structure *structure, VkQueryType type,
                                    uint64_t *ret_size, struct bvhd_error *error)
 {
@@ -323,7 +323,10 @@ enum bvhd_status driver_structure_copy(struct gpu *gpu, const struct driver_stru
 
 /* ---- Serialized bytes ---- */
 
-/* A buffer that the host sees and whose serialized bytes begin at an aligned address, `*ret_shift` bytes into it. */
+/*
+ * Creates a buffer that the host can access, in which serialized bytes start at an aligned address, `*ret_shift` bytes
+ * after its start.
+ */
 static enum bvhd_status create_bytes(struct gpu *gpu, uint64_t size, enum gpu_place place,
                                      struct gpu_buffer *ret_buffer, uint64_t *ret_shift, struct bvhd_error *error)
 {
@@ -363,7 +366,7 @@ enum bvhd_status driver_structure_load(struct gpu *gpu, const void *data, uint64
         status = create_bytes(gpu, size, GPU_UPLOAD, &staging, &shift, error);
     if (!status) {
         memcpy((unsigned char *)staging.mapped + shift, data, size);
-        /* Without handles it may be either level. */
+        /* Without handles it can be of either level. */
         status = create(gpu,
                         header.handle_count ? VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
                                             : VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR,

@@ -52,7 +52,7 @@ static void grow(struct box *box, const float point[3])
     }
 }
 
-/* The corners of a primitive, two of a box; false when it is not active. */
+/* Returns the corners of a primitive, two for a box; false when it is inactive. */
 static bool corners_of(const struct canonical_geometry *geometry, uint32_t primitive, float ret_corners[3][3],
                        int *ret_count)
 {
@@ -77,7 +77,7 @@ static struct box bounds_of(const struct canonical *canonical)
     return bounds;
 }
 
-/* Only where a geometry has no indices, so that nobody else has these vertices. */
+/* Replaces inactive primitives by far points, but only in geometries without indices, whose vertices are not shared. */
 static void neutralise(const struct canonical_geometry *geometry)
 {
     static const float far[3] = {1001.25f, -1002.5f, 1003.125f};
@@ -126,8 +126,8 @@ static struct geometry loose_triangles(const float *corners, uint32_t count, uin
 }
 
 /*
- * Triangles of very different sizes; each seventh repeats the one before. With `nan`, each fifth has a coordinate that
- * is none.
+ * Adds triangles of very different sizes; every seventh repeats the one before it. With `nan`, one coordinate of every
+ * fifth is NaN.
  */
 static void add_soup(struct driver_world *world, struct random *random, uint32_t geometry_count, bool nan)
 {
@@ -155,7 +155,9 @@ static void add_soup(struct driver_world *world, struct random *random, uint32_t
     free(corners);
 }
 
-/* Two geometries, opaque and not: boxes that overlap, flat ones, equal ones, with `nan` some that are not active. */
+/*
+ * Adds two geometries, one of them opaque, of boxes that overlap, flat ones, equal ones, and with `nan` inactive ones.
+ */
 static void add_boxes(struct driver_world *world, struct random *random, uint32_t count, bool nan)
 {
     struct geometry geometries[2];
@@ -195,7 +197,7 @@ static void shuffle(struct mesh *mesh, struct random *random)
     }
 }
 
-/* Three geometries over the same vertices. */
+/* Adds three geometries over the same vertices. */
 static void add_mesh(struct driver_world *world, const char *name, uint32_t size, struct random *random)
 {
     static const uint32_t flags[3] = {GEOMETRY_OPAQUE, 0, GEOMETRY_NO_DUPLICATE_ANY_HIT};
@@ -238,7 +240,7 @@ static double determinant(const float m[12])
            (double)m[2] * ((double)m[4] * m[9] - (double)m[5] * m[8]);
 }
 
-/* Sheared, scaled, half of them mirrored; sometimes only moved. */
+/* A matrix that is sheared and scaled, half of the time mirrored, and sometimes only a translation. */
 static void random_matrix(struct random *random, float ret_matrix[12])
 {
     double place[3], scale = pow(2, random_between(random, -3, 1.5));
@@ -287,7 +289,7 @@ static void grow_by_instance(struct driver_world *world, const VkAccelerationStr
     }
 }
 
-/* Flat scenes, too, are looked at from somewhere. */
+/* Enlarges the box, so that also flat scenes are seen from outside. */
 static void thicken(struct box *box)
 {
     float largest = 0;
@@ -340,7 +342,7 @@ void driver_world_init(struct driver_world *ret_world, uint64_t seed)
     add_soup(ret_world, &random, 1, false);
     for (uint32_t i = 0; i < INSTANCES; i++)
         instances[i] = random_instance(&random, ret_world->bottom_count);
-    /* Some lie in each other's place. */
+    /* Some instances are in the same place as another one. */
     for (uint32_t i = 10; i < INSTANCES; i += 20)
         instances[i].transform = instances[i - 1].transform;
     add_top(ret_world, instances, INSTANCES);
@@ -383,7 +385,7 @@ static void random_place(const struct driver_world *world, struct random *random
         ret_point[axis] = random_between(random, world->all.min[axis], world->all.max[axis]);
 }
 
-/* A vertex of something active, or the middle of an edge; a corner of a box. */
+/* Picks a vertex of an active triangle, or the middle of an edge, or a corner of a box. */
 static void random_corner(const struct driver_world *world, struct random *random, float ret_point[3])
 {
     float corners[3][3], point[3];
@@ -460,7 +462,7 @@ static struct ray ray_at_corner(const struct driver_world *world, struct random 
     random_place(world, random, from);
     for (int axis = 0; axis < 3; axis++)
         to[axis] = corner[axis];
-    /* Along an axis, where no rounding of the direction moves it away. */
+    /* Some rays are parallel to an axis, where no rounding of the direction moves them off the corner. */
     uint64_t along = random_next(random) % 6;
     for (uint64_t axis = 0; axis < 3 && along < 3; axis++)
         if (axis != along)

@@ -11,13 +11,13 @@
 #include "tests/support/rays_rmiss.h"
 #include "tests/support/rays_triangle_rchit.h"
 
-enum { MAX_RAYS = 1 << 22 }; /* of a launch, if as many can be bound */
+enum { MAX_RAYS = 1 << 22 }; /* of a launch, if the device can bind that many */
 
 enum { STAGE_GENERATION, STAGE_MISS, STAGE_TRIANGLE, STAGE_ANY, STAGE_BOX, STAGE_INTERSECTION, STAGES };
 
 /*
- * Each is a record of its own in the shader binding table. Hit records are called with stride 0: one of them serves
- * every geometry, whatever an instance's offset.
+ * Each group has its own record in the shader binding table. Hit records have stride 0, so that one of them serves
+ * every geometry, whatever the offset of an instance.
  */
 enum { GROUP_GENERATION, GROUP_MISS, GROUP_TRIANGLES, GROUP_BOXES, GROUPS };
 
@@ -37,7 +37,7 @@ struct ray_pipeline {
     VkDescriptorSet set;
     VkQueryPool clock;
     struct gpu_buffer table, rays, hits, upload, readback, boxes, first;
-    uint32_t record_size; /* from one record of the table to the next */
+    uint32_t record_size; /* distance between two records of the table */
     uint64_t table_address, most_rays; /* of a launch */
     bool has_boxes;
 };
@@ -180,7 +180,7 @@ static VkPhysicalDeviceRayTracingPipelinePropertiesKHR pipeline_properties(const
     return properties;
 }
 
-/* The shader binding table: one record a group. */
+/* Creates the shader binding table, with one record for each group. */
 static enum bvhd_status create_table(struct ray_pipeline *self, struct bvhd_error *error)
 {
     struct gpu *gpu = self->gpu;
