@@ -12,9 +12,9 @@
  *   before a queued job, and older jobs before newer ones.
  *
  * A running job keeps its thread. To spare a small job from waiting for a large one, there are a few spare threads
- * beside the workers. One of them starts a queued job only while all workers are busy, and every running job is at least
- * POOL_SPARE_RATIO times as large as the queued one and has a size of POOL_SPARE_LEAST or more: smaller ones end soon by
- * themselves. The system's scheduler then shares the processors.
+ * beside the workers. One of them starts a queued job only while all workers are busy, and every running job is at
+ * least POOL_SPARE_RATIO times as large as the queued one and has a size of POOL_SPARE_LEAST or more: smaller ones end
+ * soon by themselves. The system's scheduler then shares the processors.
  *
  * All functions are called from one thread, the loop. run() is called on a worker, and `wake` on any thread.
  */

@@ -7,7 +7,11 @@
 
 #include "daemon/system/release.h"
 
-enum { ACCEPT_TURN = 16, RETRY_MS = 100, KEPT_DESCRIPTORS = 2 * DESCRIPTORS_RESERVE };
+enum {
+    MOST_ACCEPTED = 16, /* clients in one call of accept_waiting */
+    RETRY_MS = 100,
+    KEPT_DESCRIPTORS = 2 * DESCRIPTORS_RESERVE /* that accepting leaves free */
+};
 
 static void on_poll(uv_poll_t *poll, int status, int events);
 
@@ -17,7 +21,9 @@ static void on_retry(uv_timer_t *timer)
     uv_poll_start(&acceptor->poll, UV_READABLE, on_poll);
 }
 
-/* The socket stays readable while clients wait: without a pause the loop would spin. */
+/*
+ * Stops accepting for RETRY_MS. The socket stays readable while clients wait, so without a pause the loop would spin.
+ */
 static void pause_accepting(struct acceptor *acceptor, const char *why)
 {
     uint32_t suppressed;
@@ -37,7 +43,10 @@ static bool find_peer(int socket, struct session_peer *ret_peer)
     return true;
 }
 
-/* One write to a fresh socket: it has room for so little, or the client is gone. */
+/*
+ * Sends the error with one write. The buffer of a new socket has room for it, so the write fails only if the client is
+ * gone.
+ */
 static void send_refusal(struct acceptor *acceptor, int socket, const struct bvhd_error *error)
 {
     struct reply *reply = reply_error(0, error, service_frame_memory(acceptor->group->service));
@@ -69,9 +78,9 @@ static void take_client(struct acceptor *acceptor, int socket)
     struct session_peer peer;
     struct bvhd_error error;
     struct descriptors *descriptors = service_descriptors(acceptor->group->service);
-    enum bvhd_status status = find_peer(socket, &peer)
-                                  ? check_room(acceptor, &peer, &error)
-                                  : bvhd_error_set(&error, BVHD_IO, "connection", "whose it is cannot be told");
+    enum bvhd_status status = find_peer(socket, &peer) ? check_room(acceptor, &peer, &error)
+                                                       : bvhd_error_set(&error, BVHD_IO, "connection",
+                                                                        "the client's user cannot be found out");
     if (status == BVHD_OK) {
         if (conn_open(acceptor->group, socket, &peer, &error) != BVHD_OK)
             log_event(LOG_WARNING, "connection_not_opened", "why=%s", log_quote(error.text).text);
@@ -85,7 +94,7 @@ static void take_client(struct acceptor *acceptor, int socket)
     descriptors_give(descriptors, 1);
 }
 
-/* Returns the socket, or -1 when nobody waits or accepting had to be paused. */
+/* Returns the socket of the next client, or -1 when no client waits or accepting had to be paused. */
 static int take_socket(struct acceptor *acceptor)
 {
     struct descriptors *descriptors = service_descriptors(acceptor->group->service);
@@ -108,7 +117,7 @@ static int take_socket(struct acceptor *acceptor)
 unsigned accept_waiting(struct acceptor *acceptor)
 {
     unsigned count = 0;
-    for (int socket; count < ACCEPT_TURN && (socket = take_socket(acceptor)) >= 0; count++)
+    for (int socket; count < MOST_ACCEPTED && (socket = take_socket(acceptor)) >= 0; count++)
         take_client(acceptor, socket);
     return count;
 }

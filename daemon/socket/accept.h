@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* accept.h - takes clients from the listening socket, as many as there is room for. Loop thread only. */
+/* accept.h - accepts clients from the listening socket and opens a connection for each. Loop thread only. */
 #ifndef BVHD_ACCEPT_H
 #define BVHD_ACCEPT_H
 
@@ -9,25 +9,29 @@
 
 struct acceptor {
     struct conn_group *group;
-    int socket;
+    int socket; /* the listening one; it belongs to the caller of accept_open */
     uint32_t max_connections;
     uv_poll_t poll;
-    uv_timer_t retry;
+    uv_timer_t retry; /* runs while accepting is paused */
     bool open;
     struct log_limit refused_log, short_log;
 };
 
 /*
- * Starts. The socket stays its owner's, and has to outlive the acceptor. With `max_connections` open, or three quarters
- * of them by one user, others are told BUSY. Without descriptors or memory they wait in the socket's queue.
+ * Starts to accept clients. The caller keeps the socket, which has to outlive the acceptor. While `max_connections` are
+ * open, or three quarters of them by one user, further clients (or further clients of this user) get the error BUSY and
+ * are closed. While descriptors or memory are short, clients wait in the socket's queue. Fails with BVHD_IO only.
  */
 enum bvhd_status accept_open(struct acceptor *acceptor, struct conn_group *group, int socket, uint32_t max_connections,
                              struct bvhd_error *error);
 
-/* Takes those who wait now, at most a few. Returns how many there were. */
+/* Accepts the clients that wait now, at most a few. Returns how many it has accepted or refused. */
 unsigned accept_waiting(struct acceptor *acceptor);
 
-/* Stops; its handles close with the next turns of the loop. NULL-safe, harmless when repeated. */
+/*
+ * Stops accepting. The loop closes the acceptor's handles in its next iterations. `acceptor` may be NULL; the call may
+ * be repeated.
+ */
 void accept_close(struct acceptor *acceptor);
 
 #endif

@@ -7,7 +7,7 @@
 
 #include "daemon/system/release.h"
 
-enum { SCRAP_READS = 16 };
+enum { DISCARD_READS = 16 /* from a broken client in one iteration of the loop */ };
 
 static struct descriptors *descriptors_of(const struct conn *conn)
 {
@@ -34,7 +34,7 @@ static void note_failure(void *context, const struct bvhd_error *error)
     conn_group_due(conn->group, conn);
 }
 
-static void reply_left(void *context, struct reply *reply)
+static void reply_done(void *context, struct reply *reply)
 {
     struct conn *conn = context;
     if (conn->session)
@@ -81,12 +81,12 @@ void conn_close(struct conn *conn)
     conn_group_remove(conn->group, conn);
     uv_close((uv_handle_t *)&conn->poll, on_closed);
     uv_close((uv_handle_t *)&conn->timer, on_closed);
-    shutdown(conn->socket, SHUT_RDWR); /* the client need not wait until the socket is released */
+    shutdown(conn->socket, SHUT_RDWR); /* so that the client sees the end now, and not when the socket is released */
     release_descriptor(conn->socket);
     descriptors_give(descriptors_of(conn), 1);
 }
 
-/* The client is gone, or as good as gone. */
+/* Ends the connection of a client that is gone or was given up. While descriptors are unread, the struct stays. */
 static void leave(struct conn *conn)
 {
     log_event(LOG_DEBUG, "disconnected", "uid=%u pid=%d", conn->peer.uid, conn->peer.pid);
@@ -104,7 +104,7 @@ static void leave(struct conn *conn)
     uv_timer_start(&conn->timer, on_timer, interval, interval);
 }
 
-/* Tells the client what it did, and lets it have a moment to read that. */
+/* Sends the error to the client, and gives it linger_ms to read it. */
 static void fail(struct conn *conn, const struct bvhd_error *error)
 {
     uint32_t suppressed;
@@ -140,7 +140,7 @@ static void take_frame(struct conn *conn, const struct frame *frame)
     }
 }
 
-/* Returns whether to go on; *bytes grows by what was read. */
+/* Reads from the socket once. Returns whether frames may be complete now; *bytes grows by the bytes read. */
 static bool receive(struct conn *conn, uint64_t *bytes)
 {
     struct bvhd_error error;
@@ -155,17 +155,20 @@ static bool receive(struct conn *conn, uint64_t *bytes)
     return result == INLET_DATA || result == INLET_LAST;
 }
 
-/* Takes what has arrived, within what one turn allows. Returns whether anything came. */
+/*
+ * Reads and handles frames, up to the connection's share of one loop iteration. Returns whether any bytes were read or
+ * frames handled.
+ */
 static bool take_frames(struct conn *conn)
 {
     const struct conn_limits *limits = &conn->group->limits;
-    uint64_t bytes = 0, end = uv_hrtime() + (uint64_t)limits->turn_us * 1000;
+    uint64_t bytes = 0, end = uv_hrtime() + (uint64_t)limits->share_us * 1000;
     uint32_t frames = 0;
     while (conn->state == CONN_OPEN && !conn->failed && !(conn->reading_full = is_queue_full(conn))) {
         struct frame frame;
         struct bvhd_error error;
         bool found;
-        if (frames >= limits->turn_frames || bytes >= limits->turn_bytes || (frames > 0 && uv_hrtime() >= end)) {
+        if (frames >= limits->share_frames || bytes >= limits->share_bytes || (frames > 0 && uv_hrtime() >= end)) {
             conn_group_later(conn->group, conn);
             break;
         }
@@ -182,13 +185,13 @@ static bool take_frames(struct conn *conn)
 }
 
 /*
- * What a broken client still sends is thrown away: with bytes unread in the socket, closing it would reset what waits
- * for the client.
+ * Reads and discards what a broken client still sends. If the socket were closed with unread bytes in it, the kernel
+ * would reset the connection, and the client could not read the error.
  */
-static void throw_away(struct conn *conn)
+static void discard_input(struct conn *conn)
 {
-    for (int i = 0; conn->readable && i < SCRAP_READS; i++) {
-        enum inlet_result result = inlet_throw_away(&conn->inlet);
+    for (int i = 0; conn->readable && i < DISCARD_READS; i++) {
+        enum inlet_result result = inlet_discard(&conn->inlet);
         conn->lost |= result == INLET_END;
         conn->readable = result == INLET_DATA;
     }
@@ -196,8 +199,9 @@ static void throw_away(struct conn *conn)
 
 static void read_frames(struct conn *conn)
 {
-    bool progress = take_frames(conn), waits_for_client = conn->state == CONN_OPEN && inlet_has_part(&conn->inlet) &&
-                                                          !conn->reading_waits && !conn->reading_full;
+    bool progress = take_frames(conn), waits_for_client = conn->state == CONN_OPEN &&
+                                                          inlet_is_mid_frame(&conn->inlet) && !conn->reading_waits &&
+                                                          !conn->reading_full;
     if (!waits_for_client)
         conn->read_by = 0;
     else if (progress || !conn->read_by)
@@ -222,8 +226,8 @@ static void write_replies(struct conn *conn)
         conn->pause_ms = 0;
     if (conn->reading_full && !is_queue_full(conn))
         conn_group_later(conn->group, conn);
-    if (state == OUTBOX_EMPTY && conn->state == CONN_ENDING && !conn->shut)
-        conn->shut = shutdown(conn->socket, SHUT_WR) == 0;
+    if (state == OUTBOX_EMPTY && conn->state == CONN_ENDING && !conn->write_shut)
+        conn->write_shut = shutdown(conn->socket, SHUT_WR) == 0;
 }
 
 static bool has_passed(const struct conn *conn, uint64_t deadline)
@@ -293,7 +297,7 @@ void conn_work(struct conn *conn)
     if (conn->failed && conn->state == CONN_OPEN)
         fail(conn, &conn->failure);
     if (!conn->lost && conn->state == CONN_ENDING)
-        throw_away(conn);
+        discard_input(conn);
     if (!conn->lost)
         write_replies(conn);
     if (!conn->lost)
@@ -303,7 +307,7 @@ void conn_work(struct conn *conn)
         return;
     }
     if (conn->failed && conn->state == CONN_OPEN)
-        conn_group_later(conn->group, conn); /* a reply that left made its session do more, which failed */
+        conn_group_later(conn->group, conn); /* the session went on when a reply was written, and failed */
     watch_socket(conn);
     set_timer(conn);
 }
@@ -326,7 +330,7 @@ static void init(struct conn *conn, int socket)
 {
     conn->socket = socket;
     inlet_init(&conn->inlet, socket, descriptors_of(conn), service_frame_memory(conn->group->service));
-    outbox_init(&conn->outbox, socket, descriptors_of(conn), reply_left, conn);
+    outbox_init(&conn->outbox, socket, descriptors_of(conn), reply_done, conn);
     uv_timer_init(conn->group->loop, &conn->timer);
     conn->poll.data = conn->timer.data = conn;
     conn->handles = 2;

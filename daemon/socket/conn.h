@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * conn.h - one client's connection: its socket, what is read and written, its deadlines, its session. Loop thread only.
+ * conn.h - one client's connection: its socket, its session, the bytes between both, and its deadlines. Loop thread
+ * only.
  *
- * A connection ends when the client hangs up, also by shutting down its writing side alone: its session is closed at
- * once. After a broken protocol the client is told (FRAME_ERROR, request 0), and has a moment to take that. A client
- * that is dropped with descriptors unread keeps its place, without a session, until it lets go of them: the kernel
- * counts them as long.
+ * A connection ends when the client hangs up, or shuts down the writing side of its socket: its session is then closed
+ * at once. A client that breaks the protocol gets a FRAME_ERROR with request 0, and has conn_limits.linger_ms to read
+ * it. A client that is dropped while descriptors are unread in its socket still counts as a connection, without a
+ * session, until it has closed its socket or read them: the kernel counts unread descriptors against the daemon's user.
  */
 #ifndef BVHD_CONN_H
 #define BVHD_CONN_H
@@ -21,54 +22,60 @@ struct conn_group;
 
 enum conn_state {
     CONN_OPEN,
-    CONN_ENDING, /* broken: the rest is written, what comes is thrown away */
-    CONN_HELD, /* nothing but unread descriptors is left */
-    CONN_CLOSED, /* its handles are on their way out */
+    CONN_ENDING, /* after an error: replies are still written, and input is discarded */
+    CONN_HELD, /* the client was dropped, but has not read its descriptors */
+    CONN_CLOSED, /* the loop is closing its handles */
 };
 
 struct conn {
     struct conn_group *group;
-    struct list_link link; /* in the group's list of all */
-    struct list_link due_link;
-    struct list *due_in; /* the group's list that due_link is in; NULL: not due */
-    uint64_t cost_ns; /* of its work lately */
+    struct list_link link; /* in group->all */
+    struct list_link due_link; /* in *due_in */
+    struct list *due_in; /* group->due, costly or later; NULL: not due */
+    uint64_t cost_ns; /* how long conn_work has taken lately: a running average */
     enum conn_state state;
     int socket;
     struct session_peer peer;
-    struct session *session; /* NULL once it was closed */
+    struct session *session; /* NULL after it was closed */
     struct inlet inlet;
     struct outbox outbox;
     uv_poll_t poll;
     uv_timer_t timer;
-    unsigned handles; /* open ones */
+    unsigned handles; /* poll and timer, as long as they are not closed */
     int watched; /* events that the poll handle waits for */
-    bool lost; /* to be left in this turn */
-    bool failed; /* by its session: `failure` says why */
-    bool readable, shut;
-    bool reading_waits; /* for descriptors or memory */
-    bool reading_full; /* too much waits to be written */
+    bool lost; /* the client is gone or was given up; the connection is closed at the end of conn_work */
+    bool failed; /* the session cannot go on, for the reason in `failure` */
+    bool readable; /* the socket has something to read, as far as is known */
+    bool write_shut; /* the socket's writing side was shut down */
+    bool reading_waits; /* nothing is read until descriptors or memory are free */
+    bool reading_full; /* nothing is read until replies were written */
     enum outbox_state writing; /* what keeps replies from being written */
-    bool writable; /* the loop says so */
-    bool hint_failed; /* it said so, and nothing could be written: only time helps */
+    bool writable; /* the loop has reported it since the last flush */
+    bool hint_failed; /* the loop reported it, but nothing could be written: only a later retry helps */
     struct bvhd_error failure;
-    uint32_t pause_ms; /* before the next retry; doubles */
-    uint64_t hello_by, read_by, write_by, end_by, retry_at; /* in the loop's milliseconds; 0: none */
+    uint32_t pause_ms; /* before the next retry; doubles with each */
+    uint64_t hello_by, read_by, write_by, end_by, retry_at; /* deadlines in milliseconds of uv_now(); 0: none */
 };
 
 /*
- * Takes the socket, also when it fails; it is counted (descriptors_take) by the caller, and given back by the
- * connection, then too. Non-blocking, close-on-exec.
+ * Opens a connection with a session. `socket` is non-blocking and close-on-exec, and the caller has counted it
+ * (descriptors_take). The connection takes it over, and gives its count back; this is also true when the call fails.
  */
 enum bvhd_status conn_open(struct conn_group *group, int socket, const struct session_peer *peer,
                            struct bvhd_error *error);
 
-/* The group's: does what is due. The connection may be closed afterwards. */
+/* The following are for the group. */
+
+/* Reads, handles frames, writes and checks deadlines, as far as it is possible now. It may close the connection. */
 void conn_work(struct conn *conn);
 
+/* The daemon drains: the client gets GOODBYE if it has said HELLO, else the connection is closed. */
 void conn_goodbye(struct conn *conn);
+
+/* Returns whether all replies have been written. */
 bool conn_is_flushed(const struct conn *conn);
 
-/* At once, whatever is unread. The struct is freed by the loop. */
+/* Closes the connection at once, even if replies or descriptors are unread. The loop frees the struct later. */
 void conn_close(struct conn *conn);
 
 #endif

@@ -13,19 +13,21 @@ struct conn_limits conn_limits_default(void)
         .linger_ms = 1000,
         .held_ms = 1000,
         .retry_ms = 50,
-        .turn_bytes = 512 * 1024,
-        .turn_frames = 64,
-        .turn_us = 500,
+        .share_bytes = 512 * 1024,
+        .share_frames = 64,
+        .share_us = 500,
         .queue_bytes = 4 * 1024 * 1024,
         .queue_replies = 1024,
     };
 }
 
 /*
- * Nanoseconds of work that make a connection costly; of a turn for those that are. When all others have taken TURN_NS
- * together, those of them that are not light either wait with the costly ones: that they are many is as bad.
+ * A connection is costly if its work takes more than COSTLY_NS on average, and light if it takes LIGHT_NS or less. Once
+ * the connections in `due` have taken DUE_SHARE_NS of an iteration, those of them that are not light wait with the
+ * costly ones, since many of them together delay the loop as much. Costly ones are served until COSTLY_SHARE_NS have
+ * passed.
  */
-enum { COSTLY_NS = 300 * 1000, COSTLY_TURN_NS = 2 * 1000 * 1000, LIGHT_NS = 50 * 1000, TURN_NS = 1000 * 1000 };
+enum { COSTLY_NS = 300 * 1000, COSTLY_SHARE_NS = 2 * 1000 * 1000, LIGHT_NS = 50 * 1000, DUE_SHARE_NS = 1000 * 1000 };
 
 static struct conn *member(struct list_link *link)
 {
@@ -53,8 +55,8 @@ static void ignore_idle(uv_idle_t *idle)
     (void)idle;
 }
 
-/* What was put off becomes due, and the loop does not wait before it. */
-static void prepare_next_turn(struct conn_group *group)
+/* Makes connections that were put off due, and keeps the loop from waiting if any are due. */
+static void prepare_next_iteration(struct conn_group *group)
 {
     for (struct conn *conn; (conn = take_first(&group->later));)
         conn_group_due(group, conn);
@@ -64,7 +66,7 @@ static void prepare_next_turn(struct conn_group *group)
         uv_idle_stop(&group->again);
 }
 
-/* The struct outlives its end: the loop frees it later. */
+/* The connection may be closed by its work, but the struct stays valid here: the loop frees it later. */
 static void work(struct conn_group *group, struct conn *conn)
 {
     uint64_t begin = uv_hrtime();
@@ -74,19 +76,19 @@ static void work(struct conn_group *group, struct conn *conn)
     conn->cost_ns = (3 * conn->cost_ns + uv_hrtime() - begin) / 4;
 }
 
-static void take_turn(uv_prepare_t *prepare)
+static void work_off_due(uv_prepare_t *prepare)
 {
     struct conn_group *group = prepare->data;
     struct conn *conn;
-    for (uint64_t end = uv_hrtime() + TURN_NS; (conn = take_first(&group->due));) {
+    for (uint64_t end = uv_hrtime() + DUE_SHARE_NS; (conn = take_first(&group->due));) {
         if (conn->cost_ns > LIGHT_NS && uv_hrtime() >= end)
             append(&group->costly, conn);
         else
             work(group, conn);
     }
-    for (uint64_t end = uv_hrtime() + COSTLY_TURN_NS; uv_hrtime() < end && (conn = take_first(&group->costly));)
+    for (uint64_t end = uv_hrtime() + COSTLY_SHARE_NS; uv_hrtime() < end && (conn = take_first(&group->costly));)
         work(group, conn);
-    prepare_next_turn(group);
+    prepare_next_iteration(group);
     if (group->changed)
         group->changed(group->context);
 }
@@ -95,16 +97,16 @@ void conn_group_init(struct conn_group *group, uv_loop_t *loop, struct service *
                      const struct conn_limits *limits)
 {
     *group = (struct conn_group){.loop = loop, .service = service, .limits = *limits};
-    uv_prepare_init(loop, &group->turn);
+    uv_prepare_init(loop, &group->prepare);
     uv_idle_init(loop, &group->again);
-    group->turn.data = group;
-    uv_prepare_start(&group->turn, take_turn);
+    group->prepare.data = group;
+    uv_prepare_start(&group->prepare, work_off_due);
 }
 
 void conn_group_finish(struct conn_group *group)
 {
     assert(!group->all.first);
-    uv_close((uv_handle_t *)&group->turn, NULL);
+    uv_close((uv_handle_t *)&group->prepare, NULL);
     uv_close((uv_handle_t *)&group->again, NULL);
 }
 
@@ -161,9 +163,9 @@ void conn_group_remove(struct conn_group *group, struct conn *conn)
 
 void conn_group_due(struct conn_group *group, struct conn *conn)
 {
-    if (conn->due_in || conn == group->working) /* its work ends with a look at everything */
+    if (conn->due_in || conn == group->working) /* conn_work itself checks everything that could be due */
         return;
-    bool is_costly = conn->lost || conn->cost_ns > COSTLY_NS; /* who has left waits for nothing */
+    bool is_costly = conn->lost || conn->cost_ns > COSTLY_NS; /* a client that has left can be served last */
     append(is_costly ? &group->costly : &group->due, conn);
 }
 

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * conn_group.h - all connections of a daemon, and what they share: loop, service, limits, turns. Loop thread only.
+ * conn_group.h - all connections of a daemon, and what they share: the loop, the service, limits, and the time of each
+ * loop iteration. Loop thread only.
  *
- * Whatever happens to a connection (bytes, a reply, a deadline) only notes that it is due. What is due is worked off
- * once in each turn of the loop, just before it waits: replies that came together leave together, and nothing is called
- * from within a session's callbacks.
+ * An event for a connection (bytes, a reply, a deadline) only marks it as due. In each iteration of the loop, just
+ * before it waits, conn_work is called once for every connection that is due. So replies that were made together are
+ * written together, and a session is never called from within one of its own callbacks.
  *
- * Those whose work has taken long lately come after all others, and only as many in one turn as a short time allows:
- * who asks for thousands of things at once, over many connections, waits for himself, and a PING is answered in
- * between.
+ * Connections whose work has taken long lately are costly. They are served after all others, and only for a short time
+ * in each iteration. So a client that makes thousands of requests at once, over many connections, delays only itself,
+ * and other clients' frames, such as PING, are answered in between.
  */
 #ifndef BVHD_CONN_GROUP_H
 #define BVHD_CONN_GROUP_H
@@ -20,14 +21,14 @@
 #include "daemon/service/service.h"
 
 struct conn_limits {
-    uint32_t hello_ms; /* from connecting to the answer to HELLO */
-    uint32_t stall_ms; /* a client that neither reads what waits for it nor sends the rest of a frame is dropped */
-    uint32_t linger_ms; /* after an error, for the client to take it */
-    uint32_t held_ms; /* between two looks at whether a client that was dropped has let go of its descriptors */
-    uint32_t retry_ms; /* the longest pause before descriptors or memory are asked for again */
-    uint32_t turn_bytes, turn_frames; /* that one connection takes in one turn of the loop */
-    uint32_t turn_us; /* after which it takes no more frames in that turn */
-    uint32_t queue_bytes, queue_replies; /* of unsent replies: beyond it nothing more is read */
+    uint32_t hello_ms; /* from connecting until HELLO is answered */
+    uint32_t stall_ms; /* how long a client may leave replies unread, or a frame incomplete, without any progress */
+    uint32_t linger_ms; /* how long a client has to read an error */
+    uint32_t held_ms; /* between two checks whether a client that was dropped has read or closed its descriptors */
+    uint32_t retry_ms; /* the longest pause before descriptors or memory are requested again */
+    uint32_t share_bytes, share_frames; /* that are taken from one connection in one iteration of the loop */
+    uint32_t share_us; /* time in an iteration after which a connection's next frame is put off */
+    uint32_t queue_bytes, queue_replies; /* unsent replies of a connection; beyond them nothing more is read from it */
 };
 
 struct conn_limits conn_limits_default(void);
@@ -36,44 +37,48 @@ struct conn_group {
     uv_loop_t *loop;
     struct service *service;
     struct conn_limits limits;
-    void (*changed)(void *context); /* a connection came or went, or a turn has ended; may be NULL */
+    void (*changed)(void *context); /* called once in each iteration, after the work; may be NULL */
     void *context;
-    uv_prepare_t turn;
-    uv_idle_t again; /* runs while something is left for the next turn: the loop does not wait */
+    uv_prepare_t prepare; /* does the work, just before the loop waits */
+    uv_idle_t again; /* runs while work is left for the next iteration, so that the loop does not wait */
     struct list all;
-    uint32_t count;
-    struct conn *working; /* whose work is done now */
-    struct list due; /* in this turn */
-    struct list costly; /* after those, as time allows */
-    struct list later; /* in the next */
+    uint32_t count; /* of connections in `all` */
+    struct conn *working; /* the connection in conn_work now, else NULL */
+    struct list due; /* for this iteration */
+    struct list costly; /* for this iteration after `due`, and the next ones, as time allows */
+    struct list later; /* for the next iteration */
     struct log_limit broken_log;
 };
 
-/* Starts its turns. `loop` and `service` must outlive it. */
+/* Starts the group, without connections. `loop` and `service` must outlive it. */
 void conn_group_init(struct conn_group *group, uv_loop_t *loop, struct service *service,
                      const struct conn_limits *limits);
 
-/* All connections must be closed. Its handles close with the next turns of the loop. */
+/* Ends the group. All connections must be closed. The loop closes the group's handles in its next iterations. */
 void conn_group_finish(struct conn_group *group);
 
+/* Returns how many connections the user with this uid has. */
 uint32_t conn_group_count_uid(const struct conn_group *group, uint32_t uid);
 
-/* The daemon drains: every session says goodbye; who has no session yet is closed. */
+/* The daemon drains: each client that has said HELLO gets GOODBYE; the connections of others are closed. */
 void conn_group_goodbye(struct conn_group *group);
 
-/* Whether every reply has been written. */
+/* Returns whether every reply has been written. */
 bool conn_group_is_flushed(const struct conn_group *group);
 
-/* Closes all, at once. Their handles close with the next turns of the loop. */
+/* Closes all connections at once. The loop closes their handles and frees them in its next iterations. */
 void conn_group_close(struct conn_group *group);
 
-/*
- * For conn.c: came and went; due in this turn; due in the next, once its work in this one is done. Repeating is
- * harmless.
- */
+/* The following are for conn.c. */
+
+/* Adds a new connection, and removes one that is closed. */
 void conn_group_add(struct conn_group *group, struct conn *conn);
 void conn_group_remove(struct conn_group *group, struct conn *conn);
+
+/* Marks a connection as due in this iteration. The call may be repeated. */
 void conn_group_due(struct conn_group *group, struct conn *conn);
+
+/* Called from conn_work: marks the connection as due in the next iteration. The call may be repeated. */
 void conn_group_later(struct conn_group *group, struct conn *conn);
 
 #endif

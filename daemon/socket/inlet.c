@@ -14,7 +14,7 @@ void inlet_init(struct inlet *inlet, int socket, struct descriptors *descriptors
     frame_parser_init(&inlet->parser, memory, INLET_FIRST_CONTROL, 0);
 }
 
-/* Not by the parser: what a client sends may take its time to close. */
+/* Releases descriptors instead of leaving them to the parser, since closing what a client has sent can block. */
 static void close_descriptors(struct inlet *inlet, const int *descriptors, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++)
@@ -38,16 +38,16 @@ void inlet_open(struct inlet *inlet)
 }
 
 /*
- * As many as the system lets through in one message. For those that found no room recvmsg closes by itself, and waits
- * for as long as their sender has made that take (release.h).
+ * MOST_AT_ONCE is the most descriptors that the kernel lets through in one message. There is room for all of them,
+ * because recvmsg would close the others itself, and that can block for as long as their sender likes (release.h).
  */
-enum { MOST_AT_ONCE = 253, SCRAP_SIZE = 16 * 1024 };
+enum { MOST_AT_ONCE = 253, DISCARD_SIZE = 16 * 1024 };
 
 struct received {
-    ssize_t size; /* as of recvmsg */
+    ssize_t size; /* the result of recvmsg */
     int number; /* errno */
-    uint32_t count;
-    bool cut;
+    uint32_t count; /* of descriptors */
+    bool cut; /* more descriptors were sent than were kept */
     int descriptors[MOST_AT_ONCE];
 };
 
@@ -69,16 +69,16 @@ static void receive_message(int socket, void *bytes, uint64_t size, struct recei
         struct cmsghdr align;
         char bytes[CMSG_SPACE(MOST_AT_ONCE * sizeof(int))];
     } control;
-    struct iovec part = {bytes, size};
+    struct iovec vector = {bytes, size};
     struct msghdr message = {
-        .msg_iov = &part, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
+        .msg_iov = &vector, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
     ret_arrival->size = recvmsg(socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
     ret_arrival->number = errno;
     ret_arrival->count = ret_arrival->size > 0 ? received_descriptors(&message, ret_arrival->descriptors) : 0;
     ret_arrival->cut = message.msg_flags & MSG_CTRUNC;
 }
 
-/* Beyond what has been counted, which no honest client sends. */
+/* Releases the descriptors beyond those that were counted in advance. No honest client sends as many. */
 static void keep_counted(struct received *arrival)
 {
     for (; arrival->count > INLET_DESCRIPTORS; arrival->cut = true)
@@ -92,14 +92,16 @@ static enum inlet_result result_of_error(int number)
     return number == ENOBUFS || number == ENOMEM ? INLET_SHORT : INLET_END;
 }
 
-/* Hands what was read to the parser, which has the descriptors from then on. */
+/*
+ * Hands the bytes and descriptors that were read to the parser. The descriptors then belong to it, also after an error.
+ */
 static enum bvhd_status feed(struct inlet *inlet, uint64_t size, const int *descriptors, uint32_t count,
                              struct bvhd_error *error)
 {
     if (count <= FRAME_QUEUE - inlet->parser.descriptor_count)
         return frame_parser_feed(&inlet->parser, size, descriptors, count, error);
     close_descriptors(inlet, descriptors, count);
-    return bvhd_error_set(error, BVHD_TOO_LARGE, "frame.descriptors", "more than %d wait for their frames",
+    return bvhd_error_set(error, BVHD_TOO_LARGE, "frame.descriptors", "more than %d descriptors wait for their frames",
                           FRAME_QUEUE);
 }
 
@@ -129,11 +131,11 @@ static enum inlet_result receive(struct inlet *inlet, uint64_t *ret_size, struct
     return (uint64_t)arrival.size < space ? INLET_LAST : INLET_DATA;
 }
 
-enum inlet_result inlet_throw_away(struct inlet *inlet)
+enum inlet_result inlet_discard(struct inlet *inlet)
 {
-    char scrap[SCRAP_SIZE];
+    char discarded[DISCARD_SIZE];
     struct received arrival;
-    receive_message(inlet->socket, scrap, sizeof scrap, &arrival);
+    receive_message(inlet->socket, discarded, sizeof discarded, &arrival);
     for (uint32_t i = 0; i < arrival.count; i++)
         release_descriptor(arrival.descriptors[i]);
     if (arrival.size <= 0)
@@ -152,7 +154,7 @@ enum bvhd_status inlet_next(struct inlet *inlet, struct frame *ret_frame, bool *
     return frame_parser_next(&inlet->parser, ret_frame, ret_found, error);
 }
 
-bool inlet_has_part(const struct inlet *inlet)
+bool inlet_is_mid_frame(const struct inlet *inlet)
 {
     return inlet->parser.begin != inlet->parser.end;
 }

@@ -33,8 +33,8 @@ static enum bvhd_status make_address(const char *path, struct sockaddr_un *ret_a
 }
 
 /*
- * The lock goes with the descriptor. Whoever holds it is between looking at the file and listening on it, which takes
- * no time.
+ * Locks the directory of `path`. The lock ends when the descriptor *ret_lock is closed. A daemon holds it from checking
+ * the file until listening on it, which takes almost no time.
  */
 static enum bvhd_status lock_directory(const char *path, int *ret_lock, struct bvhd_error *error)
 {
@@ -55,7 +55,7 @@ static enum bvhd_status lock_directory(const char *path, int *ret_lock, struct b
     return BVHD_OK;
 }
 
-/* Whether somebody listens there: 0 no, 1 yes, negative: it could not be found out. */
+/* Returns 1 if a process listens at the address, 0 if none does, and -1 (with errno) if it could not be found out. */
 static int is_answered(const struct sockaddr_un *address)
 {
     int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -73,14 +73,14 @@ static enum bvhd_status clear_path(const struct sockaddr_un *address, struct bvh
     const char *path = address->sun_path;
     struct stat status;
     if (lstat(path, &status))
-        return errno == ENOENT ? BVHD_OK : refused(error, path, "looking at it");
+        return errno == ENOENT ? BVHD_OK : refused(error, path, "checking the file");
     if (!S_ISSOCK(status.st_mode))
-        return bvhd_error_set(error, BVHD_INVALID, path, "is there already and is no socket");
+        return bvhd_error_set(error, BVHD_INVALID, path, "exists already and is not a socket");
     int answered = is_answered(address);
     if (answered > 0)
         return bvhd_error_set(error, BVHD_BUSY, path, "address in use: another daemon answers there");
     if (answered < 0)
-        return refused(error, path, "a socket is there, and asking it failed");
+        return refused(error, path, "a socket exists there, and connecting to it failed");
     if (unlink(path) && errno != ENOENT)
         return refused(error, path, "removing the socket of a daemon that is gone");
     return BVHD_OK;
@@ -119,7 +119,7 @@ enum bvhd_status listen_bind(const char *path, struct listener *ret_listener, st
         return status;
     status = clear_path(&address, error);
     if (status == BVHD_OK && (listener.socket = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0)) < 0)
-        status = refused(error, path, "a socket");
+        status = refused(error, path, "creating a socket");
     if (status == BVHD_OK) {
         status = bind_here(&address, &listener, error);
         if (status != BVHD_OK)
@@ -145,7 +145,7 @@ enum bvhd_status listen_adopt(int socket, struct listener *ret_listener, struct 
         return bvhd_error_set(error, BVHD_INVALID, "socket activation", "not a listening Unix stream socket");
     int flags = fcntl(socket, F_GETFL);
     if (flags < 0 || fcntl(socket, F_SETFL, flags | O_NONBLOCK) || fcntl(socket, F_SETFD, FD_CLOEXEC))
-        return refused(error, "socket activation", "its flags");
+        return refused(error, "socket activation", "setting its flags");
     *ret_listener = (struct listener){.socket = socket};
     return BVHD_OK;
 }

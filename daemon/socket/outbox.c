@@ -9,15 +9,15 @@
 #include <sys/uio.h>
 
 enum {
-    BATCH = 16, /* replies of one call */
-    PARTS = 3, /* of a reply: header, control, inline bytes */
-    LEAST_MESSAGE = 512, /* what the kernel counts for a message at least: its own structs are larger */
+    BATCH = 16, /* replies in one call of sendmsg */
+    SECTIONS = 3, /* of a frame: header, control message, inline bytes */
+    LEAST_MESSAGE = 512, /* bytes that the kernel counts for any message at least: its own structs are larger */
 };
 
 void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors,
-                 void (*left)(void *context, struct reply *reply), void *context)
+                 void (*done)(void *context, struct reply *reply), void *context)
 {
-    *outbox = (struct outbox){.socket = socket, .descriptors = descriptors, .left = left, .context = context};
+    *outbox = (struct outbox){.socket = socket, .descriptors = descriptors, .done = done, .context = context};
     outbox->end = &outbox->first;
 }
 
@@ -49,7 +49,7 @@ static void remove_first(struct outbox *outbox)
     outbox->replies--;
     outbox->bytes -= frame_size(reply);
     outbox->written = 0;
-    outbox->left(outbox->context, reply);
+    outbox->done(outbox->context, reply);
 }
 
 void outbox_drop(struct outbox *outbox)
@@ -58,8 +58,8 @@ void outbox_drop(struct outbox *outbox)
         remove_first(outbox);
 }
 
-/* No more than `unread` are. */
-static void count_unread(struct outbox *outbox, uint32_t unread)
+/* Lowers the count of unread descriptors to `unread`, if it is higher. */
+static void limit_unread(struct outbox *outbox, uint32_t unread)
 {
     if (unread >= outbox->unread)
         return;
@@ -72,60 +72,61 @@ void outbox_finish(struct outbox *outbox)
     if (!outbox)
         return;
     outbox_drop(outbox);
-    count_unread(outbox, 0);
+    limit_unread(outbox, 0);
 }
 
-/* True when the client has read something since the last look. */
-static bool look(struct outbox *outbox)
+/* Checks how much the client has not read. Returns whether it has read something since the last check. */
+static bool check_unread(struct outbox *outbox)
 {
     int outstanding;
     if (ioctl(outbox->socket, SIOCOUTQ, &outstanding))
         return false;
     bool moved = outstanding < outbox->outstanding;
     outbox->outstanding = outstanding;
-    count_unread(outbox, (uint32_t)outstanding / LEAST_MESSAGE); /* each came in a message of its own */
+    limit_unread(outbox, (uint32_t)outstanding / LEAST_MESSAGE); /* each descriptor is in a different message */
     return moved;
 }
 
 bool outbox_is_unread(struct outbox *outbox)
 {
     if (outbox->unread)
-        look(outbox);
+        check_unread(outbox);
     return outbox->unread > 0;
 }
 
-/* What is left of a frame, as up to PARTS pieces. */
-static size_t add_parts(const struct reply *reply, uint64_t skip, unsigned char header[FRAME_HEADER_SIZE],
-                        struct iovec *parts)
+/* Fills vectors with a frame but for its first `skip` bytes. Returns their number, SECTIONS at most. */
+static size_t add_frame(const struct reply *reply, uint64_t skip, unsigned char header[FRAME_HEADER_SIZE],
+                        struct iovec *vectors)
 {
     frame_header_write(&reply->header, header);
-    struct bytes pieces[PARTS] = {
+    struct bytes sections[SECTIONS] = {
         {header, FRAME_HEADER_SIZE},
         {reply->control.data, reply->header.control_size},
         {reply->header.inline_size ? reply->blob->bytes : NULL, reply->header.inline_size},
     };
     size_t count = 0;
-    for (int i = 0; i < PARTS; i++) {
-        uint64_t skipped = skip < pieces[i].size ? skip : pieces[i].size;
+    for (int i = 0; i < SECTIONS; i++) {
+        uint64_t skipped = skip < sections[i].size ? skip : sections[i].size;
         skip -= skipped;
-        if (pieces[i].size > skipped)
-            parts[count++] = (struct iovec){(void *)(uintptr_t)(pieces[i].data + skipped), pieces[i].size - skipped};
+        if (sections[i].size > skipped)
+            vectors[count++] =
+                (struct iovec){(void *)(uintptr_t)(sections[i].data + skipped), sections[i].size - skipped};
     }
     return count;
 }
 
-/* One call of sendmsg: frames from the first on, up to the next that brings a descriptor. */
+/* Makes one call of sendmsg, with frames from the first on, up to the next one that has a descriptor. */
 static ssize_t send_batch(struct outbox *outbox)
 {
     unsigned char headers[BATCH][FRAME_HEADER_SIZE];
-    struct iovec parts[BATCH * PARTS];
+    struct iovec vectors[BATCH * SECTIONS];
     size_t count = 0, frames = 0;
     for (const struct reply *reply = outbox->first; reply && frames < BATCH && !(frames && has_descriptor(reply));
          reply = reply->next) {
-        count += add_parts(reply, frames ? 0 : outbox->written, headers[frames], parts + count);
+        count += add_frame(reply, frames ? 0 : outbox->written, headers[frames], vectors + count);
         frames++;
     }
-    struct msghdr message = {.msg_iov = parts, .msg_iovlen = count};
+    struct msghdr message = {.msg_iov = vectors, .msg_iovlen = count};
     union {
         struct cmsghdr align;
         char bytes[CMSG_SPACE(sizeof(int))];
@@ -151,7 +152,7 @@ static void count_written(struct outbox *outbox, uint64_t size)
     }
 }
 
-/* A smaller one than the kernel's least becomes that. */
+/* Makes the socket's send buffer as small as the kernel allows, which raises too small a value to its minimum. */
 static void make_buffer_small(struct outbox *outbox)
 {
     int size, least = 1;
@@ -163,17 +164,17 @@ static void make_buffer_small(struct outbox *outbox)
 
 static void restore_buffer(struct outbox *outbox)
 {
-    int half = outbox->send_buffer / 2; /* the kernel doubles what it is given */
+    int half = outbox->send_buffer / 2; /* the kernel doubles the value that it is given */
     if (half)
         setsockopt(outbox->socket, SOL_SOCKET, SO_SNDBUF, &half, sizeof half);
     outbox->send_buffer = 0;
 }
 
-/* Makes place for one more descriptor on its way: OUTBOX_EMPTY if there is one. */
+/* Counts one more unread descriptor. Returns OUTBOX_EMPTY if it may be sent, else what it has to wait for. */
 static enum outbox_state begin_descriptor(struct outbox *outbox, bool *progress)
 {
     if (outbox->unread)
-        *progress |= look(outbox);
+        *progress |= check_unread(outbox);
     if (outbox->unread >= OUTBOX_MAX_UNREAD) {
         make_buffer_small(outbox);
         return OUTBOX_UNREAD;
@@ -198,7 +199,7 @@ static enum outbox_state state_of_error(int number)
                                                                                               : OUTBOX_LOST;
 }
 
-/* Writes the first reply, and more with it. OUTBOX_EMPTY: goes on. */
+/* Writes the first reply, and others with it. OUTBOX_EMPTY means that the caller can go on with the rest. */
 static enum outbox_state write_some(struct outbox *outbox, bool *progress)
 {
     bool begins = has_descriptor(outbox->first) && outbox->written == 0;
@@ -216,7 +217,7 @@ static enum outbox_state write_some(struct outbox *outbox, bool *progress)
         take_back_descriptor(outbox);
     if (state != OUTBOX_BLOCKED || !outbox->send_buffer)
         return state;
-    restore_buffer(outbox); /* too small for this one: again */
+    restore_buffer(outbox); /* the small buffer has no room for this frame, so it is tried again with the large one */
     return OUTBOX_EMPTY;
 }
 
@@ -229,7 +230,7 @@ enum outbox_state outbox_flush(struct outbox *outbox, bool *ret_progress)
     if (!state)
         restore_buffer(outbox);
     if (state && !progress)
-        progress = look(outbox);
+        progress = check_unread(outbox);
     *ret_progress = progress;
     return state;
 }

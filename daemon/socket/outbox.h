@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * outbox.h - the replies that wait to be written to one client's socket, in order. Loop thread only.
+ * outbox.h - the queue of replies that are to be written to one client's socket, in order. Loop thread only.
  *
- * A reply's descriptor goes with its frame's first byte. Descriptors that a client has not read yet count against this
- * process's user, so at most OUTBOX_MAX_UNREAD are on their way to one client, and of all clients together half of what
- * the process may have open (descriptors.h). The kernel can be asked how much a client has not read yet, but has no
- * event for it. A socket with a small send buffer comes close: it turns writable when nearly all was read. That is only
- * a hint; whoever waits looks again after a while, too, by flushing.
+ * A reply's descriptor is sent with the first byte of its frame. The kernel counts descriptors that a client has not
+ * read yet against the daemon's user. So at most OUTBOX_MAX_UNREAD are unread by one client, and by all clients
+ * together at most half of those that the process is allowed to open (descriptors.h).
+ *
+ * The kernel tells on request how much a client has not read yet, but it has no event for it. A socket with a small
+ * send buffer is nearly as good: it becomes writable when almost everything was read. This is only a hint, so a caller
+ * that waits for a client to read has to flush again after a while, too.
  */
 #ifndef BVHD_OUTBOX_H
 #define BVHD_OUTBOX_H
@@ -17,43 +19,48 @@
 enum { OUTBOX_MAX_UNREAD = 4 };
 
 struct outbox {
-    int socket; /* non-blocking; the owner's */
-    struct descriptors *descriptors;
-    void (*left)(void *context, struct reply *reply); /* written or dropped: the reply is its owner's again */
+    int socket; /* non-blocking; it belongs to the caller of outbox_init */
+    struct descriptors *descriptors; /* where unread descriptors are counted */
+    void (*done)(void *context, struct reply *reply); /* a reply was written or dropped; the callee now owns it */
     void *context;
     struct reply *first, **end;
-    uint64_t written; /* of the first */
-    uint64_t bytes; /* of frames that have not left, with what they hold inline */
-    uint32_t replies;
-    uint32_t unread; /* descriptors sent since the client was last seen to have read everything */
-    int outstanding; /* bytes that the client had not read when it was last looked at, in the kernel's measure */
-    int send_buffer; /* the socket's own size while it has a small one; else 0 */
+    uint64_t written; /* bytes of the first reply's frame */
+    uint64_t bytes; /* of all frames in the queue, with their inline bytes */
+    uint32_t replies; /* in the queue */
+    uint32_t unread; /* descriptors sent that the client may not have read: an upper bound */
+    int outstanding; /* what the client had not read at the last check, in bytes as the kernel counts them */
+    int send_buffer; /* the size of the socket's send buffer before it was made small; 0: it was not */
 };
 
-/* What keeps the rest from being written. */
+/* Why replies are left after a flush. */
 enum outbox_state {
-    OUTBOX_EMPTY, /* nothing is left */
-    OUTBOX_BLOCKED, /* the socket's buffer is full: wait until it is writable */
+    OUTBOX_EMPTY, /* none are left */
+    OUTBOX_BLOCKED, /* the socket's buffer is full: flush when it is writable */
     OUTBOX_UNREAD, /* this client has to read descriptors first: flush again soon, and when the socket is writable */
-    OUTBOX_WAITING, /* for other clients to read descriptors, or for the kernel's memory: flush again soon */
-    OUTBOX_LOST, /* nobody reads any more */
+    OUTBOX_WAITING, /* other clients have to read descriptors first, or the kernel lacks memory: flush again soon */
+    OUTBOX_LOST, /* the client is gone */
 };
 
+/* Makes an empty queue. `socket` and `descriptors` have to outlive it. */
 void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors,
-                 void (*left)(void *context, struct reply *reply), void *context);
+                 void (*done)(void *context, struct reply *reply), void *context);
 
-/* Drops all replies and forgets unread descriptors. NULL-safe. */
+/* Drops all replies, and no longer counts unread descriptors. `outbox` may be NULL. */
 void outbox_finish(struct outbox *outbox);
 
+/* Appends a reply, which belongs to the outbox until done() is called. Nothing is written yet. */
 void outbox_push(struct outbox *outbox, struct reply *reply);
 
-/* Drops all replies; what is unread stays counted. Nothing may be pushed afterwards: a frame may have been cut off. */
+/*
+ * Drops all replies; unread descriptors stay counted. Nothing may be pushed afterwards, since a frame may have been
+ * written in part.
+ */
 void outbox_drop(struct outbox *outbox);
 
-/* Writes what can be written. *ret_progress: the client has read, or something was written, since the last call. */
+/* Writes as much as possible. *ret_progress: something was written, or the client has read since the last call. */
 enum outbox_state outbox_flush(struct outbox *outbox, bool *ret_progress);
 
-/* Whether descriptors may still lie unread in the client's socket; looks. */
+/* Checks with the kernel, and returns whether descriptors may still be unread in the client's socket. */
 bool outbox_is_unread(struct outbox *outbox);
 
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_conn.c - tests the life of a connection: HELLO, frames, broken protocols, failures, and every way to end. */
 #include <errno.h>
 
 #include "tests/support/unit.h"
@@ -67,7 +68,7 @@ static void test_broken_protocol(void **state)
     bed_close(&bed);
 }
 
-/* A reply that leaves lets a session do more, which fails: the client is told at once. */
+/* A session goes on when a reply has been written, and fails: the client gets the error at once. */
 static void test_fails_while_sending(void **state)
 {
     (void)state;
@@ -81,7 +82,7 @@ static void test_fails_while_sending(void **state)
     bed_close(&bed);
 }
 
-/* What a broken client goes on to send is taken away, so that it can read why. */
+/* What a client sends after breaking the protocol is read and discarded, so that it can still receive the error. */
 static void test_broken_while_sending(void **state)
 {
     struct bed bed;
@@ -169,7 +170,7 @@ static void test_half_close(void **state)
     bed_close(&bed);
 }
 
-/* A client that dies at any state of a frame with descriptors. */
+/* A client dies after any number of bytes of a frame with descriptors; no descriptor may leak. */
 static void test_death_with_descriptors(void **state)
 {
     struct bed bed;
@@ -265,7 +266,7 @@ static void test_refused_session(void **state)
     bed_close(&bed);
 }
 
-/* Every allocation of a connection's life may fail: the client is served, told, or closed. */
+/* Each allocation of a connection fails once: the client gets its reply or an error, or its connection is closed. */
 static void test_failing_allocations(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Clients that do not read, send slowly or too much, and a daemon that is short of what it needs. */
+/* test_conn_limits.c - tests clients that do not read, or send slowly or too much, and shortages of the daemon. */
 #include <errno.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -52,7 +52,7 @@ static void test_descriptors_in_order(void **state)
     bed_close(&bed);
 }
 
-/* It loses its session, but not its place until it lets go of what it was sent. */
+/* A stalled client loses its session, but counts as a connection until it has read or closed its descriptors. */
 static void test_stalled_with_descriptors(void **state)
 {
     struct bed bed;
@@ -81,7 +81,7 @@ static void test_stalled_with_descriptors(void **state)
     bed_close(&bed);
 }
 
-/* Descriptors and small replies in turns, to a client that reads one at a time: in order. */
+/* Replies with and without descriptors alternate; a client that reads one at a time gets them in order. */
 static void test_reads_one_at_a_time(void **state)
 {
     struct bed bed;
@@ -104,18 +104,18 @@ static void test_reads_one_at_a_time(void **state)
     bed_close(&bed);
 }
 
-static void count_turn(void *context)
+static void count_iteration(void *context)
 {
     ++*(int *)context;
 }
 
-/* Whatever a client leaves unread, the loop does not spin. */
+/* The loop does not spin, however many of its descriptors a client leaves unread. */
 static void test_waiting_is_quiet(void **state)
 {
     (void)state;
     for (int read = 0; read <= OUTBOX_MAX_UNREAD; read++) {
         struct bed bed;
-        int turns = 0;
+        int iterations = 0;
         bed_open(&bed, NULL);
         struct bed_client *client = bed_connect(&bed, 1);
         bed_hello(&bed, client);
@@ -123,16 +123,16 @@ static void test_waiting_is_quiet(void **state)
         bed_pump(&bed, 5);
         for (int i = 0; i < read; i++)
             bed_expect(&bed, client, FRAME_RESULT, (uint64_t)i + 1);
-        bed.group.changed = count_turn;
-        bed.group.context = &turns;
+        bed.group.changed = count_iteration;
+        bed.group.context = &iterations;
         for (uint64_t end = bed_now() + 150; bed_now() < end;)
             uv_run(&bed.loop, UV_RUN_ONCE);
-        assert_in_range(turns, 1, 30);
+        assert_in_range(iterations, 1, 30);
         bed_close(&bed);
     }
 }
 
-/* Half of what may be open, all together: the rest waits for clients to read. */
+/* All clients together have at most half of the limit unread; further replies wait until some of them read. */
 static void test_descriptors_of_all(void **state)
 {
     struct bed bed;
@@ -161,7 +161,7 @@ static void test_descriptors_of_all(void **state)
     bed_close(&bed);
 }
 
-/* A client that asks and never reads: after a while nothing more is taken from it, then it is dropped. */
+/* A client sends requests and never reads: after a while no more requests are read from it, then it is dropped. */
 static void test_asks_and_never_reads(void **state)
 {
     struct bed bed;
@@ -169,7 +169,7 @@ static void test_asks_and_never_reads(void **state)
     (void)state;
     limits.stall_ms = 400;
     limits.queue_bytes = 1 << 20;
-    limits.turn_us = UINT32_MAX;
+    limits.share_us = UINT32_MAX;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1);
     bed_hello(&bed, client);
@@ -184,7 +184,7 @@ static void test_asks_and_never_reads(void **state)
     bed_close(&bed);
 }
 
-/* The same client, reading slowly: everything arrives, and it is not dropped. */
+/* A client with as many requests reads slowly: every reply arrives, and the client is not dropped. */
 static void test_reads_slowly(void **state)
 {
     struct bed bed;
@@ -210,7 +210,8 @@ static void test_reads_slowly(void **state)
     bed_close(&bed);
 }
 
-static void test_part_of_a_frame(void **state)
+/* A client that stops in the middle of a frame is dropped; one that sends it slowly, or sends nothing, is not. */
+static void test_unfinished_frame(void **state)
 {
     struct bed bed;
     struct conn_limits limits = conn_limits_default();
@@ -235,16 +236,16 @@ static void test_part_of_a_frame(void **state)
     bed_close(&bed);
 }
 
-/* One that floods has its share of a turn; what it has sent is all taken, turn by turn. */
-static void test_turns(void **state)
+/* A client that floods the daemon gets its share of each iteration only, and all its frames are handled in the end. */
+static void test_share_of_frames(void **state)
 {
     struct bed bed;
     struct frame frame;
     struct conn_limits limits = conn_limits_default();
     unsigned char bytes[200 * FRAME_HEADER_SIZE];
     (void)state;
-    limits.turn_frames = 4;
-    limits.turn_us = UINT32_MAX;
+    limits.share_frames = 4;
+    limits.share_us = UINT32_MAX;
     bed_open(&bed, &limits);
     struct bed_client *flood = bed_connect(&bed, 1), *other = bed_connect(&bed, 1);
     bed_hello(&bed, flood);
@@ -266,29 +267,29 @@ static void test_turns(void **state)
     bed_close(&bed);
 }
 
-/* What takes long is taken one at a time. */
-static void test_turns_by_time(void **state)
+/* Frames that take long are handled one in each iteration. */
+static void test_share_of_time(void **state)
 {
     struct bed bed;
     struct conn_limits limits = conn_limits_default();
     (void)state;
-    limits.turn_us = 1;
+    limits.share_us = 1;
     bed_open(&bed, &limits);
     struct bed_client *client = bed_connect(&bed, 1);
     bed_hello(&bed, client);
     for (uint64_t i = 1; i <= 10; i++)
         bed_send(client, FAKE_COSTLY, i);
     uint32_t before = bed.service.frames;
-    for (uint32_t turn = 1; turn <= 3; turn++) {
+    for (uint32_t iteration = 1; iteration <= 3; iteration++) {
         uv_run(&bed.loop, UV_RUN_NOWAIT);
-        assert_in_range(bed.service.frames - before, turn - 1, turn);
+        assert_in_range(bed.service.frames - before, iteration - 1, iteration);
     }
     for (uint64_t i = 1; i <= 10; i++)
         bed_expect(&bed, client, FRAME_PONG, i);
     bed_close(&bed);
 }
 
-/* Those that take long wait for one another, and nobody else for all of them. */
+/* Costly connections wait for one another, and no other connection waits for all of them. */
 static void test_costly_ones_come_last(void **state)
 {
     struct bed bed;
@@ -315,27 +316,27 @@ static void test_costly_ones_come_last(void **state)
     bed_read(clients[BED_CLIENTS - 1]);
     assert_int_equal(frame_parser_next(&clients[BED_CLIENTS - 1]->parser, &frame, &found, NULL), BVHD_OK);
     assert_true(found);
-    bed_hang_up(clients[1]); /* while it waits for its turn */
+    bed_hang_up(clients[1]); /* while it is still in the list of costly ones */
     bed_expect(&bed, clients[0], FRAME_PONG, 2);
     bed_expect(&bed, clients[2], FRAME_PONG, 2);
     bed_close(&bed);
 }
 
-/* Descriptors of this user on their way elsewhere: more than the kernel wants to see. */
-static int use_up_flight(int *ret_reader)
+/* Sends more unread descriptors of this user than the kernel will allow. Returns the sending socket. */
+static int use_up_unread(int *ret_reader)
 {
-    enum { FLYING = 64 };
-    int pair[2], same[FLYING];
+    enum { SENT = 64 };
+    int pair[2], same[SENT];
     assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, pair), 0);
-    for (int i = 0; i < FLYING; i++)
+    for (int i = 0; i < SENT; i++)
         same[i] = pair[0];
     struct bed_client sender = {.socket = pair[0]};
-    assert_true(bed_send_bytes(&sender, "", 1, same, FLYING));
+    assert_true(bed_send_bytes(&sender, "", 1, same, SENT));
     *ret_reader = pair[1];
     return pair[0];
 }
 
-/* In a process of its own, which may give up its privileges: the kernel does not count for root. */
+/* Runs in a child process, which gives up its privileges, because the kernel has no such limit for root. */
 static void refused_by_the_kernel(void)
 {
     struct bed bed;
@@ -347,7 +348,7 @@ static void refused_by_the_kernel(void)
     bed_open(&bed, NULL);
     struct bed_client *client = bed_connect(&bed, 1);
     bed_hello(&bed, client);
-    int sender = use_up_flight(&reader);
+    int sender = use_up_unread(&reader);
     getrlimit(RLIMIT_NOFILE, &limit);
     setrlimit(RLIMIT_NOFILE, &(struct rlimit){.rlim_cur = 60, .rlim_max = limit.rlim_max});
     bed_send(client, FRAME_GET, 2);
@@ -355,7 +356,7 @@ static void refused_by_the_kernel(void)
     assert_int_equal(bed.service.sent, 1);
     assert_int_equal(bed.service.descriptors.unread, 0);
     assert_int_equal(bed_newest_conn(&bed)->writing, OUTBOX_WAITING);
-    assert_int_equal(recv(reader, &byte, 1, 0), 1); /* without room for descriptors: they are let go of */
+    assert_int_equal(recv(reader, &byte, 1, 0), 1); /* there is no room for descriptors, so the kernel drops them */
     bed_expect(&bed, client, FRAME_RESULT, 1);
     bed_expect(&bed, client, FRAME_RESULT, 2);
     close(sender);
@@ -379,7 +380,7 @@ static void test_refused_by_the_kernel(void **state)
     assert_int_equal(WEXITSTATUS(status), 0);
 }
 
-/* With too few descriptors to receive any, a client waits, and nobody else notices. */
+/* While the daemon has too few descriptors to receive any, nothing is read from clients. */
 static void test_short_of_descriptors(void **state)
 {
     struct bed bed;
@@ -403,7 +404,7 @@ static void test_short_of_descriptors(void **state)
     for (int i = 0; i < 4; i++)
         close(descriptors[i]);
     use_up_descriptors(&bed, 0);
-    bed_hang_up(client); /* its death is noticed all the same */
+    bed_hang_up(client); /* the end of the connection is noticed even now */
     bed_pump(&bed, 0);
     assert_int_equal(bed.service.closed, 1);
     descriptors_give(&bed.service.descriptors, bed.service.descriptors.used);
@@ -423,14 +424,14 @@ static void test_short_of_memory(void **state)
     bed.service.memory.limit = bed.service.memory.live + 40000;
     frame_header_write(&(struct frame_header){.type = FRAME_PING, .request = 1, .control_size = 60000}, bytes);
     bed_send_bytes(client, bytes, sizeof bytes, NULL, 0);
-    bed_pump(&bed, 120); /* longer than a client may stall: it is not the one that does */
+    bed_pump(&bed, 120); /* longer than stall_ms, which does not apply while the daemon itself is short of memory */
     assert_int_equal(bed.service.closed, 0);
     bed.service.memory.limit = UINT64_MAX;
     bed_expect(&bed, client, FRAME_PONG, 1);
     bed_close(&bed);
 }
 
-/* No wake-ups for connections that nothing is due for. */
+/* The loop sleeps without a timeout while no connection has anything to do. */
 static void test_idle_costs_nothing(void **state)
 {
     struct bed bed;
@@ -469,21 +470,14 @@ static void test_closing_all(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_refused_by_the_kernel), /* forks, so before there are threads */
-        cmocka_unit_test(test_descriptors_in_order),
-        cmocka_unit_test(test_stalled_with_descriptors),
-        cmocka_unit_test(test_reads_one_at_a_time),
-        cmocka_unit_test(test_waiting_is_quiet),
-        cmocka_unit_test(test_descriptors_of_all),
-        cmocka_unit_test(test_asks_and_never_reads),
-        cmocka_unit_test(test_reads_slowly),
-        cmocka_unit_test(test_part_of_a_frame),
-        cmocka_unit_test(test_turns),
-        cmocka_unit_test(test_turns_by_time),
-        cmocka_unit_test(test_costly_ones_come_last),
-        cmocka_unit_test(test_short_of_descriptors),
-        cmocka_unit_test(test_short_of_memory),
-        cmocka_unit_test(test_idle_costs_nothing),
+        cmocka_unit_test(test_refused_by_the_kernel), /* it forks, so it comes before tests that start threads */
+        cmocka_unit_test(test_descriptors_in_order),  cmocka_unit_test(test_stalled_with_descriptors),
+        cmocka_unit_test(test_reads_one_at_a_time),   cmocka_unit_test(test_waiting_is_quiet),
+        cmocka_unit_test(test_descriptors_of_all),    cmocka_unit_test(test_asks_and_never_reads),
+        cmocka_unit_test(test_reads_slowly),          cmocka_unit_test(test_unfinished_frame),
+        cmocka_unit_test(test_share_of_frames),       cmocka_unit_test(test_share_of_time),
+        cmocka_unit_test(test_costly_ones_come_last), cmocka_unit_test(test_short_of_descriptors),
+        cmocka_unit_test(test_short_of_memory),       cmocka_unit_test(test_idle_costs_nothing),
         cmocka_unit_test(test_closing_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_listen.c - tests binding a path, replacing stale sockets, races between daemons, and sockets handed over. */
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
@@ -27,7 +28,7 @@ static int make_directory(void **state)
 static int remove_directory(void **state)
 {
     (void)state;
-    return rmdir(directory); /* empty: every test leaves nothing */
+    return rmdir(directory); /* fails if a test has left a file */
 }
 
 static int connect_to(const char *where)
@@ -85,7 +86,7 @@ static void test_stale(void **state)
     struct listener dead, listener;
     (void)state;
     assert_int_equal(listen_bind(path, &dead, NULL), BVHD_OK);
-    close(dead.socket); /* as a killed daemon leaves it */
+    close(dead.socket); /* leaves the file, as a killed daemon does */
     assert_int_equal(connect_to(path), ECONNREFUSED);
     assert_int_equal(listen_bind(path, &listener, NULL), BVHD_OK);
     assert_int_equal(connect_to(path), 0);
@@ -117,7 +118,7 @@ static void test_no_socket(void **state)
     unlink(path);
 }
 
-/* Somebody has removed the file and put another one there: that stays. */
+/* When the file was removed and replaced by another one, listen_close leaves that in place. */
 static void test_removes_only_its_own(void **state)
 {
     struct listener first, second;
@@ -172,7 +173,7 @@ static void *bind_too(void *context)
     return NULL;
 }
 
-/* Many at the same time over a stale socket: one wins, and that one answers. */
+/* Many threads bind the path of a stale socket at the same time: exactly one succeeds, and listens. */
 static void test_race(void **state)
 {
     enum { RACERS = 8, ROUNDS = 20 };
@@ -210,7 +211,7 @@ static void test_adopt(void **state)
     assert_true(fcntl(listener.socket, F_GETFD) & FD_CLOEXEC);
     assert_true(fcntl(listener.socket, F_GETFL) & O_NONBLOCK);
     listen_close(&listener);
-    assert_true(exists()); /* the manager's */
+    assert_true(exists()); /* the file belongs to the service manager */
     unlink(path);
     int file = open("/dev/null", O_RDONLY), datagrams = socket(AF_UNIX, SOCK_DGRAM, 0),
         packets = socket(AF_UNIX, SOCK_SEQPACKET, 0), fresh = socket(AF_UNIX, SOCK_STREAM, 0);
