@@ -12,7 +12,7 @@
 #include "proto/base/number.h"
 
 enum option_kind {
-    KIND_FIRST = 256, /* above every character: getopt_long returns both */
+    KIND_FIRST = 256, /* greater than every character, since getopt_long returns characters and kinds */
     KIND_SOCKET,
     KIND_WORKERS,
     KIND_MEMORY,
@@ -34,14 +34,13 @@ struct config_option {
 
 static const struct config_option option_rows[] = {
     {"socket", "PATH", KIND_SOCKET,
-     "listen there (default: $XDG_RUNTIME_DIR/bvhd.sock; for root,\nand without that variable, /run/bvhd/bvhd.sock); a "
-     "socket\n"
-     "that a service manager hands over comes first"},
+     "listen on this socket (default: $XDG_RUNTIME_DIR/bvhd.sock;\nfor root, and without that variable, "
+     "/run/bvhd/bvhd.sock);\n"
+     "a socket that a service manager hands over takes precedence"},
     {"workers", "N", KIND_WORKERS, "threads that build (default: one for each processor)"},
     {"memory", "BYTES", KIND_MEMORY,
-     "memory for requests and builds, at least 16M; K, M, G may\nfollow (default: half of the machine's, or of the "
-     "limit of\nits "
-     "control group)"},
+     "memory for requests and builds, at least 16M; K, M or G may\nfollow the number (default: half of the machine's "
+     "memory, or\nof the limit of the daemon's control group)"},
     {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none (default: 1G)"},
     {"cache", "DIR", KIND_CACHE, "accepted with a warning: this version keeps results in\nmemory only"},
     {"max-connections", "N", KIND_CONNECTIONS,
@@ -50,7 +49,9 @@ static const struct config_option option_rows[] = {
     {"drain-timeout", "SECONDS", KIND_DRAIN, "time to finish what is under way after SIGTERM\n(default: 20)"},
     {"log-level", "LEVEL", KIND_LEVEL, "error, warning, info (default) or debug"},
     {"config", "FILE", KIND_CONFIG,
-     "read \"name = value\" lines, with names as above,\nand lines that begin with #; the command line wins"},
+     "read lines of the form \"name = value\", with the names above;\nlines that begin with # are comments; the "
+     "command "
+     "line wins"},
     {"help", NULL, 'h', "print this help"},
     {"version", NULL, KIND_VERSION, "print the version"},
 };
@@ -263,6 +264,6 @@ void config_print_help(void)
            "Builds acceleration structures for clients on a Unix socket, in the foreground.\n\n");
     for (size_t i = 0; i < OPTION_ROWS; i++)
         print_option(&option_rows[i]);
-    printf("\nSIGTERM and SIGINT let it finish what is under way; a second one ends it at once.\n"
-           "Exit status: 0 ended in order, 1 failed, 2 usage.\n");
+    printf("\nSIGTERM and SIGINT let the daemon finish what is under way; a second signal ends it at once.\n"
+           "Exit status: 0 for an orderly end, 1 for a failure, 2 for wrong usage.\n");
 }

@@ -17,7 +17,7 @@ struct config {
     enum config_action action;
     char socket[CONFIG_PATH_SIZE];
     bool socket_given; /* false: `socket` is the default */
-    char file[CONFIG_PATH_SIZE]; /* "": none */
+    char file[CONFIG_PATH_SIZE]; /* of --config; "": none */
     char cache[CONFIG_PATH_SIZE]; /* a directory for results, which this version does not use; "": none */
     enum log_level log_level;
     uint64_t idle_exit_ms; /* time without connections and work after which the daemon exits; 0: it never does */
@@ -28,11 +28,12 @@ struct config {
 
 /*
  * Reads the command line, and the file that it names. The command line wins over the file. BVHD_INVALID names the
- * option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO names a file that cannot be read.
+ * option ("--workers") or the line ("bvhd.conf:3"); BVHD_IO names a file that cannot be read. *ret_config is set only
+ * on success.
  */
 enum bvhd_status config_parse(int argc, char **argv, struct config *ret_config, struct bvhd_error *error);
 
-/* Applies the lines of one file to `config`, which stays unchanged on failure. */
+/* Applies the lines of one file to `config`, which stays unchanged on failure. The errors are those of config_parse. */
 enum bvhd_status config_read_file(const char *path, struct config *config, struct bvhd_error *error);
 
 /* Prints the options on stdout. */

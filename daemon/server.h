@@ -6,9 +6,10 @@
 #include "daemon/config.h"
 
 /*
- * Listens and serves until a signal (SIGTERM, SIGINT) or idleness ends it. The first signal drains: no new client is
- * accepted, all clients are told, and what is under way has config->drain_ms to finish. A second signal ends it at
- * once. Fails only before it has accepted any client.
+ * Runs the event loop on the calling thread, and serves clients until a signal (SIGTERM, SIGINT), or
+ * config->idle_exit_ms without clients, ends it. The first signal drains the daemon: no new client is accepted, all
+ * clients get GOODBYE, and work under way has config->drain_ms to finish. A second signal ends it at once. It fails
+ * only at the start, before a client is accepted.
  */
 enum bvhd_status server_run(const struct config *config, struct bvhd_error *error);
 
