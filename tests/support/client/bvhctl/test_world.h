@@ -16,10 +16,10 @@
 
 enum { TEST_WORLD_INSTANCES = 4, TEST_WORLD_FILES = 3 };
 
-/* The import alone: static arrays, nothing to end. `memory` is what it says it comes from. */
+/* Gives the import alone, in static arrays that need not be freed; `memory` becomes its `memory`. */
 void test_world_import(struct import *ret_import, struct memory *memory);
 
-/* In worlds that begin from now on an instance stands so: row-major 3x4. Its bounds and all else follow. */
+/* Sets the matrix of an instance, row-major 3x4, for all worlds that are made after this call. */
 void test_world_place(uint32_t instance, const float object_to_world[12]);
 
 struct test_world {
@@ -31,9 +31,9 @@ struct test_world {
     struct structures structures;
 };
 
-/* Ends the program when something fails. `threads` as for local_open. */
+/* Builds and opens the world. A failure ends the program. `threads` is that of local_open. */
 void test_world_init(struct test_world *world, uint32_t threads);
-/* In what a device loads natively, or, with NULL, portable. `format` must outlive the world. */
+/* Does the same for the format of a device, or, with NULL, for the portable target. `format` must outlive the world. */
 void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format);
 void test_world_finish(struct test_world *world);
 
