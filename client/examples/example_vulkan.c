@@ -91,12 +91,16 @@ static void create_device(struct example_vulkan *vulkan, enum example_device wan
                                            .queueFamilyIndex = vulkan->family,
                                            .queueCount = 1,
                                            .pQueuePriorities = &priority};
+    VkPhysicalDeviceFeatures available, enabled = {.shaderFloat64 = VK_FALSE};
     const VkDeviceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
                                      .pNext = &core,
+                                     .pEnabledFeatures = &enabled,
                                      .queueCreateInfoCount = 1,
                                      .pQueueCreateInfos = &queue,
                                      .enabledExtensionCount = wanted == EXAMPLE_RAY_QUERIES ? RAY_EXTENSIONS : 0,
                                      .ppEnabledExtensionNames = ray_extensions};
+    vkGetPhysicalDeviceFeatures(vulkan->physical, &available);
+    vulkan->has_float64 = enabled.shaderFloat64 = available.shaderFloat64;
     example_check("vkCreateDevice", vkCreateDevice(vulkan->physical, &info, NULL, &vulkan->device));
     vkGetDeviceQueue(vulkan->device, vulkan->family, 0, &vulkan->queue);
 }

@@ -19,6 +19,7 @@ struct example_vulkan {
     VkQueue queue;
     uint32_t family;
     VkCommandPool pool;
+    VkBool32 has_float64; /* the feature shaderFloat64 is enabled: wherever the device has it */
 };
 
 /* A buffer with its own memory. */

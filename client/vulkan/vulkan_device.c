@@ -78,7 +78,7 @@ static enum bvhd_status find_device_functions(const struct lookup *lookup, struc
 
 /* The property structs beyond those of Vulkan 1.1 that the physical device supports. */
 struct extensions {
-    bool buffer_limit, driver;
+    bool buffer_limit, driver, multiprocessors;
 };
 
 static enum bvhd_status find_extensions(const struct lookup *lookup, struct extensions *ret_extensions)
@@ -100,23 +100,48 @@ static enum bvhd_status find_extensions(const struct lookup *lookup, struct exte
         for (uint32_t i = 0; i < count; i++) {
             ret_extensions->buffer_limit |= strcmp(list[i].extensionName, VK_KHR_MAINTENANCE_4_EXTENSION_NAME) == 0;
             ret_extensions->driver |= strcmp(list[i].extensionName, VK_KHR_DRIVER_PROPERTIES_EXTENSION_NAME) == 0;
+            ret_extensions->multiprocessors |=
+                strcmp(list[i].extensionName, VK_NV_SHADER_SM_BUILTINS_EXTENSION_NAME) == 0;
         }
     memory_free(&library_memory, list);
     return result < 0 ? vulkan_device_result("vkEnumerateDeviceExtensionProperties", result, lookup->error) : BVHD_OK;
 }
 
+static struct vulkan_compute compute_of(const VkPhysicalDeviceProperties *properties,
+                                        const VkPhysicalDeviceSubgroupProperties *subgroup,
+                                        const VkPhysicalDeviceShaderSMBuiltinsPropertiesNV *multiprocessors)
+{
+    const VkPhysicalDeviceLimits *limits = &properties->limits;
+    uint32_t invocations = limits->maxComputeWorkGroupInvocations, size = limits->maxComputeWorkGroupSize[0];
+    bool has_subgroups = subgroup->supportedStages & VK_SHADER_STAGE_COMPUTE_BIT;
+    return (struct vulkan_compute){
+        .api_version = properties->apiVersion,
+        .vendor = properties->vendorID,
+        .type = properties->deviceType,
+        .max_groups = limits->maxComputeWorkGroupCount[0],
+        .max_group_size = invocations < size ? invocations : size,
+        .subgroup_size = subgroup->subgroupSize,
+        .subgroup_operations = has_subgroups ? subgroup->supportedOperations : 0,
+        .multiprocessors = multiprocessors->shaderSMCount,
+        .warps = multiprocessors->shaderWarpsPerSM,
+    };
+}
+
 static void read_properties(const struct lookup *lookup, struct extensions extensions,
                             struct bvhd_vulkan_device *device)
 {
+    VkPhysicalDeviceShaderSMBuiltinsPropertiesNV multiprocessors = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_SM_BUILTINS_PROPERTIES_NV};
+    VkPhysicalDeviceSubgroupProperties subgroup = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES};
     VkPhysicalDeviceMaintenance4Properties buffer = {.sType =
                                                          VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_4_PROPERTIES};
     VkPhysicalDeviceDriverProperties driver = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_DRIVER_PROPERTIES};
     VkPhysicalDeviceAccelerationStructurePropertiesKHR structure = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR};
     VkPhysicalDeviceMaintenance3Properties allocation = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES};
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES, .pNext = &subgroup};
     VkPhysicalDeviceProperties2 all = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &allocation};
-    void **next = &allocation.pNext;
+    void **next = &subgroup.pNext;
     if (extensions.buffer_limit) {
         *next = &buffer;
         next = &buffer.pNext;
@@ -124,6 +149,10 @@ static void read_properties(const struct lookup *lookup, struct extensions exten
     if (extensions.driver) {
         *next = &driver;
         next = &driver.pNext;
+    }
+    if (extensions.multiprocessors) {
+        *next = &multiprocessors;
+        next = &multiprocessors.pNext;
     }
     if (device->has_structures)
         *next = &structure;
@@ -138,6 +167,7 @@ static void read_properties(const struct lookup *lookup, struct extensions exten
         .instances = structure.maxInstanceCount,
         .scratch_alignment = structure.minAccelerationStructureScratchOffsetAlignment,
     };
+    device->compute = compute_of(&all.properties, &subgroup, &multiprocessors);
     snprintf(device->name, sizeof device->name, "%s", all.properties.deviceName);
     snprintf(device->driver, sizeof device->driver, "%s%s%s", driver.driverName, *driver.driverInfo ? " " : "",
              driver.driverInfo);

@@ -36,6 +36,18 @@ struct vulkan_limits {
     uint64_t scratch_alignment;
 };
 
+/* What the device says of its compute shaders, by which kernels are chosen. */
+struct vulkan_compute {
+    uint32_t api_version; /* of Vulkan */
+    uint32_t vendor; /* vendorID */
+    VkPhysicalDeviceType type;
+    uint32_t max_groups; /* workgroups of a dispatch in x */
+    uint32_t max_group_size; /* invocations of a workgroup */
+    uint32_t subgroup_size;
+    VkSubgroupFeatureFlags subgroup_operations; /* in compute shaders */
+    uint32_t multiprocessors, warps; /* warps of one multiprocessor; NVIDIA devices only, 0: not known */
+};
+
 /* The program's device, as bvhd_vulkan_device_create found it. */
 struct bvhd_vulkan_device {
     VkDevice handle;
@@ -44,6 +56,7 @@ struct bvhd_vulkan_device {
     bool has_structures; /* true only if has_addresses is, which structures need */
     struct vulkan_functions vk;
     struct vulkan_limits limits;
+    struct vulkan_compute compute;
     VkPhysicalDeviceMemoryProperties memory;
     char name[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE];
     /* for example "llvmpipe Mesa 25.0.7"; "" if the device does not say */

@@ -69,6 +69,9 @@ static enum bvhd_status check_row(struct vulkan_scene_loading *loading, const st
         return vulkan_scene_row_error(loading, row->row, &inner);
     scene->target = needed.target;
     row->storage_size = needed.storage_size;
+    row->is_top = needed.type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
+    if (needed.target == BVHD_TARGET_PORTABLE)
+        vulkan_contents_add(&scene->contents, (struct bytes){row->data, row->size});
     return BVHD_OK;
 }
 
@@ -160,6 +163,7 @@ enum bvhd_status bvhd_vulkan_scene_create(struct bvhd_vulkan_device *device, con
         return vulkan_scene_no_memory(&loading);
     memset(scene, 0, sizeof *scene);
     scene->device = device;
+    scene->flags = options->flags;
     status = load(&loading);
     vulkan_work_finish(&loading.work);
     vulkan_buffer_destroy(device, &loading.staging);

@@ -5,6 +5,7 @@
 
 #include "client/vulkan/vulkan_blob.h"
 #include "client/vulkan/vulkan_buffer.h"
+#include "client/vulkan/vulkan_contents.h"
 #include "client/vulkan/vulkan_work.h"
 
 #define VULKAN_SCENE_NOWHERE UINT64_MAX
@@ -21,6 +22,7 @@ struct vulkan_scene_row {
     uint64_t location; /* as bvhd_vulkan_scene_location returns it */
     uint32_t page;
     uint64_t offset, storage_size; /* bytes, in its page */
+    bool is_top;
 };
 
 /* A scene on the device. */
@@ -31,6 +33,8 @@ struct bvhd_vulkan_scene {
     uint32_t row_count;
     struct vulkan_buffer *pages; /* the buffers that hold all structures; portable: one page */
     uint32_t page_count;
+    uint32_t flags; /* BVHD_VULKAN_SCENE_ */
+    struct vulkan_contents contents; /* portable */
 };
 
 /* The state that is needed only while a scene is created. */

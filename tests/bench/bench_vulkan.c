@@ -17,7 +17,8 @@
 #include "client/bvhctl/base/json.h"
 #include "tests/support/driver/ray_pipeline.h"
 #include "client/bvhctl/picture/surface.h"
-#include "client/bvhctl/trace/tracer_closest.h"
+#include "client/bvhctl/trace/device_ray.h"
+#include "client/bvhctl/trace/tracer_portable.h"
 #include "builder/workers.h"
 
 static const char help[] =
@@ -39,8 +40,9 @@ static const char help[] =
     "  --quality NAME     quality of builds in this process: fast, balanced or high; default balanced\n"
     "  --fast-triangles   builds the portable structures again, with 48-byte triangles\n"
     "  --kernel SPEC      NAME=FILE.spv[:CONSTANT,...], another kernel over the portable structures; may be repeated\n"
-    "  --ways             also measures each of bvhctl's own kernels separately\n"
-    "  --no-portable      leaves out bvhctl's own kernel\n"
+    "  --ways             also measures each of the library's own kernels separately\n"
+    "  --no-portable      leaves out the library's own kernels\n"
+    "  --save-rays DIR    writes the rays of each kind to DIR/SCENE-KIND.rays, as struct bvhd_ray (bvhd_trace.h)\n"
     "  --check            compares with the CPU traversal, and resolves differences by brute force\n"
     "  --statistics       prints the driver's statistics of each --kernel: registers, spills\n"
     "                     (needs VK_KHR_pipeline_executable_properties)\n"
@@ -54,7 +56,7 @@ enum { BUSY_MS = 15, COUNTED_RAYS = 16384 };
 enum { MAX_KERNELS = 64, MAX_CONTESTANTS = MAX_KERNELS + 8, MAX_RUNS = 99 };
 
 struct settings {
-    const char *device, *json;
+    const char *device, *json, *rays_directory;
     uint32_t rays, runs, threads;
     bool kinds[RAYS_KINDS];
     bool is_native, is_shuffled, is_fast_triangles, is_checked, without_portable, has_statistics, is_bottom, has_ways;
@@ -185,8 +187,9 @@ static void add_ours(struct bench *bench)
     if (settings->is_shuffled || settings->is_fast_triangles)
         build_again(bench, TARGET_PORTABLE, &bench->portable);
     const struct structures *portable = portable_of(bench);
-    for (int way = TRACER_WAY_AUTO; way <= (settings->has_ways ? TRACER_WAY_REFILL : TRACER_WAY_AUTO); way++) {
-        static const char *const names[] = {"portable", "portable, query", "portable, together", "portable, refill"};
+    for (int way = TRACER_WAY_AUTO; way <= (settings->has_ways ? TRACER_WAY_INCOHERENT : TRACER_WAY_AUTO); way++) {
+        static const char *const names[] = {"portable", "portable, query", "portable, coherent",
+                                            "portable, incoherent"};
         if (settings->without_portable)
             break;
         struct contestant *one = add(bench, names[way], portable->has_top, bytes_of(portable));
@@ -330,6 +333,22 @@ static void print_work(const struct bench *bench, const char *kind, const struct
            100.0 * hits / counted);
 }
 
+/* For programs that are to trace the same rays. */
+static void save_rays(const struct bench *bench, const char *kind, const struct ray *rays, uint32_t count)
+{
+    char path[4096];
+    struct bvhd_ray one;
+    snprintf(path, sizeof path, "%s/%s-%s.rays", bench->settings.rays_directory, bench->scene.given.name, kind);
+    FILE *file = fopen(path, "wb");
+    bool is_written = file;
+    for (uint32_t i = 0; i < count && is_written; i++) {
+        device_rays_put(&rays[i], 1, &one);
+        is_written = fwrite(&one, sizeof one, 1, file) == 1;
+    }
+    if (!is_written || fclose(file))
+        die(path, "cannot be written");
+}
+
 static void measure(struct bench *bench)
 {
     for (int kind = 0; kind < RAYS_KINDS; kind++) {
@@ -337,6 +356,8 @@ static void measure(struct bench *bench)
         if (!bench->settings.kinds[kind] || !count)
             continue;
         print_work(bench, bench_rays_names[kind], bench->rays.rays[kind], count);
+        if (bench->settings.rays_directory)
+            save_rays(bench, bench_rays_names[kind], bench->rays.rays[kind], count);
         run_all(bench, bench->rays.rays[kind], count);
         report(bench, bench_rays_names[kind], count);
         for (uint32_t i = 0; bench->settings.is_checked && i < bench->contestant_count; i++)
@@ -451,6 +472,8 @@ static int take_option(struct settings *settings, char **arguments)
         settings->device = value;
     else if (!strcmp(name, "--json"))
         settings->json = value;
+    else if (!strcmp(name, "--save-rays"))
+        settings->rays_directory = value;
     else if (!strcmp(name, "--rays"))
         settings->rays = number(name, value, 1 << 26);
     else if (!strcmp(name, "--runs"))

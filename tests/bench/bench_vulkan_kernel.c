@@ -79,7 +79,7 @@ static enum bvhd_status load_pass(struct bench_kernel *self, struct pass *pass, 
                                          .constant_count = pass->constant_count};
     status = gpu_kernel_create(self->gpu, &options, &pass->kernel, error);
     if (!status && statistics)
-        bench_statistics_of(self->gpu, self->name, &options, pass->kernel.layout);
+        bench_statistics_of(self->gpu, self->name, &options, pass->kernel.layout.pipeline);
     memory_free(self->memory, code);
     return status;
 }
@@ -128,7 +128,7 @@ static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_er
 {
     const VkBufferUsageFlags bound = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
     const VkBufferUsageFlags from = VK_BUFFER_USAGE_TRANSFER_SRC_BIT, to = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
-    uint64_t rays = self->most_rays * sizeof(struct device_ray), hits = self->most_rays * sizeof(struct tracer_hit);
+    uint64_t rays = self->most_rays * sizeof(struct bvhd_ray), hits = self->most_rays * sizeof(struct tracer_hit);
     enum bvhd_status status = gpu_buffer_create(self->gpu, rays, from, GPU_UPLOAD, &self->upload, error);
     if (!status)
         status = gpu_buffer_create(self->gpu, rays, bound | to, GPU_DEVICE, &self->rays, error);
@@ -157,7 +157,7 @@ static void barrier(struct bench_kernel *self, VkCommandBuffer commands)
 static void record(struct bench_kernel *self, VkCommandBuffer commands, uint32_t count)
 {
     struct gpu *gpu = self->gpu;
-    VkBufferCopy rays = {0, 0, count * sizeof(struct device_ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
+    VkBufferCopy rays = {0, 0, count * sizeof(struct bvhd_ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
     const struct pass *pass = &self->passes[0];
     uint32_t groups = pass->constants[1] ? pass->constants[1] : (count + pass->constants[0] - 1) / pass->constants[0];
     self->push.count = count;
@@ -230,7 +230,7 @@ enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, bool sta
         return bvhd_error_no_memory(error, text, "no memory");
     *self = (struct bench_kernel){
         .tracer = {.target = TARGET_PORTABLE, .trace = trace, .destroy = destroy}, .gpu = gpu, .memory = memory};
-    self->most_rays = gpu->properties.max_storage_range / sizeof(struct device_ray);
+    self->most_rays = gpu->properties.max_storage_range / sizeof(struct bvhd_ray);
     if (self->most_rays > MAX_RAYS)
         self->most_rays = MAX_RAYS;
     enum bvhd_status status = parse(self, text, error);

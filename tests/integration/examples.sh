@@ -49,7 +49,7 @@ for kind in native portable addresses; do
     glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h rays.comp >log 2>&1 ||
         fail "rays.comp for $kind"
 done
-for name in load_native load_portable load_scene; do
+for name in load_native load_portable load_scene trace_rays; do
     $compiler -std=c99 -pedantic -Wall -Wextra -Werror $name.c example_scene.c example_vulkan.c -o $name \
         $(pkg --cflags --libs) -lvulkan >log 2>&1 ||
         fail "$name does not compile"
@@ -69,7 +69,7 @@ fi
 # Of the 4,096 rays 2 * 256 meet squares and 2 * 136 triangles, whose heights are 0, 2 and 1, 3.
 expected='784 of 4096 rays hit something, after 6784.000 in all'
 runs=0
-for name in load_native load_portable load_scene; do
+for name in load_native load_portable load_scene trace_rays; do
     ./$name >log 2>&1
     got=$?
     if [ $got -eq 77 ]; then
@@ -84,6 +84,7 @@ for name in load_native load_portable load_scene; do
     [ $got -eq 0 ] || fail "$name: status $got"
     [ "$(tail -n 1 log)" = "$expected" ] || fail "$name: expected '$expected'"
     ! grep -Ei 'validation|VUID|warning|error' log >/dev/null || fail "$name: messages"
+    [ $name != trace_rays ] || grep -Eq ': [0-9.]+ million rays a second' log || fail "$name: no rate"
     runs=$((runs + 1))
 done
 echo "$runs examples ran"

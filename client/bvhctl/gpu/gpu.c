@@ -218,7 +218,6 @@ enum bvhd_status gpu_open(const char *name, struct memory *memory, struct gpu **
         gpu_close(gpu);
         return status;
     }
-    gpu->has_small_halves = gpu->properties.type != VK_PHYSICAL_DEVICE_TYPE_CPU && gpu_keeps_small_halves(gpu);
     *ret_gpu = gpu;
     return BVHD_OK;
 }

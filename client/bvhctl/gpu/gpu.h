@@ -13,6 +13,7 @@
 
 #include "bvhd/bvhd_vulkan.h"
 #include "proto/base/memory.h"
+#include "client/vulkan/vulkan_kernel.h"
 #include "client/vulkan/vulkan_work.h"
 
 /* What is known about a device before it is opened. */
@@ -24,13 +25,11 @@ struct gpu_properties {
     bool has_acceleration_structure, has_ray_query, has_ray_pipeline, has_buffer_address; /* with Vulkan 1.2 or newer */
     bool has_position_fetch; /* false, too, when the Vulkan headers that bvhctl was built with do not have it */
     bool has_doubles; /* in shaders */
-    bool has_quick_doubles; /* a few operations on doubles do not slow down a shader, as far as is known */
     uint64_t memory; /* bytes of its largest device-local heap */
     uint64_t max_storage_range; /* most bytes of a storage buffer that a shader can bind */
     uint32_t max_groups; /* most workgroups of a dispatch, in x */
     char number[12]; /* its place in gpu_list, from "0": a name for gpu_open that no other device has */
     uint32_t subgroup_size;
-    uint32_t multiprocessors; /* of a device of NVIDIA; 0: unknown */
 };
 
 /*
@@ -62,8 +61,6 @@ struct gpu {
     struct vulkan_work work;
     double timestamp_ms; /* milliseconds of one tick; 0: the queue has no timestamps */
     uint64_t timestamp_mask; /* the bits of a tick count that are valid */
-    /* Shaders keep denormal halves (gpu_keeps_small_halves) without losing speed; false for CPUs. */
-    bool has_small_halves;
     struct gpu_instance *owner; /* it owns `instance` and the loader */
     struct memory *memory;
 };
@@ -140,12 +137,9 @@ enum bvhd_status gpu_result(const char *call, VkResult result, struct bvhd_error
 
 /* A compute pipeline, with one descriptor set and a pool for it. */
 struct gpu_kernel {
-    VkDescriptorSetLayout set_layout;
-    VkPipelineLayout layout;
+    struct vulkan_layout layout; /* `bindings` storage buffers, and after them `structures` acceleration structures */
     VkPipeline pipeline;
-    VkDescriptorPool pool;
-    VkDescriptorSet set; /* of `bindings` storage buffers, and after them `structures` acceleration structures */
-    uint32_t bindings, structures, push_size;
+    struct vulkan_set set;
 };
 
 struct gpu_kernel_options {
@@ -163,8 +157,7 @@ enum bvhd_status gpu_kernel_create(struct gpu *gpu, const struct gpu_kernel_opti
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel *kernel);
 /*
  * Binds buffers[i] to binding i, and the acceleration structures to the bindings after them. Of a buffer larger than
- * properties.max_storage_range only the first max_storage_range bytes are bound; shaders must reach the others by their
- * address. The kernel must not be running.
+ * a shader can bind only the beginning is bound; shaders must reach the rest by its address. The kernel must not be running.
  */
 void gpu_kernel_bind(struct gpu *gpu, struct gpu_kernel *kernel, const struct gpu_buffer *const *buffers,
                      const VkAccelerationStructureKHR *structures);
@@ -175,11 +168,5 @@ void gpu_kernel_bind(struct gpu *gpu, struct gpu_kernel *kernel, const struct gp
  */
 void gpu_kernel_record(struct gpu *gpu, const struct gpu_kernel *kernel, VkCommandBuffer commands, const void *push,
                        uint32_t groups);
-
-/*
- * Returns whether shaders convert denormal halves (16-bit floats) to floats exactly: Vulkan allows a device to take
- * them for 0. It runs a kernel on the device to find out, and returns false when that fails.
- */
-bool gpu_keeps_small_halves(struct gpu *gpu);
 
 #endif

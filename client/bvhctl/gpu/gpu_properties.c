@@ -7,7 +7,7 @@
 /* The extensions of the device that bvhctl uses. */
 struct gpu_extensions {
     bool acceleration_structure, deferred_host_operations, ray_query, ray_pipeline, executable_properties;
-    bool position_fetch, subgroup_size_control, portability_subset, sm_builtins;
+    bool position_fetch, subgroup_size_control, portability_subset;
 };
 
 static void note_extension(const char *name, struct gpu_extensions *found)
@@ -24,7 +24,6 @@ static void note_extension(const char *name, struct gpu_extensions *found)
         {"VK_KHR_ray_tracing_position_fetch", &found->position_fetch},
         {VK_EXT_SUBGROUP_SIZE_CONTROL_EXTENSION_NAME, &found->subgroup_size_control},
         {"VK_KHR_portability_subset", &found->portability_subset},
-        {VK_NV_SHADER_SM_BUILTINS_EXTENSION_NAME, &found->sm_builtins},
     };
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         if (!strcmp(name, rows[i].name))
@@ -107,26 +106,6 @@ static void read_properties(const struct gpu_instance *instance, VkPhysicalDevic
     candidate->features.timestamp_ns = reply.properties.limits.timestampPeriod;
 }
 
-/*
- * Guesses has_quick_doubles: Vulkan says whether there are doubles, but not how fast they are. Multiprocessors of
- * NVIDIA that hold 64 warps are those of its larger chips, with one unit for doubles for every two units for floats;
- * others have one for 32 or 64. A CPU needs twice the time.
- */
-static void read_processors(const struct gpu_instance *instance, VkPhysicalDevice device,
-                            const struct gpu_extensions *extensions, struct gpu_properties *properties)
-{
-    enum { WARPS = 64 };
-    VkPhysicalDeviceShaderSMBuiltinsPropertiesNV processors = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_SM_BUILTINS_PROPERTIES_NV};
-    VkPhysicalDeviceProperties2 reply = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &processors};
-    if (extensions->sm_builtins)
-        instance->vk.GetPhysicalDeviceProperties2(device, &reply);
-    properties->multiprocessors = processors.shaderSMCount;
-    properties->has_quick_doubles =
-        properties->has_doubles && (extensions->sm_builtins ? processors.shaderWarpsPerSM >= WARPS
-                                                            : properties->type == VK_PHYSICAL_DEVICE_TYPE_CPU);
-}
-
 static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDevice device,
                               const struct gpu_extensions *extensions, struct gpu_candidate *candidate)
 {
@@ -158,7 +137,6 @@ static void read_features_1_2(const struct gpu_instance *instance, VkPhysicalDev
     struct gpu_properties *properties = &candidate->properties;
     properties->has_buffer_address = core.bufferDeviceAddress;
     properties->has_doubles = features.features.shaderFloat64;
-    read_processors(instance, device, extensions, properties);
     properties->has_acceleration_structure = properties->has_buffer_address && structures.accelerationStructure;
     properties->has_ray_query = properties->has_acceleration_structure && query.rayQuery;
     properties->has_ray_pipeline = properties->has_acceleration_structure && pipeline.rayTracingPipeline;

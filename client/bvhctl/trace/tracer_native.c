@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/bvhctl/scene/target_reader.h"
-#include "client/bvhctl/trace/tracer_device.h"
+#include "client/bvhctl/trace/tracer_query.h"
 #include "client/bvhctl/trace/tracer_scene.h"
 #include "client/bvhctl/trace/tracer_top.h"
 
@@ -53,7 +53,7 @@ static enum bvhd_status open(struct tracer_native *self, const struct structures
     if (!status)
         status = tracer_query_create(self->gpu, top, self->memory, &self->query, error);
     if (!status)
-        ((struct tracer_device *)self->query)->push.has_top = structures->has_top;
+        tracer_query_set_top(self->query, structures->has_top);
     return status;
 }
 

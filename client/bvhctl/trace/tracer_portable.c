@@ -1,97 +1,98 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <stdint.h>
+#include "client/bvhctl/trace/tracer_portable.h"
 
 #include "proto/base/status.h"
-#include "client/bvhctl/trace/tracer_closest.h"
+#include "client/bvhctl/trace/tracer_device.h"
 #include "client/bvhctl/trace/tracer_scene.h"
-
-#include "client/bvhctl/kernels/trace_portable.h"
-#include "client/bvhctl/kernels/trace_portable_address.h"
-
-enum { BINDING_SCENE = 2 };
 
 struct tracer_portable {
     struct tracer_device device; /* its first member */
     struct bvhd_vulkan_scene *scene;
-    struct gpu_buffer storage; /* the scene's: not to be destroyed */
-    struct tracer_closest closest;
+    struct bvhd_tracer *tracer;
+    struct bvhd_trace_binding *binding;
+    enum tracer_way way;
+    /* of the call that is under way */
+    uint32_t flags;
+    enum bvhd_ray_order order;
 };
+
+static enum bvhd_status bind(struct tracer_device *device, uint32_t count, struct bvhd_error *error)
+{
+    struct tracer_portable *self = (struct tracer_portable *)device;
+    const struct bvhd_trace_buffers buffers = {
+        .struct_size = sizeof buffers,
+        .rays = {device->rays.buffer, 0, device->rays.size},
+        .hits = {device->hits.buffer, 0, device->hits.size},
+        .max_rays = count,
+    };
+    return bvhd_tracer_bind(self->tracer, &buffers, &self->binding, error);
+}
+
+static void unbind(struct tracer_device *device)
+{
+    struct tracer_portable *self = (struct tracer_portable *)device;
+    bvhd_trace_binding_destroy(self->binding);
+    self->binding = NULL;
+}
+
+static bool has_flags(const struct ray *rays, uint64_t count)
+{
+    for (uint64_t i = 0; i < count; i++)
+        if (rays[i].flags || !(rays[i].tmin >= 0))
+            return true;
+    return false;
+}
+
+static void prepare(struct tracer_device *device, const struct ray *rays, uint64_t count)
+{
+    struct tracer_portable *self = (struct tracer_portable *)device;
+    self->flags = self->way == TRACER_WAY_QUERY || has_flags(rays, count) ? BVHD_TRACE_RAY_FLAGS : 0;
+    self->order = self->way == TRACER_WAY_COHERENT     ? BVHD_RAYS_COHERENT
+                  : self->way == TRACER_WAY_INCOHERENT ? BVHD_RAYS_INCOHERENT
+                                                       : bvhd_rays_order(rays, count, sizeof *rays);
+}
+
+static enum bvhd_status record(struct tracer_device *device, VkCommandBuffer commands, uint32_t count,
+                               struct bvhd_error *error)
+{
+    struct tracer_portable *self = (struct tracer_portable *)device;
+    const struct bvhd_trace trace = {
+        .struct_size = sizeof trace, .ray_count = count, .flags = self->flags, .order = self->order};
+    return bvhd_tracer_record(self->binding, commands, &trace, error);
+}
 
 static void release(struct tracer_device *device)
 {
     struct tracer_portable *self = (struct tracer_portable *)device;
+    bvhd_tracer_destroy(self->tracer);
     bvhd_vulkan_scene_destroy(self->scene);
 }
 
-static int choose(const struct tracer_device *device, const struct ray *rays, uint64_t count)
-{
-    return tracer_closest_choose(&((const struct tracer_portable *)device)->closest, rays, count);
-}
+static const struct tracer_device_kind portable_kind = {bind, unbind, prepare, record, release};
 
 void tracer_portable_set_way(struct tracer *tracer, enum tracer_way way)
 {
-    ((struct tracer_portable *)tracer)->closest.way = way;
+    ((struct tracer_portable *)tracer)->way = way;
 }
 
-/* Vulkan lets fma() round twice. The hardware of these vendors has one that rounds once. */
-static bool has_fused_fma(struct gpu *gpu)
-{
-    enum { AMD = 0x1002, NVIDIA = 0x10de, INTEL = 0x8086 };
-    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2};
-    gpu_properties(gpu, &properties);
-    uint32_t vendor = properties.properties.vendorID;
-    return vendor == AMD || vendor == NVIDIA || vendor == INTEL;
-}
-
-static enum bvhd_status create_kernel(struct tracer_portable *self, struct gpu *gpu, struct memory *memory,
+static enum bvhd_status create_tracer(struct tracer_portable *self, const struct structures *structures,
                                       struct bvhd_error *error)
 {
-    const uint32_t constants[] = {TRACER_GROUP, false, has_fused_fma(gpu)}; /* group, plain bytes, fused fma */
-    bool by_address = gpu->properties.has_buffer_address;
-    const struct gpu_kernel_options options = {
-        .code = by_address ? trace_portable_address_code : trace_portable_code,
-        .size = by_address ? sizeof trace_portable_address_code : sizeof trace_portable_code,
-        .bindings = by_address ? BINDING_SCENE : BINDING_SCENE + 1,
-        .constants = constants,
-        .constant_count = sizeof constants / sizeof *constants,
-    };
-    enum bvhd_status status = tracer_device_init(&self->device, gpu, &options, memory, error);
+    struct gpu *gpu = self->device.gpu;
+    uint32_t flags = gpu->properties.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0;
+    enum bvhd_status status = tracer_scene_create(gpu, structures, flags, self->device.memory, &self->scene, error);
     if (status)
         return status;
-    self->device.release = release;
-    self->device.tracer.target = TARGET_PORTABLE;
-    self->device.buffers[0] = &self->storage;
-    return BVHD_OK;
-}
-
-/* Where the kernel starts, and, without addresses, the buffer that it looks into. */
-static enum bvhd_status find_root(struct tracer_portable *self, const struct structures *structures,
-                                  struct bvhd_error *error)
-{
-    const struct gpu *gpu = self->device.gpu;
-    uint32_t root = structures->has_top ? structures->file_count - 1 : 0;
-    struct bvhd_vulkan_span span;
-    VkDeviceSize size;
-    enum bvhd_status status = bvhd_vulkan_scene_storage(self->scene, root, &span, &size);
-    if (status)
+    const struct bvhd_tracer_options options = {
+        .struct_size = sizeof options,
+        .scene = self->scene,
+        .root = structures->has_top ? structures->file_count - 1 : 0,
+        .has_shader_float64 = gpu->properties.has_doubles,
+    };
+    status = bvhd_tracer_create(gpu->library, &gpu->queue, &options, &self->tracer, error);
+    if (status == BVHD_NOT_FOUND)
         return bvhd_error_set(error, status, structures->name, "nothing to trace was loaded");
-    if (!gpu->properties.has_buffer_address && size > gpu->properties.max_storage_range)
-        return bvhd_error_set(error, BVHD_TOO_LARGE, structures->name,
-                              "more bytes than this device binds (%llu), and it has no buffer addresses",
-                              (unsigned long long)gpu->properties.max_storage_range);
-    uint64_t location = bvhd_vulkan_scene_location(self->scene, root);
-    self->storage = (struct gpu_buffer){.buffer = span.buffer, .size = size};
-    self->device.push.has_top = structures->has_top;
-    self->device.push.extra[0] = (uint32_t)location;
-    self->device.push.extra[1] = (uint32_t)(location >> 32);
-    if (gpu->properties.has_buffer_address) {
-        const VkBufferDeviceAddressInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO,
-                                                .buffer = span.buffer};
-        uint64_t base = gpu->vk.GetBufferDeviceAddress(gpu->device, &info);
-        self->device.push.scene_base[0] = (uint32_t)base;
-        self->device.push.scene_base[1] = (uint32_t)(base >> 32);
-    }
-    return BVHD_OK;
+    return status;
 }
 
 enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures *structures, struct memory *memory,
@@ -105,18 +106,10 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
     if (!self)
         return bvhd_error_no_memory(error, structures->name, "no memory for the tracer");
     *self = (struct tracer_portable){.scene = NULL};
-    enum bvhd_status status = create_kernel(self, gpu, memory, error);
-    if (status) {
-        memory_free(memory, self);
-        return status;
-    }
-    status = tracer_scene_create(gpu, structures, gpu->properties.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0,
-                                 memory, &self->scene, error);
+    enum bvhd_status status = tracer_device_init(&self->device, &portable_kind, gpu, memory, error);
+    self->device.tracer.target = TARGET_PORTABLE;
     if (!status)
-        status = find_root(self, structures, error);
-    if (!status)
-        status = tracer_closest_init(&self->closest, &self->device, structures, has_fused_fma(gpu), error);
-    self->device.choose = choose;
+        status = create_tracer(self, structures, error);
     if (status)
         tracer_device_destroy(&self->device);
     else

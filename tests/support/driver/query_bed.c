@@ -54,7 +54,7 @@ struct query_bed *query_bed_create(struct gpu *gpu)
         exit(1);
     bed->gpu = gpu;
     MUST(gpu_kernel_create(gpu, &kernel, &bed->kernel, &error));
-    put(bed, RAYS, PORTION * sizeof(struct device_ray), GPU_UPLOAD);
+    put(bed, RAYS, PORTION * sizeof(struct bvhd_ray), GPU_UPLOAD);
     put(bed, ANSWERS, PORTION * sizeof(struct query_answer), GPU_READBACK);
     put(bed, TARGETS, PORTION * sizeof(struct query_id), GPU_UPLOAD);
     put(bed, CANDIDATES, sizeof(struct query_id), GPU_READBACK);

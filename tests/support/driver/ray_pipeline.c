@@ -214,7 +214,7 @@ static enum bvhd_status create_buffers(struct ray_pipeline *self, struct bvhd_er
 {
     struct gpu *gpu = self->gpu;
     const VkBufferUsageFlags storage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
-    VkDeviceSize rays = self->most_rays * sizeof(struct device_ray), hits = self->most_rays * sizeof(struct tracer_hit);
+    VkDeviceSize rays = self->most_rays * sizeof(struct bvhd_ray), hits = self->most_rays * sizeof(struct tracer_hit);
     VkQueryPoolCreateInfo clock = {
         .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
     enum bvhd_status status =
@@ -289,7 +289,7 @@ static void launch(struct ray_pipeline *self, VkCommandBuffer commands, uint32_t
 static void record(struct ray_pipeline *self, VkCommandBuffer commands, uint32_t count)
 {
     struct gpu *gpu = self->gpu;
-    VkBufferCopy rays = {0, 0, count * sizeof(struct device_ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
+    VkBufferCopy rays = {0, 0, count * sizeof(struct bvhd_ray)}, hits = {0, 0, count * sizeof(struct tracer_hit)};
     gpu->vk.CmdResetQueryPool(commands, self->clock, 0, 2);
     gpu->vk.CmdCopyBuffer(commands, self->upload.buffer, self->rays.buffer, 1, &rays);
     barrier(self, commands);
@@ -382,7 +382,7 @@ enum bvhd_status ray_pipeline_create(struct gpu *gpu, VkAccelerationStructureKHR
                                   .gpu = gpu,
                                   .memory = memory,
                                   .top = top};
-    self->most_rays = gpu->properties.max_storage_range / sizeof(struct device_ray);
+    self->most_rays = gpu->properties.max_storage_range / sizeof(struct bvhd_ray);
     if (self->most_rays > MAX_RAYS)
         self->most_rays = MAX_RAYS;
     enum bvhd_status status = create_layout(self, error);

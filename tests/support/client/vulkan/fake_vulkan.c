@@ -214,8 +214,19 @@ static void VKAPI_CALL get_properties(VkPhysicalDevice physical, VkPhysicalDevic
     snprintf(properties->properties.deviceName, sizeof properties->properties.deviceName, "plain memory");
     properties->properties.limits.maxStorageBufferRange = (uint32_t)fake_vulkan.max_storage_range;
     properties->properties.limits.minStorageBufferOffsetAlignment = 128;
+    properties->properties.apiVersion = fake_vulkan.api_version;
+    properties->properties.limits.maxComputeWorkGroupCount[0] = 65535;
+    properties->properties.limits.maxComputeWorkGroupInvocations = 1024;
+    properties->properties.limits.maxComputeWorkGroupSize[0] = 1024;
     for (VkBaseOutStructure *next = properties->pNext; next; next = next->pNext)
         switch (next->sType) {
+        case VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES: {
+            VkPhysicalDeviceSubgroupProperties *subgroup = (void *)next;
+            subgroup->subgroupSize = 32;
+            subgroup->supportedStages = VK_SHADER_STAGE_COMPUTE_BIT;
+            subgroup->supportedOperations = fake_vulkan.subgroup_operations;
+            break;
+        }
         case VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES:
             ((VkPhysicalDeviceMaintenance3Properties *)(void *)next)->maxMemoryAllocationSize =
                 fake_vulkan.max_allocation;
@@ -290,7 +301,10 @@ static PFN_vkVoidFunction find(const char *name)
     for (size_t i = 0; i < sizeof functions / sizeof functions[0]; i++)
         if (strcmp(functions[i].name, name) == 0 && !(fake_vulkan.missing && strcmp(fake_vulkan.missing, name) == 0))
             return functions[i].function;
-    return fake_vulkan.missing && strcmp(fake_vulkan.missing, name) == 0 ? NULL : fake_commands_find(name);
+    if (fake_vulkan.missing && strcmp(fake_vulkan.missing, name) == 0)
+        return NULL;
+    PFN_vkVoidFunction function = fake_commands_find(name);
+    return function ? function : fake_kernels_find(name);
 }
 
 static PFN_vkVoidFunction VKAPI_CALL get_device_proc_addr(VkDevice device, const char *name)
@@ -321,8 +335,12 @@ void fake_vulkan_reset(void)
         .max_primitives = 1 << 24,
         .max_instances = 1 << 24,
         .local_left = UINT64_MAX,
+        .api_version = VK_API_VERSION_1_2,
+        .subgroup_operations = VK_SUBGROUP_FEATURE_BASIC_BIT | VK_SUBGROUP_FEATURE_VOTE_BIT |
+                               VK_SUBGROUP_FEATURE_BALLOT_BIT | VK_SUBGROUP_FEATURE_SHUFFLE_BIT,
     };
     fake_commands_reset();
+    fake_kernels_reset();
 }
 
 struct bvhd_vulkan_device_options fake_vulkan_options(bool has_structures, bool has_addresses,

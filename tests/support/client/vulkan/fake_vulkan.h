@@ -22,6 +22,8 @@ struct fake_vulkan {
     uint64_t max_primitives, max_instances;
     uint64_t local_left; /* bytes of device-local memory */
     bool is_updated; /* the driver refuses structures, as if they were made for an older version */
+    uint32_t api_version;
+    VkSubgroupFeatureFlags subgroup_operations; /* in compute shaders, of subgroups of 32 */
 
     /* Counted by the fake: */
     uint64_t live; /* objects that exist */
@@ -30,6 +32,12 @@ struct fake_vulkan {
     uint64_t host_bytes; /* the most memory that was mapped at once */
     VkPipelineStageFlags barrier_stages; /* the stages that the last barrier waited for */
     VkAccessFlags barrier_writes; /* and the writes that it made visible */
+    uint32_t dispatch_count; /* recorded */
+    struct {
+        VkPipeline pipeline;
+        uint32_t groups;
+        uint32_t group_size; /* specialisation constant 0 of the pipeline */
+    } dispatches[16]; /* the first of them */
 };
 
 extern struct fake_vulkan fake_vulkan;

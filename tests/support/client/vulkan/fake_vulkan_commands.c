@@ -103,8 +103,11 @@ static void VKAPI_CALL fill_buffer(VkCommandBuffer buffer, VkBuffer dest, VkDevi
                                    uint32_t value)
 {
     (void)buffer;
-    assert_true(offset == 0 && size == VK_WHOLE_SIZE && value == 0);
-    record((struct command){.kind = FILL, .dest = OBJECT(dest)});
+    if (size == VK_WHOLE_SIZE)
+        size = OBJECT(dest)->size - offset;
+    assert_true(OBJECT(dest)->usage & VK_BUFFER_USAGE_TRANSFER_DST_BIT);
+    assert_true(offset % 4 == 0 && offset + size <= OBJECT(dest)->size && value == 0);
+    record((struct command){.kind = FILL, .dest = OBJECT(dest), .region = {.dstOffset = offset, .size = size}});
 }
 
 static void VKAPI_CALL barrier(VkCommandBuffer buffer, VkPipelineStageFlags source, VkPipelineStageFlags dest,
@@ -195,7 +198,7 @@ static void run(const struct command *command)
                command->source->memory->bytes + command->region.srcOffset, command->region.size);
         break;
     case FILL:
-        memset(command->dest->memory->bytes, 0, command->dest->size);
+        memset(command->dest->memory->bytes + command->region.dstOffset, 0, command->region.size);
         has_fill = true;
         break;
     case DESERIALIZE:

@@ -9,7 +9,7 @@
 
 #include "tests/support/client/vulkan/fake_vulkan.h"
 
-enum kind { MEMORY, BUFFER, STRUCTURE, POOL, FENCE, QUERIES };
+enum kind { MEMORY, BUFFER, STRUCTURE, POOL, FENCE, QUERIES, SET_LAYOUT, PIPELINE_LAYOUT, MODULE, PIPELINE, SETS };
 
 struct object {
     enum kind kind;
@@ -43,8 +43,10 @@ struct object *fake_create(enum kind kind, const VkAllocationCallbacks *allocato
 void fake_destroy(struct object *object, enum kind kind, const VkAllocationCallbacks *allocator);
 unsigned char *fake_structure_bytes(const struct object *structure);
 
-/* Returns a function of commands and submissions; NULL for another name. */
+/* Return a function of commands and submissions, or of compute pipelines; NULL for another name. */
 PFN_vkVoidFunction fake_commands_find(const char *name);
+PFN_vkVoidFunction fake_kernels_find(const char *name);
+void fake_kernels_reset(void);
 void fake_commands_reset(void);
 bool fake_commands_are_recording(void);
 bool fake_commands_are_under_way(void); /* objects that are in use must not be destroyed */

@@ -185,26 +185,15 @@ static void kernels_run(void **state)
     sum_close(&sum);
 }
 
-/* The check for denormal halves gives the same result each time; CPUs do not use them, because they are slow there. */
-static void small_halves_are_asked_for(void **state)
-{
-    (void)state;
-    uint64_t before = memory.live;
-    bool keeps = gpu_keeps_small_halves(gpu);
-    assert_int_equal(gpu_keeps_small_halves(gpu), keeps);
-    assert_int_equal(gpu->has_small_halves, keeps && gpu->properties.type != VK_PHYSICAL_DEVICE_TYPE_CPU);
-    assert_int_equal(memory.live, before);
-}
-
 static void impossible_kernels_are_refused(void **state)
 {
     (void)state;
-    struct gpu_kernel kernel = {.push_size = 3};
+    struct gpu_kernel kernel = {.layout.push_size = 3};
     const struct gpu_kernel_options none = {.code = gpu_add_code, .size = sizeof gpu_add_code};
     const struct gpu_kernel_options many = {.code = gpu_add_code, .size = sizeof gpu_add_code, .bindings = 1000};
     assert_int_equal(gpu_kernel_create(gpu, &none, &kernel, NULL), BVHD_INTERNAL);
     assert_int_equal(gpu_kernel_create(gpu, &many, &kernel, NULL), BVHD_INTERNAL);
-    assert_int_equal(kernel.push_size, 3);
+    assert_int_equal(kernel.layout.push_size, 3);
 }
 
 static void every_allocation_may_fail(void **state)
@@ -244,12 +233,11 @@ static void validation_layers_are_silent(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lists_devices_best_first),      cmocka_unit_test(opens_by_a_part_of_the_name),
-        cmocka_unit_test(results_have_a_status),         cmocka_unit_test(buffers_are_where_they_should_be),
-        cmocka_unit_test(too_large_a_buffer_is_refused), cmocka_unit_test(kernels_run),
-        cmocka_unit_test(small_halves_are_asked_for),    cmocka_unit_test(impossible_kernels_are_refused),
-        cmocka_unit_test(every_allocation_may_fail),     cmocka_unit_test(nothing_to_close_is_closed),
-        cmocka_unit_test(validation_layers_are_silent),
+        cmocka_unit_test(lists_devices_best_first),       cmocka_unit_test(opens_by_a_part_of_the_name),
+        cmocka_unit_test(results_have_a_status),          cmocka_unit_test(buffers_are_where_they_should_be),
+        cmocka_unit_test(too_large_a_buffer_is_refused),  cmocka_unit_test(kernels_run),
+        cmocka_unit_test(impossible_kernels_are_refused), cmocka_unit_test(every_allocation_may_fail),
+        cmocka_unit_test(nothing_to_close_is_closed),     cmocka_unit_test(validation_layers_are_silent),
     };
     if (gpu_bed_is_missing(false))
         return GPU_BED_SKIPPED;

@@ -8,7 +8,8 @@
 #include "tests/support/driver/gpu_bed.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "tests/support/client/bvhctl/test_world.h"
-#include "client/bvhctl/trace/tracer_closest.h"
+#include "client/bvhctl/trace/tracer_device.h"
+#include "client/bvhctl/trace/tracer_portable.h"
 
 enum { RAYS = 20000 };
 
@@ -230,8 +231,10 @@ static void portable_structures_in_one_binding(void **state)
     compare(tracer, &world.structures.scene.portable);
     tracer_destroy(tracer);
     tracer = NULL;
-    gpu->properties.max_storage_range = 1000;
+    const uint64_t range = gpu->library->limits.storage_range;
+    gpu->library->limits.storage_range = 1000;
     assert_int_equal(tracer_portable_create(gpu, &world.structures, &memory, &tracer, &error), BVHD_TOO_LARGE);
+    gpu->library->limits.storage_range = range;
     assert_null(tracer);
     gpu->properties = properties;
     test_world_finish(&world);
@@ -246,10 +249,10 @@ static void portable_structures_by_closest_kernels(void **state)
     test_world_init(&world, 1);
     for (int i = 0; i < RAYS; i++)
         rays[i].flags = 0;
-    for (int is_quick = 0; is_quick < 2; is_quick++) {
-        gpu->properties.has_quick_doubles = is_quick && properties.has_doubles;
+    for (int has_doubles = 0; has_doubles < 2; has_doubles++) {
+        gpu->properties.has_doubles = has_doubles && properties.has_doubles;
         struct tracer *tracer = create(tracer_portable_create, &world.structures);
-        for (int way = TRACER_WAY_TOGETHER; way <= TRACER_WAY_REFILL; way++) {
+        for (int way = TRACER_WAY_COHERENT; way <= TRACER_WAY_INCOHERENT; way++) {
             tracer_portable_set_way(tracer, (enum tracer_way)way);
             compare(tracer, &world.structures.scene.portable);
         }
@@ -257,6 +260,21 @@ static void portable_structures_by_closest_kernels(void **state)
     }
     gpu->properties = properties;
     make_rays();
+    test_world_finish(&world);
+}
+
+/* Rays with flags need the ray query, whatever way a tracer has been set to. */
+static void flags_need_the_query(void **state)
+{
+    (void)state;
+    struct test_world world;
+    test_world_init(&world, 1);
+    struct tracer *tracer = create(tracer_portable_create, &world.structures);
+    for (int way = TRACER_WAY_COHERENT; way <= TRACER_WAY_INCOHERENT; way++) {
+        tracer_portable_set_way(tracer, (enum tracer_way)way);
+        compare(tracer, &world.structures.scene);
+    }
+    tracer_destroy(tracer);
     test_world_finish(&world);
 }
 
@@ -359,6 +377,7 @@ int main(void)
         cmocka_unit_test(portable_structures_by_shader),
         cmocka_unit_test(portable_structures_in_one_binding),
         cmocka_unit_test(portable_structures_by_closest_kernels),
+        cmocka_unit_test(flags_need_the_query),
         cmocka_unit_test(native_structures_by_ray_queries),
         cmocka_unit_test(another_versions_structures_are_refused),
         cmocka_unit_test(aabbs_are_nothing_to_ray_queries),

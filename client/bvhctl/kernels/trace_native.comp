@@ -5,7 +5,7 @@
 #extension GL_EXT_ray_flags_primitive_culling : require
 #extension GL_GOOGLE_include_directive : require
 
-#include "trace_rays.glsl"
+#include "bvhd_trace_rays.glsl"
 
 layout(set = 0, binding = 2) uniform accelerationStructureEXT top;
 

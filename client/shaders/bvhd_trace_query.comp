@@ -8,7 +8,7 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #endif
 
-#include "trace_rays.glsl"
+#include "bvhd_trace_rays.glsl"
 
 layout(constant_id = 1) const bool plain_bytes = false;
 layout(constant_id = 2) const bool fused_fma = false;
@@ -22,8 +22,8 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #define BVHD_STORAGE_WORDS scene_words
 #endif
 
-#ifdef LEFT
-layout(set = 0, binding = 3, std430) readonly buffer Work { uint next_ray, left_count, unsettled_count, doubt_count, left[]; };
+#ifdef FALLBACK
+layout(set = 0, binding = 3, std430) readonly buffer Work { uint next_ray, fallback_count, unresolved_count, undecided_count, fallback_rays[]; };
 #endif
 
 #include "bvhd_ray_query.glsl"
@@ -51,7 +51,7 @@ void trace(uint index)
 {
     Ray ray = rays[index];
     BvhdRayQuery query;
-    bvhdRayQueryInitialize(query, extra, ray.flags.x, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
+    bvhdRayQueryInitialize(query, extra, ray.flags.x | ray_flags, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
     while (bvhdRayQueryProceed(query))
         if (bvhdRayQueryGetIntersectionType(query, false) == BVHD_CANDIDATE_TRIANGLE)
             bvhdRayQueryConfirmIntersection(query);
@@ -62,9 +62,9 @@ void trace(uint index)
 
 void main()
 {
-#ifdef LEFT
-    for (uint i = gl_GlobalInvocationID.x; i < left_count; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x)
-        trace(left[i]);
+#ifdef FALLBACK
+    for (uint i = gl_GlobalInvocationID.x; i < fallback_count; i += gl_NumWorkGroups.x * gl_WorkGroupSize.x)
+        trace(fallback_rays[i]);
 #else
     if (gl_GlobalInvocationID.x < count)
         trace(gl_GlobalInvocationID.x);

@@ -5,8 +5,8 @@
  * a side is decided by exact products: those of floats fit doubles. What is `precise` has to come out the same for all
  * triangles that share it, and flat triangles as 0.
  */
-#ifndef CLOSEST_EXACT_GLSL
-#define CLOSEST_EXACT_GLSL
+#ifndef BVHD_CLOSEST_EXACT_GLSL
+#define BVHD_CLOSEST_EXACT_GLSL
 
 // In the space of a bottom level.
 struct ExactRay {

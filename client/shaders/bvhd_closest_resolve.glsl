@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts after these have been decided: with DOUBLES in doubles, else in pairs of floats; at once, when
 // the subgroup has no more rays, or by the kernel that comes after, SETTLE. The including shader has count_lanes, count_before and share.
-#ifndef CLOSEST_SETTLE_GLSL
-#define CLOSEST_SETTLE_GLSL
+#ifndef BVHD_CLOSEST_RESOLVE_GLSL
+#define BVHD_CLOSEST_RESOLVE_GLSL
 
-#if defined SETTLE || defined DOUBLES
+#if defined RESOLVE || defined DOUBLES
 
 #ifdef DOUBLES
-#include "closest_exact.glsl"
+#include "bvhd_closest_exact.glsl"
 #define EXACT_RAY(origin, direction) ExactRay(dvec3(origin), dvec3(direction))
 #define EXACT_ENTER exact_enter
 #define EXACT_TRIANGLE_HIT exact_triangle_hit
@@ -51,127 +51,127 @@ uint place_of(uint in_instance)
  * they are told: t, the id and these bits. A subgroup's questions stand from the place of the first lane on that is
  * here.
  */
-shared uvec4 questions[gl_WorkGroupSize.x], answers[gl_WorkGroupSize.x];
+shared uvec4 requests[gl_WorkGroupSize.x], results[gl_WorkGroupSize.x];
 const uint IS_MET = 1u, IS_FRONT = 2u;
 
-uvec4 answer_to(uvec4 question)
+uvec4 run_request(uvec4 request)
 {
     BvhdTriangleHit hit;
     uint id;
-    bool is_met = exact_hit(question.z, question.y, question.x, hit, id);
+    bool is_met = exact_hit(request.z, request.y, request.x, hit, id);
     return uvec4(floatBitsToUint(bvhdRoundDistance(hit.t)), id, (is_met ? IS_MET : 0u) | (hit.isFront ? IS_FRONT : 0u));
 }
 
 // The ray's doubts from this one on; whether the answer so far has been asked for, and its t.
-struct Asking {
+struct Pending {
     uint next;
-    bool knows_best;
+    bool has_best_t;
     vec2 best_t;
 };
 
 // Goes on to the first doubt that is not behind the answer, which is returned.
-uvec4 next_doubt(inout Asking asking)
+uvec4 next_undecided(inout Pending pending)
 {
-    uvec4 doubt = uvec4(0u);
-    while (asking.next != NONE) {
-        doubt = work_rows[first_doubt() + asking.next];
-        if (uintBitsToFloat(doubt.z) <= high)
+    uvec4 undecided = uvec4(0u);
+    while (pending.next != NONE) {
+        undecided = work_rows[first_undecided() + pending.next];
+        if (uintBitsToFloat(undecided.z) <= high)
             break;
-        asking.next = doubt.w;
+        pending.next = undecided.w;
     }
-    return doubt;
+    return undecided;
 }
 
 // Each lane's next questions, in turns, until there are none or as many as lanes. The first one is for the answer so far. Returns how many.
-uint ask(inout Asking asking, uint own, uint lanes, uint begin)
+uint gather_requests(inout Pending pending, uint own, uint lanes, uint begin)
 {
-    uint asked = 0u;
-    while (asked < lanes) {
-        uvec4 doubt = next_doubt(asking);
-        bool asks = asking.next != NONE, asks_best = best != NONE && !asking.knows_best;
-        uint place = asked + count_before(asks), all = count_lanes(asks);
+    uint gathered = 0u;
+    while (gathered < lanes) {
+        uvec4 undecided = next_undecided(pending);
+        bool has_request = pending.next != NONE, requests_best = best != NONE && !pending.has_best_t;
+        uint place = gathered + count_before(has_request), all = count_lanes(has_request);
         if (all == 0u)
             break;
-        if (asks && place < lanes) {
-            questions[begin + place] = uvec4(asks_best ? uvec2(best, best_instance) : doubt.xy, index, own);
-            asking.next = asks_best ? asking.next : doubt.w;
-            asking.knows_best = true;
+        if (has_request && place < lanes) {
+            requests[begin + place] = uvec4(requests_best ? uvec2(best, best_instance) : undecided.xy, index, own);
+            pending.next = requests_best ? pending.next : undecided.w;
+            pending.has_best_t = true;
         }
-        asked += all;
+        gathered += all;
     }
-    return min(asked, lanes);
+    return min(gathered, lanes);
 }
 
-void consider(uvec4 question, uvec4 told, inout Asking asking)
+void merge_result(uvec4 request, uvec4 result, inout Pending pending)
 {
-    vec2 t = uintBitsToFloat(told.xy);
-    if (question.x == best && question.y == best_instance) {
-        asking.best_t = t;
+    vec2 t = uintBitsToFloat(result.xy);
+    if (request.x == best && request.y == best_instance) {
+        pending.best_t = t;
         return;
     }
-    if ((told.w & IS_MET) == 0u || t.x > high)
+    if ((result.w & IS_MET) == 0u || t.x > high)
         return;
-    bool is_closer = best == NONE || is_below(t, asking.best_t);
-    if (!is_closer && t == asking.best_t) {
-        uint place = place_of(question.y), best_place = place_of(best_instance);
-        is_closer = place < best_place || place == best_place && (told.z & BVHD_ID_MASK) < (best_id & BVHD_ID_MASK);
+    bool is_closer = best == NONE || is_below(t, pending.best_t);
+    if (!is_closer && t == pending.best_t) {
+        uint place = place_of(request.y), best_place = place_of(best_instance);
+        is_closer = place < best_place || place == best_place && (result.z & BVHD_ID_MASK) < (best_id & BVHD_ID_MASK);
     }
     if (!is_closer)
         return;
-    best = question.x;
-    best_instance = question.y;
-    best_id = told.z;
-    best_is_front = (told.w & IS_FRONT) != 0u;
+    best = request.x;
+    best_instance = request.y;
+    best_id = result.z;
+    best_is_front = (result.w & IS_FRONT) != 0u;
     low = t.x * (1.0 - 2.4e-7);
     high = min(t.x * (1.0 + 2.4e-7), high);
-    asking.best_t = t;
+    pending.best_t = t;
 }
 
 // Decides on the doubts of the rays of all lanes that are here, each by any of them: one ray may have dozens where others have none.
-void settle()
+void resolve()
 {
     uint lanes = count_lanes(true), own = count_before(true), begin = subgroupBroadcastFirst(gl_LocalInvocationIndex);
-    Asking asking = Asking(is_left() ? NONE : last_doubt, false, vec2(0.0));
+    Pending pending = Pending(needs_fallback() ? NONE : last_undecided, false, vec2(0.0));
     while (true) {
-        uint asked = ask(asking, own, lanes, begin);
-        if (asked == 0u)
+        uint gathered = gather_requests(pending, own, lanes, begin);
+        if (gathered == 0u)
             break;
-        share();
-        if (own < asked)
-            answers[begin + own] = answer_to(questions[begin + own]);
-        share();
-        for (uint i = begin; i < begin + asked; i++)
-            if (questions[i].w == own)
-                consider(questions[i], answers[i], asking);
-        share();
+        sync_subgroup();
+        if (own < gathered)
+            results[begin + own] = run_request(requests[begin + own]);
+        sync_subgroup();
+        for (uint i = begin; i < begin + gathered; i++)
+            if (requests[i].w == own)
+                merge_result(requests[i], results[i], pending);
+        sync_subgroup();
     }
-    last_doubt = is_left() ? last_doubt : NONE;
+    last_undecided = needs_fallback() ? last_undecided : NONE;
 }
 
 #endif
 
-#if defined SETTLE || defined DOUBLES && !defined REFILL
-const bool decides_at_once = true;
+#if defined RESOLVE || defined DOUBLES && !defined REFILL
+const bool resolves_at_once = true;
 #else
-const bool decides_at_once = false;
+const bool resolves_at_once = false;
 #endif
 
 // Rays with doubts that are left for later: to SETTLE by their numbers, or, with DOUBLES, to the end of the subgroup, where each lane has a list of its own.
-uint last_unsettled = NONE; // of that list: a ray; the one before it stands with it
+uint last_unresolved = NONE; // of that list: a ray; the one before it stands with it
 
 // In the place of the ray's hit stands what is known of it so far.
-void leave_doubts()
+void store_unresolved()
 {
-    hit_rows[2u * index] = uvec4(best, best_instance, best_id, last_doubt);
-    hit_rows[2u * index + 1u] = uvec4(floatBitsToUint(vec2(low, high)), best_is_front ? 1u : 0u, last_unsettled);
+    hit_rows[2u * index] = uvec4(best, best_instance, best_id, last_undecided);
+    hit_rows[2u * index + 1u] = uvec4(floatBitsToUint(vec2(low, high)), best_is_front ? 1u : 0u, last_unresolved);
 #ifdef DOUBLES
-    last_unsettled = index;
+    last_unresolved = index;
 #else
-    set_number(count - 1u - atomicAdd(unsettled_count, 1u), index);
+    set_ray_number(count - 1u - atomicAdd(unresolved_count, 1u), index);
 #endif
 }
 
-void take_unsettled(uint ray)
+void load_unresolved(uint ray)
 {
     index = ray;
     origin = rays[index].origin.xyz;
@@ -180,11 +180,11 @@ void take_unsettled(uint ray)
     best = answer.x;
     best_instance = answer.y;
     best_id = answer.z;
-    last_doubt = answer.w;
+    last_undecided = answer.w;
     low = uintBitsToFloat(bounds.x);
     high = uintBitsToFloat(bounds.y);
     best_is_front = bounds.z != 0u;
-    last_unsettled = bounds.w;
+    last_unresolved = bounds.w;
 }
 
 void store(Hit hit)
@@ -194,7 +194,7 @@ void store(Hit hit)
 }
 
 // Each component as one subtraction rounds it: slim triangles have no other normal. Where fma() rounds once it is the quicker way to that.
-vec3 cross_closely(vec3 a, vec3 b)
+vec3 cross_accurately(vec3 a, vec3 b)
 {
     if (fused_fma) {
         precise vec3 second = a.zxy * b.yzx, rounding = fma(-a.zxy, b.yzx, second), difference = fma(a.yzx, b.zxy, -second);
@@ -211,12 +211,12 @@ vec3 cross_closely(vec3 a, vec3 b)
 // After the walk. Rays that have lost doubts, or are too far away, are left to the query. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
 void finish()
 {
-    if (is_left()) {
-        set_number(atomicAdd(left_count, 1u), index);
+    if (needs_fallback()) {
+        set_ray_number(atomicAdd(fallback_count, 1u), index);
         return;
     }
-    if (!decides_at_once && last_doubt != NONE) {
-        leave_doubts();
+    if (!resolves_at_once && last_undecided != NONE) {
+        store_unresolved();
         return;
     }
     Hit hit = miss();
@@ -245,7 +245,7 @@ void finish()
     BvhdBody body = open_body(location);
     vec3 v0, v1, v2;
     hit.primitive = bvhdCorners(body, best, v0, v1, v2) & BVHD_ID_MASK;
-    vec3 e1 = v1 - v0, e2 = v2 - v0, s = from - v0, normal = cross_closely(e1, e2), p = cross(towards, e2);
+    vec3 e1 = v1 - v0, e2 = v2 - v0, s = from - v0, normal = cross_accurately(e1, e2), p = cross(towards, e2);
     float along = -1.0 / dot(normal, towards), scale = 1.0 / dot(e1, p), t = dot(normal, s) * along;
     t += dot(normal, from + t * towards - v0) * along;
     hit.t = t >= low && t <= high ? t : 0.5 * (low + high);

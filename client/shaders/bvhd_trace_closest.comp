@@ -25,15 +25,15 @@
 #extension GL_EXT_buffer_reference_uvec2 : require
 #endif
 #extension GL_KHR_shader_subgroup_ballot : require
-#ifdef TEAMS
+#ifdef COOPERATIVE
 #extension GL_KHR_shader_subgroup_shuffle : require
 #extension GL_KHR_shader_subgroup_vote : require
 #endif
 
 #define HITS_AS_ROWS
-#include "trace_rays.glsl"
+#include "bvhd_trace_rays.glsl"
 
-#ifdef TEAMS
+#ifdef COOPERATIVE
 const bool has_instances = false;
 #else
 layout(constant_id = 1) const bool has_instances = true;
@@ -59,25 +59,25 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 
 layout(set = 0, binding = 3, std430) buffer Work {
     uint next_ray; // where rays are handed out
-    uint left_count; // rays that are left to trace_portable.comp
-    uint unsettled_count; // rays that are left to SETTLE
-    uint doubt_count; // those that there is no room for too
+    uint fallback_count; // rays that are left to trace_portable.comp
+    uint unresolved_count; // rays that are left to SETTLE
+    uint undecided_count; // those that there is no room for too
     // Numbers of rays, `count` of them: of those left from the first on, of those for SETTLE from the last. Then doubts: record, instance, a lower bound of t,
     // the same ray's doubt before it.
     uvec4 work_rows[];
 };
 
-uint first_doubt()
+uint first_undecided()
 {
     return (count + 3u) / 4u;
 }
 
-uint doubt_room()
+uint undecided_room()
 {
-    return uint(work_rows.length()) - first_doubt();
+    return uint(work_rows.length()) - first_undecided();
 }
 
-void set_number(uint place, uint ray)
+void set_ray_number(uint place, uint ray)
 {
     work_rows[place / 4u][place % 4u] = ray;
 }
@@ -94,7 +94,7 @@ uint count_before(bool which)
 }
 
 // Until all of a subgroup have written. On a CPU lanes are those of a vector, and llvmpipe goes wrong at a subgroup's barriers in loops.
-void share()
+void sync_subgroup()
 {
     if (is_cpu)
         subgroupMemoryBarrierShared();
@@ -103,7 +103,7 @@ void share()
 }
 
 // The first of so many rays, for the lanes that are here.
-uint hand_out(uint wanted)
+uint take_rays(uint wanted)
 {
     uint first = 0u;
     if (subgroupElect())
@@ -112,33 +112,33 @@ uint hand_out(uint wanted)
 }
 
 #include "bvhd_ray_query.glsl"
-#include "closest.glsl"
-#include "closest_settle.glsl"
-#ifdef TEAMS
-#include "closest_teams.glsl"
+#include "bvhd_closest.glsl"
+#include "bvhd_closest_resolve.glsl"
+#ifdef COOPERATIVE
+#include "bvhd_closest_cooperative.glsl"
 
 // Of a lane without a ray.
 void go_idle()
 {
-    nodes = records = waiting = uvec2(0u);
+    nodes = records = postponed = uvec2(0u);
     top = level_bottom = 0;
-    last_doubt = NONE;
+    last_undecided = NONE;
 }
 #endif
 
-#ifdef SETTLE
+#ifdef RESOLVE
 
 // Few rays for each workgroup: lanes without one help to decide.
 void main()
 {
     uint own = gl_LocalInvocationIndex * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-    for (uint first = 0u; first < unsettled_count; first += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+    for (uint first = 0u; first < unresolved_count; first += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         uint i = first + own, place = count - 1u - i;
-        last_doubt = NONE;
-        if (i < unsettled_count)
-            take_unsettled(work_rows[place / 4u][place % 4u]);
-        settle();
-        if (i < unsettled_count)
+        last_undecided = NONE;
+        if (i < unresolved_count)
+            load_unresolved(work_rows[place / 4u][place % 4u]);
+        resolve();
+        if (i < unresolved_count)
             finish();
     }
 }
@@ -148,19 +148,19 @@ void main()
 #ifdef REFILL
 
 const uint BUSY_SHARE = 13u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
-#ifdef TEAMS
-const uint LAST_SHARE = 2u; // no more lanes than one in so many have the last rays: all help them
+#ifdef COOPERATIVE
+const uint TAIL_SHARE = 2u; // no more lanes than one in so many have the last rays: all help them
 #else
-const uint LAST_SHARE = 129u; // never, since no subgroup has that many lanes
+const uint TAIL_SHARE = 129u; // never, since no subgroup has that many lanes
 #endif
 const uint STALLED_SHARE = 3u; // triangles are looked at when one lane in so many can do nothing else
-const uint WAITING_SHARE = 4u; // and for as long as more than one in so many have any: those with many go on with nodes beside the others
+const uint POSTPONED_SHARE = 4u; // and for as long as more than one in so many have any: those with many go on with nodes beside the others
 
 // Records of triangles wait until they are looked at by many lanes; those of instances stay.
-void put_by()
+void postpone_records()
 {
-    if (waiting.y == 0u && !is_top()) {
-        waiting = records;
+    if (postponed.y == 0u && !is_top()) {
+        postponed = records;
         records.y = 0u;
     }
 }
@@ -171,13 +171,13 @@ bool advance()
     if (nodes.y < FIRST_INNER && records.y == 0u) {
         if (top != level_bottom)
             nodes = stack[--top];
-        else if (waiting.y == 0u && !resume())
+        else if (postponed.y == 0u && !pop_or_leave())
             return false;
     }
-    put_by();
+    postpone_records();
     if (nodes.y >= FIRST_INNER && records.y == 0u) {
         visit_node();
-        put_by();
+        postpone_records();
     }
     return true;
 }
@@ -187,32 +187,32 @@ bool step_together(bool is_working, out uint busy)
 {
     if (is_working)
         is_working = advance();
-    bool is_stalled = is_working && (records.y != 0u || waiting.y != 0u && nodes.y < FIRST_INNER && top == level_bottom);
+    bool is_stalled = is_working && (records.y != 0u || postponed.y != 0u && nodes.y < FIRST_INNER && top == level_bottom);
     uint stalled = count_lanes(is_stalled);
     busy = count_lanes(is_working);
     if (stalled == 0u || stalled * STALLED_SHARE < busy)
         return is_working;
     do {
-        if (waiting.y != 0u)
-            visit_triangle(take(waiting));
-        put_by();
-    } while (count_lanes(waiting.y != 0u) * WAITING_SHARE > busy);
+        if (postponed.y != 0u)
+            visit_triangle(take_record(postponed));
+        postpone_records();
+    } while (count_lanes(postponed.y != 0u) * POSTPONED_SHARE > busy);
     if (is_top() && is_working && records.y != 0u)
-        visit_instance(take(records));
+        visit_instance(take_record(records));
     return is_working;
 }
 
-#ifdef TEAMS
+#ifdef COOPERATIVE
 
 // The rest of the way of the last few rays. All lanes go along: there are no others for them.
-void trace_last(bool is_working)
+void trace_tail(bool is_working)
 {
     if (!is_working)
         go_idle();
-    keep_look();
+    share_test_ray();
     do {
-        put_by();
-        visit_triangles(waiting);
+        postpone_records();
+        visit_triangles(postponed);
         if (records.y == 0u) {
             if (nodes.y < FIRST_INNER && top != 0)
                 nodes = stack[--top];
@@ -225,15 +225,15 @@ void trace_last(bool is_working)
 }
 
 // The subgroup's rays with doubts, of all lanes side by side.
-void settle_left()
+void resolve_rest()
 {
-    share();
-    while (subgroupAny(last_unsettled != NONE)) {
-        bool has_ray = last_unsettled != NONE;
-        last_doubt = NONE;
+    sync_subgroup();
+    while (subgroupAny(last_unresolved != NONE)) {
+        bool has_ray = last_unresolved != NONE;
+        last_undecided = NONE;
         if (has_ray)
-            take_unsettled(last_unsettled);
-        settle();
+            load_unresolved(last_unresolved);
+        resolve();
         if (has_ray)
             finish();
     }
@@ -243,7 +243,7 @@ void settle_left()
 
 void main()
 {
-    waiting = records = uvec2(0u); // of lanes that no ray is left for
+    postponed = records = uvec2(0u); // of lanes that no ray is left for
     bool is_working = false, is_finished = false, is_exhausted = false;
     while (true) {
         if (is_finished)
@@ -251,7 +251,7 @@ void main()
         is_finished = false;
         uint wanted = count_lanes(!is_working);
         if (!is_exhausted && wanted != 0u) {
-            uint first = hand_out(wanted), own = first + count_before(!is_working);
+            uint first = take_rays(wanted), own = first + count_before(!is_working);
             if (!is_working && own < count) {
                 index = own;
                 is_working = true;
@@ -262,36 +262,36 @@ void main()
         uint busy = count_lanes(is_working);
         if (busy == 0u)
             break;
-#ifdef TEAMS
-        if (is_exhausted && busy * LAST_SHARE <= gl_SubgroupSize) {
-            trace_last(is_working);
+#ifdef COOPERATIVE
+        if (is_exhausted && busy * TAIL_SHARE <= gl_SubgroupSize) {
+            trace_tail(is_working);
             break;
         }
 #endif
-        while (busy * BUSY_OF >= gl_SubgroupSize * BUSY_SHARE || is_exhausted && busy * LAST_SHARE > gl_SubgroupSize) {
+        while (busy * BUSY_OF >= gl_SubgroupSize * BUSY_SHARE || is_exhausted && busy * TAIL_SHARE > gl_SubgroupSize) {
             bool was_working = is_working;
             is_working = step_together(is_working, busy);
             is_finished = is_finished || was_working && !is_working;
         }
     }
-#ifdef TEAMS
-    settle_left();
+#ifdef COOPERATIVE
+    resolve_rest();
 #endif
 }
 
 #else
 
-const uint WAITING_SHARE = 2u; // records are looked at when one lane in so many has some
+const uint POSTPONED_SHARE = 2u; // records are looked at when one lane in so many has some
 
 // Instances one at a time, since what is behind them is nodes again.
 void visit_records()
 {
     if (is_top()) {
         if (records.y != 0u)
-            visit_instance(take(records));
+            visit_instance(take_record(records));
     } else
         while (records.y != 0u)
-            visit_triangle(take(records));
+            visit_triangle(take_record(records));
 }
 
 /*
@@ -306,12 +306,12 @@ uint ray_at(uint place)
 }
 
 #ifdef DOUBLES
-const bool hands_out = !has_instances; // instances make rays differ too much
+const bool takes_rays = !has_instances; // instances make rays differ too much
 #else
-const bool hands_out = false;
+const bool takes_rays = false;
 #endif
 
-#ifdef TEAMS
+#ifdef COOPERATIVE
 
 // All lanes go along until the last one's ray is done.
 void trace(bool has_ray)
@@ -319,7 +319,7 @@ void trace(bool has_ray)
     go_idle();
     if (has_ray)
         start();
-    keep_look();
+    share_test_ray();
     do {
         if (nodes.y >= FIRST_INNER)
             visit_node();
@@ -327,8 +327,8 @@ void trace(bool has_ray)
         if (nodes.y < FIRST_INNER && top != 0)
             nodes = stack[--top];
     } while (subgroupAny(nodes.y >= FIRST_INNER));
-    share();
-    settle();
+    sync_subgroup();
+    resolve();
     if (has_ray)
         finish();
 }
@@ -336,7 +336,7 @@ void trace(bool has_ray)
 void main()
 {
     while (true) {
-        uint place = hand_out(gl_SubgroupSize) + gl_SubgroupInvocationID;
+        uint place = take_rays(gl_SubgroupSize) + gl_SubgroupInvocationID;
         bool has_ray = place < count;
         if (!subgroupAny(has_ray))
             return;
@@ -353,13 +353,13 @@ void trace()
     do {
         if (nodes.y >= FIRST_INNER && records.y == 0u)
             visit_node();
-#ifdef WAIT
-        if (count_lanes(records.y != 0u) * WAITING_SHARE >= count_lanes(true))
+#ifdef BATCH_RECORDS
+        if (count_lanes(records.y != 0u) * POSTPONED_SHARE >= count_lanes(true))
 #endif
             visit_records();
-    } while (records.y != 0u || nodes.y >= FIRST_INNER || resume());
+    } while (records.y != 0u || nodes.y >= FIRST_INNER || pop_or_leave());
 #ifdef DOUBLES
-    settle();
+    resolve();
 #endif
     finish();
 }
@@ -367,12 +367,12 @@ void trace()
 void main()
 {
     do {
-        uint place = hands_out ? hand_out(count_lanes(true)) + count_before(true) : gl_GlobalInvocationID.x;
+        uint place = takes_rays ? take_rays(count_lanes(true)) + count_before(true) : gl_GlobalInvocationID.x;
         if (place >= count)
             return;
         index = ray_at(place);
         trace();
-    } while (hands_out);
+    } while (takes_rays);
 }
 
 #endif

@@ -7,8 +7,8 @@
  *
  * State lies in private variables: one ray an invocation. closest_settle.glsl has the end.
  */
-#ifndef CLOSEST_GLSL
-#define CLOSEST_GLSL
+#ifndef BVHD_CLOSEST_GLSL
+#define BVHD_CLOSEST_GLSL
 
 const uint NONE = 0xffffffffu;
 const uint FIRST_INNER = 0x01000000u; // groups of nodes have a bit of this or above, groups of records have none
@@ -17,7 +17,7 @@ uvec2 stack[66];
 
 // The ray in the space of the structure that it is in.
 vec3 origin, direction, inverse;
-float away; // what boxes are too small by, for what box_error says, and what step_of makes of a step of 0
+float box_margin; // what boxes are too small by, for what box_error says, and what step_of makes of a step of 0
 float volume_error, volume_shift; // visit_triangle
 float origin_low; // what components of the origin may be off by
 float tmin;
@@ -25,18 +25,18 @@ uint order; // set_order's masks; the ray's mask in bits 31 .. 24
 uint content, node_rows, record_rows, vertex_words; // content: of a bottom level
 uint instance; // record in the top level; NONE: in the root
 uvec2 nodes; // first child; hits in bits 31 .. 24, inner mask in bits 7 .. 0
-uvec2 records, waiting; // first record; hits. Those that wait have not been looked at either.
+uvec2 records, postponed; // first record; hits. Those that wait have not been looked at either.
 int top, level_bottom; // of the stack
 
 // What leave_instance takes up again.
 uint root_nodes, root_records;
-#if defined REFILL && !defined TEAMS
+#if defined REFILL && !defined COOPERATIVE
 #define KEEPS_WORLD
 // In shared memory, which is nearer than the ray's buffer: lanes leave instances at different times, and all wait for each.
 shared vec4 world_origins[gl_WorkGroupSize.x], world_directions[gl_WorkGroupSize.x], world_inverses[gl_WorkGroupSize.x]; // w of the last: away
 shared uint world_orders[gl_WorkGroupSize.x];
 #else
-float root_away;
+float root_box_margin;
 #endif
 
 // The answer so far: its t lies between low and high.
@@ -45,12 +45,12 @@ uint best, best_instance, best_id;
 bool best_is_front;
 uint index; // of the ray
 
-uint last_doubt; // NONE, or a row of doubts: a triangle that floats cannot decide on; no less than there are rows: the ray is left to the query
-const uint LEFT = 0xfffffffeu;
+uint last_undecided; // NONE, or a row of doubts: a triangle that floats cannot decide on; no less than there are rows: the ray is left to the query
+const uint FALLBACK = 0xfffffffeu;
 
-bool is_left()
+bool needs_fallback()
 {
-    return last_doubt != NONE && last_doubt >= doubt_room();
+    return last_undecided != NONE && last_undecided >= undecided_room();
 }
 
 bool is_top()
@@ -96,7 +96,7 @@ const float FARTHEST = 1.0e31;
 // What a ray needs of a structure.
 struct Entry {
     vec3 inverse;
-    float away, direction_low;
+    float box_margin, direction_low;
     BvhdBody body;
     bool can_hit;
 };
@@ -111,7 +111,7 @@ vec3 inverse_of(vec3 towards, float longest)
 // On both sides of a plane that is met at `offset`. The last term is for what underflows.
 vec3 box_error(vec3 offset)
 {
-    return abs(offset) * 9.5367432e-7 + (abs(inverse) * away + 3.0092656e-36);
+    return abs(offset) * 9.5367432e-7 + (abs(inverse) * box_margin + 3.0092656e-36);
 }
 
 /*
@@ -127,16 +127,16 @@ Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float 
     float longest = bvhdLargest(towards), farthest = max(bvhdLargest(extent.lowest - from), bvhdLargest(extent.highest - from));
     entry.direction_low = low_direction;
     entry.inverse = inverse_of(towards, longest);
-    entry.away = 1.001 * (low_origin + farthest / longest * low_direction + 1.8626452e-9 * farthest) + 1.6e-36;
+    entry.box_margin = 1.001 * (low_origin + farthest / longest * low_direction + 1.8626452e-9 * farthest) + 1.6e-36;
     vec3 a = (extent.lowest - from) * entry.inverse, b = (extent.highest - from) * entry.inverse;
-    vec3 error = max(abs(a), abs(b)) * 9.5367432e-7 + (abs(entry.inverse) * entry.away + 3.0092656e-36);
+    vec3 error = max(abs(a), abs(b)) * 9.5367432e-7 + (abs(entry.inverse) * entry.box_margin + 3.0092656e-36);
     vec3 near = min(a, b) - error, far = max(a, b) + error;
     bool is_met = max(max(near.x, near.y), max(near.z, tmin)) <= min(min(far.x, far.y), min(far.z, high));
     entry.can_hit = longest > 0.0 && bvhdIsFinite(from) && bvhdIsFinite(towards) && !extent.isEmpty;
     float reach = max(farthest, max(bvhdLargest(extent.lowest), bvhdLargest(extent.highest)));
     if (entry.can_hit && reach * max(bvhdLargest(entry.inverse), 1.0) > FARTHEST)
-        last_doubt = LEFT;
-    entry.can_hit = entry.can_hit && is_met && last_doubt != LEFT;
+        last_undecided = FALLBACK;
+    entry.can_hit = entry.can_hit && is_met && last_undecided != FALLBACK;
     return entry;
 }
 
@@ -148,7 +148,7 @@ void enter(Entry entry)
     record_rows = entry.body.records;
     vertex_words = entry.body.vertices;
     inverse = entry.inverse;
-    away = entry.away;
+    box_margin = entry.box_margin;
     float size = 1.001 * length(direction);
     volume_error = 1.2283e-6 * size + 3.5 * entry.direction_low;
     volume_shift = 3.5 * size * origin_low + 1e-36;
@@ -166,10 +166,10 @@ void keep_world()
         return;
     world_origins[own] = vec4(origin, 0.0);
     world_directions[own] = vec4(direction, 0.0);
-    world_inverses[own] = vec4(inverse, away);
+    world_inverses[own] = vec4(inverse, box_margin);
     world_orders[own] = order;
 #else
-    root_away = away;
+    root_box_margin = box_margin;
 #endif
 }
 
@@ -180,14 +180,14 @@ void enter_world()
     origin = world_origins[own].xyz;
     direction = world_directions[own].xyz;
     inverse = world_inverses[own].xyz;
-    away = world_inverses[own].w;
+    box_margin = world_inverses[own].w;
     order = world_orders[own];
 #else
     Ray ray = rays[index];
     origin = ray.origin.xyz;
     direction = ray.direction.xyz;
     inverse = inverse_of(direction, bvhdLargest(direction));
-    away = root_away;
+    box_margin = root_box_margin;
     set_order();
 #endif
     origin_low = 0.0;
@@ -202,8 +202,8 @@ void start()
     high = low = ray.direction.w;
     origin_low = 0.0;
     best = best_id = best_instance = instance = NONE;
-    last_doubt = NONE;
-    waiting = uvec2(0u);
+    last_undecided = NONE;
+    postponed = uvec2(0u);
     top = 0;
     order = has_instances ? ray.flags.y << 24 : 0u;
     enter(entry_of(extra, origin, direction, 0.0, 0.0));
@@ -285,7 +285,7 @@ vec3 step_of(uint exponents)
  * integers, which is right as long as the interval's start is not negative; what is between the first and the last one
  * says by its sign whether there is anything.
  */
-void look_at_slots(uvec3 near_bytes, uvec3 far_bytes, vec3 scale, vec3 first, vec3 last, inout uint missed)
+void test_slots(uvec3 near_bytes, uvec3 far_bytes, vec3 scale, vec3 first, vec3 last, inout uint missed)
 {
     ivec4 near = max(max(AS_INT(widen(near_bytes.x) * scale.x + first.x), AS_INT(widen(near_bytes.y) * scale.y + first.y)),
                      max(AS_INT(widen(near_bytes.z) * scale.z + first.z), ivec4(AS_INT(tmin))));
@@ -338,8 +338,8 @@ void visit_node()
     uvec3 low0 = uvec3(planes0.xz, planes1.x), low1 = uvec3(planes0.yw, planes1.y);
     uvec3 high0 = uvec3(planes1.z, planes2.xz), high1 = uvec3(planes1.w, planes2.yw);
     uint missed = 0u;
-    look_at_slots(mix(low1, high1, is_negative), mix(high1, low1, is_negative), scale, offset - error, offset + error, missed);
-    look_at_slots(mix(low0, high0, is_negative), mix(high0, low0, is_negative), scale, offset - error, offset + error, missed);
+    test_slots(mix(low1, high1, is_negative), mix(high1, low1, is_negative), scale, offset - error, offset + error, missed);
+    test_slots(mix(low0, high0, is_negative), mix(high0, low0, is_negative), scale, offset - error, offset + error, missed);
     uint inner = head.w >> 24;
     nodes = uvec2(meta.x, (inner & ~missed) << 24 | inner);
     records = uvec2(meta.y, records_of(~missed & ~inner & 255u, meta.zw));
@@ -364,14 +364,14 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
 }
 
 // A ray that has lost one asks for no more rows: the count does not come round to 0 again.
-void put_doubt(uint record, float nearest)
+void put_undecided(uint record, float nearest)
 {
-    if (is_left())
+    if (needs_fallback())
         return;
-    uint row = atomicAdd(doubt_count, 1u);
-    if (row < doubt_room())
-        work_rows[first_doubt() + row] = uvec4(record, instance, floatBitsToUint(nearest), last_doubt);
-    last_doubt = row;
+    uint row = atomicAdd(undecided_count, 1u);
+    if (row < undecided_room())
+        work_rows[first_undecided() + row] = uvec4(record, instance, floatBitsToUint(nearest), last_undecided);
+    last_undecided = row;
 }
 
 // 1e-37 covers what underflows.
@@ -384,7 +384,7 @@ float square(vec3 a)
  * The longer one's length, or more. Sums of the components' sizes take fewer operations and leave more in doubt: that
  * pays for rays that meet many triangles.
  */
-float longer_of(vec3 a, vec3 b)
+float longer_length(vec3 a, vec3 b)
 {
 #ifdef REFILL
     return max(bvhdSumOfSizes(a), bvhdSumOfSizes(b));
@@ -394,34 +394,34 @@ float longer_of(vec3 a, vec3 b)
 }
 
 // What a triangle is looked at with, in its structure's space.
-struct Look {
+struct TestRay {
     vec3 origin, direction;
     float volume_error, tmin, low, high;
 };
 
 // What is seen: where it is hit lies between near and far, which is infinite where that is in doubt.
-struct Sight {
+struct TestOutcome {
     uint kind;
     float near, far;
     uint id;
     bool is_front;
 };
-const uint IS_MISSED = 0u, IS_CLOSER = 1u, IS_DOUBTFUL = 2u;
+const uint IS_MISSED = 0u, IS_CLOSER = 1u, IS_UNDECIDED = 2u;
 
-void accept(Sight sight, uint record)
+void accept(TestOutcome outcome, uint record)
 {
-    low = sight.near;
-    high = sight.far;
+    low = outcome.near;
+    high = outcome.far;
     best = record;
     best_instance = instance;
-    best_id = sight.id;
-    best_is_front = sight.is_front;
+    best_id = outcome.id;
+    best_is_front = outcome.is_front;
 }
 
-void doubt(Sight sight, uint record)
+void keep_undecided(TestOutcome outcome, uint record)
 {
-    if (sight.id != best_id || instance != best_instance)
-        put_doubt(record, sight.near);
+    if (outcome.id != best_id || instance != best_instance)
+        put_undecided(record, outcome.near);
 }
 
 /*
@@ -437,49 +437,49 @@ void doubt(Sight sight, uint record)
  *
  * `is_own`: this lane's ray looks, and takes at once what it sees.
  */
-void look_at_triangle(Look look, uint record, bool is_own, out Sight sight)
+void test_triangle(TestRay ray, uint record, bool is_own, out TestOutcome outcome)
 {
     vec3 v0, v1, v2;
-    sight = Sight(IS_MISSED, 0.0, 0.0, 0u, false);
+    outcome = TestOutcome(IS_MISSED, 0.0, 0.0, 0u, false);
     uint id = corners_of(record, v0, v1, v2);
-    vec3 e1 = v1 - v0, e2 = v2 - v0, s = look.origin - v0;
-    vec3 across = cross(s, look.direction), normal = cross(e1, e2);
-    float det = -dot(look.direction, normal), u = dot(e2, across), v = -dot(e1, across), rest = det - u - v;
-    float edge = longer_of(e1, e2);
-    float error = edge * (look.volume_error * (longer_of(s, s) + edge) + volume_shift) + 3.0e-35;
+    vec3 e1 = v1 - v0, e2 = v2 - v0, s = ray.origin - v0;
+    vec3 across = cross(s, ray.direction), normal = cross(e1, e2);
+    float det = -dot(ray.direction, normal), u = dot(e2, across), v = -dot(e1, across), rest = det - u - v;
+    float edge = longer_length(e1, e2);
+    float error = edge * (ray.volume_error * (longer_length(s, s) + edge) + volume_shift) + 3.0e-35;
     float least = min(min(u, v), rest), most = max(max(u, v), rest);
     if (least < -error && most > error)
         return;
 
     vec3 spread = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
     float spreads = spread.x + spread.y + spread.z;
-    float direction_low = has_instances ? 0.29 * look.volume_error : 0.0;
-    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(look.direction), spread) + 1.001 * direction_low * spreads + 3.0e-35;
+    float direction_low = has_instances ? 0.29 * ray.volume_error : 0.0;
+    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(ray.direction), spread) + 1.001 * direction_low * spreads + 3.0e-35;
     float distance = det < 0.0 ? -dot(s, normal) : dot(s, normal);
     float distance_error = 1.001 * origin_low * spreads + 7.1525574e-7 * dot(abs(s), spread) + 3.0e-35;
     float scale = 1.0 / max(size, 1e-37), t = distance * scale;
     float wrong = 1.25 * scale * (distance_error + abs(t) * size_error) + 2.4e-7 * abs(t);
     bool is_steep = size > 16.0 * size_error;
-    if (is_steep && (t - wrong > look.high || t + wrong < look.tmin))
+    if (is_steep && (t - wrong > ray.high || t + wrong < ray.tmin))
         return;
-    if (is_steep && (least > error || most < -error) && t - wrong > look.tmin && t + wrong < look.low) {
-        sight = Sight(IS_CLOSER, t - wrong, t + wrong, id, det > 0.0);
+    if (is_steep && (least > error || most < -error) && t - wrong > ray.tmin && t + wrong < ray.low) {
+        outcome = TestOutcome(IS_CLOSER, t - wrong, t + wrong, id, det > 0.0);
         if (is_own)
-            accept(sight, record);
+            accept(outcome, record);
         return;
     }
-    sight = Sight(IS_DOUBTFUL, is_steep ? t - wrong : -3.0e38, INFINITY, id, false);
+    outcome = TestOutcome(IS_UNDECIDED, is_steep ? t - wrong : -3.0e38, INFINITY, id, false);
     if (is_own)
-        doubt(sight, record);
+        keep_undecided(outcome, record);
 }
 
 void visit_triangle(uint record)
 {
-    Sight unused;
-    look_at_triangle(Look(origin, direction, volume_error, tmin, low, high), record, true, unused);
+    TestOutcome unused;
+    test_triangle(TestRay(origin, direction, volume_error, tmin, low, high), record, true, unused);
 }
 
-uint take(inout uvec2 group)
+uint take_record(inout uvec2 group)
 {
     uint record = group.x + uint(findLSB(group.y));
     group.y &= group.y - 1u;
@@ -487,7 +487,7 @@ uint take(inout uvec2 group)
 }
 
 // Takes up what waits. False: there is nothing left.
-bool resume()
+bool pop_or_leave()
 {
     if (top != level_bottom) {
         nodes = stack[--top];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // trace_rays.glsl - rays in and hits out, as tracer_device.c packs and unpacks them: a thread a ray.
-#ifndef TRACE_RAYS_GLSL
-#define TRACE_RAYS_GLSL
+#ifndef BVHD_TRACE_RAYS_GLSL
+#define BVHD_TRACE_RAYS_GLSL
 
 layout(local_size_x_id = 0) in;
 
@@ -28,6 +28,7 @@ layout(push_constant) uniform Push {
     uint has_top; // 0: there is one bottom level, and no instance to tell of
     uvec2 extra; // for the kind of tracer
     uvec2 scene_base; // address of the scene's buffer; 0 where locations are offsets in it
+    uint ray_flags; // of all rays, besides those of each ray's own
 };
 
 const uint NO_INSTANCE = 0xffffffffu, FRONT_FACE = 1u, IS_AABB = 2u;

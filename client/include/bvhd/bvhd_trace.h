@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * bvhd_trace.h - traces rays through portable structures on any Vulkan device with compute shaders: the library's own
+ * kernels, recorded into the program's command buffers.
+ *
+ * A program that needs a hit for each ray of a buffer gets it from here faster than from a shader of its own that
+ * includes bvhd_ray_query.glsl: the kernels answer the same, at up to three times the rate. Programs that decide
+ * something during traversal (alpha tests, AABBs with a surface inside) write such a shader.
+ *
+ *     bvhd_vulkan_scene_create(device, &queue, &scene_options, &scene, &error);              portable structures
+ *     bvhd_tracer_create(device, &queue, &tracer_options, &tracer, &error);                  once for a scene
+ *     bvhd_tracer_bind(tracer, &buffers, &binding, &error);                                  once for a pair of buffers
+ *     bvhd_tracer_record(binding, commands, &trace, &error);                                 each time
+ *
+ * All work is on the device: a record is a few dispatches without any read-back, and may be recorded once and submitted
+ * again and again.
+ *
+ * Threads: a tracer is immutable once it is created, so any number of threads may bind and record with it at once. A
+ * binding is used by one thread at a time. Queues and command buffers are synchronised by the caller as Vulkan requires
+ * it. Errors are those of bvhd.h; what Vulkan reports becomes BVHD_NO_MEMORY, BVHD_UNAVAILABLE (device lost) or
+ * BVHD_INTERNAL, with the name of the call in `where`.
+ */
+#ifndef BVHD_BVHD_TRACE_H
+#define BVHD_BVHD_TRACE_H
+
+#include <bvhd/bvhd_vulkan.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- Rays and hits, as they lie in buffers ---- */
+
+/* 48 bytes, std430; bvhd_trace_rays.glsl declares the same struct for shaders that make rays. */
+struct bvhd_ray {
+    float origin[3];
+    float tmin; /* not negative */
+    /* Need not be of unit length. With a direction of zero, or with any component that is not finite, nothing is hit. */
+    float direction[3];
+    float tmax; /* may be infinite; nothing is hit unless tmin <= tmax */
+    /* VkRayFlags as in SPIR-V (RayFlagsKHR); they are read with BVHD_TRACE_RAY_FLAGS only, and else must be 0. */
+    uint32_t flags;
+    uint32_t mask; /* bits 7 .. 0: an instance is skipped when its mask has none of these bits */
+    uint32_t reserved[2]; /* not read */
+};
+
+#define BVHD_NO_INSTANCE UINT32_C(0xffffffff)
+
+/*
+ * 32 bytes, std430. A ray that hits nothing has t = +infinity, instance = BVHD_NO_INSTANCE, and 0 in all other fields.
+ *
+ * A triangle is hit for tmin < t < tmax. Of triangles at equal distance, to 32 significant bits, the one with the
+ * lowest (instance, geometry, primitive) is reported; no ray slips between two triangles that share an edge. Triangles
+ * of geometries without VK_GEOMETRY_OPAQUE_BIT_KHR are accepted too. AABBs are hit where the ray enters them.
+ */
+struct bvhd_hit {
+    float t; /* the point is origin + t * direction */
+    float u, v; /* the point is (1 - u - v) * v0 + u * v1 + v * v2; 0 for AABBs */
+    uint32_t instance; /* its position among the instances of the top level; BVHD_NO_INSTANCE without a top level */
+    uint32_t custom_index; /* instanceCustomIndex, 24 bits */
+    uint32_t geometry; /* index in the bottom level */
+    uint32_t primitive; /* index in the geometry */
+    uint32_t flags; /* BVHD_HIT_ */
+};
+
+enum {
+    BVHD_HIT_FRONT_FACE = 0x1,
+    BVHD_HIT_AABB = 0x2,
+};
+
+/* ---- The tracer ---- */
+
+struct bvhd_tracer;
+
+struct bvhd_tracer_options {
+    size_t struct_size; /* sizeof(struct bvhd_tracer_options) */
+
+    /*
+     * What is traced: a scene of portable structures, which must outlive the tracer; or, when `scene` is NULL, the
+     * fields below, for programs with an allocator of their own.
+     */
+    const struct bvhd_vulkan_scene *scene;
+    /* The structure at which rays start, an index among the scene's blobs or `blobs`: a top level, or a bottom level. */
+    uint32_t root;
+
+    /*
+     * Without a scene: the one buffer that holds all structures, uploaded as bvhd_vulkan_record_upload says, with
+     * VK_BUFFER_USAGE_STORAGE_BUFFER_BIT. It must outlive the tracer and be uploaded before rays are traced.
+     */
+    VkBuffer buffer;
+    VkDeviceSize buffer_size;
+    /* 0 where instances name their bottom levels by offsets in the buffer; else its device address. */
+    VkDeviceAddress buffer_address;
+    uint64_t root_location; /* where the root begins: an offset in the buffer, or a device address */
+    /*
+     * The serialized structures in the buffer, which bvhd_vulkan_check has passed: they are read during the call, to
+     * choose kernels that fit them, and not needed afterwards. Entries may be {NULL, 0}.
+     */
+    const struct bvhd_vulkan_bytes *blobs;
+    uint32_t blob_count;
+
+    /* The feature shaderFloat64 was enabled when the device was created. On some devices it makes tracing faster. */
+    VkBool32 has_shader_float64;
+    VkPipelineCache cache; /* for the pipelines; may be VK_NULL_HANDLE */
+};
+
+/*
+ * Compiles the kernels. With a queue (else NULL) it also submits a test of 256 values and waits, which tells whether
+ * the device keeps denormal halves: where it does, tracing is some percent faster. No other thread may use the queue
+ * during the call.
+ *
+ * What the device needs: Vulkan 1.1 and a queue with compute (BVHD_UNSUPPORTED otherwise). The following are used where
+ * the device has them. Without subgroup ballots in compute shaders, for scenes with AABBs, and for structures of more
+ * than 4 GiB all rays are traced by the portable ray query, at about a third of the rate. bufferDeviceAddress (with a
+ * scene of BVHD_VULKAN_SCENE_ADDRESSES, or buffer_address) lifts the limit on the size of a bound buffer, and is
+ * needed for the kernels that use doubles.
+ *
+ * BVHD_INVALID: options, native structures among them; BVHD_NOT_FOUND: there is no structure `root`; BVHD_TOO_LARGE:
+ * the buffer is larger than a shader can bind, and has no address; BVHD_NO_MEMORY.
+ */
+BVHD_API enum bvhd_status bvhd_tracer_create(struct bvhd_vulkan_device *device, const struct bvhd_vulkan_queue *queue,
+                                             const struct bvhd_tracer_options *options, struct bvhd_tracer **ret_tracer,
+                                             struct bvhd_error *ret_error);
+/* The device must not use it any more, and its bindings have been destroyed. NULL-safe. */
+BVHD_API void bvhd_tracer_destroy(struct bvhd_tracer *tracer);
+
+/* The most rays of one record, by the device's limits on dispatches and bound buffers; more than 2 million. */
+BVHD_API uint32_t bvhd_tracer_max_rays(const struct bvhd_tracer *tracer);
+
+/* ---- Buffers ---- */
+
+/* How much scratch memory a binding for so many rays has, in bytes: 28 for each, or none. */
+BVHD_API VkDeviceSize bvhd_tracer_scratch_size(const struct bvhd_tracer *tracer, uint32_t max_rays);
+
+struct bvhd_trace_buffers {
+    size_t struct_size; /* sizeof(struct bvhd_trace_buffers) */
+    /*
+     * Rays are struct bvhd_ray, hits struct bvhd_hit, max_rays of each; ray i's hit is hit i. Offsets are multiples of
+     * minStorageBufferOffsetAlignment. Usage of both: VK_BUFFER_USAGE_STORAGE_BUFFER_BIT. They do not overlap.
+     */
+    struct bvhd_vulkan_span rays, hits;
+    /*
+     * bvhd_tracer_scratch_size bytes or more for the kernels, with the usage bits STORAGE_BUFFER and TRANSFER_DST. With
+     * VK_NULL_HANDLE as its buffer the library allocates them, and frees them with the binding.
+     */
+    struct bvhd_vulkan_span scratch;
+    uint32_t max_rays; /* 1 .. bvhd_tracer_max_rays */
+};
+
+/* A tracer with the buffers that it reads and writes. */
+struct bvhd_trace_binding;
+
+/*
+ * The tracer and the buffers must outlive the binding. BVHD_INVALID: a span is missing, misaligned or too small;
+ * BVHD_TOO_LARGE: more rays than bvhd_tracer_max_rays; BVHD_NO_MEMORY.
+ */
+BVHD_API enum bvhd_status bvhd_tracer_bind(const struct bvhd_tracer *tracer, const struct bvhd_trace_buffers *buffers,
+                                           struct bvhd_trace_binding **ret_binding, struct bvhd_error *ret_error);
+/* The device must not use it any more. NULL-safe. */
+BVHD_API void bvhd_trace_binding_destroy(struct bvhd_trace_binding *binding);
+
+/* ---- Tracing ---- */
+
+/* How rays lie beside each other: it decides which kernel runs, and so the rate, never the hits. */
+enum bvhd_ray_order {
+    /* Nothing is known. The kernel for incoherent rays runs, which loses less when the guess is wrong. */
+    BVHD_RAYS_UNKNOWN = 0,
+    /* Neighbours in the buffer go nearly the same way: camera rays in tiles of 8 x 4 pixels, rays to one light. */
+    BVHD_RAYS_COHERENT = 1,
+    /* Neighbours do not: diffuse bounces, rays from random places. */
+    BVHD_RAYS_INCOHERENT = 2,
+};
+
+/*
+ * Whether rays are coherent, by their directions at 64 places: for programs that have them in host memory. Each ray is
+ * `stride` bytes after the one before it, and begins as struct bvhd_ray up to its direction.
+ */
+BVHD_API enum bvhd_ray_order bvhd_rays_order(const void *rays, uint64_t count, size_t stride);
+
+enum {
+    /*
+     * Any triangle or AABB between tmin and tmax is an answer, not only the closest one: for shadows and visibility.
+     * Which one is reported is not defined.
+     */
+    BVHD_TRACE_ANY_HIT = 0x1,
+    /*
+     * Rays have flags of their own, or a tmin that may be negative or not a number. They are then traced by the
+     * portable ray query, which reads flags, at about a third of the rate.
+     */
+    BVHD_TRACE_RAY_FLAGS = 0x2,
+};
+
+struct bvhd_trace {
+    size_t struct_size; /* sizeof(struct bvhd_trace) */
+    uint32_t ray_count; /* 0 .. the binding's max_rays: the first so many rays of the buffer */
+    uint32_t flags; /* BVHD_TRACE_ */
+    enum bvhd_ray_order order;
+};
+
+/*
+ * Records the dispatches that trace the first ray_count rays of the binding's buffer. Outside of a render pass; a
+ * compute pipeline, descriptor set 0 and push constants of the command buffer's compute bind point are replaced.
+ *
+ * Barriers that the caller records. Before: what wrote the rays is made visible to stage COMPUTE_SHADER, access
+ * SHADER_READ, and what used the hits before has finished. After: source stage COMPUTE_SHADER, access SHADER_WRITE,
+ * before anything reads the hits or overwrites the rays. Writes by the host before the submission need no barrier. The
+ * record has its own barriers for the scratch memory, between its dispatches and after earlier records of the binding
+ * on the same queue; on different queues the caller's semaphores keep records of one binding apart.
+ *
+ * BVHD_INVALID: unknown flags, more rays than the binding has. Nothing is recorded then.
+ */
+BVHD_API enum bvhd_status bvhd_tracer_record(const struct bvhd_trace_binding *binding, VkCommandBuffer commands,
+                                             const struct bvhd_trace *trace, struct bvhd_error *ret_error);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
