@@ -3,9 +3,9 @@
  * trace_rays.c - bvhd_trace.h: rays in one buffer, hits in another, traced by the library's own kernels, and how many
  * rays a second that is.
  *
- *     trace_rays                            4,096 rays through a small scene, which the service builds
- *     trace_rays RAYS STRUCTURE.as...       rays of a file (struct bvhd_ray after struct bvhd_ray) through structures of
- *                                           `bvhctl build`: bottom levels in order, and the top level last
+ *     trace_rays                         4,096 rays through a small scene, which the service builds
+ *     trace_rays RAYS STRUCTURE.as...    rays of a file (one struct bvhd_ray after the other) through structures of
+ *                                        `bvhctl build`: bottom levels in order, and the top level last
  */
 #include <stdio.h>
 #include <stdlib.h>

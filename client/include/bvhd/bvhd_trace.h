@@ -35,7 +35,9 @@ extern "C" {
 struct bvhd_ray {
     float origin[3];
     float tmin; /* not negative */
-    /* Need not be of unit length. With a direction of zero, or with any component that is not finite, nothing is hit. */
+    /*
+     * Need not be of unit length. With a direction of zero, or with any component that is not finite, nothing is hit.
+     */
     float direction[3];
     float tmax; /* may be infinite; nothing is hit unless tmin <= tmax */
     /* VkRayFlags as in SPIR-V (RayFlagsKHR); they are read with BVHD_TRACE_RAY_FLAGS only, and else must be 0. */
@@ -80,7 +82,9 @@ struct bvhd_tracer_options {
      * fields below, for programs with an allocator of their own.
      */
     const struct bvhd_vulkan_scene *scene;
-    /* The structure at which rays start, an index among the scene's blobs or `blobs`: a top level, or a bottom level. */
+    /*
+     * The structure at which rays start, an index among the scene's blobs or `blobs`: a top level, or a bottom level.
+     */
     uint32_t root;
 
     /*

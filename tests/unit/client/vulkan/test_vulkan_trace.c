@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_vulkan_trace.c - tests that every variant of the tracing kernels (bvhd_trace.h) finds on a Vulkan device what the
- * traversal finds on the CPU, also with undecided triangles by the dozen. Skipped without a device.
+ * test_vulkan_trace.c - tests that every variant of the tracing kernels (bvhd_trace.h) finds on a Vulkan device what
+ * the traversal finds on the CPU, also with undecided triangles by the dozen. Skipped without a device.
  */
 #include "tests/support/unit.h"
 

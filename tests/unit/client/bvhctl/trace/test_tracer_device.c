@@ -272,7 +272,7 @@ static void flags_need_the_query(void **state)
     struct tracer *tracer = create(tracer_portable_create, &world.structures);
     for (int way = TRACER_WAY_COHERENT; way <= TRACER_WAY_INCOHERENT; way++) {
         tracer_portable_set_way(tracer, (enum tracer_way)way);
-        compare(tracer, &world.structures.scene);
+        compare(tracer, &world.structures.scene.portable);
     }
     tracer_destroy(tracer);
     test_world_finish(&world);
