@@ -22,8 +22,8 @@ uint64_t client_link_deadline(const struct bvhd_client *client);
 
 /*
  * Ends a connection for the reason *error. What is under way on it fails with the text of that reason and
- * BVHD_UNAVAILABLE (BVHD_NO_MEMORY and BVHD_INCOMPATIBLE stay as they are). What waits to be sent fails too; but before
- * the daemon has answered HELLO the search for a daemon goes on, unless the daemon's answer is final.
+ * BVHD_UNAVAILABLE (BVHD_NO_MEMORY and BVHD_INCOMPATIBLE stay as they are). Requests that are not sent yet fail too,
+ * except before the daemon has answered HELLO: the search for a daemon then goes on, unless the answer is final.
  */
 void client_link_lose(struct bvhd_client *client, struct connection *connection, const struct bvhd_error *error);
 

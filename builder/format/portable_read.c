@@ -45,7 +45,7 @@ static enum bvhd_status check_counts(const struct portable_reader *r)
     if (h->primitive_count > PORTABLE_ID_MASK)
         return corrupt(r, "body.primitiveCount", "does not fit into 29 bits");
     if (h->depth > PORTABLE_MAX_DEPTH || (h->depth == 0) != (h->node_count == 0))
-        return corrupt(r, "body.depth", "too deep, or not the depth of so many nodes");
+        return corrupt(r, "body.depth", "too deep, or a depth that does not fit the number of nodes");
     if ((h->record_count == 0) != (h->node_count == 0))
         return corrupt(r, "body.recordCount", "records without nodes, or nodes without records");
     if (h->vertex_count != 0 && h->content != PORTABLE_INDEXED_TRIANGLES)

@@ -70,7 +70,7 @@ const uint BVHD_INSTANCE_FLIP_FACING = 0x2u;
 const uint BVHD_INSTANCE_FORCE_OPAQUE = 0x4u;
 const uint BVHD_INSTANCE_FORCE_NO_OPAQUE = 0x8u;
 
-// One group a level of nodes at most, 32 levels in each structure, and what waits of a top level's leaf.
+// At most one group for each of 32 levels of nodes in each structure, and the rest of a leaf of the top level.
 const int BVHD_STACK_SIZE = 66;
 uvec2 bvhdStack[BVHD_QUERIES * BVHD_STACK_SIZE];
 
@@ -97,7 +97,7 @@ struct BvhdRayQuery {
     bool isGuess;
     float near, far;
 
-    // Where it is: a structure, the ray in its space, what waits there.
+    // The state of the traversal: the structure, the ray in its space, and the groups that are left there.
     BvhdBody body;
     BvhdBoxRay boxRay;
     BvhdTriangleRay triangleRay;
@@ -177,7 +177,7 @@ void bvhdToObject(inout BvhdTriangleRay ray, BvhdBody top, uint record)
     ray.directionLow = vec3(sums[3].y, sums[4].y, sums[5].y);
 }
 
-// Back in the top level, with what waits there.
+// Returns to the top level, and takes its nodes and records that are left off the stack.
 void bvhdLeaveInstance(inout BvhdRayQuery query)
 {
     query.top = query.levelBottom;

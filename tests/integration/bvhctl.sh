@@ -81,7 +81,7 @@ for field in structures file type name geometries material primitives triangles 
     coalesced prepare_ms build_ms peak_bytes depth sah refs method quality target wall_ms; do
     expect "the field $field" grep -q "\"$field\":" out
 done
-expect 'lines are counted aloud' grep -q '^bvhctl: mixed: not geometry.* 1 lines' err
+expect 'a message counts the lines' grep -q '^bvhctl: mixed: not geometry.* 1 lines' err
 expect 'inactive triangles are counted' grep -Eq '"scene":"nan".*"inactive":[1-9]' out
 expect 'names are made safe' [ -f d/flat_land.tlas.as ]
 expect 'a top level names its files' grep -q 'mixed.blas-0' d/manifest.json

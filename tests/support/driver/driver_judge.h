@@ -34,7 +34,7 @@ struct driver_tally {
      * faces contain the ray.
      */
     uint64_t lost;
-    uint64_t other; /* none of these: a defect */
+    uint64_t other; /* differences of no kind above: defects */
     uint64_t candidates; /* candidates in the driver's structure, where none is accepted */
     uint64_t repeated; /* candidates in ours that repeat a primitive for the same ray */
 };

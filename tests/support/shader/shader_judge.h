@@ -19,10 +19,11 @@ struct shader_case {
 struct shader_tally {
     uint64_t rays, hits; /* hits of the CPU */
     uint64_t differing; /* another primitive, or t, u or v differ by more than some last bits */
-    uint64_t right; /* of these: both are right by the double reference, so they are ties */
-    uint64_t uncertain; /* of these: the reference cannot decide */
-    uint64_t boxes; /* of these: an AABB is hit where rounding can decide; the reference covers no AABBs */
-    uint64_t certain; /* the rest: defects */
+    uint64_t right; /* differing rays where both hits are right by the double reference, so they are ties */
+    uint64_t uncertain; /* differing rays where the reference cannot decide */
+    /* differing rays that hit an AABB where rounding can decide; the reference covers no AABBs */
+    uint64_t boxes;
+    uint64_t certain; /* all other differing rays: defects */
     uint64_t other_bits; /* the same primitive, but t is not equal in every bit */
 };
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_client_queue.c - tests what waits in the client library and where: pool, credits, priorities, busy daemons,
- * strange limits.
+ * test_client_queue.c - tests the requests that the client library keeps in its queue: for want of pool memory or
+ * credits, by priority, with busy daemons and with strange limits.
  */
 #include "tests/support/unit.h"
 

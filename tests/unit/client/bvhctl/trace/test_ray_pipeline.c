@@ -145,7 +145,9 @@ static void assert_miss(struct tracer_hit hit)
     assert_int_equal(hit.instance, RAY_NO_INSTANCE);
 }
 
-/* What the rays of the tests below meet in the squares, whoever made the structure. */
+/*
+ * Checks the hits of the rays of the tests below in the squares; they are the same for every builder of the structure.
+ */
 static void check_squares(VkAccelerationStructureKHR top)
 {
     struct bvhd_error error;
