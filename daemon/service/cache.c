@@ -11,7 +11,7 @@ struct entry {
     struct list_link link; /* in the order of its kind */
 };
 
-/* Entries in the order of their last use: the first one, the coldest, is the least recently used. */
+/* Entries in the order of their last use: the first one is the least recently used. */
 struct order {
     struct list list;
     uint64_t count;
@@ -33,8 +33,8 @@ struct table {
 };
 
 /*
- * Blobs in memory and blobs with a descriptor have an order each, so that the coldest of either kind is known. The
- * field `used` compares entries of different kinds.
+ * Blobs in memory and blobs with a descriptor have an order each, so that the least recently used of either kind is
+ * known. The field `used` compares entries of different kinds.
  */
 enum kind { IN_MEMORY, WITH_DESCRIPTOR, KINDS };
 
@@ -95,7 +95,7 @@ static struct order *order_of(struct cache *cache, const struct entry *entry)
     return &cache->orders[entry->blob->descriptor >= 0 ? WITH_DESCRIPTOR : IN_MEMORY];
 }
 
-static void link_warmest(struct cache *cache, struct entry *entry)
+static void link_most_recent(struct cache *cache, struct entry *entry)
 {
     struct order *order = order_of(cache, entry);
     entry->used = ++cache->clock;
@@ -111,7 +111,7 @@ static void unlink_entry(struct cache *cache, struct entry *entry)
 }
 
 /* NULL if there is none. */
-static struct entry *coldest_of(const struct order *order)
+static struct entry *least_recent_of(const struct order *order)
 {
     return order->list.first ? container_of(order->list.first, struct entry, link) : NULL;
 }
@@ -153,7 +153,7 @@ void cache_destroy(struct cache *cache)
         return;
     for (int kind = 0; kind < KINDS; kind++)
         while (cache->orders[kind].count > 0)
-            drop(cache, coldest_of(&cache->orders[kind]));
+            drop(cache, least_recent_of(&cache->orders[kind]));
     for (int i = 0; i < TABLES; i++)
         memory_free(cache->memory, cache->tables[i].slots);
     memory_free(cache->memory, cache);
@@ -168,7 +168,7 @@ void cache_get(struct cache *cache, const struct key *key, cache_answer answer, 
         return;
     }
     unlink_entry(cache, entry);
-    link_warmest(cache, entry);
+    link_most_recent(cache, entry);
     struct blob *blob = blob_ref(entry->blob);
     answer(context, blob);
     blob_unref(blob);
@@ -229,9 +229,9 @@ static void insert(struct table *table, struct entry *entry)
     table->count++;
 }
 
-static struct entry *coldest(const struct cache *cache)
+static struct entry *least_recent(const struct cache *cache)
 {
-    struct entry *a = coldest_of(&cache->orders[IN_MEMORY]), *b = coldest_of(&cache->orders[WITH_DESCRIPTOR]);
+    struct entry *a = least_recent_of(&cache->orders[IN_MEMORY]), *b = least_recent_of(&cache->orders[WITH_DESCRIPTOR]);
     if (!a || !b)
         return a ? a : b;
     return a->used < b->used ? a : b;
@@ -241,10 +241,10 @@ static struct entry *coldest(const struct cache *cache)
 static struct entry *surplus(const struct cache *cache)
 {
     const struct order *holders = &cache->orders[WITH_DESCRIPTOR];
-    struct entry *holder = coldest_of(holders);
+    struct entry *holder = least_recent_of(holders);
     if (holder && holders->count > descriptor_share(holder->blob))
         return holder;
-    return cache->bytes > cache->budget ? coldest(cache) : NULL;
+    return cache->bytes > cache->budget ? least_recent(cache) : NULL;
 }
 
 bool cache_trim(struct cache *cache)
@@ -268,7 +268,7 @@ void cache_put(struct cache *cache, struct blob *blob)
     *entry = (struct entry){.blob = blob_ref(blob), .cost = cost_of(blob)};
     insert(table, entry);
     cache->bytes += entry->cost;
-    link_warmest(cache, entry);
+    link_most_recent(cache, entry);
     cache_trim(cache);
 }
 

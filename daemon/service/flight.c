@@ -9,7 +9,7 @@
 #include "proto/base/container_of.h"
 
 /*
- * WAITING for memory -> BUILDING on a worker -> landed, or back to WAITING to be tried again alone. A flight is
+ * WAITING for memory -> BUILDING on a worker -> completed, or back to WAITING to be tried again alone. A flight is
  * ABANDONED when its last waiter has left while it was built: the worker has been told to stop.
  */
 enum flight_state { FLIGHT_WAITING, FLIGHT_BUILDING, FLIGHT_ABANDONED };
@@ -237,15 +237,15 @@ static void log_end(const struct flight *flight, double ms)
 /*
  * Tells the waiters one by one. Each may do anything then; none can join this flight, since it has left the table.
  */
-static void land(struct flight *flight, double ms)
+static void complete(struct flight *flight, double ms)
 {
-    struct flight_landing landing = {.blob = flight->blob, .error = &flight->error, .build_ms = ms};
+    struct flight_completion completion = {.blob = flight->blob, .error = &flight->error, .build_ms = ms};
     leave_table(flight);
     while (flight->waiters.first) {
         struct flight_waiter *waiter = first_waiter(flight);
         remove_waiter(flight, waiter);
-        landing.own = waiter->own;
-        waiter->landed(waiter, &landing);
+        completion.own = waiter->own;
+        waiter->completed(waiter, &completion);
     }
 }
 
@@ -288,7 +288,7 @@ static void build_done(struct pool_job *job)
         cache_put(flights->cache, flight->blob);
     }
     if (flight->state == FLIGHT_BUILDING)
-        land(flight, ms);
+        complete(flight, ms);
     flight_destroy(flight);
 }
 

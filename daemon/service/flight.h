@@ -2,10 +2,10 @@
 /*
  * flight.h - in-flight builds, by key: equal structures that several clients ask for at the same time are built once.
  *
- * A flight waits for memory, then for threads; it is then built, and lands: its blob goes to the cache and to every
- * waiter. Waiters may join at any time before the landing, and leave at any time. When the last one leaves, the build
- * is told to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A build that ran
- * short of memory while other builds were running is tried once more, alone. For the loop thread only.
+ * A flight waits for memory, then for threads; it is then built, and completes: its blob goes to the cache and to every
+ * waiter. Waiters may join at any time before the completion, and leave at any time. When the last one leaves, the
+ * build is told to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A build that
+ * ran short of memory while other builds were running is tried once more, alone. For the loop thread only.
  */
 #ifndef BVHD_FLIGHT_H
 #define BVHD_FLIGHT_H
@@ -27,7 +27,7 @@ struct flight_client {
     struct pool_flow *flow; /* for threads */
 };
 
-struct flight_landing {
+struct flight_completion {
     struct blob *blob; /* borrowed; NULL when the build failed */
     const struct bvhd_error *error; /* if it failed */
     bool own; /* this waiter started the flight */
@@ -37,7 +37,7 @@ struct flight_landing {
 /* A client's interest in a flight. It lies in its owner's struct; zeroed, then filled by the owner down to the line. */
 struct flight_waiter {
     /* Called after the waiter has left the flight. */
-    void (*landed)(struct flight_waiter *waiter, const struct flight_landing *landing);
+    void (*completed)(struct flight_waiter *waiter, const struct flight_completion *completion);
     struct flight_client *client;
     int priority; /* PRIORITY_ */
     /* ---- belongs to the flight ---- */

@@ -132,23 +132,23 @@ static struct item *item_of_waiter(struct flight_waiter *waiter)
     return container_of(waiter, struct item, waiter);
 }
 
-static void landed(struct flight_waiter *waiter, const struct flight_landing *landing)
+static void completed(struct flight_waiter *waiter, const struct flight_completion *completion)
 {
     struct item *item = item_of_waiter(waiter);
     item_enter(item, ITEM_ANSWERED);
-    if (landing->blob)
-        answer_blob(item, landing->blob, landing->own ? ORIGIN_BUILT : ORIGIN_COALESCED,
-                    landing->own ? landing->build_ms : 0);
+    if (completion->blob)
+        answer_blob(item, completion->blob, completion->own ? ORIGIN_BUILT : ORIGIN_COALESCED,
+                    completion->own ? completion->build_ms : 0);
     else
-        answer_error(item, landing->error);
+        answer_error(item, completion->error);
     request_settle(item->request);
 }
 
 static struct flight_waiter *waiter_of(struct item *item)
 {
     struct request *request = item->request;
-    item->waiter =
-        (struct flight_waiter){.landed = landed, .client = &request->client->flights, .priority = request->priority};
+    item->waiter = (struct flight_waiter){
+        .completed = completed, .client = &request->client->flights, .priority = request->priority};
     return &item->waiter;
 }
 

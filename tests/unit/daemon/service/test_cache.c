@@ -196,7 +196,10 @@ static void the_least_recently_used_goes_first(void **state)
     cache_destroy(cache);
 }
 
-/* A large result pushes out thousands of small ones, in several calls and the coldest first, and stays itself. */
+/*
+ * A large result pushes out thousands of small ones, in several calls and the least recently used first, and is kept
+ * itself.
+ */
 static void many_go_in_portions(void **state)
 {
     (void)state;
