@@ -24,11 +24,12 @@ static uint32_t sample_count;
 
 static int usage(void)
 {
-    fputs("usage: replay [--mutations N] [--seed S] [--only N] [--verbose] [--write DIR] [FILE | DIR]...\n"
-          "Runs the files, or without any the samples and N mutations of them. --only runs mutation N alone, --verbose "
-          "says which one\n"
-          "comes next, --write puts the samples into a folder, for a fuzzer to start from.\n",
-          stderr);
+    fputs(
+        "usage: replay [--mutations N] [--seed S] [--only N] [--verbose] [--write DIR] [FILE | DIR]...\n"
+        "Runs the files, or without files the samples and N mutations of them. --only runs only mutation N,\n"
+        "--verbose prints the number of each mutation before it runs, and --write writes the samples to a folder, as\n"
+        "a corpus for a fuzzer.\n",
+        stderr);
     return 2;
 }
 

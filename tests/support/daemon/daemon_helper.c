@@ -121,8 +121,8 @@ static int poke(const char *path)
         int poker = socket(AF_UNIX, kinds[i] | SOCK_CLOEXEC, 0);
         bool reached = connect(poker, (struct sockaddr *)&address, sizeof address) == 0;
         /*
-         * The connection alone wakes the other process, which may have exited before the send(). A datagram socket wakes
-         * it only when something is sent.
+         * The connection alone wakes the other process, which may have exited before the send(). A datagram socket
+         * wakes it only when something is sent.
          */
         bool sent = reached && send(poker, "", 1, MSG_NOSIGNAL) == 1;
         reached = kinds[i] == SOCK_DGRAM ? sent : reached;

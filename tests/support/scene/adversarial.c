@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Fewest sphere levels that give `size` triangles or more. */
+/* Returns the smallest level of a sphere that has `size` triangles or more. */
 static uint32_t level_for(uint32_t size)
 {
     uint32_t level = 0;
@@ -19,7 +19,7 @@ static double bumps(const double d[3], const void *context)
     return 0.2 * sin(5 * d[0] + 1) * sin(4 * d[1] - 2 * d[2]) + 0.05 * sin(17 * d[1] + 11 * d[0] * d[2]);
 }
 
-/* The plain subject of many scenes: a closed, irregular surface of radius 1. */
+/* Adds the plain subject of many scenes: a closed, irregular surface of radius 1. */
 static void add_subject(struct mesh *mesh, uint32_t size)
 {
     static const double centre[3] = {0, 0, 0};
@@ -41,7 +41,7 @@ static void make_sphere(struct mesh *mesh, uint32_t size, struct random *random)
     mesh_add_sphere(mesh, centre, 2, level_for(size), NULL, NULL);
 }
 
-/* An axis plane: every box has zero thickness. */
+/* A plane perpendicular to an axis: every box has zero thickness. */
 static void make_grid(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t side = (uint32_t)ceil(sqrt(size / 2.0)) + 1;
@@ -60,7 +60,7 @@ static void make_dup(struct mesh *mesh, uint32_t size, struct random *random)
         mesh_add_loose_triangle(mesh, corners[0], corners[1], corners[2]);
 }
 
-/* One centroid, 24 octaves of size. */
+/* Triangles with one common centroid and sizes over 24 octaves. */
 static void make_colocated(struct mesh *mesh, uint32_t size, struct random *random)
 {
     for (uint32_t i = 0; i < size; i++) {
@@ -76,7 +76,7 @@ static void make_colocated(struct mesh *mesh, uint32_t size, struct random *rand
     }
 }
 
-/* Boxes with one centre, and equal extents in groups. */
+/* Boxes with one common centre, and in groups equal extents. */
 static void make_samecenter(struct mesh *mesh, uint32_t size, struct random *random)
 {
     for (uint32_t i = 0; i < size; i++) {
@@ -87,7 +87,7 @@ static void make_samecenter(struct mesh *mesh, uint32_t size, struct random *ran
     }
 }
 
-/* Long diagonals of aspect 1e4. */
+/* Long diagonals with an aspect ratio of 1e4. */
 static void make_slivers(struct mesh *mesh, uint32_t size, struct random *random)
 {
     for (uint32_t i = 0; i < size; i++) {
@@ -148,7 +148,7 @@ static void make_denormal(struct mesh *mesh, uint32_t size, struct random *rando
     make_scaled(mesh, size, 1e-41);
 }
 
-/* Radius 10 at a million from the origin: an ulp is 0.06. */
+/* A subject of radius 10 at a million from the origin, where an ulp is 0.06. */
 static void make_offset(struct mesh *mesh, uint32_t size, struct random *random)
 {
     (void)random;
@@ -166,7 +166,10 @@ static void make_outlier(struct mesh *mesh, uint32_t size, struct random *random
     mesh_add_loose_triangle(mesh, corners[0], corners[1], corners[2]);
 }
 
-/* Spacing that grows by half from one to the next, in chains of 200 along three axes: the deepest trees. */
+/*
+ * Distances that grow by half from one triangle to the next, in chains of 200 along three axes, which give the deepest
+ * trees.
+ */
 static void make_expchain(struct mesh *mesh, uint32_t size, struct random *random)
 {
     enum { LINKS = 200 };
@@ -183,7 +186,7 @@ static void make_expchain(struct mesh *mesh, uint32_t size, struct random *rando
     }
 }
 
-/* 10 km long, 10 m wide, one row of triangles that share their edges: no ray may slip through. */
+/* A strip of 10 km by 10 m, one row of triangles that share their edges, through which no ray may pass. */
 static void make_strip(struct mesh *mesh, uint32_t size, struct random *random)
 {
     uint32_t columns = size / 2 + 2;
@@ -208,7 +211,7 @@ static void make_degenerate(struct mesh *mesh, uint32_t size, struct random *ran
     }
 }
 
-/* Wavy strands from a common centre: boxes overlap everywhere. */
+/* Wavy strands from a common centre, whose boxes overlap everywhere. */
 static void make_hairball(struct mesh *mesh, uint32_t size, struct random *random)
 {
     enum { LINKS = 20, TRIANGLES = LINKS * 6 };

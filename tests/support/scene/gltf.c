@@ -86,7 +86,7 @@ static void write_materials(const struct gltf *gltf, FILE *file)
     fprintf(file, "],\n");
 }
 
-/* Accessors are numbered in order of parts: positions, then indices. */
+/* Accessors are numbered in the order of parts: positions, then indices. */
 static void write_meshes(const struct gltf *gltf, FILE *file)
 {
     int accessor = 0;
@@ -160,7 +160,7 @@ static void write_children(const struct gltf *gltf, int parent, const char *labe
     fprintf(file, "%s", count ? "]" : "");
 }
 
-/* glTF matrices are given by columns. */
+/* glTF stores matrices by columns. */
 static void write_node(const struct gltf *gltf, int index, FILE *file)
 {
     const struct gltf_node *node = &gltf->nodes[index];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* make_scene - writes the generated scenes of tests and of the demonstration. The usage text is its manual. */
+/* make_scene - writes the generated scenes of tests and of the demonstration. Its usage text is its manual. */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,19 +14,20 @@ static void print_usage(FILE *file)
 {
     uint32_t count;
     const struct adversarial *scenes = adversarial_scenes(&count);
-    fprintf(file,
-            "usage: make_scene NAME [--size N] [--seed N] -o FILE\n"
-            "       make_scene --list\n"
-            "\n"
-            "Writes a scene that depends on its arguments alone. --seed: any number, 1 by default.\n"
-            "\n"
-            "park: a garden with a temple and woods, most of it instances; FILE ends in .gltf, and a .bin is written "
-            "beside it.\n"
-            "  --size: triangles of the ground, about (%d by default).\n"
-            "\n"
-            "The others are one mesh each in a binary little-endian PLY. --size: triangles, about (%d by default).\n"
-            "--list prints their names, one a line. What each is about:\n",
-            PARK_SIZE, ADVERSARIAL_SIZE);
+    fprintf(
+        file,
+        "usage: make_scene NAME [--size N] [--seed N] -o FILE\n"
+        "       make_scene --list\n"
+        "\n"
+        "Writes a scene that depends only on the arguments. --seed is any number, 1 by default.\n"
+        "\n"
+        "park: a garden with a temple and woods, most of it instances; FILE ends in .gltf, and a .bin is written "
+        "beside it.\n"
+        "  --size is the approximate number of triangles of the ground (%d by default).\n"
+        "\n"
+        "Each other scene is one mesh in a binary little-endian PLY. --size is the approximate number of triangles\n"
+        "(%d by default). --list prints the names, one on each line. What they test:\n",
+        PARK_SIZE, ADVERSARIAL_SIZE);
     for (uint32_t i = 0; i < count; i++)
         fprintf(file, "  %-15s %s\n", scenes[i].name, scenes[i].shows);
 }

@@ -81,7 +81,7 @@ void mesh_add_lathe(struct mesh *mesh, const double (*profile)[2], uint32_t prof
     mesh_add_rows(mesh, first, profile_count, sides, 1);
 }
 
-/* Two unit vectors across `along`. */
+/* Finds two unit vectors perpendicular to `along` and to each other. */
 static void across(const double along[3], double ret_u[3], double ret_v[3])
 {
     int least = fabs(along[0]) < fabs(along[1]) ? 0 : 1;
@@ -116,7 +116,7 @@ void mesh_add_tube(struct mesh *mesh, const double from[3], const double to[3], 
     }
 }
 
-/* Vertex number of the point (i, j) of a triangular patch of n rows. */
+/* The vertex number of the point (i, j) of a triangular patch of n rows. */
 static uint32_t patch_index(uint32_t n, uint32_t i, uint32_t j)
 {
     return i * (n + 1) - i * (i - 1) / 2 + j;
@@ -138,7 +138,10 @@ static void add_on_sphere(struct mesh *mesh, const struct bumpy *sphere, const d
                     sphere->centre[2] + radius * direction[2]);
 }
 
-/* One of the icosahedron's faces, cut into n * n triangles; seams have the same vertices twice, at equal places. */
+/*
+ * Adds one face of the icosahedron, cut into n * n triangles. Vertices on seams exist once for each face, at equal
+ * positions.
+ */
 static void add_patch(struct mesh *mesh, const struct bumpy *sphere, const double *corners[3], uint32_t n)
 {
     uint32_t first = mesh->vertex_count;

@@ -29,7 +29,7 @@ static struct materials add_materials(struct gltf *gltf)
     };
 }
 
-/* 0 below `low`, 1 above `high`, smooth between. */
+/* 0 below `low`, 1 above `high`, and smooth in between. */
 static double smooth(double low, double high, double x)
 {
     double t = fmin(1, fmax(0, (x - low) / (high - low)));
@@ -53,7 +53,7 @@ static double underside(double x, double z)
     return -1.5 - 24 * pow(1 - r * r, 0.8) * (1 + 0.16 * rough) - 5 * (1 - r) * fabs(rough);
 }
 
-/* A disc as a square grid bent round, so that no triangle is thin. */
+/* Adds a disc as a square grid bent to a circle, so that no triangle is thin. */
 static void add_disc(struct mesh *mesh, uint32_t side, double (*height)(double x, double z), int upside)
 {
     uint32_t first = mesh->vertex_count;
@@ -121,7 +121,7 @@ static void add_island(struct gltf *gltf, const struct materials *materials, uin
     place(gltf, "pond", -1, water, GLTF_NONE, lake, 0, scale);
 }
 
-/* A (2, 3) torus knot: a tube around a curve on a torus. */
+/* Adds a (2, 3) torus knot: a tube around a curve on a torus. */
 static void add_knot(struct mesh *mesh)
 {
     enum { ALONG = 420, AROUND = 28 };
@@ -148,7 +148,7 @@ static void add_knot(struct mesh *mesh)
         mesh_add_quad(mesh, last + j, first + j, first + (j + 1) % AROUND, last + (j + 1) % AROUND);
 }
 
-/* A Doric column: 20 flutes, tapering, with a round foot and head. */
+/* Adds a Doric column: 20 flutes, tapering, with a round foot and head. */
 static void add_column(struct mesh *mesh)
 {
     enum { ROWS = 9, SIDES = 20 * 4 };
@@ -196,7 +196,7 @@ static void add_temple(struct gltf *gltf, const struct materials *materials)
     }
 }
 
-/* A free spot on the island, outside of the temple's grounds and the pond. */
+/* Finds a free spot on the island, outside of the temple's grounds and the pond. */
 static void find_spot(struct random *random, double margin, double ret_at[3])
 {
     do {
@@ -207,7 +207,7 @@ static void find_spot(struct random *random, double margin, double ret_at[3])
              hypot(ret_at[0], ret_at[2]) < plateau_radius + margin || ret_at[1] < water_height + 0.25);
 }
 
-/* Woods are denser where this is high; a walk from the temple to the island's edge stays free. */
+/* The density of the woods; a path from the temple to the island's edge stays free. */
 static double woodland(double x, double z)
 {
     if (z < 0 && fabs(x + 3 * sin(0.1 * z)) < 5)
@@ -220,7 +220,7 @@ struct kind {
     const char *name;
     int meshes[3];
     int mesh_count, count;
-    double low, high; /* scale */
+    double low, high; /* range of scales */
     int wooded;
 };
 

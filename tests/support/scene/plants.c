@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-/* A tier of drooping boughs: a rim that goes in and out, with an upper and an under side. */
+/* Adds a tier of drooping boughs: a rim that goes in and out, with an upper and a lower side. */
 static void add_tier(struct mesh *mesh, double low, double high, double radius, struct random *random)
 {
     enum { BOUGHS = 11, POINTS = 4, RIM = BOUGHS * POINTS };
@@ -37,7 +37,7 @@ int plants_add_conifer(struct gltf *gltf, const char *name, int wood, int needle
     return tree;
 }
 
-/* A leaf: two triangles with a fold, at a point of a ball, turned at random. */
+/* Adds a leaf of two folded triangles, at a random point of a ball and with a random orientation. */
 static void add_leaf(struct mesh *mesh, const double centre[3], double radius, struct random *random)
 {
     double out[3], across[3], length, size = random_between(random, 0.12, 0.24);

@@ -15,7 +15,7 @@ static void *allocate(size_t count, size_t size)
     return block;
 }
 
-/* Four waves whose direction and phase come from the seed, and a roughness from place and seed. */
+/* Four waves whose direction and phase come from the seed, and a roughness from the position and the seed. */
 static float height(uint32_t x, uint32_t y, uint32_t seed)
 {
     double sum = 0;

@@ -13,9 +13,9 @@ struct long_ray shader_accuracy_ray(const struct ray *ray, const float *matrix)
 }
 
 /*
- * What floats of the box's size are rounded by, and bvhd_box.glsl's slack with a factor of two to spare: 2^-40 of the
- * distance to the structure's farthest point; 2^-29 and a movement of 2^-30 along axes on which the ray hardly moves;
- * and for underflow 2^-118 of t.
+ * The sum of the rounding of floats of the box's size and of the slack in bvhd_box.glsl, with a factor of two to spare:
+ * 2^-40 of the distance to the structure's farthest point; 2^-29, and a displacement of 2^-30 along axes to which the
+ * ray is nearly perpendicular; and 2^-118 of t for underflow.
  */
 long double shader_accuracy_box(const struct long_ray *ray, const float box[6], const float bounds[6])
 {
@@ -61,7 +61,10 @@ static long double length(const long double a[3])
     return sqrtl(dot(a, a));
 }
 
-/* The largest component of |M^-1| |M| |M^-1| |x|: what the rounding of M^-1 x, corrected once by M, is a share of. */
+/*
+ * The largest component of |M^-1| |M| |M^-1| |x|. The rounding error of M^-1 x, corrected once by M, is proportional to
+ * it.
+ */
 static long double size_through(long double inverse[3][3], const float m[12], const long double x[3])
 {
     long double sizes[3] = {fabsl(x[0]), fabsl(x[1]), fabsl(x[2])}, next[3];
@@ -78,8 +81,8 @@ static long double size_through(long double inverse[3][3], const float m[12], co
 }
 
 /*
- * bvhdToObject: pairs of floats, and products of floats once for what they lack; 2^-43 of what they are made of is more
- * than that.
+ * Bounds the rounding error of bvhdToObject, which computes with pairs of floats and corrects the result once with
+ * products of floats. 2^-43 of the sum of the terms' magnitudes exceeds it.
  */
 static long double moved_by_matrix(const struct long_ray *ray, const float m[12], long double t)
 {
@@ -96,8 +99,8 @@ static bool is_near(float value, long double exact, long double slack)
 }
 
 /*
- * Möller and Trumbore's (1997); a ray that is moved by 1 has its t, u and v moved by the sizes of the three products
- * that det divides.
+ * The intersection of Möller and Trumbore (1997). When a ray is displaced by 1, its t, u and v change by the lengths
+ * of the three products, divided by det.
  */
 bool shader_accuracy_allows(const struct ray *ray, const float *matrix, float corners[3][3], const struct ray_hit *hit)
 {
@@ -115,7 +118,7 @@ bool shader_accuracy_allows(const struct ray *ray, const float *matrix, float co
     cross(e1, e2, normal);
     cross(s, e1, q);
     long double det = dot(e1, along), t = dot(e2, q) / det;
-    /* bvhdTriangleHit: sheared to some 2^-44. */
+    /* bvhdTriangleHit: the shear has a relative error of about 2^-44. */
     long double moved = 0x1p-42L * distance + (matrix ? moved_by_matrix(&world, matrix, t) : 0);
     long double share = moved / fabsl(det), moved_u = share * length(along), moved_v = share * length(across);
     /* t is interpolated between the corners. */

@@ -10,7 +10,7 @@
 
 _Static_assert(sizeof(struct shader_answer) == 48 &&
                    sizeof(struct shader_full_answer) == 204 + 40 * SHADER_BED_CANDIDATES,
-               "as in the kernel");
+               "The layouts are those of the kernel.");
 
 enum { HIT_PORTION = 1 << 18, BINDINGS = 3 };
 
@@ -114,7 +114,7 @@ const char *shader_bed_device(const struct shader_bed *bed)
 
 /* ---- the scene ---- */
 
-/* Where the body behind `before` bytes lies. A first one at 0 is a location as any other. */
+/* Reserves space for the body of `view` after `*used` bytes and returns its location. Location 0 is valid. */
 static uint64_t place(uint64_t *used, const struct portable_view *view)
 {
     uint64_t at = *used;

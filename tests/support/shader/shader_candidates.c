@@ -11,7 +11,7 @@ enum { SHOWN = 5 };
 
 struct candidate_list {
     struct ray_hit hits[SHADER_BED_CANDIDATES];
-    uint32_t count; /* may be above */
+    uint32_t count; /* SHADER_BED_CANDIDATES + 1 if there are more */
 };
 
 static bool is_same_primitive(const struct ray_hit *a, const struct ray_hit *b)
@@ -27,7 +27,7 @@ static const struct ray_hit *find(const struct candidate_list *list, const struc
     return NULL;
 }
 
-/* Split references come several times. */
+/* Adds a candidate if it is new; split references report a primitive several times. */
 static void add(struct candidate_list *list, const struct ray_hit *hit)
 {
     if (list->count >= SHADER_BED_CANDIDATES)
@@ -43,7 +43,7 @@ static enum candidate_verdict note(void *context, const struct ray *ray, struct 
     return CANDIDATE_IGNORE;
 }
 
-/* ---- what is a candidate on one side alone ---- */
+/* ---- candidates of one side only ---- */
 
 static const struct portable_instance *find_instance(const struct scene *scene, uint32_t instance)
 {
@@ -119,11 +119,11 @@ static bool is_triangle_right(const struct scene *scene, const struct ray *ray, 
     return is_right;
 }
 
-/* ---- all of them ---- */
+/* ---- all candidates ---- */
 
 /*
- * As the CPU tells of it, or near enough to what is exact. A triangle that may as well be missed has no side that is
- * its front for certain.
+ * Whether all values of a candidate equal the CPU's, or are near enough to the exact ones. A triangle that can also be
+ * missed has no certain front side.
  */
 static bool is_told_rightly(const struct scene *scene, const struct ray *ray, const struct ray_hit *hit,
                             const struct ray_hit *theirs, struct memory *memory)
@@ -159,7 +159,7 @@ static void report(const char *what, const char *wrong, const struct ray *ray, c
                (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin, (double)ray->tmax, ray->flags);
 }
 
-/* What `list` has and `other` has not. */
+/* Judges the candidates that `list` has and `other` does not have. */
 static void judge_missing(const char *what, const struct scene *scene, const struct ray *ray,
                           const struct candidate_list *list, const struct candidate_list *other, bool is_ours,
                           struct memory *memory, struct shader_candidate_tally *tally)
@@ -172,7 +172,7 @@ static void judge_missing(const char *what, const struct scene *scene, const str
         bool is_right =
             hit->is_aabb ? is_box_right(scene, ray, hit, is_ours) : is_triangle_right(scene, ray, hit, is_ours, memory);
         if (!is_right)
-            report(what, is_ours ? "is none" : "is missing", ray, hit, tally);
+            report(what, is_ours ? "must not be one" : "is missing", ray, hit, tally);
     }
 }
 
@@ -192,7 +192,7 @@ static void judge_ray(const char *what, const struct scene *scene, const struct 
         add(&ours, &hit);
         const struct ray_hit *same = find(&theirs, &hit);
         if (same && !is_told_rightly(scene, ray, &hit, same, memory))
-            report(what, "is told of wrongly", ray, &hit, tally);
+            report(what, "has wrong values", ray, &hit, tally);
     }
     tally->rays++;
     tally->candidates += ours.count;

@@ -37,7 +37,7 @@ enum candidate_verdict shader_judge_candidate(void *context, const struct ray *r
 
 /* ---- meshes ---- */
 
-/* Something that rays can be aimed at: a triangle through opposite corners of each box. */
+/* Makes something that rays can be aimed at: a triangle through opposite corners of each box. */
 static void unpack_boxes(const struct portable_view *view, float *positions)
 {
     for (uint32_t i = 0; i < view->header->record_count; i++) {
@@ -124,7 +124,7 @@ static void add_mesh(struct shader_meshes *meshes, const struct shader_case *ray
     struct oracle_mesh turned = mesh;
     if (is_culling && instance_flags & (INSTANCE_FLIP_FACING | INSTANCE_CULL_DISABLE))
         turned.positions = keep_positions(meshes, copy_turned(&mesh));
-    /* Where nothing is culled, both ways round can be hit. */
+    /* Where nothing is culled, both orientations can be hit. */
     if (!is_culling || !(instance_flags & INSTANCE_FLIP_FACING) || instance_flags & INSTANCE_CULL_DISABLE)
         meshes->meshes[meshes->count++] = mesh;
     if (turned.positions != mesh.positions)
@@ -210,7 +210,10 @@ static bool same_primitive(const struct ray_hit *a, const struct ray_hit *b)
            a->is_aabb == b->is_aabb;
 }
 
-/* To some last bits; what enters an AABB is rounded at the distance of the ray's origin. */
+/*
+ * Whether two values are equal up to some last bits. The entry into an AABB is rounded at the distance of the ray's
+ * origin.
+ */
 static bool near(float a, float b, double share, double slack)
 {
     return a == b || fabs((double)a - b) <= share * fabs((double)b) + slack;
@@ -254,7 +257,7 @@ static void show(const char *what, const char *verdict, const struct ray *ray, c
            (double)ray->tmin, (double)ray->tmax, ray->flags);
 }
 
-/* A ray that differs. */
+/* A ray whose answers differ. */
 struct difference {
     struct ray ray;
     bool is_hit, is_cpu_hit;
@@ -262,8 +265,8 @@ struct difference {
 };
 
 /*
- * The reference knows no boxes: the closer of two entries, or one that is hit and one that is not, can be a matter of
- * rounding.
+ * Whether an AABB is involved. The reference has no AABBs, and rounding can decide which of two entries is nearer, or
+ * whether one is hit.
  */
 static bool is_about_boxes(const struct difference *difference)
 {
