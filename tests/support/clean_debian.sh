@@ -1,13 +1,15 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# clean_debian.sh SUITE FOLDER - runs ./demo and ./check of the committed tree in a fresh Debian SUITE (bookworm, trixie), made by
-# debootstrap below FOLDER and removed afterwards. Needs root, git, debootstrap and unshare. The packages come from where this machine gets
-# its own. Mounts are made in a namespace that ends with the run.
+# clean_debian.sh SUITE FOLDER - runs ./demo and ./check of the committed tree in a fresh Debian SUITE (bookworm,
+# trixie), which debootstrap makes below FOLDER and which is removed afterwards. It needs root, git, debootstrap and
+# unshare. The packages come from where this machine gets its own. Mounts are made in a namespace that ends with the
+# run.
 set -eu
 suite=$1
 root=$2/clean-$suite
 
-# mirror PATTERN - the archive of this machine's own apt sources, whatever their format: the first that holds Debian's main component of a release with such a name.
+# mirror PATTERN - prints the first archive in this machine's own apt sources, in any format, that has Debian's main
+# component of a release whose name matches.
 mirror()
 {
     # shellcheck disable=SC2016 # apt fills these in
@@ -17,7 +19,7 @@ mirror()
 
 releases='^[a-z]+$'
 
-# A mirror list stands for its first mirror.
+# resolve ADDRESS - prints the first mirror of a mirror list, or any other address unchanged.
 resolve()
 {
     case $1 in
@@ -26,7 +28,7 @@ resolve()
     esac
 }
 
-# What apt and the resolver need to reach the archive as this machine does.
+# Copies what apt and the resolver need to reach the archive in the way that this machine does.
 copy_network_settings()
 {
     cp -L /etc/resolv.conf "$root/etc/resolv.conf"
@@ -38,7 +40,8 @@ copy_network_settings()
     fi
 }
 
-# Where this machine gets backports from another place than the rest, the fresh system is told. Else it has to find out by itself.
+# If this machine gets backports from another archive than the rest, writes that to the fresh system. Otherwise the
+# system has to find them by itself.
 copy_backports()
 {
     backports=$(resolve "$(mirror "^$suite-backports\$")")
@@ -47,7 +50,7 @@ copy_backports()
     fi
 }
 
-# inside COMMAND - in the fresh system, with nothing of this machine's environment.
+# inside COMMAND - runs the command in the fresh system, without this machine's environment.
 inside()
 {
     # shellcheck disable=SC2016 # the inner shell fills these in
@@ -56,7 +59,8 @@ inside()
         mount -t proc proc "$1/proc"
         mount -t sysfs -o ro sysfs "$1/sys"
         mount --rbind /dev "$1/dev"
-        exec chroot "$1" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LANG=C.UTF-8 sh -euc "$2"' sh "$root" "$1"
+        exec chroot "$1" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LANG=C.UTF-8 sh -euc "$2"' \
+        sh "$root" "$1"
 }
 
 [ "$(id -u)" -eq 0 ] || { echo "clean_debian: needs root" >&2; exit 1; }

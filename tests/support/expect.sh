@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-# shellcheck shell=sh disable=SC2034,SC2154 # $bvhctl comes from, and $checks goes to, who sources this
-# expect.sh - expectations of the shell tests. Sourced by them; those that run bvhctl set $bvhctl first, and are in their scratch folder.
+# shellcheck shell=sh disable=SC2034,SC2154 # the script that sources this sets $bvhctl and reads $checks
+# expect.sh - expectations of the shell tests, which source it. Tests that run bvhctl first set $bvhctl and change to
+# their scratch folder.
 failures=0
 checks=0
 
-# expect WHAT COMMAND... - the command succeeds.
+# expect WHAT COMMAND... - checks that the command succeeds.
 expect()
 {
     what=$1
@@ -15,7 +16,7 @@ expect()
     failures=$((failures + 1))
 }
 
-# expect_quietly WHAT COMMAND... - the command succeeds; else what it printed is shown.
+# expect_quietly WHAT COMMAND... - checks that the command succeeds; if not, shows the start of what it printed.
 expect_quietly()
 {
     what=$1
@@ -27,7 +28,8 @@ expect_quietly()
     failures=$((failures + 1))
 }
 
-# run CODE ARGUMENT... - bvhctl ends with that code, and validation layers, where they are loaded, say nothing; its output is in `out` and `err`.
+# run CODE ARGUMENT... - runs bvhctl, and checks that it exits with that status and that validation layers, where they
+# are loaded, report nothing. Its output is in `out` and `err`.
 run()
 {
     code=$1
@@ -50,7 +52,7 @@ one_json_object()
     expect 'schema 1' grep -q '^{"schema":1,.*}$' out
 }
 
-# says TEXT - on stderr.
+# says TEXT - checks that the last run printed TEXT to stderr.
 says()
 {
     expect "it says '$1': $(cat err)" grep -Fq -- "$1" err

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=sh disable=SC2034
-# setup.sh - what ./demo and ./check need before they start. Sourced by them, with the repository's root as the working directory.
+# setup.sh - installs what ./demo and ./check need before they start. They source it, with the repository's root as
+# the working directory.
 #
-# Packages are looked up with dpkg first, so that a machine that has them needs neither network nor rights.
+# It first looks up packages with dpkg, so that a machine that has them needs neither a network nor root.
 
-# Numbers and messages as the scripts expect them.
+# The scripts parse numbers and messages of the C locale.
 export LC_ALL=C
 
-setup_build_packages="gcc libc6-dev meson ninja-build pkg-config libassimp-dev libcjson-dev libssl-dev libpng-dev libvulkan-dev glslang-tools libprotobuf-c-dev protobuf-c-compiler libuv1-dev libsystemd-dev"
+setup_build_packages="gcc libc6-dev meson ninja-build pkg-config libassimp-dev libcjson-dev libssl-dev libpng-dev \
+libvulkan-dev glslang-tools libprotobuf-c-dev protobuf-c-compiler libuv1-dev libsystemd-dev"
 setup_bench_packages="cmake libembree-dev gnuplot-nox"
 setup_check_packages="$setup_build_packages $setup_bench_packages g++ clang libclang-rt-dev libcmocka-dev systemd"
 
@@ -22,13 +24,13 @@ setup_fail()
     exit 1
 }
 
-# VERSION_ID of this Debian, such as 12; empty elsewhere.
+# Prints the VERSION_ID of this Debian, such as 12, and nothing on other systems.
 setup_debian()
 {
     sed -n 's/^VERSION_ID="\{0,1\}\([0-9]*\).*/\1/p' /etc/os-release 2>/dev/null
 }
 
-# Which of the packages named are not installed.
+# setup_missing PACKAGE... - prints the packages that are not installed.
 setup_missing()
 {
     for package; do
@@ -36,7 +38,7 @@ setup_missing()
     done
 }
 
-# Runs a command as root: directly, or through sudo.
+# setup_as_root COMMAND... - runs a command as root, directly or through sudo.
 setup_as_root()
 {
     if [ "$(id -u)" -eq 0 ]; then
@@ -48,25 +50,25 @@ setup_as_root()
     fi
 }
 
-# Installs what is missing of the packages named, by apt.
+# setup_packages PACKAGE... - installs the missing ones with apt.
 setup_packages()
 {
     if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
-        setup_say "This is no Debian: the following must be there already: $*"
+        setup_say "This is not Debian; the following packages must be installed already: $*"
         return 0
     fi
     missing=$(setup_missing "$@")
     if [ -z "$missing" ]; then
-        setup_say "Packages: all there."
+        setup_say "Packages: all are installed."
         return 0
     fi
-    setup_say "Packages to install by apt: $missing"
-    setup_as_root apt-get update -q || setup_say "apt-get update failed; going on with the lists that are there."
+    setup_say "Packages to install with apt: $missing"
+    setup_as_root apt-get update -q || setup_say "apt-get update failed; continuing with the present package lists."
     # shellcheck disable=SC2086 # a list of words
     setup_as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends $missing
 }
 
-# setup_configure DIR MESON-OPTION... - a build folder; one that exists stays as it is.
+# setup_configure DIR MESON-OPTION... - configures a build folder. An existing one stays unchanged.
 setup_configure()
 {
     folder=$1
