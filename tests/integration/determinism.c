@@ -29,7 +29,7 @@ struct run {
     uint64_t digest, failures, blobs, bytes;
 };
 
-/* FNV-1a is good enough, because nobody forges collisions here. */
+/* FNV-1a is good enough, because this test needs no protection against deliberate collisions. */
 static void digest_bytes(struct run *run, const void *data, uint64_t size)
 {
     const unsigned char *bytes = data;

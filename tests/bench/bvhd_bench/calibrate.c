@@ -139,7 +139,7 @@ static int choose_by(const struct model *model, const struct facts *facts, doubl
     return best;
 }
 
-/* What the choices of one model lose. */
+/* The losses of the choices of one model. */
 struct tally {
     uint32_t choices, bad; /* bad: choices that cost over 10 % more than the best */
     double most, beyond; /* the worst loss, and the sum of what the losses exceed 5 % by */

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Where a part of a scene stands, rotated around the upright axis. */
+/* The position of a part of a scene, and its rotation around the upright axis. */
 struct stand {
     double x, y, z, angle;
 };

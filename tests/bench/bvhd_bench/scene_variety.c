@@ -7,7 +7,7 @@
 
 #include "tests/bench/bvhd_bench/scene_model.h"
 
-/* Where a part of a scene stands: axes[i] is the direction of its i-th axis, multiplied by its scale. */
+/* The placement of a part of a scene: axes[i] is the direction of its i-th axis, multiplied by its scale. */
 struct frame {
     double origin[3], axes[3][3];
 };

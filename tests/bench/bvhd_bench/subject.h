@@ -35,7 +35,7 @@ struct subject {
     struct build_stats stats; /* METHOD_OWN */
     struct facts facts; /* METHOD_OWN */
     struct tree tree; /* filled if wants.tree */
-    /* What rays are traced through; set if wants.tracer. */
+    /* The structures that rays are traced through; set if wants.tracer. */
     unsigned char *blob;
     struct portable_view portable;
     struct lavapipe_view lavapipe;

@@ -101,7 +101,7 @@ static void spoil_item(struct wrong_frames *wrong, struct control_item *item)
         *wide[which - 12] = odd_value(wrong);
 }
 
-/* Where payloads of this source are written. The sealed memfd already has payloads. */
+/* Returns where payloads of this source are written. The sealed memfd already has payloads. */
 static unsigned char *place_of(struct wrong_frames *wrong, enum control_source source)
 {
     return source == SOURCE_POOL ? wrong->pool : wrong->payloads;

@@ -11,7 +11,7 @@
 #include "tests/support/driver/driver_scene.h"
 #include "tests/support/driver/query_bed.h"
 
-/* What the rays of a case have in common. */
+/* The properties that the rays of a case share. */
 struct driver_case {
     const char *name;
     uint32_t flags; /* RAY_ */

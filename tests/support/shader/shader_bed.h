@@ -11,7 +11,7 @@
 
 enum { SHADER_BED_CANDIDATES = 40, SHADER_BED_PORTION = 4096 };
 
-/* What is done with candidates. */
+/* What the query does with candidates. */
 enum shader_policy { SHADER_ACCEPT, SHADER_IGNORE, SHADER_SOME, SHADER_END };
 
 /* Written by the kernel. */

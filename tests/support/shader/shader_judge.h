@@ -9,7 +9,7 @@
 #include "client/bvhctl/oracle/oracle.h"
 #include "tests/support/shader/shader_bed.h"
 
-/* What a group of rays has in common. */
+/* The properties that a group of rays shares. */
 struct shader_case {
     uint32_t flags; /* RAY_ */
     uint8_t cull_mask;
