@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# adversarial.sh MAKE_SCENE BVHCTL SCENE... - each generated scene: built in each quality, then checked against brute force. Status 1 when
-# a build fails or an answer is wrong. $SIZE and $RAYS say how much, 4000 triangles and 1000 rays by default.
+# adversarial.sh MAKE_SCENE BVHCTL SCENE... - generates each scene, builds it in each quality, and checks it against
+# brute force. The status is 1 if a build fails or an answer is wrong. $SIZE is the number of triangles (4000 by
+# default), $RAYS that of rays (1000).
 set -eu
 make_scene=$1
 bvhctl=$2

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bvhctl.sh MAKE_SCENE BVHCTL - the command line as its users meet it: exit codes, error lines, JSON, files that stay untouched. Prints each
-# expectation that does not hold; status 1 when one does not.
+# bvhctl.sh MAKE_SCENE BVHCTL - tests the command line: exit codes, error lines, JSON, files that stay untouched. It
+# prints each expectation that does not hold, and its status is 1 if there is one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
@@ -20,7 +20,7 @@ newest()
 "$make_scene" nan --size 300 -o nan.ply >/dev/null
 printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nl 1 2\n' >mixed.obj
 
-# Usage.
+# Wrong usage, help and version.
 run 2
 one_error_line
 run 2 fly
@@ -35,7 +35,8 @@ run 2 trace d --device cpu -o ''
 run 2 build --json --nonsense
 one_error_line
 one_json_object
-expect 'the error object names the option' grep -q '"error":{"status":"INVALID","vuid":"","where":"--nonsense","text":"' out
+expect 'the error object names the option' \
+    grep -q '"error":{"status":"INVALID","vuid":"","where":"--nonsense","text":"' out
 run 0 --help
 expect 'the help names the commands' grep -q trace out
 run 0 build --help
@@ -43,7 +44,7 @@ expect 'the help names the options' grep -q -- --depfile out
 run 0 --version
 expect 'a version' grep -Eq '^bvhctl [0-9]+\.[0-9]+\.[0-9]+$' out
 
-# A reader that is gone (yes notices, and ends), and streams that are closed.
+# The reader of the output has gone (yes notices that and ends), or streams are closed.
 for word in --version --help 'build --help'; do
     { yes 2>/dev/null; "$bvhctl" $word 2>err; echo $? >code; } | :
     expect "a lost reader is a failure of $word: $(cat code)" [ "$(cat code)" = 1 ]
@@ -59,7 +60,7 @@ one_json_object
 "$bvhctl" --local build ball.ply -o closed3 <&- >&- 2>&-
 expect 'nor does it take a stream to build' [ -f closed3/manifest.json ]
 
-# Without a daemon; bvhctl_daemon.sh has more of it.
+# There is no daemon. bvhctl_daemon.sh has more tests of that.
 run 4 --socket "$scratch/none.sock" --connect-timeout 0 build ball.ply -o d
 one_error_line
 run 4 --socket "$scratch/none.sock" --connect-timeout 0 build ball.ply -o d --json
@@ -67,18 +68,18 @@ one_json_object
 expect 'the error is UNAVAILABLE' grep -q '"status":"UNAVAILABLE"' out
 expect 'nothing was written' [ ! -e d ]
 
-# Interrupted as at a terminal, where the process that imports is interrupted with it: nothing is said but that.
+# An interrupt at a terminal also reaches the process that imports. The only message is that bvhctl was interrupted.
 "$make_scene" sphere --size 400000 -o large.ply >/dev/null
 for seconds in 0.02 0.05 0.1 0.2; do
     timeout --preserve-status -s INT $seconds "$bvhctl" --local build large.ply -o interrupted >out 2>err
     expect "interrupted after $seconds s: $(cat err)" [ "$(grep -vc ': interrupted$' err)" -eq 0 ]
 done
 
-# Building.
+# Builds.
 run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d --json --depfile 'dep s.d'
 one_json_object
-for field in structures file type name geometries material primitives triangles instances inactive degenerate skipped bytes key cached \
-    coalesced prepare_ms build_ms peak_bytes depth sah refs method quality target wall_ms; do
+for field in structures file type name geometries material primitives triangles instances inactive degenerate skipped \
+    bytes key cached coalesced prepare_ms build_ms peak_bytes depth sah refs method quality target wall_ms; do
     expect "the field $field" grep -q "\"$field\":" out
 done
 expect 'a message counts the lines' grep -q '^bvhctl: mixed: not geometry.* 1 lines' err
@@ -103,11 +104,12 @@ done
 run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d --quality fast --flags allow-update
 expect 'something was rewritten' [ -n "$(newest d stamp)" ]
 
-# What fails, fails alone.
+# One scene that fails does not affect the others.
 run 1 --local build missing.ply ball.ply -o part --json
 one_json_object
 one_error_line
-expect 'the error is listed' grep -q '"errors":\[{"what":"build","status":"NOT_FOUND","vuid":"","where":"missing.ply"' out
+expect 'the error is listed' \
+    grep -q '"errors":\[{"what":"build","status":"NOT_FOUND","vuid":"","where":"missing.ply"' out
 expect 'the other scene is there' [ -f part/ball.tlas.as ]
 run 1 --local build missing.ply -o none --json
 one_json_object
@@ -123,7 +125,8 @@ one_error_line
 run 1 --local build ball.ply -o small --memory 1000
 run 1 --local build ball.ply -o dep --depfile no/such/place.d
 
-# Forty nodes, of which each names the next one twice: 2^39 when unfolded. The limit here is lower than the tool's own, to be quick.
+# Each of forty nodes names the next one twice, which gives 2^39 instances. The limit on memory is lower than bvhctl's
+# own, so that the test is quick.
 nodes=
 for i in $(seq 39); do
     nodes="$nodes{\"children\":[$i,$i]},"
@@ -132,7 +135,8 @@ cat >unfold.gltf <<END
 {"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[$nodes{"mesh":0}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"bufferViews":[{"buffer":0,"byteLength":36}],
 "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[0,0,0]}],
-"buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"}]}
+"buffers":[{"byteLength":36,
+"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"}]}
 END
 if (ulimit -v 1000000 && "$bvhctl" --version) >out 2>err; then # a sanitizer needs more than that
     (ulimit -v 1000000 && "$bvhctl" --local build unfold.gltf -o unfold --threads 1) >out 2>err
@@ -140,7 +144,7 @@ if (ulimit -v 1000000 && "$bvhctl" --version) >out 2>err; then # a sanitizer nee
     one_error_line
 fi
 
-# A manifest outlives a build that fails.
+# A build that fails leaves the manifest as it was.
 run 0 --local build ball.ply mixed.obj -o kept
 cp kept/manifest.json before.json
 run 1 --local build missing.ply -o kept
@@ -157,7 +161,7 @@ expect 'its top level fails, too' grep -q "^bvhctl: ball.tlas.as: ball: $blas, w
 expect 'the manifest has neither' sh -c '! grep -q "\"ball" kept/manifest.json'
 expect 'it has the other scene' grep -q mixed.tlas.as kept/manifest.json
 
-# Outputs that are no plain files: a link stays and its target is written, anything else is left alone.
+# The output is not a plain file: a link stays and its target is written; anything else is left alone.
 mkdir elsewhere
 echo old >elsewhere/real.d
 ln -s elsewhere/real.d link.d
@@ -172,10 +176,11 @@ run 1 trace linked --device cpu -o pipe.d --size 8x8
 one_error_line
 expect 'no picture instead of a pipe' [ -p pipe.d ]
 expect 'no temporary files beside it' [ -z "$(find . -name '*.d.??????')" ]
-expect 'a Vulkan rule is named' sh -c "'$bvhctl' --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build 2>&1 |
-    grep -q '^bvhctl: ball.blas-0.as: .*VUID-VkAccelerationStructureBuildGeometryInfoKHR-flags-03796'"
+expect 'a Vulkan rule is named' \
+    sh -c "'$bvhctl' --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build 2>&1 |
+        grep -q '^bvhctl: ball.blas-0.as: .*VUID-VkAccelerationStructureBuildGeometryInfoKHR-flags-03796'"
 
-# Checking.
+# The command check.
 run 0 --local build ball.ply mixed.obj -o good
 run 0 check good ball.ply --rays 500 --json
 one_json_object
@@ -194,7 +199,7 @@ one_error_line
 run 1 check nowhere ball.ply
 one_error_line
 
-# Looking inside.
+# The command inspect, and damaged files.
 run 0 inspect good
 run 0 inspect good/ball.tlas.as --json
 one_json_object
@@ -219,13 +224,15 @@ run 1 check bad ball.ply
 one_error_line
 cp cut.as "bad/$blas"
 
-# Manifests that do not fit: the top level is asked first, and a file that two handles name is opened once.
+# The manifest does not fit the files: the number of handles in the top level decides first. A file that two handles
+# name is opened once.
 cp -r good more
 tr -d '\n' <good/manifest.json | sed 's/"handles": *\[/&"missing.as",/g' >more/manifest.json
 run 3 check more ball.ply
 expect 'the numbers are compared first' grep -q 'it has 1 handles, the manifest has 2' err
 triangle='0 0\nv 1 0 0\nv 0 1 0'
-printf "o a\nv 0 $triangle\nf 1 2 3\no b\nv 0 $triangle\nf 4 5 6\no c\nv 5 $triangle\nf 7 8 9\no d\nv 5 $triangle\nf 10 11 12\n" >twins.obj
+printf "o a\nv 0 $triangle\nf 1 2 3\no b\nv 0 $triangle\nf 4 5 6\n" >twins.obj
+printf "o c\nv 5 $triangle\nf 7 8 9\no d\nv 5 $triangle\nf 10 11 12\n" >>twins.obj
 run 0 --local build twins.obj -o twins
 run 0 check twins twins.obj --rays 500
 expect 'one handle for equal meshes' sh -c '! grep -q "^ *\"twins.blas-[13]" twins/manifest.json'
@@ -254,7 +261,7 @@ one_error_line
 run 1 trace bad --device cpu -o c.png --size 8x8
 expect 'no picture of damaged files' [ ! -e c.png ]
 
-# A full disk, as far as output goes.
+# The output goes to a full disk.
 if [ -w /dev/full ]; then
     "$bvhctl" --version >/dev/full 2>err
     expect 'output that cannot be written fails' [ $? -eq 1 ]

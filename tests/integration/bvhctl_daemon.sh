@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bvhctl_daemon.sh MAKE_SCENE BVHCTL BVHD - the command line through a real daemon: the same bytes as in process, the same words about errors, what
-# is cached, who starts a daemon and where, and what becomes of a build that loses its user or its daemon. Prints each expectation that does not
-# hold; status 1 when one does not.
+# bvhctl_daemon.sh MAKE_SCENE BVHCTL BVHD - tests the command line through a real daemon: the bytes and error messages
+# are the same as in process, results are cached, private daemons start in the right place, and a build ends properly
+# when its client or its daemon goes away. It prints each expectation that does not hold, and its status is 1 if there
+# is one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
@@ -24,7 +25,7 @@ cd "$scratch" || exit 1
 mkdir -m 700 run tmp
 unset BVHD_SOCKET NOTIFY_SOCKET
 export XDG_RUNTIME_DIR="$scratch/run" TMPDIR="$scratch/tmp"
-# within SECONDS COMMAND... - the command succeeds until then, tried again and again.
+# within SECONDS COMMAND... - repeats the command until it succeeds; fails after that time.
 within()
 {
     tries=$(($1 * 20))
@@ -36,7 +37,7 @@ within()
     done
 }
 
-# start SOCKET OPTION... - a daemon on that socket, which answers. Its number is in $daemon.
+# start SOCKET OPTION... - starts a daemon on that socket and waits until it answers. Sets $daemon to its process.
 start()
 {
     socket=$1
@@ -44,16 +45,17 @@ start()
     "$bvhd" --socket "$socket" "$@" >>daemon.log 2>&1 &
     daemon=$!
     daemons="$daemons $daemon"
-    expect "a daemon on $socket: $(cat daemon.log)" sh -c "'$bvhctl' --socket '$socket' --connect-timeout 30 ping >/dev/null"
+    expect "a daemon on $socket: $(cat daemon.log)" \
+        sh -c "'$bvhctl' --socket '$socket' --connect-timeout 30 ping >/dev/null"
 }
 
-# Ended, though perhaps not yet waited for.
+# gone PID - the process has ended; it may be a zombie.
 gone()
 {
     [ -z "$(tr -d '\0' 2>/dev/null <"/proc/$1/cmdline")" ]
 }
 
-# The daemons that were started by bvhctl for this test.
+# Prints the processes of the daemons that bvhctl started in this test.
 private_daemons()
 {
     for entry in /proc/[0-9]*; do
@@ -77,7 +79,7 @@ private_count_is()
     [ "$(private_count)" -eq "$1" ]
 }
 
-# counter SOCKET NAME
+# counter SOCKET NAME - prints one of the daemon's counters.
 counter()
 {
     "$bvhctl" --socket "$1" stats | awk -v name="$2" '$1 == name { print $2 }'
@@ -88,7 +90,7 @@ counter_is()
     [ "$(counter "$1" "$2")" = "$3" ]
 }
 
-# What --json says, without what depends on the run.
+# plain_report FILE - prints a JSON report without the fields that differ between runs.
 plain_report()
 {
     sed -E 's/"(cached|coalesced)":(true|false),//g; s/"(prepare_ms|build_ms|peak_bytes|wall_ms)":[-+.0-9e]+,?//g' "$1"
@@ -103,7 +105,7 @@ printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
 "$make_scene" sphere --size $((${SIZE:-10000} * 4)) -o large.ply >/dev/null
 s=$scratch/s.sock
 
-# Without a daemon: an explicit socket is waited for, and nothing is started on it.
+# There is no daemon: bvhctl waits for an explicit socket, and starts nothing on it.
 for command in 'build one.obj -o d' stats ping "get $(printf '%064d' 0) -o f.as"; do
     # shellcheck disable=SC2086 # a list of words
     run 4 --socket "$s" --connect-timeout 0.1 $command
@@ -122,9 +124,9 @@ daemon=$!
 run 0 --socket "$s" --connect-timeout 30 ping
 expect "it answers: $(cat out)" grep -Eq "^$s answers in [0-9.]+ ms$" out
 
-# Usage.
-for line in 'get' 'get 1234 -o f' "get $(printf '%064d' 0)" 'stats more' 'ping --local' '--local stats' '--connect-timeout x ping' \
-    '--connect-timeout -1 ping' 'stats -o f' 'ping --memory 3'; do
+# Wrong usage.
+for line in 'get' 'get 1234 -o f' "get $(printf '%064d' 0)" 'stats more' 'ping --local' '--local stats' \
+    '--connect-timeout x ping' '--connect-timeout -1 ping' 'stats -o f' 'ping --memory 3'; do
     # shellcheck disable=SC2086
     run 2 $line
     one_error_line
@@ -133,7 +135,7 @@ done
 run 2 ping --socket ''
 one_error_line
 
-# The same bytes, and the same words about them, as in process.
+# The bytes and the report are the same as in process.
 for quality in fast balanced high; do
     for scene in ball.ply nan.ply degenerate.ply stadium.ply one.obj park.gltf; do
         local=local/$quality-${scene%.*}
@@ -148,8 +150,8 @@ for quality in fast balanced high; do
         expect "the same report: $quality $scene" cmp -s local.plain remote.plain
     done
 done
-for options in '--layout fast-triangles' '--flags allow-update,low-memory' '--geometry-flags none' '--quality auto --rays 3' \
-    '--flags prefer-fast-build'; do
+for options in '--layout fast-triangles' '--flags allow-update,low-memory' '--geometry-flags none' \
+    '--quality auto --rays 3' '--flags prefer-fast-build'; do
     # shellcheck disable=SC2086
     {
         run 0 --local build ball.ply park.gltf -o "local/$options" $options
@@ -157,7 +159,7 @@ for options in '--layout fast-triangles' '--flags allow-update,low-memory' '--ge
     }
     expect "the same files: $options" same_sums "local/$options" "remote/$options"
 done
-# Hints that lead to one quality share its result, also with who asks for it by name.
+# Hints that lead to the same quality share its result, also with requests that name the quality.
 run 0 --socket "$s" build ball.ply -o remote/few --rays 0.01 --json
 expect 'few rays are for fast' grep -q '"quality":"fast"' out
 for options in '--rays 0.02' '--quality auto --rays 0.005' '--quality fast --rays 1000'; do
@@ -169,7 +171,7 @@ done
 expect 'no temporary files' [ -z "$(find local remote -name '*.??????' ! -name '*.as' ! -name manifest.json)" ]
 run 0 check remote/high-park park.gltf --rays "${RAYS:-500}"
 
-# What breaks a rule, and what fails beside what does not.
+# A request breaks a rule of Vulkan; one of two scenes fails.
 run 1 --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build
 cp err local.err
 run 1 --socket "$s" build ball.ply -o rule2 --flags prefer-fast-trace,prefer-fast-build
@@ -191,8 +193,11 @@ run 0 --socket "$s" build park.gltf -o remote/balanced-park --quality balanced
 expect 'the words for it' grep -q ', cached$' out
 before=$(counter "$s" builds_started)
 for i in 1 2 3 4 5 6 7 8; do
-    { "$bvhctl" --socket "$s" build large.ply ball.ply -o "at-once-$i" --layout fast-triangles --quality high >"at-once-$i.out" 2>&1
-      echo $? >"at-once-$i.code"; } &
+    {
+        "$bvhctl" --socket "$s" build large.ply ball.ply -o "at-once-$i" --layout fast-triangles --quality high \
+            >"at-once-$i.out" 2>&1
+        echo $? >"at-once-$i.code"
+    } &
     at_once="${at_once-} $!"
 done
 # shellcheck disable=SC2086
@@ -202,9 +207,10 @@ for i in 1 2 3 4 5 6 7 8; do
     expect "at once, $i: $(cat "at-once-$i.out")" [ "$(cat "at-once-$i.code")" = 0 ]
     expect "the same bytes at once, $i" same_sums at-once "at-once-$i"
 done
-expect "eight at once: four builds ($before, then $(counter "$s" builds_started))" counter_is "$s" builds_started $((before + 4))
+expect "eight at once: four builds ($before, then $(counter "$s" builds_started))" \
+    counter_is "$s" builds_started $((before + 4))
 
-# By key.
+# The command get.
 key=$(grep -o '"key": *"[0-9a-f]*"' remote/balanced-park/manifest.json | head -n 1 | grep -o '[0-9a-f]\{64\}')
 file=$(grep -o '"file": *"[^"]*"' remote/balanced-park/manifest.json | head -n 1 | sed 's/.*"\([^"]*\)"$/\1/')
 run 0 --socket "$s" get "$key" -o got.as
@@ -223,15 +229,17 @@ expect 'no file of it' [ ! -e none.as ]
 run 1 --socket "$s" get "$key" -o no/such/place.as
 one_error_line
 
-# Counters.
+# The commands stats and ping.
 run 0 --socket "$s" stats --json
 one_json_object
-for field in builds_started builds_done hits_memory hits_disk misses coalesced refused cancelled queue_depth live_result_bytes connections; do
+for field in builds_started builds_done hits_memory hits_disk misses coalesced refused cancelled queue_depth \
+    live_result_bytes connections; do
     expect "the counter $field" grep -Eq "\"$field\":[0-9]+[,}]" out
 done
 within 10 counter_is "$s" queue_depth 0
 run 0 --socket "$s" stats
-for line in 'hits +[0-9.]+ % of [1-9][0-9]* structures; ' 'queue +0 under way, 0 builds running, [1-9]' 'memory +[0-9.]+ of [0-9.]+ MB; '; do
+for line in 'hits +[0-9.]+ % of [1-9][0-9]* structures; ' 'queue +0 under way, 0 builds running, [1-9]' \
+    'memory +[0-9.]+ of [0-9.]+ MB; '; do
     expect "the summary: $(head -n 4 out)" grep -Eq "^$line" out
 done
 expect 'only the connection that asks' within 10 counter_is "$s" connections 1
@@ -242,7 +250,8 @@ for field in socket ms; do
     expect "the field $field" grep -q "\"$field\":" out
 done
 
-# An interrupt ends the build, here and there. One thread, so that it takes a while on any machine.
+# An interrupt ends the build, in bvhctl and in the daemon. The daemon has one worker, so that the build takes a while
+# on any machine.
 "$make_scene" sphere --size $((${SIZE:-20000} * 30)) -o huge.ply >/dev/null
 start "$scratch/slow.sock" --workers 1
 slow=$daemon
@@ -266,7 +275,7 @@ for signal in INT TERM; do
 done
 expect 'cancellations are counted' [ "$(counter "$s" cancelled)" -ge 2 ]
 
-# A daemon that dies takes the build with it, and nothing half-written is left.
+# The daemon dies during a build: the build fails, and no half-written file is left.
 before=$(counter "$s" builds_started)
 "$bvhctl" --socket "$s" build one.obj huge.ply -o lost --quality high --json >out 2>err &
 pid=$!
@@ -281,16 +290,19 @@ expect 'the error is UNAVAILABLE' grep -q '"error":{"status":"UNAVAILABLE"' out
 expect 'no manifest of a part' [ ! -e lost/manifest.json ]
 expect 'whole files only' [ -z "$(find lost -type f ! -name 'one.*.as')" ]
 
-# A daemon that is idle leaves.
+# An idle daemon exits.
 start idle.sock --idle-exit 1
 expect 'it leaves' within 30 gone "$daemon"
 expect 'with its socket' [ ! -e idle.sock ]
 
-# The private daemon: eight start one, with nothing of theirs; the next ones find it.
+# Eight processes start one private daemon together. It inherits nothing from them, and later processes find it.
 rm -rf at-once-*
 at_once=
 for i in 1 2 3 4 5 6 7 8; do
-    { "$bvhctl" build ball.ply -o "at-once-$i" --connect-timeout 60 >"at-once-$i.out" 2>&1 7>inherited; echo $? >"at-once-$i.code"; } &
+    {
+        "$bvhctl" build ball.ply -o "at-once-$i" --connect-timeout 60 >"at-once-$i.out" 2>&1 7>inherited
+        echo $? >"at-once-$i.code"
+    } &
     at_once="$at_once $!"
 done
 # shellcheck disable=SC2086
@@ -320,12 +332,13 @@ kill -9 "$(private_daemons)"
 expect 'a socket without a daemon' within 30 private_count_is 0
 run 0 ping
 expect 'is taken over' private_count_is 1
-expect "that none answered is said: $(cat out)" grep -q 'answers in [0-9.]* ms: a private daemon, started now because none answered$' out
+expect "it says that none answered: $(cat out)" \
+    grep -q 'answers in [0-9.]* ms: a private daemon, started now because none answered$' out
 kill -TERM "$(private_daemons)"
 
 within 30 private_count_is 0
 
-# Where its program is: beside bvhctl, else in $PATH; never where only a build folder has it.
+# The private daemon's program is beside bvhctl, else in $PATH; never where only a build folder would have it.
 mkdir -p bin a/b daemon
 ln -s "$bvhd" bin/bvhd
 cp "$bvhctl" a/b/bvhctl
@@ -338,10 +351,11 @@ within 30 private_count_is 0
 cp daemon/bvhd a/b/bvhd
 a/b/bvhctl --connect-timeout 1 ping >out 2>err
 expect "found beside it: $(cat err)" [ -e trap ]
-expect 'a program that ends at once is no daemon' grep -q 'bvhd.sock.log: the daemon that was started ended with status 0' err
+expect 'a program that ends at once is no daemon' \
+    grep -q 'bvhd.sock.log: the daemon that was started ended with status 0' err
 rm -r a daemon trap
 
-# Without a session's directory: one of the user's own, which must be nobody else's.
+# There is no session directory: bvhctl uses a directory of the user, which nobody else may own, write or link to.
 unset XDG_RUNTIME_DIR
 own=$scratch/tmp/bvhd-$(id -u)
 run 0 ping
@@ -361,7 +375,7 @@ one_json_object
 expect 'nothing was started' [ ! -S elsewhere/bvhd.sock ]
 rm "$own"
 
-# A daemon that cannot start says why.
+# A private daemon that cannot start says why.
 mkdir -m 700 "$scratch/run2"
 export XDG_RUNTIME_DIR="$scratch/run2"
 mkdir run2/bvhd.sock

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bvhctl_targets.sh MAKE_SCENE MAKE_PROBE BVHCTL BVHD - native targets on the command line, for devices that this machine need not have: probes from files, keys and
-# bytes in process and through a daemon, manifests, errors. Prints each expectation that does not hold; status 1 when one does not.
+# bvhctl_targets.sh MAKE_SCENE MAKE_PROBE BVHCTL BVHD - tests native targets on the command line, for devices that this
+# machine need not have: probes from files, keys and bytes in process and through a daemon, manifests, errors. It prints
+# each expectation that does not hold, and its status is 1 if there is one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
@@ -38,7 +39,8 @@ s=$scratch/s.sock
 daemon=$!
 run 0 --socket "$s" --connect-timeout 30 ping
 
-# The same bytes in process and through a daemon, for each kind of device, by name or as the probe has it; asked again, what is there is found.
+# For each kind of device the bytes are the same in process and through a daemon, with the target named or taken from
+# the probe. The second request finds the cached result.
 for scene in ball.ply nan.ply one.obj park.gltf; do
     name=${scene%.*}
     for probe in 'plain 10' 'compacted 10' 'plain 11'; do
@@ -58,10 +60,10 @@ for scene in ball.ply nan.ply one.obj park.gltf; do
     expect 'and nothing else' sh -c "! grep -q lavapipe 'local/$name/manifest.json'"
     keys "local/$name" >>all-keys
 done
-expect "every device has keys of its own, and so has every target: $(sort all-keys | uniq -d)" [ -z "$(sort all-keys | uniq -d)" ]
+expect "each device and each target has different keys: $(sort all-keys | uniq -d)" [ -z "$(sort all-keys | uniq -d)" ]
 expect 'there are keys' [ "$(wc -l <all-keys)" -gt 30 ]
 
-# Structures begin with the device's own UUIDs, and differ by nothing else between devices of one variant.
+# Structures begin with the device's UUIDs, and between devices of one variant nothing else differs.
 tail -c +33 'local/ball plain 10/ball.blas-0.as' >rest10
 tail -c +33 'local/ball plain 11/ball.blas-0.as' >rest11
 expect 'the rest is the same' cmp -s rest10 rest11
@@ -69,7 +71,7 @@ expect 'the UUIDs are not' sh -c '! cmp -s "local/ball plain 10/ball.blas-0.as" 
 expect 'they are the probe'"'"'s' [ "$(head -c 16 'local/ball plain 11/ball.blas-0.as' | od -An -tu1 | tr -s ' ')" = \
     " 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26" ]
 
-# A top level of this target has a handle for each instance: so has the manifest, in the same order.
+# A top level of this target has a handle for each instance, and the manifest lists them in the same order.
 top='local/park plain 10/park.tlas.as'
 count=$(od -An -tu8 -j 48 -N 8 "$top" | tr -d ' ')
 expect "handles of a park: $count" [ "$count" -gt 10 ]
@@ -81,7 +83,8 @@ while read -r row; do sed -n "${row}p" distinct; done <rows >wanted
 expect 'in the order of the handles' cmp -s names wanted
 expect 'more than one of them' [ "$(sort -u names | wc -l)" -gt 1 ]
 
-# What was written can be read without the device: traced, with the answers of brute force in either order of visits, and looked at.
+# The files can be read without the device: traversal in either order of visits agrees with brute force, and inspect
+# reads them.
 for scene in ball.ply nan.ply one.obj park.gltf; do
     for way in 'plain 10,' 'compacted 10,--flip-order'; do
         directory="local/${scene%.*} ${way%,*}"
@@ -93,12 +96,13 @@ for scene in ball.ply nan.ply one.obj park.gltf; do
         expect 'its target' grep -q '"target":"lavapipe","variant":[12],' out
     done
     run 0 inspect "local/${scene%.*} plain 10"
-    expect "levels within the driver's limit" [ "$(sed -n 's/^  2-wide tree: \([0-9]*\) levels.*/\1/p' out | sort -n | tail -n 1)" -le 24 ]
+    levels=$(sed -n 's/^  2-wide tree: \([0-9]*\) levels.*/\1/p' out | sort -n | tail -n 1)
+    expect "levels within the driver's limit: $levels" [ "$levels" -le 24 ]
 done
 run 0 trace 'local/park plain 10' --device cpu -o park.png --size 32x18 --json
 expect 'the target of the picture' grep -q '"target":"lavapipe"' out
 
-# Files of another target than the manifest says, and handles that it has other files for.
+# A file, or the manifest, names another target.
 cp -R 'local/park plain 10' mixed
 file=$(head -n 1 distinct)
 cp "local/park/$file" mixed
@@ -114,7 +118,7 @@ sed 's/"target": "lavapipe"/"target": "teapot"/' 'local/park plain 10/manifest.j
 run 3 inspect mixed
 says 'not a target that this version knows'
 
-# A probe says whose it is.
+# inspect shows the device of a probe.
 run 0 inspect 'plain 10'
 expect 'it prints loads portable, lavapipe (variant 1)' grep -Fq 'loads portable, lavapipe (variant 1)' out
 run 0 inspect 'plain 10' --json
@@ -126,7 +130,7 @@ run 3 inspect 'cut probe'
 one_error_line
 says 'probe.size: says'
 
-# Without a device, and with files that are no probes.
+# There is no device, or the file is not a probe.
 export VK_DRIVER_FILES=/nonexistent VK_ICD_FILENAMES=/nonexistent
 run 1 --local build one.obj -o none --target lavapipe
 one_error_line
@@ -144,7 +148,8 @@ head -c 500 'plain 10' >part
 run 1 --socket "$s" build one.obj -o none --probe part
 says 'bvhctl: build: part: '
 expect 'nothing was written' [ ! -e none ]
-for line in '--probe plain --target portable' '--probe= ' '--target radv' '--target lavapipe --layout fast-triangles' '--probe part --layout fast-triangles'; do
+for line in '--probe plain --target portable' '--probe= ' '--target radv' '--target lavapipe --layout fast-triangles' \
+    '--probe part --layout fast-triangles'; do
     # shellcheck disable=SC2086 # a list of words
     run 2 --local build one.obj -o none $line
     one_error_line

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bvhctl_vulkan.sh MAKE_SCENE MAKE_PROBE BVHCTL - bvhctl and the Vulkan devices of this machine: what it says where there is none, and, on lavapipe, probes, builds, traces.
-# Prints each expectation that does not hold; status 1 when one does not, 77 when all that was tried holds but there is no lavapipe with ray queries.
+# bvhctl_vulkan.sh MAKE_SCENE MAKE_PROBE BVHCTL - tests bvhctl with the Vulkan devices of this machine: its messages
+# without a device, and probes, builds and traces on lavapipe. It prints each expectation that does not hold. Its status
+# is 1 if there is one, and 77 if all hold but there is no lavapipe with ray queries.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
@@ -13,7 +14,7 @@ trap 'rm -rf "$scratch"' EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 unset BVHD_SOCKET
-# prints TEXT - on stdout.
+# prints TEXT - expects the text on stdout.
 prints()
 {
     expect "it prints '$1': $(cat out)" grep -Fq -- "$1" out
@@ -24,7 +25,7 @@ missing()
     expect "$1 is not there" [ ! -e "$1" ]
 }
 
-# All that asks for a device, where there is none.
+# try_without TEXT - expects every command that needs a device to fail with a message that has the text.
 try_without()
 {
     run 0 devices
@@ -45,13 +46,13 @@ try_without()
     missing none.png
 }
 
-# name PATTERN - of the first device of which the listing says that.
+# name PATTERN - prints the name of the first device whose entry in the listing matches.
 name()
 {
     sed 's/{"name"/\n&/g' out | grep "$1" | head -n 1 | sed 's/^{"name":"\([^"]*\)".*/\1/'
 }
 
-# trace DIRECTORY - on the device, and all that was compared with the CPU agrees.
+# trace DIRECTORY - traces on the device, and expects that all rays that were compared agree with the CPU.
 trace()
 {
     run 0 trace "$1" --device "$device" -o "$1.png" --size 96x54 --json
@@ -67,7 +68,7 @@ trace()
 run 0 --local build ball.ply -o ball
 run 0 --local build park.gltf -o park
 
-# Neither drivers nor a loader.
+# There are no drivers, then no loader.
 (
     export VK_DRIVER_FILES=/nonexistent VK_ICD_FILENAMES=/nonexistent
     try_without 'mesa-vulkan-drivers'
@@ -86,7 +87,7 @@ if [ -z "$device" ]; then
     exit 77
 fi
 
-# The device, by parts of its name.
+# The device is found by a substring of its name.
 run 0 devices
 prints "$device"
 prints 'portable, lavapipe'
@@ -106,7 +107,7 @@ run 1 probe --device "$device" -o nowhere/c.probe
 one_error_line
 run 2 probe --device "$device"
 
-# A build for the device here, and for its probe.
+# A build for this machine's device equals one for its probe.
 run 0 --local build park.gltf -o native --target lavapipe
 run 0 --local build park.gltf -o probed --probe a.probe
 run 0 --local build park.gltf -o both --target lavapipe --probe b.probe
@@ -114,7 +115,7 @@ expect 'the same bytes for the device and for its probe' same_sums native probed
 expect 'the same bytes with the target named' same_sums native both
 run 0 --local build ball.ply -o native-ball --target lavapipe
 
-# The device's own ray queries through native structures, a compute shader through portable ones.
+# Native structures are traced by the device's ray queries, portable ones by a compute shader.
 trace native
 prints '"target":"lavapipe"'
 trace native-ball
@@ -122,7 +123,7 @@ trace park
 prints '"target":"portable"'
 trace ball
 
-# Not this device's.
+# Structures for another device are refused.
 "$make_probe" 1 10 'another version' >/dev/null
 "$make_probe" 2 10 'another layout' >/dev/null
 for other in 'another version' 'another layout'; do

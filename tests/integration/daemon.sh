@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# daemon.sh BVHD DAEMON_HELPER - the daemon as those meet it who start it: options, the socket's file, signals, idleness, socket activation,
-# notifications. Prints each expectation that does not hold; status 1 when one does not.
+# daemon.sh BVHD DAEMON_HELPER - tests how the daemon is started and stopped: options, the socket's file, signals, idle
+# exit, socket activation, notifications. It prints each expectation that does not hold, and its status is 1 if there is
+# one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
@@ -20,7 +21,7 @@ trap cleanup EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 unset NOTIFY_SOCKET WATCHDOG_USEC WATCHDOG_PID LISTEN_FDS LISTEN_PID LISTEN_FDNAMES XDG_RUNTIME_DIR JOURNAL_STREAM
-# eventually WHAT COMMAND... - the command succeeds within 20 seconds.
+# eventually WHAT COMMAND... - expects that the command succeeds within 20 seconds.
 eventually()
 {
     what=$1
@@ -39,7 +40,7 @@ quietly()
     "$@" >/dev/null 2>&1
 }
 
-# refused CODE ARGUMENT... - bvhd ends with that code and one line; its output is in `out` and `err`.
+# refused CODE ARGUMENT... - expects that bvhd ends with that code and one line; its output is in `out` and `err`.
 refused()
 {
     code=$1
@@ -51,7 +52,8 @@ refused()
     expect "it reads bvhd: WHERE: WHAT: $(head -c 300 err)" grep -Eq '^bvhd: [^:]+(:[0-9]+)?: .+' err
 }
 
-# start ARGUMENT... - a daemon on the socket `s`, which answers; $daemon is its process, `log` what it says. What clients of the last one said is gone.
+# start ARGUMENT... - starts a daemon on the socket `s` and waits until it answers. $daemon is its process, `log` has
+# its messages. The output of clients of the daemon before is removed.
 start()
 {
     rm -f held built
@@ -61,7 +63,7 @@ start()
     eventually "it answers: bvhd $*" "$helper" ping s
 }
 
-# ended CODE WHAT - the daemon ends with that status, within a minute.
+# ended CODE WHAT - expects that the daemon ends with that status within a minute.
 ended()
 {
     for _ in $(seq 1200); do
@@ -84,7 +86,7 @@ has()
     grep -q -- "$@"
 }
 
-# Usage.
+# Wrong usage, help and version.
 refused 2 --fly
 refused 2 word
 refused 2 --workers
@@ -92,7 +94,8 @@ refused 2 --workers 0
 refused 2 --memory lots
 timeout 20 "$bvhd" --help >out 2>err
 expect 'help is no failure' [ $? -eq 0 ]
-for name in socket workers cache cache-size memory config help version log-level idle-exit drain-timeout max-connections; do
+for name in socket workers cache cache-size memory config help version log-level idle-exit drain-timeout \
+    max-connections; do
     expect "the help names --$name" has "--$name" out
 done
 timeout 20 "$bvhd" --version >out 2>err
@@ -103,14 +106,15 @@ for word in --help --version; do
     expect "a full disk is a failure of $word" [ $? -eq 1 ]
 done
 
-# A directory for results: taken, with a word that nothing is kept there.
+# A directory for results is accepted, with a warning that nothing is kept there.
 start --cache d
-expect 'the disk cache is named' has 'level=warning event=no_disk_cache dir="d" why="this version keeps results in memory only"' log
+expect 'the disk cache is named' \
+    has 'level=warning event=no_disk_cache dir="d" why="this version keeps results in memory only"' log
 expect 'it is no error' [ "$(grep -c level=error log)" -eq 0 ]
 kill -TERM "$daemon"
 ended 0 'a directory for results'
 
-# A file of options.
+# Options from a file.
 printf 'workers = 1\n# a comment\nnonsense = 3\n' >conf
 refused 2 --config conf
 expect 'the line is named' has '^bvhd: conf:3: ' err
@@ -122,7 +126,7 @@ expect 'the rest holds' has 'level=debug event=connected' log
 kill -TERM "$daemon"
 ended 0 'a file of options'
 
-# The socket's file.
+# The file of the socket.
 start
 expect 'its mode is 0600' [ "$(stat -c %a s)" = 600 ]
 refused 1 --socket s
@@ -148,7 +152,8 @@ fi
 refused 1 --socket "$(printf '%0200d' 0)"
 expect 'the limit is named' has 107 err
 
-# After one that was killed. (Its standard streams are closed, too: none of its sockets becomes one of them.)
+# The daemon before was killed and left its socket. It had no standard streams, and none of its sockets became one of
+# them.
 "$bvhd" --socket s <&- >&- 2>&- &
 daemon=$!
 started="$started $daemon"
@@ -160,7 +165,7 @@ start
 kill -TERM "$daemon"
 ended 0 'a stale socket'
 
-# Few descriptors: it starts, and serves.
+# With few descriptors it starts and answers.
 # shellcheck disable=SC3045 # every sh that matters has it
 if (ulimit -n 64 && "$bvhd" --version) >/dev/null 2>&1; then
     # shellcheck disable=SC3045
@@ -172,9 +177,10 @@ if (ulimit -n 64 && "$bvhd" --version) >/dev/null 2>&1; then
     ended 0 '64 descriptors'
 fi
 
-# More connections than it may have.
+# There are more connections than it may have.
 start --max-connections 1 --log-level debug
-eventually 'those who asked whether it answers are gone' sh -c '[ "$(grep -c event=connected log)" -eq "$(grep -c event=disconnected log)" ]'
+eventually 'the clients that waited for its answer have gone' \
+    sh -c '[ "$(grep -c event=connected log)" -eq "$(grep -c event=disconnected log)" ]'
 "$helper" hold s >held &
 eventually 'one is in' has welcome held
 "$helper" ping s >out 2>err
@@ -183,7 +189,7 @@ expect 'it says so' has event=connection_refused log
 kill -TERM "$daemon"
 ended 0 'a full house'
 
-# Draining: clients are told, what is under way is finished, nobody new is let in.
+# Draining: clients get a message, running builds are finished, and new clients are refused.
 start
 "$helper" hold s >held &
 "$helper" build s 400000 >built &
@@ -202,7 +208,7 @@ kill -TERM "$daemon"
 ended 0 'a drain with work'
 eventually 'what had begun was finished' has 'result OK' built
 
-# No patience, and a second signal.
+# A drain without patience, and a drain that a second signal ends.
 for patience in 0 100; do
     start --workers 1 --drain-timeout $patience
     "$helper" build s 1500000 >built &
@@ -213,7 +219,7 @@ for patience in 0 100; do
     eventually 'its client is told by the end of the connection' grep -Eq '^(closed|result|error)' built
 done
 
-# Idleness.
+# Idle exit.
 start --idle-exit 1
 ended 0 idleness
 expect 'it says so' has event=idle log
@@ -227,7 +233,8 @@ expect 'it stays for a client' kill -0 "$daemon"
 kill "$client"
 ended 0 'the last client'
 
-# A signal in the moment of idleness: nobody reads what the daemon says, so that moment passes while it begins to drain.
+# A signal arrives when the daemon becomes idle. Its messages are not read, so the time for idle exit passes while it
+# begins to drain.
 mkfifo full
 exec 9<>full
 "$bvhd" --socket s --idle-exit 2 2>&9 &
@@ -242,7 +249,7 @@ ended 0 'a signal and idleness at once'
 exec 9<&-
 expect 'the signal ended it' has event=draining log
 
-# Notifications: ready when it answers, alive every now and then, stopping.
+# Notifications: ready when it answers, alive at intervals, stopping.
 "$helper" notify n 20 >told &
 listener=$!
 started="$started $listener"

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# examples.sh SOURCE BUILD COMPILER... - the programs of client/examples as their readers meet them: compiled against an installed library,
-# with the structures of a real daemon, on this machine's Vulkan device. With $BVHD_VALIDATE set to 1 under the Khronos validation layer, whose
-# messages count as failures. Status 77 when no device can run any of them.
+# examples.sh SOURCE BUILD COMPILER... - compiles the programs of client/examples against an installed library and runs
+# them with a real daemon on this machine's Vulkan device. If $BVHD_VALIDATE is 1, they run under the Khronos validation
+# layer, whose messages count as failures. The status is 77 if no device can run any of them.
 # shellcheck disable=SC2046,SC2086 # compilers and flags are lists of words
 set -u
 export LC_ALL=C
@@ -41,13 +41,13 @@ shaders=$(pkg --variable=shaderdir)
 LD_LIBRARY_PATH=$(pkg --variable=libdir)
 export LD_LIBRARY_PATH
 
-# The driver's own memory is not the examples' to free.
+# Memory that the driver leaks is not the examples' fault.
 export ASAN_OPTIONS=detect_leaks=0
 cp "$source"/client/examples/* .
 for kind in native portable addresses; do
     define=$(echo $kind | tr '[:lower:]' '[:upper:]')
-    glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h rays.comp >log 2>&1 ||
-        fail "rays.comp for $kind"
+    glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h \
+        rays.comp >log 2>&1 || fail "rays.comp for $kind"
 done
 for name in load_native load_portable load_scene trace_rays; do
     $compiler -std=c99 -pedantic -Wall -Wextra -Werror $name.c example_scene.c example_vulkan.c -o $name \
@@ -66,7 +66,7 @@ if [ "${BVHD_VALIDATE-}" = 1 ]; then
     VK_LOADER_DEBUG=layer ./load_portable >log 2>&1
     grep -q 'Insert instance layer.*VK_LAYER_KHRONOS_validation' log || fail 'the validation layer is not loaded'
 fi
-# Of the 4,096 rays 2 * 256 meet squares and 2 * 136 triangles, whose heights are 0, 2 and 1, 3.
+# Of 4,096 rays, 2 * 256 hit squares (at heights 0 and 2) and 2 * 136 hit triangles (at heights 1 and 3).
 expected='784 of 4096 rays hit something, after 6784.000 in all'
 runs=0
 for name in load_native load_portable load_scene trace_rays; do
@@ -76,7 +76,7 @@ for name in load_native load_portable load_scene trace_rays; do
         echo "skipped: $name: $(head -n 1 log)"
         continue
     fi
-    # On a device whose own format is not known the first one says so, which is an answer, too.
+    # On a device whose native format bvhd does not know, the first program says so. That is correct, too.
     if [ $name = load_native ] && [ $got -eq 1 ] && grep -q '^UNSUPPORTED: ' log; then
         echo "$name: $(tail -n 1 log)"
         continue

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# formats_example.sh FORMATS.md BVHCTL - the structure that FORMATS.md shows byte by byte is what bvhctl builds from the
-# PLY file that it shows. Prints each expectation that does not hold; status 1 when one does not.
+# formats_example.sh FORMATS.md BVHCTL - tests that bvhctl builds the structure that FORMATS.md shows byte by byte from
+# the PLY file that it shows. It prints each expectation that does not hold, and its status is 1 if there is one.
 set -u
 export LC_ALL=C
 # shellcheck source=tests/support/expect.sh

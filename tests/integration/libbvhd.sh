@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# libbvhd.sh SOURCE BUILD COMPILER... - the installed client library, as other people's programs meet it: headers, exported names, dependencies, both
-# kinds of linking, and the example of docs/library.md against a real daemon. COMPILER with its sanitizers, if any. Installs below a scratch folder. Prints
-# each expectation that does not hold; status 1 when one does not.
+# libbvhd.sh SOURCE BUILD COMPILER... - installs the client library below a scratch folder and tests it as other
+# programs use it: headers, exported names, dependencies, both kinds of linking, and the example of docs/library.md
+# against a real daemon. COMPILER includes the options of sanitizers, if any. It prints each expectation that does not
+# hold, and its status is 1 if there is one.
 # shellcheck disable=SC2016,SC2046,SC2086 # compilers and flags are lists of words
 set -u
 # shellcheck source=tests/support/expect.sh
@@ -37,18 +38,22 @@ include=$(pkg --variable=includedir)
 libraries=$(pkg --variable=libdir)
 shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
-for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_trace.h" "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" "$include/bvhd/vuid.h" "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" \
-    "$prefix/bin/bvhctl" "$prefix/bin/bvhd"; do
+for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_trace.h" "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" \
+    "$include/bvhd/vuid.h" "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" "$prefix/bin/bvhctl" \
+    "$prefix/bin/bvhd"; do
     expect_quietly "installed: $path" [ -e "$path" ]
 done
 expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 6 ]
 expect_quietly 'pkg-config asks for the headers' sh -c "echo '$(pkg --cflags)' | grep -q -- '-I$include'"
-expect_quietly 'pkg-config asks for the library alone' sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"
-expect_quietly 'the version is the one that the library has' sh -c "'$prefix/bin/bvhctl' --version | grep -q ' $(pkg --modversion)\$'"
+expect_quietly 'pkg-config asks for the library alone' \
+    sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"
+expect_quietly 'the version is the one that the library has' \
+    sh -c "'$prefix/bin/bvhctl' --version | grep -q ' $(pkg --modversion)\$'"
 
-# What the library shows: the functions of its headers, and nothing else; what it needs: nothing of the builder's or the daemon's.
+# The library exports the functions of its headers and no others. It needs no library of the builder or the daemon.
 cat "$include"/bvhd/*.h | grep '^BVHD_API' | grep -o 'bvhd_[a-z_0-9]*(' | tr -d '(' | sort >declared
-nm -D --defined-only "$shared" | awk '$2 != "A" { sub(/@.*/, "", $3); print $3 }' | grep -v '^_*asan\|^__odr' | sort >exported
+nm -D --defined-only "$shared" | awk '$2 != "A" { sub(/@.*/, "", $3); print $3 }' | grep -v '^_*asan\|^__odr' |
+    sort >exported
 nm -g --defined-only "$static" | awk 'NF == 3 { print $3 }' | grep -v '^_*asan\|^__odr' | sort >exported_static
 expect_quietly 'functions are declared' [ "$(wc -l <declared)" -gt 25 ]
 expect_quietly 'the shared library exports what is declared' diff declared exported
@@ -60,14 +65,19 @@ for foreign in libuv embree crypto ssl tbb stdc++ assimp vulkan systemd; do
 done
 expect_quietly 'no writable and executable pages' sh -c "! readelf -lW '$shared' | grep -E 'GNU_STACK.*E|TEXTREL'"
 
-# The header, in several languages and beside another vulkan.h.
+# The headers compile in several languages, and with another version of vulkan.h.
 echo '#include <vulkan/vulkan_core.h>' >where.c
 vulkan=$($compiler $(pkg --cflags) -E where.c | sed -n 's/^# 1 "\(.*vulkan_core\.h\)".*/\1/p' | head -n 1)
 mkdir -p newer/vulkan
 awk '/^#define VK_HEADER_VERSION [0-9]/ { print "#define VK_HEADER_VERSION", $3 + 61; next }
-    /^#ifdef __cplusplus/ && !done { print "#define VK_NEW_acceleration 1\ntypedef struct VkNewAcceleration { int sType; } VkNewAcceleration;"; done = 1 }
+    /^#ifdef __cplusplus/ && !done {
+        print "#define VK_NEW_acceleration 1"
+        print "typedef struct VkNewAcceleration { int sType; } VkNewAcceleration;"
+        done = 1
+    }
     { print }' "$vulkan" >newer/vulkan/vulkan_core.h
-expect_quietly 'another vulkan_core.h' sh -c "grep -q VkNewAcceleration newer/vulkan/vulkan_core.h && ! cmp -s '$vulkan' newer/vulkan/vulkan_core.h"
+expect_quietly 'another vulkan_core.h' \
+    sh -c "grep -q VkNewAcceleration newer/vulkan/vulkan_core.h && ! cmp -s '$vulkan' newer/vulkan/vulkan_core.h"
 cat >plain.c <<'END'
 #include <bvhd/bvhd.h>
 #include <bvhd/bvhd_trace.h>
@@ -82,33 +92,40 @@ END
 sed 's/{0}/{}/; s/int use(struct bvhd_client \*client);//' plain.c >plain.cpp
 { printf '#include <vulkan/vulkan_core.h>\nVkNewAcceleration before;\n' && cat plain.c; } >beside.c
 for standard in c99 c11 c17; do
-    expect_quietly "the header in $standard" $compiler -std=$standard -pedantic -Wall -Wextra -Wconversion -Wstrict-prototypes -Werror $(pkg --cflags) -c plain.c
+    expect_quietly "the header in $standard" $compiler -std=$standard -pedantic -Wall -Wextra -Wconversion \
+        -Wstrict-prototypes -Werror $(pkg --cflags) -c plain.c
 done
-expect_quietly 'the header beside a newer vulkan_core.h' $compiler -std=c99 -pedantic -Wall -Werror -Inewer -I"$(dirname "$vulkan")" $(pkg --cflags) -c beside.c
+expect_quietly 'the header beside a newer vulkan_core.h' $compiler -std=c99 -pedantic -Wall -Werror -Inewer \
+    -I"$(dirname "$vulkan")" $(pkg --cflags) -c beside.c
 for compiler_cpp in g++ clang++; do
     command -v $compiler_cpp >/dev/null || continue
     for standard in c++11 c++20; do
-        expect_quietly "the header in $standard, $compiler_cpp" $compiler_cpp -std=$standard -pedantic -Wall -Wextra -Werror $(pkg --cflags) -c plain.cpp
+        expect_quietly "the header in $standard, $compiler_cpp" $compiler_cpp -std=$standard -pedantic -Wall -Wextra \
+            -Werror $(pkg --cflags) -c plain.cpp
     done
 done
 
-# The example of docs/library.md: compiled as a stranger would, linked both ways; a daemon answers, and then none does.
+# The example of docs/library.md is compiled with pkg-config's options, linked both ways, and run with a daemon and
+# without.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$source/docs/library.md" >example.c
 expect_quietly "docs/library.md has an example of 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -eq 30 ]
 export LD_LIBRARY_PATH="$libraries"
-expect_quietly 'the example, shared' $compiler -std=c99 -pedantic -Wall -Wextra -Werror example.c -o example $(pkg --cflags --libs)
+expect_quietly 'the example, shared' $compiler -std=c99 -pedantic -Wall -Wextra -Werror example.c -o example \
+    $(pkg --cflags --libs)
 expect_quietly 'it uses the shared library' sh -c "ldd ./example | grep -q '$libraries/libbvhd.so.0'"
 static_flags=$(pkg --static --libs | sed 's/-lbvhd/-l:libbvhd.a/')
 expect_quietly 'the example, static' $compiler -std=c99 example.c -o example_static $(pkg --cflags) $static_flags
 expect_quietly 'it needs no shared library' sh -c "! ldd ./example_static | grep libbvhd"
 
-# A program that uses every inner name of the library for itself.
-nm -g --defined-only "$build/client/libbvhd.o" | awk 'NF == 3 { print $3 }' | sort -u | comm -23 - declared | grep -v '^__\|\.' >inner
+# A program may define every internal name of the library itself.
+nm -g --defined-only "$build/client/libbvhd.o" | awk 'NF == 3 { print $3 }' | sort -u | comm -23 - declared |
+    grep -v '^__\|\.' >inner
 expect_quietly 'the library has inner names' grep -qx memory_alloc inner
 { echo '#include <stdlib.h>' && sed 's/.*/void &(void);\nvoid &(void) { abort(); }/' inner; } >names.c
 expect_quietly 'a program with the same names, static' $compiler -fno-builtin -c names.c
 expect_quietly 'it links' $compiler -std=c99 example.c names.o -o example_names $(pkg --cflags) $static_flags
-expect_quietly 'shared, too' $compiler -std=c99 -rdynamic example.c names.o -o example_names_shared $(pkg --cflags --libs)
+expect_quietly 'shared, too' $compiler -std=c99 -rdynamic example.c names.o -o example_names_shared \
+    $(pkg --cflags --libs)
 
 "$prefix/bin/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
 daemon=$!

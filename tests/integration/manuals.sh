@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# manuals.sh SOURCE BVHD BVHCTL - the manual pages name the same options, commands and version as the programs' own help, all counters and all events
-# of the log, and have no mistake that groff, where there is one, can see; bash completes what the help lists. Prints each expectation that does not
-# hold; status 1 when one does not.
+# manuals.sh SOURCE BVHD BVHCTL - tests that the manual pages name the same options, commands and version as the
+# programs' help, all counters and all events of the log, and have no mistake that groff reports, if it is installed;
+# and that bash completes what the help lists. It prints each expectation that does not hold, and its status is 1 if
+# there is one.
 set -u
 export LC_ALL=C
 # shellcheck source=tests/support/expect.sh
@@ -14,17 +15,18 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
 
-# options FILE... - the long ones that are named, one a line.
+# options FILE... - prints the long options that the files name, one a line.
 options()
 {
     sed 's/\\-/-/g' "$@" | grep -oE -- '(^|[^-a-z])--[a-z][-a-z]*' | sed 's/^[^-]//' | sort -u
 }
 
-# page FILE PROGRAM HELP - what holds for each.
+# page FILE PROGRAM HELP - checks one manual page against its program.
 page()
 {
     "$2" --version >version
-    expect "$1: the version of $(cat version)" grep -q "\"bvhd $(sed 's/.* \([0-9]*\.[0-9]*\)\..*/\1/' version)\"" "$source/$1"
+    expect "$1: the version of $(cat version)" \
+        grep -q "\"bvhd $(sed 's/.* \([0-9]*\.[0-9]*\)\..*/\1/' version)\"" "$source/$1"
     options "$source/$1" >written
     options "$3" >offered
     expect "$1: there are options" [ "$(wc -l <offered)" -gt 5 ]
@@ -36,13 +38,13 @@ page()
     fi
 }
 
-# terms FILE - what its first-column terms name, one a line.
+# terms FILE - prints the terms that a manual page defines in its first column, one a line.
 terms()
 {
     sed -n 's/^\.BR\{0,1\} \([a-z]*_[a-z_", ]*\|[a-z][a-z_", ]*\)$/\1/p' "$1" | tr -d '",' | tr -s ' ' '\n' | sort -u
 }
 
-# all_terms WHAT FILE - each word of standard input is a term there.
+# all_terms WHAT FILE - expects that each word of standard input is a term of the manual page.
 all_terms()
 {
     terms "$source/$2" >known
@@ -63,16 +65,18 @@ for command in $commands; do
 done
 page client/bvhctl/bvhctl.1 "$bvhctl" bvhctl.help
 
-find "$source/daemon" -name "*.c" -exec cat {} + | grep -o 'log_event([^"]*"[a-z_]*"' | sed 's/.*"\(.*\)"/\1/' >events.list
+find "$source/daemon" -name "*.c" -exec cat {} + | grep -o 'log_event([^"]*"[a-z_]*"' |
+    sed 's/.*"\(.*\)"/\1/' >events.list
 all_terms 'events of the log' daemon/bvhd.8 <events.list
 sed -n 's/^    X(\([a-z_]*\)).*/\1/p' "$source/daemon/service/counters.h" >counters.list
 all_terms counters client/bvhctl/bvhctl.1 <counters.list
 
-# completes WORDS WHAT - bash is offered that for the last of the words.
+# completes WORDS WHAT - expects that bash completes the last of the words to that.
 completes()
 {
     # shellcheck disable=SC2016 # the other shell's
-    offered=$(bash -c '. "$1"; program=$2; read -ra COMP_WORDS <<<"$3"; [ "${3% }" = "$3" ] || COMP_WORDS+=(""); COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+    offered=$(bash -c '. "$1"; program=$2; read -ra COMP_WORDS <<<"$3"; [ "${3% }" = "$3" ] || COMP_WORDS+=("")
+        COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
         _bvhctl "$program"; echo "${COMPREPLY[*]}"' bash "$source/client/bvhctl/bvhctl.bash" "$bvhctl" "$1")
     expect "'$1' is completed by '$2': $offered" [ "$offered" = "$2" ]
 }

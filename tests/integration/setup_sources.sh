@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# setup_sources.sh ROOT - sources of backports, derived from samples of apt's sources in a scratch folder. ROOT is the repository's.
+# setup_sources.sh ROOT - tests that setup_vulkan.sh derives sources of backports from samples of apt's sources in a
+# scratch folder. ROOT is the repository.
 set -eu
 cd "$1"
 . tests/support/setup_vulkan.sh
@@ -8,7 +9,7 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 failed=0
 
-# expect NAME WANTED - what is derived from what lies in $scratch/etc; WANTED: lines, or "nothing".
+# expect NAME WANTED - compares the source that is derived from $scratch/etc with WANTED: its lines, or "nothing".
 expect()
 {
     file=$(setup_backports_source "$scratch" bookworm) || file=
@@ -46,12 +47,14 @@ expect 'one-line' 'deb http://archive.example/debian bookworm-backports main'
 list sources.list.d/debian.list <<'END'
 deb [ arch=amd64 signed-by=/usr/share/keyrings/a.gpg ] https://mirror.example/debian/ bookworm contrib main
 END
-expect 'options' 'deb [ arch=amd64 signed-by=/usr/share/keyrings/a.gpg ] https://mirror.example/debian/ bookworm-backports main'
+expect 'options' \
+    'deb [ arch=amd64 signed-by=/usr/share/keyrings/a.gpg ] https://mirror.example/debian/ bookworm-backports main'
 
 list sources.list <<'END'
 deb [trusted=yes] mirror+file:/etc/apt/mirrors/debian.list oldstable main
 END
-expect 'a mirror list, and the name of the release' 'deb [trusted=yes] mirror+file:/etc/apt/mirrors/debian.list oldstable-backports main'
+expect 'a mirror list, and the name of the release' \
+    'deb [trusted=yes] mirror+file:/etc/apt/mirrors/debian.list oldstable-backports main'
 
 list sources.list <<'END'
 deb cdrom:[Debian GNU/Linux 12]/ bookworm main

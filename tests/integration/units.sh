@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# units.sh BUILD - the installed units, as systemd reads them: nothing to complain about, and little exposure. Installs below a scratch folder and
-# starts nothing. Prints each expectation that does not hold; status 1 when one does not, 77 (skipped) without systemd's tools.
+# units.sh BUILD - installs the units below a scratch folder and tests that systemd's tools report no mistake and little
+# exposure. It starts nothing. It prints each expectation that does not hold. Its status is 1 if there is one, and 77
+# (skipped) without systemd's tools.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
@@ -15,7 +16,7 @@ trap 'rm -rf "$scratch"' EXIT
 trap 'exit 1' HUP INT TERM
 cd "$scratch" || exit 1
 
-# silent COMMAND... - succeeds and prints nothing.
+# silent COMMAND... - succeeds if the command succeeds and prints nothing.
 silent()
 {
     "$@" >said 2>&1
@@ -36,8 +37,8 @@ verify()
 
 verify_user()
 {
-    XDG_RUNTIME_DIR=$scratch/run SYSTEMD_UNIT_PATH=$scratch/units:/usr/lib/systemd/user silent systemd-analyze verify --user --man=no \
-        units/bvhd.socket units/bvhd.service
+    XDG_RUNTIME_DIR=$scratch/run SYSTEMD_UNIT_PATH=$scratch/units:/usr/lib/systemd/user \
+        silent systemd-analyze verify --user --man=no units/bvhd.socket units/bvhd.service
 }
 
 exposure()
@@ -45,7 +46,7 @@ exposure()
     systemd-analyze security --no-pager --offline=yes --threshold="$1" --root="$root" bvhd.service
 }
 
-# Of the machine's own units the scratch system needs those that ours name (basic.target and what it wants).
+# The scratch system needs the machine's units that ours refer to: basic.target and its dependencies.
 root=$scratch/root
 expect_quietly 'meson install' meson install -C "$build" --no-rebuild --destdir "$root"
 units=$(dirname "$(find "$root" -path '*/systemd/system/bvhd.socket')")
@@ -57,7 +58,7 @@ done
 mkdir -p "$root/usr/lib/systemd" "$root/etc" "$root/run"
 [ -e "$root/lib" ] || ln -s usr/lib "$root/lib"
 cp -rn /usr/lib/systemd/system "$root/usr/lib/systemd/"
-# systemd looks in these places; an installation elsewhere is moved there for the sake of the test.
+# systemd reads units in these places only, so the test copies an installation with another prefix there.
 case $prefix in
 "$root/usr" | "$root/usr/local") ;;
 *) cp "$units"/bvhd.* "$root/usr/lib/systemd/system/" ;;
@@ -78,7 +79,7 @@ expect_quietly 'a lack of protection would be found' fails exposure 5
 cp aside "$service"
 expect_quietly 'peers are not hidden' fails grep -q '^PrivateUsers' "$service"
 
-# A user's manager knows no other root: its units are read with the program's place in the scratch folder.
+# A user's manager has no option for another root, so its units get the program's path in the scratch folder.
 mkdir -m 700 units run
 cp "$prefix"/lib/systemd/user/bvhd.* units/
 sed -i "s|^ExecStart=/|ExecStart=$root/|" units/bvhd.service
