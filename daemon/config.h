@@ -11,18 +11,19 @@
 
 enum { CONFIG_PATH_SIZE = 4096 };
 
+/* What the command line wants: the daemon to run, or only its help or version to be printed. */
 enum config_action { CONFIG_RUN, CONFIG_HELP, CONFIG_VERSION };
 
 struct config {
     enum config_action action;
     char socket[CONFIG_PATH_SIZE];
     bool socket_given; /* false: `socket` is the default */
-    char file[CONFIG_PATH_SIZE]; /* of --config; "": none */
+    char file[CONFIG_PATH_SIZE]; /* the file that --config names; "": none */
     char cache[CONFIG_PATH_SIZE]; /* a directory for results, which this version does not use; "": none */
     enum log_level log_level;
     uint64_t idle_exit_ms; /* time without connections and work after which the daemon exits; 0: it never does */
-    uint64_t drain_ms; /* time that what is under way may take after SIGTERM */
-    uint32_t max_connections;
+    uint64_t drain_ms; /* how long work under way may still take after SIGTERM or SIGINT */
+    uint32_t max_connections; /* at least 1; further clients are refused */
     struct service_options service;
 };
 

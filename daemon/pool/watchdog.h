@@ -3,7 +3,8 @@
  * watchdog.h - checks whether the service still makes progress. The loop proves it by calling this module. The pool's
  * threads are checked with a probe: a job that does nothing. They are stuck when the probe has not come back within
  * `patience_ms`. Other jobs let the probe run between two of their tasks, or it runs on a spare thread, so it is late
- * only if every thread has been held for that long. Loop thread only.
+ * only if every thread has been held for that long. The server sends notify_alive only while watchdog_is_alive returns
+ * true, so that the service manager notices a daemon that is stuck. Loop thread only.
  */
 #ifndef BVHD_WATCHDOG_H
 #define BVHD_WATCHDOG_H

@@ -2,7 +2,8 @@
 /*
  * attachment.h - a memfd that came with a request, from its arrival to its last reader.
  *
- * The first worker that reads it opens it, because the check of all its pages takes longer than the loop may stop for.
+ * It is mapped and checked (payload_open_memfd) by the first worker that needs it and not by the loop, because checking
+ * all its pages takes longer than the loop may stop for.
  */
 #ifndef BVHD_ATTACHMENT_H
 #define BVHD_ATTACHMENT_H
@@ -13,14 +14,15 @@
 struct attachment;
 
 /*
- * Creates an attachment with one ref. Takes file->descriptor, also when it fails; returns NULL without memory. The
+ * Creates an attachment with one reference. It takes over file->descriptor, also when it fails; returns NULL without
+ * memory. The
  * descriptor's count goes back to `descriptors` when it is closed. file->where is copied; file->memory and
  * `descriptors` must outlive the attachment.
  */
 struct attachment *attachment_create(const struct payload_file *file, struct descriptors *descriptors);
 
 struct attachment *attachment_ref(struct attachment *attachment);
-/* For any thread. The last one unmaps and closes the memfd. NULL-safe. */
+/* For any thread. The last reference unmaps and closes the memfd. `attachment` may be NULL. */
 void attachment_unref(struct attachment *attachment);
 
 /*

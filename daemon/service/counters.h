@@ -2,7 +2,10 @@
 /*
  * counters.h - what the service has done, and its current state, as numbers with stable names: the answer to STATS.
  *
- * Sums count from the start of the service. Levels are filled in when STATS is answered. For the loop thread only.
+ * Sums count from the start of the service, where the work is done (service->counters.NAME++); levels describe the
+ * moment in which STATS is answered. service_counters (service.c) fills in the levels, and the sums that the pool and
+ * the cache keep. Names that end in _ms, _ns or _bytes are in these units; memory_* and cache_budget are bytes; all
+ * others are numbers of things. For the loop thread only.
  */
 #ifndef BVHD_COUNTERS_H
 #define BVHD_COUNTERS_H
@@ -14,41 +17,41 @@
 /* New counters are appended to their group. A name never changes its meaning. */
 #define COUNTERS(X)                                                                                                    \
     /* sums */                                                                                                         \
-    X(requests) /* BUILD and GET that were taken */                                                                    \
-    X(items) /* in them */                                                                                             \
+    X(requests) /* BUILD and GET requests that were accepted */                                                        \
+    X(items) /* items of those requests */                                                                             \
     X(refused) /* requests answered by BUSY, or by UNAVAILABLE while the service ends */                               \
-    X(request_errors) /* requests answered by ERROR for what they say */                                               \
-    X(protocol_errors) /* connections that ended for what was sent */                                                  \
-    X(cancelled) /* items that were cancelled, or whose client went before their result */                             \
-    X(prepares_started) /* one whose rows ask for more memory than it was promised begins again */                     \
+    X(request_errors) /* requests answered by ERROR because of what they say */                                        \
+    X(protocol_errors) /* connections that ended because the client broke the protocol */                              \
+    X(cancelled) /* items that were cancelled, or whose client left before their result */                             \
+    X(prepares_started) /* a prepare that begins again with a larger promise counts again */                           \
     X(prepares_done)                                                                                                   \
     X(prepares_failed)                                                                                                 \
     X(builds_started)                                                                                                  \
     X(builds_done)                                                                                                     \
     X(builds_failed)                                                                                                   \
     X(builds_cancelled)                                                                                                \
-    X(builds_retried) /* short of memory beside others, tried again alone */                                           \
+    X(builds_retried) /* builds that ran short of memory beside others and were tried again alone */                   \
     X(hits_memory) /* items answered from the cache */                                                                 \
-    X(hits_disk)                                                                                                       \
-    X(coalesced) /* items that waited for another one's build */                                                       \
+    X(hits_disk) /* always 0: this version keeps results in memory only */                                             \
+    X(coalesced) /* items that waited for a build that another item had started */                                     \
     X(misses) /* items whose key was neither cached nor being built */                                                 \
-    X(payload_bytes) /* of items that were taken */                                                                    \
+    X(payload_bytes) /* of items that were accepted */                                                                 \
     X(result_bytes) /* of results that were sent */                                                                    \
     X(busy_ns) /* time that threads have spent in jobs */                                                              \
     X(active_ns) /* wall time with jobs queued or running, short pauses included */                                    \
-    X(cache_evicted)                                                                                                   \
+    X(cache_evicted) /* entries */                                                                                     \
     /* levels */                                                                                                       \
     X(uptime_ms)                                                                                                       \
     X(workers)                                                                                                         \
     X(connections)                                                                                                     \
-    X(sessions) /* with those whose client is gone while a worker still has something of it */                         \
+    X(sessions) /* including those whose client has left while a worker still prepares one of their items */           \
     X(queue_depth) /* items under way */                                                                               \
-    X(prepares_waiting) /* for memory */                                                                               \
-    X(builds_waiting) /* for memory */                                                                                 \
+    X(prepares_waiting) /* items that wait for memory to be prepared */                                                \
+    X(builds_waiting) /* builds that wait for memory */                                                                \
     X(builds_running)                                                                                                  \
     X(jobs_queued)                                                                                                     \
     X(jobs_running)                                                                                                    \
-    X(live_results)                                                                                                    \
+    X(live_results) /* results in memory, whether the cache or a reply holds them */                                   \
     X(live_result_bytes)                                                                                               \
     X(cache_entries)                                                                                                   \
     X(cache_bytes)                                                                                                     \
@@ -56,7 +59,7 @@
     X(memory_live)                                                                                                     \
     X(memory_peak)                                                                                                     \
     X(memory_limit)                                                                                                    \
-    X(memory_promised) /* to steps under way */                                                                        \
+    X(memory_promised) /* to prepares and builds under way (admission.h) */                                            \
     X(pool_bytes) /* of clients' pools */                                                                              \
     X(descriptors_used)                                                                                                \
     X(descriptors_limit)

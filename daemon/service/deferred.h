@@ -3,15 +3,15 @@
  * deferred.h - calls that are put off to the end of the loop iteration, so that many events of one iteration are
  * reported in one message.
  *
- * The list owns nothing and never fails: a call lies in its owner's struct, which may be freed once the call has been
- * cancelled or run. For the loop thread only.
+ * The list owns nothing and never fails: a call is a member of its owner's struct, which may be freed once the call has
+ * been cancelled or run. For the loop thread only.
  */
 #ifndef BVHD_DEFERRED_H
 #define BVHD_DEFERRED_H
 
 #include "proto/base/list.h"
 
-/* Zeroed, with `run` filled: not on a list. */
+/* The owner zeroes it and sets `run`; it is then on no list. */
 struct deferred_call {
     void (*run)(struct deferred_call *call);
     struct list_link link; /* belongs to the list */

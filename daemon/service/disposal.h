@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * disposal.h - frees canonical copies that are no longer needed, and takes the promises of their prepares back.
+ * disposal.h - frees canonical copies that are no longer needed, and then ends the memory promises of their prepares
+ * (admission.h).
  *
  * Freeing a large copy takes milliseconds, in which the loop would stop for all clients, so a worker does it. For the
  * loop thread only.
@@ -21,8 +22,8 @@ struct disposals {
 };
 
 /*
- * Frees a preparation, and ends its promise when it is gone. It never fails: without memory for a job, it frees the
- * preparation at once. NULL-safe.
+ * Takes over a preparation and frees it: a small one at once, a large one by a job. Its promise ends when it has been
+ * freed. The call never fails: without memory for a job, it frees the preparation at once. `preparation` may be NULL.
  */
 void disposals_add(struct disposals *disposals, struct preparation *preparation);
 

@@ -29,12 +29,15 @@ struct flight_client {
 
 struct flight_completion {
     struct blob *blob; /* borrowed; NULL when the build failed */
-    const struct bvhd_error *error; /* if it failed */
+    const struct bvhd_error *error; /* set if the build failed; borrowed */
     bool own; /* this waiter started the flight */
-    double build_ms;
+    double build_ms; /* how long the build took */
 };
 
-/* A client's interest in a flight. It lies in its owner's struct; zeroed, then filled by the owner down to the line. */
+/*
+ * One item that waits for a flight. It is a member of its owner's struct. The owner zeroes it and sets the fields above
+ * the line before flights_start or flight_join; the fields below it belong to the flight.
+ */
 struct flight_waiter {
     /* Called after the waiter has left the flight. */
     void (*completed)(struct flight_waiter *waiter, const struct flight_completion *completion);
@@ -58,23 +61,24 @@ struct flights {
     struct flight **buckets;
     uint64_t mask;
     struct memory_queue waiting; /* for memory */
-    uint32_t running; /* jobs, including those of abandoned flights */
+    uint32_t
+        running; /* jobs that are with the pool, including those of abandoned flights, which have no waiters left */
     uint64_t started; /* builds so far */
 };
 
-/* `most`: roughly how many flights there may be at once. BVHD_NO_MEMORY. */
+/* Creates the table. `most` is roughly how many flights there may be at once. Fails with BVHD_NO_MEMORY only. */
 enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct admission *admission,
                               struct bvhd_error *error);
 
-/* No flight may be left, not even an abandoned one. */
+/* Frees the table. No flight may be left, not even an abandoned one. */
 void flights_finish(struct flights *flights);
 
 /* Returns the flight of that key, or NULL. Abandoned flights are not found. */
 struct flight *flights_find(const struct flights *flights, const struct key *key);
 
 /*
- * Starts a flight of a key that has none; `waiter` is the first to wait for it. Takes the preparation, also when it
- * fails, with BVHD_NO_MEMORY.
+ * Starts a flight for the key of `preparation`, which must have none; `waiter` is the first to wait for it. It takes
+ * over the preparation, also when it fails. The only error is BVHD_NO_MEMORY.
  */
 enum bvhd_status flights_start(struct flights *flights, struct preparation *preparation, struct flight_waiter *waiter,
                                struct bvhd_error *error);
@@ -82,15 +86,16 @@ enum bvhd_status flights_start(struct flights *flights, struct preparation *prep
 /* The number of flights that wait for memory. */
 uint32_t flights_waiting(const struct flights *flights);
 
+/* Adds a waiter, which waits for no flight yet. */
 void flight_join(struct flight *flight, struct flight_waiter *waiter);
 
-/* Does nothing if the waiter waits for no flight. */
+/* Removes a waiter, and abandons a flight that has none left. Does nothing if the waiter waits for no flight. */
 void flight_leave(struct flights *flights, struct flight_waiter *waiter);
 
 /* Gives waiting flights to the pool as memory allows. */
 void flights_pump(struct flights *flights);
 
-/* An estimate of the bytes that a build takes at its peak beside its canonical copy. */
+/* Estimates the most bytes that a build needs at a time, without its canonical copy. */
 uint64_t flights_build_bytes(const struct preparation *preparation);
 
 #endif

@@ -4,8 +4,8 @@
  *
  * Each admission class has a queue of its own, so that a small step never waits behind a large one. Within a class,
  * clients get memory in fair shares (fair_queue.h): the step that is next keeps its place until its claim can be
- * promised. The queue owns nothing and never fails: waiters and lanes lie in their owners' structs. For the loop thread
- * only.
+ * promised. The queue owns nothing and never fails: waiters and lanes are members of their owners' structs. For the
+ * loop thread only.
  */
 #ifndef BVHD_MEMORY_QUEUE_H
 #define BVHD_MEMORY_QUEUE_H
@@ -13,7 +13,7 @@
 #include "daemon/service/admission.h"
 #include "daemon/service/fair_queue.h"
 
-/* One client's places in a queue. Zeroed means empty; it may be freed when nothing of the client waits. */
+/* One client's lanes in a queue, one for each admission class. Zeroed means empty; it may be freed when it is empty. */
 struct memory_lanes {
     struct fair_lane lanes[ADMISSION_CLASSES];
 };
@@ -23,9 +23,12 @@ static inline bool memory_lanes_are_held(const struct memory_lanes *lanes)
     return lanes->lanes[ADMISSION_LARGE].held;
 }
 
-/* A step that can wait. It lies in its owner's struct; zeroed means that it does not wait. */
+/* A step that can wait. It is a member of its owner's struct; zeroed means that it does not wait. */
 struct memory_waiter {
-    /* Called once the claim has been promised and the waiter has left the queue. The owner takes the promise back. */
+    /*
+     * Called once the claim has been promised and the waiter has left the queue. The owner ends the promise later, by
+     * admission_end.
+     */
     void (*start)(struct memory_waiter *waiter);
     struct admission_claim claim;
     int priority; /* PRIORITY_ */
@@ -35,7 +38,7 @@ struct memory_waiter {
 struct memory_queue {
     struct admission *admission;
     enum admission_step step;
-    struct fair_queue waiting[ADMISSION_CLASSES];
+    struct fair_queue waiting[ADMISSION_CLASSES]; /* costs are the bytes of the claims */
 };
 
 void memory_queue_init(struct memory_queue *queue, struct admission *admission, enum admission_step step);
@@ -43,10 +46,10 @@ void memory_queue_init(struct memory_queue *queue, struct admission *admission, 
 /* Queues a waiter whose start, claim and priority are filled. It must not wait anywhere else. */
 void memory_queue_add(struct memory_queue *queue, struct memory_lanes *lanes, struct memory_waiter *waiter);
 
-/* Takes a waiter out. Does nothing if it does not wait. */
+/* Removes a waiter from the queue. Does nothing if it does not wait. */
 void memory_queue_remove(struct memory_queue *queue, struct memory_waiter *waiter);
 
-/* While a client is held, the queue passes its waiters over. */
+/* Holds a client, or releases it: while a client is held, none of its waiters starts. They keep their places. */
 void memory_queue_hold(struct memory_queue *queue, struct memory_lanes *lanes, bool held);
 
 /* The number of waiters, including held ones. */

@@ -23,10 +23,10 @@
 struct session_totals {
     struct list all; /* every session that exists */
     uint32_t open; /* sessions that are not closed */
-    uint32_t closing; /* closed sessions of which a worker still has something */
+    uint32_t closing; /* closed sessions whose items a worker still prepares */
     uint32_t items; /* under way, of sessions that are not closed */
     uint64_t pool_bytes; /* of the clients' pools */
-    uint64_t backlog_bytes; /* of results that have not left */
+    uint64_t backlog_bytes; /* of results that have not been sent */
 };
 
 struct service {
@@ -38,8 +38,8 @@ struct service {
 
     /* accounts of memory */
     struct memory memory; /* the budget, of which the next two are shares */
-    struct memory inlines; /* inline payloads */
-    struct memory large; /* large prepares and builds */
+    struct memory inlines; /* for inline payloads */
+    struct memory large; /* for large prepares and builds */
     /* replies, frames that arrive, results: no budget may be in their way, since credits and quotas bound them */
     struct memory unlimited;
     struct descriptors descriptors;
@@ -53,7 +53,7 @@ struct service {
     struct disposals disposals;
     struct flights flights;
     struct deferred_calls deferred; /* run by service_pump */
-    struct counters counters; /* sums; service_counters fills in the levels */
+    struct counters counters; /* only the sums are kept here; service_counters fills in the levels */
 
     /* kept by others */
     struct session_totals sessions;
@@ -62,15 +62,15 @@ struct service {
 };
 
 /*
- * Starts what memory now allows, then runs the deferred calls. It is called at the end of everything that asks the
- * service for something or gives something back: a frame, the end of a session, an iteration of the loop.
+ * Starts the prepares and builds that memory now allows, then runs the deferred calls. It is called at the end of
+ * everything that queues work or frees memory: a frame, the end of a session, an iteration of the loop.
  */
 void service_pump(struct service *service);
 
-/* Bytes of results that exist beside those that the cache keeps. */
+/* Returns the bytes of results that exist outside the cache: replies hold them, or they are being written. */
 uint64_t service_uncached_bytes(const struct service *service);
 
-/* The counters, levels included. */
+/* Returns the counters, sums and levels. */
 struct counters service_counters(const struct service *service);
 
 #endif

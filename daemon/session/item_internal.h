@@ -3,7 +3,8 @@
  * item_internal.h - what request.c, item.c and item_prepare.c share.
  *
  * request.c: a request as a whole, and its reports of prepared payloads. item.c: the states of an item, its result, the
- * cache and flights. item_prepare.c: an item from the queue for memory to its canonical copy and key.
+ * cache and flights. item_prepare.c: the way of an item of BUILD from the queue for memory
+ * to its canonical copy and key.
  */
 #ifndef BVHD_ITEM_INTERNAL_H
 #define BVHD_ITEM_INTERNAL_H
@@ -15,19 +16,24 @@ static inline struct service *item_service(const struct item *item)
     return item->request->client->service;
 }
 
-/* request.c: the item's payload is not needed any more. Once for each item of BUILD. */
+/*
+ * Called once for each item of BUILD, when its payload is not needed any more: the client is told so at the end of the
+ * loop iteration. It is in request.c.
+ */
 void item_note_prepared(struct item *item);
 
-/* Changes the state, and with it the counts of the request and of the client. */
+/*
+ * Changes the item's state, and updates what follows from it: request->open and the started_bytes of item and client.
+ */
 void item_enter(struct item *item, enum item_state state);
 
-/* Answers an item of which no worker has anything with an error. */
+/* Answers an item with an error. No worker may still use its preparation. */
 void item_fail(struct item *item, const struct bvhd_error *error);
 
-/* Answers a prepared item from the cache, or lets it join the flight of its key, or starts that. */
+/* Answers a prepared item from the cache; else lets it join the flight of its key, which it starts if there is none. */
 void item_find_result(struct item *item);
 
-/* Takes the preparation out of the item. */
+/* Returns the preparation, which now belongs to the caller, and removes it from the item. */
 struct preparation *item_take_preparation(struct item *item);
 
 #endif

@@ -8,11 +8,12 @@
  *     NEW -> WAITING (for memory) -> PREPARING (on a worker) -> JOINED (waits for a flight) -> ANSWERED
  *
  * It goes back from PREPARING to WAITING when the worker finds that it needs more memory than it was promised. An item
- * that is cancelled while a worker has it is LEAVING: its result is sent at once, and the rest follows when the worker
- * is done. An item of GET is NEW, then JOINED or ANSWERED.
+ * that is cancelled while a worker prepares it is LEAVING: its result, BVHD_CANCELLED, is sent at once; its payload is
+ * given back and it becomes ANSWERED when the worker is done. An item of GET is NEW, then JOINED or ANSWERED.
  *
- * A request reports to its client: one result for each item; which payloads are not needed any more (gathered, and
- * reported at the end of the loop iteration); and its own end, after which it is freed.
+ * A request reports three things to its session, by struct request_events: the result of each item; which payloads are
+ * not needed any more (collected, and reported at the end of the loop iteration); and its own end, after which it is
+ * freed.
  */
 #ifndef BVHD_REQUEST_H
 #define BVHD_REQUEST_H
@@ -53,18 +54,18 @@ struct request_client {
 
 struct item {
     struct request *request;
-    uint32_t index; /* in its request */
+    uint32_t index; /* its number in the request, from 0 */
     enum item_state state;
-    bool pooled; /* its payload lies in the client's pool */
+    bool pooled; /* its payload is in the client's shared memory pool */
     bool is_prepared; /* its payload is not needed any more */
-    bool is_reported; /* the client knows that it is prepared */
-    struct control_item asked;
-    struct preparation_source source; /* until a preparation takes it */
+    bool is_reported; /* the client has been told that the payload is not needed any more */
+    struct control_item asked; /* what the client asked for */
+    struct preparation_source source; /* where its payload is; empty after a preparation has taken it over */
     struct preparation *preparation; /* from its first PREPARING until a flight takes it */
-    struct memory_waiter memory; /* waits while WAITING; its claim is for preparing */
-    uint64_t started_bytes; /* its share of the client's */
-    struct pool_job job; /* while PREPARING and LEAVING */
-    struct flight_waiter waiter; /* while JOINED */
+    struct memory_waiter memory; /* in the queue for memory while WAITING; its claim is for preparing */
+    uint64_t started_bytes; /* what this item adds to client->started_bytes: its claim, or 0 */
+    struct pool_job job; /* prepares it on a worker, while PREPARING and LEAVING */
+    struct flight_waiter waiter; /* waits for a flight while JOINED */
     struct key key;
     double prepare_ms;
 };
@@ -75,15 +76,16 @@ struct request {
     int priority; /* PRIORITY_ */
     bool is_build;
     uint64_t arrived_ns;
-    struct handle_entry *destinations; /* sorted */
+    struct handle_entry *destinations; /* the handles that its items build into, sorted; for VUID 03407 */
     uint32_t destination_count;
     uint32_t open; /* items that are not ANSWERED */
-    uint32_t unreported; /* items whose payload is needed for all that the client knows; both 0: the request ends */
-    uint32_t to_report; /* those of them that are prepared */
+    /* items whose PREPARED has not been sent to the client; the request ends when this and `open` are 0 */
+    uint32_t unreported;
+    uint32_t to_report; /* how many of the unreported items are prepared, and will be in the next PREPARED */
     struct deferred_call report; /* deferred while `to_report` is not 0 */
-    struct request *next; /* the session's, with the same bucket */
-    uint32_t attachments; /* descriptors that came with it */
-    uint32_t count;
+    struct request *next; /* in the session's hash table: the next request in the same bucket */
+    uint32_t attachments; /* how many descriptors came with it */
+    uint32_t count; /* of items */
     struct item items[];
 };
 
@@ -95,27 +97,33 @@ struct request_head {
 };
 
 /*
- * All its items are NEW; each has to be given to exactly one of item_start, item_refuse and item_get. NULL without
- * memory.
+ * Creates a request whose items are all NEW; each has to be passed to exactly one of item_start, item_refuse and
+ * item_get. Returns NULL without memory.
  */
 struct request *request_create(struct request_client *client, const struct request_head *head);
 
-/* Queues an item of BUILD, whose asked, source and pooled are filled. Takes the refs of the source. */
+/*
+ * Queues an item of BUILD. The caller has set its asked, source and pooled; the item takes over the source's
+ * references.
+ */
 void item_start(struct item *item);
 
-/* Answers a NEW item with an error, and drops the refs of its source. */
+/* Answers a NEW item with an error, and drops the references that its source holds. */
 void item_refuse(struct item *item, const struct bvhd_error *error);
 
-/* Answers an item of GET from the cache, or lets it join the flight of its key. */
+/* Answers an item of GET from the cache, or lets it join the flight of its key, or answers BVHD_NOT_FOUND. */
 void item_get(struct item *item, const struct key *key);
 
-/* The client is not interested any more. Allowed in every state; does nothing after the result. */
+/* Cancels an item: its result is BVHD_CANCELLED. Allowed in every state; does nothing if the item has its result. */
 void item_cancel(struct item *item);
 
 /* Cancels all items. May free the request. */
 void request_cancel(struct request *request);
 
-/* Frees the request if it has nothing left to do or to report. To be called after every group of the calls above. */
+/*
+ * Frees the request if it has nothing left to do or to report. The caller calls it once after any number of calls of
+ * item_start, item_refuse, item_get and item_cancel.
+ */
 void request_settle(struct request *request);
 
 #endif

@@ -21,7 +21,7 @@ struct session_link {
     /*
      * The connection has to end: there was no memory for a reply that the client waits for, or the client does not read
      * its results. The connection sends FRAME_ERROR if it can, then calls session_close, but not from within this call.
-     * If this is NULL, session_frame returns the error at the next frame.
+     * `fail` may be NULL: then session_frame returns the error at the next frame, as it does in any case.
      */
     void (*fail)(void *context, const struct bvhd_error *error);
     void *context;
@@ -33,6 +33,7 @@ struct session_peer {
     int32_t pid;
 };
 
+/* Opens a session. `link` is copied; what it points to, and `service`, must outlive the session. BVHD_NO_MEMORY. */
 enum bvhd_status session_open(struct service *service, const struct session_peer *peer, const struct session_link *link,
                               struct session **ret_session, struct bvhd_error *error);
 
@@ -45,20 +46,20 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
 enum bvhd_status session_frame(struct session *session, const struct frame *frame, struct bvhd_error *error);
 
 /*
- * A reply has left, or was dropped, so its credits are free again. To be called before reply_destroy, but not after
- * session_close, which frees all credits.
+ * Tells the session that a reply was sent or dropped, so that its credits are free again. The connection calls it
+ * before reply_destroy, but not after session_close, which frees all credits.
  */
 void session_sent(struct session *session, const struct reply *reply);
 
 /* Sends GOODBYE, once, because the daemon drains. */
 void session_goodbye(struct session *session);
 
-/* Whether HELLO was answered with WELCOME. */
+/* Returns whether HELLO was answered with WELCOME. */
 bool session_is_open(const struct session *session);
 
 /*
- * The client is gone. All its items are cancelled at once; the session frees itself when no worker has any of them any
- * more. NULL-safe.
+ * Ends the session, because its connection has ended. All its items are cancelled at once; the session frees itself
+ * when no worker has any of them any more. `session` may be NULL.
  */
 void session_close(struct session *session);
 

@@ -13,9 +13,9 @@
 
 enum { SESSION_BUCKETS = 64 };
 
-/* Results that have not left. */
+/* Results whose reply has been made, but neither sent nor dropped. */
 struct session_backlog {
-    uint64_t bytes;
+    uint64_t bytes; /* of their blobs */
     bool dropped; /* the session is about to end, and the service's sum does not include it any more */
 };
 
@@ -29,17 +29,17 @@ struct session {
     bool goodbye; /* GOODBYE was sent */
     bool closed;
     struct bvhd_error failure; /* why the connection has to end; BVHD_OK: it does not */
-    struct payload *pool; /* NULL: none */
-    uint64_t pool_size;
+    struct payload *pool; /* the client's shared memory; NULL: none */
+    uint64_t pool_size; /* in bytes */
     uint32_t pool_users; /* items whose payload lies in the pool and is still needed */
-    struct request *requests[SESSION_BUCKETS]; /* by number */
+    struct request *requests[SESSION_BUCKETS]; /* a hash table by request number, linked by request->next */
     uint32_t request_count;
-    uint32_t under_way; /* items whose result has not left */
-    uint32_t attachments; /* memfds of requests that have not ended */
+    uint32_t under_way; /* items whose result has not been sent or dropped: the credits that are in use */
+    uint32_t attachments; /* memfds that came with requests that have not ended */
     struct session_backlog backlog;
 };
 
-/* The account for messages and replies. */
+/* Returns the account that messages and replies are allocated from. */
 static inline struct memory *session_memory(const struct session *session)
 {
     return service_frame_memory(session->service);
@@ -72,19 +72,20 @@ struct request *session_find(const struct session *session, uint64_t number);
 
 void session_add(struct session *session, struct request *request);
 
-/* Whether that many more items can be taken. If not, it has answered the request with BUSY or ERROR. */
+/* Checks whether `items` more items can be taken. If not, answers the request with BUSY or ERROR and returns false. */
 bool session_admits(struct session *session, uint64_t request, uint32_t items);
 
 /* ---- frames ---- */
 
 /*
- * Answers a request whose control message is whole but cannot be unpacked, because it is too large or of a later
- * version, with the error. Returns false for any other status, which breaks the protocol.
+ * Decides what follows when a request's control message cannot be unpacked, with `status`. If it is only too large or
+ * of a later version, the function answers the request with the error and returns true: the session goes on. For any
+ * other status it returns false: the client broke the protocol.
  */
 bool session_refuses(struct session *session, uint64_t request, enum bvhd_status status,
                      const struct bvhd_error *error);
 
-/* Closes a frame's descriptors from number `first` on, and gives back their counts. */
+/* Closes a frame's descriptors, except the first `first` of them, and gives back their counts. */
 void session_drop_descriptors(struct session *session, const struct frame *frame, uint32_t first);
 
 /* Handles FRAME_BUILD, and takes the frame's descriptors. Any other result than BVHD_OK breaks the protocol. */
@@ -93,26 +94,31 @@ enum bvhd_status session_build(struct session *session, const struct frame *fram
 /*
  * ---- backpressure ----
  *
- * Results that clients have not read lie in memory that no budget counts, so a session must not get far ahead of its
- * client. The bytes of a result count as ahead from the start of its item until the result has left.
+ * Results that clients have not read are in memory that no budget counts, so a session must not get far ahead of its
+ * client. A session is ahead by its backlog (results that have not been sent) and by what the items that have started
+ * will probably add to it (client.started_bytes). The share of one session is an eighth of the budget, that of all
+ * sessions together half of it. A backlog is long if it exceeds the session's share or, while the backlogs of all
+ * sessions together exceed theirs, if it is not empty.
  *
- * * While a session is ahead by more than its share of the budget, none of its items starts.
- * * While the backlogs of all sessions together exceed their share, no session that has a backlog may start an item.
- * * While a backlog is long in that sense, new requests are answered with BUSY.
- * * If that does not help, because many sessions have a little each and the results beside the cache fill the whole
+ * * While a session is ahead by more than its share, or its backlog is long, none of its items starts.
+ * * While its backlog is long, its new requests are answered with BUSY.
+ * * If that does not help, because many sessions have a little each and the results outside the cache exceed the whole
  *   budget, the session with the longest backlog is ended.
  */
 
-/* Holds or releases the session's items, after client.started_bytes has changed. */
+/* Decides again whether the session's items may start. To be called after client.started_bytes has changed. */
 void session_backlog_review(struct session *session);
 
-/* A result of that many bytes was sent, or has left. */
+/*
+ * Add a result when its reply is made, and take it away when the reply was sent or dropped. `bytes` is the blob's size.
+ */
 void session_backlog_add(struct session *session, uint64_t bytes);
 void session_backlog_take(struct session *session, uint64_t bytes);
 
-/* Takes the session's backlog out of the service's sum, before the session ends. */
+/* Subtracts the session's backlog from the service's sum, before the session ends. */
 void session_backlog_drop(struct session *session);
 
+/* Returns whether the backlog is long, as defined above. */
 bool session_backlog_is_long(const struct session *session);
 
 #endif

@@ -14,6 +14,7 @@ struct acceptor {
     uv_poll_t poll;
     uv_timer_t retry; /* runs while accepting is paused */
     bool open;
+    /* for log lines about clients that were refused, and about a shortage of descriptors or memory */
     struct log_limit refused_log, short_log;
 };
 

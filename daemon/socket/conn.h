@@ -31,7 +31,7 @@ struct conn {
     struct conn_group *group;
     struct list_link link; /* in group->all */
     struct list_link due_link; /* in *due_in */
-    struct list *due_in; /* group->due, costly or later; NULL: not due */
+    struct list *due_in; /* the list that due_link is in: due, costly or later of the group; NULL: none */
     uint64_t cost_ns; /* how long conn_work has taken lately: a running average */
     enum conn_state state;
     int socket;
@@ -41,7 +41,7 @@ struct conn {
     struct outbox outbox;
     uv_poll_t poll;
     uv_timer_t timer;
-    unsigned handles; /* poll and timer, as long as they are not closed */
+    unsigned handles; /* how many of poll and timer are not closed yet; the last one frees the struct */
     int watched; /* events that the poll handle waits for */
     bool lost; /* the client is gone or was given up; the connection is closed at the end of conn_work */
     bool failed; /* the session cannot go on, for the reason in `failure` */
@@ -50,8 +50,9 @@ struct conn {
     bool reading_waits; /* nothing is read until descriptors or memory are free */
     bool reading_full; /* nothing is read until replies were written */
     enum outbox_state writing; /* what keeps replies from being written */
-    bool writable; /* the loop has reported it since the last flush */
-    bool hint_failed; /* the loop reported it, but nothing could be written: only a later retry helps */
+    bool writable; /* the loop has reported the socket as writable since the last flush */
+    /* the loop reported the socket as writable, but a flush made no progress: only the timer leads to the next flush */
+    bool hint_failed;
     struct bvhd_error failure;
     uint32_t pause_ms; /* before the next retry; doubles with each */
     uint64_t hello_by, read_by, write_by, end_by, retry_at; /* deadlines in milliseconds of uv_now(); 0: none */

@@ -37,7 +37,8 @@ struct conn_group {
     uv_loop_t *loop;
     struct service *service;
     struct conn_limits limits;
-    void (*changed)(void *context); /* called once in each iteration, after the work; may be NULL */
+    /* called in each iteration, after the connections were served, to check whether the daemon may end; may be NULL */
+    void (*changed)(void *context);
     void *context;
     uv_prepare_t prepare; /* does the work, just before the loop waits */
     uv_idle_t again; /* runs while work is left for the next iteration, so that the loop does not wait */
@@ -47,7 +48,7 @@ struct conn_group {
     struct list due; /* for this iteration */
     struct list costly; /* for this iteration after `due`, and the next ones, as time allows */
     struct list later; /* for the next iteration */
-    struct log_limit broken_log;
+    struct log_limit broken_log; /* for log lines about connections that end with an error */
 };
 
 /* Starts the group, without connections. `loop` and `service` must outlive it. */

@@ -12,8 +12,8 @@
 #include <stdint.h>
 
 /*
- * Descriptors that everything except receiving leaves free, so that a message that comes with descriptors can always be
- * received as a whole.
+ * How many descriptors stay free for receiving: code that opens descriptors for anything else leaves these, so that a
+ * message that comes with descriptors can always be received as a whole.
  */
 enum { DESCRIPTORS_RESERVE = 16 };
 
@@ -39,12 +39,13 @@ bool descriptors_take(struct descriptors *descriptors, uint32_t count, uint32_t 
 /* Gives back `count` of the descriptors that were taken, after they were closed or handed to release.h. */
 void descriptors_give(struct descriptors *descriptors, uint32_t count);
 
+/* Returns how many descriptors can still be opened. */
 uint32_t descriptors_left(const struct descriptors *descriptors);
 
 /*
- * For release.h, which closes descriptors later than their owner gives back their count. descriptors_linger says that
- * one such descriptor is still open, descriptors_lingered that it was closed. Lingering descriptors are counted for the
- * process and are missing from what is left in every struct descriptors.
+ * Called by release.h only, which closes a descriptor later than its owner has given back its count.
+ * descriptors_linger counts one such descriptor as still open, descriptors_lingered as closed. The count is one for the
+ * whole process, and descriptors_take and descriptors_left of every struct descriptors subtract it.
  */
 void descriptors_linger(void);
 void descriptors_lingered(void);

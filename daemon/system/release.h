@@ -22,7 +22,7 @@ void release_memfd(int descriptor, uint64_t size);
 
 /*
  * Closes a descriptor that a client sent, of whatever kind, or a socket on which a client may have sent descriptors
- * that were not received. Such a close() can block for as long as somebody else likes: a file of a FUSE file system
+ * that were not received. How long such a close() blocks is decided by somebody else: a file of a FUSE file system
  * waits for that file system's answer, and a TCP socket, even one that is unread in another socket, for its SO_LINGER.
  * Each is therefore closed on a thread of its own, at most RELEASE_FOREIGN_THREADS at the same time; more of them
  * queue. A descriptor that is not open is ignored.
