@@ -25,6 +25,9 @@ enum command {
 
 struct bvhd_format;
 
+/*
+ * The parsed command line. Most fields are named after their option, which docs/cli.md describes. Texts belong to argv.
+ */
 struct options {
     enum command command;
     enum command help_about; /* of COMMAND_HELP: the command, or COMMAND_COUNT for bvhctl as a whole */
@@ -32,7 +35,7 @@ struct options {
     bool local;
     const char *socket; /* NULL: not given */
     uint32_t connect_timeout_ms; /* not 0 */
-    char **operands;
+    char **operands; /* the words after the command that are no options: scenes, files, a key */
     int operand_count;
 
     const char *output;
@@ -54,8 +57,8 @@ struct options {
     bool flip_order;
     const char *scene; /* name of the scene in the directory; NULL: the first one */
 
-    const char *device;
-    uint32_t width, height;
+    const char *device; /* "cpu", "auto", a number or a part of a name; NULL: not given */
+    uint32_t width, height; /* of the picture, in pixels */
     const char *up; /* "auto", "x", "y", "z" */
 };
 

@@ -6,6 +6,7 @@
 #include "client/bvhctl/base/json.h"
 #include "proto/base/status.h"
 
+/* WRONG: `check` or `trace` found a wrong answer. USAGE: the command line is wrong. NO_DAEMON: no daemon answers. */
 enum exit_code { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_WRONG = 3, EXIT_NO_DAEMON = 4 };
 
 /* Prints an error to stderr: "bvhctl: WHAT: WHERE: VUID or reason". Control characters in names become '?'. */

@@ -156,8 +156,9 @@ enum bvhd_status gpu_kernel_create(struct gpu *gpu, const struct gpu_kernel_opti
 /* NULL-safe, idempotent. */
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel *kernel);
 /*
- * Binds buffers[i] to binding i, and the acceleration structures to the bindings after them. Of a buffer larger than
- * a shader can bind only the beginning is bound; shaders must reach the rest by its address. The kernel must not be running.
+ * Binds buffers[i] to binding i, and the acceleration structures to the bindings after them. Of a buffer larger than a
+ * shader can bind only the beginning is bound; shaders must reach the rest by its address. The kernel must not be
+ * running.
  */
 void gpu_kernel_bind(struct gpu *gpu, struct gpu_kernel *kernel, const struct gpu_buffer *const *buffers,
                      const VkAccelerationStructureKHR *structures);

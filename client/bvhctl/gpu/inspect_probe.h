@@ -28,6 +28,7 @@ enum { INSPECT_UUID = 40 };
 /* Writes a UUID in the usual form, with hyphens. */
 void inspect_uuid(const uint8_t uuid[16], char ret_text[INSPECT_UUID]);
 
+/* Print what the file contains: as lines on stdout, or as members of the JSON object that is open. */
 void inspect_probe_print(const char *path, const struct inspect_probe *probe);
 void inspect_probe_write(const char *path, const struct inspect_probe *probe, struct json *json);
 

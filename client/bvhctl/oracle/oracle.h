@@ -60,8 +60,9 @@ void oracle_finish(struct oracle_answer *answers, uint32_t ray_count, struct mem
 
 /*
  * Judges an answer of traversal: `hit`, or NULL for a miss. The verdict WRONG_HIT means that there is nothing to hit,
- * or that the right triangle is reported at a t that it cannot have. *ret_t_rel_err (which may be NULL) becomes |t -
- * own t| / |own t| of the triangle that is hit when the verdict is ORACLE_RIGHT, and 0 otherwise.
+ * or that the right triangle is reported at a t that it cannot have. When the verdict is ORACLE_RIGHT
+ * for a hit, *ret_t_rel_err becomes |hit->t - t| / |t|, where t is what the oracle has computed for the same triangle;
+ * otherwise it becomes 0. ret_t_rel_err may be NULL.
  */
 enum oracle_verdict oracle_judge(const struct oracle_answer *answer, const struct ray_hit *hit, double *ret_t_rel_err);
 

@@ -27,7 +27,7 @@ struct oracle_filter_block {
 struct oracle_filter_ray {
     double across[2][3];
     double offset[2];
-    double slack;
+    double slack; /* added to every reach: how much one-ulp moves of the ray can change `offset` */
 };
 
 /*
@@ -37,6 +37,7 @@ double oracle_filter_ray_init(struct oracle_filter_ray *ret_filter, const struct
 
 /* Empties the block. `wobble` is the largest angle that oracle_filter_ray_init has returned for the rays to come. */
 void oracle_filter_begin(struct oracle_filter_block *block, double wobble);
+/* Adds a triangle, given by its corners in world space, to a block that is not full. */
 void oracle_filter_add(struct oracle_filter_block *block, struct radial corners[3][3]);
 
 /*

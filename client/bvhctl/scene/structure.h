@@ -22,10 +22,13 @@ struct structure {
     enum target target;
     enum structure_content content;
     uint32_t primitive_count; /* with those that are not in the tree; of a native top level: leaves in the file */
-    uint32_t record_count; /* number of rows for structure_triangle and structure_instance */
+    uint32_t record_count; /* records that structure_triangle or structure_instance can read, by their row from 0 */
     struct structure_geometry *geometries; /* of a bottom level, by ascending index */
     uint32_t geometry_count;
-    uint32_t *instance_rows; /* of a native top level, by row: the leaf; all leaves that the tree refers to */
+    /*
+     * of a native top level, by row: the number of a leaf in the file; only leaves that the tree refers to have a row
+     */
+    uint32_t *instance_rows;
     union {
         struct portable_view portable;
         struct lavapipe_view lavapipe;
@@ -46,7 +49,8 @@ void structure_close(struct structure *structure);
 void structure_bounds(const struct structure *structure, float ret_bounds[6]);
 
 /*
- * Returns the number of rows of triangles. A triangle that was split has several rows; an inactive one may have none.
+ * Returns the number of rows of triangles, 0 for other contents. A triangle that was split has several rows; an
+ * inactive one may have none.
  */
 uint32_t structure_triangle_count(const struct structure *structure);
 /* Gives the exact corners of a triangle, and its flat primitive number. */

@@ -28,7 +28,10 @@ struct structures {
     /* the bottom levels, by rows of the top level's references, then the top level if there is one */
     struct structure_file *files;
     uint32_t file_count, bottom_count;
-    /* by the same rows: the files' bytes, with handles as written (row + 1); equal data pointers mean one structure */
+    /*
+     * the bytes of `files`, in their order, for the upload. The handles in a top level are as `bvhctl build` has
+     * written them: row + 1. Equal data pointers mean one structure
+     */
     struct bytes *blobs;
     union {
         struct scene portable;

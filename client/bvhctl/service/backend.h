@@ -13,8 +13,8 @@
 struct backend {
     /*
      * Builds all infos of `build` and waits for them. BVHD_OK: ret_results[info_count] is filled in. Each result has an
-     * error of its own, which is not BVHD_PENDING, and its bytes live until *ret_hold is released. On any other status
-     * nothing could be tried, or the service is gone, and there is nothing to release.
+     * error of its own, which is not BVHD_PENDING, and its bytes live until *ret_hold is released. Any other status
+     * means that the service is gone, or that no build was started; there is nothing to release then.
      */
     enum bvhd_status (*build)(struct backend *backend, const struct bvhd_build *build, struct bvhd_result *ret_results,
                               void **ret_hold, struct bvhd_error *error);

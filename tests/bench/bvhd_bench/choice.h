@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * choice.h - decides whether auto chooses as well as the best tier, when the cost is a build plus the rays through it.
+ * choice.h - decides whether the tier that the quality auto chooses is as good as the best one. The cost of a tier is
+ * the time of its build plus the time of the rays through the result. A hint is an expected number of rays for each
+ * primitive.
  */
 #ifndef BVHD_BENCH_CHOICE_H
 #define BVHD_BENCH_CHOICE_H
@@ -9,7 +11,7 @@
 
 enum { CHOICE_HINTS = 4 };
 
-/* Rays a primitive of a hint, and the name of the method that is given this hint. */
+/* For hint 0 .. CHOICE_HINTS - 1: the rays for each primitive, and the name of the method that is given this hint. */
 double choice_rays(int hint);
 const char *choice_method(int hint);
 

@@ -8,6 +8,7 @@
 #include "tests/bench/bvhd_bench/statistic.h"
 #include "tests/bench/bvhd_bench/verdicts.h"
 
+/* A crew is the set of threads that a build runs on. Crew 0 is all threads, crew 1 is a single thread. */
 enum { MEASURE_METHODS = 32, MEASURE_STAGES = 8, MEASURE_CREWS = 2 };
 
 struct measure_options {
@@ -21,7 +22,7 @@ struct measure_options {
     uint32_t size; /* triangles of a generated scene */
     uint32_t check_rays; /* rays compared with brute force; 0: none */
     uint64_t seed;
-    unsigned threads; /* of the first crew; the second crew is one thread */
+    unsigned threads; /* of crew 0 */
     bool calibrates; /* measures only builds on one thread, and rays */
     const struct method *methods[MEASURE_METHODS];
     uint32_t method_count;
@@ -31,7 +32,7 @@ struct measure_options {
 struct figures {
     const struct method *method;
     char failure[400]; /* empty: nothing failed */
-    struct statistic ms[MEASURE_CREWS]; /* of builds: by all threads, by one */
+    struct statistic ms[MEASURE_CREWS]; /* duration of a build, in milliseconds */
     struct statistic stages[MEASURE_CREWS][MEASURE_STAGES]; /* METHOD_OWN */
     struct build_stats stats; /* METHOD_OWN */
     uint64_t bytes, peak_resident, peak_bytes; /* see subject.h, cell.h */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * scene_variety.h - generates more scenes from a seed, each with one kind of difficulty, in proportions in which scenes
- * by people mix them.
+ * scene_variety.h - generates more scenes from a seed, each with one kind of difficulty, in the proportions that are
+ * found in scenes made by people.
  */
 #ifndef BVHD_BENCH_SCENE_VARIETY_H
 #define BVHD_BENCH_SCENE_VARIETY_H

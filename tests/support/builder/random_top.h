@@ -17,25 +17,29 @@ struct random_instance {
 struct random_top {
     struct build_input input;
     struct geometry geometry;
-    /* The caller fills in keys and bounds once the bottom levels are built. */
+    /* The caller sets keys and bounds once the bottom levels are built. */
     struct reference references[RANDOM_TOP_BOTTOMS];
     struct random_input bottoms[RANDOM_TOP_BOTTOMS];
-    uint32_t bottom_count, built; /* the caller sets `built` */
+    uint32_t bottom_count, built; /* `built` is set by the caller: how many bottom levels it has built so far */
     struct random_instance instances[RANDOM_TOP_INSTANCES];
     uint32_t instance_count;
     bool culling_disabled; /* for at least one instance */
     unsigned char *records; /* of exactly the size that the request reaches */
     struct oracle_mesh *meshes; /* made by random_top_mean */
     uint32_t mesh_count;
+    /* corners with reversed winding, for meshes of instances that flip their facing; NULL: not made yet */
     float *flipped[RANDOM_TOP_BOTTOMS][RANDOM_INPUT_GEOMETRIES];
 };
 
+/*
+ * Makes the bottom levels, with 0 .. `most` primitives each, and the top level over them. *ret_top must not be copied.
+ */
 void random_top_init(struct random_top *ret_top, struct random *random, uint32_t most);
 void random_top_finish(struct random_top *top);
 
 /*
- * Makes top->meshes: the triangles of all instances that the cull mask selects. The winding is reversed for instances
- * that flip their facing.
+ * Makes top->meshes, the meaning of the request for the oracle: the triangles of all instances that the cull mask
+ * selects. The winding is reversed for instances that flip their facing.
  */
 void random_top_mean(struct random_top *top, uint32_t cull_mask);
 

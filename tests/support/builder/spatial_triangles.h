@@ -28,10 +28,10 @@ struct triangles {
     struct memory memory;
     struct canonical canonical;
     struct canonical_geometry geometry;
-    float (*corners)[9];
+    float (*corners)[9]; /* of each triangle: three corners, xyz */
     struct primitive_ref *refs, *scratch; /* arrays of `capacity` elements */
     uint32_t count, capacity;
-    struct box *boxes, whole;
+    struct box *boxes, whole; /* of each triangle, and of all */
 };
 
 static inline void triangles_make_one(enum kind kind, uint32_t id, struct random *random, float corners[9])
@@ -95,6 +95,7 @@ static inline void triangles_start(struct triangles *f, enum kind kind, uint32_t
                                       .geometries = &f->geometry};
 }
 
+/* Returns the price that a spatial split has to save for each reference that it adds. */
 static inline float triangles_price(const struct triangles *f)
 {
     double areas = 0;
