@@ -1,51 +1,57 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * closest.glsl - the closest triangle for rays without flags. It answers as a query does (bvhd_ray_query.glsl), but
- * asks nobody on its way: triangles that are hit beyond doubt are remembered with bounds on their t, those in doubt are
- * put by until the end, and only then are pairs of floats computed. What is put by goes to memory, for the kernel after
- * this one: to decide here would make the loops keep everything that deciding takes.
+ * bvhd_closest.glsl - finds the closest triangle for rays without flags, with the answers of bvhd_ray_query.glsl.
  *
- * State lies in private variables: one ray an invocation. closest_settle.glsl has the end.
+ * Triangles are tested in float with error bounds. A triangle that is certainly hit is kept with bounds on its t; one
+ * that is neither certainly hit nor certainly missed is undecided, and goes to a list in memory. After traversal the
+ * undecided triangles are resolved exactly (bvhd_closest_resolve.glsl), by another kernel where possible: exact tests
+ * inside the traversal loops would need registers in all of them.
+ *
+ * The state is in private variables: there is one ray for each invocation.
  */
 #ifndef BVHD_CLOSEST_GLSL
 #define BVHD_CLOSEST_GLSL
 
 const uint NONE = 0xffffffffu;
-const uint FIRST_INNER = 0x01000000u; // groups of nodes have a bit of this or above, groups of records have none
+const uint FIRST_INNER = 0x01000000u; // a group of nodes is not empty if its hits are at least this
 
 uvec2 stack[66];
 
 // The ray in the space of the structure that it is in.
 vec3 origin, direction, inverse;
-float box_margin; // what boxes are too small by, for what box_error says, and what step_of makes of a step of 0
-float volume_error, volume_shift; // visit_triangle
-float origin_low; // what components of the origin may be off by
+float box_margin; // length by which boxes are enlarged (box_error)
+float volume_error, volume_shift; // terms of test_triangle's error bound
+float origin_low; // error bound of the origin's components
 float tmin;
-uint order; // set_order's masks; the ray's mask in bits 31 .. 24
-uint content, node_rows, record_rows, vertex_words; // content: of a bottom level
-uint instance; // record in the top level; NONE: in the root
-uvec2 nodes; // first child; hits in bits 31 .. 24, inner mask in bits 7 .. 0
-uvec2 records, postponed; // first record; hits. Those that wait have not been looked at either.
-int top, level_bottom; // of the stack
+uint order; // set_order's masks in bits 23 .. 0; the ray's cull mask in bits 31 .. 24
+uint content, node_rows, record_rows, vertex_words; // of the current structure; content is used in bottom levels
+uint instance; // record in the top level; NONE while the ray is in the root
+uvec2 nodes; // a group: first child; hits in bits 31 .. 24, inner mask in bits 7 .. 0
+uvec2 records, postponed; // groups of records that have to be tested: first record; hits
+int top, level_bottom; // of the stack; where the current structure's entries begin
 
-// What leave_instance takes up again.
+// The root's sections, for leave_instance.
 uint root_nodes, root_records;
 #if defined REFILL && !defined COOPERATIVE
 #define KEEPS_WORLD
-// In shared memory, which is nearer than the ray's buffer: lanes leave instances at different times, and all wait for each.
-shared vec4 world_origins[gl_WorkGroupSize.x], world_directions[gl_WorkGroupSize.x], world_inverses[gl_WorkGroupSize.x]; // w of the last: away
+// The ray in world space, for leave_instance. Shared memory is faster to read than the ray's buffer: lanes leave
+// instances at different times, and the whole subgroup waits for each. world_inverses has box_margin in w.
+shared vec4 world_origins[gl_WorkGroupSize.x], world_directions[gl_WorkGroupSize.x];
+shared vec4 world_inverses[gl_WorkGroupSize.x];
 shared uint world_orders[gl_WorkGroupSize.x];
 #else
 float root_box_margin;
 #endif
 
-// The answer so far: its t lies between low and high.
+// The closest hit so far; its t is in [low, high].
 float low, high;
 uint best, best_instance, best_id;
 bool best_is_front;
-uint index; // of the ray
+uint index; // of the ray in the buffer
 
-uint last_undecided; // NONE, or a row of doubts: a triangle that floats cannot decide on; no less than there are rows: the ray is left to the query
+// The last entry of the ray's list of undecided triangles, NONE for an empty list. An entry that does not exist, such
+// as FALLBACK, means that the ray is left to the query (bvhd_trace_query.comp).
+uint last_undecided;
 const uint FALLBACK = 0xfffffffeu;
 
 bool needs_fallback()
@@ -63,7 +69,7 @@ bool is_indexed()
     return (content_of_bottoms == NONE ? content : content_of_bottoms) == BVHD_CONTENT_INDEXED_TRIANGLES;
 }
 
-// Locations are addresses, or offsets where scene_base is 0; here, all of a scene is found by its rows.
+// Converts a location (an address; an offset where scene_base is 0) to an offset in the scene's buffer.
 uvec2 offset_of(uvec2 location)
 {
     uint borrow;
@@ -77,23 +83,26 @@ BvhdBody open_body(uvec2 location)
     return bvhdBodyOpen(offset_of(location), unused);
 }
 
-// Slots of the nearer half along the axis that the ray runs along most in bits 23 .. 16, along the next one in 15 .. 8, along the last one in 7 .. 0.
+// Sets three masks of the slots that are in the nearer half of a node: along the axis of the ray's largest direction
+// component in bits 23 .. 16, along the second one in bits 15 .. 8, and along the smallest one in bits 7 .. 0.
 void set_order()
 {
     vec3 size = abs(inverse);
-    uint y_over_x = size.x > size.y ? 8u : 0u, z_over_x = size.x > size.z ? 8u : 0u, z_over_y = size.y > size.z ? 8u : 0u;
-    uint x = (inverse.x < 0.0 ? 0xaau : 0x55u) << (16u - y_over_x - z_over_x), y = (inverse.y < 0.0 ? 0xccu : 0x33u) << (8u + y_over_x - z_over_y);
+    uint y_over_x = size.x > size.y ? 8u : 0u, z_over_x = size.x > size.z ? 8u : 0u,
+         z_over_y = size.y > size.z ? 8u : 0u;
+    uint x = (inverse.x < 0.0 ? 0xaau : 0x55u) << (16u - y_over_x - z_over_x), y = (inverse.y < 0.0 ? 0xccu : 0x33u)
+                                                                                   << (8u + y_over_x - z_over_y);
     order = order & 0xff000000u | x | y | (inverse.z < 0.0 ? 0xf0u : 0x0fu) << (z_over_x + z_over_y);
 }
 
 /*
- * Of a structure's points from a ray and from 0, in lengths and in t. Steps are taken 2^24 times as large (widen) and
- * are no larger than coordinates (tracer_closest.c looks): that has to stay a float. Rays for which it might not are
- * left to the query.
+ * Bounds how far a structure's points may be from the ray's origin and from 0, as a length and as a t. Steps are
+ * multiplied by 2^24 (step_of), and are not larger than the coordinates (vulkan_contents.c checks it): the products
+ * have to be finite floats. Rays beyond the bound are left to the query.
  */
 const float FARTHEST = 1.0e31;
 
-// What a ray needs of a structure.
+// What a ray needs to enter a structure.
 struct Entry {
     vec3 inverse;
     float box_margin, direction_low;
@@ -101,30 +110,32 @@ struct Entry {
     bool can_hit;
 };
 
-// What bvhdBoxRayInit divides by: axes along which the ray hardly moves get a small movement.
+// The inverse direction. Components below 2^-30 of the longest one are replaced by that, as in bvhdBoxRayInit.
 vec3 inverse_of(vec3 towards, float longest)
 {
     vec3 moving = max(abs(towards), vec3(9.3132257e-10 * longest));
     return 1.0 / mix(moving, -moving, lessThan(towards, vec3(0.0)));
 }
 
-// On both sides of a plane that is met at `offset`. The last term is for what underflows.
+// The error bound of the t at which the ray meets a plane, `offset`. The last term covers underflow.
 vec3 box_error(vec3 offset)
 {
     return abs(offset) * 9.5367432e-7 + (abs(inverse) * box_margin + 3.0092656e-36);
 }
 
 /*
- * bvhdBoxRayInit's slack is no less along any axis, for |inverse| * 2^-29 * longest is 2 where the ray hardly moves and
- * 2^-29 at least where it does; with what a direction that is off by `low_direction` moves the ray by within the
- * structure. Rays that miss its bounds are sent away here, as at a node: before anything is put by for them.
+ * Prepares to enter a structure. box_margin is at least bvhdBoxRayInit's slack along every axis, because |inverse| *
+ * 2^-29 * longest is 2 where the ray hardly moves and at least 2^-29 elsewhere; it also covers how far a direction with
+ * an error of `low_direction` moves the ray within the structure. Rays that miss the structure's bounds do not enter
+ * it, so nothing has to be saved for them.
  */
 Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float low_direction)
 {
     Entry entry;
     BvhdExtent extent;
     entry.body = bvhdBodyOpen(offset_of(location), extent);
-    float longest = bvhdLargest(towards), farthest = max(bvhdLargest(extent.lowest - from), bvhdLargest(extent.highest - from));
+    float longest = bvhdLargest(towards),
+          farthest = max(bvhdLargest(extent.lowest - from), bvhdLargest(extent.highest - from));
     entry.direction_low = low_direction;
     entry.inverse = inverse_of(towards, longest);
     entry.box_margin = 1.001 * (low_origin + farthest / longest * low_direction + 1.8626452e-9 * farthest) + 1.6e-36;
@@ -140,7 +151,7 @@ Entry entry_of(uvec2 location, vec3 from, vec3 towards, float low_origin, float 
     return entry;
 }
 
-// Origin and direction are those in the structure's space.
+// Enters a structure. Origin and direction have already been transformed to its space.
 void enter(Entry entry)
 {
     content = entry.body.content;
@@ -183,7 +194,7 @@ void enter_world()
     box_margin = world_inverses[own].w;
     order = world_orders[own];
 #else
-    Ray ray = rays[index];
+    BvhdRay ray = rays[index];
     origin = ray.origin.xyz;
     direction = ray.direction.xyz;
     inverse = inverse_of(direction, bvhdLargest(direction));
@@ -195,7 +206,7 @@ void enter_world()
 
 void start()
 {
-    Ray ray = rays[index];
+    BvhdRay ray = rays[index];
     origin = ray.origin.xyz;
     direction = ray.direction.xyz;
     tmin = ray.origin.w;
@@ -227,9 +238,10 @@ void leave_instance()
 }
 
 /*
- * The ray goes to object space in float. With u = 2^-24, the difference is wrong by u, the inverse matrix by u for each
- * of its entries and each product and sum by u again, and the matrix itself is told to no better than that: 12u of the
- * sum of the sizes cover it. All rows are asked for before any is looked at.
+ * Enters an instance's bottom level, with the ray transformed to object space in float. With u = 2^-24, the difference
+ * has a relative error of u, each entry of the inverse matrix one of u, each product and sum another u, and the matrix
+ * itself is not more accurate than that: 12u times the sum of the absolute terms is a bound. All rows are loaded before
+ * any of them is used.
  */
 void visit_instance(uint record)
 {
@@ -244,7 +256,8 @@ void visit_instance(uint record)
         return;
     vec3 from = origin - place;
     mat3 size = mat3(abs(rows[0]), abs(rows[1]), abs(rows[2]));
-    float low_origin = 7.1525574e-7 * bvhdLargest(abs(from) * size), low_direction = 7.1525574e-7 * bvhdLargest(abs(direction) * size);
+    float low_origin = 7.1525574e-7 * bvhdLargest(abs(from) * size),
+          low_direction = 7.1525574e-7 * bvhdLargest(abs(direction) * size);
     from = from * rows;
     vec3 towards = direction * rows;
     Entry entry = entry_of(bottom, from, towards, low_origin, low_direction);
@@ -260,9 +273,9 @@ void visit_instance(uint record)
 }
 
 /*
- * Four bytes as floats: 2^-24 of each, which is what its bits say as a half. Those are denormal: with `plain_bytes`,
- * where a device may take them for 0 or is quicker without, bytes are converted as they are. No constant is OR'ed in,
- * as bvhd_box.glsl does: that took 24 operations a node more.
+ * Converts four bytes to floats, each times 2^-24: that is the value of a byte's bits as a half. These halves are
+ * denormal. With `plain_bytes`, for devices that flush them to 0 or are faster without, bytes are converted by their
+ * own value. bvhd_box.glsl sets exponent bits instead, which takes 24 operations more for each node.
  */
 vec4 widen(uint bytes)
 {
@@ -272,23 +285,25 @@ vec4 widen(uint bytes)
     return vec4(even.x, odd.x, even.y, odd.y);
 }
 
-// What the bytes of these exponents, one in 8 bits each, are multiplied with: 2^24 steps where widen makes 2^-24 of a byte.
+// The steps of these exponents, 8 bits each, as factors for what widen returns: without `plain_bytes` times 2^24.
 vec3 step_of(uint exponents)
 {
-    return uintBitsToFloat(uvec3(exponents << 23, exponents << 15, exponents << 7) + (plain_bytes ? 0u : 24u << 23) & 0x7f800000u);
+    return uintBitsToFloat(uvec3(exponents << 23, exponents << 15, exponents << 7) + (plain_bytes ? 0u : 24u << 23) &
+                           0x7f800000u);
 }
 
 #define AS_INT floatBitsToInt
 
 /*
- * Shifts in a bit for each of four slots, the last one's first: 1 where the ray misses it. Distances are compared as
- * integers, which is right as long as the interval's start is not negative; what is between the first and the last one
- * says by its sign whether there is anything.
+ * Tests four children. Shifts four bits into `missed`, that of the last slot first: 1 where the ray misses the child.
+ * Floats are compared as integers, which is correct because tmin is not negative; the sign of far - near says whether
+ * the interval is empty.
  */
 void test_slots(uvec3 near_bytes, uvec3 far_bytes, vec3 scale, vec3 first, vec3 last, inout uint missed)
 {
-    ivec4 near = max(max(AS_INT(widen(near_bytes.x) * scale.x + first.x), AS_INT(widen(near_bytes.y) * scale.y + first.y)),
-                     max(AS_INT(widen(near_bytes.z) * scale.z + first.z), ivec4(AS_INT(tmin))));
+    ivec4 near =
+        max(max(AS_INT(widen(near_bytes.x) * scale.x + first.x), AS_INT(widen(near_bytes.y) * scale.y + first.y)),
+            max(AS_INT(widen(near_bytes.z) * scale.z + first.z), ivec4(AS_INT(tmin))));
     ivec4 far = min(min(AS_INT(widen(far_bytes.x) * scale.x + last.x), AS_INT(widen(far_bytes.y) * scale.y + last.y)),
                     min(AS_INT(widen(far_bytes.z) * scale.z + last.z), ivec4(AS_INT(high))));
     uvec4 between = floatBitsToUint(intBitsToFloat(far) - intBitsToFloat(near));
@@ -298,12 +313,13 @@ void test_slots(uvec3 near_bytes, uvec3 far_bytes, vec3 scale, vec3 first, vec3 
     missed = missed << 1 | between.x >> 31;
 }
 
-// The records of the leaves in these slots: meta bytes of other slots become 0, which stands for no record.
+// The hit records of the leaves in these slots. Meta bytes of other slots are set to 0, which stands for no record.
 uint records_of(uint leaves, uvec2 meta)
 {
     if (leaves == 0u)
         return 0u;
-    uvec2 slots = uvec2(leaves, leaves >> 4) & 15u, ones = slots * 0x00204081u & 0x01010101u, packed = meta & ones * 255u;
+    uvec2 slots = uvec2(leaves, leaves >> 4) & 15u, ones = slots * 0x00204081u & 0x01010101u,
+          packed = meta & ones * 255u;
     uvec4 a = uvec4(packed.x, packed.x >> 8, packed.x >> 16, packed.x >> 24) & 255u;
     uvec4 b = uvec4(packed.y, packed.y >> 8, packed.y >> 16, packed.y >> 24) & 255u;
     a = a >> 5 << (a & 31u);
@@ -311,7 +327,7 @@ uint records_of(uint leaves, uvec2 meta)
     return a.x | a.y | a.z | a.w | b.x | b.y | b.z | b.w;
 }
 
-// Takes the first child of the group, which has one; what is left goes to the stack.
+// Takes the nearest child out of the group, which is not empty, and pushes the rest of the group.
 uint next_child()
 {
     uint slots = nodes.y & 0xff000000u, nearer = slots & order << 8;
@@ -327,19 +343,23 @@ uint next_child()
     return nodes.x + uint(bitCount(nodes.y & ((slot >> 24) - 1u)));
 }
 
-// bvhd_box.glsl says what is covered.
+// Tests the children of the next node. bvhd_box.glsl derives the error bounds.
 void visit_node()
 {
     uint row = node_rows + 5u * next_child();
     uvec4 head = BVHD_STORAGE_ROWS[row], meta = BVHD_STORAGE_ROWS[row + 1u];
-    uvec4 planes0 = BVHD_STORAGE_ROWS[row + 2u], planes1 = BVHD_STORAGE_ROWS[row + 3u], planes2 = BVHD_STORAGE_ROWS[row + 4u];
-    vec3 offset = (uintBitsToFloat(head.xyz) - origin) * inverse, error = box_error(offset), scale = step_of(head.w) * inverse;
+    uvec4 planes0 = BVHD_STORAGE_ROWS[row + 2u], planes1 = BVHD_STORAGE_ROWS[row + 3u],
+          planes2 = BVHD_STORAGE_ROWS[row + 4u];
+    vec3 offset = (uintBitsToFloat(head.xyz) - origin) * inverse, error = box_error(offset),
+         scale = step_of(head.w) * inverse;
     bvec3 is_negative = lessThan(inverse, vec3(0.0));
     uvec3 low0 = uvec3(planes0.xz, planes1.x), low1 = uvec3(planes0.yw, planes1.y);
     uvec3 high0 = uvec3(planes1.z, planes2.xz), high1 = uvec3(planes1.w, planes2.yw);
     uint missed = 0u;
-    test_slots(mix(low1, high1, is_negative), mix(high1, low1, is_negative), scale, offset - error, offset + error, missed);
-    test_slots(mix(low0, high0, is_negative), mix(high0, low0, is_negative), scale, offset - error, offset + error, missed);
+    test_slots(mix(low1, high1, is_negative), mix(high1, low1, is_negative), scale, offset - error, offset + error,
+               missed);
+    test_slots(mix(low0, high0, is_negative), mix(high0, low0, is_negative), scale, offset - error, offset + error,
+               missed);
     uint inner = head.w >> 24;
     nodes = uvec2(meta.x, (inner & ~missed) << 24 | inner);
     records = uvec2(meta.y, records_of(~missed & ~inner & 255u, meta.zw));
@@ -350,9 +370,12 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
     if (is_indexed()) {
         uvec4 row = BVHD_STORAGE_ROWS[record_rows + record];
         uvec3 word = row.xyz * 3u + vertex_words;
-        v0 = uintBitsToFloat(uvec3(BVHD_STORAGE_WORDS[word.x], BVHD_STORAGE_WORDS[word.x + 1u], BVHD_STORAGE_WORDS[word.x + 2u]));
-        v1 = uintBitsToFloat(uvec3(BVHD_STORAGE_WORDS[word.y], BVHD_STORAGE_WORDS[word.y + 1u], BVHD_STORAGE_WORDS[word.y + 2u]));
-        v2 = uintBitsToFloat(uvec3(BVHD_STORAGE_WORDS[word.z], BVHD_STORAGE_WORDS[word.z + 1u], BVHD_STORAGE_WORDS[word.z + 2u]));
+        v0 = uintBitsToFloat(
+            uvec3(BVHD_STORAGE_WORDS[word.x], BVHD_STORAGE_WORDS[word.x + 1u], BVHD_STORAGE_WORDS[word.x + 2u]));
+        v1 = uintBitsToFloat(
+            uvec3(BVHD_STORAGE_WORDS[word.y], BVHD_STORAGE_WORDS[word.y + 1u], BVHD_STORAGE_WORDS[word.y + 2u]));
+        v2 = uintBitsToFloat(
+            uvec3(BVHD_STORAGE_WORDS[word.z], BVHD_STORAGE_WORDS[word.z + 1u], BVHD_STORAGE_WORDS[word.z + 2u]));
         return row.w;
     }
     uint row = record_rows + 3u * record;
@@ -363,7 +386,8 @@ uint corners_of(uint record, out vec3 v0, out vec3 v1, out vec3 v2)
     return first.w;
 }
 
-// A ray that has lost one asks for no more rows: the count does not come round to 0 again.
+// Appends an undecided triangle to the ray's list. A ray that has found no room once does not count any more, so that
+// the counter cannot wrap around.
 void put_undecided(uint record, float nearest)
 {
     if (needs_fallback())
@@ -374,15 +398,15 @@ void put_undecided(uint record, float nearest)
     last_undecided = row;
 }
 
-// 1e-37 covers what underflows.
+// The squared length; 1e-37 covers underflow.
 float square(vec3 a)
 {
     return a.x * a.x + (a.y * a.y + (a.z * a.z + 1e-37));
 }
 
 /*
- * The longer one's length, or more. Sums of the components' sizes take fewer operations and leave more in doubt: that
- * pays for rays that meet many triangles.
+ * An upper bound of the longer vector's length. Sums of absolute components take fewer operations and leave more
+ * triangles undecided, which pays for rays that meet many triangles.
  */
 float longer_length(vec3 a, vec3 b)
 {
@@ -393,13 +417,13 @@ float longer_length(vec3 a, vec3 b)
 #endif
 }
 
-// What a triangle is looked at with, in its structure's space.
+// What a triangle is tested against: a ray in the structure's space.
 struct TestRay {
     vec3 origin, direction;
     float volume_error, tmin, low, high;
 };
 
-// What is seen: where it is hit lies between near and far, which is infinite where that is in doubt.
+// The result of a test. The hit's t is in [near, far]; far is infinite for undecided triangles.
 struct TestOutcome {
     uint kind;
     float near, far;
@@ -425,17 +449,18 @@ void keep_undecided(TestOutcome outcome, uint record)
 }
 
 /*
- * Volumes of the ray with the edges from v0. Differences are off by u, a component of a product of two vectors by 3u of
- * the sum of the sizes of its two products, and the volume by 7u of the sum of its six, which is at most 1.155 of the
- * product of the three lengths. What is left of the determinant is off by no more than those of all three and 2u of
- * each: with s the distance of the origin, d the direction's length and e the longer edge, 20.2u d e (s + e) are as
- * much. An origin off by o moves it by 3.5 d e o at most, a direction off by l by 3.5 l e (s + e).
+ * Tests a triangle by the volumes that the ray spans with the edges from v0. Error bounds, with u = 2^-24, s the
+ * distance of the origin from v0, d the direction's length and e the longer edge: a difference has a relative error of
+ * u, a component of a cross product 3u of the sum of its two absolute products, a volume 7u of the sum of its six,
+ * which is at most 1.155 s d e. The third volume, det - u - v, has at most the sum of the errors of these three and 2u
+ * of each: 20.2u d e (s + e) covers it. An error o of the origin adds at most 3.5 d e o, an error l of the direction at
+ * most 3.5 l e (s + e).
  *
- * t: each component of the normal is off by 4u of the sum of the sizes of its two products, `spread`, and so are the
- * sums that it goes into, by 8u of what they are with `spread` in its place. On a long floor along the axes, which rays
- * start from, t is nearly exact then.
+ * t: each component of the normal has an error of 4u of the sum of its two absolute products, `spread`, and the sums
+ * that use the normal have 8u of their value with `spread` in its place. So t is nearly exact on a large floor along
+ * the axes that rays start from.
  *
- * `is_own`: this lane's ray looks, and takes at once what it sees.
+ * `is_own`: the ray is this lane's own, so the outcome is applied to it at once.
  */
 void test_triangle(TestRay ray, uint record, bool is_own, out TestOutcome outcome)
 {
@@ -454,7 +479,8 @@ void test_triangle(TestRay ray, uint record, bool is_own, out TestOutcome outcom
     vec3 spread = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
     float spreads = spread.x + spread.y + spread.z;
     float direction_low = has_instances ? 0.29 * ray.volume_error : 0.0;
-    float size = abs(det), size_error = 7.1525574e-7 * dot(abs(ray.direction), spread) + 1.001 * direction_low * spreads + 3.0e-35;
+    float size = abs(det),
+          size_error = 7.1525574e-7 * dot(abs(ray.direction), spread) + 1.001 * direction_low * spreads + 3.0e-35;
     float distance = det < 0.0 ? -dot(s, normal) : dot(s, normal);
     float distance_error = 1.001 * origin_low * spreads + 7.1525574e-7 * dot(abs(s), spread) + 3.0e-35;
     float scale = 1.0 / max(size, 1e-37), t = distance * scale;
@@ -486,7 +512,7 @@ uint take_record(inout uvec2 group)
     return record;
 }
 
-// Takes up what waits. False: there is nothing left.
+// Continues with what is on the stack, or leaves the instance. Returns false when traversal is complete.
 bool pop_or_leave()
 {
     if (top != level_bottom) {

@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * closest_teams.glsl - triangles of few lanes, looked at by all lanes of a subgroup: each lane that has some gets a
- * team of four or eight, who look at one each and tell what they have seen. For one structure, without instances, and
- * where all lanes of the subgroup come along, those without a ray too.
+ * bvhd_closest_cooperative.glsl - tests the triangles of few lanes with all lanes of a subgroup: each lane that has
+ * triangles gets a team of four or eight lanes, which test one triangle each and share the outcomes. It is for scenes
+ * of one structure without instances. All lanes of the subgroup have to take part, also those without a ray.
  */
 #ifndef BVHD_CLOSEST_COOPERATIVE_GLSL
 #define BVHD_CLOSEST_COOPERATIVE_GLSL
 
-// As powers of two: teams of two cost more than they give.
+// Log2 of the sizes of teams: teams of two lanes cost more than they gain.
 const int LEAST_TEAM = 2, LARGEST_TEAM = 3;
 
-// The lane that each team works for. A subgroup's begin at the place of its first lane.
+// The lane whose triangles each team tests. A subgroup's entries begin at the place of its first lane.
 shared uint leaders[gl_WorkGroupSize.x];
 
-// For the others of the subgroup to look with: until questions and answers are needed, rays lie in their place.
+// Publishes the lane's ray to its subgroup, in the arrays `requests` and `results`, which are not needed before the
+// end.
 void share_test_ray()
 {
     requests[gl_LocalInvocationIndex] = floatBitsToUint(vec4(origin, volume_error));
@@ -28,13 +29,13 @@ TestRay test_ray_of(uint lane)
     return TestRay(from.xyz, towards.xyz, from.w, towards.w, subgroupShuffle(low, lane), subgroupShuffle(high, lane));
 }
 
-// What of a set may be this member's: the numbers whose rest by the team's size is its own.
+// The bits of a set that this member of a team tests: those whose number modulo the team's size is its own.
 uint share_of(uint set, int level)
 {
     return set & (level == LEAST_TEAM ? 0x11111111u : 0x01010101u) << (gl_SubgroupInvocationID & (1u << level) - 1u);
 }
 
-// What is left when each member has had the first of its share.
+// The set without the lowest bit of each member's share.
 uint remaining_of(uint set, int level)
 {
     uint size = 1u << level, later = set << size;
@@ -43,7 +44,8 @@ uint remaining_of(uint set, int level)
     return set & (later | later << 16);
 }
 
-// Takes what the lanes in `tellers`, counted from `first`, have seen. What one is sure of may be in doubt after another's, and is compared again.
+// Merges the outcomes of lanes `first` + i, for each bit i of `sources`. A certain hit may overlap another lane's
+// bounds, so it is compared again and may become undecided.
 void merge_hits(TestOutcome outcome, uint record, uint first, uint sources)
 {
     const uint FRONT_BIT = 0x80000000u;
@@ -51,7 +53,8 @@ void merge_hits(TestOutcome outcome, uint record, uint first, uint sources)
     while (subgroupAny(sources != 0u)) {
         uint source = first + uint(findLSB(sources)) & gl_SubgroupSize - 1u;
         float near = subgroupShuffle(outcome.near, source), far = subgroupShuffle(outcome.far, source);
-        uint id = subgroupShuffle(outcome.id, source), source_packed = subgroupShuffle(packed, source), source_record = source_packed & ~FRONT_BIT;
+        uint id = subgroupShuffle(outcome.id, source), source_packed = subgroupShuffle(packed, source),
+             source_record = source_packed & ~FRONT_BIT;
         TestOutcome source_outcome = TestOutcome(IS_CLOSER, near, far, id, (source_packed & FRONT_BIT) != 0u);
         if (sources != 0u && near <= high) {
             if (far < low)
@@ -63,8 +66,8 @@ void merge_hits(TestOutcome outcome, uint record, uint first, uint sources)
     }
 }
 
-// One triangle for each member of each lane's team. `having`: which lanes have any, so many. The shuffles need what was read of `leaders`, and all lanes: nobody is
-// early with the next ones.
+// Each member of each lane's team tests one triangle. `having` has the lanes with triangles, `lanes` of them. The
+// shuffles need all lanes and their reads of `leaders`, so no lane can overwrite these too early.
 void test_cooperatively(inout uvec2 group, uvec4 having, uint lanes, int level)
 {
     uint begin = gl_LocalInvocationIndex - gl_SubgroupInvocationID, team = gl_SubgroupInvocationID >> level;
@@ -81,7 +84,8 @@ void test_cooperatively(inout uvec2 group, uvec4 having, uint lanes, int level)
         test_triangle(ray, record, false, outcome);
     uint first_member = own_team << level;
     uvec4 have_outcome = subgroupBallot(outcome.kind != IS_MISSED);
-    merge_hits(outcome, record, first_member, group.y != 0u ? bitfieldExtract(have_outcome.x, int(first_member), 1 << level) : 0u);
+    merge_hits(outcome, record, first_member,
+               group.y != 0u ? bitfieldExtract(have_outcome.x, int(first_member), 1 << level) : 0u);
     group.y = remaining_of(group.y, level);
 }
 

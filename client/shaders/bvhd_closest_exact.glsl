@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * closest_exact.glsl - bvhd_triangle.glsl's and bvhd_ray_query.glsl's last word in doubles, for devices that are quick
- * with these: the same steps, which it explains. A vertex's place across the ray is rounded to float as there, so that
- * a side is decided by exact products: those of floats fit doubles. What is `precise` has to come out the same for all
- * triangles that share it, and flat triangles as 0.
+ * bvhd_closest_exact.glsl - the exact tests of bvhd_triangle.glsl and bvhd_ray_query.glsl in doubles, for devices where
+ * doubles are fast. The steps are the same, and are explained there. A vertex's position across the ray is rounded to
+ * float as there, so that signs are decided by exact products: a product of two floats fits a double. Values that are
+ * `precise` must be equal for all triangles that share them, and exactly 0 for flat triangles.
  */
 #ifndef BVHD_CLOSEST_EXACT_GLSL
 #define BVHD_CLOSEST_EXACT_GLSL
@@ -35,7 +35,7 @@ dvec3 exact_permute(dvec3 value, int main_axis, bool is_backward)
     return is_backward ? permuted.yxz : permuted;
 }
 
-// bvhdEdge. The value is that over places that are not rounded.
+// bvhdEdge in doubles. The sign is that of the rounded positions, `value` that of the unrounded ones.
 int exact_side(dvec2 from, dvec2 to, out double value)
 {
     dvec2 a = dvec2(vec2(from)), b = dvec2(vec2(to));
@@ -53,14 +53,14 @@ bool exact_is_flat(vec3 v0, vec3 v1, vec3 v2)
     return vec3(area) == vec3(0.0);
 }
 
-// A number as two floats; the second one is 0 where the first one is beyond floats.
+// A double as the sum of two floats. The second one is 0 where the first one overflows.
 vec2 exact_pair(double value)
 {
     float high_part = float(value);
     return vec2(high_part, isinf(high_part) ? 0.0 : float(value - double(high_part)));
 }
 
-// bvhdTriangleHit.
+// bvhdTriangleHit in doubles.
 bool exact_triangle_hit(ExactRay ray, vec3 v0, vec3 v1, vec3 v2, out BvhdTriangleHit hit)
 {
     vec3 towards = vec3(ray.direction), from = vec3(ray.origin), size = abs(towards);

@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// closest_settle.glsl - the end of closest.glsl: the answer is written; of rays with doubts after these have been decided: with DOUBLES in doubles, else in pairs of floats; at once, when
-// the subgroup has no more rays, or by the kernel that comes after, SETTLE. The including shader has count_lanes, count_before and share.
+/*
+ * bvhd_closest_resolve.glsl - the end of bvhd_closest.glsl: resolves undecided triangles exactly, and writes hits.
+ *
+ * Exact tests are computed in doubles with DOUBLES, otherwise in pairs of floats. They run at the end of each ray, or
+ * when a subgroup has no more rays, or in a kernel of their own (RESOLVE). The including shader defines count_lanes,
+ * count_before and sync_subgroup.
+ */
 #ifndef BVHD_CLOSEST_RESOLVE_GLSL
 #define BVHD_CLOSEST_RESOLVE_GLSL
 
@@ -25,7 +30,7 @@ bool is_below(vec2 a, vec2 b)
 
 bool exact_hit(uint of_ray, uint in_instance, uint record, out BvhdTriangleHit hit, out uint id)
 {
-    Ray ray = rays[of_ray];
+    BvhdRay ray = rays[of_ray];
     ExactRay exact = EXACT_RAY(ray.origin.xyz, ray.direction.xyz);
     uvec2 location = extra;
     if (has_instances) {
@@ -35,7 +40,8 @@ bool exact_hit(uint of_ray, uint in_instance, uint record, out BvhdTriangleHit h
     }
     vec3 v0, v1, v2;
     id = bvhdCorners(open_body(location), record, v0, v1, v2);
-    return EXACT_TRIANGLE_HIT(exact, v0, v1, v2, hit) && is_below(vec2(ray.origin.w, 0.0), hit.t) && is_below(hit.t, vec2(ray.direction.w, 0.0));
+    return EXACT_TRIANGLE_HIT(exact, v0, v1, v2, hit) && is_below(vec2(ray.origin.w, 0.0), hit.t) &&
+           is_below(hit.t, vec2(ray.direction.w, 0.0));
 }
 
 uint place_of(uint in_instance)
@@ -47,9 +53,9 @@ uint place_of(uint in_instance)
 }
 
 /*
- * What lanes of a subgroup ask of each other: a record, its instance, the ray and which of the lanes asks; and what
- * they are told: t, the id and these bits. A subgroup's questions stand from the place of the first lane on that is
- * here.
+ * Exact tests that lanes of a subgroup request, which any of its lanes compute: a record, its instance, the ray, and
+ * the number of the requesting lane. Results: t (two words), the id, and the bits below. A subgroup's requests begin at
+ * the place of its first active lane.
  */
 shared uvec4 requests[gl_WorkGroupSize.x], results[gl_WorkGroupSize.x];
 const uint IS_MET = 1u, IS_FRONT = 2u;
@@ -62,14 +68,14 @@ uvec4 run_request(uvec4 request)
     return uvec4(floatBitsToUint(bvhdRoundDistance(hit.t)), id, (is_met ? IS_MET : 0u) | (hit.isFront ? IS_FRONT : 0u));
 }
 
-// The ray's doubts from this one on; whether the answer so far has been asked for, and its t.
+// A lane's undecided triangles from entry `next` on, and the exact t of its closest hit once has_best_t is true.
 struct Pending {
     uint next;
     bool has_best_t;
     vec2 best_t;
 };
 
-// Goes on to the first doubt that is not behind the answer, which is returned.
+// Skips entries that are farther away than the closest hit, and returns the next one.
 uvec4 next_undecided(inout Pending pending)
 {
     uvec4 undecided = uvec4(0u);
@@ -82,7 +88,8 @@ uvec4 next_undecided(inout Pending pending)
     return undecided;
 }
 
-// Each lane's next questions, in turns, until there are none or as many as lanes. The first one is for the answer so far. Returns how many.
+// Gathers requests, one of each lane at a time, until there are as many as lanes or none is left. The first request of
+// a lane that has a hit is for the exact t of that hit. Returns the number of requests.
 uint gather_requests(inout Pending pending, uint own, uint lanes, uint begin)
 {
     uint gathered = 0u;
@@ -127,7 +134,8 @@ void merge_result(uvec4 request, uvec4 result, inout Pending pending)
     pending.best_t = t;
 }
 
-// Decides on the doubts of the rays of all lanes that are here, each by any of them: one ray may have dozens where others have none.
+// Resolves the undecided triangles of all active lanes' rays. The lanes share the tests, because one ray may have
+// dozens of undecided triangles where others have none.
 void resolve()
 {
     uint lanes = count_lanes(true), own = count_before(true), begin = subgroupBroadcastFirst(gl_LocalInvocationIndex);
@@ -156,10 +164,11 @@ const bool resolves_at_once = true;
 const bool resolves_at_once = false;
 #endif
 
-// Rays with doubts that are left for later: to SETTLE by their numbers, or, with DOUBLES, to the end of the subgroup, where each lane has a list of its own.
-uint last_unresolved = NONE; // of that list: a ray; the one before it stands with it
+// Rays with undecided triangles that are resolved later: the RESOLVE kernel finds them by their numbers; with DOUBLES,
+// each lane has a linked list of them for the end of its subgroup, and this is its last ray (NONE: the list is empty).
+uint last_unresolved = NONE;
 
-// In the place of the ray's hit stands what is known of it so far.
+// Saves the state of a ray in the place of its hit, with the ray before it in the lane's list.
 void store_unresolved()
 {
     hit_rows[2u * index] = uvec4(best, best_instance, best_id, last_undecided);
@@ -187,17 +196,19 @@ void load_unresolved(uint ray)
     last_unresolved = bounds.w;
 }
 
-void store(Hit hit)
+void store(BvhdHit hit)
 {
     hit_rows[2u * index] = uvec4(floatBitsToUint(vec3(hit.t, hit.u, hit.v)), hit.instance);
     hit_rows[2u * index + 1u] = uvec4(hit.custom_index, hit.geometry, hit.primitive, hit.flags);
 }
 
-// Each component as one subtraction rounds it: slim triangles have no other normal. Where fma() rounds once it is the quicker way to that.
+// The cross product, each component with the error of a single rounding: slim triangles need that accuracy. Where fma()
+// rounds once it is the faster way.
 vec3 cross_accurately(vec3 a, vec3 b)
 {
     if (fused_fma) {
-        precise vec3 second = a.zxy * b.yzx, rounding = fma(-a.zxy, b.yzx, second), difference = fma(a.yzx, b.zxy, -second);
+        precise vec3 second = a.zxy * b.yzx, rounding = fma(-a.zxy, b.yzx, second),
+                     difference = fma(a.yzx, b.zxy, -second);
         return difference + rounding;
     }
     vec3 closely;
@@ -208,7 +219,9 @@ vec3 cross_accurately(vec3 a, vec3 b)
     return closely;
 }
 
-// After the walk. Rays that have lost doubts, or are too far away, are left to the query. t once more from a place in the triangle's plane, so that little is lost; within what is known of it.
+// Writes the ray's hit, or hands the ray on: to the query if it needs the fallback, to the resolve step if triangles
+// are undecided. t is computed twice, the second time from a point in the triangle's plane, which is more accurate; the
+// result must be in [low, high].
 void finish()
 {
     if (needs_fallback()) {
@@ -219,7 +232,7 @@ void finish()
         store_unresolved();
         return;
     }
-    Hit hit = miss();
+    BvhdHit hit = miss();
     if (best == NONE) {
         store(hit);
         return;
@@ -228,7 +241,7 @@ void finish()
     uvec2 location = extra;
     hit.flags = best_is_front ? FRONT_FACE : 0u;
     if (has_instances) {
-        Ray ray = rays[index];
+        BvhdRay ray = rays[index];
         BvhdBody upper = open_body(extra);
         BvhdInstance place = bvhdInstance(upper, best_instance);
         vec4 x, y, z, i0, i1, i2;

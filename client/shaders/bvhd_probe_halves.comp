@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What halves of a byte's bits are as floats: for gpu_halves.c.
+// bvhd_probe_halves.comp - converts halves with a byte's bits to floats, for vulkan_trace_traits.c.
 #version 450
 
 layout(local_size_x = 64) in;

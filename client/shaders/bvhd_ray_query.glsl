@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * bvhd_ray_query.glsl - ray queries over portable structures, for any shader of any device: the life cycle of
- * GL_EXT_ray_query with names of its own.
+ * bvhd_ray_query.glsl - ray queries over portable structures, for any shader on any device: the life cycle of
+ * GL_EXT_ray_query, with other names.
  *
  *     #version 450
  *     #extension GL_GOOGLE_include_directive : require
- *     ... where structures are: see bvhd_structure.glsl
+ *     ... declarations of where structures are: see bvhd_structure.glsl
  *     #include "bvhd_ray_query.glsl"
  *
  *     BvhdRayQuery query;
@@ -21,17 +21,18 @@
  *
  * The root is the location of a top level's body, or of a bottom level's alone.
  *
- * Vulkan's semantics: opaque triangles are committed by themselves, others and AABBs are candidates; triangles are hit
- * for tmin < t < tmax, AABBs may be for tmin <= t <= tmax; facing is that of object space. A candidate could be the
- * answer when it is offered. With split references one may be offered more than once, unless its geometry says
- * NO_DUPLICATE_ANY_HIT. Of equal t, the lowest (instance, geometry, primitive) wins. The same answers as on the CPU
- * (traverse.h) but for rays that a last bit decides.
+ * The semantics are Vulkan's: opaque triangles are committed without a candidate, other triangles and AABBs are
+ * candidates; triangles are hit for tmin < t < tmax, AABBs for tmin <= t <= tmax; facing is decided in object space. A
+ * candidate is offered only while it may still be the answer. With split references a candidate may be offered more
+ * than once, unless its geometry has NO_DUPLICATE_ANY_HIT. Of equal t, the lowest (instance, geometry, primitive) wins.
+ * The answers are those of the CPU (traverse.h), except for rays that a last bit decides.
  *
- * Coordinates and directions lie within 2^-60 .. 2^60 (or are 0) and tmin is not negative; otherwise hits may be
- * missed. A direction of zero, and an origin or direction that is not finite, hit nothing.
+ * Coordinates and directions must be within 2^-60 .. 2^60 (or 0) and tmin must not be negative; otherwise hits may be
+ * missed. A ray whose direction is zero, or whose origin or direction is not finite, hits nothing.
  *
- * The stack is a private array of the invocation. When a query begins while another one is under way, BVHD_QUERIES is
- * defined as how many there may be, and each begins with bvhdRayQueryInitializeAt and a number of its own below that.
+ * The stack is a private array of the invocation. If a query begins while another one is under way, BVHD_QUERIES must
+ * be defined as the largest number of them, and each begins with bvhdRayQueryInitializeAt and a different number below
+ * that.
  */
 #ifndef BVHD_RAY_QUERY_GLSL
 #define BVHD_RAY_QUERY_GLSL
@@ -44,7 +45,7 @@
 #define BVHD_QUERIES 1
 #endif
 
-// As gl_RayFlags...EXT.
+// Ray flags, with the values of gl_RayFlags...EXT.
 const uint BVHD_RAY_FLAGS_NONE = 0x0u;
 const uint BVHD_RAY_FLAGS_OPAQUE = 0x1u;
 const uint BVHD_RAY_FLAGS_NO_OPAQUE = 0x2u;
@@ -62,7 +63,7 @@ const uint BVHD_COMMITTED_NONE = 0u;
 const uint BVHD_COMMITTED_TRIANGLE = 1u;
 const uint BVHD_COMMITTED_GENERATED = 2u;
 
-const uint BVHD_NO_INSTANCE = 0xffffffffu; // without a top level
+const uint BVHD_NO_INSTANCE = 0xffffffffu; // there is no top level
 
 // VkGeometryInstanceFlagsKHR.
 const uint BVHD_INSTANCE_CULL_DISABLE = 0x1u;
@@ -70,13 +71,13 @@ const uint BVHD_INSTANCE_FLIP_FACING = 0x2u;
 const uint BVHD_INSTANCE_FORCE_OPAQUE = 0x4u;
 const uint BVHD_INSTANCE_FORCE_NO_OPAQUE = 0x8u;
 
-// At most one group for each of 32 levels of nodes in each structure, and the rest of a leaf of the top level.
+// At most one group for each level of nodes, 32 levels in each structure, and two groups saved at an instance.
 const int BVHD_STACK_SIZE = 66;
 uvec2 bvhdStack[BVHD_QUERIES * BVHD_STACK_SIZE];
 
-// Something that was hit, or may be.
+// A hit, or a candidate for one.
 struct BvhdIntersection {
-    vec2 t; // a pair to 32 significant bits: what is equal there counts as equal
+    vec2 t; // a pair, to 32 significant bits; distances that are equal to that accuracy count as equal
     vec2 barycentrics;
     uint record; // in its bottom level
     uint instance; // record in the top level, BVHD_NO_INSTANCE without one
@@ -91,25 +92,25 @@ struct BvhdRayQuery {
     uvec2 root;
     BvhdIntersection committed, candidate;
     /*
-     * The committed distance lies in near .. far. While traversal goes on it may be a guess, with nothing but record,
-     * instance and type known; guesses that overlap are decided exactly, and so is the last one when traversal ends.
+     * The committed distance is in near .. far. During traversal it may be a guess, of which only record, instance and
+     * type are known. Guesses that overlap are decided exactly, and so is the last one when traversal ends.
      */
     bool isGuess;
     float near, far;
 
-    // The state of the traversal: the structure, the ray in its space, and the groups that are left there.
+    // The state of traversal: the current structure, the ray in its space, the groups that have to be visited.
     BvhdBody body;
     BvhdBoxRay boxRay;
     BvhdTriangleRay triangleRay;
-    uint instance; // record in the top level; BVHD_NO_INSTANCE: in the root
+    uint instance; // record in the top level; BVHD_NO_INSTANCE while the ray is in the root
     uint instanceFlags;
     uvec2 nodes; // first child; hits in bits 31 .. 24, inner mask in bits 7 .. 0
     uvec2 records; // first record; hits
-    int bottom, top, levelBottom; // of the stack
+    int bottom, top, levelBottom; // of the stack: of this query, the next entry, of the current structure
     bool isDone;
 };
 
-/* ---- Inside ---- */
+/* ---- Traversal ---- */
 
 void bvhdPush(inout BvhdRayQuery query, uvec2 group)
 {
@@ -121,7 +122,7 @@ uvec2 bvhdPop(inout BvhdRayQuery query)
     return bvhdStack[--query.top];
 }
 
-// Goes to a structure's root node; query.triangleRay is in its space. False when nothing is hit there.
+// Goes to a structure's root node; query.triangleRay is in its space. Returns false when nothing can be hit there.
 bool bvhdEnter(inout BvhdRayQuery query, uvec2 location)
 {
     BvhdExtent extent;
@@ -144,7 +145,7 @@ void bvhdEnterRoot(inout BvhdRayQuery query)
     bvhdEnter(query, query.root);
 }
 
-// sum - (row . x), as a pair, where x is one of floats.
+// sum - (row . x), where sum is a pair and x has floats.
 float bvhdResidual(vec2 sum, vec3 row, vec3 x)
 {
     sum = bvhdAdd(sum, -bvhdProduct(row.x, x.x));
@@ -153,8 +154,8 @@ float bvhdResidual(vec2 sum, vec3 row, vec3 x)
 }
 
 /*
- * The ray in an instance's object space, as pairs. The stored inverse, rounded to float, is not enough for rays to meet
- * at shared edges what the exact ray meets: its answer is corrected by what the instance's own matrix makes of it.
+ * Transforms the ray to an instance's object space, as pairs. The stored inverse is rounded to float, which is not
+ * accurate enough at shared edges: its result is corrected by the residual with the instance's own matrix.
  */
 void bvhdToObject(inout BvhdTriangleRay ray, BvhdBody top, uint record)
 {
@@ -164,20 +165,23 @@ void bvhdToObject(inout BvhdTriangleRay ray, BvhdBody top, uint record)
     mat3 inverse = mat3(i0.xyz, i1.xyz, i2.xyz); // its columns are the rows
     vec2 x = bvhdSum(ray.origin.x, -m0.w), y = bvhdSum(ray.origin.y, -m1.w), z = bvhdSum(ray.origin.z, -m2.w);
     vec3 guess = vec3(x.x, y.x, z.x) * inverse;
-    vec3 rest = vec3(bvhdResidual(x, m0.xyz, guess), bvhdResidual(y, m1.xyz, guess), bvhdResidual(z, m2.xyz, guess)) * inverse;
+    vec3 rest =
+        vec3(bvhdResidual(x, m0.xyz, guess), bvhdResidual(y, m1.xyz, guess), bvhdResidual(z, m2.xyz, guess)) * inverse;
     vec3 towards = ray.direction * inverse;
-    vec3 restTowards = vec3(bvhdResidual(vec2(ray.direction.x, 0.0), m0.xyz, towards), bvhdResidual(vec2(ray.direction.y, 0.0), m1.xyz, towards),
+    vec3 restTowards = vec3(bvhdResidual(vec2(ray.direction.x, 0.0), m0.xyz, towards),
+                            bvhdResidual(vec2(ray.direction.y, 0.0), m1.xyz, towards),
                             bvhdResidual(vec2(ray.direction.z, 0.0), m2.xyz, towards)) *
                        inverse;
-    vec2 sums[6] = vec2[](bvhdSum(guess.x, rest.x), bvhdSum(guess.y, rest.y), bvhdSum(guess.z, rest.z), bvhdSum(towards.x, restTowards.x),
-                          bvhdSum(towards.y, restTowards.y), bvhdSum(towards.z, restTowards.z));
+    vec2 sums[6] =
+        vec2[](bvhdSum(guess.x, rest.x), bvhdSum(guess.y, rest.y), bvhdSum(guess.z, rest.z),
+               bvhdSum(towards.x, restTowards.x), bvhdSum(towards.y, restTowards.y), bvhdSum(towards.z, restTowards.z));
     ray.origin = vec3(sums[0].x, sums[1].x, sums[2].x);
     ray.originLow = vec3(sums[0].y, sums[1].y, sums[2].y);
     ray.direction = vec3(sums[3].x, sums[4].x, sums[5].x);
     ray.directionLow = vec3(sums[3].y, sums[4].y, sums[5].y);
 }
 
-// Returns to the top level, and takes its nodes and records that are left off the stack.
+// Returns to the top level, with the groups that were saved there.
 void bvhdLeaveInstance(inout BvhdRayQuery query)
 {
     query.top = query.levelBottom;
@@ -207,7 +211,7 @@ void bvhdVisitInstance(inout BvhdRayQuery query, uint record)
         bvhdLeaveInstance(query);
 }
 
-// Opacity: the ray's flags come before the instance's, those before the geometry's.
+// Opacity is decided by the ray's flags, then the instance's, then the geometry's.
 bool bvhdIsOpaque(BvhdRayQuery query, uint id)
 {
     if ((query.flags & (BVHD_RAY_FLAGS_OPAQUE | BVHD_RAY_FLAGS_NO_OPAQUE)) != 0u)
@@ -224,7 +228,7 @@ bool bvhdIsFacingCulled(BvhdRayQuery query, bool isFront)
     return (query.instanceFlags & BVHD_INSTANCE_CULL_DISABLE) == 0u && (query.flags & culls) != 0u;
 }
 
-// (instance, flat primitive index) of an intersection: the order of equal t.
+// The order of intersections with equal t: (instance, flat primitive index).
 uvec2 bvhdRank(BvhdRayQuery query, BvhdIntersection intersection)
 {
     if (intersection.instance == BVHD_NO_INSTANCE)
@@ -235,7 +239,7 @@ uvec2 bvhdRank(BvhdRayQuery query, BvhdIntersection intersection)
     return uvec2(instance.index, bvhdId(bvhdBodyOpen(instance.bottom, unused), intersection.record) & BVHD_ID_MASK);
 }
 
-// Whether the candidate, which lies in the ray's interval, is closer than the answer so far.
+// Whether the candidate, which is in the ray's interval, is closer than the committed intersection.
 bool bvhdIsBetter(BvhdRayQuery query)
 {
     vec2 t = query.candidate.t, best = query.committed.t;
@@ -254,7 +258,7 @@ void bvhdCommit(inout BvhdRayQuery query)
     query.isDone = query.isDone || (query.flags & BVHD_RAY_FLAGS_TERMINATE_ON_FIRST_HIT) != 0u;
 }
 
-// The open interval, for a distance that has not been rounded yet.
+// Whether a distance, which has not been rounded yet, is in the open interval.
 bool bvhdIsWithin(vec2 t, float tmin, float tmax)
 {
     return (t.x > tmin || t.x == tmin && t.y > 0.0) && (t.x < tmax || t.x == tmax && t.y < 0.0);
@@ -263,7 +267,7 @@ bool bvhdIsWithin(vec2 t, float tmin, float tmax)
 vec2 bvhdRoundDistance(vec2 t)
 {
     uint exponent = max(floatBitsToUint(t.x) & 0x7f800000u, 0x20000000u);
-    float shift = 1.5 * uintBitsToFloat(exponent - (8u << 23)); // its last bit is the last one that is kept
+    float shift = 1.5 * uintBitsToFloat(exponent - (8u << 23)); // its last bit is the last one that t keeps
     precise float shifted = t.y + shift;
     precise float low = shifted - shift;
     return vec2(t.x, low);
@@ -274,16 +278,18 @@ bool bvhdIsCulled(BvhdRayQuery query, bool isOpaque)
     return (query.flags & (isOpaque ? BVHD_RAY_FLAGS_CULL_OPAQUE : BVHD_RAY_FLAGS_CULL_NO_OPAQUE)) != 0u;
 }
 
-// True: the candidate has to be decided. It has no more than a record, an instance and a type then.
+// Returns true when the candidate has to be decided exactly; only its record, instance and type are known then.
 bool bvhdVisitTriangle(inout BvhdRayQuery query, uint record)
 {
     vec3 v0, v1, v2;
     BvhdTriangleGuess guess;
     uint id = bvhdCorners(query.body, record, v0, v1, v2);
     bool isOpaque = bvhdIsOpaque(query, id);
-    if (bvhdIsCulled(query, isOpaque) || !bvhdTriangleMayHit(query.triangleRay, query.tmin, query.far, v0, v1, v2, guess))
+    if (bvhdIsCulled(query, isOpaque) ||
+        !bvhdTriangleMayHit(query.triangleRay, query.tmin, query.far, v0, v1, v2, guess))
         return false;
-    BvhdIntersection found = BvhdIntersection(vec2(guess.t, 0.0), vec2(0.0), record, query.instance, BVHD_COMMITTED_TRIANGLE, guess.isFront);
+    BvhdIntersection found =
+        BvhdIntersection(vec2(guess.t, 0.0), vec2(0.0), record, query.instance, BVHD_COMMITTED_TRIANGLE, guess.isFront);
     if (!guess.isSure || !isOpaque || !(guess.t - guess.error > query.tmin) || !(guess.t + guess.error < query.near)) {
         query.candidate = found;
         return true;
@@ -298,7 +304,7 @@ bool bvhdVisitTriangle(inout BvhdRayQuery query, uint record)
     return false;
 }
 
-// True: there is a candidate.
+// Returns true when there is a candidate.
 bool bvhdVisitAabb(inout BvhdRayQuery query, uint record)
 {
     vec3 lowest, highest;
@@ -306,11 +312,12 @@ bool bvhdVisitAabb(inout BvhdRayQuery query, uint record)
     uint id = bvhdAabb(query.body, record, lowest, highest);
     if (bvhdIsCulled(query, bvhdIsOpaque(query, id)) || !bvhdBoxMet(query.boxRay, lowest, highest, query.far, entry))
         return false;
-    query.candidate = BvhdIntersection(vec2(entry, 0.0), vec2(0.0), record, query.instance, BVHD_COMMITTED_GENERATED, false);
+    query.candidate =
+        BvhdIntersection(vec2(entry, 0.0), vec2(0.0), record, query.instance, BVHD_COMMITTED_GENERATED, false);
     return true;
 }
 
-// True: there is a candidate, to be decided.
+// Returns true when there is a candidate that has to be decided.
 bool bvhdVisitRecord(inout BvhdRayQuery query)
 {
     uint record = query.records.x + uint(findLSB(query.records.y));
@@ -323,7 +330,7 @@ bool bvhdVisitRecord(inout BvhdRayQuery query)
     return false;
 }
 
-// Goes to the next child of the group, which has one.
+// Visits the nearest child of the group, which is not empty.
 void bvhdVisitNode(inout BvhdRayQuery query)
 {
     uint slot = bvhdFirstSlot(query.nodes.y, query.boxRay.order);
@@ -348,7 +355,7 @@ BvhdBody bvhdTopOf(BvhdRayQuery query)
     return bvhdBodyOpen(query.root, unused);
 }
 
-// The instance that an intersection is in. Not without a top level.
+// The instance of an intersection. There must be a top level.
 BvhdInstance bvhdInstanceOf(BvhdRayQuery query, BvhdIntersection intersection)
 {
     return bvhdInstance(bvhdTopOf(query), intersection.instance);
@@ -363,7 +370,7 @@ BvhdBody bvhdBodyOf(BvhdRayQuery query, BvhdIntersection intersection)
     return bvhdBodyOpen(location, unused);
 }
 
-// The ray in the space of an intersection.
+// The ray in the object space of an intersection.
 BvhdTriangleRay bvhdRayOf(BvhdRayQuery query, BvhdIntersection intersection)
 {
     BvhdTriangleRay ray = BvhdTriangleRay(query.origin, query.direction, vec3(0.0), vec3(0.0));
@@ -372,7 +379,7 @@ BvhdTriangleRay bvhdRayOf(BvhdRayQuery query, BvhdIntersection intersection)
     return ray;
 }
 
-// Fills in where a triangle is hit, by record and instance. Returns whether it is, at any t.
+// Computes where a triangle, given by record and instance, is hit. Returns whether it is hit, at any t.
 bool bvhdPlace(BvhdRayQuery query, inout BvhdIntersection intersection)
 {
     vec3 v0, v1, v2;
@@ -389,7 +396,7 @@ bool bvhdPlace(BvhdRayQuery query, inout BvhdIntersection intersection)
     return true;
 }
 
-// The end of a guess.
+// Replaces a guess by the exact intersection.
 void bvhdPlaceCommitted(inout BvhdRayQuery query)
 {
     if (!query.isGuess)
@@ -401,7 +408,7 @@ void bvhdPlaceCommitted(inout BvhdRayQuery query)
     query.near = query.far - 2.0e-7 * abs(query.far);
 }
 
-// Commits the candidate, or not. True: that is for the caller to decide.
+// Commits the candidate or drops it; returns true when the caller has to decide.
 bool bvhdDecide(inout BvhdRayQuery query)
 {
     bool isTriangle = query.candidate.type == BVHD_COMMITTED_TRIANGLE;
@@ -424,8 +431,8 @@ bool bvhdDecide(inout BvhdRayQuery query)
 
 /* ---- The life of a query ---- */
 
-void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, uint flags, uint cullMask, vec3 origin, float tmin,
-                              vec3 direction, float tmax)
+void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, uint flags, uint cullMask, vec3 origin,
+                              float tmin, vec3 direction, float tmax)
 {
     query.origin = origin;
     query.direction = direction;
@@ -447,13 +454,13 @@ void bvhdRayQueryInitializeAt(out BvhdRayQuery query, int number, uvec2 root, ui
     query.isDone = !(tmin <= tmax) || isSkipped;
 }
 
-void bvhdRayQueryInitialize(out BvhdRayQuery query, uvec2 root, uint flags, uint cullMask, vec3 origin, float tmin, vec3 direction,
-                            float tmax)
+void bvhdRayQueryInitialize(out BvhdRayQuery query, uvec2 root, uint flags, uint cullMask, vec3 origin, float tmin,
+                            vec3 direction, float tmax)
 {
     bvhdRayQueryInitializeAt(query, 0, root, flags, cullMask, origin, tmin, direction, tmax);
 }
 
-// Goes on to the next candidate; false when there is none left and the committed intersection is the answer.
+// Continues to the next candidate. Returns false when there is none left: the committed intersection is the answer.
 bool bvhdRayQueryProceed(inout BvhdRayQuery query)
 {
     while (!query.isDone) {
@@ -474,13 +481,13 @@ bool bvhdRayQueryProceed(inout BvhdRayQuery query)
     return false;
 }
 
-// Takes a triangle candidate for the answer, unless a closer one comes.
+// Commits a triangle candidate. A closer one may still replace it.
 void bvhdRayQueryConfirmIntersection(inout BvhdRayQuery query)
 {
     bvhdCommit(query);
 }
 
-// Takes an AABB candidate, hit at t. Outside of tmin and the closest answer so far it has no effect.
+// Commits an AABB candidate that is hit at t. A t below tmin or beyond the committed one has no effect.
 void bvhdRayQueryGenerateIntersection(inout BvhdRayQuery query, float t)
 {
     query.candidate.t = vec2(t, 0.0);

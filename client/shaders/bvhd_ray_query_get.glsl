@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * bvhd_ray_query_get.glsl - the part of bvhd_ray_query.glsl, which includes it, that tells what was met. As
- * rayQueryGet...EXT: `committed` false asks for the candidate, between Proceed and the next one.
+ * bvhd_ray_query_get.glsl - the functions of bvhd_ray_query.glsl (which includes it) that return what was hit. They
+ * correspond to rayQueryGet...EXT: with `committed` false they return the candidate, from Proceed until the next one.
  */
 #ifndef BVHD_RAY_QUERY_GET_GLSL
 #define BVHD_RAY_QUERY_GET_GLSL
@@ -29,7 +29,7 @@ uint bvhdRayQueryGetIntersectionType(BvhdRayQuery query, bool committed)
     return query.candidate.type == BVHD_COMMITTED_TRIANGLE ? BVHD_CANDIDATE_TRIANGLE : BVHD_CANDIDATE_AABB;
 }
 
-// Without a committed intersection, the end of the interval. Of an AABB candidate: where the ray enters it, within the interval.
+// tmax without a committed intersection. Of an AABB candidate: the t where the ray enters it, within the interval.
 float bvhdRayQueryGetIntersectionT(BvhdRayQuery query, bool committed)
 {
     return bvhdIntersection(query, committed).t.x;
@@ -56,7 +56,7 @@ uint bvhdRayQueryGetIntersectionPrimitiveIndex(BvhdRayQuery query, bool committe
     return bvhdPrimitiveOf(query, committed).y;
 }
 
-// The exact corners, in object space. Of triangles.
+// The exact corners of a triangle, in object space.
 void bvhdRayQueryGetIntersectionTriangleVertexPositions(BvhdRayQuery query, bool committed, out vec3 positions[3])
 {
     BvhdIntersection intersection = bvhdIntersection(query, committed);
@@ -69,7 +69,7 @@ bool bvhdRayQueryGetIntersectionCandidateAABBOpaque(BvhdRayQuery query)
     return bvhdIsOpaque(query, bvhdId(query.body, query.candidate.record));
 }
 
-// Position of the instance in the request; BVHD_NO_INSTANCE without a top level.
+// The position of the instance in the request; BVHD_NO_INSTANCE without a top level.
 uint bvhdRayQueryGetIntersectionInstanceId(BvhdRayQuery query, bool committed)
 {
     BvhdIntersection intersection = bvhdIntersection(query, committed);
@@ -78,7 +78,7 @@ uint bvhdRayQueryGetIntersectionInstanceId(BvhdRayQuery query, bool committed)
     return bvhdInstanceOf(query, intersection).index;
 }
 
-// 0 without a top level, and so are the next ones.
+// The custom index and the table offset are 0 without a top level.
 uint bvhdRayQueryGetIntersectionInstanceCustomIndex(BvhdRayQuery query, bool committed)
 {
     BvhdIntersection intersection = bvhdIntersection(query, committed);
@@ -95,7 +95,7 @@ uint bvhdRayQueryGetIntersectionInstanceShaderBindingTableRecordOffset(BvhdRayQu
     return bvhdInstanceOf(query, intersection).sbtOffset;
 }
 
-// Four columns, as in GLSL's own queries; the identity without a top level.
+// A matrix of four columns, as GL_EXT_ray_query has them; the identity without a top level.
 mat4x3 bvhdMatrixOf(BvhdRayQuery query, bool committed, uint first)
 {
     BvhdIntersection intersection = bvhdIntersection(query, committed);

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * bvhd_structure.glsl - portable structures in a shader: where their sections lie, and what their rows say. FORMATS.md,
- * chapter 2, has the bytes.
+ * bvhd_structure.glsl - reads portable structures in a shader: their sections and rows. FORMATS.md, chapter 2,
+ * describes the bytes.
  *
- * The including shader says where structures are, before it includes this:
+ * The including shader declares where structures are, before it includes this:
  *
- *   BVHD_BUFFER_ADDRESS    defined: they are found by device addresses. Needs the extensions GL_EXT_buffer_reference and
- *                          GL_EXT_buffer_reference_uvec2, and bufferDeviceAddress enabled.
- *   otherwise              the whole scene is one storage buffer, bound once and declared twice at the same set and binding:
+ *   BVHD_BUFFER_ADDRESS    if defined, they are found by device addresses. That needs the extensions
+ *                          GL_EXT_buffer_reference and GL_EXT_buffer_reference_uvec2, and bufferDeviceAddress enabled.
+ *   otherwise              the whole scene is one storage buffer, which is declared twice at the same set and binding:
  *     BVHD_STORAGE_ROWS    a readonly array of uvec4 over it
  *     BVHD_STORAGE_WORDS   a readonly array of uint over it
  *
@@ -17,8 +17,8 @@
  *     #define BVHD_STORAGE_WORDS scene_words
  *
  * A location is 64 bits in a uvec2, low half first: the device address of a structure's body, or the byte offset of the
- * body in the buffer. Of an instance's bottom level it stands in the instance's record, where the loader has put it;
- * all ones are none.
+ * body in the buffer. An instance's record contains the location of its bottom level, which the loader has written; all
+ * ones mean that there is none.
  */
 #ifndef BVHD_STRUCTURE_GLSL
 #define BVHD_STRUCTURE_GLSL
@@ -30,10 +30,10 @@ const uint BVHD_CONTENT_INSTANCES = 3u;
 
 const uvec2 BVHD_NO_LOCATION = uvec2(0xffffffffu);
 
-const uint BVHD_ID_MASK = 0x1fffffffu; // of a record's id: the flat primitive index
+const uint BVHD_ID_MASK = 0x1fffffffu; // the bits of a record's id that are the flat primitive index
 const uint BVHD_ID_OPAQUE = 0x80000000u;
 
-// Rows are 16 bytes. Sections are counted in rows from `base` (addresses) or from the buffer's start.
+// Rows have 16 bytes. Sections are given in rows, from `base` (addresses) or from the buffer's start.
 #ifdef BVHD_BUFFER_ADDRESS
 #define BvhdBase uvec2
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer BvhdRows {
@@ -69,7 +69,7 @@ uint bvhdRowOfOffset(uvec2 offset)
     return offset.x >> 4 | offset.y << 28;
 }
 
-// What traversal needs of a structure.
+// The fields of a structure's header that traversal uses.
 struct BvhdBody {
     BvhdBase base;
     uint content;
@@ -78,7 +78,7 @@ struct BvhdBody {
     uint vertices; // words
 };
 
-// Bounds and emptiness, needed once.
+// The fields that are used only when a ray enters the structure.
 struct BvhdExtent {
     vec3 lowest, highest;
     bool isEmpty;
@@ -124,7 +124,8 @@ BvhdBody bvhdBodyOpen(uvec2 location, out BvhdExtent extent)
 vec3 bvhdVertex(BvhdBody body, uint vertex)
 {
     uint word = body.vertices + 3u * vertex;
-    return uintBitsToFloat(uvec3(bvhdWord(body.base, word), bvhdWord(body.base, word + 1u), bvhdWord(body.base, word + 2u)));
+    return uintBitsToFloat(
+        uvec3(bvhdWord(body.base, word), bvhdWord(body.base, word + 1u), bvhdWord(body.base, word + 2u)));
 }
 
 // The exact corners of a triangle record. Returns its id.
@@ -182,7 +183,7 @@ BvhdInstance bvhdInstance(BvhdBody top, uint record)
     return instance;
 }
 
-// Row-major 3x4 as three rows: object to world (first 0), or world to object (first 3).
+// A row-major 3x4 matrix as three rows: object to world (first = 0), or world to object (first = 3).
 void bvhdMatrix(BvhdBody top, uint record, uint first, out vec4 x, out vec4 y, out vec4 z)
 {
     uint row = top.records + 8u * record + first;
@@ -191,11 +192,13 @@ void bvhdMatrix(BvhdBody top, uint record, uint first, out vec4 x, out vec4 y, o
     z = uintBitsToFloat(bvhdRow(top.base, row + 2u));
 }
 
-// The geometry of a flat primitive index, and the primitive's index in it: the last row whose first primitive is not above it.
+// Returns (geometry, primitive index in it) of a flat primitive index: the last row whose first primitive is not above
+// it.
 uvec2 bvhdGeometryOf(BvhdBody body, uint flatIndex)
 {
     uint header = bvhdFirstRow(body.base);
-    uint geometries = header + bvhdRowOfOffset(bvhdRow(body.base, header + 5u).zw), low = 0u, high = bvhdRow(body.base, header + 3u).z;
+    uint geometries = header + bvhdRowOfOffset(bvhdRow(body.base, header + 5u).zw), low = 0u,
+         high = bvhdRow(body.base, header + 3u).z;
     while (high - low > 1u) {
         uint middle = (low + high) >> 1;
         if (bvhdRow(body.base, geometries + middle).y <= flatIndex)

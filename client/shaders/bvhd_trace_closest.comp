@@ -1,22 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * The closest triangles through portable structures, for rays without flags and scenes without AABBs. Compiled thirteen
- * times: with BVHD_BUFFER_ADDRESS, where the scene is found by the address of its buffer, and without, when it is
- * binding 2; and
+ * bvhd_trace_closest.comp - the closest triangles for rays without flags, in scenes of portable structures without
+ * AABBs. It is compiled in variants (meson.build):
  *
- *   for rays that go together   a thread a ray; with WAIT records are looked at when enough lanes have some: that pays where many of them are instances, or
- *                               triangles so small that neighbours meet others;
- *   for others, REFILL defined  as many workgroups as the device holds: lanes that are done take new rays once enough of them are, and triangles
- *                               wait until enough lanes have some;
- *   after either, SETTLE        for the rays with doubts: what decides on them takes so many registers that the others are quicker without it;
- *   with DOUBLES, addresses     in doubles where these are quick. Rays that go together are decided by their own kernel then, and none waits for the last one of a
- *                               kernel to be decided by another. It runs in one workgroup a multiprocessor, whose subgroups take rays as they get done: nothing
- *                               else bounds the registers that compilers use.
- *   with TEAMS, too             one structure alone. Of rays that go together, where its triangles are small, few lanes' triangles are looked at by all; with REFILL those
- *                               of the last rays, and each subgroup decides on its doubts when it has no more rays.
+ *   (nothing)            for coherent rays: one thread for each ray.
+ *   BATCH_RECORDS        the same, but records are tested only when enough lanes have some. That pays where many
+ *                        records are instances, or where triangles are so small that neighbouring rays meet different
+ *                        ones.
+ *   REFILL               for incoherent rays: persistent threads, as many as the device holds. Lanes without a ray take
+ *                        new ones once enough lanes are free, and triangles are postponed until enough lanes have some.
+ *   RESOLVE              runs after the others, and resolves undecided triangles. The code for that needs so many
+ *                        registers that the others are faster without it.
+ *   DOUBLES              resolves in doubles, where these are fast. The kernel for coherent rays then resolves its
+ *                        undecided triangles itself, so that no ray waits for the last one of another kernel. It runs
+ *                        in one workgroup for each multiprocessor, whose subgroups take rays when they are done: the
+ *                        size of the workgroup is what bounds the registers that compilers use.
+ *   COOPERATIVE          with DOUBLES, for one structure without instances: all lanes of a subgroup test the triangles
+ *                        of few lanes. For coherent rays that is done wherever triangles are small; with REFILL only in
+ *                        the tail of the launch, and each subgroup resolves its rays when it has no more rays.
+ *   BVHD_BUFFER_ADDRESS  the scene is found by the address of its buffer; without it the scene is binding 2.
  *
- * All need subgroup operations (ballot; with TEAMS shuffle and vote, and subgroups of 32 lanes at most, of which none
- * is missing).
+ * All need subgroup ballots. COOPERATIVE also needs shuffles and votes, and full subgroups of at most 32 lanes.
  */
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -40,7 +44,7 @@ layout(constant_id = 1) const bool has_instances = true;
 #endif
 layout(constant_id = 2) const bool fused_fma = false;
 layout(constant_id = 3) const bool plain_bytes = false;
-layout(constant_id = 4) const uint content_of_bottoms = 0xffffffffu; // of all of them, if it is the same
+layout(constant_id = 4) const uint content_of_bottoms = 0xffffffffu; // of all bottom levels, if they have the same
 layout(constant_id = 5) const bool is_cpu = false;
 #define BVHD_FUSED_FMA fused_fma
 
@@ -58,12 +62,12 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #endif
 
 layout(set = 0, binding = 3, std430) buffer Work {
-    uint next_ray; // where rays are handed out
-    uint fallback_count; // rays that are left to trace_portable.comp
-    uint unresolved_count; // rays that are left to SETTLE
-    uint undecided_count; // those that there is no room for too
-    // Numbers of rays, `count` of them: of those left from the first on, of those for SETTLE from the last. Then doubts: record, instance, a lower bound of t,
-    // the same ray's doubt before it.
+    uint next_ray; // the first ray that no persistent thread has taken
+    uint fallback_count; // rays that are left to bvhd_trace_query.comp
+    uint unresolved_count; // rays that are left to RESOLVE
+    uint undecided_count; // undecided triangles, also those without room
+    // First the numbers of `count` rays: those for the fallback from the front, those for RESOLVE from the back. Then
+    // the undecided triangles: record, instance, a lower bound of t, and the entry before it in the ray's list.
     uvec4 work_rows[];
 };
 
@@ -87,13 +91,14 @@ uint count_lanes(bool which)
     return subgroupBallotBitCount(subgroupBallot(which));
 }
 
-// How many lanes before this one.
+// The number of lanes before this one for which it is true.
 uint count_before(bool which)
 {
     return subgroupBallotExclusiveBitCount(subgroupBallot(which));
 }
 
-// Until all of a subgroup have written. On a CPU lanes are those of a vector, and llvmpipe goes wrong at a subgroup's barriers in loops.
+// Waits until all lanes of the subgroup have written shared memory. On a CPU the lanes are those of a vector, which
+// needs no wait; llvmpipe miscompiles subgroup barriers in loops.
 void sync_subgroup()
 {
     if (is_cpu)
@@ -102,7 +107,7 @@ void sync_subgroup()
         subgroupBarrier();
 }
 
-// The first of so many rays, for the lanes that are here.
+// Takes `wanted` rays from the queue, for the active lanes. Returns the first one.
 uint take_rays(uint wanted)
 {
     uint first = 0u;
@@ -117,7 +122,7 @@ uint take_rays(uint wanted)
 #ifdef COOPERATIVE
 #include "bvhd_closest_cooperative.glsl"
 
-// Of a lane without a ray.
+// The state of a lane without a ray.
 void go_idle()
 {
     nodes = records = postponed = uvec2(0u);
@@ -128,7 +133,7 @@ void go_idle()
 
 #ifdef RESOLVE
 
-// Few rays for each workgroup: lanes without one help to decide.
+// Each workgroup takes few rays: lanes without one compute exact tests of the others.
 void main()
 {
     uint own = gl_LocalInvocationIndex * gl_NumWorkGroups.x + gl_WorkGroupID.x;
@@ -147,16 +152,18 @@ void main()
 
 #ifdef REFILL
 
-const uint BUSY_SHARE = 13u, BUSY_OF = 16u; // fewer lanes than this share: the others take new rays
+const uint BUSY_SHARE = 13u, BUSY_OF = 16u; // when fewer lanes than this fraction are busy, the others take new rays
 #ifdef COOPERATIVE
-const uint TAIL_SHARE = 2u; // no more lanes than one in so many have the last rays: all help them
+const uint TAIL_SHARE = 2u; // trace_tail begins when at most one lane in so many has one of the last rays
 #else
-const uint TAIL_SHARE = 129u; // never, since no subgroup has that many lanes
+const uint TAIL_SHARE = 129u; // never: no subgroup has that many lanes
 #endif
-const uint STALLED_SHARE = 3u; // triangles are looked at when one lane in so many can do nothing else
-const uint POSTPONED_SHARE = 4u; // and for as long as more than one in so many have any: those with many go on with nodes beside the others
+// Triangles are tested when one lane in STALLED_SHARE can do nothing else, and for as long as more than one lane in
+// POSTPONED_SHARE has some: lanes with many triangles do not hold up the others.
+const uint STALLED_SHARE = 3u;
+const uint POSTPONED_SHARE = 4u;
 
-// Records of triangles wait until they are looked at by many lanes; those of instances stay.
+// Postpones records of triangles until many lanes test some. Records of instances are not postponed.
 void postpone_records()
 {
     if (postponed.y == 0u && !is_top()) {
@@ -165,7 +172,7 @@ void postpone_records()
     }
 }
 
-// A node, if there is room for its records. False: the ray is done.
+// Visits a node, if there is room for its records. Returns false when the ray is done.
 bool advance()
 {
     if (nodes.y < FIRST_INNER && records.y == 0u) {
@@ -182,12 +189,13 @@ bool advance()
     return true;
 }
 
-// One step of all lanes. False: this one's ray is done. `busy`: how many are not.
+// One step of all lanes. Returns false when this lane's ray is done. `busy`: the number of lanes whose rays are not.
 bool step_together(bool is_working, out uint busy)
 {
     if (is_working)
         is_working = advance();
-    bool is_stalled = is_working && (records.y != 0u || postponed.y != 0u && nodes.y < FIRST_INNER && top == level_bottom);
+    bool is_stalled =
+        is_working && (records.y != 0u || postponed.y != 0u && nodes.y < FIRST_INNER && top == level_bottom);
     uint stalled = count_lanes(is_stalled);
     busy = count_lanes(is_working);
     if (stalled == 0u || stalled * STALLED_SHARE < busy)
@@ -204,7 +212,7 @@ bool step_together(bool is_working, out uint busy)
 
 #ifdef COOPERATIVE
 
-// The rest of the way of the last few rays. All lanes go along: there are no others for them.
+// Traces the tail of the launch, the last few rays, with all lanes: those without a ray test triangles of the others.
 void trace_tail(bool is_working)
 {
     if (!is_working)
@@ -224,7 +232,7 @@ void trace_tail(bool is_working)
         finish();
 }
 
-// The subgroup's rays with doubts, of all lanes side by side.
+// Resolves the rays with undecided triangles that the subgroup has traced, one of each lane at a time.
 void resolve_rest()
 {
     sync_subgroup();
@@ -243,7 +251,7 @@ void resolve_rest()
 
 void main()
 {
-    postponed = records = uvec2(0u); // of lanes that no ray is left for
+    postponed = records = uvec2(0u); // for lanes that never get a ray
     bool is_working = false, is_finished = false, is_exhausted = false;
     while (true) {
         if (is_finished)
@@ -281,9 +289,9 @@ void main()
 
 #else
 
-const uint POSTPONED_SHARE = 2u; // records are looked at when one lane in so many has some
+const uint POSTPONED_SHARE = 2u; // records are tested when one lane in so many has some
 
-// Instances one at a time, since what is behind them is nodes again.
+// Visits one instance, because its nodes come next, or tests all triangles.
 void visit_records()
 {
     if (is_top()) {
@@ -295,9 +303,9 @@ void visit_records()
 }
 
 /*
- * The ray that is begun at this place of a portion (a picture or a part of one): from a quarter on to the last, then
- * those before. What a picture shows is in its middle, and takes longest; begun late, it would go on when most lanes
- * have nothing left to do. Whole workgroups are skipped, so that rays stay beside those that they go with.
+ * The order in which rays are started: from a quarter of them on to the last, then the first quarter. The rays of a
+ * picture's middle usually take longest; started late, they would be a long tail of the launch. Whole workgroups are
+ * moved, so that coherent rays stay together.
  */
 uint ray_at(uint place)
 {
@@ -306,14 +314,14 @@ uint ray_at(uint place)
 }
 
 #ifdef DOUBLES
-const bool takes_rays = !has_instances; // instances make rays differ too much
+const bool takes_rays = !has_instances; // with instances, rays take too different times
 #else
 const bool takes_rays = false;
 #endif
 
 #ifdef COOPERATIVE
 
-// All lanes go along until the last one's ray is done.
+// Traces the rays of a subgroup. All lanes take part until the last ray is done.
 void trace(bool has_ray)
 {
     go_idle();

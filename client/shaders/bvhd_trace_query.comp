@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rays through portable structures. Triangles that are not opaque are accepted, AABBs where the ray enters them. Compiled twice: with
-// BVHD_BUFFER_ADDRESS and without, when the scene is binding 2; and with LEFT, for the rays that trace_closest.comp leaves.
+/*
+ * bvhd_trace_query.comp - traces every kind of ray with bvhd_ray_query.glsl. Triangles that are not opaque are
+ * accepted, AABBs are hit where the ray enters them.
+ *
+ * Variants: with BVHD_BUFFER_ADDRESS the scene is found by address, without it the scene is binding 2. With FALLBACK
+ * only the rays that bvhd_trace_closest.comp has left are traced.
+ */
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #ifdef BVHD_BUFFER_ADDRESS
@@ -23,14 +28,17 @@ layout(set = 0, binding = 2, std430) readonly buffer SceneWords { uint scene_wor
 #endif
 
 #ifdef FALLBACK
-layout(set = 0, binding = 3, std430) readonly buffer Work { uint next_ray, fallback_count, unresolved_count, undecided_count, fallback_rays[]; };
+layout(set = 0, binding = 3, std430) readonly buffer Work
+{
+    uint next_ray, fallback_count, unresolved_count, undecided_count, fallback_rays[];
+};
 #endif
 
 #include "bvhd_ray_query.glsl"
 
-Hit committed(BvhdRayQuery query)
+BvhdHit committed(BvhdRayQuery query)
 {
-    Hit hit = miss();
+    BvhdHit hit = miss();
     uint type = bvhdRayQueryGetIntersectionType(query, true);
     if (type == BVHD_COMMITTED_NONE)
         return hit;
@@ -43,15 +51,17 @@ Hit committed(BvhdRayQuery query)
     hit.custom_index = bvhdRayQueryGetIntersectionInstanceCustomIndex(query, true);
     hit.geometry = primitive.x;
     hit.primitive = primitive.y;
-    hit.flags = (bvhdRayQueryGetIntersectionFrontFace(query, true) ? FRONT_FACE : 0u) | (type == BVHD_COMMITTED_GENERATED ? IS_AABB : 0u);
+    hit.flags = (bvhdRayQueryGetIntersectionFrontFace(query, true) ? FRONT_FACE : 0u) |
+                (type == BVHD_COMMITTED_GENERATED ? IS_AABB : 0u);
     return hit;
 }
 
 void trace(uint index)
 {
-    Ray ray = rays[index];
+    BvhdRay ray = rays[index];
     BvhdRayQuery query;
-    bvhdRayQueryInitialize(query, extra, ray.flags.x | ray_flags, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
+    bvhdRayQueryInitialize(query, extra, ray.flags.x | ray_flags, ray.flags.y & 0xffu, ray.origin.xyz, ray.origin.w,
+                           ray.direction.xyz, ray.direction.w);
     while (bvhdRayQueryProceed(query))
         if (bvhdRayQueryGetIntersectionType(query, false) == BVHD_CANDIDATE_TRIANGLE)
             bvhdRayQueryConfirmIntersection(query);

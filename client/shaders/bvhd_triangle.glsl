@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 /*
- * bvhd_triangle.glsl - the watertight ray-triangle test, with the accuracy of nearly double but without float64.
+ * bvhd_triangle.glsl - the watertight ray-triangle test, with nearly the accuracy of doubles but without float64.
  *
- * It has two parts. bvhdTriangleMayHit is cheap, in float, and knows how wrong it may be: it drops what is missed
- * beyond doubt, and says what is hit beyond doubt, and about where. bvhdTriangleHit decides what is left, and finds the
- * exact place: for about one triangle a ray.
+ * It has two parts. bvhdTriangleMayHit is cheap: it computes in float with error bounds, drops triangles that are
+ * certainly missed, and recognises those that are certainly hit, with bounds on their distance. bvhdTriangleHit decides
+ * the others, and computes the exact hit: for about one triangle of each ray.
  *
  * bvhdTriangleHit is Woop's test (2013) in pairs of floats. Vertices are moved so that the ray starts at the origin,
- * and sheared so that it runs along its main axis; that is done to some 2^-44 and the two coordinates across the ray
- * are then rounded to float. So a vertex is shifted by at most half an ulp of its distance from the ray, by less than
- * the ray itself is known to, and by the same shift for all triangles that share it. The edge functions of these
- * rounded places have exact signs: the difference of two products is compared with the products' rounding errors. An
+ * and sheared so that it runs along its main axis, with an accuracy of about 2^-44; then the two coordinates across the
+ * ray are rounded to float. That shifts a vertex by at most half an ulp of its distance from the ray, which is less
+ * than the accuracy of the ray itself, and by the same shift for all triangles that share it. The edge functions of the
+ * rounded positions have exact signs: the difference of two products is compared with the products' rounding errors. An
  * edge function that is 0 takes its sign from the edge's direction, as if the ray were moved by (e, e * e) for an
- * infinitely small e. So of the triangles around an edge or a closed fan exactly one is hit: no ray slips through, none
- * hits twice. t and the barycentrics come from the pairs, rounded once.
+ * infinitely small e. So exactly one of the triangles around an edge or a closed fan is hit: no ray slips through, none
+ * hits twice. t and the barycentrics are computed from the pairs and rounded once.
  *
- * Rounding errors of products are found by splitting factors into halves, which needs no fused operation. Where fma()
- * is known to round once, as on most GPUs, BVHD_FUSED_FMA true is faster and the answers are the same. Vulkan does not
- * promise it, and lavapipe does not do it: there distances lose their last bits and rays leak through edges.
+ * Rounding errors of products are computed by splitting factors into halves, which needs no fused operation. Where
+ * fma() is known to round once, as on most GPUs, BVHD_FUSED_FMA true is faster and gives the same answers. Vulkan does
+ * not guarantee it, and lavapipe rounds twice: there distances would lose their last bits and rays would leak through
+ * edges.
  */
 #ifndef BVHD_TRIANGLE_GLSL
 #define BVHD_TRIANGLE_GLSL
@@ -26,7 +27,7 @@
 #define BVHD_FUSED_FMA false
 #endif
 
-/* ---- Pairs: x + y stands for a number, y at most half an ulp of x ---- */
+/* ---- Pairs: the number x + y, with y at most half an ulp of x ---- */
 
 vec2 bvhdSum(float a, float b)
 {
@@ -36,7 +37,7 @@ vec2 bvhdSum(float a, float b)
     return vec2(sum, error);
 }
 
-// The same for |a| >= |b| or a == 0.
+// bvhdSum for |a| >= |b| or a == 0.
 vec2 bvhdSumOrdered(float a, float b)
 {
     precise float sum = a + b;
@@ -83,7 +84,7 @@ vec2 bvhdDivide(vec2 a, vec2 b)
 
 /* ---- Rays ---- */
 
-// A ray in one object's space: what an instance's ray is rounded by stands in the low halves.
+// A ray in an object's space, as pairs: the low halves are not 0 for rays in instances.
 struct BvhdTriangleRay {
     vec3 origin, direction;
     vec3 originLow, directionLow;
@@ -95,7 +96,7 @@ struct BvhdTriangleHit {
     bool isFront; // (v1 - v0) x (v2 - v0) points against the ray
 };
 
-/* ---- What is missed beyond doubt ---- */
+/* ---- The float test ---- */
 
 float bvhdSumOfSizes(vec3 value)
 {
@@ -103,19 +104,20 @@ float bvhdSumOfSizes(vec3 value)
 }
 
 struct BvhdTriangleGuess {
-    bool isSure; // it is hit, at a distance from t - error to t + error; otherwise bvhdTriangleHit has to decide
+    bool isSure; // it is certainly hit, at a t in [t - error, t + error]; otherwise bvhdTriangleHit has to decide
     float t, error;
     bool isFront;
 };
 
 /*
- * Möller and Trumbore's volumes (1997). With D the longest component of d, S, E the sums of the sizes of the components
- * of s and of both edges, u = 2^-24 and l what the origin is rounded by: each component of d x e is wrong by at most 4u
- * of D E, a volume by 8u D E S + 3 l D E, the third one by the sum of all. So 12u (S + E) + 4 l, times D E, covers them
- * and what bvhdTriangleHit moves vertices by; and the numerator of t, with E * E for D E. The last term is for
- * underflow. False: missed, or not within tmin .. tmax.
+ * Möller and Trumbore's test (1997) with error bounds. Let D be the longest component of d, S and E the sums of the
+ * absolute components of s and of both edges, u = 2^-24 and l the rounding error of the origin. Each component of d x e
+ * has an error of at most 4u D E, a volume one of 8u D E S + 3 l D E, and the third one the sum of all. So (12u (S + E)
+ * + 4 l) D E covers them and the shift of vertices in bvhdTriangleHit; with E * E for D E it covers the numerator of t.
+ * The last term covers underflow. Returns false when the triangle is missed, or not within tmin .. tmax.
  */
-bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, vec3 v1, vec3 v2, out BvhdTriangleGuess guess)
+bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, vec3 v1, vec3 v2,
+                        out BvhdTriangleGuess guess)
 {
     vec3 e1 = v1 - v0, e2 = v2 - v0, s = ray.origin - v0;
     vec3 p = cross(ray.direction, e2), q = cross(s, e1);
@@ -146,14 +148,14 @@ bool bvhdTriangleMayHit(BvhdTriangleRay ray, float tmin, float tmax, vec3 v0, ve
     return true;
 }
 
-/* ---- What is hit ---- */
+/* ---- The exact test ---- */
 
-// A vertex in the ray's space, scaled: the ray runs along z through the origin of x and y.
+// A vertex in the ray's space, scaled. The ray runs along z through the origin of x and y.
 struct BvhdCorner {
-    vec2 x, y, z; // pairs; x and y are rounded to their first halves where a side is decided
+    vec2 x, y, z; // pairs; signs are decided with x and y rounded to their first halves
 };
 
-// x, y, z in an order that puts the ray's main axis last and keeps the winding.
+// Reorders x, y, z so that the ray's main axis is last and the winding stays.
 vec3 bvhdPermute(vec3 value, int mainAxis, bool isBackward)
 {
     vec3 permuted = mainAxis == 0 ? value.yzx : mainAxis == 1 ? value.zxy : value;
@@ -171,7 +173,8 @@ BvhdCorner bvhdCornerOf(vec3 vertex, vec3 origin, vec3 originLow, vec2 shearX, v
     return corner;
 }
 
-// The sign of an edge function over rounded places: 0 only for an edge without length. The pair is its value over those that are not.
+// Returns the sign of an edge function of the rounded positions, which is 0 only for an edge without length. `value` is
+// that of the unrounded positions.
 int bvhdEdge(BvhdCorner from, BvhdCorner to, out vec2 value)
 {
     vec2 left = bvhdProduct(to.x.x, from.y.x), right = bvhdProduct(to.y.x, from.x.x);
@@ -180,13 +183,14 @@ int bvhdEdge(BvhdCorner from, BvhdCorner to, out vec2 value)
         side = to.y.x - from.y.x;
     if (side == 0.0)
         side = from.x.x - to.x.x;
-    precise float low = (left.y - right.y) + ((to.x.x * from.y.y + to.x.y * from.y.x) - (to.y.x * from.x.y + to.y.y * from.x.x));
+    precise float low =
+        (left.y - right.y) + ((to.x.x * from.y.y + to.x.y * from.y.x) - (to.y.x * from.x.y + to.y.y * from.x.x));
     vec2 difference = bvhdSum(left.x, -right.x);
     value = bvhdSumOrdered(difference.x, difference.y + low);
     return (side > 0.0 ? 1 : 0) - (side < 0.0 ? 1 : 0);
 }
 
-// Whether the triangle has no area. Rounding in the ray's space can give it some.
+// Whether the triangle has no area. In the ray's space rounding can make an area of it.
 bool bvhdIsFlat(vec3 v0, vec3 v1, vec3 v2)
 {
     vec2 ax = bvhdSum(v1.x, -v0.x), ay = bvhdSum(v1.y, -v0.y), az = bvhdSum(v1.z, -v0.z);
@@ -198,8 +202,8 @@ bool bvhdIsFlat(vec3 v0, vec3 v1, vec3 v2)
 }
 
 /*
- * Whether the line of the ray meets the triangle, at any t, behind the origin too. Never for triangles of zero area and
- * those seen edge-on.
+ * Returns whether the line of the ray meets the triangle, at any t, also behind the origin. Triangles of zero area, and
+ * those that are seen edge-on, are never hit.
  */
 bool bvhdTriangleHit(BvhdTriangleRay ray, vec3 v0, vec3 v1, vec3 v2, out BvhdTriangleHit hit)
 {
@@ -208,11 +212,13 @@ bool bvhdTriangleHit(BvhdTriangleRay ray, vec3 v0, vec3 v1, vec3 v2, out BvhdTri
     mainAxis = size.z > max(size.x, size.y) ? 2 : mainAxis;
     bool isBackward = (mainAxis == 0 ? ray.direction.x : mainAxis == 1 ? ray.direction.y : ray.direction.z) < 0.0;
 
-    vec3 origin = bvhdPermute(ray.origin, mainAxis, isBackward), originLow = bvhdPermute(ray.originLow, mainAxis, isBackward);
+    vec3 origin = bvhdPermute(ray.origin, mainAxis, isBackward),
+         originLow = bvhdPermute(ray.originLow, mainAxis, isBackward);
     vec3 direction = bvhdPermute(ray.direction, mainAxis, isBackward);
     vec3 directionLow = bvhdPermute(ray.directionLow, mainAxis, isBackward);
     vec2 along = vec2(direction.z, directionLow.z);
-    vec2 shearX = bvhdDivide(vec2(direction.x, directionLow.x), along), shearY = bvhdDivide(vec2(direction.y, directionLow.y), along);
+    vec2 shearX = bvhdDivide(vec2(direction.x, directionLow.x), along),
+         shearY = bvhdDivide(vec2(direction.y, directionLow.y), along);
 
     // A power of two brings distances near 1: the errors of products must not underflow.
     vec3 farthest = max(max(abs(v0 - ray.origin), abs(v1 - ray.origin)), abs(v2 - ray.origin));
@@ -229,7 +235,7 @@ bool bvhdTriangleHit(BvhdTriangleRay ray, vec3 v0, vec3 v1, vec3 v2, out BvhdTri
     if (abs(side) != 3)
         return false;
 
-    // Rounded places and pairs may disagree about what is 0.
+    // Rounded positions and pairs may disagree about which edge functions are 0.
     float sign = side > 0 ? 1.0 : -1.0;
     edgeA = edgeA.x * sign > 0.0 ? edgeA : vec2(0.0);
     edgeB = edgeB.x * sign > 0.0 ? edgeB : vec2(0.0);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rays by the device's own ray queries. Triangles that are not opaque are accepted, AABBs are not.
+// trace_native.comp - traces rays with the device's own ray queries. Triangles that are not opaque are accepted, AABBs
+// are not.
 #version 460
 #extension GL_EXT_ray_query : require
 #extension GL_EXT_ray_flags_primitive_culling : require
@@ -16,9 +17,9 @@ void accept_triangles(rayQueryEXT query)
             rayQueryConfirmIntersectionEXT(query);
 }
 
-Hit committed(rayQueryEXT query)
+BvhdHit committed(rayQueryEXT query)
 {
-    Hit hit = miss();
+    BvhdHit hit = miss();
     if (rayQueryGetIntersectionTypeEXT(query, true) == gl_RayQueryCommittedIntersectionNoneEXT)
         return hit;
     hit.t = rayQueryGetIntersectionTEXT(query, true);
@@ -40,14 +41,16 @@ void main()
     uint index = gl_GlobalInvocationID.x;
     if (index >= count)
         return;
-    Ray ray = rays[index];
+    BvhdRay ray = rays[index];
     if (!is_valid(ray)) {
         hits[index] = miss();
         return;
     }
     rayQueryEXT query;
-    uint mask = has_top != 0u ? ray.flags.y & 0xffu : 0xffu; // the instance around a bottom level alone is nobody's to cull
-    rayQueryInitializeEXT(query, top, ray.flags.x, mask, ray.origin.xyz, ray.origin.w, ray.direction.xyz, ray.direction.w);
+    // The instance around a bottom level alone is not the scene's, so rays do not cull it.
+    uint mask = has_top != 0u ? ray.flags.y & 0xffu : 0xffu;
+    rayQueryInitializeEXT(query, top, ray.flags.x, mask, ray.origin.xyz, ray.origin.w, ray.direction.xyz,
+                          ray.direction.w);
     accept_triangles(query);
     hits[index] = committed(query);
 }

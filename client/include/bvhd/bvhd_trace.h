@@ -4,7 +4,7 @@
  * kernels, recorded into the program's command buffers.
  *
  * A program that needs a hit for each ray of a buffer gets it from here faster than from a shader of its own that
- * includes bvhd_ray_query.glsl: the kernels answer the same, at up to three times the rate. Programs that decide
+ * includes bvhd_ray_query.glsl: the kernels answer the same, at three times the rate or more. Programs that decide
  * something during traversal (alpha tests, AABBs with a surface inside) write such a shader.
  *
  *     bvhd_vulkan_scene_create(device, &queue, &scene_options, &scene, &error);              portable structures
@@ -31,7 +31,7 @@ extern "C" {
 
 /* ---- Rays and hits, as they lie in buffers ---- */
 
-/* 48 bytes, std430; bvhd_trace_rays.glsl declares the same struct for shaders that make rays. */
+/* 48 bytes, std430; bvhd_ray.glsl declares the same structs for shaders. */
 struct bvhd_ray {
     float origin[3];
     float tmin; /* not negative */
