@@ -4,8 +4,9 @@
  * loop iteration. Loop thread only.
  *
  * An event for a connection (bytes, a reply, a deadline) only marks it as due. In each iteration of the loop, just
- * before it waits, conn_work is called once for every connection that is due. So replies that were made together are
- * written together, and a session is never called from within one of its own callbacks.
+ * before it waits, conn_work is called once for every connection that is due, except for costly ones (see below). So
+ * replies that were made together are written together, and a session is never called from within one of its own
+ * callbacks.
  *
  * Connections whose work has taken long lately are costly. They are served after all others, and only for a short time
  * in each iteration. So a client that makes thousands of requests at once, over many connections, delays only itself,

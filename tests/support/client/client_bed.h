@@ -26,7 +26,7 @@ struct bed_build {
 struct client_bed {
     struct fake_daemon fake;
     struct bvhd_client *client;
-    struct bed_build *asked;
+    struct bed_build *asked; /* the build that was submitted last; owned */
     int descriptors; /* number that were open before */
     uint64_t live; /* bytes of library_memory that were live before */
 };
@@ -154,7 +154,7 @@ static inline bool bed_finish(struct client_bed *bed, struct bvhd_batch *batch)
     return bvhd_batch_is_done(batch);
 }
 
-/* Connects a client, whose greeting is then complete. */
+/* Has the client connect, and answers its HELLO and a first build. Returns whether all of that worked. */
 static inline bool bed_connect(struct client_bed *bed)
 {
     struct bvhd_batch *batch = bed_submit(bed, 1, 1);

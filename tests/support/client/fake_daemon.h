@@ -33,13 +33,13 @@ void fake_start(struct fake_daemon *fake);
 /* Closes everything and removes the folder. */
 void fake_stop(struct fake_daemon *fake);
 
-/* Stop to listen, and listen again. */
+/* Stop listening, and listen again on the same path. */
 void fake_close_listener(struct fake_daemon *fake);
 void fake_open_listener(struct fake_daemon *fake);
 
 /*
- * Accepts the next client; returns false if none comes within 10 s. The previous one stays connected if `keep` is
- * given, which receives it.
+ * Accepts the next client; returns false if none comes within 10 s. The previous one is
+ * disconnected, or moved to *keep if `keep` is not NULL.
  */
 bool fake_accept(struct fake_daemon *fake, struct raw_client *keep);
 

@@ -30,7 +30,7 @@ struct bed {
     struct conn_group group;
     struct memory memory; /* the clients' memory */
     struct bed_client clients[BED_CLIENTS];
-    int open_before;
+    int open_before; /* descriptors of the process that were open at the start */
 };
 
 static inline void bed_open(struct bed *bed, const struct conn_limits *limits)

@@ -15,7 +15,7 @@ struct loop {
     struct pool *pool;
     pthread_mutex_t lock;
     pthread_cond_t woken;
-    unsigned wakes, seen;
+    unsigned wakes, seen; /* wake-ups so far, and how many of them loop_once has handled */
     pthread_t thread;
 };
 
@@ -24,14 +24,14 @@ struct step {
     struct pool_job job;
     struct loop *loop;
     void (*body)(struct step *step, const struct parallel *parallel);
-    uint64_t burn_ns;
-    struct log *log;
+    uint64_t burn_ns; /* how long run() also keeps its thread busy; 0: not at all */
+    struct log *log; /* where the step is recorded when it starts; may be NULL */
     sem_t started, may_end;
     bool cancelled_inside; /* whether the job was cancelled at the end of run() */
-    unsigned done;
+    unsigned done; /* how often done() was called */
     struct step *to_submit, *to_cancel; /* done() submits or cancels these */
-    struct pool_flow *to_end;
-    pthread_t runner;
+    struct pool_flow *to_end; /* done() ends this flow */
+    pthread_t runner; /* the thread that ran run() */
     atomic_uint tasks; /* number of tasks that have started */
     atomic_bool helped; /* some of them ran on another thread than run() */
     size_t count; /* for the test's own use, like `other` */
@@ -40,6 +40,7 @@ struct step {
 
 enum { LOG_SIZE = 2000 };
 
+/* The steps that have started, in this order. */
 struct log {
     atomic_uint count;
     struct step *steps[LOG_SIZE];
@@ -56,10 +57,12 @@ void steps_wait(sem_t *semaphore);
 
 void loop_init(struct loop *loop, unsigned threads);
 void loop_finish(struct loop *loop);
+/* Returns the number of wake-ups so far. */
 unsigned loop_wakes(struct loop *loop);
 
 /* Waits for a wake-up that has not been handled yet, and collects. The test fails after a minute. */
 void loop_once(struct loop *loop);
+/* Creates a flow of the pool; the caller ends it. */
 struct pool_flow *loop_flow(struct loop *loop);
 
 void step_init(struct step *step, struct loop *loop, struct pool_flow *flow, uint64_t size);

@@ -36,7 +36,7 @@ struct world_client {
     struct memory memory;
     struct world_event *events;
     uint32_t event_count, event_capacity;
-    struct reply *first_held, **end_held; /* replies that have not left */
+    struct reply *first_held, **end_held; /* replies that have not been reported by session_sent */
     bool hold; /* the client reads nothing, so no reply leaves */
     bool failed; /* the session has asked to end the connection */
 };
@@ -76,9 +76,9 @@ void world_await(struct session_world *world, bool (*reached)(void *context), vo
 /* Iterates until no item of any client is under way. */
 void world_settle(struct session_world *world);
 
-/* Occupies one worker, and returns when it is occupied. */
+/* Occupies one worker until world_open, and returns when it is occupied. */
 struct world_gate *world_shut(struct session_world *world);
-/* Releases it. */
+/* Releases the worker. */
 void world_open(struct world_gate *gate);
 
 /* Adds a client. world_join also says HELLO; world_join_silent does not, and may return NULL. */
@@ -103,6 +103,7 @@ const struct world_event *world_find(const struct world_client *client, enum fra
                                      uint32_t skip);
 /* Returns the only result of that item, or NULL. More than one fails the test. */
 const struct world_event *world_result(const struct world_client *client, uint64_t request, uint32_t item);
+/* Returns the status of the error in that result. */
 enum bvhd_status world_status(const struct world_client *client, uint64_t request, uint32_t item);
 /* Returns how often the item was reported as prepared. */
 uint32_t world_prepared(const struct world_client *client, uint64_t request, uint32_t item);
@@ -115,7 +116,7 @@ const struct world_event *world_await_result(struct world_client *client, uint64
 /* Iterates until the item has that state. */
 void world_await_state(struct world_client *client, uint64_t request, uint32_t item, enum item_state state);
 
-/* Creates a memfd with these bytes and seals. */
+/* Creates a memfd with these bytes and seals (F_SEAL_). SEALS_POOL is what a pool needs, SEALS_ONCE an attachment. */
 int world_memfd(const void *bytes, uint64_t size, unsigned seals);
 enum { WORLD_SEALS_POOL = 0x6, WORLD_SEALS_ONCE = 0xf };
 

@@ -18,6 +18,7 @@ struct wrong_frames {
     unsigned char *payloads; /* bytes that items refer to */
     uint64_t payload_size;
     unsigned char *pool; /* shared by all connections */
+    /* memfds: of the pool; with all seals, as an attachment needs them; without any seal */
     int pool_file, sealed_file, wild_file;
 };
 

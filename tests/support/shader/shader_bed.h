@@ -11,7 +11,10 @@
 
 enum { SHADER_BED_CANDIDATES = 40, SHADER_BED_PORTION = 4096 };
 
-/* What the query does with candidates. */
+/*
+ * What the kernel does with candidates: ACCEPT confirms all of them, IGNORE none, SOME those that shader_policy_accepts
+ * names, and END confirms one and ends the query.
+ */
 enum shader_policy { SHADER_ACCEPT, SHADER_IGNORE, SHADER_SOME, SHADER_END };
 
 /* Written by the kernel. */
@@ -45,8 +48,8 @@ struct shader_bed;
 
 struct shader_bed_options {
     const char *device; /* as for gpu_open */
-    bool by_address; /* otherwise through a storage buffer */
-    bool plain_bytes, fused_fma; /* constants of the shaders */
+    bool by_address; /* the shader reads the structures by their device address; otherwise through a storage buffer */
+    bool plain_bytes, fused_fma; /* the shader's options BVHD_PLAIN_BYTES and BVHD_FUSED_FMA */
 };
 
 /* Returns BVHD_UNAVAILABLE or BVHD_NOT_FOUND when there is no such device. */
@@ -58,13 +61,14 @@ const char *shader_bed_device(const struct shader_bed *bed);
 /* Sets the scene to trace from now on. */
 void shader_bed_load(struct shader_bed *bed, const struct scene *scene);
 
+/* Traces any number of rays, and fills ret_answers[count]. */
 void shader_bed_trace(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy,
                       struct shader_answer *ret_answers);
 /* Traces at most SHADER_BED_PORTION rays. */
 void shader_bed_trace_fully(struct shader_bed *bed, const struct ray *rays, uint32_t count, enum shader_policy policy,
                             struct shader_full_answer *ret_answers);
 
-/* Whether SHADER_SOME accepts a candidate. */
+/* Returns whether SHADER_SOME accepts a candidate with these numbers. */
 bool shader_policy_accepts(uint32_t instance, uint32_t geometry, uint32_t primitive);
 
 #endif
