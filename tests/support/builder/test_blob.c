@@ -3,6 +3,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "builder/wide/collapse.h"
 
@@ -106,4 +107,40 @@ void test_blob_free(struct bytes blob)
         void *out;
     } block = {blob.data};
     free(block.out);
+}
+
+const struct test_shape test_blob_shapes[TEST_BLOB_SHAPES] = {
+    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 1, .size = 1, .detail = 0.5},
+    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 2, .size = 1, .detail = 0.5},
+    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 700, .size = 10, .detail = 0.05},
+    {.type = GEOMETRY_TRIANGLES,
+     .geometries = 7,
+     .primitives = 230,
+     .size = 1e-3,
+     .detail = 0.05,
+     .centre = 100,
+     .inactive = 5},
+    {.type = GEOMETRY_TRIANGLES,
+     .geometries = 2,
+     .primitives = 100,
+     .size = 1e30,
+     .detail = 0.05,
+     .soup = true,
+     .inactive = 9},
+    {.type = GEOMETRY_AABBS, .geometries = 1, .primitives = 1, .size = 10, .detail = 0.02},
+    {.type = GEOMETRY_AABBS, .geometries = 3, .primitives = 400, .size = 10, .detail = 0.02, .inactive = 4},
+    {.type = GEOMETRY_INSTANCES, .geometries = 1, .primitives = 1, .size = 1000, .detail = 0.02},
+    {.type = GEOMETRY_INSTANCES, .geometries = 1, .primitives = 300, .size = 1000, .detail = 0.02, .inactive = 7},
+};
+
+void test_blob_dirty_heap(uint64_t size)
+{
+    void *blocks[8];
+    for (size_t i = 0; i < 8; i++) {
+        blocks[i] = malloc(size + 64 * i);
+        if (blocks[i])
+            memset(blocks[i], 0xa5, size);
+    }
+    for (size_t i = 0; i < 8; i++)
+        free(blocks[i]);
 }

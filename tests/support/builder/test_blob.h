@@ -27,4 +27,15 @@ struct bytes test_blob_make_native(const struct test_shape *shape, uint64_t seed
 
 void test_blob_free(struct bytes blob);
 
+/*
+ * Shapes for tests of what a layout writes: a few and many primitives of each kind, in one geometry and in several,
+ * with and without inactive ones, in a small, a large and a far model. Each has active primitives. The last one has
+ * instances.
+ */
+enum { TEST_BLOB_SHAPES = 9 };
+extern const struct test_shape test_blob_shapes[TEST_BLOB_SHAPES];
+
+/* Fills freed memory of about `size` bytes with garbage, so that bytes that a writer leaves out are not zero. */
+void test_blob_dirty_heap(uint64_t size);
+
 #endif

@@ -10,33 +10,6 @@
 #include "tests/support/builder/test_blob.h"
 #include "builder/workers.h"
 
-static const struct test_shape shapes[] = {
-    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 1, .size = 1, .detail = 0.5},
-    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 2, .size = 1, .detail = 0.5},
-    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 700, .size = 10, .detail = 0.05},
-    {.type = GEOMETRY_TRIANGLES,
-     .geometries = 7,
-     .primitives = 230,
-     .size = 1e-3,
-     .detail = 0.05,
-     .centre = 100,
-     .inactive = 5},
-    {.type = GEOMETRY_TRIANGLES,
-     .geometries = 2,
-     .primitives = 100,
-     .size = 1e30,
-     .detail = 0.05,
-     .soup = true,
-     .inactive = 9},
-    {.type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 20, .size = 1, .detail = 0.05, .inactive = 1},
-    {.type = GEOMETRY_AABBS, .geometries = 1, .primitives = 1, .size = 10, .detail = 0.02},
-    {.type = GEOMETRY_AABBS, .geometries = 3, .primitives = 400, .size = 10, .detail = 0.02, .inactive = 4},
-    {.type = GEOMETRY_INSTANCES, .geometries = 1, .primitives = 1, .size = 1000, .detail = 0.02},
-    {.type = GEOMETRY_INSTANCES, .geometries = 1, .primitives = 300, .size = 1000, .detail = 0.02, .inactive = 7},
-};
-
-enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0] };
-
 /* A structure that was written and opened. */
 struct written {
     struct memory memory;
@@ -48,25 +21,12 @@ struct written {
     uint32_t place_count;
 };
 
-/* Fills freed memory with garbage, so that bytes that are never written show. */
-static void dirty_heap(uint64_t size)
-{
-    void *blocks[8];
-    for (int i = 0; i < 8; i++) {
-        blocks[i] = malloc(size + 64 * (size_t)i);
-        assert_non_null(blocks[i]);
-        memset(blocks[i], 0xa5, size);
-    }
-    for (int i = 0; i < 8; i++)
-        free(blocks[i]);
-}
-
 static void write_model(const struct test_model *model, enum lavapipe_variant variant, struct written *written)
 {
     struct bvhd_error error;
     memset(written, 0, sizeof *written);
     memory_init(&written->memory, UINT64_MAX);
-    dirty_heap(model->canonical.primitive_count * UINT64_C(110));
+    test_blob_dirty_heap(model->canonical.primitive_count * UINT64_C(110));
     assert_int_equal(test_blob_write_native(model, variant, &written->memory, &parallel_serial, &written->blob,
                                             &written->sizes, &error),
                      BVHD_OK);
@@ -221,10 +181,12 @@ static void check_leaf(const struct test_model *model, const struct written *wri
 static void structures_are_as_defined(void **state)
 {
     (void)state;
-    for (int i = 0; i < 2 * SHAPE_COUNT; i++) {
+    static const struct test_shape inactive = {
+        .type = GEOMETRY_TRIANGLES, .geometries = 2, .primitives = 20, .size = 1, .detail = 0.05, .inactive = 1};
+    for (int i = 0; i < 2 * TEST_BLOB_SHAPES + 2; i++) {
         struct test_model model;
         struct written written;
-        test_model_make(&shapes[i / 2], 3 + (uint64_t)i, &model);
+        test_model_make(i / 2 < TEST_BLOB_SHAPES ? &test_blob_shapes[i / 2] : &inactive, 3 + (uint64_t)i, &model);
         write_model(&model, i % 2 ? LAVAPIPE_COMPACTED : LAVAPIPE_PLAIN, &written);
         check_tree(&model, &written);
         check_sizes(&model, &written);
@@ -544,7 +506,7 @@ static void a_cancelled_output_is_given_back(void **state)
     struct layout_sizes sizes;
     const struct device_format device = {.variant = LAVAPIPE_PLAIN};
     memory_init(&memory, UINT64_MAX);
-    test_model_make(&shapes[2], 1, &model);
+    test_model_make(&test_blob_shapes[2], 1, &model);
     assert_int_equal(test_ir_make(model.boxes, model.canonical.primitive_count, 1, &memory, &ir), BVHD_OK);
     uint64_t live = memory.live;
     for (int calls = 0; calls < 3; calls++) {
@@ -582,7 +544,7 @@ static void failing_allocations_leave_nothing(void **state)
     struct memory memory;
     struct layout_sizes sizes;
     unsigned char *blob;
-    test_model_make(&shapes[SHAPE_COUNT - 1], 1, &model);
+    test_model_make(&test_blob_shapes[TEST_BLOB_SHAPES - 1], 1, &model);
     /* Instance 0 becomes a null instance. */
     memset((unsigned char *)(uintptr_t)model.canonical.geometries[0].instances + 56, 0, 8);
     memory_init(&memory, UINT64_MAX);

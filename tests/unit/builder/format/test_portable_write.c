@@ -10,29 +10,6 @@
 #include "tests/support/builder/test_blob.h"
 #include "builder/workers.h"
 
-static const struct test_shape shapes[] = {
-    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 1, .size = 1, .detail = 0.5},
-    {.type = GEOMETRY_TRIANGLES, .geometries = 1, .primitives = 700, .size = 10, .detail = 0.05},
-    {.type = GEOMETRY_TRIANGLES,
-     .geometries = 7,
-     .primitives = 230,
-     .size = 1e-3,
-     .detail = 0.05,
-     .centre = 100,
-     .inactive = 5},
-    {.type = GEOMETRY_TRIANGLES,
-     .geometries = 2,
-     .primitives = 100,
-     .size = 1e30,
-     .detail = 0.05,
-     .soup = true,
-     .inactive = 9},
-    {.type = GEOMETRY_AABBS, .geometries = 3, .primitives = 400, .size = 10, .detail = 0.02, .inactive = 4},
-    {.type = GEOMETRY_INSTANCES, .geometries = 1, .primitives = 300, .size = 1000, .detail = 0.02, .inactive = 7},
-};
-
-enum { SHAPE_COUNT = sizeof shapes / sizeof shapes[0] };
-
 struct walk {
     const struct test_model *model;
     struct portable_view view;
@@ -40,24 +17,11 @@ struct walk {
     uint32_t nodes, records;
 };
 
-/* Fills freed memory with garbage, so that bytes that are never written show. */
-static void dirty_heap(uint64_t size)
-{
-    void *blocks[8];
-    for (int i = 0; i < 8; i++) {
-        blocks[i] = malloc(size + 64 * (size_t)i);
-        assert_non_null(blocks[i]);
-        memset(blocks[i], 0xa5, size);
-    }
-    for (int i = 0; i < 8; i++)
-        free(blocks[i]);
-}
-
 static void write_model(const struct test_model *model, uint32_t flags, struct memory *memory, unsigned char **ret_blob,
                         struct layout_sizes *ret_sizes, struct portable_view *ret_view)
 {
     struct bvhd_error error;
-    dirty_heap(model->canonical.primitive_count * UINT64_C(60));
+    test_blob_dirty_heap(model->canonical.primitive_count * UINT64_C(60));
     assert_int_equal(test_blob_write(model, flags, memory, &parallel_serial, ret_blob, ret_sizes, &error), BVHD_OK);
     assert_int_equal((uintptr_t)*ret_blob % 64, 0);
     struct bytes bytes = {*ret_blob, ret_sizes->total};
@@ -210,13 +174,13 @@ static void structures_hold_what_was_asked(void **state)
     (void)state;
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
-    for (int i = 0; i < SHAPE_COUNT; i++)
+    for (int i = 0; i < TEST_BLOB_SHAPES; i++)
         for (uint32_t flags = 0; flags <= PORTABLE_FAST_TRIANGLES; flags++) {
             struct test_model model;
             struct layout_sizes sizes;
             struct portable_view view;
             unsigned char *blob;
-            test_model_make(&shapes[i], 100 + (uint64_t)i, &model);
+            test_model_make(&test_blob_shapes[i], 100 + (uint64_t)i, &model);
             model.canonical.flags = BUILD_PREFER_FAST_TRACE;
             write_model(&model, flags, &memory, &blob, &sizes, &view);
             check_header(&model, blob, &sizes, &view);
@@ -239,7 +203,7 @@ static void vertices_keep_their_order(void **state)
     struct layout_sizes sizes;
     struct portable_view view;
     unsigned char *blob;
-    test_model_make(&shapes[2], 8, &model);
+    test_model_make(&test_blob_shapes[3], 8, &model);
     write_model(&model, 0, &memory, &blob, &sizes, &view);
     const struct canonical *canonical = &model.canonical;
     uint8_t *used = calloc(canonical->vertex_count, 1);
@@ -320,10 +284,10 @@ static void every_allocation_may_fail(void **state)
     (void)state;
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
-    for (int i = 0; i < SHAPE_COUNT; i++) {
+    for (int i = 0; i < TEST_BLOB_SHAPES; i++) {
         struct test_model model;
         enum bvhd_status status = BVHD_NO_MEMORY;
-        test_model_make(&shapes[i], 6, &model);
+        test_model_make(&test_blob_shapes[i], 6, &model);
         for (int n = 0; status != BVHD_OK; n++) {
             unsigned char *blob = NULL;
             struct layout_sizes sizes;
@@ -346,11 +310,11 @@ static void every_allocation_may_fail(void **state)
 static void ranges_mark_what_names_do(void **state)
 {
     (void)state;
-    for (int i = 0; i < SHAPE_COUNT; i++) {
+    for (int i = 0; i < TEST_BLOB_SHAPES; i++) {
         struct test_model model;
-        if (shapes[i].type != GEOMETRY_TRIANGLES)
+        if (test_blob_shapes[i].type != GEOMETRY_TRIANGLES)
             continue;
-        test_model_make(&shapes[i], 3, &model);
+        test_model_make(&test_blob_shapes[i], 3, &model);
         const struct canonical *canonical = &model.canonical;
         uint32_t count = canonical->primitive_count, vertices = canonical->vertex_count;
         uint8_t *named = calloc(vertices + 1, 1), *ranged = calloc(vertices + 1, 1);

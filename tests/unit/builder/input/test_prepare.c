@@ -5,61 +5,17 @@
 #include <math.h>
 
 #include "tests/support/builder/inputs.h"
+#include "tests/support/builder/prepare_bed.h"
 #include "builder/input/prepare.h"
 #include "tests/support/random.h"
 #include "builder/input/vertex_format.h"
-
-static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
-static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
-
-static enum bvhd_status try(const struct test_input *test, struct canonical *ret_canonical, struct bvhd_error *error)
-{
-    struct limits limits = limits_default();
-    return prepare(&test->input, 2, &limits, &context, ret_canonical, error);
-}
-
-static struct canonical make(const struct test_input *test)
-{
-    struct canonical canonical;
-    struct bvhd_error error;
-    if (try(test, &canonical, &error) != BVHD_OK)
-        fail_msg("%s at %s: %s", bvhd_vuid_string(error.vuid), error.where, error.text);
-    return canonical;
-}
-
-static void refuse(const struct test_input *test, enum bvhd_status want, const char *vuid, const char *where)
-{
-    struct canonical canonical;
-    struct bvhd_error error;
-    assert_int_equal(try(test, &canonical, &error), want);
-    assert_string_equal(bvhd_vuid_string(error.vuid), vuid);
-    assert_string_equal(error.where, where);
-    assert_int_equal(memory.live, 0);
-}
-
-static void finish(struct canonical *canonical)
-{
-    prepare_finish(canonical, &memory);
-    prepare_finish(canonical, &memory);
-    assert_int_equal(memory.live, 0);
-}
-
-/* Checks whether both inputs give the same bytes. */
-static void compare(const struct test_input *a, const struct test_input *b, bool equal)
-{
-    struct canonical first = make(a), second = make(b);
-    bool same = first.size == second.size && memcmp(first.bytes, second.bytes, first.size) == 0;
-    assert_int_equal(same, equal);
-    prepare_finish(&first, &memory);
-    finish(&second);
-}
 
 static void triangles_are_copied(void **state)
 {
     (void)state;
     struct test_input test;
     inputs_triangles(&test);
-    struct canonical canonical = make(&test);
+    struct canonical canonical = bed_make(&test);
     assert_int_equal(canonical.type, STRUCTURE_BOTTOM);
     assert_int_equal(canonical.geometry_count, 2);
     assert_int_equal(canonical.primitive_count, 5);
@@ -83,7 +39,7 @@ static void triangles_are_copied(void **state)
     assert_null(geometry->indices);
     for (int i = 0; i < 9; i++)
         assert_memory_equal(geometry->positions + (ptrdiff_t)3 * i, test.vertices[i], 12);
-    finish(&canonical);
+    bed_finish(&canonical);
 }
 
 static void boxes_are_copied(void **state)
@@ -94,12 +50,12 @@ static void boxes_are_copied(void **state)
     inputs_aabbs(&test);
     test.boxes[1][4] = NAN; /* makes the box inactive */
     test.boxes[1][3] = -3; /* would be invalid in an active box */
-    struct canonical canonical = make(&test);
+    struct canonical canonical = bed_make(&test);
     const float *boxes = canonical.geometries[0].boxes;
     assert_memory_equal(boxes, test.boxes[0], 24);
     assert_true(isnan(boxes[6]) && isnan(boxes[10]) && boxes[9] == -3);
     assert_memory_equal(boxes + 12, test.boxes[2], 24);
-    finish(&canonical);
+    bed_finish(&canonical);
 
     struct test_input spread;
     inputs_aabbs(&spread);
@@ -108,12 +64,12 @@ static void boxes_are_copied(void **state)
         memcpy(wide[i], test.boxes[i], 24);
     spread.geometries[0].aabbs.boxes = (struct bytes){(const unsigned char *)wide, sizeof wide - 8};
     spread.geometries[0].aabbs.stride = 32;
-    compare(&test, &spread, true);
+    bed_compare(&test, &spread, true);
     spread.geometries[0].aabbs.stride = 0;
-    canonical = make(&spread);
+    canonical = bed_make(&spread);
     for (int i = 0; i < INPUTS_BOXES; i++)
         assert_memory_equal(canonical.geometries[0].boxes + (ptrdiff_t)6 * i, test.boxes[0], 24);
-    finish(&canonical);
+    bed_finish(&canonical);
 }
 
 /* Strides, offsets, first vertices, maxVertex and index widths do not change the bytes. */
@@ -146,9 +102,9 @@ static void layout_of_input_does_not_count(void **state)
             triangles->max_vertex = UINT32_MAX;
             other.geometries[1].range.first_vertex = first ? first - 1 : 0;
             other.geometries[1].range.primitive_offset = first ? 4 * words : 0;
-            compare(&test, &other, true);
+            bed_compare(&test, &other, true);
             loose[(first + 2) * words + 1] += 1;
-            compare(&test, &other, false);
+            bed_compare(&test, &other, false);
         }
 }
 
@@ -174,13 +130,13 @@ static void only_the_span_in_use_is_kept(void **state)
     triangles->indices = (struct bytes){(const unsigned char *)indices, sizeof indices};
     other.geometries[0].range.first_vertex = 0;
     other.geometries[0].range.primitive_offset = 0;
-    compare(&test, &other, true);
+    bed_compare(&test, &other, true);
 
     /* Fields that updates compare make them different. */
     test.input.flags |= BUILD_ALLOW_UPDATE;
     other.input.flags |= BUILD_ALLOW_UPDATE;
     test.geometries[0].triangles.max_vertex = triangles->max_vertex;
-    compare(&test, &other, false);
+    bed_compare(&test, &other, false);
 }
 
 /* Positions that several formats can express give the same bytes in each of them. */
@@ -233,7 +189,7 @@ static void formats_of_equal_value_do_not_count(void **state)
             other.geometries[g].triangles.vertex_stride = 32;
             other.geometries[g].triangles.vertices = (struct bytes){(const unsigned char *)data, sizeof data};
         }
-        compare(&reference, &other, true);
+        bed_compare(&reference, &other, true);
     }
 }
 
@@ -246,7 +202,7 @@ static void stride_zero_keeps_one_vertex(void **state)
         test.geometries[g].triangles.vertex_stride = 0;
         test.geometries[g].triangles.vertices.size = 12;
     }
-    struct canonical canonical = make(&test);
+    struct canonical canonical = bed_make(&test);
     for (int g = 0; g < 2; g++) {
         const struct canonical_geometry *geometry = &canonical.geometries[g];
         assert_int_equal(geometry->vertex_count, 1);
@@ -254,10 +210,10 @@ static void stride_zero_keeps_one_vertex(void **state)
             assert_int_equal(geometry->indices[i], 0);
     }
     assert_memory_equal(canonical.geometries[1].positions, test.vertices[0], 12);
-    finish(&canonical);
+    bed_finish(&canonical);
     test.geometries[0].triangles.max_vertex = 3;
-    refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774",
-           "infos[2].geometries[0].triangles.indices[5]");
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774",
+               "infos[2].geometries[0].triangles.indices[5]");
 }
 
 static void what_counts_changes_the_bytes(void **state)
@@ -270,7 +226,7 @@ static void what_counts_changes_the_bytes(void **state)
         inputs_triangles(&other);                                                                                      \
         other.input.flags = test.input.flags;                                                                          \
         __VA_ARGS__;                                                                                                   \
-        compare(&test, &other, equal);                                                                                 \
+        bed_compare(&test, &other, equal);                                                                             \
     } while (0)
     for (test.input.flags = 0; test.input.flags <= BUILD_ALLOW_UPDATE; test.input.flags++) {
         bool update = test.input.flags & BUILD_ALLOW_UPDATE;
@@ -301,24 +257,24 @@ static void contents_are_checked(void **state)
     struct test_input test;
     inputs_triangles(&test);
     test.indices[5] = 8;
-    refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774",
-           "infos[2].geometries[0].triangles.indices[3]");
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774",
+               "infos[2].geometries[0].triangles.indices[3]");
     inputs_triangles(&test);
     test.geometries[0].triangles.vertices.size = 4 * 20 + 11;
-    refuse(&test, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-pInfos-03771",
-           "infos[2].geometries[0].triangles.vertexData");
+    bed_refuse(&test, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-pInfos-03771",
+               "infos[2].geometries[0].triangles.vertexData");
     inputs_triangles(&test);
     test.transform[14] = 0;
-    refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
-           "infos[2].geometries[0].triangles.transformData");
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
+               "infos[2].geometries[0].triangles.transformData");
     test.transform[14] = NAN;
-    refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
-           "infos[2].geometries[0].triangles.transformData");
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
+               "infos[2].geometries[0].triangles.transformData");
     inputs_triangles(&test);
     test.geometries[0].range.first_vertex = UINT32_MAX;
     test.geometries[0].triangles.max_vertex = UINT32_MAX;
-    refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774",
-           "infos[2].geometries[0].triangles.indices[1]");
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774",
+               "infos[2].geometries[0].triangles.indices[1]");
 
     static const char *const rules[3] = {"VUID-VkAabbPositionsKHR-minX-03546", "VUID-VkAabbPositionsKHR-minY-03547",
                                          "VUID-VkAabbPositionsKHR-minZ-03548"};
@@ -328,38 +284,39 @@ static void contents_are_checked(void **state)
     for (int axis = 0; axis < 3; axis++) {
         inputs_aabbs(&test);
         test.boxes[1][axis] = -0.5f;
-        refuse(&test, BVHD_INVALID, rules[axis], places[axis]);
+        bed_refuse(&test, BVHD_INVALID, rules[axis], places[axis]);
     }
     inputs_instances(&test);
     test.records[2][14] = 56;
-    refuse(&test, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-pInfos-03779",
-           "infos[2].geometries[0].instances[2].accelerationStructureReference");
+    bed_refuse(&test, BVHD_INVALID, "VUID-vkBuildAccelerationStructuresKHR-pInfos-03779",
+               "infos[2].geometries[0].instances[2].accelerationStructureReference");
     inputs_instances(&test);
     memcpy(test.records[3], (uint32_t[4]){0}, 16);
-    refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
-           "infos[2].geometries[0].instances[3].transform");
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
+               "infos[2].geometries[0].instances[3].transform");
     inputs_instances(&test);
     test.records[3][5] = 0x7fc00000;
-    refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
-           "infos[2].geometries[0].instances[3].transform");
+    bed_refuse(&test, BVHD_INVALID, "VUID-VkTransformMatrixKHR-matrix-03799",
+               "infos[2].geometries[0].instances[3].transform");
     for (uint32_t flags = 0; flags < 256; flags++) {
         inputs_instances(&test);
         test.records[1][13] = flags << 24 | 5;
         bool own = flags < 16 && (flags & 12) != 12;
         const char *rule = flags < 64 && flags & 0x30 ? "" : "VUID-VkAccelerationStructureInstanceKHR-flags-parameter";
         if (!own) {
-            refuse(&test, *rule ? BVHD_INVALID : BVHD_UNSUPPORTED, rule, "infos[2].geometries[0].instances[1].flags");
+            bed_refuse(&test, *rule ? BVHD_INVALID : BVHD_UNSUPPORTED, rule,
+                       "infos[2].geometries[0].instances[1].flags");
             continue;
         }
-        struct canonical canonical = make(&test);
+        struct canonical canonical = bed_make(&test);
         assert_int_equal(canonical_instance(canonical.geometries, 1).flags, flags);
-        finish(&canonical);
+        bed_finish(&canonical);
     }
     inputs_instances(&test);
     /* The transform of an inactive instance is not checked. */
     memset(test.records[1], 0xff, 48);
-    struct canonical canonical = make(&test);
-    finish(&canonical);
+    struct canonical canonical = bed_make(&test);
+    bed_finish(&canonical);
 }
 
 static void empty_structures_are_small(void **state)
@@ -368,21 +325,21 @@ static void empty_structures_are_small(void **state)
     struct test_input test;
     inputs_triangles(&test);
     test.geometries[0].range.primitive_count = test.geometries[1].range.primitive_count = 0;
-    struct canonical canonical = make(&test);
+    struct canonical canonical = bed_make(&test);
     assert_int_equal(canonical.primitive_count, 0);
     assert_int_equal(canonical.size, 64 + 2 * 64);
     assert_null(canonical.geometries[0].positions);
     assert_null(canonical.geometries[0].indices);
-    finish(&canonical);
+    bed_finish(&canonical);
     test.input.geometry_count = 0;
-    canonical = make(&test);
+    canonical = bed_make(&test);
     assert_int_equal(canonical.size, 64);
-    finish(&canonical);
+    bed_finish(&canonical);
     inputs_instances(&test);
     test.geometries[0].range.primitive_count = 0;
-    canonical = make(&test);
+    canonical = bed_make(&test);
     assert_int_equal(canonical.reference_count, 0);
-    finish(&canonical);
+    bed_finish(&canonical);
 }
 
 static void limits_are_kept(void **state)
@@ -395,16 +352,16 @@ static void limits_are_kept(void **state)
     for (int kind = 0; kind < 3; kind++) {
         struct limits limits = limits_default();
         kinds[kind](&test);
-        canonical = make(&test);
+        canonical = bed_make(&test);
         uint64_t size = canonical.size;
-        finish(&canonical);
+        bed_finish(&canonical);
         for (limits.max_canonical_bytes = 0; limits.max_canonical_bytes < size; limits.max_canonical_bytes++) {
-            assert_int_equal(prepare(&test.input, 7, &limits, &context, &canonical, &error), BVHD_TOO_LARGE);
+            assert_int_equal(prepare(&test.input, 7, &limits, &bed_context, &canonical, &error), BVHD_TOO_LARGE);
             assert_string_equal(error.where, "infos[7]");
-            assert_int_equal(memory.live, 0);
+            assert_int_equal(bed_memory.live, 0);
         }
-        assert_int_equal(prepare(&test.input, 7, &limits, &context, &canonical, &error), BVHD_OK);
-        finish(&canonical);
+        assert_int_equal(prepare(&test.input, 7, &limits, &bed_context, &canonical, &error), BVHD_OK);
+        bed_finish(&canonical);
     }
 }
 
@@ -419,17 +376,17 @@ static void every_allocation_may_fail(void **state)
         kinds[kind](&test);
         int failures = 0;
         for (enum bvhd_status status = BVHD_NO_MEMORY; status != BVHD_OK; failures++) {
-            atomic_store(&memory.fail_after, failures);
-            status = try(&test, &canonical, &error);
+            atomic_store(&bed_memory.fail_after, failures);
+            status = bed_try(&test, &canonical, &error);
             if (status != BVHD_OK) {
                 assert_int_equal(status, BVHD_NO_MEMORY);
                 assert_int_equal(error.status, BVHD_NO_MEMORY);
-                assert_int_equal(memory.live, 0);
+                assert_int_equal(bed_memory.live, 0);
             }
         }
-        atomic_store(&memory.fail_after, -1);
+        atomic_store(&bed_memory.fail_after, -1);
         assert_true(failures > 4);
-        finish(&canonical);
+        bed_finish(&canonical);
     }
 }
 

@@ -5,61 +5,17 @@
 #include <math.h>
 
 #include "tests/support/builder/inputs.h"
+#include "tests/support/builder/prepare_bed.h"
 #include "builder/input/prepare.h"
 #include "tests/support/random.h"
 #include "builder/input/reference_rows.h"
-
-static struct memory memory = {.limit = UINT64_MAX, .fail_after = -1};
-static const struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
-
-static enum bvhd_status try(const struct test_input *test, struct canonical *ret_canonical, struct bvhd_error *error)
-{
-    struct limits limits = limits_default();
-    return prepare(&test->input, 2, &limits, &context, ret_canonical, error);
-}
-
-static struct canonical make(const struct test_input *test)
-{
-    struct canonical canonical;
-    struct bvhd_error error;
-    if (try(test, &canonical, &error) != BVHD_OK)
-        fail_msg("%s at %s: %s", bvhd_vuid_string(error.vuid), error.where, error.text);
-    return canonical;
-}
-
-static void refuse(const struct test_input *test, enum bvhd_status want, const char *vuid, const char *where)
-{
-    struct canonical canonical;
-    struct bvhd_error error;
-    assert_int_equal(try(test, &canonical, &error), want);
-    assert_string_equal(bvhd_vuid_string(error.vuid), vuid);
-    assert_string_equal(error.where, where);
-    assert_int_equal(memory.live, 0);
-}
-
-static void finish(struct canonical *canonical)
-{
-    prepare_finish(canonical, &memory);
-    prepare_finish(canonical, &memory);
-    assert_int_equal(memory.live, 0);
-}
-
-/* Checks whether both inputs give the same bytes. */
-static void compare(const struct test_input *a, const struct test_input *b, bool equal)
-{
-    struct canonical first = make(a), second = make(b);
-    bool same = first.size == second.size && memcmp(first.bytes, second.bytes, first.size) == 0;
-    assert_int_equal(same, equal);
-    prepare_finish(&first, &memory);
-    finish(&second);
-}
 
 static void instances_are_copied(void **state)
 {
     (void)state;
     struct test_input test;
     inputs_instances(&test);
-    struct canonical canonical = make(&test);
+    struct canonical canonical = bed_make(&test);
     static const uint64_t rows[INPUTS_RECORDS] = {1, 0, 2, 1};
     assert_int_equal(canonical.type, STRUCTURE_TOP);
     assert_int_equal(canonical.reference_count, 2);
@@ -75,7 +31,7 @@ static void instances_are_copied(void **state)
     assert_true(key_equal(&canonical.references[0].key, &none));
     assert_memory_equal(&canonical.references[0].bounds, &test.references[2].bounds, sizeof(struct box));
     assert_true(key_equal(&canonical.references[1].key, &test.references[1].key));
-    finish(&canonical);
+    bed_finish(&canonical);
 }
 
 /*
@@ -95,26 +51,26 @@ static void references_are_canonical(void **state)
     static const uint64_t handles[INPUTS_RECORDS] = {1, 0, UINT64_MAX, 1};
     for (int i = 0; i < INPUTS_RECORDS; i++)
         memcpy(other.records[i] + 14, &handles[i], 8);
-    compare(&test, &other, true);
+    bed_compare(&test, &other, true);
 
     other.references[2] = other.references[0];
     other.references[2].handle = 2;
     other.input.reference_count = 3;
-    compare(&test, &other, true);
+    bed_compare(&test, &other, true);
     memcpy(other.records[3] + 14, &other.references[2].handle, 8);
-    compare(&test, &other, false);
+    bed_compare(&test, &other, false);
     memcpy(other.records[3] + 14, &other.references[0].handle, 8);
 
     /* An empty structure has only one form. */
     test.references[2].bounds = box_empty();
     other.references[0].bounds = (struct box){{1, 1, 1}, {0, 5, 5}};
-    compare(&test, &other, true);
+    bed_compare(&test, &other, true);
     other.references[0].slabs.max[3] = 1; /* slabs of an empty structure */
-    compare(&test, &other, true);
+    bed_compare(&test, &other, true);
     other.references[1].slabs.min[3] = -0.0f; /* unknown, written in another form */
-    compare(&test, &other, true);
+    bed_compare(&test, &other, true);
     other.references[1].slabs.min[3] = -1;
-    compare(&test, &other, false);
+    bed_compare(&test, &other, false);
 }
 
 /* Many references, some of which differ only in their handles: each one that is named has its own row. */
@@ -146,7 +102,7 @@ static void many_references_are_told_apart(void **state)
     test.geometries[0].instances.records = (struct bytes){(const unsigned char *)records, sizeof records};
     test.geometries[0].range.primitive_count = 2 * COUNT;
 
-    struct canonical canonical = make(&test);
+    struct canonical canonical = bed_make(&test);
     uint64_t seen = 0;
     for (uint32_t i = 0; i < 2 * COUNT; i++) {
         uint64_t handle, row = canonical_instance(canonical.geometries, i).reference;
@@ -173,7 +129,7 @@ static void many_references_are_told_apart(void **state)
     for (uint32_t i = 0; i < canonical.reference_count; i++)
         for (uint32_t j = 0; j < i; j++)
             assert_true(handles[i] != handles[j]);
-    finish(&canonical);
+    bed_finish(&canonical);
 }
 
 static void references_are_checked(void **state)
@@ -182,28 +138,28 @@ static void references_are_checked(void **state)
     struct test_input test;
     inputs_instances(&test);
     test.references[1].handle = 0;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[1]");
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].references[1]");
     inputs_instances(&test);
     test.references[2].handle = 33;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[2]");
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].references[2]");
     inputs_instances(&test);
     test.references[0].bounds.max[1] = INFINITY;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
     inputs_instances(&test);
     test.references[0].slabs.min[9] = -INFINITY;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
     inputs_instances(&test);
     test.references[0].slabs.min[9] = NAN;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
     inputs_instances(&test);
     test.references[0].slabs.min[4] = 1;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].references[0]");
     inputs_instances(&test);
     test.references[0].kind = (enum reference_kind)2;
-    refuse(&test, BVHD_UNSUPPORTED, "", "infos[2].references[0]");
+    bed_refuse(&test, BVHD_UNSUPPORTED, "", "infos[2].references[0]");
     inputs_instances(&test);
     test.input.references = NULL;
-    refuse(&test, BVHD_INVALID, "", "infos[2].references");
+    bed_refuse(&test, BVHD_INVALID, "", "infos[2].references");
 }
 
 static void failing_allocations_hold_nothing(void **state)
@@ -215,15 +171,15 @@ static void failing_allocations_hold_nothing(void **state)
         inputs_instances(&test);
         for (uint64_t i = 0; i < INPUTS_RECORDS; i++)
             memcpy(test.records[i] + 14, &(uint64_t){i % 4}, 8);
-        atomic_store(&memory.fail_after, failures);
+        atomic_store(&bed_memory.fail_after, failures);
         enum bvhd_status status = reference_rows_make((unsigned char *)test.records, INPUTS_RECORDS, test.references, 3,
-                                                      &context, &rows, NULL);
+                                                      &bed_context, &rows, NULL);
         assert_int_equal(status, failures < 2 ? BVHD_NO_MEMORY : BVHD_OK);
         assert_int_equal(rows.count, failures < 2 ? 7 : 3);
-        memory_free(&memory, rows.rows);
-        assert_int_equal(memory.live, 0);
+        memory_free(&bed_memory, rows.rows);
+        assert_int_equal(bed_memory.live, 0);
     }
-    atomic_store(&memory.fail_after, -1);
+    atomic_store(&bed_memory.fail_after, -1);
 }
 
 int main(void)
