@@ -13,7 +13,8 @@
 struct cell_request {
     const char *method;
     const char *scene; /* a file, or the name of a generated scene */
-    uint32_t size, rays; /* of a generated scene; with rays 0 it is built only */
+    /* size: triangles of a generated scene. rays: how many are compared with brute force; 0: the scene is only built */
+    uint32_t size, rays;
     uint64_t seed;
     double seconds; /* time limit, after which the process is killed */
 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * scene_model.h - generates scenes such as people have, from a seed: architecture, a town, hair, hills, clutter,
- * machines, leaves.
+ * scene_model.h - generates scenes like those that people make, from a seed: architecture, a town, hair, hills,
+ * clutter, machines, leaves.
  */
 #ifndef BVHD_BENCH_SCENE_MODEL_H
 #define BVHD_BENCH_SCENE_MODEL_H

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * scene_source.h - opens meshes from files, and generated ones by name: scenes on which builders and traversals fail,
- * and scenes such as people have.
+ * and scenes like those that people make.
  */
 #ifndef BVHD_BENCH_SCENE_SOURCE_H
 #define BVHD_BENCH_SCENE_SOURCE_H

@@ -42,12 +42,12 @@ struct mean {
  */
 struct mean mean_of(const struct results *results, const char *method, const char *peer, enum figure figure);
 
-/* A bound that a mean has to meet. */
+/* A bound that a mean has to meet: at least `floor`, or at most. */
 struct floor {
     const char *method, *peer; /* peer NULL: bounds the figure itself */
     enum figure figure;
     bool at_least;
-    double floor, aim;
+    double floor, aim; /* the bound; a better value that is wanted, but not required */
 };
 const struct floor *floor_all(uint32_t *ret_count);
 bool floor_is_met(const struct floor *floor, const struct mean *mean);
