@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vulkan_contents.h - what portable structures hold, as far as the choice of tracing kernels depends on it. */
+/* vulkan_contents.h - the contents of portable structures, as far as the choice of tracing kernels depends on them. */
 #ifndef BVHD_VULKAN_CONTENTS_H
 #define BVHD_VULKAN_CONTENTS_H
 
@@ -8,9 +8,9 @@
 
 #include "proto/base/bytes.h"
 
-/* Of all structures of a scene. All zero: of no structure. */
+/* The contents of all structures of a scene. All zero stands for no structure. */
 struct vulkan_contents {
-    uint32_t kinds; /* bit 1 << enum portable_content for each kind of records that some structure has */
+    uint32_t kinds; /* the bit 1 << enum portable_content for each kind of records that occurs */
     bool has_large_steps; /* some node's boxes have steps that are larger than its structure's coordinates */
 };
 

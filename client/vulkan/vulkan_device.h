@@ -36,7 +36,7 @@ struct vulkan_limits {
     uint64_t scratch_alignment;
 };
 
-/* What the device says of its compute shaders, by which kernels are chosen. */
+/* Properties of the device's compute shaders, by which tracing kernels are chosen. */
 struct vulkan_compute {
     uint32_t api_version; /* of Vulkan */
     uint32_t vendor; /* vendorID */

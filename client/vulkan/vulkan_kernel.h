@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * vulkan_kernel.h - compute pipelines of the library's own: layouts, pipelines from SPIR-V, descriptor sets.
- */
+/* vulkan_kernel.h - compute pipelines of the library: layouts, pipelines from SPIR-V, descriptor sets. */
 #ifndef BVHD_VULKAN_KERNEL_H
 #define BVHD_VULKAN_KERNEL_H
 
@@ -10,7 +8,7 @@
 enum { VULKAN_MAX_BINDINGS = 32, VULKAN_MAX_CONSTANTS = 32 };
 
 /*
- * What pipelines and descriptor sets are made for: `buffers` storage buffers from binding 0 on, and after them
+ * The layout of pipelines and their descriptor sets: `buffers` storage buffers from binding 0 on, and after them
  * `structures` acceleration structures.
  */
 struct vulkan_layout {
@@ -54,13 +52,13 @@ void vulkan_set_destroy(const struct bvhd_vulkan_device *device, struct vulkan_s
 /*
  * Points the storage buffers at ranges[0 .. layout->buffers), of which those without a buffer are left as they are, and
  * the acceleration structures at structures[0 .. layout->structures). Of a range that is larger than a shader can bind,
- * the beginning is bound; the rest has to be reached by its address. Not while the device uses the set.
+ * only the beginning is bound; shaders must reach the rest by its address. The device must not be using the set.
  */
 void vulkan_set_write(const struct bvhd_vulkan_device *device, const struct vulkan_layout *layout,
                       const struct vulkan_set *set, const VkDescriptorBufferInfo *ranges,
                       const VkAccelerationStructureKHR *structures);
 
-/* Records the pipeline, the set, `push` (push_size bytes of the layout) and a dispatch of so many workgroups in x. */
+/* Records the pipeline, the set, `push` (the layout's push_size bytes) and a dispatch of `groups` workgroups in x. */
 void vulkan_record_dispatch(const struct bvhd_vulkan_device *device, VkCommandBuffer commands,
                             const struct vulkan_layout *layout, VkPipeline pipeline, const struct vulkan_set *set,
                             const void *push, uint32_t groups);

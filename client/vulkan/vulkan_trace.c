@@ -11,7 +11,7 @@
  */
 enum { UNDECIDED_SIZE = 16, SCRATCH_EACH = 4 + UNDECIDED_SIZE * 3 / 2, MIN_SCRATCH_RAYS = 1 << 12 };
 
-/* Workgroups of the kernels for the rays that are left, however few or many these are. */
+/* Workgroups of the resolve kernel and the fallback, whatever the number of rays that need them. */
 enum { AFTER_GROUPS = 256 };
 
 enum { TERMINATE_ON_FIRST_HIT = 0x4 }; /* RayFlagsKHR */
@@ -164,7 +164,7 @@ static void dispatch(const struct bvhd_trace_binding *binding, VkCommandBuffer c
     vulkan_record_dispatch(tracer->device, commands, &tracer->layout, pipeline, &binding->set, push, groups);
 }
 
-/* A kernel for the rays that the one before it has left; its threads find none where it has left none. */
+/* Records a kernel for the rays that an earlier one has left. If there are none, its threads end at once. */
 static void dispatch_after(const struct bvhd_trace_binding *binding, VkCommandBuffer commands, VkPipeline pipeline,
                            const struct vulkan_trace_push *push)
 {
@@ -173,7 +173,7 @@ static void dispatch_after(const struct bvhd_trace_binding *binding, VkCommandBu
     dispatch(binding, commands, pipeline, push, AFTER_GROUPS);
 }
 
-/* The first barrier is for what earlier records of this binding do with the scratch memory. */
+/* The first barrier waits for earlier records of this binding, which use the same scratch memory. */
 static void clear_counters(const struct bvhd_trace_binding *binding, VkCommandBuffer commands)
 {
     barrier(binding, commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_ACCESS_SHADER_WRITE_BIT,
@@ -239,8 +239,8 @@ enum bvhd_status bvhd_tracer_record(const struct bvhd_trace_binding *binding, Vk
 /* ---- the order of rays ---- */
 
 /*
- * How many neighbours are compared, at how many places, and the cosine that their directions do not fall below when
- * rays are coherent.
+ * Rays are coherent if most directions of neighbours, at some places of the buffer, enclose an angle of this cosine or
+ * more.
  */
 enum { NEIGHBOURS = 32, PLACES = 64 };
 static const float coherent_cosine = 0.9f;

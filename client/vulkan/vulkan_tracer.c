@@ -103,7 +103,7 @@ static const struct code {
     [KERNEL_QUERY] = {{CODE(trace_query)}, {CODE(trace_query_address)}, {CODE(trace_query_address)}},
 };
 
-/* What all kernels of a tracer are compiled for. */
+/* The arguments that all kernels of a tracer are compiled with. */
 struct making {
     struct bvhd_tracer *tracer;
     const struct vulkan_trace_traits *traits;
@@ -124,7 +124,7 @@ static enum bvhd_status make_pipeline(const struct making *making, enum kernel k
                                   making->error);
 }
 
-/* bvhd_trace_query.comp has constants of its own: the workgroup, plain bytes, fma. */
+/* The constants of bvhd_trace_query.comp are others: the workgroup's size, plain bytes, fma. */
 static enum bvhd_status make_query(const struct making *making, enum kernel kernel, VkPipeline *ret_pipeline)
 {
     const uint32_t constants[CONSTANTS] = {VULKAN_TRACE_GROUP, false, making->traits->has_fused_fma};
@@ -258,7 +258,7 @@ void bvhd_tracer_destroy(struct bvhd_tracer *tracer)
     memory_free(&library_memory, tracer);
 }
 
-/* ---- what it is created for ---- */
+/* ---- the scene ---- */
 
 static enum bvhd_status no_root(uint32_t root, struct bvhd_error *error)
 {

@@ -17,7 +17,7 @@ enum {
     VULKAN_TRACE_HEAD = 16, /* bytes of counters at the start of the scratch memory: struct vulkan_trace_counters */
 };
 
-/* As the kernels count them; 0 before they run. */
+/* The counters of the kernels, which are 0 before they run. */
 struct vulkan_trace_counters {
     uint32_t next_ray; /* where persistent threads take new rays from */
     uint32_t fallback; /* rays that are left to the portable query */
@@ -25,9 +25,9 @@ struct vulkan_trace_counters {
     uint32_t undecided; /* undecided triangles of all rays, those that there was no room for too */
 };
 
-/* What a device does well, as far as kernels differ by it. */
+/* Properties of a device by which the kernels are chosen. */
 struct vulkan_trace_traits {
-    bool has_quick_doubles; /* a few doubles do not delay what else a shader does */
+    bool has_quick_doubles; /* a few operations on doubles do not slow down a shader */
     bool has_small_halves; /* shaders convert denormal halves exactly, and quickly */
     bool has_fused_fma; /* fma() rounds once */
     bool has_ballots;
@@ -37,7 +37,7 @@ struct vulkan_trace_traits {
     uint32_t multiprocessors; /* 0: not known */
 };
 
-/* What is traced. */
+/* The structures that are traced, all in one buffer. */
 struct vulkan_trace_scene {
     VkBuffer buffer;
     VkDeviceSize size;
@@ -47,14 +47,14 @@ struct vulkan_trace_scene {
     struct vulkan_contents contents;
 };
 
-/* A kernel for all rays of a record. */
+/* A kernel that traces all rays of a record. */
 struct vulkan_trace_pass {
     VkPipeline pipeline;
     uint32_t max_groups; /* 0: a thread for each ray; else at most so many workgroups, whose threads take rays */
     bool resolves; /* it decides on undecided triangles itself, so the resolve kernel need not follow */
 };
 
-/* As the kernels declare it (bvhd_trace_rays.glsl). */
+/* The push constants of all kernels, as bvhd_trace_rays.glsl declares them. */
 struct vulkan_trace_push {
     uint32_t count;
     uint32_t has_top;
@@ -74,17 +74,19 @@ struct bvhd_tracer {
     VkPipeline resolve, fallback; /* run after these */
 };
 
-/* Compiles the kernels for such a scene on such a device: what bvhd_tracer_create does after it has found out both. */
+/* Compiles the kernels for a scene on a device with these traits. bvhd_tracer_create finds out both, and calls it. */
 enum bvhd_status vulkan_tracer_create(const struct bvhd_vulkan_device *device, const struct vulkan_trace_scene *scene,
                                       const struct vulkan_trace_traits *traits, VkPipelineCache cache,
                                       struct bvhd_tracer **ret_tracer, struct bvhd_error *error);
 
-/* vulkan_trace_traits.c: asks the device; `queue` may be NULL, then has_small_halves is false. */
+/* Finds the traits of a device (vulkan_trace_traits.c). Without a queue (NULL) has_small_halves is false. */
 struct vulkan_trace_traits vulkan_trace_traits_of(struct bvhd_vulkan_device *device,
                                                   const struct bvhd_vulkan_queue *queue, bool has_float64);
 
-/* Whether shaders convert denormal halves, those of a byte's bits, exactly: Vulkan lets a device take them for 0. Runs
- * a kernel and waits; false, too, when that fails. */
+/*
+ * Returns whether shaders convert denormal halves (16-bit floats) to floats exactly: Vulkan allows a device to take
+ * them for 0. It runs a kernel, waits, and returns false when that fails.
+ */
 bool vulkan_keeps_small_halves(const struct bvhd_vulkan_device *device, const struct bvhd_vulkan_queue *queue);
 
 #endif

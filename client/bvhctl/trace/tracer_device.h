@@ -17,7 +17,7 @@ enum {
 
 struct tracer_device;
 
-/* What one kind of tracer does. */
+/* The functions that one kind of tracer provides. */
 struct tracer_device_kind {
     /* Binds self->rays and self->hits, which have just been created for `count` rays. */
     enum bvhd_status (*bind)(struct tracer_device *self, uint32_t count, struct bvhd_error *error);

@@ -78,8 +78,8 @@ struct bvhd_tracer_options {
     size_t struct_size; /* sizeof(struct bvhd_tracer_options) */
 
     /*
-     * What is traced: a scene of portable structures, which must outlive the tracer; or, when `scene` is NULL, the
-     * fields below, for programs with an allocator of their own.
+     * A scene of portable structures, which must outlive the tracer. Programs with an allocator of their own set it to
+     * NULL, and describe their structures by the fields below.
      */
     const struct bvhd_vulkan_scene *scene;
     /*
@@ -113,11 +113,11 @@ struct bvhd_tracer_options {
  * the device keeps denormal halves: where it does, tracing is some percent faster. No other thread may use the queue
  * during the call.
  *
- * What the device needs: Vulkan 1.1 and a queue with compute (BVHD_UNSUPPORTED otherwise). The following are used where
- * the device has them. Without subgroup ballots in compute shaders, for scenes with AABBs, and for structures of more
- * than 4 GiB all rays are traced by the portable ray query, at about a third of the rate. bufferDeviceAddress (with a
- * scene of BVHD_VULKAN_SCENE_ADDRESSES, or buffer_address) lifts the limit on the size of a bound buffer, and is
- * needed for the kernels that use doubles.
+ * The device must have Vulkan 1.1 (else BVHD_UNSUPPORTED) and a queue with compute; no other feature is required. If it
+ * has no subgroup ballots in compute shaders, if the scene has AABBs, or if it is larger than 4 GiB, all rays are
+ * traced by the portable ray query, at a third of the rate or less. With bufferDeviceAddress enabled (and a scene of
+ * BVHD_VULKAN_SCENE_ADDRESSES, or a buffer_address) the scene may be larger than the device can bind, and the kernels
+ * that use doubles can be chosen.
  *
  * BVHD_INVALID: options, native structures among them; BVHD_NOT_FOUND: there is no structure `root`; BVHD_TOO_LARGE:
  * the buffer is larger than a shader can bind, and has no address; BVHD_NO_MEMORY.
@@ -133,7 +133,7 @@ BVHD_API uint32_t bvhd_tracer_max_rays(const struct bvhd_tracer *tracer);
 
 /* ---- Buffers ---- */
 
-/* How much scratch memory a binding for so many rays has, in bytes: 28 for each, or none. */
+/* The bytes of scratch memory that a binding for max_rays rays uses: about 28 for each ray, or 0. */
 BVHD_API VkDeviceSize bvhd_tracer_scratch_size(const struct bvhd_tracer *tracer, uint32_t max_rays);
 
 struct bvhd_trace_buffers {
@@ -165,19 +165,24 @@ BVHD_API void bvhd_trace_binding_destroy(struct bvhd_trace_binding *binding);
 
 /* ---- Tracing ---- */
 
-/* How rays lie beside each other: it decides which kernel runs, and so the rate, never the hits. */
+/*
+ * Whether neighbours in the buffer of rays are similar. It decides which kernel runs, and so the rate, but not the
+ * hits.
+ */
 enum bvhd_ray_order {
-    /* Nothing is known. The kernel for incoherent rays runs, which loses less when the guess is wrong. */
+    /*
+     * It is not known. The kernel for incoherent rays runs, which loses less than the other one if it is the wrong one.
+     */
     BVHD_RAYS_UNKNOWN = 0,
     /* Neighbours in the buffer go nearly the same way: camera rays in tiles of 8 x 4 pixels, rays to one light. */
     BVHD_RAYS_COHERENT = 1,
-    /* Neighbours do not: diffuse bounces, rays from random places. */
+    /* Neighbours go different ways: diffuse bounces, rays from random places. */
     BVHD_RAYS_INCOHERENT = 2,
 };
 
 /*
- * Whether rays are coherent, by their directions at 64 places: for programs that have them in host memory. Each ray is
- * `stride` bytes after the one before it, and begins as struct bvhd_ray up to its direction.
+ * Decides whether rays in host memory are coherent, from their directions at 64 places. Each ray begins `stride` bytes
+ * after the one before it, with the fields of struct bvhd_ray up to its direction.
  */
 BVHD_API enum bvhd_ray_order bvhd_rays_order(const void *rays, uint64_t count, size_t stride);
 
@@ -189,7 +194,7 @@ enum {
     BVHD_TRACE_ANY_HIT = 0x1,
     /*
      * Rays have flags of their own, or a tmin that may be negative or not a number. They are then traced by the
-     * portable ray query, which reads flags, at about a third of the rate.
+     * portable ray query, which reads flags, at a third of the rate or less.
      */
     BVHD_TRACE_RAY_FLAGS = 0x2,
 };
