@@ -39,9 +39,9 @@ static void probe(struct found *found, struct memory *memory)
 {
     struct gpu *gpu;
     struct bvhd_format format;
-    if (gpu_open(found->properties.number, memory, &gpu, &found->why_not))
+    if (gpu_open(found->properties.number, memory, &gpu, &found->why_not) != BVHD_OK)
         return;
-    if (!probe_source_ask(gpu, &format, &found->why_not))
+    if (probe_source_ask(gpu, &format, &found->why_not) == BVHD_OK)
         found->native = bvhd_target_name(format.target);
     gpu_close(gpu);
 }
@@ -52,18 +52,18 @@ static enum bvhd_status find(struct device_list *list, struct bvhd_error *error)
     struct gpu_properties *properties = NULL;
     uint32_t count = 0;
     enum bvhd_status status = gpu_list(&list->memory, &properties, &count, &list->missing);
-    if (status) {
+    if (status != BVHD_OK) {
         *error = list->missing;
         return status == BVHD_UNAVAILABLE ? BVHD_OK : status;
     }
     list->devices = memory_array(&list->memory, count, sizeof *list->devices);
     if (!list->devices)
         status = bvhd_error_no_memory(error, "devices", "no memory for the list of devices");
-    for (uint32_t i = 0; i < count && !status; i++) {
+    for (uint32_t i = 0; i < count && status == BVHD_OK; i++) {
         list->devices[i] = (struct found){.properties = properties[i]};
         probe(&list->devices[i], &list->memory);
     }
-    list->count = status ? 0 : count;
+    list->count = status != BVHD_OK ? 0 : count;
     memory_free(&list->memory, properties);
     return status;
 }
@@ -149,7 +149,7 @@ enum exit_code command_devices(const struct options *options)
     struct bvhd_error error;
     memory_init(&list.memory, UINT64_MAX);
     enum exit_code code;
-    if (find(&list, &error))
+    if (find(&list, &error) != BVHD_OK)
         code = report_failure(options->json, "devices", &error);
     else
         code = (options->json ? print_json(&list) : print_text(&list)) ? EXIT_DONE : EXIT_FAILED;

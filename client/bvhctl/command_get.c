@@ -48,7 +48,7 @@ static enum bvhd_status fetch(const struct options *options, struct bvhd_batch *
 {
     bvhd_batch_wait(batch, -1);
     const struct bvhd_result *result = bvhd_batch_result(batch, 0);
-    if (result->error.status) {
+    if (result->error.status != BVHD_OK) {
         *error = result->error;
         return bvhd_error_set(error, error->status, options->operands[0], "%s", error->text);
     }
@@ -63,18 +63,18 @@ enum exit_code command_get(const struct options *options)
     struct bvhd_key key;
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
-    if (bvhd_key_from_text(options->operands[0], &key)) {
+    if (bvhd_key_from_text(options->operands[0], &key) != BVHD_OK) {
         bvhd_error_set(&error, BVHD_INVALID, options->operands[0], "not a key: 64 hexadecimal digits");
         report_failure(options->json, "get", &error);
         return EXIT_USAGE;
     }
     enum bvhd_status status = connect_open(options, &memory, &connect, &error);
-    if (!status)
+    if (status == BVHD_OK)
         status = bvhd_batch_fetch(connect.client, 1, &key, &batch, &error);
-    if (!status)
+    if (status == BVHD_OK)
         status = fetch(options, batch, &memory, &error);
     enum exit_code code;
-    if (status)
+    if (status != BVHD_OK)
         code = report_failure(options->json, "get", &error);
     else
         code = print_result(options, bvhd_batch_result(batch, 0), &memory) ? EXIT_DONE : EXIT_FAILED;

@@ -249,7 +249,7 @@ static void fail(struct inspect_command *run, const struct bvhd_error *error)
 static enum bvhd_status take(struct inspect_command *run, struct inspected *inspected, struct bvhd_error *error)
 {
     enum bvhd_status status = serialized_read(inspected->structure->blob, &inspected->serialized, error);
-    return status ? status : survey_take(inspected->structure, &run->memory, &inspected->survey, error);
+    return status != BVHD_OK ? status : survey_take(inspected->structure, &run->memory, &inspected->survey, error);
 }
 
 /* Prints a probe. BVHD_NOT_FOUND: the file is not a probe, and its error as a structure is the one to report. */
@@ -257,7 +257,7 @@ static enum bvhd_status inspect_probe(struct inspect_command *run, const char *p
 {
     struct inspect_probe probe;
     enum bvhd_status status = inspect_probe_open(path, &run->memory, &probe, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     if (run->options->json)
         inspect_probe_write(path, &probe, &run->json);
@@ -288,18 +288,18 @@ static void inspect_file(struct inspect_command *run, const char *path)
     struct inspected inspected = {.path = path, .structure = &file.structure};
     struct bvhd_error error;
     enum bvhd_status status = structures_read(path, &run->memory, &file, &error);
-    if (!status) {
+    if (status == BVHD_OK) {
         status = take(run, &inspected, &error);
-        if (!status && run->options->json)
+        if (status == BVHD_OK && run->options->json)
             write_file(&run->json, &inspected);
-        else if (!status)
+        else if (status == BVHD_OK)
             print_file(&inspected);
         structures_close_file(&file, &run->memory);
     } else {
         status = inspect_other(run, path, status, &error);
     }
-    run->shown += !status;
-    if (status)
+    run->shown += status == BVHD_OK;
+    if (status != BVHD_OK)
         fail(run, &error);
 }
 
@@ -307,7 +307,7 @@ static void inspect_directory(struct inspect_command *run, const char *directory
 {
     struct manifest manifest;
     struct bvhd_error error;
-    if (manifest_read(directory, &run->memory, &manifest, &error)) {
+    if (manifest_read(directory, &run->memory, &manifest, &error) != BVHD_OK) {
         fail(run, &error);
         return;
     }

@@ -21,9 +21,9 @@ static enum bvhd_status match(struct probe_command *call, struct bvhd_error *err
 {
     struct bvhd_format format = {.struct_size = sizeof format};
     enum bvhd_status status = bvhd_format_from_probe(call->probe, call->size, &format, &call->why_not);
-    if (!status)
+    if (status == BVHD_OK)
         call->target = bvhd_target_name(format.target);
-    if (status && status != BVHD_UNSUPPORTED)
+    if (status != BVHD_OK && status != BVHD_UNSUPPORTED)
         *error = call->why_not;
     return status == BVHD_UNSUPPORTED ? BVHD_OK : status;
 }
@@ -32,11 +32,11 @@ static enum bvhd_status run(struct probe_command *call, struct bvhd_error *error
 {
     const struct options *options = call->options;
     enum bvhd_status status = gpu_open(options->device ? options->device : "auto", &call->memory, &call->gpu, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = bvhd_vulkan_probe(call->gpu->library, &call->gpu->queue, &call->probe, &call->size, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = match(call, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = files_write(options->output, (struct bytes){call->probe, call->size}, &call->memory, NULL, error);
     return status;
 }
@@ -81,7 +81,7 @@ enum exit_code command_probe(const struct options *options)
     struct bvhd_error error;
     memory_init(&call.memory, UINT64_MAX);
     enum exit_code code;
-    if (run(&call, &error)) {
+    if (run(&call, &error) != BVHD_OK) {
         report_failure(options->json, "probe", &error);
         code = EXIT_FAILED; /* EXIT_NO_DAEMON would be wrong: it is a device that is missing */
     } else {

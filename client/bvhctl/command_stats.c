@@ -76,10 +76,10 @@ enum exit_code command_stats(const struct options *options)
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
     enum bvhd_status status = connect_open(options, &memory, &connect, &error);
-    if (!status)
+    if (status == BVHD_OK)
         status = bvhd_client_counters(connect.client, timeout(options), &counters, &error);
     enum exit_code code;
-    if (status)
+    if (status != BVHD_OK)
         code = report_failure(options->json, "stats", &error);
     else
         code = print_counters(options, counters, &memory) ? EXIT_DONE : EXIT_FAILED;
@@ -124,10 +124,10 @@ enum exit_code command_ping(const struct options *options)
     double ms = 0;
     memory_init(&memory, UINT64_MAX);
     enum bvhd_status status = connect_open(options, &memory, &connect, &error);
-    if (!status)
+    if (status == BVHD_OK)
         status = bvhd_client_ping(connect.client, timeout(options), &ms, &error);
     enum exit_code code;
-    if (status)
+    if (status != BVHD_OK)
         code = report_failure(options->json, "ping", &error);
     else
         code = print_ping(options, &connect, ms, &memory) ? EXIT_DONE : EXIT_FAILED;

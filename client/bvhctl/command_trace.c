@@ -102,11 +102,11 @@ static enum bvhd_status doubt_cpu(struct trace_command *run, struct bvhd_error *
     enum bvhd_status status = BVHD_OK;
     if (!rays || !hits)
         status = bvhd_error_no_memory(error, "trace", "no memory for the rays");
-    if (!status) {
+    if (status == BVHD_OK) {
         make_checked_rays(run, count, rays);
         status = run->choice.tracer->trace(run->choice.tracer, rays, count, hits, NULL, error);
     }
-    if (!status)
+    if (status == BVHD_OK)
         status = agreement_doubt(&run->agreement, rays, hits, count, error);
     memory_free(memory, hits);
     memory_free(memory, rays);
@@ -116,7 +116,7 @@ static enum bvhd_status doubt_cpu(struct trace_command *run, struct bvhd_error *
 static enum bvhd_status check(struct trace_command *run, struct bvhd_error *error)
 {
     enum bvhd_status status = run->choice.is_cpu ? doubt_cpu(run, error) : BVHD_OK;
-    if (status)
+    if (status != BVHD_OK)
         return status;
     progress_begin(&run->local.progress, "checking", run->structures.name);
     status = agreement_judge(&run->agreement, progress_update, &run->local.progress, error);
@@ -169,13 +169,13 @@ static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error 
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
     enum bvhd_status status = structures_open(options->operands[0], options->scene, memory, &run->structures, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = run->choose(options->device, &run->structures, run->local.parallel, memory, &run->choice, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = stage_init(&run->stage, &run->structures, options->up[0], memory, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = check_cost(run, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = surfaces_init(&run->surfaces, &run->structures, memory, error);
     return status;
 }
@@ -183,16 +183,16 @@ static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error 
 static enum bvhd_status make_picture(struct trace_command *run, struct bvhd_error *error)
 {
     enum bvhd_status status = open_scene(run, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     uint64_t pixels = (uint64_t)run->options->width * run->options->height;
     agreement_init(&run->agreement, &run->surfaces, pixels, run->local.parallel, &run->local.memory);
     status = choose_camera(run, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = render(run, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = check(run, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = picture_write_png(&run->picture, run->options->output, error);
     return status;
 }
@@ -226,9 +226,9 @@ enum exit_code command_trace_by(const struct options *options, tracer_chooser ch
 {
     struct trace_command run = {.options = options, .choose = choose};
     struct bvhd_error error;
-    if (local_open(&run.local, options->threads, options->memory, &error))
+    if (local_open(&run.local, options->threads, options->memory, &error) != BVHD_OK)
         return fail(options, &error);
-    enum exit_code code = make_picture(&run, &error) ? fail(options, &error) : finish(&run);
+    enum exit_code code = make_picture(&run, &error) != BVHD_OK ? fail(options, &error) : finish(&run);
     release(&run);
     return code;
 }

@@ -72,7 +72,7 @@ int main(int argc, char **argv)
     struct bvhd_error error;
     fill_standard_descriptors();
     signal(SIGPIPE, SIG_IGN); /* a closed pipe is reported as an error then, and does not end the process */
-    if (options_parse(argc, argv, &options, &error)) {
+    if (options_parse(argc, argv, &options, &error) != BVHD_OK) {
         report_failure(options_want_json(argc, argv), "usage", &error);
         return EXIT_USAGE;
     }

@@ -110,7 +110,7 @@ static _Noreturn void die(const char *where, const char *text)
 
 static void must(enum bvhd_status status, const struct bvhd_error *error)
 {
-    if (status)
+    if (status != BVHD_OK)
         die(error->where, error->text);
 }
 

@@ -12,7 +12,7 @@ enum bvhd_status bench_busy_run(struct bench_busy *busy, struct bvhd_error *erro
     if (!busy->rounds)
         return BVHD_OK;
     enum bvhd_status status = gpu_begin(busy->gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     gpu_kernel_record(busy->gpu, &busy->kernel, commands, &busy->rounds, GROUPS);
     return gpu_submit(busy->gpu, commands, error);
@@ -23,7 +23,7 @@ static enum bvhd_status calibrate(struct bench_busy *busy, double milliseconds, 
 {
     enum bvhd_status status = BVHD_OK;
     busy->rounds = FIRST_ROUNDS;
-    for (double took = 0; !status && took < milliseconds / 2 && busy->rounds < 1u << 24;) {
+    for (double took = 0; status == BVHD_OK && took < milliseconds / 2 && busy->rounds < 1u << 24;) {
         uint64_t began = clock_ns();
         busy->rounds *= 2;
         status = bench_busy_run(busy, error);
@@ -42,14 +42,14 @@ enum bvhd_status bench_busy_init(struct bench_busy *busy, struct gpu *gpu, doubl
         .code = busy_comp, .size = sizeof busy_comp, .bindings = 1, .push_size = sizeof busy->rounds};
     enum bvhd_status status =
         gpu_buffer_create(gpu, 256, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, GPU_DEVICE, &busy->buffer, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_kernel_create(gpu, &options, &busy->kernel, error);
-    if (!status) {
+    if (status == BVHD_OK) {
         const struct gpu_buffer *bound[] = {&busy->buffer};
         gpu_kernel_bind(gpu, &busy->kernel, bound, NULL);
         status = calibrate(busy, milliseconds, error);
     }
-    if (status)
+    if (status != BVHD_OK)
         bench_busy_finish(busy);
     return status;
 }

@@ -69,7 +69,7 @@ static enum bvhd_status load_pass(struct bench_kernel *self, struct pass *pass, 
     unsigned char *code;
     uint64_t size;
     enum bvhd_status status = files_read(pass->file, 1 << 24, self->memory, &code, &size, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     struct gpu_kernel_options options = {.code = (const uint32_t *)(const void *)code,
                                          .size = size,
@@ -78,7 +78,7 @@ static enum bvhd_status load_pass(struct bench_kernel *self, struct pass *pass, 
                                          .constants = pass->constants,
                                          .constant_count = pass->constant_count};
     status = gpu_kernel_create(self->gpu, &options, &pass->kernel, error);
-    if (!status && statistics)
+    if (status == BVHD_OK && statistics)
         bench_statistics_of(self->gpu, self->name, &options, pass->kernel.layout.pipeline);
     memory_free(self->memory, code);
     return status;
@@ -87,7 +87,7 @@ static enum bvhd_status load_pass(struct bench_kernel *self, struct pass *pass, 
 static enum bvhd_status load_kernels(struct bench_kernel *self, bool statistics, struct bvhd_error *error)
 {
     enum bvhd_status status = load_pass(self, &self->passes[0], statistics, error);
-    if (!status && self->passes[1].file[0])
+    if (status == BVHD_OK && self->passes[1].file[0])
         status = load_pass(self, &self->passes[1], statistics, error);
     return status;
 }
@@ -111,9 +111,9 @@ static enum bvhd_status load_scene(struct bench_kernel *self, const struct struc
     uint32_t root = structures->has_top ? structures->file_count - 1 : 0;
     struct bvhd_vulkan_span span;
     VkDeviceSize size = 0;
-    if (!status)
+    if (status == BVHD_OK)
         status = bvhd_vulkan_scene_storage(self->scene, root, &span, &size);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     self->storage = (struct gpu_buffer){.buffer = span.buffer, .size = size};
     self->push = (struct push){.has_top = structures->has_top, .root = bvhd_vulkan_scene_location(self->scene, root)};
@@ -130,16 +130,16 @@ static enum bvhd_status create_buffers(struct bench_kernel *self, struct bvhd_er
     const VkBufferUsageFlags from = VK_BUFFER_USAGE_TRANSFER_SRC_BIT, to = VK_BUFFER_USAGE_TRANSFER_DST_BIT;
     uint64_t rays = self->most_rays * sizeof(struct bvhd_ray), hits = self->most_rays * sizeof(struct tracer_hit);
     enum bvhd_status status = gpu_buffer_create(self->gpu, rays, from, GPU_UPLOAD, &self->upload, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, rays, bound | to, GPU_DEVICE, &self->rays, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, hits, bound | from, GPU_DEVICE, &self->hits, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, WORK_WORDS * 4 + self->most_rays * WORK_EACH, bound | to, GPU_DEVICE,
                                    &self->counter, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_timer_create(self->gpu, &self->timer, error);
     return status;
 }
@@ -182,11 +182,11 @@ static enum bvhd_status trace_portion(struct bench_kernel *self, const struct ra
     VkCommandBuffer commands;
     device_rays_put(rays, count, self->upload.mapped);
     enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     record(self, commands, count);
     status = gpu_submit(self->gpu, commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
     *seconds += gpu_timer_seconds(self->gpu, &self->timer);
@@ -199,10 +199,10 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
     struct bench_kernel *self = (struct bench_kernel *)tracer;
     double seconds = 0;
     enum bvhd_status status = BVHD_OK;
-    for (uint64_t at = 0; at < count && !status; at += self->most_rays)
+    for (uint64_t at = 0; at < count && status == BVHD_OK; at += self->most_rays)
         status = trace_portion(self, rays + at, (uint32_t)(count - at < self->most_rays ? count - at : self->most_rays),
                                ret_hits + at, &seconds, error);
-    if (!status && ret_seconds)
+    if (status == BVHD_OK && ret_seconds)
         *ret_seconds = seconds;
     return status;
 }
@@ -234,13 +234,13 @@ enum bvhd_status bench_kernel_create(struct gpu *gpu, const char *text, bool sta
     if (self->most_rays > MAX_RAYS)
         self->most_rays = MAX_RAYS;
     enum bvhd_status status = parse(self, text, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = load_kernels(self, statistics, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = load_scene(self, structures, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create_buffers(self, error);
-    if (status) {
+    if (status != BVHD_OK) {
         destroy(&self->tracer);
         return status;
     }

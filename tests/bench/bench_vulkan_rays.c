@@ -128,7 +128,7 @@ static enum bvhd_status make_primary(struct making *making, const struct paralle
 {
     uint64_t looks;
     enum bvhd_status status = camera_choose(making->stage, 1, parallel, memory, &making->camera, &looks, error);
-    if (!status)
+    if (status == BVHD_OK)
         parallel_for(parallel, chunks_of(making, RAYS_PRIMARY), task_primary, making);
     return status;
 }
@@ -148,9 +148,9 @@ static enum bvhd_status make(struct making *making, const struct bench_scene *sc
 {
     struct bench_rays *rays = making->rays;
     enum bvhd_status status = allocate(making, options, memory, error);
-    if (!status && rays->count[RAYS_PRIMARY])
+    if (status == BVHD_OK && rays->count[RAYS_PRIMARY])
         status = make_primary(making, parallel, memory, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     if (rays->count[RAYS_DIFFUSE])
         make_diffuse(making, parallel);
@@ -169,14 +169,14 @@ enum bvhd_status bench_rays_make(const struct bench_scene *scene, const struct b
     struct bench_rays rays = {.memory = memory};
     struct making making = {.rays = &rays, .stage = &stage};
     enum bvhd_status status = stage_init(&stage, &scene->given, 'a', memory, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     making.side = (uint32_t)sqrt((double)options->count + 0.5) / TILE_WIDTH * TILE_WIDTH;
     making.side = making.side < TILE_WIDTH ? TILE_WIDTH : making.side;
     status = make(&making, scene, options, parallel, memory, error);
     memory_free(memory, making.hits);
     stage_finish(&stage);
-    if (status)
+    if (status != BVHD_OK)
         bench_rays_finish(&rays);
     else
         *ret_rays = rays;

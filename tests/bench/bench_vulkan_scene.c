@@ -87,7 +87,7 @@ static enum bvhd_status open_bottom(struct bench_scene *scene, uint32_t row, con
     if (!geometries)
         return no_memory(error);
     enum bvhd_status status = collect_mesh(view, scene->memory, mesh, error);
-    for (uint32_t i = 0; i < count && !status; i++) {
+    for (uint32_t i = 0; i < count && status == BVHD_OK; i++) {
         const struct portable_geometry *from = &view->geometries[i];
         uint32_t *indices = mesh->indices + 3 * (size_t)from->first_primitive;
         if (options->is_shuffled)
@@ -108,7 +108,7 @@ static enum bvhd_status open_bottom(struct bench_scene *scene, uint32_t row, con
                                 .geometry_count = count,
                                 .geometries = geometries,
                                 .options.target = TARGET_PORTABLE};
-    if (!status)
+    if (status == BVHD_OK)
         status = prepare_input(&input, scene->memory, parallel, &scene->bottoms[row], error);
     memory_free(scene->memory, geometries);
     scene->triangle_count += mesh->triangle_count;
@@ -152,7 +152,7 @@ static enum bvhd_status open_top(struct bench_scene *scene, const struct paralle
     VkAccelerationStructureInstanceKHR *records = memory_array(scene->memory, (uint64_t)count + 1, sizeof *records);
     struct reference *table = memory_array(scene->memory, (uint64_t)references + 1, sizeof *table);
     enum bvhd_status status = records && table ? BVHD_OK : no_memory(error);
-    if (!status) {
+    if (status == BVHD_OK) {
         collect_instances(view, records);
         for (uint32_t i = 0; i < references; i++)
             describe_reference(scene, i, parallel, &table[i]);
@@ -201,9 +201,9 @@ static enum bvhd_status take_apart(struct bench_scene *scene, const struct bench
         return no_memory(error);
     memset(scene->bottoms, 0, (size_t)count * sizeof *scene->bottoms);
     memset(scene->meshes, 0, (size_t)count * sizeof *scene->meshes);
-    for (uint32_t row = 0; row < count && !status; row++)
+    for (uint32_t row = 0; row < count && status == BVHD_OK; row++)
         status = open_bottom(scene, row, options, parallel, error);
-    if (!status && scene->given.has_top)
+    if (status == BVHD_OK && scene->given.has_top)
         status = open_top(scene, parallel, error);
     return status;
 }
@@ -214,13 +214,13 @@ enum bvhd_status bench_scene_open(const struct bench_scene_options *options, str
 {
     struct bench_scene scene = {.memory = memory};
     enum bvhd_status status = structures_open(options->directory, NULL, memory, &scene.given, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     if (options->is_bottom)
         status = leave_out_top(&scene, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = take_apart(&scene, options, parallel, error);
-    if (status)
+    if (status != BVHD_OK)
         bench_scene_close(&scene);
     else
         *ret_scene = scene;
@@ -251,11 +251,11 @@ static enum bvhd_status build_file(const struct canonical *canonical, const stru
 {
     struct build_stats stats;
     enum bvhd_status status = build(canonical, options, context, &file->data, &stats, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     file->size = stats.sizes.total;
     status = structure_open((struct bytes){file->data, file->size}, context->memory, &file->structure, error);
-    if (status) {
+    if (status != BVHD_OK) {
         memory_free(context->memory, file->data);
         file->data = NULL;
     }
@@ -275,17 +275,17 @@ enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct
     structures.name = memory_alloc(context->memory, strlen(scene->given.name) + 1);
     structures.files = memory_array(context->memory, (uint64_t)count + 1, sizeof *structures.files);
     enum bvhd_status status = structures.name && structures.files ? BVHD_OK : no_memory(error);
-    if (!status)
+    if (status == BVHD_OK)
         strcpy(structures.name, scene->given.name);
-    for (uint32_t i = 0; i < count && !status; i++) {
+    for (uint32_t i = 0; i < count && status == BVHD_OK; i++) {
         structures.files[i] = (struct structure_file){0};
         status = build_file(i < scene->given.bottom_count ? &scene->bottoms[i] : &scene->top, options, context,
                             &structures.files[i], error);
-        structures.file_count += !status;
+        structures.file_count += status == BVHD_OK;
     }
-    if (!status)
+    if (status == BVHD_OK)
         status = structures_join(&structures, error);
-    if (status)
+    if (status != BVHD_OK)
         structures_close(&structures);
     else
         *ret_structures = structures;
@@ -299,12 +299,12 @@ static enum bvhd_status build_bottom(struct bench_driver *driver, const struct c
 {
     struct driver_structure loose;
     enum bvhd_status status = driver_structure_build(driver->gpu, canonical, NULL, driver->memory, &loose, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     status = driver_structure_copy(driver->gpu, &loose, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR, ret_structure,
                                    error);
     driver_structure_destroy(driver->gpu, &loose);
-    if (!status)
+    if (status == BVHD_OK)
         driver->bytes += ret_structure->size;
     return status;
 }
@@ -338,11 +338,11 @@ enum bvhd_status bench_driver_build(struct gpu *gpu, const struct bench_scene *s
         return no_memory(error);
     memset(driver.bottoms, 0, driver.bottom_count * sizeof *driver.bottoms);
     enum bvhd_status status = BVHD_OK;
-    for (uint32_t i = 0; i < driver.bottom_count && !status; i++)
+    for (uint32_t i = 0; i < driver.bottom_count && status == BVHD_OK; i++)
         status = build_bottom(&driver, &scene->bottoms[i], &driver.bottoms[i], error);
-    if (!status)
+    if (status == BVHD_OK)
         status = build_top(&driver, scene, error);
-    if (status) {
+    if (status != BVHD_OK) {
         bench_driver_destroy(&driver);
         return status;
     }

@@ -174,7 +174,7 @@ enum bvhd_status bench_surface_rays(const struct bench_scene *scene, float tmin,
     struct surface surface;
     struct random random = {3};
     enum bvhd_status status = surface_init(&surface, scene, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     double area = surface.triangle_count ? surface.areas[surface.triangle_count - 1] : 0;
     uint32_t made = 0;

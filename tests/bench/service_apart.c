@@ -25,10 +25,10 @@ static void build_mesh(struct memory *memory, const struct terrain *mesh)
     struct bvhd_error error = {0};
     struct key key;
     unsigned char *blob;
-    if (vulkan_input_create(&mesh->info, 1, &mesh->ranges, NULL, 0, &options, &input, &error) ||
-        prepare(vulkan_input_entries(input), 0, &limits, &context, &canonical, &error) ||
-        content_key(&canonical, &options, &context, &key, &error) ||
-        build(&canonical, &options, &context, &blob, &stats, &error))
+    if (vulkan_input_create(&mesh->info, 1, &mesh->ranges, NULL, 0, &options, &input, &error) != BVHD_OK ||
+        prepare(vulkan_input_entries(input), 0, &limits, &context, &canonical, &error) != BVHD_OK ||
+        content_key(&canonical, &options, &context, &key, &error) != BVHD_OK ||
+        build(&canonical, &options, &context, &blob, &stats, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);
     memory_free(memory, blob);
     prepare_finish(&canonical, memory);

@@ -74,7 +74,7 @@ struct bvhd_client *bench_client(const struct service_process *service)
     struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = service->socket};
     struct bvhd_client *client;
     struct bvhd_error error;
-    if (bvhd_client_create(&options, &client, &error) || bvhd_client_connect(client, &error))
+    if (bvhd_client_create(&options, &client, &error) != BVHD_OK || bvhd_client_connect(client, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);
     return client;
 }
@@ -89,7 +89,7 @@ struct bvhd_batch *bench_submit(struct bvhd_client *client, const struct terrain
                                .target = BVHD_TARGET_PORTABLE};
     struct bvhd_batch *batch;
     struct bvhd_error error;
-    if (bvhd_batch_submit(client, &build, &batch, &error))
+    if (bvhd_batch_submit(client, &build, &batch, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);
     return batch;
 }
@@ -99,7 +99,7 @@ void bench_finish(struct bvhd_batch *batch)
     bvhd_batch_wait(batch, -1);
     for (uint32_t i = 0; i < bvhd_batch_count(batch); i++) {
         const struct bvhd_result *result = bvhd_batch_result(batch, i);
-        if (result->error.status)
+        if (result->error.status != BVHD_OK)
             bench_fail("item %u: %s: %s: %s", i, bvhd_status_name(result->error.status), result->error.where,
                        result->error.text);
         for (uint64_t at = 0; at < result->size; at += PAGE)
@@ -112,7 +112,7 @@ uint64_t bench_counter(struct bvhd_client *client, const char *name)
 {
     struct bvhd_counters *counters;
     struct bvhd_error error;
-    if (bvhd_client_counters(client, -1, &counters, &error))
+    if (bvhd_client_counters(client, -1, &counters, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);
     for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
         if (!strcmp(bvhd_counters_name(counters, i), name)) {

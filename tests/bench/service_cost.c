@@ -22,7 +22,7 @@ static void local_init(struct local *local, unsigned threads)
     struct bvhd_error error;
     *local = (struct local){0};
     memory_init(&local->memory, UINT64_MAX);
-    if (workers_create(threads, &local->workers, &error))
+    if (workers_create(threads, &local->workers, &error) != BVHD_OK)
         bench_fail("%s", error.text);
     local->context.memory = &local->memory;
     local->context.parallel = workers_parallel(local->workers);
@@ -48,9 +48,9 @@ static double local_build(struct local *local, const struct terrain *terrain)
     struct bvhd_error error = {0};
     unsigned char *blob;
     double begin = bench_now();
-    if (vulkan_input_create(&terrain->info, 1, &terrain->ranges, NULL, 0, &options, &input, &error) ||
-        prepare(vulkan_input_entries(input), 0, &limits, &local->context, &canonical, &error) ||
-        build(&canonical, &options, &local->context, &blob, &stats, &error))
+    if (vulkan_input_create(&terrain->info, 1, &terrain->ranges, NULL, 0, &options, &input, &error) != BVHD_OK ||
+        prepare(vulkan_input_entries(input), 0, &limits, &local->context, &canonical, &error) != BVHD_OK ||
+        build(&canonical, &options, &local->context, &blob, &stats, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);
     for (uint64_t at = 0; at < stats.sizes.total; at += 4096)
         sink = blob[at];
@@ -145,7 +145,7 @@ static void hits_by_key(struct bvhd_client *client, uint32_t triangles, const ch
         struct bvhd_batch *batch;
         struct bvhd_error error;
         double begin = bench_now();
-        if (bvhd_batch_fetch(client, 1, &key, &batch, &error))
+        if (bvhd_batch_fetch(client, 1, &key, &batch, &error) != BVHD_OK)
             bench_fail("%s", error.text);
         bench_finish(batch);
         us[i] = (bench_now() - begin) * 1e3;

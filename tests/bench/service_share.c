@@ -35,7 +35,7 @@ static struct share_times time_batch(struct bvhd_client *client, const struct bv
     struct share_times times;
     uint64_t busy = bench_counter(client, "busy_ns"), active = bench_counter(client, "active_ns");
     double begin = bench_now();
-    if (bvhd_batch_submit(client, build, &batch, &error))
+    if (bvhd_batch_submit(client, build, &batch, &error) != BVHD_OK)
         bench_fail("%s: %s", error.where, error.text);
     bvhd_batch_wait(batch, -1);
     times.wall = bench_now() - begin;

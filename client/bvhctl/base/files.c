@@ -67,7 +67,7 @@ enum bvhd_status files_read(const char *path, uint64_t limit, struct memory *mem
     int descriptor;
     uint64_t size;
     enum bvhd_status status = open_regular(path, &descriptor, &size, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     unsigned char *data = NULL;
     if (size > limit)
@@ -78,7 +78,7 @@ enum bvhd_status files_read(const char *path, uint64_t limit, struct memory *mem
     else if (!read_all(descriptor, data, size))
         status = system_error(error, path, errno);
     close(descriptor);
-    if (status) {
+    if (status != BVHD_OK) {
         memory_free(memory, data);
         return status;
     }
@@ -91,7 +91,7 @@ static bool has_content(const char *path, struct bytes content)
 {
     int descriptor = -1;
     uint64_t size = 0;
-    if (open_regular(path, &descriptor, &size, NULL))
+    if (open_regular(path, &descriptor, &size, NULL) != BVHD_OK)
         return false;
     bool same = size == content.size;
     unsigned char chunk[65536];
@@ -150,7 +150,7 @@ enum bvhd_status files_write(const char *path, struct bytes content, struct memo
 {
     char place[PATH_MAX];
     enum bvhd_status status = find_place(path, place, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     bool changed = !has_content(place, content);
     if (changed) {
@@ -161,7 +161,7 @@ enum bvhd_status files_write(const char *path, struct bytes content, struct memo
         snprintf(temporary, size, "%s.XXXXXX", place);
         status = replace(place, temporary, content, error);
         memory_free(memory, temporary);
-        if (status)
+        if (status != BVHD_OK)
             return status;
     }
     if (ret_changed)

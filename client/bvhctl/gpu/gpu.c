@@ -185,18 +185,18 @@ static enum bvhd_status open_by_name(struct gpu *gpu, const char *name, struct b
     const struct gpu_candidate *chosen = NULL;
     uint32_t count = 0;
     enum bvhd_status status = gpu_instance_init(gpu->owner, gpu->memory, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     gpu->instance = gpu->owner->handle;
     gpu->get_instance_proc_addr = gpu->owner->get_instance_proc_addr;
     status = gpu_instance_list(gpu->owner, gpu->memory, &list, &count, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = choose(name, list, count, &chosen, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = open_device(gpu, chosen, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = open_library(gpu, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = vulkan_work_init(&gpu->work, gpu->library, &gpu->queue, error);
     memory_free(gpu->memory, list);
     return status;
@@ -214,7 +214,7 @@ enum bvhd_status gpu_open(const char *name, struct memory *memory, struct gpu **
     *owner = (struct gpu_instance){.loader = NULL};
     *gpu = (struct gpu){.owner = owner, .memory = memory};
     enum bvhd_status status = open_by_name(gpu, name, error);
-    if (status) {
+    if (status != BVHD_OK) {
         gpu_close(gpu);
         return status;
     }

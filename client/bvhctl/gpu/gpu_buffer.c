@@ -15,7 +15,7 @@ enum bvhd_status gpu_buffer_create(struct gpu *gpu, VkDeviceSize size, VkBufferU
         usage |= VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT;
     enum bvhd_status status =
         vulkan_buffer_create(gpu->library, size ? size : 1, usage, place_of(place), &buffer, error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_buffer = (struct gpu_buffer){buffer.buffer, buffer.memory, buffer.size, buffer.mapped, buffer.address};
     return status;
 }

@@ -162,21 +162,21 @@ enum bvhd_status gpu_instance_init(struct gpu_instance *ret_instance, struct mem
     struct gpu_instance instance = {.loader = NULL};
     bool is_validating = wants_validation();
     enum bvhd_status status = open_loader(&instance, error);
-    instance.version = status ? 0 : usable_version(&instance);
-    if (!status && !instance.version)
+    instance.version = status != BVHD_OK ? 0 : usable_version(&instance);
+    if (status == BVHD_OK && !instance.version)
         status =
             bvhd_error_set(error, BVHD_UNAVAILABLE, "libvulkan.so.1", "the Vulkan loader is older than Vulkan 1.1");
-    if (!status && is_validating && !has_layer(&instance, validation_layer, memory))
+    if (status == BVHD_OK && is_validating && !has_layer(&instance, validation_layer, memory))
         status = bvhd_error_set(
             error, BVHD_UNAVAILABLE, validation_layer,
             "$BVHD_VALIDATE is set, and this layer is not installed (Debian: package vulkan-validationlayers)");
-    if (!status)
+    if (status == BVHD_OK)
         status = create_handle(&instance, is_validating, error);
-    if (!status) {
+    if (status == BVHD_OK) {
         look_up(&instance);
         status = is_validating ? listen(&instance, error) : BVHD_OK;
     }
-    if (status)
+    if (status != BVHD_OK)
         gpu_instance_finish(&instance);
     else
         *ret_instance = instance;
@@ -261,7 +261,7 @@ enum bvhd_status gpu_instance_list(const struct gpu_instance *instance, struct m
         return bvhd_error_no_memory(error, "devices", "no memory for the list of devices");
     result = instance->vk.EnumeratePhysicalDevices(instance->handle, &count, devices);
     enum bvhd_status status = result < 0 ? gpu_result("vkEnumeratePhysicalDevices", result, error) : BVHD_OK;
-    if (!status)
+    if (status == BVHD_OK)
         status = read_devices(instance, devices, count, memory, ret_list, ret_count, error);
     memory_free(memory, devices);
     return status;
@@ -275,11 +275,11 @@ enum bvhd_status gpu_list(struct memory *memory, struct gpu_properties **ret_lis
     struct gpu_properties *list = NULL;
     uint32_t count = 0;
     enum bvhd_status status = gpu_instance_init(&instance, memory, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_instance_list(&instance, memory, &found, &count, error);
-    if (!status && !(list = memory_array(memory, count, sizeof *list)))
+    if (status == BVHD_OK && !(list = memory_array(memory, count, sizeof *list)))
         status = bvhd_error_no_memory(error, "devices", "no memory for the list of devices");
-    if (!status) {
+    if (status == BVHD_OK) {
         for (uint32_t i = 0; i < count; i++)
             list[i] = found[i].properties;
         *ret_list = list;

@@ -11,9 +11,9 @@ static enum bvhd_status create(struct gpu *gpu, const struct gpu_kernel_options 
                                      .constant_count = options->constant_count};
     enum bvhd_status status = vulkan_layout_create(gpu->library, options->bindings, options->structures,
                                                    options->push_size, &kernel->layout, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = vulkan_pipeline_create(gpu->library, &kernel->layout, VK_NULL_HANDLE, &code, &kernel->pipeline, error);
-    return status ? status : vulkan_set_create(gpu->library, &kernel->layout, &kernel->set, error);
+    return status != BVHD_OK ? status : vulkan_set_create(gpu->library, &kernel->layout, &kernel->set, error);
 }
 
 enum bvhd_status gpu_kernel_create(struct gpu *gpu, const struct gpu_kernel_options *options,
@@ -21,7 +21,7 @@ enum bvhd_status gpu_kernel_create(struct gpu *gpu, const struct gpu_kernel_opti
 {
     struct gpu_kernel kernel = {.pipeline = VK_NULL_HANDLE};
     enum bvhd_status status = create(gpu, options, &kernel, error);
-    if (status)
+    if (status != BVHD_OK)
         gpu_kernel_destroy(gpu, &kernel);
     else
         *ret_kernel = kernel;

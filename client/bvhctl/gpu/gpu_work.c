@@ -4,7 +4,7 @@
 enum bvhd_status gpu_begin(struct gpu *gpu, VkCommandBuffer *ret_commands, struct bvhd_error *error)
 {
     enum bvhd_status status = vulkan_work_begin(&gpu->work, error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_commands = gpu->work.commands;
     return status;
 }
@@ -26,7 +26,7 @@ enum bvhd_status gpu_timer_create(struct gpu *gpu, struct gpu_timer *ret_timer, 
     enum bvhd_status status = BVHD_OK;
     if (gpu->timestamp_ms > 0)
         status = gpu_result("vkCreateQueryPool", gpu->vk.CreateQueryPool(gpu->device, &info, NULL, &timer.pool), error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_timer = timer;
     return status;
 }

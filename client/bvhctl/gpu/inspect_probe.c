@@ -13,13 +13,13 @@ static enum bvhd_status read(struct inspect_probe *probe, struct bvhd_error *err
     if (!probe_is(data))
         return bvhd_error_set(error, BVHD_NOT_FOUND, "probe", "this is no probe");
     enum bvhd_status status = probe_unpack(data, &probe->probe, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     probe->format.struct_size = sizeof probe->format;
     status = bvhd_format_from_probe(probe->data, probe->size, &probe->format, &probe->why_not);
-    if (!status)
+    if (status == BVHD_OK)
         probe->target = bvhd_target_name(probe->format.target);
-    if (!status || status == BVHD_UNSUPPORTED)
+    if (status == BVHD_OK || status == BVHD_UNSUPPORTED)
         return BVHD_OK;
     *error = probe->why_not;
     return status;
@@ -31,10 +31,10 @@ enum bvhd_status inspect_probe_open(const char *path, struct memory *memory, str
     struct inspect_probe probe = {.data = NULL};
     struct bvhd_error inner = {0};
     enum bvhd_status status = files_read(path, LARGEST_FILE, memory, &probe.data, &probe.size, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     status = read(&probe, &inner);
-    if (status) {
+    if (status != BVHD_OK) {
         inspect_probe_close(&probe, memory);
         return bvhd_error_set(error, status, path, "%s: %s", inner.where, inner.text);
     }

@@ -22,11 +22,11 @@ static enum bvhd_status read_file(const struct probe_source *source, struct memo
     struct bvhd_format format;
     struct bvhd_error inner = {0};
     enum bvhd_status status = files_read(source->file, LARGEST_FILE, memory, &data, &size, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     status = bvhd_format_from_probe(data, size, &format, &inner);
     memory_free(memory, data);
-    if (status)
+    if (status != BVHD_OK)
         return bvhd_error_set(error, status, source->file, "%s%s%s", inner.where, *inner.where ? ": " : "", inner.text);
     if (source->target && (enum bvhd_target)source->target != format.target)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "--target", "the device of %s loads %s structures, not %s",
@@ -40,7 +40,7 @@ enum bvhd_status probe_source_ask(struct gpu *gpu, struct bvhd_format *ret_forma
     void *probe;
     uint64_t size;
     enum bvhd_status status = bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     status = bvhd_format_from_probe(probe, size, ret_format, error);
     bvhd_vulkan_free(probe);
@@ -55,13 +55,13 @@ static enum bvhd_status probe_device(const struct gpu_properties *properties, en
     if (!properties->has_acceleration_structure)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "", "no acceleration structures");
     enum bvhd_status status = gpu_open(properties->number, memory, &gpu, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     status = probe_source_ask(gpu, &format, error);
     gpu_close(gpu);
-    if (!status && format.target != target)
+    if (status == BVHD_OK && format.target != target)
         status = bvhd_error_set(error, BVHD_UNSUPPORTED, "", "it loads %s", name_of(format.target));
-    if (!status)
+    if (status == BVHD_OK)
         *ret_format = format;
     return status;
 }
@@ -83,15 +83,15 @@ static enum bvhd_status ask_devices(enum bvhd_target target, struct memory *memo
     struct bvhd_error inner = {0};
     char why[WHY_SIZE + 1] = "there is none";
     enum bvhd_status status = gpu_list(memory, &list, &count, &inner);
-    if (status)
+    if (status != BVHD_OK)
         return refuse(target, status, inner.text, error);
     status = BVHD_UNSUPPORTED;
-    for (uint32_t i = 0; i < count && status && status != BVHD_NO_MEMORY; i++) {
+    for (uint32_t i = 0; i < count && status != BVHD_OK && status != BVHD_NO_MEMORY; i++) {
         status = probe_device(&list[i], target, memory, ret_format, &inner);
         snprintf(why, sizeof why, "%.50s: %.75s", list[i].name, inner.text);
     }
     memory_free(memory, list);
-    return status ? refuse(target, status, why, error) : BVHD_OK;
+    return status != BVHD_OK ? refuse(target, status, why, error) : BVHD_OK;
 }
 
 enum bvhd_status probe_source_read(const struct probe_source *source, struct memory *memory,

@@ -351,7 +351,7 @@ static enum bvhd_status ask_again(struct agreement *agreement, struct questions 
         bool is_settled = false;
         ask_around(one, rays);
         enum bvhd_status status = ask_oracle(agreement, questions, rays, AROUND, answers, error);
-        if (status)
+        if (status != BVHD_OK)
             return status;
         for (int k = 0; k < AROUND; k++)
             is_settled |= is_explained(agreement, &answers[k], one);
@@ -377,7 +377,7 @@ static enum bvhd_status ask(struct agreement *agreement, struct questions *quest
     for (uint32_t i = 0; i < count; i++)
         questions->rays[i] = agreement->cases[i].ray;
     enum bvhd_status status = ask_oracle(agreement, questions, questions->rays, count, questions->answers, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     for (uint32_t i = 0; i < count; i++)
         if (judge_case(agreement, &agreement->cases[i], &questions->answers[i]))
@@ -401,9 +401,9 @@ enum bvhd_status agreement_judge(struct agreement *agreement,
                                   .progress = progress,
                                   .progress_context = progress_context};
     enum bvhd_status status = questions.rays && questions.answers ? BVHD_OK : no_memory(error);
-    if (!status)
+    if (status == BVHD_OK)
         status = unpack_structures(agreement->surfaces->structures, memory, &questions.unpacked, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = ask(agreement, &questions, affordable_cases(&questions.unpacked, agreement->case_count, 1), error);
     unpack_finish(&questions.unpacked);
     memory_free(memory, questions.answers);

@@ -166,7 +166,7 @@ static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_er
 {
     in_chunks(rendering, rendering->edge_count, place_edges);
     enum bvhd_status status = sampler_take(&rendering->sampler, rendering->edge_count * EDGE_SAMPLES, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     in_chunks(rendering, rendering->edge_count, add_edges);
     rendering->edge_count = 0;
@@ -177,7 +177,7 @@ static enum bvhd_status sample_edges(struct rendering *rendering, struct bvhd_er
 static enum bvhd_status collect_edges(struct rendering *rendering, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
-    for (uint32_t i = 0; i < rendering->count && !status; i++) {
+    for (uint32_t i = 0; i < rendering->count && status == BVHD_OK; i++) {
         if (!is_edge(&rendering->sums[i]))
             continue;
         rendering->edges[rendering->edge_count++] = (struct edge){rendering->first + i, rendering->sums[i]};
@@ -192,19 +192,19 @@ static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_e
     const struct picture_options *options = rendering->options;
     uint32_t total = options->width * options->height, step = options->batch / SAMPLES;
     enum bvhd_status status = BVHD_OK;
-    for (uint32_t first = 0; first < total && !status; first += rendering->count) {
+    for (uint32_t first = 0; first < total && status == BVHD_OK; first += rendering->count) {
         rendering->first = first;
         rendering->count = total - first < step ? total - first : step;
         in_chunks(rendering, rendering->count, place_pixels);
         status = sampler_take(&rendering->sampler, rendering->count * SAMPLES, error);
-        if (status)
+        if (status != BVHD_OK)
             return status;
         in_chunks(rendering, rendering->count, add_pixels);
         status = collect_edges(rendering, error);
         if (options->progress)
             options->progress(options->progress_context, first + rendering->count, total);
     }
-    return status ? status : sample_edges(rendering, error);
+    return status != BVHD_OK ? status : sample_edges(rendering, error);
 }
 
 /* ---- from light to colours ---- */
@@ -286,17 +286,17 @@ enum bvhd_status picture_render(const struct picture_options *options, struct me
 {
     struct rendering rendering = {.options = options};
     enum bvhd_status status = prepare(&rendering, memory, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = sample_pixels(&rendering, error);
     struct picture picture = {options->width,         options->height,           rendering.rgb,
                               rendering.sampler.rays, rendering.sampler.seconds, memory};
     sampler_finish(&rendering.sampler);
     memory_free(memory, rendering.sums);
     memory_free(memory, rendering.edges);
-    if (!status)
+    if (status == BVHD_OK)
         status = develop(&rendering, memory, error);
     memory_free(memory, rendering.pixels);
-    if (status)
+    if (status != BVHD_OK)
         memory_free(memory, rendering.rgb);
     else
         *ret_picture = picture;

@@ -42,7 +42,7 @@ static enum bvhd_status trace_wave(struct sampler *sampler, bool is_camera, uint
         return BVHD_OK;
     enum bvhd_status status =
         options->tracer->trace(options->tracer, sampler->wave, count, sampler->hits, &seconds, error);
-    if (!status && options->watch)
+    if (status == BVHD_OK && options->watch)
         status = options->watch(options->watch_context, is_camera, sampler->wave, sampler->hits, count, error);
     sampler->rays += count;
     sampler->seconds += seconds;
@@ -180,19 +180,19 @@ enum bvhd_status sampler_take(struct sampler *sampler, uint32_t count, struct bv
     sampler->count = count;
     in_chunks(sampler, begin);
     enum bvhd_status status = trace_wave(sampler, true, count, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     in_chunks(sampler, meet);
     uint32_t rays = lay_out(sampler);
     in_chunks(sampler, look_around);
     status = trace_wave(sampler, false, rays, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     in_chunks(sampler, reflect);
     rays = lay_out(sampler);
     in_chunks(sampler, look_at_sun);
     status = trace_wave(sampler, false, rays, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     in_chunks(sampler, settle);
     return BVHD_OK;

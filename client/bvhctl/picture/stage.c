@@ -304,9 +304,9 @@ static enum bvhd_status find_bulk(struct stage *stage, char up, struct bvhd_erro
         status = bvhd_error_no_memory(error, "trace", "no memory for samples of the scene");
     else
         sample_triangles(stage);
-    if (!status && stage->even_count == 0)
+    if (status == BVHD_OK && stage->even_count == 0)
         status = bvhd_error_set(error, BVHD_INVALID, "trace", "the scene has no visible triangle");
-    if (!status) {
+    if (status == BVHD_OK) {
         orient(stage, up == 'a' ? guess_up(stage, sorted) : up, sorted);
         stage->size = fmax(vector_length(vector_sub(stage->high, stage->low)), 1e-44);
         stage->floor = stage->low.z - 1e-4 * stage->size;
@@ -320,9 +320,9 @@ enum bvhd_status stage_init(struct stage *stage, const struct structures *struct
 {
     *stage = (struct stage){.structures = structures, .memory = memory};
     enum bvhd_status status = find_instances(stage, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = find_bulk(stage, up, error);
-    if (status)
+    if (status != BVHD_OK)
         stage_finish(stage);
     return status;
 }

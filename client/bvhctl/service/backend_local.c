@@ -87,7 +87,7 @@ static void copy_results(const struct hold *hold, const struct bvhd_error *error
                          struct bvhd_result *ret_results)
 {
     for (uint32_t i = 0; i < hold->count; i++) {
-        if (errors[i].status)
+        if (errors[i].status != BVHD_OK)
             ret_results[i] = (struct bvhd_result){.error = errors[i]};
         else
             copy_result(&hold->items[i], target, &ret_results[i]);
@@ -103,7 +103,7 @@ static enum bvhd_status build_items(const struct backend_local *local, const str
     memset(errors, 0, build->info_count * sizeof *errors);
     enum bvhd_status status = vulkan_input_create(build->infos, build->info_count, build->ranges, references,
                                                   build->reference_count, options, &input, errors);
-    if (status)
+    if (status != BVHD_OK)
         *error = errors[0];
     else
         status =
@@ -119,7 +119,7 @@ static enum bvhd_status build_here(struct backend *backend, const struct bvhd_bu
     struct memory *memory = local->context.memory;
     struct build_options options;
     enum bvhd_status status = format_options(build, &options, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     struct bvhd_error *errors = memory_array(memory, build->info_count, sizeof *errors);
     struct reference *references = memory_array(memory, (uint64_t)build->reference_count + 1, sizeof *references);
@@ -131,7 +131,7 @@ static enum bvhd_status build_here(struct backend *backend, const struct bvhd_bu
     } else {
         bvhd_error_set(error, status, "", "no memory for a batch of %u", build->info_count);
     }
-    if (!status) {
+    if (status == BVHD_OK) {
         copy_results(hold, errors, options.target, ret_results);
         *ret_hold = hold;
     } else {
@@ -147,7 +147,7 @@ enum bvhd_status backend_local_open(struct backend_local *local, uint32_t thread
 {
     *local = (struct backend_local){.backend = {build_here, release}};
     enum bvhd_status status = workers_create(threads, &local->workers, error);
-    if (status) {
+    if (status != BVHD_OK) {
         backend_local_close(local);
         return status;
     }

@@ -73,12 +73,12 @@ static enum bvhd_status build_there(struct backend *backend, const struct bvhd_b
     const struct backend_service *service = (const struct backend_service *)backend;
     struct bvhd_batch *batch;
     enum bvhd_status status = bvhd_batch_submit(service->connect.client, build, &batch, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     wait_until_done(service, batch, build);
     bvhd_batch_wait_copied(batch, -1);
     status = take_results(batch, service->connect.path, ret_results, error);
-    if (status)
+    if (status != BVHD_OK)
         bvhd_batch_destroy(batch);
     else
         *ret_hold = batch;

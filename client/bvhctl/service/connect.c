@@ -63,11 +63,11 @@ static enum bvhd_status attach(struct connect connect, uint32_t timeout_ms, stru
     struct bvhd_client_options options = {
         .struct_size = sizeof options, .socket_path = connect.path, .connect_timeout_ms = timeout_ms};
     enum bvhd_status status = bvhd_client_create(&options, &connect.client, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = bvhd_client_connect(connect.client, error);
     if (status == BVHD_UNAVAILABLE)
         bvhd_error_set(error, status, connect.path, "no daemon answers: %s", error->text);
-    if (status)
+    if (status != BVHD_OK)
         connect_close(&connect);
     else
         *ret_connect = connect;
@@ -96,7 +96,7 @@ static enum bvhd_status find_daemon(struct search *search, struct memory *memory
     struct connect found = {.memory = memory};
     struct private_place place;
     enum bvhd_status status = private_daemon_place(memory, &place, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     found.is_private = place.is_safe && connect_answers(place.socket);
     enum answer of_system = found.is_private ? ANSWER_NONE : ask(system_socket);
@@ -107,16 +107,16 @@ static enum bvhd_status find_daemon(struct search *search, struct memory *memory
         search->is_started = search->is_started || is_new;
     }
     found.is_started = found.is_private && search->is_started;
-    if (!status && of_system == ANSWER_FORBIDDEN && !search->is_refused) {
+    if (status == BVHD_OK && of_system == ANSWER_FORBIDDEN && !search->is_refused) {
         report_note(system_socket,
                     "only members of its group may use it, and you are not one; a private daemon was started on %s",
                     place.socket);
         search->is_refused = true;
     }
-    if (!status && !(found.path = files_copy_text(memory, found.is_private ? place.socket : system_socket)))
+    if (status == BVHD_OK && !(found.path = files_copy_text(memory, found.is_private ? place.socket : system_socket)))
         status = no_memory(place.socket, error);
     private_place_finish(&place, memory);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_found = found;
     return status;
 }
@@ -137,7 +137,7 @@ enum bvhd_status connect_open(const struct options *options, struct memory *memo
     for (;;) {
         struct connect found;
         enum bvhd_status status = find_daemon(&search, memory, &found, error);
-        if (status)
+        if (status != BVHD_OK)
             return status;
         status = attach(found, call_time(search.deadline), ret_connect, error);
         if (status != BVHD_UNAVAILABLE || clock_ms() >= search.deadline)

@@ -9,7 +9,7 @@ enum bvhd_status local_open(struct local *local, uint32_t threads, uint64_t memo
     memory_keep();
     memory_init(&local->memory, memory_limit);
     enum bvhd_status status = workers_create(threads, &local->workers, error);
-    if (!status)
+    if (status == BVHD_OK)
         local->parallel = workers_parallel(local->workers);
     return status;
 }

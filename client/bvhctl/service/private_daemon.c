@@ -310,19 +310,19 @@ enum bvhd_status private_daemon_start(struct private_place *place, double deadli
                                       bool *ret_is_new, struct bvhd_error *error)
 {
     enum bvhd_status status = make_safe(place, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     char *lock = beside(place, ".lock", memory), *log = beside(place, ".log", memory);
     int descriptor = -1;
     status = lock && log ? take_lock(place, lock, deadline, &descriptor, error) : no_memory(error);
-    bool is_new = !status && descriptor >= 0 && !connect_answers(place->socket);
+    bool is_new = status == BVHD_OK && descriptor >= 0 && !connect_answers(place->socket);
     if (is_new)
         status = run_daemon(place, log, deadline, memory, error);
     if (descriptor >= 0)
         close(descriptor);
     memory_free(memory, log);
     memory_free(memory, lock);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_is_new = is_new;
     return status;
 }

@@ -11,11 +11,11 @@ static enum bvhd_status open_device(const char *name, const struct structures *s
 {
     struct tracer_choice choice = {0};
     enum bvhd_status status = gpu_open(name, memory, &choice.gpu, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = target_reader_find(structures->target)->is_native
                      ? tracer_native_create(choice.gpu, structures, memory, &choice.tracer, error)
                      : tracer_portable_create(choice.gpu, structures, memory, &choice.tracer, error);
-    if (status)
+    if (status != BVHD_OK)
         tracer_choice_finish(&choice);
     else
         *ret_choice = choice;
@@ -33,7 +33,7 @@ static bool choose_device(const struct structures *structures, struct memory *me
 {
     struct gpu_properties *list;
     uint32_t count;
-    if (gpu_list(memory, &list, &count, NULL))
+    if (gpu_list(memory, &list, &count, NULL) != BVHD_OK)
         return false;
     bool is_found = false;
     for (uint32_t i = 0; i < count && !is_found; i++) {
@@ -41,8 +41,8 @@ static bool choose_device(const struct structures *structures, struct memory *me
         if (list[i].type == VK_PHYSICAL_DEVICE_TYPE_CPU)
             continue;
         enum bvhd_status status = open_device(list[i].number, structures, memory, ret_choice, &error);
-        is_found = !status;
-        if (status && !is_unfit(status))
+        is_found = status == BVHD_OK;
+        if (status != BVHD_OK && !is_unfit(status))
             report_note(list[i].name, "not used: %s: %s", error.where, error.text);
     }
     memory_free(memory, list);
@@ -59,7 +59,7 @@ enum bvhd_status tracer_choose(const char *device, const struct structures *stru
         return open_device(device, structures, memory, ret_choice, error);
     struct tracer_choice choice = {.is_cpu = true};
     enum bvhd_status status = tracer_cpu_create(structures, parallel, memory, &choice.tracer, error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_choice = choice;
     return status;
 }

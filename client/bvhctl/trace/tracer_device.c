@@ -25,11 +25,11 @@ static enum bvhd_status create_buffers(struct tracer_device *self, uint32_t coun
     const VkBufferUsageFlags bound = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
     uint64_t rays = (uint64_t)count * sizeof(struct bvhd_ray), hits = (uint64_t)count * sizeof(struct tracer_hit);
     enum bvhd_status status = gpu_buffer_create(self->gpu, rays, from, GPU_UPLOAD, &self->upload, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, rays, bound | to, GPU_DEVICE, &self->rays, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, hits, bound | from, GPU_DEVICE, &self->hits, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, hits, to, GPU_READBACK, &self->readback, error);
     return status;
 }
@@ -41,9 +41,9 @@ static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, stru
         return BVHD_OK;
     free_buffers(self);
     enum bvhd_status status = create_buffers(self, count, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = self->kind->bind(self, count, error);
-    if (status)
+    if (status != BVHD_OK)
         free_buffers(self);
     else
         self->capacity = count;
@@ -90,7 +90,7 @@ static enum bvhd_status submit(struct tracer_device *self, VkCommandBuffer comma
 {
     uint64_t began = clock_ns();
     enum bvhd_status status = gpu_submit(self->gpu, commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     double measured = gpu_timer_seconds(self->gpu, &self->timer);
     *seconds += measured >= 0 ? measured : (double)(clock_ns() - began) * 1e-9;
@@ -103,12 +103,12 @@ static enum bvhd_status trace_portion(struct tracer_device *self, const struct r
     VkCommandBuffer commands;
     device_rays_put(rays, count, self->upload.mapped);
     enum bvhd_status status = gpu_begin(self->gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     enum bvhd_status recorded = record(self, commands, count, error);
-    status = submit(self, commands, seconds, recorded ? NULL : error);
-    status = recorded ? recorded : status;
-    if (!status)
+    status = submit(self, commands, seconds, recorded != BVHD_OK ? NULL : error);
+    status = recorded != BVHD_OK ? recorded : status;
+    if (status == BVHD_OK)
         memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
     return status;
 }
@@ -132,11 +132,11 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
     double seconds = 0;
     uint64_t most = portion_of(&self->gpu->properties);
     enum bvhd_status status = count ? reserve(self, (uint32_t)(count < most ? count : most), error) : BVHD_OK;
-    for (uint64_t at = 0; at < count && !status; at += most) {
+    for (uint64_t at = 0; at < count && status == BVHD_OK; at += most) {
         uint64_t portion = count - at < most ? count - at : most;
         status = trace_portion(self, rays + at, (uint32_t)portion, ret_hits + at, &seconds, error);
     }
-    if (!status && ret_seconds)
+    if (status == BVHD_OK && ret_seconds)
         *ret_seconds = seconds;
     return status;
 }

@@ -39,7 +39,7 @@ static enum bvhd_status find_top(struct tracer_native *self, const struct struct
     }
     enum bvhd_status status =
         tracer_top_build(self->gpu, bvhd_vulkan_scene_location(self->scene, 0), &self->top, error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_top = self->top.handle;
     return status;
 }
@@ -48,11 +48,11 @@ static enum bvhd_status open(struct tracer_native *self, const struct structures
 {
     VkAccelerationStructureKHR top;
     enum bvhd_status status = tracer_scene_create(self->gpu, structures, 0, self->memory, &self->scene, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = find_top(self, structures, &top, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = tracer_query_create(self->gpu, top, self->memory, &self->query, error);
-    if (!status)
+    if (status == BVHD_OK)
         tracer_query_set_top(self->query, structures->has_top);
     return status;
 }
@@ -74,7 +74,7 @@ enum bvhd_status tracer_native_create(struct gpu *gpu, const struct structures *
         .gpu = gpu,
         .memory = memory};
     enum bvhd_status status = open(self, structures, error);
-    if (status)
+    if (status != BVHD_OK)
         destroy(&self->tracer);
     else
         *ret_tracer = &self->tracer;

@@ -81,7 +81,7 @@ static enum bvhd_status create_tracer(struct tracer_portable *self, const struct
     struct gpu *gpu = self->device.gpu;
     uint32_t flags = gpu->properties.has_buffer_address ? BVHD_VULKAN_SCENE_ADDRESSES : 0;
     enum bvhd_status status = tracer_scene_create(gpu, structures, flags, self->device.memory, &self->scene, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     const struct bvhd_tracer_options options = {
         .struct_size = sizeof options,
@@ -108,9 +108,9 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
     *self = (struct tracer_portable){.scene = NULL};
     enum bvhd_status status = tracer_device_init(&self->device, &portable_kind, gpu, memory, error);
     self->device.tracer.target = TARGET_PORTABLE;
-    if (!status)
+    if (status == BVHD_OK)
         status = create_tracer(self, structures, error);
-    if (status)
+    if (status != BVHD_OK)
         tracer_device_destroy(&self->device);
     else
         *ret_tracer = &self->device.tracer;

@@ -76,9 +76,9 @@ enum bvhd_status tracer_query_create(struct gpu *gpu, VkAccelerationStructureKHR
         return bvhd_error_no_memory(error, gpu->properties.name, "no memory for the tracer");
     *self = (struct tracer_query){.top = top, .has_top = true};
     enum bvhd_status status = tracer_device_init(&self->device, &query_kind, gpu, memory, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_kernel_create(gpu, &kernel, &self->kernel, error);
-    if (status)
+    if (status != BVHD_OK)
         tracer_device_destroy(&self->device);
     else
         *ret_tracer = &self->device.tracer;

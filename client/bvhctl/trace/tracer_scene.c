@@ -35,7 +35,7 @@ enum bvhd_status tracer_scene_create(struct gpu *gpu, const struct structures *s
         .struct_size = sizeof options, .blobs = blobs, .blob_count = structures->file_count, .flags = flags};
     enum bvhd_status status = bvhd_vulkan_scene_create(gpu->library, &gpu->queue, &options, ret_scene, &inner);
     memory_free(memory, blobs);
-    if (status) {
+    if (status != BVHD_OK) {
         name_file(structures, &inner);
         if (error)
             *error = inner;

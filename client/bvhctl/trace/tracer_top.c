@@ -18,7 +18,7 @@ static enum bvhd_status put_instance(struct gpu *gpu, uint64_t address, struct s
         .accelerationStructureReference = address,
     };
     enum bvhd_status status = gpu_buffer_create(gpu, sizeof instance, usage, GPU_UPLOAD, &scaffold->instance, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     *(VkAccelerationStructureInstanceKHR *)scaffold->instance.mapped = instance;
     scaffold->geometry = (VkAccelerationStructureGeometryKHR){
@@ -61,10 +61,10 @@ static enum bvhd_status create(struct gpu *gpu, struct scaffold *scaffold, struc
     enum bvhd_status status =
         gpu_buffer_create(gpu, sizes.accelerationStructureSize, VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR,
                           GPU_DEVICE, &top->storage, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(gpu, sizes.buildScratchSize + alignment, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT,
                                    GPU_DEVICE, &scaffold->scratch, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     const VkAccelerationStructureCreateInfoKHR info = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
@@ -86,7 +86,7 @@ static enum bvhd_status build(struct gpu *gpu, const struct scaffold *scaffold, 
                                    .dstAccessMask = VK_ACCESS_ACCELERATION_STRUCTURE_READ_BIT_KHR};
     VkCommandBuffer commands;
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     gpu->vk.CmdBuildAccelerationStructuresKHR(commands, 1, &scaffold->info, &ranges);
     /* To have waited is not enough for later submissions to see it. */
@@ -101,13 +101,13 @@ enum bvhd_status tracer_top_build(struct gpu *gpu, uint64_t address, struct trac
     struct scaffold scaffold = {.scratch.size = 0};
     struct tracer_top top = {.handle = VK_NULL_HANDLE};
     enum bvhd_status status = put_instance(gpu, address, &scaffold, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create(gpu, &scaffold, &top, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = build(gpu, &scaffold, error);
     gpu_buffer_destroy(gpu, &scaffold.instance);
     gpu_buffer_destroy(gpu, &scaffold.scratch);
-    if (status)
+    if (status != BVHD_OK)
         tracer_top_finish(gpu, &top);
     else
         *ret_top = top;

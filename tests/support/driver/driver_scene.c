@@ -209,7 +209,7 @@ static enum bvhd_status ask_format(struct gpu *gpu, struct bvhd_format *ret_form
     void *probe = NULL;
     uint64_t size;
     enum bvhd_status status = bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = bvhd_format_from_probe(probe, size, ret_format, error);
     bvhd_vulkan_free(probe);
     return status;
@@ -222,7 +222,7 @@ bool driver_scene_device(struct memory *memory, struct gpu **ret_gpu, struct bvh
     if (gpu_bed_is_missing(true))
         return false;
     MUST(gpu_open("auto", memory, &gpu, &error));
-    if (ask_format(gpu, ret_format, &error)) {
+    if (ask_format(gpu, ret_format, &error) != BVHD_OK) {
         printf("skipped: %s loads nothing of ours natively: %s: %s\n", gpu->properties.name, error.where, error.text);
         gpu_close(gpu);
         return false;

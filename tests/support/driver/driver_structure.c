@@ -49,7 +49,7 @@ static enum bvhd_status create(struct gpu *gpu, VkAccelerationStructureTypeKHR t
     enum bvhd_status status = gpu_buffer_create(
         gpu, size, VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT,
         GPU_DEVICE, &structure.storage, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     VkAccelerationStructureCreateInfoKHR info = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
                                                  .buffer = structure.storage.buffer,
@@ -57,7 +57,7 @@ static enum bvhd_status create(struct gpu *gpu, VkAccelerationStructureTypeKHR t
                                                  .type = type};
     status = gpu_result("vkCreateAccelerationStructureKHR",
                         gpu->vk.CreateAccelerationStructureKHR(gpu->device, &info, NULL, &structure.handle), error);
-    if (status) {
+    if (status != BVHD_OK) {
         gpu_buffer_destroy(gpu, &structure.storage);
         return status;
     }
@@ -106,7 +106,7 @@ static enum bvhd_status upload_input(struct driver_build *build, const struct ca
                                                 VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
                                                     VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT,
                                                 GPU_UPLOAD, &build->input, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     memcpy(build->input.mapped, canonical->bytes, canonical->size);
     for (uint32_t i = 0; i < canonical->geometry_count; i++) {
@@ -180,9 +180,9 @@ static enum bvhd_status submit_build(struct driver_build *build, struct bvhd_err
         gpu_buffer_create(gpu, build->scratch_size + ALIGNMENT,
                           VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT, GPU_DEVICE,
                           &build->scratch, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_begin(gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     build->info.scratchData.deviceAddress = aligned(build->scratch.address);
     gpu->vk.CmdBuildAccelerationStructuresKHR(commands, 1, &build->info, &ranges);
@@ -199,11 +199,11 @@ static enum bvhd_status build_described(struct driver_build *build, struct drive
     build->scratch_size = sizes.buildScratchSize;
     struct driver_structure structure;
     enum bvhd_status status = create(build->gpu, build->info.type, sizes.accelerationStructureSize, &structure, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     build->info.dstAccelerationStructure = structure.handle;
     status = submit_build(build, error);
-    if (status) {
+    if (status != BVHD_OK) {
         driver_structure_destroy(build->gpu, &structure);
         return status;
     }
@@ -226,9 +226,9 @@ enum bvhd_status driver_structure_build(struct gpu *gpu, const struct canonical 
 {
     struct driver_build build = {.gpu = gpu, .memory = memory};
     enum bvhd_status status = upload_input(&build, canonical, references, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = describe(&build, canonical, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = build_described(&build, ret_structure, error);
     build_finish(&build);
     return status;
@@ -265,21 +265,21 @@ static enum bvhd_status query_size(struct gpu *gpu, const struct driver_structur
     uint64_t size = 0;
     enum bvhd_status status =
         gpu_result("vkCreateQueryPool", gpu->vk.CreateQueryPool(gpu->device, &info, NULL, &pool), error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     status = gpu_begin(gpu, &commands, error);
-    if (!status) {
+    if (status == BVHD_OK) {
         gpu->vk.CmdResetQueryPool(commands, pool, 0, 1);
         gpu->vk.CmdWriteAccelerationStructuresPropertiesKHR(commands, 1, &structure->handle, type, pool, 0);
         status = submit(gpu, commands, error);
     }
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_result("vkGetQueryPoolResults",
                             gpu->vk.GetQueryPoolResults(gpu->device, pool, 0, 1, sizeof size, &size, sizeof size,
                                                         VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
                             error);
     gpu->vk.DestroyQueryPool(gpu->device, pool, NULL);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_size = size;
     return status;
 }
@@ -289,7 +289,7 @@ static enum bvhd_status submit_copy(struct gpu *gpu, const VkCopyAccelerationStr
 {
     VkCommandBuffer commands;
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     gpu->vk.CmdCopyAccelerationStructureKHR(commands, info);
     return submit(gpu, commands, error);
@@ -304,16 +304,16 @@ enum bvhd_status driver_structure_copy(struct gpu *gpu, const struct driver_stru
     enum bvhd_status status = BVHD_OK;
     if (mode == VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR)
         status = query_size(gpu, from, VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR, &size, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create(gpu, from->type, size, &structure, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     VkCopyAccelerationStructureInfoKHR info = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
                                                .src = from->handle,
                                                .dst = structure.handle,
                                                .mode = mode};
     status = submit_copy(gpu, &info, error);
-    if (status) {
+    if (status != BVHD_OK) {
         driver_structure_destroy(gpu, &structure);
         return status;
     }
@@ -333,7 +333,7 @@ static enum bvhd_status create_bytes(struct gpu *gpu, uint64_t size, enum gpu_pl
     enum bvhd_status status = gpu_buffer_create(
         gpu, size + ALIGNMENT, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT, place,
         ret_buffer, error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_shift = aligned(ret_buffer->address) - ret_buffer->address;
     return status;
 }
@@ -348,7 +348,7 @@ static enum bvhd_status copy_from_bytes(struct gpu *gpu, uint64_t address, const
         .dst = structure->handle,
         .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_DESERIALIZE_KHR};
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     gpu->vk.CmdCopyMemoryToAccelerationStructureKHR(commands, &info);
     return submit(gpu, commands, error);
@@ -362,9 +362,9 @@ enum bvhd_status driver_structure_load(struct gpu *gpu, const void *data, uint64
     struct gpu_buffer staging = {0};
     uint64_t shift = 0;
     enum bvhd_status status = serialized_read((struct bytes){data, size}, &header, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create_bytes(gpu, size, GPU_UPLOAD, &staging, &shift, error);
-    if (!status) {
+    if (status == BVHD_OK) {
         memcpy((unsigned char *)staging.mapped + shift, data, size);
         /* Without handles it can be of either level. */
         status = create(gpu,
@@ -372,10 +372,10 @@ enum bvhd_status driver_structure_load(struct gpu *gpu, const void *data, uint64
                                             : VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR,
                         header.deserialized_size, &structure, error);
     }
-    if (!status)
+    if (status == BVHD_OK)
         status = copy_from_bytes(gpu, staging.address + shift, &structure, error);
     gpu_buffer_destroy(gpu, &staging);
-    if (status)
+    if (status != BVHD_OK)
         driver_structure_destroy(gpu, &structure);
     else
         *ret_structure = structure;
@@ -392,7 +392,7 @@ static enum bvhd_status copy_to_bytes(struct gpu *gpu, const struct driver_struc
         .dst.deviceAddress = address,
         .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_SERIALIZE_KHR};
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     gpu->vk.CmdCopyAccelerationStructureToMemoryKHR(commands, &info);
     return submit(gpu, commands, error);
@@ -407,13 +407,13 @@ enum bvhd_status driver_structure_serialize(struct gpu *gpu, const struct driver
     unsigned char *data = NULL;
     enum bvhd_status status =
         query_size(gpu, structure, VK_QUERY_TYPE_ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR, &size, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create_bytes(gpu, size, GPU_READBACK, &buffer, &shift, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = copy_to_bytes(gpu, structure, buffer.address + shift, error);
-    if (!status && !(data = memory_array(memory, size ? size : 1, 1)))
+    if (status == BVHD_OK && !(data = memory_array(memory, size ? size : 1, 1)))
         status = bvhd_error_no_memory(error, "serialize", "no memory for %llu bytes", (unsigned long long)size);
-    if (!status) {
+    if (status == BVHD_OK) {
         memcpy(data, (const unsigned char *)buffer.mapped + shift, size);
         *ret_data = data;
         *ret_size = size;

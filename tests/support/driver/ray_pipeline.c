@@ -79,7 +79,7 @@ static enum bvhd_status create_layout(struct ray_pipeline *self, struct bvhd_err
     enum bvhd_status status =
         gpu_result("vkCreateDescriptorSetLayout",
                    gpu->vk.CreateDescriptorSetLayout(gpu->device, &set, NULL, &self->set_layout), error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     return gpu_result("vkCreatePipelineLayout", gpu->vk.CreatePipelineLayout(gpu->device, &layout, NULL, &self->layout),
                       error);
@@ -94,7 +94,7 @@ static enum bvhd_status create_set(struct ray_pipeline *self, struct bvhd_error 
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = 1, .poolSizeCount = 2, .pPoolSizes = sizes};
     enum bvhd_status status = gpu_result("vkCreateDescriptorPool",
                                          gpu->vk.CreateDescriptorPool(gpu->device, &pool, NULL, &self->pool), error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     VkDescriptorSetAllocateInfo set = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO,
                                        .descriptorPool = self->pool,
@@ -153,7 +153,7 @@ static enum bvhd_status create_pipeline(struct ray_pipeline *self, struct bvhd_e
     struct gpu *gpu = self->gpu;
     VkPipelineShaderStageCreateInfo stages[STAGES] = {0};
     enum bvhd_status status = BVHD_OK;
-    for (int i = 0; i < STAGES && !status; i++) {
+    for (int i = 0; i < STAGES && status == BVHD_OK; i++) {
         VkShaderModuleCreateInfo info = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
                                          .codeSize = shaders[i].size,
                                          .pCode = shaders[i].code};
@@ -162,7 +162,7 @@ static enum bvhd_status create_pipeline(struct ray_pipeline *self, struct bvhd_e
         status = gpu_result("vkCreateShaderModule",
                             gpu->vk.CreateShaderModule(gpu->device, &info, NULL, &stages[i].module), error);
     }
-    if (!status)
+    if (status == BVHD_OK)
         status = create_from_stages(self, stages, error);
     for (int i = 0; i < STAGES; i++)
         if (stages[i].module)
@@ -194,12 +194,12 @@ static enum bvhd_status create_table(struct ray_pipeline *self, struct bvhd_erro
                                          gpu->vk.GetRayTracingShaderGroupHandlesKHR(
                                              gpu->device, self->pipeline, 0, GROUPS, (size_t)GROUPS * size, handles),
                                          error);
-    if (!status)
+    if (status == BVHD_OK)
         status =
             gpu_buffer_create(gpu, (VkDeviceSize)GROUPS * self->record_size + base,
                               VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT,
                               GPU_UPLOAD, &self->table, error);
-    if (!status) {
+    if (status == BVHD_OK) {
         self->table_address = (self->table.address + base - 1) / base * base;
         for (uint32_t i = 0; i < GROUPS; i++)
             memcpy((unsigned char *)self->table.mapped + (self->table_address - self->table.address) +
@@ -219,18 +219,18 @@ static enum bvhd_status create_buffers(struct ray_pipeline *self, struct bvhd_er
         .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = VK_QUERY_TYPE_TIMESTAMP, .queryCount = 2};
     enum bvhd_status status =
         gpu_buffer_create(gpu, rays, storage | VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_DEVICE, &self->rays, error);
-    if (!status)
+    if (status == BVHD_OK)
         status =
             gpu_buffer_create(gpu, hits, storage | VK_BUFFER_USAGE_TRANSFER_SRC_BIT, GPU_DEVICE, &self->hits, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(gpu, rays, VK_BUFFER_USAGE_TRANSFER_SRC_BIT, GPU_UPLOAD, &self->upload, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(gpu, hits, VK_BUFFER_USAGE_TRANSFER_DST_BIT, GPU_READBACK, &self->readback, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(gpu, 6 * sizeof(float), storage, GPU_UPLOAD, &self->boxes, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(gpu, 2 * sizeof(uint32_t), storage, GPU_UPLOAD, &self->first, error);
-    if (!status)
+    if (status == BVHD_OK)
         status =
             gpu_result("vkCreateQueryPool", gpu->vk.CreateQueryPool(gpu->device, &clock, NULL, &self->clock), error);
     return status;
@@ -316,17 +316,17 @@ static enum bvhd_status trace_chunk(struct ray_pipeline *self, const struct ray 
     VkCommandBuffer commands;
     device_rays_put(rays, count, self->upload.mapped);
     enum bvhd_status status = gpu_begin(gpu, &commands, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     record(self, commands, count);
     status = gpu_submit(gpu, commands, error);
-    if (!status)
+    if (status == BVHD_OK)
         status =
             gpu_result("vkGetQueryPoolResults",
                        gpu->vk.GetQueryPoolResults(gpu->device, self->clock, 0, 2, sizeof ticks, ticks, sizeof ticks[0],
                                                    VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
                        error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     memcpy(ret_hits, self->readback.mapped, count * sizeof *ret_hits);
     *ret_seconds += (double)(ticks[1] - ticks[0]) * gpu->timestamp_ms * 1e-3;
@@ -341,7 +341,7 @@ static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uin
     for (uint64_t done = 0; done < count; done += self->most_rays) {
         uint32_t some = (uint32_t)(count - done < self->most_rays ? count - done : self->most_rays);
         enum bvhd_status status = trace_chunk(self, rays + done, some, ret_hits + done, &seconds, error);
-        if (status)
+        if (status != BVHD_OK)
             return status;
     }
     if (ret_seconds)
@@ -386,15 +386,15 @@ enum bvhd_status ray_pipeline_create(struct gpu *gpu, VkAccelerationStructureKHR
     if (self->most_rays > MAX_RAYS)
         self->most_rays = MAX_RAYS;
     enum bvhd_status status = create_layout(self, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create_set(self, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create_pipeline(self, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create_table(self, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = create_buffers(self, error);
-    if (status) {
+    if (status != BVHD_OK) {
         destroy(&self->tracer);
         return status;
     }
@@ -411,10 +411,10 @@ enum bvhd_status ray_pipeline_set_boxes(struct tracer *tracer, const struct scen
     size_t rows = (size_t)boxes->instance_count * boxes->geometry_stride;
     enum bvhd_status status = gpu_buffer_create(self->gpu, (VkDeviceSize)(boxes->box_count + 1) * 6 * sizeof(float),
                                                 VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, GPU_UPLOAD, &bounds, error);
-    if (!status)
+    if (status == BVHD_OK)
         status = gpu_buffer_create(self->gpu, (rows + 1) * sizeof(uint32_t), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT,
                                    GPU_UPLOAD, &first, error);
-    if (status) {
+    if (status != BVHD_OK) {
         gpu_buffer_destroy(self->gpu, &bounds);
         return status;
     }

@@ -77,7 +77,7 @@ static enum bvhd_status trace_and_lie(struct tracer *tracer, const struct ray *r
     if (++liar->waves == fail_at)
         return bvhd_error_set(error, BVHD_UNAVAILABLE, "vkQueueSubmit", "the device is lost");
     enum bvhd_status status = liar->honest->trace(liar->honest, rays, count, ret_hits, ret_seconds, error);
-    for (uint64_t i = 0; i < count && !status; i++)
+    for (uint64_t i = 0; i < count && status == BVHD_OK; i++)
         change_hit(i, &ret_hits[i]);
     return status;
 }
@@ -97,7 +97,7 @@ static enum bvhd_status choose_liar(const char *device, const struct structures 
     assert_non_null(liar);
     *liar = (struct liar){.tracer = {device, structures->target, trace_and_lie, destroy_liar}, .memory = memory};
     enum bvhd_status status = tracer_cpu_create(structures, parallel, memory, &liar->honest, error);
-    if (!status)
+    if (status == BVHD_OK)
         *ret_choice = (struct tracer_choice){.tracer = &liar->tracer};
     return status;
 }

@@ -62,7 +62,7 @@ static struct bvhd_vulkan_scene *load(uint32_t flags)
     struct bvhd_vulkan_scene *scene = NULL;
     struct bvhd_error error = {0};
     const struct bvhd_vulkan_scene_options options = scene_options(flags);
-    if (bvhd_vulkan_scene_create(world.device, &world.queue, &options, &scene, &error))
+    if (bvhd_vulkan_scene_create(world.device, &world.queue, &options, &scene, &error) != BVHD_OK)
         fail_msg("%s: %s", error.where, error.text);
     return scene;
 }

@@ -191,7 +191,7 @@ static void bind(struct bed *bed, const struct bvhd_tracer *tracer)
         .max_rays = RAYS,
     };
     bvhd_trace_binding_destroy(bed->binding);
-    MUST(bvhd_tracer_bind(tracer, &buffers, &bed->binding, &error_));
+    MUST(bvhd_tracer_bind(tracer, &buffers, &bed->binding, &error_) != BVHD_OK);
 }
 
 static void open_scene(struct bed *bed, const struct bytes *blobs, uint32_t count, bool has_addresses)
@@ -203,7 +203,7 @@ static void open_scene(struct bed *bed, const struct bytes *blobs, uint32_t coun
                                                       .blobs = list,
                                                       .blob_count = count,
                                                       .flags = has_addresses ? BVHD_VULKAN_SCENE_ADDRESSES : 0};
-    MUST(bvhd_vulkan_scene_create(gpu->library, &gpu->queue, &options, &bed->scene, &error_));
+    MUST(bvhd_vulkan_scene_create(gpu->library, &gpu->queue, &options, &bed->scene, &error_) != BVHD_OK);
     memory_free(&memory, list);
 }
 
@@ -211,9 +211,9 @@ static void open_buffers(struct bed *bed)
 {
     const VkBufferUsageFlags usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
     uint64_t scratch = bvhd_tracer_scratch_size(bed->tracer, RAYS);
-    MUST(gpu_buffer_create(gpu, RAYS * sizeof(struct bvhd_ray), usage, GPU_UPLOAD, &bed->rays, &error_));
-    MUST(gpu_buffer_create(gpu, RAYS * sizeof(struct bvhd_hit), usage, GPU_READBACK, &bed->hits, &error_));
-    MUST(gpu_buffer_create(gpu, scratch, usage, GPU_READBACK, &bed->scratch, &error_));
+    MUST(gpu_buffer_create(gpu, RAYS * sizeof(struct bvhd_ray), usage, GPU_UPLOAD, &bed->rays, &error_) != BVHD_OK);
+    MUST(gpu_buffer_create(gpu, RAYS * sizeof(struct bvhd_hit), usage, GPU_READBACK, &bed->hits, &error_) != BVHD_OK);
+    MUST(gpu_buffer_create(gpu, scratch, usage, GPU_READBACK, &bed->scratch, &error_) != BVHD_OK);
 }
 
 enum device_kind { WITH_DOUBLES, WITHOUT_DOUBLES, WITHOUT_ADDRESSES, WITH_SMALL_HALVES };
@@ -228,13 +228,14 @@ static void open_bed(struct bed *bed, const struct bytes *blobs, uint32_t count,
                                                 .scene = bed->scene,
                                                 .has_shader_float64 =
                                                     gpu->properties.has_doubles && kind != WITHOUT_DOUBLES};
-    MUST(bvhd_tracer_create(gpu->library, &gpu->queue, &options, &plain, &error_));
+    MUST(bvhd_tracer_create(gpu->library, &gpu->queue, &options, &plain, &error_) != BVHD_OK);
     bed->tracer = plain;
     if (kind == WITH_SMALL_HALVES) {
         struct vulkan_trace_traits traits =
             vulkan_trace_traits_of(gpu->library, &gpu->queue, gpu->properties.has_doubles);
         traits.has_small_halves = vulkan_keeps_small_halves(gpu->library, &gpu->queue);
-        MUST(vulkan_tracer_create(gpu->library, &plain->scene, &traits, VK_NULL_HANDLE, &bed->tracer, &error_));
+        MUST(vulkan_tracer_create(gpu->library, &plain->scene, &traits, VK_NULL_HANDLE, &bed->tracer, &error_) !=
+             BVHD_OK);
         bvhd_tracer_destroy(plain);
     }
     open_buffers(bed);
@@ -260,11 +261,11 @@ static void trace(struct bed *bed, const struct ray *some, uint32_t count, const
     VkCommandBuffer commands;
     device_rays_put(some, count, bed->rays.mapped);
     memset(bed->scratch.mapped, 0, sizeof *ret_counters);
-    MUST(gpu_begin(gpu, &commands, &error_));
-    MUST(bvhd_tracer_record(bed->binding, commands, trace, &error_));
+    MUST(gpu_begin(gpu, &commands, &error_) != BVHD_OK);
+    MUST(bvhd_tracer_record(bed->binding, commands, trace, &error_) != BVHD_OK);
     gpu->vk.CmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT,
                                VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &traced, 0, NULL, 0, NULL);
-    MUST(gpu_submit(gpu, commands, &error_));
+    MUST(gpu_submit(gpu, commands, &error_) != BVHD_OK);
     memcpy(ret_hits, bed->hits.mapped, count * sizeof *ret_hits);
     memcpy(ret_counters, bed->scratch.mapped, sizeof *ret_counters);
 }
@@ -495,7 +496,7 @@ static void test_own_buffer(void **state)
             .blobs = blobs,
             .blob_count = 2,
         };
-        MUST(bvhd_tracer_create(gpu->library, NULL, &options, &tracer, &error_));
+        MUST(bvhd_tracer_create(gpu->library, NULL, &options, &tracer, &error_) != BVHD_OK);
         assert_memory_equal(&tracer->scene.contents, &bed.tracer->scene.contents, sizeof tracer->scene.contents);
         assert_true(tracer->has_closest && !tracer->scene.has_top);
         bind(&bed, tracer);
@@ -537,7 +538,7 @@ int main(void)
     };
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
-    if (gpu_open("auto", &memory, &gpu, &error)) {
+    if (gpu_open("auto", &memory, &gpu, &error) != BVHD_OK) {
         printf("skipped: %s: %s\n", error.where, error.text);
         return SKIPPED;
     }

@@ -37,7 +37,7 @@ static void begin(bool has_addresses, uint32_t instances)
                                                     .blobs = world.bed.blobs,
                                                     .blob_count = world.bed.count,
                                                     .flags = has_addresses ? BVHD_VULKAN_SCENE_ADDRESSES : 0};
-    if (bvhd_vulkan_scene_create(world.device, &world.queue, &scene, &world.scene, &error))
+    if (bvhd_vulkan_scene_create(world.device, &world.queue, &scene, &world.scene, &error) != BVHD_OK)
         fail_msg("%s: %s", error.where, error.text);
     world.rays = fake_vulkan_buffer(RAYS * 48 + 128, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, false, NULL);
     world.hits = fake_vulkan_buffer(RAYS * 32, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, false, NULL);
@@ -67,7 +67,7 @@ static struct bvhd_tracer *create(const struct bvhd_tracer_options *options)
 {
     struct bvhd_tracer *tracer = NULL;
     struct bvhd_error error = {0};
-    if (bvhd_tracer_create(world.device, &world.queue, options, &tracer, &error))
+    if (bvhd_tracer_create(world.device, &world.queue, options, &tracer, &error) != BVHD_OK)
         fail_msg("%s: %s", error.where, error.text);
     return tracer;
 }

@@ -301,7 +301,7 @@ static void test_depfile_no_memory(void **state)
 {
     (void)state;
     enum bvhd_status status = BVHD_NO_MEMORY;
-    for (int64_t after = 0; status; after++) {
+    for (int64_t after = 0; status != BVHD_OK; after++) {
         struct memory memory;
         struct depfile depfile;
         struct bvhd_error error = {0};
@@ -313,7 +313,7 @@ static void test_depfile_no_memory(void **state)
         depfile_finish(&depfile);
         assert_int_equal(memory.live, 0);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
-        assert_int_equal(count_entries(), status ? 0 : 1);
+        assert_int_equal(count_entries(), status != BVHD_OK ? 0 : 1);
         assert_true(after < 20);
     }
     unlink("rule.d");

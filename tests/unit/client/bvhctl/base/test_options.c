@@ -25,7 +25,7 @@ static struct options parse_good(const char *line)
 {
     struct options options;
     struct bvhd_error error;
-    if (parse(line, &options, &error))
+    if (parse(line, &options, &error) != BVHD_OK)
         fail_msg("%s: %s: %s", line, error.where, error.text);
     return options;
 }
@@ -34,7 +34,7 @@ static void expect_bad(const char *line, const char *where)
 {
     struct options options;
     struct bvhd_error error;
-    if (!parse(line, &options, &error))
+    if (parse(line, &options, &error) == BVHD_OK)
         fail_msg("accepted: %s", line);
     assert_int_equal(error.status, BVHD_INVALID);
     assert_string_equal(error.where, where);

@@ -15,7 +15,7 @@ static int open_any(void **state)
     (void)state;
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
-    if (!gpu_open("auto", &memory, &gpu, &error))
+    if (gpu_open("auto", &memory, &gpu, &error) == BVHD_OK)
         return 0;
     fprintf(stderr, "%s: %s\n", error.where, error.text);
     return -1;
@@ -203,7 +203,7 @@ static void every_allocation_may_fail(void **state)
     memory_init(&small, UINT64_MAX);
     enum bvhd_status status = BVHD_NO_MEMORY;
     int64_t tries = 0;
-    for (; status && tries < 100; tries++) {
+    for (; status != BVHD_OK && tries < 100; tries++) {
         struct gpu *other = NULL;
         small.fail_after = tries;
         status = gpu_open("auto", &small, &other, NULL);
@@ -212,7 +212,7 @@ static void every_allocation_may_fail(void **state)
         assert_int_equal(status == BVHD_OK, other != NULL);
         gpu_close(other);
         assert_int_equal(small.live, 0);
-        if (!status && has_failed)
+        if (status == BVHD_OK && has_failed)
             status = BVHD_NO_MEMORY; /* this allocation is not needed, or its lack looks like a smaller device */
     }
     assert_true(tries > 3 && tries < 100);

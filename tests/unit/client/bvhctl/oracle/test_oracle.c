@@ -431,11 +431,11 @@ static void every_failing_allocation_leaves_nothing_behind(void **state)
     enum bvhd_status status = BVHD_NO_MEMORY;
     make_scene(meshes, rays);
     int64_t successes = 0;
-    for (; status; successes++) {
+    for (; status != BVHD_OK; successes++) {
         memory_init(&memory, UINT64_MAX);
         memory.fail_after = successes;
         status = oracle_trace(meshes, 1, rays, RAYS, &memory, &parallel_serial, NULL, NULL, answers, &error);
-        if (!status)
+        if (status == BVHD_OK)
             break;
         assert_int_equal(status, BVHD_NO_MEMORY);
         assert_int_equal(error.status, BVHD_NO_MEMORY);

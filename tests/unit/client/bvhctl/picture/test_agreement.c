@@ -433,13 +433,13 @@ static void test_no_memory(void **state)
     int64_t after = 0;
     for (int i = 0; i < 50; i++)
         miss_some(0, &court.hits[i]);
-    for (; status; after++) {
+    for (; status != BVHD_OK; after++) {
         agreement_finish(&court.agreement);
         assert_int_equal(memory->live, live);
         agreement_init(&court.agreement, &court.surfaces, FEW_PIXELS, court.world.local.parallel, memory);
         atomic_store(&memory->fail_after, after);
         status = agreement_watch(&court.agreement, true, court.rays, court.hits, 50, NULL);
-        if (!status)
+        if (status == BVHD_OK)
             status = agreement_judge(&court.agreement, NULL, NULL, NULL);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
     }

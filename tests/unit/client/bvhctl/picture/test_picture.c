@@ -258,7 +258,7 @@ static void test_failing_wave(void **state)
     open_studio(&studio, 2);
     uint64_t live = studio.world.local.memory.live;
     enum bvhd_status status = BVHD_CANCELLED;
-    for (uint64_t wave = 1; status; wave++) {
+    for (uint64_t wave = 1; status != BVHD_OK; wave++) {
         struct watcher watcher = {.fail_at = wave};
         struct bvhd_error error = {0};
         struct picture_options options = picture_options(&studio);
@@ -268,7 +268,7 @@ static void test_failing_wave(void **state)
         assert_true(status == BVHD_OK ||
                     (status == BVHD_CANCELLED && error.status == BVHD_CANCELLED && watcher.waves == wave));
         assert_true(status == BVHD_OK || studio.world.local.memory.live == live);
-        assert_true(status || wave > 12);
+        assert_true(status != BVHD_OK || wave > 12);
     }
     picture_finish(&picture);
     close_studio(&studio);
@@ -368,7 +368,7 @@ static void test_no_memory(void **state)
     uint64_t live = memory->live;
     enum bvhd_status status = BVHD_NO_MEMORY;
     int64_t after = 0;
-    for (; status; after++) {
+    for (; status != BVHD_OK; after++) {
         struct picture_options options = picture_options(&studio);
         options.width = options.height = 4;
         atomic_store(&memory->fail_after, after);

@@ -152,7 +152,7 @@ static void test_no_memory(void **state)
     uint64_t live = memory->live;
     enum bvhd_status status = BVHD_NO_MEMORY;
     int64_t after = 0;
-    for (; status; after++) {
+    for (; status != BVHD_OK; after++) {
         atomic_store(&memory->fail_after, after);
         status = surfaces_init(&surfaces, &world.structures, memory, NULL);
         assert_true(status == BVHD_OK || (status == BVHD_NO_MEMORY && memory->live == live));

@@ -20,7 +20,7 @@ static struct gpu *gpu;
 
 static void must(enum bvhd_status status, const struct bvhd_error *error)
 {
-    if (status)
+    if (status != BVHD_OK)
         fail_msg("%s: %s", error->where, error->text);
 }
 
@@ -270,7 +270,7 @@ static int open_device(void)
 {
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
-    if (gpu_open("auto", &memory, &gpu, &error)) {
+    if (gpu_open("auto", &memory, &gpu, &error) != BVHD_OK) {
         printf("skipped: %s: %s\n", error.where, error.text);
         return SKIPPED;
     }

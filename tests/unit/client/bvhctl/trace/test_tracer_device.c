@@ -22,9 +22,9 @@ static void find_format(void)
 {
     void *probe;
     uint64_t size;
-    if (bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, NULL))
+    if (bvhd_vulkan_probe(gpu->library, &gpu->queue, &probe, &size, NULL) != BVHD_OK)
         return;
-    if (bvhd_format_from_probe(probe, size, &format, NULL))
+    if (bvhd_format_from_probe(probe, size, &format, NULL) != BVHD_OK)
         format.target = 0;
     bvhd_vulkan_free(probe);
 }
@@ -52,7 +52,7 @@ static int open_device(void **state)
 {
     (void)state;
     memory_init(&memory, UINT64_MAX);
-    if (gpu_open("auto", &memory, &gpu, NULL))
+    if (gpu_open("auto", &memory, &gpu, NULL) != BVHD_OK)
         return -1;
     find_format();
     make_rays();
@@ -73,7 +73,7 @@ static struct tracer *create(creator function, const struct structures *structur
 {
     struct tracer *tracer = NULL;
     struct bvhd_error error = {0};
-    if (function(gpu, structures, &memory, &tracer, &error))
+    if (function(gpu, structures, &memory, &tracer, &error) != BVHD_OK)
         fail_msg("%s: %s", error.where, error.text);
     assert_string_equal(tracer->device, gpu->properties.name);
     assert_int_equal(tracer->target, structures->target);
@@ -182,7 +182,7 @@ static void fail_each_allocation(creator function, const struct structures *stru
     memory_init(&small, UINT64_MAX);
     enum bvhd_status status = BVHD_NO_MEMORY;
     int tries = 0;
-    for (; status && tries < 100; tries++) {
+    for (; status != BVHD_OK && tries < 100; tries++) {
         struct tracer *tracer = NULL;
         small.fail_after = tries;
         status = function(gpu, structures, &small, &tracer, NULL);
