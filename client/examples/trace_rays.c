@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * trace_rays.c - bvhd_trace.h: rays in one buffer, hits in another, traced by the library's own kernels, and how many
- * rays a second that is.
+ * trace_rays.c - traces the rays of one buffer into the hits of another by the library's own kernels (bvhd_trace.h), and
+ * prints how many rays a second that is.
  *
  *     trace_rays                         4,096 rays through a small scene, which the service builds
  *     trace_rays RAYS STRUCTURE.as...    rays of a file (one struct bvhd_ray after the other) through structures of
@@ -18,7 +18,7 @@
 
 enum { SIDE = 64, LAUNCHES = 21, HOST = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT };
 
-/* Of memory with malloc, aligned to 16 bytes. */
+/* Reads a file into a block of malloc, which is aligned to 16 bytes as bvhd_vulkan_check needs it. */
 static struct bvhd_vulkan_bytes read_file(const char *path)
 {
     struct bvhd_vulkan_bytes bytes = {NULL, 0};
@@ -37,7 +37,7 @@ static struct bvhd_vulkan_bytes read_file(const char *path)
     return bytes;
 }
 
-/* Straight down over [0, 4) x [0, 4), as rays.comp has them. */
+/* Makes rays straight down over [0, 4) x [0, 4), like those of rays.comp. */
 static struct bvhd_vulkan_bytes make_rays(void)
 {
     struct bvhd_vulkan_bytes bytes = {NULL, SIDE * SIDE * sizeof(struct bvhd_ray)};
@@ -74,7 +74,7 @@ static int compare_ticks(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Records many launches one after the other, and prints the rate of the median. */
+/* Records many launches one after the other, each between two timestamps, and prints the rate of the median. */
 static void measure(const struct example_vulkan *vulkan, const struct bvhd_trace_binding *binding,
                     const struct bvhd_trace *trace)
 {
@@ -113,7 +113,7 @@ static void measure(const struct example_vulkan *vulkan, const struct bvhd_trace
     vkDestroyQueryPool(vulkan->device, pool, NULL);
 }
 
-/* Traces once for the hits, then as often as it takes to measure. */
+/* Traces once for the hits, then measures. */
 static void run(const struct example_vulkan *vulkan, const struct bvhd_tracer *tracer, struct bvhd_vulkan_bytes rays)
 {
     const uint32_t count = (uint32_t)(rays.size / sizeof(struct bvhd_ray));
@@ -128,6 +128,9 @@ static void run(const struct example_vulkan *vulkan, const struct bvhd_tracer *t
     const VkMemoryBarrier after = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
                                    .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT,
                                    .dstAccessMask = VK_ACCESS_TRANSFER_READ_BIT};
+    const VkMemoryBarrier back = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                  .srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT,
+                                  .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
     struct example_buffer upload = example_buffer(vulkan, rays_size, from, HOST);
     struct example_buffer input = example_buffer(vulkan, rays_size, storage | to, local);
     struct example_buffer output = example_buffer(vulkan, hits_size, storage | from, local);
@@ -153,7 +156,9 @@ static void run(const struct example_vulkan *vulkan, const struct bvhd_tracer *t
     vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_TRANSFER_BIT, 0, 1, &after,
                          0, NULL, 0, NULL);
     vkCmdCopyBuffer(commands, output.buffer, readback.buffer, 1, &down);
-    example_submit(vulkan, commands); /* and waits; strictly, a barrier to the host belongs before */
+    vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &back, 0, NULL, 0,
+                         NULL);
+    example_submit(vulkan, commands);
     measure(vulkan, binding, &trace);
     print_hits((const struct bvhd_hit *)(const void *)readback.mapped, count);
 
