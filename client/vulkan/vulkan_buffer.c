@@ -83,9 +83,8 @@ static enum bvhd_status fill_buffer(const struct bvhd_vulkan_device *device, VkB
     result = device->vk.MapMemory(device->handle, buffer->memory, 0, VK_WHOLE_SIZE, 0, &mapped);
     if (result == VK_SUCCESS)
         buffer->mapped = mapped;
-    return result == VK_ERROR_MEMORY_MAP_FAILED
-               ? bvhd_error_set(error, BVHD_NO_MEMORY, "vkMapMemory", "no room for a mapping")
-               : vulkan_device_result("vkMapMemory", result, error);
+    return result == VK_ERROR_MEMORY_MAP_FAILED ? bvhd_error_no_memory(error, "vkMapMemory", "no room for a mapping")
+                                                : vulkan_device_result("vkMapMemory", result, error);
 }
 
 enum bvhd_status vulkan_buffer_create(const struct bvhd_vulkan_device *device, VkDeviceSize size,

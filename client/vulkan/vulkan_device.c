@@ -93,8 +93,7 @@ static enum bvhd_status find_extensions(const struct lookup *lookup, struct exte
         return BVHD_OK;
     VkExtensionProperties *list = memory_array(&library_memory, count, sizeof *list);
     if (!list)
-        return bvhd_error_set(lookup->error, BVHD_NO_MEMORY, "device", "no memory for a list of %u extensions",
-                              (unsigned)count);
+        return bvhd_error_no_memory(lookup->error, "device", "no memory for a list of %u extensions", (unsigned)count);
     result = lookup->enumerate_extensions(physical, NULL, &count, list);
     if (result == VK_SUCCESS || result == VK_INCOMPLETE)
         for (uint32_t i = 0; i < count; i++) {
@@ -213,7 +212,7 @@ enum bvhd_status bvhd_vulkan_device_create(const struct bvhd_vulkan_device_optio
         return status;
     struct bvhd_vulkan_device *device = memory_alloc(&library_memory, sizeof *device);
     if (!device)
-        return bvhd_error_set(ret_error, BVHD_NO_MEMORY, "device", "no memory for %zu bytes", sizeof *device);
+        return bvhd_error_no_memory(ret_error, "device", "no memory for %zu bytes", sizeof *device);
     status = fill_device(options, device, ret_error);
     if (status == BVHD_OK)
         *ret_device = device;
@@ -233,11 +232,11 @@ enum bvhd_status vulkan_device_result(const char *call, VkResult result, struct 
     case VK_SUCCESS:
         return BVHD_OK;
     case VK_ERROR_OUT_OF_HOST_MEMORY:
-        return bvhd_error_set(error, BVHD_NO_MEMORY, call, "the host's memory is used up");
+        return bvhd_error_no_memory(error, call, "the host's memory is used up");
     case VK_ERROR_OUT_OF_DEVICE_MEMORY:
     case VK_ERROR_TOO_MANY_OBJECTS:
     case VK_ERROR_FRAGMENTATION:
-        return bvhd_error_set(error, BVHD_NO_MEMORY, call, "the device's memory is used up");
+        return bvhd_error_no_memory(error, call, "the device's memory is used up");
     case VK_ERROR_DEVICE_LOST:
         return bvhd_error_set(error, BVHD_UNAVAILABLE, call, "the device is lost");
     default:

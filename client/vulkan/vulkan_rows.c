@@ -56,7 +56,7 @@ enum bvhd_status bvhd_vulkan_rows(const struct bvhd_reference *references, uint3
     enum bvhd_status status =
         naming.entries && naming.row_of
             ? name_rows(&naming, instances, instance_count)
-            : bvhd_error_set(ret_error, BVHD_NO_MEMORY, "references", "%" PRIu32 " references", reference_count);
+            : bvhd_error_no_memory(ret_error, "references", "%" PRIu32 " references", reference_count);
     if (status == BVHD_OK) {
         if (reference_count > 0) /* otherwise there may be no array */
             memcpy(ret_rows, naming.row_of, reference_count * sizeof *ret_rows);

@@ -11,8 +11,8 @@ enum { SCENE_STEP = 32 << 20, SCENE_PAGE = 64 << 20 };
 
 enum bvhd_status vulkan_scene_no_memory(const struct vulkan_scene_loading *loading)
 {
-    return bvhd_error_set(loading->error, BVHD_NO_MEMORY, "scene", "no memory for %" PRIu32 " structures",
-                          loading->options->blob_count);
+    return bvhd_error_no_memory(loading->error, "scene", "no memory for %" PRIu32 " structures",
+                                loading->options->blob_count);
 }
 
 enum bvhd_status vulkan_scene_row_error(const struct vulkan_scene_loading *loading, uint32_t row,

@@ -124,7 +124,7 @@ enum bvhd_status bvhd_tracer_bind(const struct bvhd_tracer *tracer, const struct
         return status;
     struct bvhd_trace_binding *binding = memory_alloc(&library_memory, sizeof *binding);
     if (!binding)
-        return bvhd_error_set(ret_error, BVHD_NO_MEMORY, "binding", "no memory for %zu bytes", sizeof *binding);
+        return bvhd_error_no_memory(ret_error, "binding", "no memory for %zu bytes", sizeof *binding);
     *binding = (struct bvhd_trace_binding){.tracer = tracer, .max_rays = buffers->max_rays};
     status = take_scratch(binding, &buffers->scratch, ret_error);
     if (status == BVHD_OK)

@@ -8,7 +8,7 @@
 
 enum { BYTES = 256, PROBE_GROUP = 64 };
 
-struct probe {
+struct trait_probe {
     const struct bvhd_vulkan_device *device;
     struct vulkan_layout layout;
     VkPipeline pipeline;
@@ -17,7 +17,7 @@ struct probe {
     struct vulkan_work work;
 };
 
-static enum bvhd_status create_probe(struct probe *probe, struct bvhd_error *error)
+static enum bvhd_status create_probe(struct trait_probe *probe, struct bvhd_error *error)
 {
     const struct vulkan_code code = {.words = probe_halves_code, .size = sizeof probe_halves_code};
     enum bvhd_status status = vulkan_layout_create(probe->device, 1, 0, 0, &probe->layout, error);
@@ -31,7 +31,8 @@ static enum bvhd_status create_probe(struct probe *probe, struct bvhd_error *err
     return status;
 }
 
-static enum bvhd_status run_probe(struct probe *probe, const struct bvhd_vulkan_queue *queue, struct bvhd_error *error)
+static enum bvhd_status run_probe(struct trait_probe *probe, const struct bvhd_vulkan_queue *queue,
+                                  struct bvhd_error *error)
 {
     const VkDescriptorBufferInfo range = {probe->floats.buffer, 0, probe->floats.size};
     const VkMemoryBarrier written = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
@@ -60,7 +61,7 @@ static bool are_kept(const float *pairs)
 
 bool vulkan_keeps_small_halves(const struct bvhd_vulkan_device *device, const struct bvhd_vulkan_queue *queue)
 {
-    struct probe probe = {.device = device};
+    struct trait_probe probe = {.device = device};
     struct bvhd_error unused;
     enum bvhd_status status = create_probe(&probe, &unused);
     if (status == BVHD_OK)

@@ -231,7 +231,7 @@ enum bvhd_status vulkan_tracer_create(const struct bvhd_vulkan_device *device, c
 {
     struct bvhd_tracer *tracer = memory_alloc(&library_memory, sizeof *tracer);
     if (!tracer)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "tracer", "no memory for %zu bytes", sizeof *tracer);
+        return bvhd_error_no_memory(error, "tracer", "no memory for %zu bytes", sizeof *tracer);
     *tracer = (struct bvhd_tracer){.device = device, .cache = cache, .scene = *scene};
     enum bvhd_status status =
         vulkan_layout_create(device, BINDINGS, 0, sizeof(struct vulkan_trace_push), &tracer->layout, error);

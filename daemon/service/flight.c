@@ -38,7 +38,7 @@ enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct adm
         size *= 2;
     flights->buckets = memory_array(flights->memory, size, sizeof *flights->buckets);
     if (!flights->buckets)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for a table of %u builds", most);
+        return bvhd_error_no_memory(error, "", "no memory for a table of %u builds", most);
     memset(flights->buckets, 0, size * sizeof *flights->buckets);
     flights->mask = size - 1;
     memory_queue_init(&flights->waiting, admission, ADMISSION_BUILD);
@@ -326,7 +326,7 @@ enum bvhd_status flights_start(struct flights *flights, struct preparation *prep
     struct flight *flight = memory_alloc(flights->memory, sizeof *flight);
     if (!flight) {
         disposals_add(flights->disposals, preparation);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for another build");
+        return bvhd_error_no_memory(error, "", "no memory for another build");
     }
     *flight = (struct flight){
         .flights = flights,

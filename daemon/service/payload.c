@@ -137,7 +137,7 @@ static enum bvhd_status map(const struct payload_file *file, bool constant, stru
 {
     struct payload *payload = memory_alloc(file->memory, sizeof *payload);
     if (!payload)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, file->where, "no memory to map it");
+        return bvhd_error_no_memory(error, file->where, "no memory to map it");
     void *mapping = mmap(NULL, file->size, PROT_READ, constant ? MAP_PRIVATE : MAP_SHARED, file->descriptor, 0);
     if (mapping == MAP_FAILED) {
         enum bvhd_status status = refused(file, error, "cannot be mapped");
@@ -183,7 +183,7 @@ enum bvhd_status payload_copy(struct bytes bytes, struct memory *memory, struct 
     uint64_t total;
     unsigned char *block = bytes_add(bytes.size, COPY_OFFSET, &total) ? memory_alloc(memory, total) : NULL;
     if (!block)
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "payload", "%" PRIu64 " bytes", bytes.size);
+        return bvhd_error_no_memory(error, "payload", "%" PRIu64 " bytes", bytes.size);
     struct payload *payload = (struct payload *)(void *)block;
     *payload = (struct payload){.memory = memory, .bytes = {.data = block + COPY_OFFSET, .size = bytes.size}};
     atomic_init(&payload->refs, 1);

@@ -40,7 +40,7 @@ static struct service_options complete(const struct service_options *options)
 
 static enum bvhd_status out_of_memory(struct bvhd_error *error)
 {
-    return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for the service");
+    return bvhd_error_no_memory(error, "", "no memory for the service");
 }
 
 /* Initialises the members that need no memory. */

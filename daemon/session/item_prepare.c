@@ -128,7 +128,7 @@ static void fail_to_start(struct item *item)
     const struct admission_claim *claim = &item->memory.claim;
     struct bvhd_error error;
     admission_end(&item_service(item)->admission.prepares[claim->class], claim->bytes);
-    bvhd_error_set(&error, BVHD_NO_MEMORY, place("infos[%u]", item->index).text, "no memory to prepare it");
+    bvhd_error_no_memory(&error, place("infos[%u]", item->index).text, "no memory to prepare it");
     item_fail(item, &error);
     request_settle(request);
 }

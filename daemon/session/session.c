@@ -207,7 +207,7 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
     struct pool_flow *flow = session ? pool_flow_create(service->pool) : NULL;
     if (!flow) {
         memory_free(&service->memory, session);
-        return bvhd_error_set(error, BVHD_NO_MEMORY, "", "no memory for another session");
+        return bvhd_error_no_memory(error, "", "no memory for another session");
     }
     *session = (struct session){.service = service, .peer = *peer, .link = *link};
     session->client = (struct request_client){.service = service, .events = &events, .flights = {.flow = flow}};

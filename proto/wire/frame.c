@@ -162,16 +162,24 @@ static void shrink_when_empty(struct frame_parser *parser)
     parser->capacity = parser->begin = parser->end = 0;
 }
 
-enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char **ret_at, uint64_t *ret_size,
+/* Reads the header of the next frame, if all of it is there. A parser that fails once always fails. */
+static enum bvhd_status next_header(struct frame_parser *parser, struct frame_header *ret_header, bool *ret_found,
                                     struct bvhd_error *error)
 {
     if (parser->broken != BVHD_OK)
         return fail_broken(parser, error);
+    enum bvhd_status status = look_at_header(parser, ret_header, ret_found, error);
+    return status == BVHD_OK ? BVHD_OK : break_parser(parser, status);
+}
+
+enum bvhd_status frame_parser_space(struct frame_parser *parser, unsigned char **ret_at, uint64_t *ret_size,
+                                    struct bvhd_error *error)
+{
     struct frame_header header;
     bool found;
-    enum bvhd_status status = look_at_header(parser, &header, &found, error);
+    enum bvhd_status status = next_header(parser, &header, &found, error);
     if (status != BVHD_OK)
-        return break_parser(parser, status);
+        return status;
     shrink_when_empty(parser);
     uint64_t wanted = wanted_capacity(parser, found ? &header : NULL);
     if (parser->capacity - parser->begin < wanted || parser->begin == parser->end)
@@ -250,13 +258,11 @@ static void take_frame(struct frame_parser *parser, const struct frame_header *h
 enum bvhd_status frame_parser_next(struct frame_parser *parser, struct frame *ret_frame, bool *ret_found,
                                    struct bvhd_error *error)
 {
-    if (parser->broken != BVHD_OK)
-        return fail_broken(parser, error);
     struct frame_header header;
     bool found;
-    enum bvhd_status status = look_at_header(parser, &header, &found, error);
+    enum bvhd_status status = next_header(parser, &header, &found, error);
     if (status != BVHD_OK)
-        return break_parser(parser, status);
+        return status;
     if (!found || parser->end - parser->begin < size_of(&header)) {
         *ret_found = false;
         return BVHD_OK;

@@ -59,8 +59,11 @@ enum bvhd_status tracer_portable_create(struct gpu *gpu, const struct structures
 enum bvhd_status tracer_native_create(struct gpu *gpu, const struct structures *structures, struct memory *memory,
                                       struct tracer **ret_tracer, struct bvhd_error *error);
 
-/* The same over any top-level structure of the device, for instance one that the driver built: without looking at files. `top` must outlive it. AABBs hit nothing:
- * a ray query does not tell where they are. BVHD_UNSUPPORTED on a device without VK_KHR_ray_query. */
+/*
+ * Traces through any top-level structure of the device, for instance one that the driver built, without reading files.
+ * `top` must outlive the tracer. Rays do not hit AABBs, because a ray query does not report where they are. Returns
+ * BVHD_UNSUPPORTED on a device without VK_KHR_ray_query.
+ */
 enum bvhd_status tracer_query_create(struct gpu *gpu, VkAccelerationStructureKHR top, struct memory *memory,
                                      struct tracer **ret_tracer, struct bvhd_error *error);
 
