@@ -5,22 +5,8 @@
 # layer, whose messages count as failures. The status is 77 if no device can run any of them.
 # shellcheck disable=SC2046,SC2086 # compilers and flags are lists of words
 set -u
-export LC_ALL=C
-source=$(realpath "$1")
-build=$(realpath "$2")
-shift 2
-compiler=$*
-scratch=$(mktemp -d)
-daemon=
-cleanup()
-{
-    [ -z "$daemon" ] || kill "$daemon" 2>/dev/null
-    rm -rf "$scratch"
-}
-trap cleanup EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
-unset BVHD_SOCKET XDG_RUNTIME_DIR PKG_CONFIG_SYSROOT_DIR
+# shellcheck source=tests/support/installed.sh
+. "$(dirname "$0")/../support/installed.sh"
 
 fail()
 {
@@ -29,13 +15,7 @@ fail()
     exit 1
 }
 
-meson install -C "$build" --no-rebuild --destdir "$scratch/stage" >log 2>&1 || fail 'meson install'
-config=$(find stage -name bvhd.pc)
-prefix=$scratch/stage$(sed -n 's/^prefix=//p' "$config")
-pkg()
-{
-    PKG_CONFIG_PATH=$(dirname "$config") pkg-config --define-variable=prefix="$prefix" "$@" bvhd
-}
+install_library >log 2>&1 || fail 'meson install'
 shaders=$(pkg --variable=shaderdir)
 [ -f "$shaders/bvhd_ray_query.glsl" ] || fail "no shaders in '$shaders'"
 LD_LIBRARY_PATH=$(pkg --variable=libdir)

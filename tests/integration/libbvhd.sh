@@ -8,32 +8,11 @@
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
-export LC_ALL=C
-source=$(realpath "$1")
-build=$(realpath "$2")
-shift 2
-compiler=$*
-scratch=$(mktemp -d)
-daemon=
-cleanup()
-{
-    [ -z "$daemon" ] || kill "$daemon" 2>/dev/null
-    rm -rf "$scratch"
-}
-trap cleanup EXIT
-trap 'exit 1' HUP INT TERM
-cd "$scratch" || exit 1
-unset BVHD_SOCKET XDG_RUNTIME_DIR PKG_CONFIG_SYSROOT_DIR
+# shellcheck source=tests/support/installed.sh
+. "$(dirname "$0")/../support/installed.sh"
 
-expect_quietly 'meson install' meson install -C "$build" --no-rebuild --destdir "$scratch/stage"
-config=$(find stage -name bvhd.pc)
-expect_quietly 'a file for pkg-config' [ -f "$config" ]
+expect_quietly 'meson install, with a file for pkg-config' install_library
 [ $failures -eq 0 ] || exit 1
-prefix=$scratch/stage$(sed -n 's/^prefix=//p' "$config")
-pkg()
-{
-    PKG_CONFIG_PATH=$(dirname "$config") pkg-config --define-variable=prefix="$prefix" "$@" bvhd
-}
 include=$(pkg --variable=includedir)
 libraries=$(pkg --variable=libdir)
 shared=$libraries/libbvhd.so

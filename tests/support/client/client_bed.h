@@ -144,6 +144,29 @@ static inline enum bvhd_status bed_status(struct bvhd_batch *batch, uint32_t ite
     return bvhd_batch_result(batch, item)->error.status;
 }
 
+/* Waits for the batch, and returns its first item's status. */
+static inline enum bvhd_status bed_outcome(struct bvhd_batch *batch)
+{
+    assert_int_equal(bvhd_batch_wait(batch, 5000), BVHD_OK);
+    return bed_status(batch, 0);
+}
+
+/* Returns the text of the first item's error. */
+static inline const char *bed_text(struct bvhd_batch *batch)
+{
+    return bvhd_batch_result(batch, 0)->error.text;
+}
+
+/* Submits one item on a connection that has been greeted, and receives the request. */
+static inline struct bvhd_batch *bed_ask(struct client_bed *bed, uint64_t *ret_request)
+{
+    struct frame frame;
+    struct bvhd_batch *batch = bed_submit(bed, 1, 1);
+    assert_true(fake_expect(&bed->fake, FRAME_BUILD, &frame));
+    *ret_request = frame.header.request;
+    return batch;
+}
+
 /* Dispatches until the batch is done or 10 s have passed. */
 static inline bool bed_finish(struct client_bed *bed, struct bvhd_batch *batch)
 {

@@ -17,28 +17,6 @@ enum { SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE };
 
 static const struct bytes nothing = {NULL, 0};
 
-/* Waits for the batch, and returns its first item's status. */
-static enum bvhd_status outcome(struct bvhd_batch *batch)
-{
-    assert_int_equal(bvhd_batch_wait(batch, 5000), BVHD_OK);
-    return bed_status(batch, 0);
-}
-
-static const char *text_of(struct bvhd_batch *batch)
-{
-    return bvhd_batch_result(batch, 0)->error.text;
-}
-
-/* Submits one item on a connection that has been greeted, and receives the request. */
-static struct bvhd_batch *ask(struct client_bed *bed, uint64_t *ret_request)
-{
-    struct frame frame;
-    struct bvhd_batch *batch = bed_submit(bed, 1, 1);
-    assert_true(fake_expect(&bed->fake, FRAME_BUILD, &frame));
-    *ret_request = frame.header.request;
-    return batch;
-}
-
 /* Answers HELLO with a frame of the test's choice. */
 static enum bvhd_status answer_hello(struct client_bed *bed, enum frame_type type, struct bytes control,
                                      struct bvhd_error *ret_error)
@@ -47,7 +25,7 @@ static enum bvhd_status answer_hello(struct client_bed *bed, enum frame_type typ
     struct bvhd_batch *batch = bed_submit(bed, 1, 1);
     assert_true(fake_accept(&bed->fake, NULL) && fake_expect(&bed->fake, FRAME_HELLO, &frame));
     fake_send(&bed->fake, type, 0, control);
-    enum bvhd_status status = outcome(batch);
+    enum bvhd_status status = bed_outcome(batch);
     *ret_error = bvhd_batch_result(batch, 0)->error;
     bvhd_batch_destroy(batch);
     return status;
@@ -66,7 +44,7 @@ static void test_versions(void **state)
         bed.fake.welcome.version = versions[i];
         assert_true(fake_greet(&bed.fake));
         double start = bed_now();
-        assert_int_equal(outcome(batch), BVHD_INCOMPATIBLE);
+        assert_int_equal(bed_outcome(batch), BVHD_INCOMPATIBLE);
         assert_true(bed_now() - start < BED_LATE_MS);
         bvhd_batch_destroy(batch);
     }
@@ -78,8 +56,8 @@ static void test_versions(void **state)
     assert_int_equal(hello->version_max, CONTROL_VERSION);
     fake_free(&bed.fake, hello);
     fake_send_error(&bed.fake, 0, BVHD_INCOMPATIBLE, "hello", "versions 2 to 3, not 1 to 1");
-    assert_int_equal(outcome(batch), BVHD_INCOMPATIBLE);
-    assert_non_null(strstr(text_of(batch), "versions 2 to 3"));
+    assert_int_equal(bed_outcome(batch), BVHD_INCOMPATIBLE);
+    assert_non_null(strstr(bed_text(batch), "versions 2 to 3"));
     bvhd_batch_destroy(batch);
     assert_int_equal(answer_hello(&bed, FRAME_PONG, nothing, &error), BVHD_UNAVAILABLE);
     assert_non_null(strstr(error.text, "breaks the protocol"));
@@ -98,7 +76,7 @@ static void test_garbage(void **state)
         struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
         assert_true(fake_accept(&bed.fake, NULL));
         raw_send(&bed.fake.peer, garbage[i], strlen(garbage[i]), NULL, 0);
-        assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
+        assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
         assert_int_equal(strncmp(bvhd_batch_result(batch, 0)->error.where, "frame.", 6), 0);
         bvhd_batch_destroy(batch);
     }
@@ -140,10 +118,10 @@ static void test_hangs_up_at_each_byte(void **state)
     for (; status == BVHD_UNAVAILABLE && cut < 4096; cut++) {
         uint64_t request;
         assert_true(bed_connect(&bed));
-        struct bvhd_batch *batch = ask(&bed, &request);
+        struct bvhd_batch *batch = bed_ask(&bed, &request);
         send_cut(&bed, request, cut);
         fake_hang_up(&bed.fake);
-        status = outcome(batch);
+        status = bed_outcome(batch);
         bvhd_batch_destroy(batch);
     }
     assert_int_equal(status, BVHD_OK);
@@ -170,8 +148,8 @@ static void test_hangs_up_early(void **state)
     bvhd_client_dispatch(bed.client);
     assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
     fake_send_error(&bed.fake, 0, BVHD_NO_MEMORY, "connection", "no memory for an answer");
-    assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
-    assert_non_null(strstr(text_of(batch), "no memory for an answer"));
+    assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
+    assert_non_null(strstr(bed_text(batch), "no memory for an answer"));
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }
@@ -267,7 +245,7 @@ static void test_wrong_answers(void **state)
         assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
         send_wrong(&bed, (enum wrong)wrong, frame.header.request);
         double start = bed_now();
-        assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
+        assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
         assert_true(bed_now() - start < BED_LATE_MS);
         assert_true(raw_await_close(&bed.fake.peer, 1000, NULL));
         bvhd_batch_destroy(batch);
@@ -312,10 +290,10 @@ static void check_bytes(struct client_bed *bed, uint64_t size, uint64_t inline_s
     static const unsigned char bytes[1000];
     struct control_result result = {.size = size};
     uint64_t request;
-    struct bvhd_batch *batch = ask(bed, &request);
+    struct bvhd_batch *batch = bed_ask(bed, &request);
     fake_send_prepared(&bed->fake, request, 0, 1);
     fake_send_result_with(&bed->fake, request, &result, (struct bytes){bytes, inline_size}, descriptor);
-    assert_int_equal(outcome(batch), expected);
+    assert_int_equal(bed_outcome(batch), expected);
     bvhd_batch_destroy(batch);
 }
 
@@ -357,7 +335,7 @@ static void test_wrong_descriptors(void **state)
             int descriptors[4];
             bed_start(&bed);
             assert_true(bed_connect(&bed));
-            struct bvhd_batch *batch = ask(&bed, &request);
+            struct bvhd_batch *batch = bed_ask(&bed, &request);
             for (int i = 0; i < 4; i++)
                 descriptors[i] = memfd_of(100000, SEALS);
             struct raw_frame frame = {
@@ -371,7 +349,7 @@ static void test_wrong_descriptors(void **state)
             for (int i = 0; i < 4; i++)
                 close(descriptors[i]);
             enum bvhd_status expected = sent != declared ? BVHD_UNAVAILABLE : sent == 1 ? BVHD_OK : BVHD_CORRUPT;
-            assert_int_equal(outcome(batch), expected);
+            assert_int_equal(bed_outcome(batch), expected);
             bvhd_batch_destroy(batch);
             assert_true(bed_stop(&bed));
         }
@@ -387,7 +365,7 @@ static void test_too_many_files(void **state)
     int taken[64], count = 0;
     bed_start(&bed);
     assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = ask(&bed, &request);
+    struct bvhd_batch *batch = bed_ask(&bed, &request);
     int result = memfd_of(100000, SEALS);
     struct control_result message = {.size = 100000};
     assert_int_equal(getrlimit(RLIMIT_NOFILE, &before), 0);
@@ -400,8 +378,8 @@ static void test_too_many_files(void **state)
     result = dup(0);
     fake_send_result_with(&bed.fake, request, &message, nothing, again);
     taken[count++] = dup(0);
-    assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
-    assert_non_null(strstr(text_of(batch), "too many files"));
+    assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
+    assert_non_null(strstr(bed_text(batch), "too many files"));
     assert_int_equal(setrlimit(RLIMIT_NOFILE, &before), 0);
     close(result);
     while (count > 0)
@@ -419,7 +397,7 @@ static void test_unknown_frames(void **state)
     uint64_t request;
     bed_start(&bed);
     assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = ask(&bed, &request);
+    struct bvhd_batch *batch = bed_ask(&bed, &request);
     int descriptor = memfd_of(10, 0);
     struct raw_frame frame = {
         .header = {.type = 200, .request = 12345, .descriptors = 1},
@@ -431,7 +409,7 @@ static void test_unknown_frames(void **state)
     close(descriptor);
     fake_send(&bed.fake, (enum frame_type)UINT16_MAX, request, nothing);
     fake_send_result(&bed.fake, request, 0, 10);
-    assert_int_equal(outcome(batch), BVHD_OK);
+    assert_int_equal(bed_outcome(batch), BVHD_OK);
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }
@@ -444,9 +422,9 @@ static void test_unknown_status(void **state)
     uint64_t request;
     bed_start(&bed);
     assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = ask(&bed, &request);
+    struct bvhd_batch *batch = bed_ask(&bed, &request);
     fake_send_failed(&bed.fake, request, 0, (enum bvhd_status)99, "infos[0]");
-    assert_int_equal(outcome(batch), 99);
+    assert_int_equal(bed_outcome(batch), 99);
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }

@@ -8,28 +8,6 @@
 
 static const struct bytes nothing = {NULL, 0};
 
-/* Waits for the batch, and returns its first item's status. */
-static enum bvhd_status outcome(struct bvhd_batch *batch)
-{
-    assert_int_equal(bvhd_batch_wait(batch, 5000), BVHD_OK);
-    return bed_status(batch, 0);
-}
-
-static const char *text_of(struct bvhd_batch *batch)
-{
-    return bvhd_batch_result(batch, 0)->error.text;
-}
-
-/* Submits one item on a connection that has been greeted, and receives the request. */
-static struct bvhd_batch *ask(struct client_bed *bed, uint64_t *ret_request)
-{
-    struct frame frame;
-    struct bvhd_batch *batch = bed_submit(bed, 1, 1);
-    assert_true(fake_expect(&bed->fake, FRAME_BUILD, &frame));
-    *ret_request = frame.header.request;
-    return batch;
-}
-
 static void test_nobody(void **state)
 {
     (void)state;
@@ -38,7 +16,7 @@ static void test_nobody(void **state)
     fake_close_listener(&bed.fake);
     double start = bed_now();
     struct bvhd_batch *batch = bed_submit(&bed, 2, 1);
-    assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
+    assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     assert_in_range((int)(bed_now() - start), BED_CONNECT_MS - 1, BED_LATE_MS);
     assert_string_equal(bvhd_batch_result(batch, 1)->error.where, bed.fake.path);
     bvhd_batch_destroy(batch);
@@ -60,7 +38,7 @@ static void test_path_too_long(void **state)
     struct bvhd_client_options options = {.socket_path = path};
     bed_options(&bed, &options);
     struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
-    assert_int_equal(outcome(batch), BVHD_INVALID);
+    assert_int_equal(bed_outcome(batch), BVHD_INVALID);
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }
@@ -77,7 +55,7 @@ static void test_comes_and_goes(void **state)
     for (int i = 0; i < 3; i++) {
         fake_open_listener(&bed.fake);
         fake_serve(&bed.fake);
-        assert_int_equal(outcome(batch), BVHD_OK);
+        assert_int_equal(bed_outcome(batch), BVHD_OK);
         bvhd_batch_destroy(batch);
         fake_serve_end(&bed.fake);
         fake_hang_up(&bed.fake);
@@ -85,7 +63,7 @@ static void test_comes_and_goes(void **state)
         batch = bed_submit(&bed, 1, 1); /* the loss is noticed before this batch is sent */
         assert_int_equal(bvhd_batch_wait(batch, 20), BVHD_PENDING);
     }
-    assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
+    assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }
@@ -129,7 +107,7 @@ static void test_silent_at_hello(void **state)
     bed_start_impatient(&bed);
     double start = bed_now();
     struct bvhd_batch *batch = bed_submit(&bed, 1, 1);
-    assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
+    assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     assert_in_range((int)(bed_now() - start), BED_CONNECT_MS - 1, BED_LATE_MS);
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
@@ -144,7 +122,7 @@ static void test_silence(void **state)
     uint64_t request;
     bed_start_impatient(&bed);
     assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = ask(&bed, &request);
+    struct bvhd_batch *batch = bed_ask(&bed, &request);
     double start = bed_now();
     for (int i = 0; i < 4; i++) {
         assert_int_equal(bvhd_batch_wait(batch, BED_LOST_MS / 2 + 20), BVHD_PENDING);
@@ -153,9 +131,9 @@ static void test_silence(void **state)
     }
     assert_true(bed_now() - start > BED_LOST_MS);
     start = bed_now();
-    assert_int_equal(outcome(batch), BVHD_UNAVAILABLE);
+    assert_int_equal(bed_outcome(batch), BVHD_UNAVAILABLE);
     assert_in_range((int)(bed_now() - start), BED_LOST_MS - 30, BED_LATE_MS);
-    assert_non_null(strstr(text_of(batch), "silent"));
+    assert_non_null(strstr(bed_text(batch), "silent"));
     bvhd_batch_destroy(batch);
     assert_true(bed_stop(&bed));
 }
@@ -169,7 +147,7 @@ static void test_absent_program(void **state)
     uint64_t request;
     bed_start_impatient(&bed);
     assert_true(bed_connect(&bed));
-    struct bvhd_batch *batch = ask(&bed, &request);
+    struct bvhd_batch *batch = bed_ask(&bed, &request);
     usleep(1000 * (BED_LOST_MS + 50));
     bvhd_client_dispatch(bed.client);
     assert_int_equal(bed_status(batch, 0), BVHD_PENDING);
@@ -194,7 +172,7 @@ static void test_goodbye(void **state)
     uint64_t request;
     bed_start_impatient(&bed);
     assert_true(bed_connect(&bed));
-    struct bvhd_batch *first = ask(&bed, &request);
+    struct bvhd_batch *first = bed_ask(&bed, &request);
     fake_send(&bed.fake, FRAME_GOODBYE, 0, nothing);
     fake_send(&bed.fake, FRAME_GOODBYE, 0, nothing);
     bvhd_client_dispatch(bed.client);
@@ -206,14 +184,14 @@ static void test_goodbye(void **state)
     assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
     fake_send_prepared(&bed.fake, frame.header.request, 0, 1);
     fake_send_result(&bed.fake, frame.header.request, 0, 20);
-    assert_int_equal(outcome(second), BVHD_OK);
+    assert_int_equal(bed_outcome(second), BVHD_OK);
     assert_int_equal(bed_status(first, 0), BVHD_PENDING);
     struct raw_client fresh = bed.fake.peer;
     bed.fake.peer = old;
     bed.fake.peer.parser.memory = &bed.fake.peer.memory;
     fake_send_prepared(&bed.fake, request, 0, 1);
     fake_send_result(&bed.fake, request, 0, 30);
-    assert_int_equal(outcome(first), BVHD_OK);
+    assert_int_equal(bed_outcome(first), BVHD_OK);
     assert_int_equal(bvhd_batch_result(first, 0)->size, 30);
     assert_true(raw_await_close(&bed.fake.peer, 1000, NULL));
     raw_close(&bed.fake.peer);

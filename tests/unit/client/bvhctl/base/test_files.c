@@ -9,23 +9,7 @@
 
 #include "client/bvhctl/base/depfile.h"
 #include "client/bvhctl/base/files.h"
-
-static char directory[64];
-
-static int enter_scratch(void **state)
-{
-    (void)state;
-    strcpy(directory, "/tmp/bvhd-test-files-XXXXXX");
-    return mkdtemp(directory) && chdir(directory) == 0 ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return chdir("/") == 0 ? system(command) : -1;
-}
+#include "tests/support/scratch.h"
 
 static struct bytes text_bytes(const char *text)
 {
@@ -330,5 +314,5 @@ int main(void)
         cmocka_unit_test(test_depfile_no_memory),       cmocka_unit_test(test_links_stay),
         cmocka_unit_test(test_only_files_are_replaced), cmocka_unit_test(test_join),
     };
-    return cmocka_run_group_tests_name("files", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("files", tests, scratch_enter, scratch_remove);
 }

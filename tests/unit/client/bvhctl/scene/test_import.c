@@ -6,23 +6,7 @@
 #include <unistd.h>
 
 #include "client/bvhctl/scene/import.h"
-
-static char directory[64];
-
-static int enter_scratch(void **state)
-{
-    (void)state;
-    strcpy(directory, "/tmp/bvhd-test-import-XXXXXX");
-    return mkdtemp(directory) && chdir(directory) == 0 ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return chdir("/") == 0 ? system(command) : -1;
-}
+#include "tests/support/scratch.h"
 
 static void write_file(const char *path, const void *data, size_t size)
 {
@@ -327,5 +311,5 @@ int main(void)
         cmocka_unit_test(test_no_memory),    cmocka_unit_test(test_importer_crash),
         cmocka_unit_test(test_names),
     };
-    return cmocka_run_group_tests_name("import", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("import", tests, scratch_enter, scratch_remove);
 }

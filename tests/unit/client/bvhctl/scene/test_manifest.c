@@ -6,33 +6,17 @@
 
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/scene/manifest.h"
-
-static char directory[64];
-
-static int enter_scratch(void **state)
-{
-    (void)state;
-    strcpy(directory, "/tmp/bvhd-test-manifest-XXXXXX");
-    return mkdtemp(directory) ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return system(command);
-}
+#include "tests/support/scratch.h"
 
 static enum bvhd_status read_text(const char *text, struct memory *memory, struct manifest *ret_manifest,
                                   struct bvhd_error *error)
 {
     char path[128];
-    snprintf(path, sizeof path, "%s/%s", directory, MANIFEST_NAME);
+    snprintf(path, sizeof path, "%s/%s", scratch_folder, MANIFEST_NAME);
     memory_init(memory, UINT64_MAX);
     assert_int_equal(files_write(path, (struct bytes){(const unsigned char *)text, strlen(text)}, memory, NULL, NULL),
                      BVHD_OK);
-    return manifest_read(directory, memory, ret_manifest, error);
+    return manifest_read(scratch_folder, memory, ret_manifest, error);
 }
 
 static const char good[] = "{\"schema\":1,\"structures\":["
@@ -149,7 +133,7 @@ static void test_missing_and_memory(void **state)
     enum bvhd_status status = BVHD_NO_MEMORY;
     for (int64_t after = 0; status; after++) {
         atomic_store(&memory.fail_after, after);
-        status = manifest_read(directory, &memory, &manifest, NULL);
+        status = manifest_read(scratch_folder, &memory, &manifest, NULL);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
         if (!status)
             manifest_finish(&manifest);
@@ -198,5 +182,5 @@ int main(void)
         cmocka_unit_test(test_missing_and_memory),
         cmocka_unit_test(test_file_names),
     };
-    return cmocka_run_group_tests_name("manifest", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("manifest", tests, scratch_make, scratch_remove);
 }

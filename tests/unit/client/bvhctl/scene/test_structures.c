@@ -13,23 +13,7 @@
 #include "builder/format/serialized.h"
 #include "tests/support/client/bvhctl/test_world.h"
 #include "client/bvhctl/scene/unpack.h"
-
-static char directory[64];
-
-static int enter_scratch(void **state)
-{
-    (void)state;
-    strcpy(directory, "/tmp/bvhd-test-structures-XXXXXX");
-    return mkdtemp(directory) ? 0 : -1;
-}
-
-static int leave_scratch(void **state)
-{
-    (void)state;
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", directory);
-    return system(command);
-}
+#include "tests/support/scratch.h"
 
 /* Variant 0 is the portable target. */
 static void open_world(struct test_world *world, uint32_t variant, struct bvhd_format *format)
@@ -43,7 +27,7 @@ static void put_file(const char *name, const void *data, uint64_t size)
     char path[128];
     struct memory memory;
     memory_init(&memory, UINT64_MAX);
-    snprintf(path, sizeof path, "%s/%s", directory, name);
+    snprintf(path, sizeof path, "%s/%s", scratch_folder, name);
     assert_int_equal(files_write(path, (struct bytes){data, size}, &memory, NULL, NULL), BVHD_OK);
 }
 
@@ -126,7 +110,7 @@ static void test_both_targets(void **state)
         open_world(&world, variant, &format);
         put_world(&world, variant);
         memory_init(&memory, UINT64_MAX);
-        assert_int_equal(structures_open(directory, "world", &memory, &structures, NULL), BVHD_OK);
+        assert_int_equal(structures_open(scratch_folder, "world", &memory, &structures, NULL), BVHD_OK);
         assert_int_equal(structures.target, variant ? TARGET_LAVAPIPE : TARGET_PORTABLE);
         assert_true(structures.has_top && structures.bottom_count == 2 && structures.file_count == 3);
         for (int i = 0; i < TEST_WORLD_FILES; i++) {
@@ -137,7 +121,7 @@ static void test_both_targets(void **state)
         assert_true(structures_colour(&structures, 1, 0)[0] == 0.5f && !structures_colour(&structures, 1, 1) &&
                     !structures_colour(&structures, 2, 0));
 
-        assert_int_equal(structures_open(directory, "alone", &memory, &alone, NULL), BVHD_OK);
+        assert_int_equal(structures_open(scratch_folder, "alone", &memory, &alone, NULL), BVHD_OK);
         assert_true(!alone.has_top && alone.file_count == 1 && !structures_top(&alone));
         struct ray ray = {.origin = {0.25f, 9, 0.5f}, .direction = {0, -1, 0}, .tmax = INFINITY, .cull_mask = 1};
         struct ray_hit hit;
@@ -188,7 +172,7 @@ static void expect(enum bvhd_status expected, const char *place)
     struct structures structures;
     struct bvhd_error error = {0};
     memory_init(&memory, UINT64_MAX);
-    enum bvhd_status status = structures_open(directory, "world", &memory, &structures, &error);
+    enum bvhd_status status = structures_open(scratch_folder, "world", &memory, &structures, &error);
     if (status != expected || !strstr(error.where, place))
         fail_msg("%s: %s: %s", bvhd_status_name(status), error.where, error.text);
     assert_int_equal(memory.live, 0);
@@ -277,7 +261,7 @@ static void test_rows(void **state)
     put_file("top.as", top, item->size);
     put_manifest("lavapipe", "top.as", "\"cube.as\",\"cube.as\",\"cube.as\"");
     memory_init(&memory, UINT64_MAX);
-    assert_int_equal(structures_open(directory, NULL, &memory, &structures, NULL), BVHD_OK);
+    assert_int_equal(structures_open(scratch_folder, NULL, &memory, &structures, NULL), BVHD_OK);
     assert_true(structures.bottom_count == 3 && structures.file_count == 4);
     assert_ptr_equal(structures.blobs[0].data, structures.blobs[2].data);
     assert_null(structures.blobs[1].data);
@@ -390,7 +374,7 @@ static void test_no_memory(void **state)
             struct structures structures;
             struct unpacked unpacked;
             atomic_store(&memory.fail_after, after);
-            status = structures_open(directory, NULL, &memory, &structures, NULL);
+            status = structures_open(scratch_folder, NULL, &memory, &structures, NULL);
             if (!status) {
                 status = unpack_structures(&structures, &memory, &unpacked, NULL);
                 if (!status)
@@ -413,5 +397,5 @@ int main(void)
         cmocka_unit_test(test_wrong_handles),   cmocka_unit_test(test_rows),     cmocka_unit_test(test_wrong_leaves),
         cmocka_unit_test(test_wrong_instances), cmocka_unit_test(test_cut),      cmocka_unit_test(test_no_memory),
     };
-    return cmocka_run_group_tests_name("structures", tests, enter_scratch, leave_scratch);
+    return cmocka_run_group_tests_name("structures", tests, scratch_make, scratch_remove);
 }
