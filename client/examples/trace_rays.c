@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * trace_rays.c - traces the rays of one buffer into the hits of another by the library's own kernels (bvhd_trace.h), and
- * prints how many rays a second that is.
+ * trace_rays.c - traces the rays of one buffer into the hits of another by the library's own kernels (bvhd_trace.h),
+ * and prints how many rays a second that is.
  *
  *     trace_rays                         4,096 rays through a small scene, which the service builds
  *     trace_rays RAYS STRUCTURE.as...    rays of a file (one struct bvhd_ray after the other) through structures of

@@ -3,22 +3,22 @@
  * bvhd_trace.h - traces rays through portable structures on any Vulkan device with compute shaders: the library's own
  * kernels, recorded into the program's command buffers.
  *
- * A program that needs a hit for each ray of a buffer gets it from here faster than from a shader of its own that
- * includes bvhd_ray_query.glsl: the kernels answer the same, at three times the rate or more. Programs that decide
- * something during traversal (alpha tests, AABBs with a surface inside) write such a shader.
+ * It is for programs that need a hit for each ray of a buffer. The kernels give the same answers as a shader of the
+ * program that includes bvhd_ray_query.glsl, on a GPU at about three times the rate. Programs that decide something
+ * during traversal (alpha tests, AABBs with a surface inside) need such a shader.
  *
  *     bvhd_vulkan_scene_create(device, &queue, &scene_options, &scene, &error);              portable structures
  *     bvhd_tracer_create(device, &queue, &tracer_options, &tracer, &error);                  once for a scene
  *     bvhd_tracer_bind(tracer, &buffers, &binding, &error);                                  once for a pair of buffers
  *     bvhd_tracer_record(binding, commands, &trace, &error);                                 each time
  *
- * All work is on the device: a record is a few dispatches without any read-back, and may be recorded once and submitted
- * again and again.
+ * All work is done on the device: bvhd_tracer_record records a few dispatches without any read-back. A command buffer
+ * with them may be submitted any number of times.
  *
  * Threads: a tracer is immutable once it is created, so any number of threads may bind and record with it at once. A
- * binding is used by one thread at a time. Queues and command buffers are synchronised by the caller as Vulkan requires
- * it. Errors are those of bvhd.h; what Vulkan reports becomes BVHD_NO_MEMORY, BVHD_UNAVAILABLE (device lost) or
- * BVHD_INTERNAL, with the name of the call in `where`.
+ * binding is used by one thread at a time. The caller synchronises queues and command buffers as Vulkan requires.
+ * Errors are reported as in bvhd.h; a Vulkan error becomes BVHD_NO_MEMORY, BVHD_UNAVAILABLE (device lost) or
+ * BVHD_INTERNAL, with the name of the Vulkan function in `where`.
  */
 #ifndef BVHD_BVHD_TRACE_H
 #define BVHD_BVHD_TRACE_H
@@ -29,31 +29,33 @@
 extern "C" {
 #endif
 
-/* ---- Rays and hits, as they lie in buffers ---- */
+/* ---- Rays and hits, as buffers hold them ---- */
 
-/* 48 bytes, std430; bvhd_ray.glsl declares the same structs for shaders. */
+/* A ray, which starts at `origin`: 48 bytes, std430. Shaders include bvhd_ray.glsl for the same struct, BvhdRay. */
 struct bvhd_ray {
     float origin[3];
     float tmin; /* not negative */
     /*
-     * Need not be of unit length. With a direction of zero, or with any component that is not finite, nothing is hit.
+     * The direction need not have unit length. A ray hits nothing if its direction is zero, or if a component of its
+     * origin or direction is not finite.
      */
     float direction[3];
     float tmax; /* may be infinite; nothing is hit unless tmin <= tmax */
-    /* VkRayFlags as in SPIR-V (RayFlagsKHR); they are read with BVHD_TRACE_RAY_FLAGS only, and else must be 0. */
+    /* SPIR-V's ray flags. They are read only with BVHD_TRACE_RAY_FLAGS, and must be 0 without it. */
     uint32_t flags;
-    uint32_t mask; /* bits 7 .. 0: an instance is skipped when its mask has none of these bits */
+    uint32_t mask; /* bits 7 .. 0: an instance is skipped if its mask has none of these bits; 0xff hits all */
     uint32_t reserved[2]; /* not read */
 };
 
 #define BVHD_NO_INSTANCE UINT32_C(0xffffffff)
 
 /*
- * 32 bytes, std430. A ray that hits nothing has t = +infinity, instance = BVHD_NO_INSTANCE, and 0 in all other fields.
+ * The answer to a ray: 32 bytes, std430 (BvhdHit in shaders). A ray that hits nothing has t = +infinity, instance =
+ * BVHD_NO_INSTANCE, and 0 in all other fields.
  *
- * A triangle is hit for tmin < t < tmax. Of triangles at equal distance, to 32 significant bits, the one with the
- * lowest (instance, geometry, primitive) is reported; no ray slips between two triangles that share an edge. Triangles
- * of geometries without VK_GEOMETRY_OPAQUE_BIT_KHR are accepted too. AABBs are hit where the ray enters them.
+ * A triangle is hit if tmin < t < tmax. If triangles have equal distances, to 32 significant bits, the one with the
+ * lowest (instance, geometry, primitive) is reported. No ray slips between two triangles that share an edge. Triangles
+ * of geometries without VK_GEOMETRY_OPAQUE_BIT_KHR are hit, too. AABBs are hit where the ray enters them.
  */
 struct bvhd_hit {
     float t; /* the point is origin + t * direction */
@@ -83,7 +85,7 @@ struct bvhd_tracer_options {
      */
     const struct bvhd_vulkan_scene *scene;
     /*
-     * The structure at which rays start, an index among the scene's blobs or `blobs`: a top level, or a bottom level.
+     * The index of the structure that rays enter first, a top level or a bottom level: in the scene's blobs or `blobs`.
      */
     uint32_t root;
 
@@ -93,7 +95,7 @@ struct bvhd_tracer_options {
      */
     VkBuffer buffer;
     VkDeviceSize buffer_size;
-    /* 0 where instances name their bottom levels by offsets in the buffer; else its device address. */
+    /* The buffer's device address if instances name their bottom levels by addresses; 0 if they do by offsets in it. */
     VkDeviceAddress buffer_address;
     uint64_t root_location; /* where the root begins: an offset in the buffer, or a device address */
     /*
@@ -109,43 +111,51 @@ struct bvhd_tracer_options {
 };
 
 /*
- * Compiles the kernels. With a queue (else NULL) it also submits a test of 256 values and waits, which tells whether
- * the device keeps denormal halves: where it does, tracing is some percent faster. No other thread may use the queue
- * during the call.
+ * Compiles the kernels. With a queue (else NULL) it also submits a test of 256 values and waits, which finds out
+ * whether the device keeps denormal halves; if it does, tracing is some percent faster. No other thread may use the
+ * queue during the call.
  *
  * The device must have Vulkan 1.1 (else BVHD_UNSUPPORTED) and a queue with compute; no other feature is required. If it
  * has no subgroup ballots in compute shaders, if the scene has AABBs, or if it is larger than 4 GiB, all rays are
- * traced by the portable ray query, at a third of the rate or less. With bufferDeviceAddress enabled (and a scene of
+ * traced by the portable ray query, at about a third of the rate. With bufferDeviceAddress enabled (and a scene of
  * BVHD_VULKAN_SCENE_ADDRESSES, or a buffer_address) the scene may be larger than the device can bind, and the kernels
  * that use doubles can be chosen.
  *
- * BVHD_INVALID: options, native structures among them; BVHD_NOT_FOUND: there is no structure `root`; BVHD_TOO_LARGE:
- * the buffer is larger than a shader can bind, and has no address; BVHD_NO_MEMORY.
+ * Returns BVHD_INVALID if an option is wrong or a structure is native, BVHD_NOT_FOUND if there is no structure `root`,
+ * BVHD_TOO_LARGE if the buffer is larger than a shader can bind and has no address, and BVHD_NO_MEMORY.
  */
 BVHD_API enum bvhd_status bvhd_tracer_create(struct bvhd_vulkan_device *device, const struct bvhd_vulkan_queue *queue,
                                              const struct bvhd_tracer_options *options, struct bvhd_tracer **ret_tracer,
                                              struct bvhd_error *ret_error);
-/* The device must not use it any more, and its bindings have been destroyed. NULL-safe. */
+/*
+ * Frees a tracer, which the device must not use any more. Its bindings must have been destroyed before. NULL is allowed
+ * and does nothing.
+ */
 BVHD_API void bvhd_tracer_destroy(struct bvhd_tracer *tracer);
 
-/* The most rays of one record, by the device's limits on dispatches and bound buffers; more than 2 million. */
+/*
+ * Returns the largest number of rays that one bvhd_tracer_record can trace, by the device's limits on dispatches and
+ * bound buffers. It is more than 2 million.
+ */
 BVHD_API uint32_t bvhd_tracer_max_rays(const struct bvhd_tracer *tracer);
 
 /* ---- Buffers ---- */
 
-/* The bytes of scratch memory that a binding for max_rays rays uses: about 28 for each ray, or 0. */
+/* Returns the bytes of scratch memory that a binding for max_rays rays needs: about 28 for each ray, or 0. */
 BVHD_API VkDeviceSize bvhd_tracer_scratch_size(const struct bvhd_tracer *tracer, uint32_t max_rays);
 
+/* The buffers of rays and hits, which the program creates. */
 struct bvhd_trace_buffers {
     size_t struct_size; /* sizeof(struct bvhd_trace_buffers) */
     /*
-     * Rays are struct bvhd_ray, hits struct bvhd_hit, max_rays of each; ray i's hit is hit i. Offsets are multiples of
-     * minStorageBufferOffsetAlignment. Usage of both: VK_BUFFER_USAGE_STORAGE_BUFFER_BIT. They do not overlap.
+     * Arrays of max_rays struct bvhd_ray and of max_rays struct bvhd_hit; hit i belongs to ray i. Both buffers have
+     * VK_BUFFER_USAGE_STORAGE_BUFFER_BIT. Offsets are multiples of minStorageBufferOffsetAlignment. The spans must not
+     * overlap.
      */
     struct bvhd_vulkan_span rays, hits;
     /*
-     * bvhd_tracer_scratch_size bytes or more for the kernels, with the usage bits STORAGE_BUFFER and TRANSFER_DST. With
-     * VK_NULL_HANDLE as its buffer the library allocates them, and frees them with the binding.
+     * Memory for the kernels: at least bvhd_tracer_scratch_size bytes, with the usage bits STORAGE_BUFFER and
+     * TRANSFER_DST. If its buffer is VK_NULL_HANDLE, the library allocates the memory and frees it with the binding.
      */
     struct bvhd_vulkan_span scratch;
     uint32_t max_rays; /* 1 .. bvhd_tracer_max_rays */
@@ -155,12 +165,13 @@ struct bvhd_trace_buffers {
 struct bvhd_trace_binding;
 
 /*
- * The tracer and the buffers must outlive the binding. BVHD_INVALID: a span is missing, misaligned or too small;
- * BVHD_TOO_LARGE: more rays than bvhd_tracer_max_rays; BVHD_NO_MEMORY.
+ * Binds buffers to a tracer. The tracer and the buffers must outlive the binding, which the caller destroys. Returns
+ * BVHD_INVALID if a span is missing, misaligned or too small, BVHD_TOO_LARGE if max_rays is more than
+ * bvhd_tracer_max_rays, and BVHD_NO_MEMORY.
  */
 BVHD_API enum bvhd_status bvhd_tracer_bind(const struct bvhd_tracer *tracer, const struct bvhd_trace_buffers *buffers,
                                            struct bvhd_trace_binding **ret_binding, struct bvhd_error *ret_error);
-/* The device must not use it any more. NULL-safe. */
+/* Frees a binding, which the device must not use any more. NULL is allowed and does nothing. */
 BVHD_API void bvhd_trace_binding_destroy(struct bvhd_trace_binding *binding);
 
 /* ---- Tracing ---- */
@@ -194,29 +205,31 @@ enum {
     BVHD_TRACE_ANY_HIT = 0x1,
     /*
      * Rays have flags of their own, or a tmin that may be negative or not a number. They are then traced by the
-     * portable ray query, which reads flags, at a third of the rate or less.
+     * portable ray query, which reads flags, at about a third of the rate.
      */
     BVHD_TRACE_RAY_FLAGS = 0x2,
 };
 
+/* What to trace, and how. */
 struct bvhd_trace {
     size_t struct_size; /* sizeof(struct bvhd_trace) */
-    uint32_t ray_count; /* 0 .. the binding's max_rays: the first so many rays of the buffer */
+    uint32_t ray_count; /* how many rays to trace, from the start of the buffer: 0 .. the binding's max_rays */
     uint32_t flags; /* BVHD_TRACE_ */
     enum bvhd_ray_order order;
 };
 
 /*
- * Records the dispatches that trace the first ray_count rays of the binding's buffer. Outside of a render pass; a
- * compute pipeline, descriptor set 0 and push constants of the command buffer's compute bind point are replaced.
+ * Records the dispatches that trace the first ray_count rays of the binding's buffer. The call must be outside of a
+ * render pass. It replaces the pipeline, descriptor set 0 and the push constants of the compute bind point.
  *
- * Barriers that the caller records. Before: what wrote the rays is made visible to stage COMPUTE_SHADER, access
- * SHADER_READ, and what used the hits before has finished. After: source stage COMPUTE_SHADER, access SHADER_WRITE,
- * before anything reads the hits or overwrites the rays. Writes by the host before the submission need no barrier. The
- * record has its own barriers for the scratch memory, between its dispatches and after earlier records of the binding
- * on the same queue; on different queues the caller's semaphores keep records of one binding apart.
+ * The caller records barriers for the rays and hits. Before this call: one that makes the writes of the rays visible to
+ * stage COMPUTE_SHADER, access SHADER_READ, and waits for earlier uses of the hits. After this call, before anything
+ * reads the hits or overwrites the rays: one with source stage COMPUTE_SHADER, access SHADER_WRITE. Writes by the host
+ * before the submission need no barrier. The call itself records the barriers for the scratch memory, between its
+ * dispatches and after earlier ones of the same binding on the same queue. If one binding is used on several queues,
+ * the caller keeps these uses apart by semaphores.
  *
- * BVHD_INVALID: unknown flags, more rays than the binding has. Nothing is recorded then.
+ * Returns BVHD_INVALID if there are unknown flags or more rays than the binding has; nothing is recorded then.
  */
 BVHD_API enum bvhd_status bvhd_tracer_record(const struct bvhd_trace_binding *binding, VkCommandBuffer commands,
                                              const struct bvhd_trace *trace, struct bvhd_error *ret_error);
