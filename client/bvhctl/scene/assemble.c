@@ -169,7 +169,7 @@ static enum bvhd_status share_equal_bottoms(const struct scene_build *job, const
         return no_memory(job);
     for (uint32_t i = 0; i < count; i++) {
         ret_shared[i] = i;
-        if (!assembly->items[i].error.status)
+        if (assembly->items[i].error.status == BVHD_OK)
             bottoms[built++] = (struct keyed_bottom){&assembly->items[i].key, i};
     }
     qsort(bottoms, built, sizeof *bottoms, compare_bottoms);
@@ -205,7 +205,7 @@ static enum bvhd_status collect_references(const struct scene_build *job, struct
             continue;
         uint32_t bottom = shared[import->instances[i].bottom];
         const struct bvhd_result *item = &assembly->items[bottom];
-        if (item->error.status)
+        if (item->error.status != BVHD_OK)
             return bvhd_error_set(ret_failure, item->error.status, import->name,
                                   "bottom level %u, which it needs, was not built", bottom);
         seen[bottom] = true;
@@ -291,9 +291,9 @@ static enum bvhd_status build_top(const struct scene_build *job, struct assembly
     uint32_t *shared = memory_array(memory, import->bottom_count, sizeof *shared);
     enum bvhd_status status =
         records && references && seen && shared ? share_equal_bottoms(job, assembly, shared) : no_memory(job);
-    if (!status && collect_references(job, assembly, shared, references, seen, failure) == BVHD_OK)
+    if (status == BVHD_OK && collect_references(job, assembly, shared, references, seen, failure) == BVHD_OK)
         status = build_described_top(job, assembly, shared, records, references);
-    if (!status && !failure->status)
+    if (status == BVHD_OK && failure->status == BVHD_OK)
         status = read_handles(job, assembly);
     memory_free(memory, shared);
     memory_free(memory, seen);
@@ -315,11 +315,11 @@ enum bvhd_status assemble(const struct import *import, const struct options *opt
         memset(assembly.items, 0, count * sizeof *assembly.items);
     if (!assembly.items || !assembly.handles)
         status = no_memory(&job);
-    if (!status)
+    if (status == BVHD_OK)
         status = build_bottoms(&job, &assembly);
-    if (!status)
+    if (status == BVHD_OK)
         status = build_top(&job, &assembly);
-    if (status)
+    if (status != BVHD_OK)
         assembly_finish(&assembly);
     else
         *ret_assembly = assembly;

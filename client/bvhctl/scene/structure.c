@@ -23,7 +23,7 @@ static enum bvhd_status open_native(struct bytes blob, struct memory *memory, st
     }
     if (status == BVHD_CORRUPT)
         return bvhd_error_set(error, status, inner.where, "%s, or this is the structure of another driver", inner.text);
-    if (status && error)
+    if (status != BVHD_OK && error)
         *error = inner;
     return status;
 }
@@ -49,7 +49,7 @@ static enum bvhd_status read_header(struct bytes blob, struct serialized_header 
         return bvhd_error_set(error, status, "header",
                               "this is not a structure, or only a part of a driver's structure (%s: %s)", inner.where,
                               inner.text);
-    if (status && error)
+    if (status != BVHD_OK && error)
         *error = inner;
     return status;
 }
@@ -60,7 +60,7 @@ enum bvhd_status structure_open(struct bytes blob, struct memory *memory, struct
     struct structure structure = {.blob = blob, .memory = memory};
     struct serialized_header header;
     enum bvhd_status status = read_header(blob, &header, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     const struct target_reader *reader = find_reader(header.driver_uuid);
     if (reader) {
@@ -69,7 +69,7 @@ enum bvhd_status structure_open(struct bytes blob, struct memory *memory, struct
     } else {
         status = open_native(blob, memory, &structure, error);
     }
-    if (status)
+    if (status != BVHD_OK)
         structure_close(&structure);
     else
         *ret_structure = structure;

@@ -28,7 +28,7 @@ enum bvhd_status survey_take(const struct structure *structure, struct memory *m
 {
     struct survey survey = {0};
     enum bvhd_status status = target_reader_find(structure->target)->survey(structure, memory, &survey);
-    if (status)
+    if (status != BVHD_OK)
         return bvhd_error_set(error, status, "nodes", "no memory to walk them");
     *ret_survey = survey;
     return BVHD_OK;

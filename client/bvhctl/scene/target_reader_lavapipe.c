@@ -85,7 +85,7 @@ static enum bvhd_status open_bottom(struct structure *structure, struct bvhd_err
 {
     structure->content = structure->view.lavapipe.kind == LAVAPIPE_AABB ? CONTENT_AABBS : CONTENT_TRIANGLES;
     enum bvhd_status status = list_geometries(structure, NULL, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     structure->geometries =
         memory_array(structure->memory, (uint64_t)structure->geometry_count + 1, sizeof *structure->geometries);
@@ -131,7 +131,7 @@ static enum bvhd_status open_top(struct structure *structure, struct bvhd_error 
     const struct lavapipe_view *view = &structure->view.lavapipe;
     uint32_t leaf_count = view->leaf_count;
     enum bvhd_status status = check_instances(view, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     struct referred referred = {view, memory_alloc(structure->memory, leaf_count)};
     structure->instance_rows = memory_array(structure->memory, leaf_count, sizeof *structure->instance_rows);
@@ -154,7 +154,7 @@ static enum bvhd_status open_structure(struct structure *structure, struct bvhd_
 {
     struct lavapipe_view *view = &structure->view.lavapipe;
     enum bvhd_status status = lavapipe_open_any(structure->blob, structure->memory, view, error);
-    if (status || view->leaf_count == 0)
+    if (status != BVHD_OK || view->leaf_count == 0)
         return status;
     return view->kind == LAVAPIPE_INSTANCE ? open_top(structure, error) : open_bottom(structure, error);
 }

@@ -22,7 +22,7 @@ static enum bvhd_status open_structure(struct structure *structure, struct bvhd_
 {
     struct portable_view *view = &structure->view.portable;
     enum bvhd_status status = portable_open(structure->blob, structure->memory, view, error);
-    if (status)
+    if (status != BVHD_OK)
         return status;
     const struct portable_header *header = view->header;
     structure->content = contents[header->content].content;

@@ -131,11 +131,11 @@ static void test_missing_and_memory(void **state)
     assert_int_equal(read_text(good, &memory, &manifest, NULL), BVHD_OK);
     manifest_finish(&manifest);
     enum bvhd_status status = BVHD_NO_MEMORY;
-    for (int64_t after = 0; status; after++) {
+    for (int64_t after = 0; status != BVHD_OK; after++) {
         atomic_store(&memory.fail_after, after);
         status = manifest_read(scratch_folder, &memory, &manifest, NULL);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
-        if (!status)
+        if (status == BVHD_OK)
             manifest_finish(&manifest);
         assert_int_equal(memory.live, 0);
         assert_true(after < 100);

@@ -348,7 +348,7 @@ static void test_cut(void **state)
                 enum bvhd_status status =
                     structure_open((struct bytes){blob, size}, &world.local.memory, &structure, NULL);
                 assert_int_equal(status, size == item->size ? BVHD_OK : BVHD_CORRUPT);
-                if (!status)
+                if (status == BVHD_OK)
                     structure_close(&structure);
                 assert_int_equal(world.local.memory.live, live);
                 free(blob);
@@ -370,14 +370,14 @@ static void test_no_memory(void **state)
         memory_init(&memory, UINT64_MAX);
         enum bvhd_status status = BVHD_NO_MEMORY;
         int64_t after = 0;
-        for (; status; after++) {
+        for (; status != BVHD_OK; after++) {
             struct structures structures;
             struct unpacked unpacked;
             atomic_store(&memory.fail_after, after);
             status = structures_open(scratch_folder, NULL, &memory, &structures, NULL);
-            if (!status) {
+            if (status == BVHD_OK) {
                 status = unpack_structures(&structures, &memory, &unpacked, NULL);
-                if (!status)
+                if (status == BVHD_OK)
                     unpack_finish(&unpacked);
                 structures_close(&structures);
             }
