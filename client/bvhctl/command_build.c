@@ -73,6 +73,10 @@ static void note_import(const struct import *import)
     if (counts->skins || counts->morphs)
         report_note(import->name, "not geometry, built at rest: %llu skinned meshes, %llu morph targets",
                     (unsigned long long)counts->skins, (unsigned long long)counts->morphs);
+    for (int i = 4; i < IMPORT_COUNT_KINDS; i++)
+        if (import_counts_get(counts, i))
+            report_note(import->name, "%llu %s", (unsigned long long)import_counts_get(counts, i),
+                        import_count_kinds[i].text);
     if (import->skipped_instances)
         report_note(import->name, "%llu instances made inactive: their matrix has no inverse (%s)",
                     (unsigned long long)import->skipped_instances, bvhd_vuid_string(BVHD_VUID_03799));
@@ -89,10 +93,9 @@ static void write_scene(struct build_command *run, const struct import *import, 
     json_integer(json, "instances", import->instance_count);
     json_integer(json, "skipped_instances", import->skipped_instances);
     json_object(json, "not_geometry");
-    json_integer(json, "points", import->counts.points);
-    json_integer(json, "lines", import->counts.lines);
-    json_integer(json, "skins", import->counts.skins);
-    json_integer(json, "morphs", import->counts.morphs);
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        if (i < 4 || import_counts_get(&import->counts, i))
+            json_integer(json, import_count_kinds[i].name, import_counts_get(&import->counts, i));
     json_object_end(json);
     json_object_end(json);
 }
@@ -140,6 +143,34 @@ static enum bvhd_status keep_structure(struct build_command *run, const struct a
     if (!run->options->json)
         print_structure(item, files[index], index == assembly->import->bottom_count);
     return BVHD_OK;
+}
+
+/* Reports the triangles of a scene that no ray can hit. Some targets and flags keep them in the structure. */
+static void note_activity(const struct assembly *assembly)
+{
+    const struct import *import = assembly->import;
+    uint64_t inactive = 0, degenerate = 0, skipped = 0, hidden = 0, triangles = 0;
+    for (uint32_t i = 0; i < import->bottom_count; i++) {
+        const struct bvhd_result *item = &assembly->items[i];
+        triangles += item->primitives;
+        inactive += item->inactive;
+        degenerate += item->degenerate;
+        skipped += item->skipped > item->degenerate ? item->skipped - item->degenerate : 0;
+        hidden += item->inactive + (item->skipped > item->degenerate ? item->skipped : item->degenerate);
+    }
+    if (inactive)
+        report_note(import->name, "%llu triangles are inactive, because a corner is not a number",
+                    (unsigned long long)inactive);
+    if (degenerate)
+        report_note(import->name, "%llu triangles are degenerate: they have no area", (unsigned long long)degenerate);
+    if (skipped)
+        report_note(import->name, "%llu triangles have a corner that is not finite", (unsigned long long)skipped);
+    if (triangles && hidden == triangles)
+        report_note(import->name, "warning: no ray can hit anything in it, because this is so for all %llu triangles",
+                    (unsigned long long)triangles);
+    else if (import->skipped_instances == import->instance_count)
+        report_note(import->name, "warning: no ray can hit anything in it, because all its %u instances are inactive",
+                    import->instance_count);
 }
 
 static bool is_interrupted(const struct build_command *run)
@@ -207,6 +238,7 @@ static enum bvhd_status build_imported(struct build_command *run, const struct i
     progress_end(&run->progress);
     if (!status) {
         keep_structures(run, &assembly, files);
+        note_activity(&assembly);
         assembly_finish(&assembly);
     }
     free_file_names(import, files);
@@ -217,7 +249,7 @@ static void build_scene(struct build_command *run, const char *path)
 {
     struct import import;
     struct bvhd_error error = {0};
-    enum bvhd_status status = import_scene(path, &run->memory, &import, &error);
+    enum bvhd_status status = import_scene(path, run->options->scene, &run->memory, &import, &error);
     if (status) {
         if (!is_interrupted(run)) /* an interrupt at the terminal also ends the child that reads the scene */
             fail(run, "build", &error);

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "client/bvhctl/commands.h"
-#include "client/bvhctl/scene/import.h"
+#include "client/bvhctl/scene/import_compare.h"
 #include "client/bvhctl/service/local.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "client/bvhctl/scene/structures.h"
@@ -15,6 +15,7 @@ struct check_command {
     const struct options *options;
     struct local local;
     struct import import;
+    struct import_comparison comparison;
     struct structures structures;
     struct oracle_mesh *meshes;
     uint32_t mesh_count;
@@ -34,7 +35,7 @@ static enum bvhd_status open_both(struct check_command *run, struct bvhd_error *
 {
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
-    enum bvhd_status status = import_scene(options->operands[1], memory, &run->import, error);
+    enum bvhd_status status = import_scene(options->operands[1], NULL, memory, &run->import, error);
     if (status)
         return status;
     const char *scene = options->scene ? options->scene : run->import.name;
@@ -88,6 +89,36 @@ static struct tally judge_all(const struct check_command *run)
     return tally;
 }
 
+/* Writes what the two readers of the file say, if there are two. */
+static void write_comparison(const struct import_comparison *comparison, struct json *json)
+{
+    static const char *const names[] = {
+        [IMPORT_AGREES] = "agrees", [IMPORT_DIFFERS] = "differs", [IMPORT_NOT_READ] = "not read"};
+    if (comparison->agreement == IMPORT_ONE_READER)
+        return;
+    json_object(json, "assimp");
+    json_text(json, "result", names[comparison->agreement]);
+    json_integer(json, "own_triangles", comparison->own.triangles);
+    json_integer(json, "triangles", comparison->assimp.triangles);
+    json_object_end(json);
+}
+
+/* Reports a difference on stderr in any case, and otherwise what was compared. */
+static void print_comparison(const struct check_command *run)
+{
+    const struct import_comparison *comparison = &run->comparison;
+    const char *name = run->import.name;
+    unsigned long long own = (unsigned long long)comparison->own.triangles;
+    if (comparison->agreement == IMPORT_DIFFERS)
+        report_note(name, "assimp reads the file in another way: %llu triangles instead of %llu, or other bounds",
+                    (unsigned long long)comparison->assimp.triangles, own);
+    if (comparison->agreement == IMPORT_NOT_READ)
+        report_note(name, "assimp does not read the file, so that no second reader was compared: %s",
+                    comparison->error.text);
+    if (comparison->agreement == IMPORT_AGREES && !run->options->json)
+        printf("%s: assimp reads the same %llu triangles in the same bounds\n", name, own);
+}
+
 static void write_tally(const struct check_command *run, const struct tally *tally, struct json *json)
 {
     json_object(json, NULL);
@@ -102,6 +133,7 @@ static void write_tally(const struct check_command *run, const struct tally *tal
     json_number(json, "t_rel_err_max", tally->t_rel_err_max);
     json_integer(json, "seed", run->options->seed);
     json_bool(json, "flip_order", run->options->flip_order);
+    write_comparison(&run->comparison, json);
     json_object_end(json);
 }
 
@@ -129,8 +161,11 @@ static enum exit_code judge(struct check_command *run)
 {
     struct tally tally = judge_all(run);
     uint64_t wrong = tally.wrong_miss + tally.wrong_hit + tally.wrong_primitive;
+    print_comparison(run);
     if (!print_tally(run, &tally))
         return EXIT_FAILED;
+    if (tally.hits == 0)
+        report_note(run->import.name, "warning: no ray hit anything, so that only misses were checked");
     if (wrong)
         report_note(run->import.name, "%llu of %u rays have a wrong answer", (unsigned long long)wrong, run->ray_count);
     return wrong ? EXIT_WRONG : EXIT_DONE;
@@ -157,6 +192,8 @@ enum exit_code command_check(const struct options *options)
     if (status)
         return report_failure(options->json, "check", &error);
     status = open_both(&run, &error);
+    if (!status)
+        run.comparison = import_compare(options->operands[1], &run.import);
     if (!status)
         status = ask_oracle(&run, &error);
     enum exit_code code = status ? report_failure(options->json, "check", &error) : judge(&run);

@@ -2,6 +2,7 @@
 #include "client/bvhctl/scene/import.h"
 
 #include <assimp/cimport.h>
+#include <assimp/config.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <stdio.h>
@@ -35,16 +36,29 @@ char *import_name(const char *path, struct memory *memory)
     return name;
 }
 
-static void count_faces(const struct aiMesh *source, struct import_mesh *mesh, struct import_counts *counts)
+/* Sums up the triangles that the faces of a mesh have: corners - 2 for each. */
+static uint64_t count_triangles(const struct aiMesh *source)
 {
+    uint64_t triangles = 0;
+    for (unsigned i = 0; i < source->mNumFaces; i++)
+        triangles += source->mFaces[i].mNumIndices > 2 ? source->mFaces[i].mNumIndices - 2 : 0;
+    return triangles;
+}
+
+/* `wanted` is the number of triangles before the polygons were cut. */
+static void count_faces(const struct aiMesh *source, uint64_t wanted, struct import_mesh *mesh)
+{
+    struct import_counts *counts = &mesh->counts;
     for (unsigned i = 0; i < source->mNumFaces; i++) {
         unsigned corners = source->mFaces[i].mNumIndices;
+        counts->empty_faces += corners == 0;
         counts->points += corners == 1;
         counts->lines += corners == 2;
         mesh->triangle_count += corners == 3;
     }
     counts->skins += source->mNumBones > 0;
     counts->morphs += source->mNumAnimMeshes;
+    counts->lost += wanted > mesh->triangle_count ? wanted - mesh->triangle_count : 0;
 }
 
 static bool copy_faces(const struct aiMesh *source, struct import_mesh *mesh)
@@ -85,15 +99,17 @@ static void copy_colour(const struct aiMaterial *material, struct import_mesh *m
         mesh->colour[i] = channels[i] >= 0 && channels[i] <= 1 ? channels[i] : channels[i] > 1 ? 1.0f : 0.0f;
 }
 
-static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMesh *source, const char *path,
-                                  struct import *import, struct import_mesh *mesh, struct bvhd_error *error)
+static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMesh *source, uint64_t wanted,
+                                  const char *path, struct import *import, struct import_mesh *mesh,
+                                  struct bvhd_error *error)
 {
     struct aiString name = {0};
     const struct aiMaterial *material =
         source->mMaterialIndex < scene->mNumMaterials ? scene->mMaterials[source->mMaterialIndex] : NULL;
     if (material)
         aiGetMaterialString(material, AI_MATKEY_NAME, &name);
-    count_faces(source, mesh, &import->counts);
+    count_faces(source, wanted, mesh);
+    import_counts_add_mesh(&import->counts, &mesh->counts);
     mesh->vertex_count = source->mVertices ? source->mNumVertices : 0;
     mesh->name = copy_name(import->memory, &source->mName);
     mesh->material = copy_name(import->memory, &name);
@@ -112,8 +128,8 @@ static enum bvhd_status copy_mesh(const struct aiScene *scene, const struct aiMe
     return BVHD_OK;
 }
 
-static enum bvhd_status copy_meshes(const struct aiScene *scene, const char *path, struct import *import,
-                                    struct bvhd_error *error)
+static enum bvhd_status copy_meshes(const struct aiScene *scene, const uint64_t *wanted, const char *path,
+                                    struct import *import, struct bvhd_error *error)
 {
     if (scene->mNumMeshes == 0)
         return BVHD_OK;
@@ -123,19 +139,26 @@ static enum bvhd_status copy_meshes(const struct aiScene *scene, const char *pat
     memset(import->meshes, 0, scene->mNumMeshes * sizeof *import->meshes);
     import->mesh_count = scene->mNumMeshes;
     for (uint32_t i = 0; i < import->mesh_count; i++) {
-        enum bvhd_status status = copy_mesh(scene, scene->mMeshes[i], path, import, &import->meshes[i], error);
+        enum bvhd_status status =
+            copy_mesh(scene, scene->mMeshes[i], wanted[i], path, import, &import->meshes[i], error);
         if (status)
             return status;
     }
     return BVHD_OK;
 }
 
-static enum bvhd_status copy_scene(const struct aiScene *scene, const char *path, struct import *import,
-                                   struct bvhd_error *error)
+static enum bvhd_status copy_scene(const struct aiScene *scene, const uint64_t *wanted, const char *path,
+                                   struct import *import, struct bvhd_error *error)
 {
-    enum bvhd_status status = copy_meshes(scene, path, import, error);
+    const struct import_counts *counts = &import->counts;
+    enum bvhd_status status = copy_meshes(scene, wanted, path, import, error);
     if (status)
         return status;
+    if (import->triangle_count == 0 && (counts->points || counts->lines || counts->lost))
+        return bvhd_error_set(error, BVHD_INVALID, path,
+                              "no triangles in it, only %llu points, %llu lines and %llu triangles of broken polygons",
+                              (unsigned long long)counts->points, (unsigned long long)counts->lines,
+                              (unsigned long long)counts->lost);
     if (import->triangle_count == 0)
         return bvhd_error_set(error, BVHD_INVALID, path, "no triangles in it");
     if (!import_nodes(scene, import))
@@ -145,26 +168,67 @@ static enum bvhd_status copy_scene(const struct aiScene *scene, const char *path
     return BVHD_OK;
 }
 
-static enum bvhd_status read_scene(const char *path, struct import_files *files, struct import *import,
-                                   struct bvhd_error *error)
+/* Says why assimp returned nothing. */
+static enum bvhd_status refused(const char *path, struct bvhd_error *error)
 {
-    struct stat file;
-    if (stat(path, &file) < 0)
-        return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
-    const struct aiScene *scene = aiImportFileEx(path, aiProcess_Triangulate, &files->io);
+    char text[BVHD_TEXT_SIZE];
+    snprintf(text, sizeof text, "%s", aiGetErrorString());
+    text[strcspn(text, "\r\n")] = '\0';
+    if (!strcmp(text, "std::bad_alloc"))
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp takes more memory than a file of this size may");
+    return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "%s", *text ? text : "assimp does not read it");
+}
+
+/* Reads the file without cutting polygons, so that they can be counted. */
+static const struct aiScene *read_polygons(const char *path, struct import_files *files)
+{
+    struct aiPropertyStore *properties = aiCreatePropertyStore();
+    if (!properties)
+        return NULL;
+    /* Otherwise some importers make a mesh of the bones of files without meshes, which is not in the file. */
+    aiSetImportPropertyInteger(properties, AI_CONFIG_IMPORT_NO_SKELETON_MESHES, 1);
+    const struct aiScene *scene = aiImportFileExWithProperties(path, 0, &files->io, properties);
+    aiReleasePropertyStore(properties);
+    return scene;
+}
+
+static enum bvhd_status read_by_assimp(const char *path, struct import_files *files, struct import *import,
+                                       struct bvhd_error *error)
+{
+    const struct aiScene *scene = read_polygons(path, files);
     if (!scene || !scene->mRootNode) {
-        char text[BVHD_TEXT_SIZE];
-        snprintf(text, sizeof text, "%s", aiGetErrorString());
-        text[strcspn(text, "\r\n")] = '\0';
+        enum bvhd_status status = refused(path, error);
         aiReleaseImport(scene);
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "%s", *text ? text : "assimp does not read it");
+        return status;
     }
-    enum bvhd_status status = copy_scene(scene, path, import, error);
+    uint64_t *wanted = memory_array(import->memory, (uint64_t)scene->mNumMeshes + 1, sizeof *wanted);
+    for (unsigned i = 0; i < scene->mNumMeshes && wanted; i++)
+        wanted[i] = count_triangles(scene->mMeshes[i]);
+    enum bvhd_status status = BVHD_OK;
+    if (!wanted)
+        status = no_memory(path, error);
+    else if (!(scene = aiApplyPostProcessing(scene, aiProcess_Triangulate)))
+        status = refused(path, error);
+    if (!status)
+        status = copy_scene(scene, wanted, path, import, error);
+    memory_free(import->memory, wanted);
     aiReleaseImport(scene);
     return status;
 }
 
-enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import,
+static enum bvhd_status read_scene(const char *path, const char *scene, struct import_files *files,
+                                   struct import *import, struct bvhd_error *error)
+{
+    struct stat file;
+    if (stat(path, &file) < 0)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
+    if (scene)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, path,
+                              "it has no scene '%.60s': only glTF 2.0 has scenes to choose", scene);
+    return read_by_assimp(path, files, import, error);
+}
+
+enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error)
 {
     struct import import = {.memory = memory, .name = import_name(path, memory)};
@@ -172,7 +236,7 @@ enum bvhd_status import_read(const char *path, struct memory *memory, struct imp
         return no_memory(path, error);
     struct import_files files;
     import_files_init(&files, memory);
-    enum bvhd_status status = read_scene(path, &files, &import, error);
+    enum bvhd_status status = read_scene(path, scene, &files, &import, error);
     if (!status && files.failed)
         status = no_memory(path, error);
     import.files = files.paths;

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * import.h - reads a scene file with assimp, as the input of builds.
+ * import.h - reads a scene file, as the input of builds: PLY by a reader of our own (ply.h), other formats with
+ * assimp.
  *
  * Faces are triangulated. Nothing else is changed: axes and units stay, nothing is merged or dropped, and NaN and
- * degenerate triangles survive. Points, lines, skins and morph targets are left out and counted. There is one bottom
+ * degenerate triangles survive. What is left out is counted (import_counts.h). There is one bottom
  * level for each distinct list of meshes that some node has, with one geometry for each mesh. Nodes with meshes become
  * instances, in depth-first order.
  */
@@ -12,6 +13,7 @@
 
 #include "proto/base/memory.h"
 #include "client/bvhctl/oracle/oracle.h"
+#include "client/bvhctl/scene/import_counts.h"
 #include "proto/base/status.h"
 
 struct import_mesh {
@@ -21,6 +23,7 @@ struct import_mesh {
     float *positions; /* xyz each; never NULL */
     uint32_t *indices; /* three a triangle, each < vertex_count; never NULL */
     uint32_t vertex_count, triangle_count;
+    struct import_counts counts; /* of its faces, bones and morph targets */
 };
 
 struct import_bottom {
@@ -39,11 +42,8 @@ struct import_instance {
     bool skipped;
 };
 
-/* Numbers of things in the file that are left out. */
-struct import_counts {
-    uint64_t points, lines; /* faces with one or two corners */
-    uint64_t skins, morphs; /* meshes with bones, morph targets */
-};
+/* Who read a file. */
+enum import_reader { IMPORT_BY_ASSIMP, IMPORT_BY_PLY };
 
 struct import {
     char *name; /* the file's name without directory and extension */
@@ -54,22 +54,33 @@ struct import {
     uint32_t mesh_count, bottom_count, instance_count, file_count;
     uint64_t skipped_instances;
     uint64_t triangle_count; /* over all meshes */
-    struct import_counts counts;
+    struct import_counts counts; /* those of all meshes, and those of the file */
+    enum import_reader reader;
     struct memory *memory;
 };
 
 /*
- * Reads a scene file, which is hostile. BVHD_NOT_FOUND: there is no such file; BVHD_UNSUPPORTED: assimp does not read
- * it; BVHD_INVALID: it has no triangles. End with import_finish.
+ * Reads a scene file, which is hostile. BVHD_NOT_FOUND: there is no such file, or no such scene in it;
+ * BVHD_UNSUPPORTED: no reader reads it; BVHD_INVALID: it breaks a rule of its format, or has no triangles. End with
+ * import_finish.
  *
- * The file is read in a child process, because broken files make some of assimp's importers abort or run for ever. The
- * result is BVHD_UNSUPPORTED then.
+ * `scene` chooses one of the scenes of a file. NULL takes all; files of formats without scenes have nothing to choose
+ * from.
+ *
+ * Assimp reads the file in a child process, because broken files make some of its importers abort, run for ever, take
+ * all memory, or return what lies beside their arrays. The result is BVHD_UNSUPPORTED then. To find the last of these,
+ * a second child reads the file at the same time with its memory laid out and filled in another way; both must find the
+ * same scene. import_process.c describes the limits.
  */
-enum bvhd_status import_scene(const char *path, struct memory *memory, struct import *ret_import,
+enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);
 
-/* Does the same in this process, which a broken file can crash. */
-enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import,
+/* Does the same with assimp, whatever the format is. */
+enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory, struct import *ret_import,
+                                        struct bvhd_error *error);
+
+/* Reads a file with assimp in this process, which a broken file can crash. */
+enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */

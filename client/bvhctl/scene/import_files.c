@@ -4,10 +4,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/import_limits.h"
 
 static FILE *stream_of(struct aiFile *file)
 {
@@ -46,20 +46,6 @@ static enum aiReturn file_seek(struct aiFile *file, size_t offset, enum aiOrigin
 static void file_flush(struct aiFile *file)
 {
     (void)file;
-}
-
-enum { MEMORY_A_BYTE = 64 }; /* bytes of memory that a scene may take for each byte of its files */
-
-/* Raises the limit of this process's memory, if it has one (import_process.c), by a multiple of the file's size. */
-static void allow_memory(FILE *stream)
-{
-    struct stat status;
-    struct rlimit limit;
-    if (fstat(fileno(stream), &status) < 0 || getrlimit(RLIMIT_AS, &limit) < 0 || limit.rlim_cur >= limit.rlim_max)
-        return;
-    rlim_t left = limit.rlim_max - limit.rlim_cur, size = (rlim_t)status.st_size;
-    limit.rlim_cur += size < left / MEMORY_A_BYTE ? size * MEMORY_A_BYTE : left;
-    setrlimit(RLIMIT_AS, &limit);
 }
 
 static bool is_recorded(const struct import_files *files, const char *path)
@@ -112,7 +98,7 @@ static struct aiFile *open_file(struct aiFileIO *io, const char *path, const cha
                             .FlushProc = file_flush,
                             .UserData = (aiUserData)(void *)stream};
     if (!is_recorded(files, path)) {
-        allow_memory(stream);
+        import_limits_allow(file_size(file));
         record(files, path);
     }
     return file;

@@ -1,45 +1,41 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * import_process.c - implements import_scene of import.h: a child process reads the file and passes the result through
- * a memory file, so that a crash of assimp ends only the child.
+ * import_process.c - implements import_scene of import.h: a child process reads the file with assimp and passes the
+ * result through a memory file, so that a crash of assimp ends only the child. A second child reads the file at the
+ * same time in disturbed memory; a file of which both do not make the same scene is refused.
  */
 #include <errno.h>
 #include <fcntl.h>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "proto/base/bytes.h"
 #include "client/bvhctl/scene/import.h"
-
-enum { CPU_SECONDS = 60, BYTES_A_SECOND = 1000000 }; /* processor time for a file: a constant, and more for its size */
+#include "client/bvhctl/scene/import_hash.h"
+#include "client/bvhctl/scene/import_limits.h"
+#include "client/bvhctl/scene/ply.h"
 
 /*
- * The memory for a scene, in bytes, to which each opened file adds (import_files.c). A limit is needed, because a few
- * hundred bytes of nodes that refer to each other can expand without end.
+ * The limits of the second child, in those of the first: it is slower, because it maps memory for each array, and its
+ * failure would refuse a file that the first one has read.
  */
-static const rlim_t memory_base = (rlim_t)4 << 30;
-
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer) || __has_feature(memory_sanitizer)
-#define HAS_SHADOW_MEMORY
-#endif
-#endif
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define HAS_SHADOW_MEMORY
-#endif
+enum { TWIN_FACTOR = 4 };
 
 /* The header of the memory file. */
 struct outcome {
     bool is_complete;
     struct bvhd_error error; /* if its status is BVHD_OK, the data of the import follow */
     struct import import; /* only its numbers are valid, not its pointers */
+    uint64_t hash; /* of the import */
 };
 
 static void put(FILE *file, const void *data, uint64_t size)
@@ -76,17 +72,20 @@ static void put_import(FILE *file, const struct import *import)
         put_text(file, import->files[i]);
 }
 
-/* Reads the scene in the child, which exits here, unless assimp crashes it before. */
-__attribute__((noreturn)) static void read_in_child(const char *path, int descriptor, struct memory *memory)
+/* Reads the scene in the child, which exits here, unless assimp crashes it before. `is_twin`: only the hash is wanted. */
+__attribute__((noreturn)) static void read_in_child(const char *path, const char *scene, bool is_twin, int descriptor,
+                                                    struct memory *memory)
 {
     struct outcome outcome = {0};
-    enum bvhd_status status = import_read(path, memory, &outcome.import, &outcome.error);
+    enum bvhd_status status = import_read(path, scene, memory, &outcome.import, &outcome.error);
     outcome.error.status = status;
+    if (!status && outcome.import.reader == IMPORT_BY_ASSIMP)
+        outcome.hash = import_hash(&outcome.import);
     FILE *file = fdopen(descriptor, "w");
     if (!file)
         _exit(1);
     put(file, &outcome, sizeof outcome);
-    if (!status)
+    if (!status && !is_twin)
         put_import(file, &outcome.import);
     bool ok = fflush(file) == 0 && !ferror(file);
     outcome.is_complete = true;
@@ -95,49 +94,37 @@ __attribute__((noreturn)) static void read_in_child(const char *path, int descri
     _exit(1);
 }
 
-/* Returns the address space in use. Stacks of threads and heaps take much of it before anything is read. */
-static rlim_t used_memory(void)
+/* Gives the child no output and finite time and memory; it is killed when its parent dies. */
+static void prepare_child(unsigned factor)
 {
-    unsigned long long pages = 0;
-    FILE *file = fopen("/proc/self/statm", "re");
-    if (file && fscanf(file, "%llu", &pages) != 1)
-        pages = 0;
-    if (file)
-        fclose(file);
-    return (rlim_t)pages * (rlim_t)sysconf(_SC_PAGESIZE);
-}
-
-/* Does nothing under a sanitizer, whose shadow memory takes terabytes of address space but uses hardly any of it. */
-static void limit_memory(void)
-{
-#ifdef HAS_SHADOW_MEMORY
-    (void)used_memory, (void)memory_base;
-#else
-    struct rlimit limit;
-    rlim_t wanted = used_memory() + memory_base;
-    if (getrlimit(RLIMIT_AS, &limit) == 0 && wanted < limit.rlim_cur) {
-        limit.rlim_cur = wanted;
-        setrlimit(RLIMIT_AS, &limit);
-    }
-#endif
-}
-
-/* Limits the child: no core file, finite time and memory, no output, and it is killed when its parent dies. */
-static void prepare_child(const char *path)
-{
-    struct stat file;
-    rlim_t seconds = CPU_SECONDS + (rlim_t)(stat(path, &file) < 0 ? 0 : file.st_size / BYTES_A_SECOND);
-    setrlimit(RLIMIT_CPU, &(struct rlimit){seconds, seconds});
-    limit_memory();
-    setrlimit(RLIMIT_CORE, &(struct rlimit){0, 0});
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     signal(SIGINT, SIG_DFL);
     signal(SIGTERM, SIG_DFL);
+    signal(SIGPROF, SIG_DFL);
     int nowhere = open("/dev/null", O_WRONLY | O_CLOEXEC);
     if (nowhere >= 0) {
         dup2(nowhere, STDOUT_FILENO);
         dup2(nowhere, STDERR_FILENO);
     }
+    import_limits_set(factor);
+}
+
+/*
+ * Makes memory of this process look different from that of its parent's other children: what is allocated and freed is
+ * filled with a pattern, and each array has pages of its own, so that its neighbours are others, or nothing. What
+ * assimp reads beyond an array, or before it is written, differs then. Without the GNU C library nothing changes.
+ */
+static void disturb_memory(const char *path)
+{
+#ifdef M_PERTURB
+    struct stat file;
+    bool is_small = stat(path, &file) == 0 && file.st_size < 1 << 16;
+    mallopt(M_PERTURB, 0x5b);
+    mallopt(M_MMAP_THRESHOLD, is_small ? 64 : 4096);
+    mallopt(M_MMAP_MAX, 30000); /* the kernel allows 65530 mappings; after so many the heap is used */
+#else
+    (void)path;
+#endif
 }
 
 /* The rest of the memory file, while it is read. */
@@ -229,16 +216,16 @@ static enum bvhd_status take_import(struct file_cursor *cursor, const struct out
 }
 
 static enum bvhd_status take_outcome(int descriptor, const char *path, struct memory *memory, struct import *ret_import,
-                                     struct bvhd_error *error)
+                                     uint64_t *ret_hash, struct bvhd_error *error)
 {
     struct stat file;
     struct outcome outcome;
     bool is_there = fstat(descriptor, &file) == 0 && file.st_size >= (off_t)sizeof outcome;
     void *map = is_there ? mmap(NULL, (size_t)file.st_size, PROT_READ, MAP_PRIVATE, descriptor, 0) : MAP_FAILED;
     if (map == MAP_FAILED)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
-                              "the importer gave up: the file is broken, or too complex for it");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp ended the import without a word");
     memcpy(&outcome, map, sizeof outcome);
+    *ret_hash = outcome.hash;
     struct file_cursor cursor = {(const unsigned char *)map + sizeof outcome, (uint64_t)file.st_size - sizeof outcome,
                                  memory, true};
     enum bvhd_status status = outcome.error.status;
@@ -252,37 +239,120 @@ static enum bvhd_status take_outcome(int descriptor, const char *path, struct me
     return status;
 }
 
-/* Waits for the child. Returns its exit status, or -1 when a signal ended it. */
-static int wait_for(pid_t child)
+/* A process that reads a scene. */
+struct child {
+    pid_t pid;
+    int descriptor; /* of its memory file */
+};
+
+static enum bvhd_status child_start(const char *path, const char *scene, bool is_twin, struct memory *memory,
+                                    struct child *ret_child, struct bvhd_error *error)
 {
-    int status;
-    while (waitpid(child, &status, 0) < 0)
-        if (errno != EINTR)
-            return -1;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+    int descriptor = memfd_create("bvhctl-import", MFD_CLOEXEC);
+    if (descriptor < 0)
+        return bvhd_error_set(error, BVHD_IO, path, "memfd_create: %s", strerror(errno));
+    pid_t pid = fork();
+    if (pid == 0) {
+        prepare_child(is_twin ? TWIN_FACTOR : 1);
+        if (is_twin)
+            disturb_memory(path);
+        read_in_child(path, scene, is_twin, descriptor, memory);
+    }
+    if (pid < 0) {
+        close(descriptor);
+        return bvhd_error_set(error, BVHD_IO, path, "fork: %s", strerror(errno));
+    }
+    *ret_child = (struct child){pid, descriptor};
+    return BVHD_OK;
 }
 
-enum bvhd_status import_scene(const char *path, struct memory *memory, struct import *ret_import,
+/* Waits for a child. Returns whether it ended by itself, and otherwise says why not. */
+static enum bvhd_status child_wait(const struct child *child, const char *path, struct bvhd_error *error)
+{
+    int status;
+    while (waitpid(child->pid, &status, 0) < 0)
+        if (errno != EINTR)
+            return bvhd_error_set(error, BVHD_IO, path, "waitpid: %s", strerror(errno));
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+        return BVHD_OK;
+    int number = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+    if (number == SIGPROF)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp took too long for a file of this size");
+    if (number == SIGKILL)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp was killed, as happens when memory is short");
+    if (number)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp crashed on it (%s)", strsignal(number));
+    return bvhd_error_no_memory(error, path, "no memory to pass the scene on");
+}
+
+/* Ends a child that is not needed any more. */
+static void child_kill(const struct child *child)
+{
+    int status;
+    kill(child->pid, SIGKILL);
+    while (waitpid(child->pid, &status, 0) < 0 && errno == EINTR)
+        continue;
+    close(child->descriptor);
+}
+
+/* Waits for the second child, and compares what it read with what the first one did. */
+static enum bvhd_status compare_twin(const struct child *twin, const char *path, uint64_t hash,
+                                     struct bvhd_error *error)
+{
+    struct outcome outcome = {0};
+    enum bvhd_status status = child_wait(twin, path, error);
+    if (status)
+        return status;
+    if (pread(twin->descriptor, &outcome, sizeof outcome, 0) != (ssize_t)sizeof outcome || !outcome.is_complete)
+        return bvhd_error_set(error, BVHD_IO, path, "the second import returned nothing");
+    if (outcome.error.status == BVHD_OK && outcome.hash == hash)
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
+                          "assimp reads beside its arrays: two imports of the file differ");
+}
+
+/* Reads a file whose reader is assimp in two children at the same time. */
+static enum bvhd_status import_in_children(const char *path, const char *scene, struct memory *memory,
+                                           struct import *ret_import, struct bvhd_error *error)
+{
+    struct child child = {0}, twin = {0};
+    uint64_t hash = 0;
+    enum bvhd_status status = child_start(path, scene, false, memory, &child, error);
+    if (status)
+        return status;
+    status = child_start(path, scene, true, memory, &twin, error);
+    if (status) {
+        child_kill(&child);
+        return status;
+    }
+    status = child_wait(&child, path, error);
+    if (!status)
+        status = take_outcome(child.descriptor, path, memory, ret_import, &hash, error);
+    close(child.descriptor);
+    if (status) {
+        child_kill(&twin);
+        return status;
+    }
+    status = compare_twin(&twin, path, hash, error);
+    close(twin.descriptor);
+    if (status)
+        import_finish(ret_import);
+    return status;
+}
+
+enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory, struct import *ret_import,
+                                        struct bvhd_error *error)
+{
+    struct bvhd_error ignored;
+    return import_in_children(path, NULL, memory, ret_import, error ? error : &ignored);
+}
+
+enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error)
 {
     struct bvhd_error ignored;
     error = error ? error : &ignored;
-    int descriptor = memfd_create("bvhctl-import", MFD_CLOEXEC);
-    if (descriptor < 0)
-        return bvhd_error_set(error, BVHD_IO, path, "memfd_create: %s", strerror(errno));
-    pid_t child = fork();
-    if (child == 0) {
-        prepare_child(path);
-        read_in_child(path, descriptor, memory);
-    }
-    enum bvhd_status status;
-    if (child < 0)
-        status = bvhd_error_set(error, BVHD_IO, path, "fork: %s", strerror(errno));
-    else if (wait_for(child) < 0)
-        status =
-            bvhd_error_set(error, BVHD_UNSUPPORTED, path, "the importer crashed or did not end: the file is broken");
-    else
-        status = take_outcome(descriptor, path, memory, ret_import, error);
-    close(descriptor);
-    return status;
+    if (!scene && ply_is_file(path))
+        return ply_import(path, memory, ret_import, error);
+    return import_in_children(path, scene, memory, ret_import, error);
 }

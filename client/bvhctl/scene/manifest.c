@@ -5,6 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "client/bvhctl/scene/activity.h"
+
 enum { LEVEL_NAME_MAX = 48 }; /* of the name of a mesh or node that are used in a file name */
 
 static bool is_safe(unsigned char character)
@@ -68,8 +70,32 @@ static void write_colour(struct json *json, const float colour[3])
     json_array_end(json);
 }
 
-static void write_geometries(struct json *json, const struct import *import, uint32_t index)
+/* Writes what of a mesh cannot be hit, and what of it was left out: the kinds of which there is some. */
+static void write_losses(struct json *json, const struct import_mesh *mesh, bool is_active)
 {
+    struct activity activity = is_active ? (struct activity){0} : activity_of(mesh);
+    if (activity.inactive)
+        json_integer(json, "inactive", activity.inactive);
+    if (activity.degenerate)
+        json_integer(json, "degenerate", activity.degenerate);
+    if (activity.infinite)
+        json_integer(json, "infinite", activity.infinite);
+    bool has_counts = false;
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        has_counts |= import_counts_get(&mesh->counts, i) > 0;
+    if (!has_counts)
+        return;
+    json_object(json, "not_geometry");
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        if (import_counts_get(&mesh->counts, i))
+            json_integer(json, import_count_kinds[i].name, import_counts_get(&mesh->counts, i));
+    json_object_end(json);
+}
+
+static void write_geometries(struct json *json, const struct import *import, uint32_t index,
+                             const struct bvhd_result *item)
+{
+    bool is_active = !(item->inactive || item->degenerate || item->skipped);
     json_array(json, "geometries");
     const struct import_bottom *bottom = index < import->bottom_count ? &import->bottoms[index] : NULL;
     for (uint32_t i = 0; bottom && i < bottom->mesh_count; i++) {
@@ -80,6 +106,7 @@ static void write_geometries(struct json *json, const struct import *import, uin
         json_integer(json, "primitives", mesh->triangle_count);
         if (mesh->has_colour)
             write_colour(json, mesh->colour);
+        write_losses(json, mesh, is_active);
         json_object_end(json);
     }
     json_array_end(json);
@@ -137,7 +164,7 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_text(json, "type", is_top ? "tlas" : "blas");
     json_text(json, "scene", import->name);
     json_text(json, "name", structure_name(import, index));
-    write_geometries(json, import, index);
+    write_geometries(json, import, index, item);
     json_integer(json, "primitives", item->primitives);
     json_integer(json, "triangles", item->triangles);
     json_integer(json, "instances", item->instances);

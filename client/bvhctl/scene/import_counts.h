@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * import_counts.h - numbers of things in a scene file that are left out, or not as they should be, by kind. Each kind
+ * has a name for JSON and a text for messages.
+ */
+#ifndef BVHCTL_IMPORT_COUNTS_H
+#define BVHCTL_IMPORT_COUNTS_H
+
+#include <stdint.h>
+
+struct import_counts {
+    uint64_t points, lines; /* faces with one or two corners */
+    uint64_t skins, morphs; /* meshes with bones, morph targets */
+    uint64_t empty_faces; /* faces without a corner */
+    uint64_t fanned; /* polygons that cross themselves: a part of them is a fan, whose triangles may overlap */
+    uint64_t lost; /* triangles that assimp did not make of polygons: sum of (corners - 2), less those that it made */
+    uint64_t unknown_rows; /* rows of elements of a PLY file that are neither vertices nor faces */
+    uint64_t unknown_lines; /* lines of the header of a PLY file that are not understood */
+    uint64_t extra_bytes; /* bytes of a PLY file after the rows that its header describes */
+};
+
+enum { IMPORT_COUNT_KINDS = 10 };
+
+/* Kinds 0 to 3 are points, lines, skins and morphs. */
+struct import_count_kind {
+    const char *name; /* of the member of struct import_counts */
+    const char *text; /* follows the number in a message */
+};
+
+extern const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS];
+
+uint64_t import_counts_get(const struct import_counts *counts, int kind);
+
+/* Adds the numbers that meshes have: of faces, bones and morph targets. */
+void import_counts_add_mesh(struct import_counts *sum, const struct import_counts *mesh);
+
+#endif
