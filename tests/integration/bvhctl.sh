@@ -125,6 +125,66 @@ one_error_line
 run 1 --local build ball.ply -o small --memory 1000
 run 1 --local build ball.ply -o dep --depfile no/such/place.d
 
+# PLY files: what is left out is counted by kind and by mesh, and broken files are refused with the place.
+ply_text()
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex %s\nproperty float x\nproperty float y\nproperty float z\n' "$1"
+    printf 'element %s %s\nproperty list uchar int vertex_indices\nend_header\n' "$2" "$3"
+    cat
+}
+printf '0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n2 0 1\n1 3\n0\n' | ply_text 4 face 4 >scraps.ply
+run 0 --local build scraps.ply -o scraps --json
+one_json_object
+expect 'a quad is two triangles' grep -q '"meshes":1,"triangles":2,' out
+expect 'kinds are counted' grep -q '"not_geometry":{"points":1,"lines":1,"skins":0,"morphs":0,"empty_faces":1}' out
+expect 'kinds are counted by mesh' grep -q '"primitives":2,"not_geometry":{"points":1,"lines":1,"empty_faces":1}' out
+expect 'the manifest has them, too' grep -q '"empty_faces": 1' scraps/manifest.json
+says 'bvhctl: scraps: not geometry, left out: 1 points, 1 lines'
+says 'bvhctl: scraps: 1 faces without corners are left out'
+run 0 check scraps scraps.ply --rays 200
+expect 'the second reader agrees' grep -q '^scraps: assimp reads the same 2 triangles in the same bounds$' out
+run 0 check scraps scraps.ply --rays 200 --json
+one_json_object
+expect 'it agrees in JSON' grep -q '"assimp":{"result":"agrees","own_triangles":2,"triangles":2}' out
+printf '0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n' | ply_text 4 tristrips 1 >strips.ply
+run 0 --local build strips.ply -o strips --json
+expect 'a strip is two triangles' grep -q '"meshes":1,"triangles":2,' out
+printf '0 0 0\n1 0 0\n1 1 0\n' | ply_text 3 face 0 >cloud.ply
+run 1 --local build cloud.ply -o none
+says 'bvhctl: build: cloud.ply: no triangles in it: it is a point cloud of 3 vertices, without faces'
+printf '0 0 0\n1 0 0\n1 1 0\n3 0 1 3\n' | ply_text 3 face 1 >range.ply
+run 1 --local build range.ply -o none
+says 'bvhctl: build: range.ply: corner 2 of face 0 is vertex 3, but there are only 3'
+printf '0 0 0\n1 0 0\n' | ply_text 99999999 face 1 >lie.ply
+run 1 --local build lie.ply -o none
+says "bvhctl: build: lie.ply: the header says 99999999 rows of 'vertex', but the file has room for 2 at most"
+
+# Scenes that no ray can hit are built with a warning, and check says that it has checked nothing.
+printf '0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n3 0 0 1\n' | ply_text 3 face 2 >flat.ply
+run 0 --local build flat.ply -o dead
+says 'bvhctl: flat: 2 triangles are degenerate: they have no area'
+says 'bvhctl: flat: warning: no ray can hit anything in it, because this is so for all 2 triangles'
+run 0 check dead flat.ply --rays 50
+says 'bvhctl: flat: warning: no ray hit anything, so that only misses were checked'
+printf 'nan 0 0\n1 0 0\n0 1 0\n3 0 1 2\n' | ply_text 3 face 1 >inactive.ply
+run 0 --local build inactive.ply -o dead --json
+one_json_object
+expect 'inactive triangles are counted by mesh' grep -q '"primitives":1,"inactive":1}' out
+says 'bvhctl: inactive: warning: no ray can hit anything in it, because this is so for all 1 triangles'
+run 0 --local build ball.ply -o alive
+expect 'nothing to say about others' [ ! -s err ]
+
+# A few bytes with which assimp reads for ever are refused soon, and its words are not ours.
+printf 'version 1\n\nnodes' >endless.smd
+begin=$(date +%s)
+run 1 --local build endless.smd -o none
+one_error_line
+expect 'it takes seconds at most' [ $(($(date +%s) - begin)) -le 20 ]
+expect 'nobody calls it broken who does not know' sh -c '! grep -q broken err'
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\np 1\np 2\nl 1 2\n' >dots.obj
+run 1 --local build dots.obj -o none
+says 'no triangles in it, only 2 points, 1 lines'
+
 # Each of forty nodes names the next one twice, which gives 2^39 instances. The limit on memory is lower than bvhctl's
 # own, so that the test is quick.
 nodes=

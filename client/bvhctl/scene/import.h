@@ -69,8 +69,8 @@ struct import {
  *
  * Assimp reads the file in a child process, because broken files make some of its importers abort, run for ever, take
  * all memory, or return what lies beside their arrays. The result is BVHD_UNSUPPORTED then. To find the last of these,
- * a second child reads the file at the same time with its memory laid out and filled in another way; both must find the
- * same scene. import_process.c describes the limits.
+ * a second child reads the file with its memory laid out and filled in another way; both must find the same scene.
+ * import_process.c describes the limits.
  */
 enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);

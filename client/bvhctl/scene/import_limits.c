@@ -23,13 +23,13 @@
  * tenth of the time. Both leave room for formats that are compressed or describe curves.
  */
 enum {
-    TIME_BASE_US = HAS_SHADOW_MEMORY ? 20000000 : 700000,
+    TIME_BASE_US = HAS_SHADOW_MEMORY ? 20000000 : 400000,
     TIME_A_BYTE_US = HAS_SHADOW_MEMORY ? 200 : 10,
     TIME_MAX_S = 100000,
     MEMORY_A_BYTE = 256,
 };
 
-static const uint64_t memory_base = UINT64_C(1) << 30;
+static const uint64_t memory_base = UINT64_C(512) << 20;
 
 static unsigned factor_of_process; /* 0: this process is not limited */
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * import_process.c - implements import_scene of import.h: a child process reads the file with assimp and passes the
- * result through a memory file, so that a crash of assimp ends only the child. A second child reads the file at the
- * same time in disturbed memory; a file of which both do not make the same scene is refused.
+ * result through a memory file, so that a crash of assimp ends only the child. A second child reads the file
+ * in disturbed memory; a file of which both do not make the same scene is refused.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -72,7 +72,9 @@ static void put_import(FILE *file, const struct import *import)
         put_text(file, import->files[i]);
 }
 
-/* Reads the scene in the child, which exits here, unless assimp crashes it before. `is_twin`: only the hash is wanted. */
+/*
+ * Reads the scene in the child, which exits here, unless assimp crashes it before. `is_twin`: only the hash is wanted.
+ */
 __attribute__((noreturn)) static void read_in_child(const char *path, const char *scene, bool is_twin, int descriptor,
                                                     struct memory *memory)
 {
@@ -215,26 +217,18 @@ static enum bvhd_status take_import(struct file_cursor *cursor, const struct out
     return BVHD_OK;
 }
 
-static enum bvhd_status take_outcome(int descriptor, const char *path, struct memory *memory, struct import *ret_import,
-                                     uint64_t *ret_hash, struct bvhd_error *error)
+/* Copies the import from the memory file of a child that has succeeded. */
+static enum bvhd_status take_file(int descriptor, const struct outcome *outcome, const char *path,
+                                  struct memory *memory, struct import *ret_import, struct bvhd_error *error)
 {
     struct stat file;
-    struct outcome outcome;
-    bool is_there = fstat(descriptor, &file) == 0 && file.st_size >= (off_t)sizeof outcome;
+    bool is_there = fstat(descriptor, &file) == 0 && file.st_size >= (off_t)sizeof *outcome;
     void *map = is_there ? mmap(NULL, (size_t)file.st_size, PROT_READ, MAP_PRIVATE, descriptor, 0) : MAP_FAILED;
     if (map == MAP_FAILED)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp ended the import without a word");
-    memcpy(&outcome, map, sizeof outcome);
-    *ret_hash = outcome.hash;
-    struct file_cursor cursor = {(const unsigned char *)map + sizeof outcome, (uint64_t)file.st_size - sizeof outcome,
+        return bvhd_error_no_memory(error, path, "no memory to pass the scene on");
+    struct file_cursor cursor = {(const unsigned char *)map + sizeof *outcome, (uint64_t)file.st_size - sizeof *outcome,
                                  memory, true};
-    enum bvhd_status status = outcome.error.status;
-    if (!outcome.is_complete)
-        status = bvhd_error_no_memory(error, path, "no memory to pass the scene on");
-    else if (status)
-        *error = outcome.error;
-    else
-        status = take_import(&cursor, &outcome, path, ret_import, error);
+    enum bvhd_status status = take_import(&cursor, outcome, path, ret_import, error);
     munmap(map, (size_t)file.st_size);
     return status;
 }
@@ -266,15 +260,9 @@ static enum bvhd_status child_start(const char *path, const char *scene, bool is
     return BVHD_OK;
 }
 
-/* Waits for a child. Returns whether it ended by itself, and otherwise says why not. */
-static enum bvhd_status child_wait(const struct child *child, const char *path, struct bvhd_error *error)
+/* Says why a child ended that was to end with status 0. */
+static enum bvhd_status child_failure(int status, const char *path, struct bvhd_error *error)
 {
-    int status;
-    while (waitpid(child->pid, &status, 0) < 0)
-        if (errno != EINTR)
-            return bvhd_error_set(error, BVHD_IO, path, "waitpid: %s", strerror(errno));
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
-        return BVHD_OK;
     int number = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
     if (number == SIGPROF)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp took too long for a file of this size");
@@ -283,6 +271,24 @@ static enum bvhd_status child_wait(const struct child *child, const char *path, 
     if (number)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp crashed on it (%s)", strsignal(number));
     return bvhd_error_no_memory(error, path, "no memory to pass the scene on");
+}
+
+/* Waits for a child. Returns its outcome, which may be that the import has failed; or the reason why there is none. */
+static enum bvhd_status child_wait(const struct child *child, const char *path, struct outcome *ret_outcome,
+                                   struct bvhd_error *error)
+{
+    int status;
+    while (waitpid(child->pid, &status, 0) < 0)
+        if (errno != EINTR)
+            return bvhd_error_set(error, BVHD_IO, path, "waitpid: %s", strerror(errno));
+    if (!WIFEXITED(status) || WEXITSTATUS(status) != 0)
+        return child_failure(status, path, error);
+    bool is_read = pread(child->descriptor, ret_outcome, sizeof *ret_outcome, 0) == (ssize_t)sizeof *ret_outcome;
+    if (!is_read || !ret_outcome->is_complete)
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp ended the process that reads the file");
+    if (ret_outcome->error.status)
+        *error = ret_outcome->error;
+    return BVHD_OK;
 }
 
 /* Ends a child that is not needed any more. */
@@ -299,44 +305,60 @@ static void child_kill(const struct child *child)
 static enum bvhd_status compare_twin(const struct child *twin, const char *path, uint64_t hash,
                                      struct bvhd_error *error)
 {
-    struct outcome outcome = {0};
-    enum bvhd_status status = child_wait(twin, path, error);
+    struct outcome outcome;
+    enum bvhd_status status = child_wait(twin, path, &outcome, error);
     if (status)
         return status;
-    if (pread(twin->descriptor, &outcome, sizeof outcome, 0) != (ssize_t)sizeof outcome || !outcome.is_complete)
-        return bvhd_error_set(error, BVHD_IO, path, "the second import returned nothing");
+    if (outcome.error.status == BVHD_NO_MEMORY)
+        return BVHD_NO_MEMORY;
     if (outcome.error.status == BVHD_OK && outcome.hash == hash)
         return BVHD_OK;
     return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
                           "assimp reads beside its arrays: two imports of the file differ");
 }
 
-/* Reads a file whose reader is assimp in two children at the same time. */
+/*
+ * Returns whether both children start together, which takes less time where there are two processors. A small file is
+ * read twice in no time; if it is broken, its second child would only keep the first one from its end.
+ */
+static bool is_large(const char *path)
+{
+    struct stat file;
+    return stat(path, &file) == 0 && file.st_size >= 1 << 20;
+}
+
+/* Finishes an import whose first child was started: waits for it, compares it with a second one, and copies it. */
+static enum bvhd_status import_from(const struct child *child, const char *path, const char *scene,
+                                    struct memory *memory, struct import *ret_import, struct bvhd_error *error)
+{
+    struct child twin = {0};
+    struct outcome outcome;
+    bool has_twin = is_large(path) && child_start(path, scene, true, memory, &twin, error) == BVHD_OK;
+    enum bvhd_status status = child_wait(child, path, &outcome, error);
+    if (!status)
+        status = outcome.error.status;
+    if (status && has_twin)
+        child_kill(&twin);
+    if (status)
+        return status;
+    if (!has_twin)
+        status = child_start(path, scene, true, memory, &twin, error);
+    if (status)
+        return status;
+    status = compare_twin(&twin, path, outcome.hash, error);
+    close(twin.descriptor);
+    return status ? status : take_file(child->descriptor, &outcome, path, memory, ret_import, error);
+}
+
 static enum bvhd_status import_in_children(const char *path, const char *scene, struct memory *memory,
                                            struct import *ret_import, struct bvhd_error *error)
 {
-    struct child child = {0}, twin = {0};
-    uint64_t hash = 0;
+    struct child child = {0};
     enum bvhd_status status = child_start(path, scene, false, memory, &child, error);
     if (status)
         return status;
-    status = child_start(path, scene, true, memory, &twin, error);
-    if (status) {
-        child_kill(&child);
-        return status;
-    }
-    status = child_wait(&child, path, error);
-    if (!status)
-        status = take_outcome(child.descriptor, path, memory, ret_import, &hash, error);
+    status = import_from(&child, path, scene, memory, ret_import, error);
     close(child.descriptor);
-    if (status) {
-        child_kill(&twin);
-        return status;
-    }
-    status = compare_twin(&twin, path, hash, error);
-    close(twin.descriptor);
-    if (status)
-        import_finish(ret_import);
     return status;
 }
 

@@ -141,7 +141,10 @@ static enum bvhd_status add_polygon(struct ply_faces *faces, uint64_t count)
     return BVHD_OK;
 }
 
-/* Makes triangles of `count` vertices of a strip. Every second one has its first two corners swapped, to face as the others. */
+/*
+ * Makes triangles of `count` vertices of a strip. Every second one has its first two corners swapped, to face as the
+ * others.
+ */
 static void add_strip(struct ply_faces *faces, const uint32_t *corners, uint64_t count)
 {
     struct import_mesh *mesh = faces->mesh;

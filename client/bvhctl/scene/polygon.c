@@ -138,8 +138,8 @@ static void use_tests(struct polygon_cutter *cutter, uint64_t count)
 }
 
 /*
- * Returns whether corner i can be cut off: its angle is not reflex, and no reflex corner is inside of the triangle. Only
- * reflex corners are tested, because the triangle contains one if it contains any.
+ * Returns whether corner i can be cut off: its angle is not reflex, and no reflex corner is inside of the triangle.
+ * Only reflex corners are tested, because the triangle contains one if it contains any.
  */
 static bool is_ear(struct polygon_cutter *cutter, uint32_t i)
 {

@@ -37,9 +37,9 @@ void polygon_cutter_init(struct polygon_cutter *cutter, struct memory *memory);
 
 /*
  * Writes the (count - 2) * 3 vertices of the triangles. `vertices` are the `count` >= 3 vertices of the polygon, which
- * are rows of `positions`. *ret_is_fanned becomes true when no ear was left to cut, as in a polygon that crosses itself,
- * or when the search took too long: the remaining triangles are a fan then. The time of all polygons is at most a second,
- * and more in proportion to their corners. Returns false when there is no memory.
+ * are rows of `positions`. *ret_is_fanned becomes true when no ear was left to cut, as in a polygon that crosses
+ * itself, or when the search took too long: the remaining triangles are a fan then. The time of all polygons is at most
+ * a second, and more in proportion to their corners. Returns false when there is no memory.
  */
 bool polygon_cut(struct polygon_cutter *cutter, const float *positions, const uint32_t *vertices, uint32_t count,
                  uint32_t *ret_triangles, bool *ret_is_fanned);

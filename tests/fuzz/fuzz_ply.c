@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * fuzz_ply.c - fuzzes the reader of PLY files: the result is either an error with a place and a text, or an import
+ * whose indices are in range. Memory is bounded by the size of the file.
+ *
+ * The input is the file.
+ */
+#include "tests/fuzz/fuzz.h"
+
+#include <string.h>
+
+#include "client/bvhctl/scene/ply.h"
+#include "tests/support/scene/ply_file.h"
+
+static void check_import(const struct import *import)
+{
+    const struct import_mesh *mesh = &import->meshes[0];
+    FUZZ_CHECK(import->mesh_count == 1 && import->bottom_count == 1 && import->instance_count == 1);
+    FUZZ_CHECK(mesh->triangle_count > 0 && mesh->triangle_count == import->triangle_count);
+    for (uint64_t i = 0; i < 3 * (uint64_t)mesh->triangle_count; i++)
+        FUZZ_CHECK(mesh->indices[i] < mesh->vertex_count);
+    volatile float sum = 0; /* all positions are there */
+    for (uint64_t i = 0; i < 3 * (uint64_t)mesh->vertex_count; i++)
+        sum += mesh->positions[i];
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    struct memory memory;
+    struct import import;
+    struct bvhd_error error = {0};
+    if (size == 0)
+        return 0;
+    FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
+    FUZZ_CHECK(file);
+    memory_init(&memory, UINT64_MAX);
+    enum bvhd_status status = ply_import_stream(file, size, "x.ply", &memory, &import, &error);
+    fclose(file);
+    if (status == BVHD_OK) {
+        check_import(&import);
+        import_finish(&import);
+    } else {
+        FUZZ_CHECK(status == BVHD_INVALID || status == BVHD_UNSUPPORTED);
+        FUZZ_CHECK(error.status == status && error.where[0] && error.text[0]);
+    }
+    FUZZ_CHECK(memory.live == 0 && memory.peak <= 100 * size + 400000);
+    return 0;
+}
+
+size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
+{
+    struct ply_file file;
+    struct ply_expected expected;
+    if (index >= PLY_FILE_SAMPLES)
+        return 0;
+    ply_file_sample(index, &file, &expected);
+    FUZZ_CHECK(file.size <= FUZZ_ROOM);
+    memcpy(ret_bytes, file.bytes, file.size);
+    return file.size;
+}
