@@ -120,6 +120,48 @@ static enum bvhd_status read_corners(struct ply_faces *faces, const struct ply_e
     return BVHD_OK;
 }
 
+/* Turns (a, b, c) into (c, a, b). */
+static void rotate(uint32_t triangle[3])
+{
+    uint32_t last = triangle[2];
+    triangle[2] = triangle[1];
+    triangle[1] = triangle[0];
+    triangle[0] = last;
+}
+
+/*
+ * Rotates triangles as assimp 5.2 does in meshes with polygons, so that the keys of such files stay the same: triangles
+ * that follow each other begin with the same corner only if they are halves of one quad. The other half of a quad is
+ * rotated backward, because both begin with the corner across then.
+ */
+static void rotate_triangles(struct ply_faces *faces, uint32_t first, bool is_quad)
+{
+    for (uint32_t i = first; i < faces->mesh->triangle_count; i += 1 + is_quad) {
+        uint32_t *triangle = faces->mesh->indices + 3 * (size_t)i;
+        if (triangle[0] == faces->last_corner) {
+            rotate(triangle);
+            for (int turns = 0; is_quad && turns < 2; turns++)
+                rotate(triangle + 3);
+        }
+        faces->last_corner = triangle[0];
+    }
+}
+
+/* Rotates the triangles of a face of `count` corners, and those before it if it is the first that is no triangle. */
+static void rotate_face(struct ply_faces *faces, uint32_t first, uint64_t count)
+{
+    if (!faces->has_polygons && (count == 0 || count > 3)) { /* to assimp a face without corners is a polygon, too */
+        uint32_t triangle_count = faces->mesh->triangle_count;
+        faces->has_polygons = true;
+        faces->last_corner = UINT32_MAX;
+        faces->mesh->triangle_count = first;
+        rotate_triangles(faces, faces->first_face, false);
+        faces->mesh->triangle_count = triangle_count;
+    }
+    if (faces->has_polygons)
+        rotate_triangles(faces, first, count == 4);
+}
+
 /* Makes triangles of the polygon in faces->corners. */
 static enum bvhd_status add_polygon(struct ply_faces *faces, uint64_t count)
 {
@@ -127,8 +169,10 @@ static enum bvhd_status add_polygon(struct ply_faces *faces, uint64_t count)
     mesh->counts.empty_faces += count == 0;
     mesh->counts.points += count == 1;
     mesh->counts.lines += count == 2;
-    if (count < 3)
+    if (count < 3) {
+        rotate_face(faces, mesh->triangle_count, count);
         return BVHD_OK;
+    }
     enum bvhd_status status = reserve_triangles(faces, count - 2);
     if (status)
         return status;
@@ -138,6 +182,7 @@ static enum bvhd_status add_polygon(struct ply_faces *faces, uint64_t count)
         return no_memory(faces);
     mesh->triangle_count += (uint32_t)count - 2;
     mesh->counts.fanned += is_fanned;
+    rotate_face(faces, mesh->triangle_count - (uint32_t)(count - 2), count);
     return BVHD_OK;
 }
 
@@ -195,6 +240,7 @@ enum bvhd_status ply_faces_read(struct ply_faces *faces, const struct ply_elemen
     const struct ply_property *list = ply_faces_list(element, faces->path, faces->error);
     if (!list)
         return BVHD_UNSUPPORTED;
+    faces->first_face = faces->mesh->triangle_count;
     enum bvhd_status status = reserve_triangles(faces, is_strip ? 0 : element->count);
     for (uint64_t row = 0; row < element->count && !status; row++) {
         status = read_row(faces, element, list, row, is_strip);

@@ -18,6 +18,9 @@ struct ply_faces {
     uint32_t *corners; /* of the row that is read */
     uint64_t corner_capacity;
     struct polygon_cutter cutter;
+    bool has_polygons; /* so far: the corners of triangles are rotated (ply_faces.c) */
+    uint32_t first_face; /* the first triangle of the element that is read */
+    uint32_t last_corner; /* the first corner of the triangle before, if has_polygons */
 };
 
 /* Prepares reading into a mesh. End with ply_faces_finish. */

@@ -280,6 +280,32 @@ static void test_strip_order(void **state)
     finish(&import, &memory);
 }
 
+static void check_corners(const char *faces, uint32_t face_count, const uint32_t *expected, uint32_t triangle_count)
+{
+    struct ply_file file;
+    struct memory memory;
+    struct import import;
+    ply_file_begin(&file, 0, "\n");
+    ply_file_line(&file, "element vertex 4\nproperty int x\nproperty int y\nproperty int z");
+    ply_file_line(&file, "element face %u\nproperty list uchar int vertex_indices\nend_header", face_count);
+    ply_file_line(&file, "0 0 0\n1 0 0\n1 1 0\n0 1 0\n%s", faces);
+    read_good(&file, &memory, &import);
+    assert_int_equal(import.meshes[0].triangle_count, triangle_count);
+    assert_memory_equal(import.meshes[0].indices, expected, triangle_count * 12);
+    finish(&import, &memory);
+}
+
+/* Triangles keep their corners; only beside polygons, or faces without corners, some are rotated as by assimp. */
+static void test_corners(void **state)
+{
+    (void)state;
+    static const uint32_t kept[] = {0, 1, 2, 0, 2, 3, 0, 1, 3};
+    static const uint32_t rotated[] = {0, 1, 2, 3, 0, 2, 0, 1, 2, 0, 2, 3, 2, 0, 1, 2, 3, 0, 0, 1, 3};
+    check_corners("3 0 1 2\n3 0 2 3\n2 0 1\n3 0 1 3", 4, kept, 3);
+    check_corners("3 0 1 2\n3 0 2 3\n4 0 1 2 3\n4 0 1 2 3\n3 0 1 3", 5, rotated, 7);
+    check_corners("3 0 1 2\n3 0 2 3\n0", 3, rotated, 2);
+}
+
 static void test_files(void **state)
 {
     (void)state;
@@ -311,7 +337,7 @@ int main(void)
         cmocka_unit_test(test_samples),  cmocka_unit_test(test_formats_agree), cmocka_unit_test(test_types),
         cmocka_unit_test(test_values),   cmocka_unit_test(test_nan_bits),      cmocka_unit_test(test_text),
         cmocka_unit_test(test_rounding), cmocka_unit_test(test_counted),       cmocka_unit_test(test_strip_order),
-        cmocka_unit_test(test_files),
+        cmocka_unit_test(test_corners),  cmocka_unit_test(test_files),
     };
     return cmocka_run_group_tests_name("ply", tests, NULL, NULL);
 }
