@@ -137,7 +137,7 @@ run 0 --local build scraps.ply -o scraps --json
 one_json_object
 expect 'a quad is two triangles' grep -q '"meshes":1,"triangles":2,' out
 expect 'kinds are counted' grep -q '"not_geometry":{"points":1,"lines":1,"skins":0,"morphs":0,"empty_faces":1}' out
-expect 'kinds are counted by mesh' grep -q '"primitives":2,"not_geometry":{"points":1,"lines":1,"empty_faces":1}' out
+expect 'kinds are counted by mesh' grep -q '"primitives":2,"left_out":{"points":1,"lines":1,"empty_faces":1}' out
 expect 'the manifest has them, too' grep -q '"empty_faces": 1' scraps/manifest.json
 says 'bvhctl: scraps: not geometry, left out: 1 points, 1 lines'
 says 'bvhctl: scraps: 1 faces without corners are left out'

@@ -55,6 +55,7 @@ struct import {
     uint64_t skipped_instances;
     uint64_t triangle_count; /* over all meshes */
     struct import_counts counts; /* those of all meshes, and those of the file */
+    bool has_second_reader; /* import_scene_by_assimp reads the same of this file, if neither reader is wrong */
     enum import_reader reader;
     struct memory *memory;
 };

@@ -56,7 +56,7 @@ struct import_comparison import_compare(const char *path, const struct import *i
 {
     struct import_comparison comparison = {.agreement = IMPORT_ONE_READER};
     struct import other;
-    if (import->reader == IMPORT_BY_ASSIMP)
+    if (!import->has_second_reader)
         return comparison;
     comparison.own = import_figures(import);
     if (import_scene_by_assimp(path, import->memory, &other, &comparison.error)) {

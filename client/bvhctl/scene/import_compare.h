@@ -15,7 +15,7 @@ struct import_figures {
 };
 
 enum import_agreement {
-    IMPORT_ONE_READER, /* assimp read the file, so that there is nothing to compare */
+    IMPORT_ONE_READER, /* assimp read the file, or cannot read it right, so that there is nothing to compare */
     IMPORT_AGREES, /* the same number of triangles, and bounds that differ by rounding only */
     IMPORT_DIFFERS,
     IMPORT_NOT_READ, /* assimp does not read the file */

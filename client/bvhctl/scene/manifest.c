@@ -85,7 +85,7 @@ static void write_losses(struct json *json, const struct import_mesh *mesh, bool
         has_counts |= import_counts_get(&mesh->counts, i) > 0;
     if (!has_counts)
         return;
-    json_object(json, "not_geometry");
+    json_object(json, "left_out");
     for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
         if (import_counts_get(&mesh->counts, i))
             json_integer(json, import_count_kinds[i].name, import_counts_get(&mesh->counts, i));

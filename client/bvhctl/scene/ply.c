@@ -309,6 +309,7 @@ enum bvhd_status ply_import_stream(FILE *stream, uint64_t size, const char *path
         return status;
     }
     import.reader = IMPORT_BY_PLY;
+    import.has_second_reader = true;
     import.triangle_count = import.meshes[0].triangle_count;
     import_counts_add_mesh(&import.counts, &import.meshes[0].counts);
     *ret_import = import;
