@@ -207,9 +207,11 @@ static enum bvhd_status add_strips(struct ply_faces *faces, uint64_t count)
 {
     enum bvhd_status status = reserve_triangles(faces, count);
     uint64_t first = 0;
+    faces->mesh->counts.empty_faces += count == 0;
     for (uint64_t i = 0; i <= count && !status; i++)
         if (i == count || faces->corners[i] == restart) {
-            add_strip(faces, faces->corners + first, i - first);
+            if (i > first)
+                add_strip(faces, faces->corners + first, i - first);
             first = i + 1;
         }
     return status;

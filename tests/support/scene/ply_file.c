@@ -210,14 +210,16 @@ static void make_strips(struct ply_file *file, struct ply_expected *expected)
 {
     static const double strips[] = {0, 1, 2, 3, 4, -1, 5, 6, -1, 7, 8, 9, -1, -1, 10};
     declare_vertices(file, "float64");
-    ply_file_line(file, "element tristrips 1");
+    ply_file_line(file, "element tristrips 2");
     ply_file_line(file, "property list int int vertex_indices");
     ply_file_line(file, "end_header");
     put_vertices(file, "float64");
+    put_face(file, "int", "int", strips, 0);
     put_face(file, "int", "int", strips, 15);
     expected->triangles = 4;
     expected->lines = 1;
     expected->points = 1;
+    expected->empty_faces = 1;
 }
 
 /* Faces that are no triangles, beside one. */

@@ -178,6 +178,37 @@ static void test_tiny_files(void **state)
     assert_true(formats > 30);
 }
 
+/* Large files are read by both processes at the same time. */
+static void test_large_files(void **state)
+{
+    (void)state;
+    enum { LINES = 40000 };
+    static const char comment[] = "# a line that only makes the file longer\n",
+                      garbage[] = "0123456789 0123456789 012345\n";
+    struct memory memory;
+    struct import import;
+    struct bvhd_error error = {0};
+    FILE *good = fopen("large.obj", "wb"), *bad = fopen("large.off", "wb");
+    fputs("v 0 0 0\nv 1 0 0\nv 0 1 0\n", good);
+    fputs("OFF\n3 1 0\n", bad);
+    for (int i = 0; i < LINES; i++) {
+        fputs(comment, good);
+        fputs(garbage, bad);
+    }
+    fputs("f 1 2 3\n", good);
+    fclose(good);
+    fclose(bad);
+    memory_init(&memory, UINT64_MAX);
+    if (import_scene("large.obj", NULL, &memory, &import, &error))
+        fail_msg("%s: %s", error.where, error.text);
+    assert_int_equal(import.triangle_count, 1);
+    import_finish(&import);
+    if (import_scene("large.off", NULL, &memory, &import, &error) == BVHD_OK)
+        import_finish(&import);
+    assert_int_equal(memory.live, 0);
+    assert_int_equal(waitpid(-1, NULL, WNOHANG), -1); /* no child is left */
+}
+
 /* The importer says what is wrong; a crash or a lack of time is never called a broken file. */
 static void test_words(void **state)
 {
@@ -214,8 +245,9 @@ static void test_bones(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_time),       cmocka_unit_test(test_memory), cmocka_unit_test(test_unlimited),
-        cmocka_unit_test(test_tiny_files), cmocka_unit_test(test_words),  cmocka_unit_test(test_bones),
+        cmocka_unit_test(test_time),       cmocka_unit_test(test_memory),      cmocka_unit_test(test_unlimited),
+        cmocka_unit_test(test_tiny_files), cmocka_unit_test(test_large_files), cmocka_unit_test(test_words),
+        cmocka_unit_test(test_bones),
     };
     return cmocka_run_group_tests_name("import_process", tests, enter_scratch, leave_scratch);
 }
