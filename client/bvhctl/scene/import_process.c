@@ -100,9 +100,9 @@ __attribute__((noreturn)) static void read_in_child(const char *path, const char
 static void prepare_child(unsigned factor)
 {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    signal(SIGINT, SIG_DFL);
-    signal(SIGTERM, SIG_DFL);
-    signal(SIGPROF, SIG_DFL);
+    static const int signals[] = {SIGINT, SIGTERM, SIGPROF, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV};
+    for (size_t i = 0; i < sizeof signals / sizeof signals[0]; i++)
+        signal(signals[i], SIG_DFL); /* a handler of the parent would go on with the parent's work */
     int nowhere = open("/dev/null", O_WRONLY | O_CLOEXEC);
     if (nowhere >= 0) {
         dup2(nowhere, STDOUT_FILENO);
