@@ -19,12 +19,15 @@
 #endif
 
 /*
- * Without a file: assimp's start takes a hundredth of the time. For each byte: the slowest importers of text take a
- * tenth of the time. Both leave room for formats that are compressed or describe curves.
+ * Without a file: assimp's start takes a tenth of the time. For each byte: the slowest importers of text take a tenth
+ * of the time, which leaves room for formats that are compressed. The first bytes of a file are worth more, because a
+ * few of them can describe curves and subdivisions: a file of 2,770 bytes that is worth reading takes 0.26 s.
  */
 enum {
-    TIME_BASE_US = HAS_SHADOW_MEMORY ? 20000000 : 400000,
+    TIME_BASE_US = HAS_SHADOW_MEMORY ? 20000000 : 150000,
     TIME_A_BYTE_US = HAS_SHADOW_MEMORY ? 200 : 10,
+    TIME_A_FIRST_BYTE_US = 90, /* in addition */
+    FIRST_BYTES = 4096,
     TIME_MAX_S = 100000,
     MEMORY_A_BYTE = 256,
 };
@@ -91,5 +94,7 @@ void import_limits_allow(uint64_t size)
         return;
     uint64_t most = UINT64_C(1000000) * TIME_MAX_S / TIME_A_BYTE_US;
     allow_memory(size);
+    uint64_t first = size < FIRST_BYTES ? size : FIRST_BYTES;
+    allow_time(first * TIME_A_FIRST_BYTE_US * factor_of_process);
     allow_time((size < most ? size : most) * TIME_A_BYTE_US * factor_of_process);
 }
