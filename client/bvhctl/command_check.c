@@ -15,7 +15,7 @@ struct check_command {
     const struct options *options;
     struct local local;
     struct import import;
-    struct import_comparison comparison;
+    struct import_comparison readers;
     struct structures structures;
     struct oracle_mesh *meshes;
     uint32_t mesh_count;
@@ -89,34 +89,37 @@ static struct tally judge_all(const struct check_command *run)
     return tally;
 }
 
-/* Writes what the two readers of the file say, if there are two. */
-static void write_comparison(const struct import_comparison *comparison, struct json *json)
+static void write_readers(const struct import_comparison *readers, struct json *json)
 {
     static const char *const names[] = {
-        [IMPORT_AGREES] = "agrees", [IMPORT_DIFFERS] = "differs", [IMPORT_NOT_READ] = "not read"};
-    if (comparison->agreement == IMPORT_ONE_READER)
+        [IMPORT_AGREES] = "agrees", [IMPORT_DIFFERS] = "differs", [IMPORT_REFUSED] = "refused"};
+    if (readers->agreement == IMPORT_NOT_COMPARED)
         return;
-    json_object(json, "assimp");
-    json_text(json, "result", names[comparison->agreement]);
-    json_integer(json, "own_triangles", comparison->own.triangles);
-    json_integer(json, "triangles", comparison->assimp.triangles);
+    json_object(json, "second_reader");
+    json_text(json, "name", "assimp");
+    json_text(json, "result", names[readers->agreement]);
+    if (readers->agreement != IMPORT_REFUSED) {
+        json_integer(json, "triangles", readers->first.triangles);
+        json_integer(json, "triangles_second", readers->second.triangles);
+    }
     json_object_end(json);
 }
 
-/* Reports a difference on stderr in any case, and otherwise what was compared. */
-static void print_comparison(const struct check_command *run)
+/* Says what a second reader of the file made of it. A difference is no error of the structures. */
+static void note_readers(const struct check_command *run)
 {
-    const struct import_comparison *comparison = &run->comparison;
-    const char *name = run->import.name;
-    unsigned long long own = (unsigned long long)comparison->own.triangles;
-    if (comparison->agreement == IMPORT_DIFFERS)
-        report_note(name, "assimp reads the file in another way: %llu triangles instead of %llu, or other bounds",
-                    (unsigned long long)comparison->assimp.triangles, own);
-    if (comparison->agreement == IMPORT_NOT_READ)
-        report_note(name, "assimp does not read the file, so that no second reader was compared: %s",
-                    comparison->error.text);
-    if (comparison->agreement == IMPORT_AGREES && !run->options->json)
-        printf("%s: assimp reads the same %llu triangles in the same bounds\n", name, own);
+    const struct import_comparison *readers = &run->readers;
+    unsigned long long first = readers->first.triangles, second = readers->second.triangles;
+    if (readers->agreement == IMPORT_AGREES && !run->options->json)
+        report_note(run->import.name, "assimp, a second reader, finds the same %llu triangles in the same bounds",
+                    first);
+    if (readers->agreement == IMPORT_REFUSED)
+        report_note(run->import.name, "assimp, a second reader, refuses the file: %s", readers->text);
+    if (readers->agreement == IMPORT_DIFFERS && first != second)
+        report_note(run->import.name, "warning: %llu triangles, but assimp, a second reader, finds %llu", first,
+                    second);
+    else if (readers->agreement == IMPORT_DIFFERS)
+        report_note(run->import.name, "warning: assimp, a second reader, finds other bounds");
 }
 
 static void write_tally(const struct check_command *run, const struct tally *tally, struct json *json)
@@ -133,7 +136,7 @@ static void write_tally(const struct check_command *run, const struct tally *tal
     json_number(json, "t_rel_err_max", tally->t_rel_err_max);
     json_integer(json, "seed", run->options->seed);
     json_bool(json, "flip_order", run->options->flip_order);
-    write_comparison(&run->comparison, json);
+    write_readers(&run->readers, json);
     json_object_end(json);
 }
 
@@ -161,7 +164,6 @@ static enum exit_code judge(struct check_command *run)
 {
     struct tally tally = judge_all(run);
     uint64_t wrong = tally.wrong_miss + tally.wrong_hit + tally.wrong_primitive;
-    print_comparison(run);
     if (!print_tally(run, &tally))
         return EXIT_FAILED;
     if (tally.hits == 0)
@@ -192,10 +194,11 @@ enum exit_code command_check(const struct options *options)
     if (status)
         return report_failure(options->json, "check", &error);
     status = open_both(&run, &error);
-    if (!status)
-        run.comparison = import_compare(options->operands[1], &run.import);
-    if (!status)
+    if (!status) {
+        run.readers = import_compare(options->operands[1], &run.import, &run.local.memory);
+        note_readers(&run);
         status = ask_oracle(&run, &error);
+    }
     enum exit_code code = status ? report_failure(options->json, "check", &error) : judge(&run);
     release(&run);
     return run.is_damaged ? EXIT_WRONG : code;

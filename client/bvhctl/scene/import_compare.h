@@ -1,36 +1,34 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * import_compare.h - compares an import by a reader of our own with assimp's import of the same file, so that a mistake
- * of a reader shows.
- */
+/* import_compare.h - compares what two readers made of one file, so that a mistake of a reader shows. */
 #ifndef BVHCTL_IMPORT_COMPARE_H
 #define BVHCTL_IMPORT_COMPARE_H
 
 #include "client/bvhctl/scene/import.h"
 
-/* What is compared: over all instances that are not skipped, in world space. */
-struct import_figures {
+/* The scene in world space, over all instances that are not skipped. */
+struct import_extent {
     uint64_t triangles;
-    double min[3], max[3]; /* of finite corners of triangles; min > max when there is none */
+    /* of the boxes of its bottom levels, as far as corners are finite; low > high: there are none */
+    double low[3], high[3];
 };
 
 enum import_agreement {
-    IMPORT_ONE_READER, /* assimp read the file, or cannot read it right, so that there is nothing to compare */
-    IMPORT_AGREES, /* the same number of triangles, and bounds that differ by rounding only */
+    IMPORT_NOT_COMPARED, /* there is one reader for this file, or the other does not read the same of it, or no memory */
+    IMPORT_AGREES,
     IMPORT_DIFFERS,
-    IMPORT_NOT_READ, /* assimp does not read the file */
+    IMPORT_REFUSED, /* by the other reader */
 };
 
 struct import_comparison {
     enum import_agreement agreement;
-    struct import_figures own, assimp;
-    struct bvhd_error error; /* IMPORT_NOT_READ: why */
+    struct import_extent first, second; /* `second` is that of assimp */
+    char text[BVHD_TEXT_SIZE]; /* for IMPORT_REFUSED: assimp's reason */
 };
 
-/* Returns the figures of an import. */
-struct import_figures import_figures(const struct import *import);
-
-/* Reads the file again with assimp if a reader of our own has read it. The second import is freed at once. */
-struct import_comparison import_compare(const char *path, const struct import *import);
+/*
+ * Imports the file again with assimp, if it was read by another reader, and compares numbers of triangles and bounds.
+ * Neither the order of triangles nor their corners are compared.
+ */
+struct import_comparison import_compare(const char *path, const struct import *import, struct memory *memory);
 
 #endif

@@ -47,17 +47,17 @@ static void test_agreement(void **state)
     struct import import;
     import_text("quad.ply", HEADER "element face 1\nproperty list uchar int vertex_indices\n" ROWS "4 0 1 2 3\n",
                 &import);
-    struct import_comparison comparison = import_compare("quad.ply", &import);
+    struct import_comparison comparison = import_compare("quad.ply", &import, &memory);
     assert_int_equal(comparison.agreement, IMPORT_AGREES);
-    assert_int_equal(comparison.own.triangles, 2);
-    assert_int_equal(comparison.assimp.triangles, 2);
-    assert_true(comparison.own.max[1] == 2);
+    assert_int_equal(comparison.first.triangles, 2);
+    assert_int_equal(comparison.second.triangles, 2);
+    assert_true(comparison.first.high[1] == 2);
     import.meshes[0].positions[0] = -0.5f;
-    comparison = import_compare("quad.ply", &import);
+    comparison = import_compare("quad.ply", &import, &memory);
     assert_int_equal(comparison.agreement, IMPORT_DIFFERS);
     import.meshes[0].positions[0] = 0;
     import.meshes[0].triangle_count = 1;
-    comparison = import_compare("quad.ply", &import);
+    comparison = import_compare("quad.ply", &import, &memory);
     assert_int_equal(comparison.agreement, IMPORT_DIFFERS);
     import_finish(&import);
     assert_int_equal(memory.live, 0);
@@ -71,19 +71,20 @@ static void test_disagreement(void **state)
     import_text("strip.ply", HEADER "element tristrips 1\nproperty list int int vertex_indices\n" ROWS "4 0 1 2 3\n",
                 &import);
     assert_int_equal(import.triangle_count, 2);
-    struct import_comparison comparison = import_compare("strip.ply", &import);
+    struct import_comparison comparison = import_compare("strip.ply", &import, &memory);
     assert_true(comparison.agreement == IMPORT_DIFFERS || comparison.agreement == IMPORT_AGREES);
-    assert_int_equal(comparison.own.triangles, 2);
+    assert_int_equal(comparison.first.triangles, 2);
     remove("strip.ply");
-    comparison = import_compare("strip.ply", &import);
-    assert_int_equal(comparison.agreement, IMPORT_NOT_READ);
-    assert_true(comparison.error.text[0]);
+    comparison = import_compare("strip.ply", &import, &memory);
+    assert_int_equal(comparison.agreement, IMPORT_REFUSED);
+    assert_true(comparison.text[0]);
     import_finish(&import);
     import_text("one.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", &import);
-    assert_int_equal(import_compare("one.obj", &import).agreement, IMPORT_ONE_READER);
+    assert_int_equal(import_compare("one.obj", &import, &memory).agreement, IMPORT_NOT_COMPARED);
     import_finish(&import);
 }
 
+/* Instances count with their transforms, unless they are skipped. */
 static void test_instances(void **state)
 {
     (void)state;
@@ -92,12 +93,13 @@ static void test_instances(void **state)
                 &import);
     const float moved[12] = {2, 0, 0, 10, 0, 1, 0, 0, 0, 0, 1, -5};
     memcpy(import.instances[0].transform, moved, sizeof moved);
-    struct import_figures figures = import_figures(&import);
-    assert_true(figures.min[0] == 10 && figures.max[0] == 12 && figures.min[2] == -5);
+    struct import_comparison comparison = import_compare("quad.ply", &import, &memory);
+    assert_int_equal(comparison.agreement, IMPORT_DIFFERS);
+    assert_true(comparison.first.low[0] == 10 && comparison.first.high[0] == 12 && comparison.first.low[2] == -5);
     import.instances[0].skipped = true;
-    figures = import_figures(&import);
-    assert_int_equal(figures.triangles, 0);
-    assert_true(figures.min[0] > figures.max[0]);
+    comparison = import_compare("quad.ply", &import, &memory);
+    assert_int_equal(comparison.first.triangles, 0);
+    assert_true(comparison.first.low[0] > comparison.first.high[0]);
     import_finish(&import);
 }
 
