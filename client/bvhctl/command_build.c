@@ -73,6 +73,10 @@ static void note_import(const struct import *import)
     if (counts->skins || counts->morphs)
         report_note(import->name, "not geometry, built at rest: %llu skinned meshes, %llu morph targets",
                     (unsigned long long)counts->skins, (unsigned long long)counts->morphs);
+    for (int i = 4; i < IMPORT_COUNT_KINDS; i++)
+        if (import_counts_get(counts, i))
+            report_note(import->name, "%llu %s", (unsigned long long)import_counts_get(counts, i),
+                        import_count_kinds[i].text);
     if (import->skipped_instances)
         report_note(import->name, "%llu instances made inactive: their matrix has no inverse (%s)",
                     (unsigned long long)import->skipped_instances, bvhd_vuid_string(BVHD_VUID_03799));
@@ -89,10 +93,9 @@ static void write_scene(struct build_command *run, const struct import *import, 
     json_integer(json, "instances", import->instance_count);
     json_integer(json, "skipped_instances", import->skipped_instances);
     json_object(json, "not_geometry");
-    json_integer(json, "points", import->counts.points);
-    json_integer(json, "lines", import->counts.lines);
-    json_integer(json, "skins", import->counts.skins);
-    json_integer(json, "morphs", import->counts.morphs);
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        if (i < 4 || import_counts_get(&import->counts, i))
+            json_integer(json, import_count_kinds[i].name, import_counts_get(&import->counts, i));
     json_object_end(json);
     json_object_end(json);
 }
@@ -217,7 +220,7 @@ static void build_scene(struct build_command *run, const char *path)
 {
     struct import import;
     struct bvhd_error error = {0};
-    enum bvhd_status status = import_scene(path, &run->memory, &import, &error);
+    enum bvhd_status status = import_scene(path, run->options->scene, &run->memory, &import, &error);
     if (status) {
         if (!is_interrupted(run)) /* an interrupt at the terminal also ends the child that reads the scene */
             fail(run, "build", &error);

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/gltf.h"
 #include "client/bvhctl/scene/import_files.h"
 #include "client/bvhctl/scene/import_nodes.h"
 
@@ -145,12 +146,9 @@ static enum bvhd_status copy_scene(const struct aiScene *scene, const char *path
     return BVHD_OK;
 }
 
-static enum bvhd_status read_scene(const char *path, struct import_files *files, struct import *import,
-                                   struct bvhd_error *error)
+static enum bvhd_status read_by_assimp(const char *path, struct import_files *files, struct import *import,
+                                       struct bvhd_error *error)
 {
-    struct stat file;
-    if (stat(path, &file) < 0)
-        return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
     const struct aiScene *scene = aiImportFileEx(path, aiProcess_Triangulate, &files->io);
     if (!scene || !scene->mRootNode) {
         char text[BVHD_TEXT_SIZE];
@@ -164,7 +162,27 @@ static enum bvhd_status read_scene(const char *path, struct import_files *files,
     return status;
 }
 
-enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import,
+static enum bvhd_status read_scene(const char *path, const char *scene, struct import_files *files,
+                                   struct import *import, struct bvhd_error *error)
+{
+    struct stat file;
+    bool is_foreign = true;
+    if (stat(path, &file) < 0)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
+    if (gltf_is_file(path)) {
+        enum bvhd_status status = gltf_read(path, scene, files, import, &is_foreign, error);
+        if (status)
+            return status;
+    }
+    if (is_foreign && scene)
+        return bvhd_error_set(error, BVHD_NOT_FOUND, path,
+                              "it has no scene '%.60s': only glTF 2.0 has scenes to choose", scene);
+    if (is_foreign)
+        return read_by_assimp(path, files, import, error);
+    return import->instance_count ? BVHD_OK : bvhd_error_set(error, BVHD_INVALID, path, "no node has triangles");
+}
+
+enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error)
 {
     struct import import = {.memory = memory, .name = import_name(path, memory)};
@@ -172,7 +190,7 @@ enum bvhd_status import_read(const char *path, struct memory *memory, struct imp
         return no_memory(path, error);
     struct import_files files;
     import_files_init(&files, memory);
-    enum bvhd_status status = read_scene(path, &files, &import, error);
+    enum bvhd_status status = read_scene(path, scene, &files, &import, error);
     if (!status && files.failed)
         status = no_memory(path, error);
     import.files = files.paths;
@@ -209,6 +227,7 @@ void import_finish(struct import *import)
     memory_free(import->memory, import->bottoms);
     memory_free(import->memory, import->files);
     memory_free(import->memory, import->instances);
+    memory_free(import->memory, import->source_name);
     memory_free(import->memory, import->name);
     *import = (struct import){0};
 }

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * import.h - reads a scene file with assimp, as the input of builds.
+ * import.h - reads a scene file, as the input of builds: glTF by a reader of our own (gltf.h), other formats with
+ * assimp.
  *
  * Faces are triangulated. Nothing else is changed: axes and units stay, nothing is merged or dropped, and NaN and
- * degenerate triangles survive. Points, lines, skins and morph targets are left out and counted. There is one bottom
+ * degenerate triangles survive. What is left out is counted (import_counts.h). There is one bottom
  * level for each distinct list of meshes that some node has, with one geometry for each mesh. Nodes with meshes become
  * instances, in depth-first order.
  */
@@ -12,6 +13,7 @@
 
 #include "proto/base/memory.h"
 #include "client/bvhctl/oracle/oracle.h"
+#include "client/bvhctl/scene/import_counts.h"
 #include "proto/base/status.h"
 
 struct import_mesh {
@@ -39,12 +41,6 @@ struct import_instance {
     bool skipped;
 };
 
-/* Numbers of things in the file that are left out. */
-struct import_counts {
-    uint64_t points, lines; /* faces with one or two corners */
-    uint64_t skins, morphs; /* meshes with bones, morph targets */
-};
-
 struct import {
     char *name; /* the file's name without directory and extension */
     struct import_mesh *meshes;
@@ -55,21 +51,28 @@ struct import {
     uint64_t skipped_instances;
     uint64_t triangle_count; /* over all meshes */
     struct import_counts counts;
+    bool has_source; /* it is one chosen scene of the file: */
+    uint32_t source_number; /* its number, from 0 */
+    char *source_name; /* and its name, which may be ""; may be NULL without has_source */
     struct memory *memory;
 };
 
 /*
- * Reads a scene file, which is hostile. BVHD_NOT_FOUND: there is no such file; BVHD_UNSUPPORTED: assimp does not read
- * it; BVHD_INVALID: it has no triangles. End with import_finish.
+ * Reads a scene file, which is hostile. BVHD_NOT_FOUND: there is no such file, or no such scene in it;
+ * BVHD_UNSUPPORTED: no reader reads it; BVHD_INVALID: it breaks a rule of its format, or has no triangles. End with
+ * import_finish.
+ *
+ * `scene` chooses one of the scenes of a glTF file, by name or else by number from 0. NULL takes all; files of other
+ * formats have nothing to choose from.
  *
  * The file is read in a child process, because broken files make some of assimp's importers abort or run for ever. The
  * result is BVHD_UNSUPPORTED then.
  */
-enum bvhd_status import_scene(const char *path, struct memory *memory, struct import *ret_import,
+enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);
 
 /* Does the same in this process, which a broken file can crash. */
-enum bvhd_status import_read(const char *path, struct memory *memory, struct import *ret_import,
+enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */

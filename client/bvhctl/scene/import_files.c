@@ -50,14 +50,13 @@ static void file_flush(struct aiFile *file)
 
 enum { MEMORY_A_BYTE = 64 }; /* bytes of memory that a scene may take for each byte of its files */
 
-/* Raises the limit of this process's memory, if it has one (import_process.c), by a multiple of the file's size. */
-static void allow_memory(FILE *stream)
+/* Raises the limit of this process's memory, if it has one (import_process.c), by a multiple of a file's size. */
+static void allow_memory(const struct stat *file)
 {
-    struct stat status;
     struct rlimit limit;
-    if (fstat(fileno(stream), &status) < 0 || getrlimit(RLIMIT_AS, &limit) < 0 || limit.rlim_cur >= limit.rlim_max)
+    if (getrlimit(RLIMIT_AS, &limit) < 0 || limit.rlim_cur >= limit.rlim_max)
         return;
-    rlim_t left = limit.rlim_max - limit.rlim_cur, size = (rlim_t)status.st_size;
+    rlim_t left = limit.rlim_max - limit.rlim_cur, size = (rlim_t)file->st_size;
     limit.rlim_cur += size < left / MEMORY_A_BYTE ? size * MEMORY_A_BYTE : left;
     setrlimit(RLIMIT_AS, &limit);
 }
@@ -87,6 +86,16 @@ static void record(struct import_files *files, const char *path)
         files->paths[files->count++] = copy;
 }
 
+/* Records a file before it is first read. */
+static void note_file(struct import_files *files, const char *path)
+{
+    struct stat status;
+    if (is_recorded(files, path) || stat(path, &status) < 0)
+        return;
+    allow_memory(&status);
+    record(files, path);
+}
+
 /* Opens regular files only: a directory could be opened as a stream too, and a pipe would wait for a writer. */
 static FILE *open_stream(const char *path)
 {
@@ -111,11 +120,15 @@ static struct aiFile *open_file(struct aiFileIO *io, const char *path, const cha
                             .SeekProc = file_seek,
                             .FlushProc = file_flush,
                             .UserData = (aiUserData)(void *)stream};
-    if (!is_recorded(files, path)) {
-        allow_memory(stream);
-        record(files, path);
-    }
+    note_file(files, path);
     return file;
+}
+
+enum bvhd_status import_files_read(struct import_files *files, const char *path, unsigned char **ret_data,
+                                   uint64_t *ret_size, struct bvhd_error *error)
+{
+    note_file(files, path);
+    return files_read(path, UINT64_C(1) << 40, files->memory, ret_data, ret_size, error);
 }
 
 static void close_file(struct aiFileIO *io, struct aiFile *file)

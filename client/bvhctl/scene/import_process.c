@@ -58,6 +58,7 @@ static void put_text(FILE *file, const char *text)
 static void put_import(FILE *file, const struct import *import)
 {
     put_text(file, import->name);
+    put_text(file, import->source_name ? import->source_name : "");
     put(file, import->meshes, import->mesh_count * sizeof *import->meshes);
     for (uint32_t i = 0; i < import->mesh_count; i++) {
         const struct import_mesh *mesh = &import->meshes[i];
@@ -77,10 +78,11 @@ static void put_import(FILE *file, const struct import *import)
 }
 
 /* Reads the scene in the child, which exits here, unless assimp crashes it before. */
-__attribute__((noreturn)) static void read_in_child(const char *path, int descriptor, struct memory *memory)
+__attribute__((noreturn)) static void read_in_child(const char *path, const char *scene, int descriptor,
+                                                    struct memory *memory)
 {
     struct outcome outcome = {0};
-    enum bvhd_status status = import_read(path, memory, &outcome.import, &outcome.error);
+    enum bvhd_status status = import_read(path, scene, memory, &outcome.import, &outcome.error);
     outcome.error.status = status;
     FILE *file = fdopen(descriptor, "w");
     if (!file)
@@ -209,13 +211,14 @@ static enum bvhd_status take_import(struct file_cursor *cursor, const struct out
 {
     struct import import = outcome->import;
     import.memory = cursor->memory;
-    import.name = NULL;
+    import.name = import.source_name = NULL;
     import.meshes = NULL;
     import.bottoms = NULL;
     import.instances = NULL;
     import.files = NULL;
     import.mesh_count = import.bottom_count = import.file_count = 0;
     import.name = take_text(cursor);
+    import.source_name = take_text(cursor);
     take_meshes(cursor, outcome->import.mesh_count, &import);
     take_bottoms(cursor, outcome->import.bottom_count, &import);
     import.instances = take(cursor, import.instance_count * sizeof *import.instances, 0);
@@ -262,7 +265,7 @@ static int wait_for(pid_t child)
     return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
-enum bvhd_status import_scene(const char *path, struct memory *memory, struct import *ret_import,
+enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error)
 {
     struct bvhd_error ignored;
@@ -273,7 +276,7 @@ enum bvhd_status import_scene(const char *path, struct memory *memory, struct im
     pid_t child = fork();
     if (child == 0) {
         prepare_child(path);
-        read_in_child(path, descriptor, memory);
+        read_in_child(path, scene, descriptor, memory);
     }
     enum bvhd_status status;
     if (child < 0)

@@ -25,7 +25,7 @@ static void import_good(const char *path, struct memory *memory, struct import *
 {
     struct bvhd_error error = {0};
     memory_init(memory, UINT64_MAX);
-    if (import_scene(path, memory, ret_import, &error))
+    if (import_scene(path, NULL, memory, ret_import, &error))
         fail_msg("%s: %s", error.where, error.text);
 }
 
@@ -228,7 +228,7 @@ static void expect_failure(const char *path, enum bvhd_status expected)
     struct import import;
     struct bvhd_error error = {0};
     memory_init(&memory, UINT64_MAX);
-    assert_int_equal(import_scene(path, &memory, &import, &error), expected);
+    assert_int_equal(import_scene(path, NULL, &memory, &import, &error), expected);
     assert_int_equal(error.status, expected);
     assert_string_equal(error.where, path);
     assert_int_equal(memory.live, 0);
@@ -259,7 +259,7 @@ static void test_importer_crash(void **state)
                "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
                "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n");
     memory_init(&memory, UINT64_MAX);
-    enum bvhd_status status = import_scene("short.ply", &memory, &import, NULL);
+    enum bvhd_status status = import_scene("short.ply", NULL, &memory, &import, NULL);
     assert_true(status == BVHD_UNSUPPORTED || status == BVHD_INVALID);
     assert_int_equal(memory.live, 0);
 }
@@ -274,7 +274,7 @@ static void test_no_memory(void **state)
         struct import import;
         memory_init(&memory, UINT64_MAX);
         atomic_store(&memory.fail_after, after);
-        status = import_scene("sample.gltf", &memory, &import, NULL);
+        status = import_scene("sample.gltf", NULL, &memory, &import, NULL);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
         if (!status)
             import_finish(&import);

@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * import_counts.h - numbers of things in a scene file that are left out, or not as they should be, by kind. Each kind
+ * has a name for JSON and a text for messages.
+ */
+#ifndef BVHCTL_IMPORT_COUNTS_H
+#define BVHCTL_IMPORT_COUNTS_H
+
+#include <stdint.h>
+
+struct import_counts {
+    uint64_t points, lines; /* faces with one or two corners */
+    uint64_t skins, morphs; /* meshes with bones, morph targets */
+    uint64_t animations; /* the scene is built as it is without them */
+    uint64_t incomplete; /* lists, strips and fans of triangles whose last corners make no triangle */
+    uint64_t positionless; /* primitives without positions */
+    uint64_t meshes; /* that no node has */
+    uint64_t nodes; /* with a mesh, but in no scene */
+    uint64_t scenes; /* that the reader of the file does not read */
+    uint64_t extensions; /* that are used and not known */
+    uint64_t bounds; /* arrays of positions that do not have the bounds which the file says */
+};
+
+enum { IMPORT_COUNT_KINDS = 12 };
+
+/* Kinds 0 to 3 are points, lines, skins and morphs. */
+struct import_count_kind {
+    const char *name; /* of the member of struct import_counts */
+    const char *text; /* follows the number in a message */
+};
+
+extern const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS];
+
+uint64_t import_counts_get(const struct import_counts *counts, int kind);
+
+#endif
