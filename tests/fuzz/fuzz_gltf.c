@@ -43,7 +43,7 @@ static void check_instances(const struct import *import)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     char path[64];
-    bool is_foreign;
+    const char *foreign;
     struct memory memory;
     struct import_files files;
     struct bvhd_error error = {0};
@@ -53,10 +53,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memory_init(&memory, UINT64_C(1) << 26);
     import_files_init(&files, &memory);
     struct import import = {.memory = &memory};
-    enum bvhd_status status = gltf_read(path, NULL, &files, &import, &is_foreign, &error);
+    enum bvhd_status status = gltf_read(path, NULL, &files, &import, &foreign, &error);
     if (status) {
         FUZZ_CHECK(error.status == status && error.where[0] && error.text[0]);
-    } else if (!is_foreign) {
+    } else if (!foreign) {
         check_meshes(&import);
         check_instances(&import);
     }

@@ -180,28 +180,30 @@ static enum bvhd_status read_scene(struct reader *reader, const char *scene)
     if (!status && reader->import->triangle_count == 0)
         return gltf_refuse(&reader->file, BVHD_INVALID, NULL, "no triangles in it");
     count_animations(&reader->file);
+    reader->import->has_second_reader = !scene && reader->file.lists[GLTF_SCENES].count == 1;
     return status;
 }
 
 enum bvhd_status gltf_read(const char *path, const char *scene, struct import_files *files, struct import *import,
-                           bool *ret_is_foreign, struct bvhd_error *error)
+                           const char **ret_foreign, struct bvhd_error *error)
 {
     struct reader reader = {.import = import};
     reader.file = (struct gltf_file){
         .path = path, .memory = import->memory, .files = files, .counts = &import->counts, .error = error};
-    *ret_is_foreign = false;
+    *ret_foreign = NULL;
     enum bvhd_status status = gltf_file_open(&reader.file);
     if (!status && reader.file.is_old) {
-        *ret_is_foreign = true;
+        *ret_foreign = "glTF 1.0";
     } else if (!status) {
         status = gltf_extensions_check(&reader.file);
-        *ret_is_foreign = !status && gltf_extensions_need_draco(&reader.file);
-        if (*ret_is_foreign)
+        if (!status && gltf_extensions_need_draco(&reader.file)) {
+            *ret_foreign = "KHR_draco_mesh_compression";
             status = gltf_extensions_check_draco(&reader.file);
-        if (*ret_is_foreign && !status)
-            status = gltf_scenes_check_foreign(&reader.file, scene);
-        else if (!status)
+            if (!status)
+                status = gltf_scenes_check_foreign(&reader.file, scene);
+        } else if (!status) {
             status = read_scene(&reader, scene);
+        }
     }
     free_tables(&reader);
     gltf_file_close(&reader.file);

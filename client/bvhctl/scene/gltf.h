@@ -19,10 +19,10 @@ bool gltf_is_file(const char *path);
  * Reads a file into an import whose name and memory are set; import_finish frees what was made, also after an error.
  * `scene` is the name or the number of a scene, or NULL. Files that are read are recorded in `files`.
  *
- * *ret_is_foreign becomes true for files that this reader leaves to assimp: those of glTF 1.0, and those with meshes
+ * *ret_foreign is NULL, or names the reason why this reader leaves the file to assimp: it is of glTF 1.0, or has meshes
  * that are only there as KHR_draco_mesh_compression. Of the import, only its counts are changed then.
  */
 enum bvhd_status gltf_read(const char *path, const char *scene, struct import_files *files, struct import *import,
-                           bool *ret_is_foreign, struct bvhd_error *error);
+                           const char **ret_foreign, struct bvhd_error *error);
 
 #endif

@@ -146,9 +146,10 @@ static enum bvhd_status copy_scene(const struct aiScene *scene, const char *path
     return BVHD_OK;
 }
 
-static enum bvhd_status read_by_assimp(const char *path, struct import_files *files, struct import *import,
-                                       struct bvhd_error *error)
+static enum bvhd_status read_by_assimp(const char *path, const char *ignored, struct import_files *files,
+                                       struct import *import, struct bvhd_error *error)
 {
+    (void)ignored;
     const struct aiScene *scene = aiImportFileEx(path, aiProcess_Triangulate, &files->io);
     if (!scene || !scene->mRootNode) {
         char text[BVHD_TEXT_SIZE];
@@ -166,31 +167,36 @@ static enum bvhd_status read_scene(const char *path, const char *scene, struct i
                                    struct import *import, struct bvhd_error *error)
 {
     struct stat file;
-    bool is_foreign = true;
+    const char *foreign = NULL;
+    enum bvhd_status status = BVHD_OK;
     if (stat(path, &file) < 0)
         return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
-    if (gltf_is_file(path)) {
-        enum bvhd_status status = gltf_read(path, scene, files, import, &is_foreign, error);
-        if (status)
-            return status;
-    }
-    if (is_foreign && scene)
+    bool is_gltf = gltf_is_file(path);
+    if (is_gltf)
+        status = gltf_read(path, scene, files, import, &foreign, error);
+    if (status || (is_gltf && !foreign))
+        return status;
+    if (scene)
         return bvhd_error_set(error, BVHD_NOT_FOUND, path,
                               "it has no scene '%.60s': only glTF 2.0 has scenes to choose", scene);
-    if (is_foreign)
-        return read_by_assimp(path, files, import, error);
-    return import->instance_count ? BVHD_OK : bvhd_error_set(error, BVHD_INVALID, path, "no node has triangles");
+    status = read_by_assimp(path, scene, files, import, error);
+    if (status && foreign && error)
+        return bvhd_error_set(error, status, path, "%s, which assimp reads: %.120s", foreign, error->text);
+    return status;
 }
 
-enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
-                             struct bvhd_error *error)
+/* Reads a file by `read`, and completes the import. */
+static enum bvhd_status read_by(const char *path, const char *scene, struct memory *memory,
+                                enum bvhd_status (*read)(const char *, const char *, struct import_files *,
+                                                         struct import *, struct bvhd_error *),
+                                struct import *ret_import, struct bvhd_error *error)
 {
     struct import import = {.memory = memory, .name = import_name(path, memory)};
     if (!import.name)
         return no_memory(path, error);
     struct import_files files;
     import_files_init(&files, memory);
-    enum bvhd_status status = read_scene(path, scene, &files, &import, error);
+    enum bvhd_status status = read(path, scene, &files, &import, error);
     if (!status && files.failed)
         status = no_memory(path, error);
     import.files = files.paths;
@@ -200,6 +206,18 @@ enum bvhd_status import_read(const char *path, const char *scene, struct memory 
     else
         *ret_import = import;
     return status;
+}
+
+enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
+                             struct bvhd_error *error)
+{
+    return read_by(path, scene, memory, read_scene, ret_import, error);
+}
+
+enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,
+                                       struct import *ret_import, struct bvhd_error *error)
+{
+    return read_by(path, scene, memory, read_by_assimp, ret_import, error);
 }
 
 static void finish_meshes(struct import *import)

@@ -54,6 +54,7 @@ struct import {
     bool has_source; /* it is one chosen scene of the file: */
     uint32_t source_number; /* its number, from 0 */
     char *source_name; /* and its name, which may be ""; may be NULL without has_source */
+    bool has_second_reader; /* import_scene_by_assimp reads the same of this file, if neither reader is wrong */
     struct memory *memory;
 };
 
@@ -71,9 +72,20 @@ struct import {
 enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);
 
-/* Does the same in this process, which a broken file can crash. */
+/*
+ * Reads a file with assimp, also if there is a better reader, to compare. It is read in a child process, too. Not all
+ * features of all formats are read right so.
+ */
+enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory, struct import *ret_import,
+                                        struct bvhd_error *error);
+
+/* Does the same as import_scene in this process, which a broken file can crash. */
 enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
+
+/* Does the same as import_scene_by_assimp in this process. `scene` is ignored. */
+enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,
+                                       struct import *ret_import, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
 void import_finish(struct import *import);

@@ -77,12 +77,15 @@ static void put_import(FILE *file, const struct import *import)
         put_text(file, import->files[i]);
 }
 
+typedef enum bvhd_status reader(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
+                                struct bvhd_error *error);
+
 /* Reads the scene in the child, which exits here, unless assimp crashes it before. */
-__attribute__((noreturn)) static void read_in_child(const char *path, const char *scene, int descriptor,
+__attribute__((noreturn)) static void read_in_child(reader *read, const char *path, const char *scene, int descriptor,
                                                     struct memory *memory)
 {
     struct outcome outcome = {0};
-    enum bvhd_status status = import_read(path, scene, memory, &outcome.import, &outcome.error);
+    enum bvhd_status status = read(path, scene, memory, &outcome.import, &outcome.error);
     outcome.error.status = status;
     FILE *file = fdopen(descriptor, "w");
     if (!file)
@@ -265,8 +268,8 @@ static int wait_for(pid_t child)
     return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
-enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
-                              struct bvhd_error *error)
+static enum bvhd_status read_by(reader *read, const char *path, const char *scene, struct memory *memory,
+                                struct import *ret_import, struct bvhd_error *error)
 {
     struct bvhd_error ignored;
     error = error ? error : &ignored;
@@ -276,7 +279,7 @@ enum bvhd_status import_scene(const char *path, const char *scene, struct memory
     pid_t child = fork();
     if (child == 0) {
         prepare_child(path);
-        read_in_child(path, scene, descriptor, memory);
+        read_in_child(read, path, scene, descriptor, memory);
     }
     enum bvhd_status status;
     if (child < 0)
@@ -288,4 +291,16 @@ enum bvhd_status import_scene(const char *path, const char *scene, struct memory
         status = take_outcome(descriptor, path, memory, ret_import, error);
     close(descriptor);
     return status;
+}
+
+enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
+                              struct bvhd_error *error)
+{
+    return read_by(import_read, path, scene, memory, ret_import, error);
+}
+
+enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory, struct import *ret_import,
+                                        struct bvhd_error *error)
+{
+    return read_by(import_read_by_assimp, path, NULL, memory, ret_import, error);
 }

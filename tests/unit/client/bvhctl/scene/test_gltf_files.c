@@ -274,12 +274,12 @@ static void test_names_and_colours(void **state)
 
 /* The quad of 82 bytes as Google's encoder writes it, which assimp decodes. */
 static const char draco[] =
-    "{'asset':{'version':'2.0'},'extensionsRequired':['KHR_draco_mesh_compression'],%s'nodes':[{'mesh':0}],"
+    "{'asset':{'version':'2.0'},'extensionsUsed':['KHR_draco_mesh_compression'],%s'nodes':[{'mesh':0}],"
     "'scene':0,'meshes':[{'primitives':[{'attributes':{'POSITION':0},'indices':1,'extensions':{"
     "'KHR_draco_mesh_compression':{'bufferView':0,'attributes':{'POSITION':0}}}}]}],"
     "'bufferViews':[{'buffer':0,'byteLength':82}],"
     "'accessors':[{'componentType':5126,'count':4,'type':'VEC3','min':[0,0,0],'max':[2,3,0]},"
-    "{'componentType':5125,'count':6,'type':'SCALAR'}],"
+    "{'componentType':5123,'count':6,'type':'SCALAR'}],"
     "'buffers':[{'byteLength':82,'uri':'data:application/octet-stream;base64,"
     "RFJBQ08CAgEBAAAABAIAAgAAAR//AREB/"
     "wAAAQAJAwAAAAAAAAAAAAAAAAAAAAAAAEAAAEBAAAAAAAAAAAAAAEBAAAAAAAAAAEAAAAAAAAAAAA=='}]}";
