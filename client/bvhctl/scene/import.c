@@ -235,6 +235,11 @@ void import_finish(struct import *import)
 {
     if (!import || !import->memory)
         return;
+    if (import->block) {
+        memory_free(import->memory, import->block);
+        *import = (struct import){0};
+        return;
+    }
     finish_meshes(import);
     for (uint32_t i = 0; i < import->bottom_count; i++) {
         memory_free(import->memory, import->bottoms[i].name);

@@ -55,6 +55,7 @@ struct import {
     uint32_t source_number; /* its number, from 0 */
     char *source_name; /* and its name, which may be ""; may be NULL without has_source */
     bool has_second_reader; /* import_scene_by_assimp reads the same of this file, if neither reader is wrong */
+    void *block; /* everything else points into this one block from memory; NULL: each array is a block of its own */
     struct memory *memory;
 };
 

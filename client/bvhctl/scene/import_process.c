@@ -42,39 +42,62 @@ struct outcome {
     struct import import; /* only its numbers are valid, not its pointers */
 };
 
-static void put(FILE *file, const void *data, uint64_t size)
+enum { ALIGNMENT = 64, PADDING = 16, BUFFER_SIZE = 1 << 18 };
+
+/* The memory file while it is written. Arrays are aligned in it, so that they can be used where they are. */
+struct file_writer {
+    FILE *file;
+    uint64_t at;
+};
+
+static void put(struct file_writer *writer, const void *data, uint64_t size)
 {
     if (size)
-        fwrite(data, 1, size, file);
+        fwrite(data, 1, size, writer->file);
+    writer->at += size;
 }
 
-static void put_text(FILE *file, const char *text)
+/* Puts an array with some bytes behind it, which those who read it in wide words may touch. `data` may be NULL. */
+static void put_array(struct file_writer *writer, const void *data, uint64_t size)
+{
+    static const unsigned char zeros[ALIGNMENT];
+    put(writer, zeros, bytes_align(writer->at, ALIGNMENT) - writer->at);
+    if (data)
+        put(writer, data, size);
+    for (uint64_t i = data ? size : 0; i < size; i += sizeof zeros)
+        put(writer, zeros, size - i < sizeof zeros ? size - i : sizeof zeros);
+    put(writer, zeros, PADDING);
+}
+
+static void put_text(struct file_writer *writer, const char *text)
 {
     uint64_t size = strlen(text) + 1;
-    put(file, &size, sizeof size);
-    put(file, text, size);
+    put(writer, &size, sizeof size);
+    put(writer, text, size);
 }
 
-static void put_import(FILE *file, const struct import *import)
+static void put_import(struct file_writer *writer, const struct import *import)
 {
-    put_text(file, import->name);
-    put_text(file, import->source_name ? import->source_name : "");
-    put(file, import->meshes, import->mesh_count * sizeof *import->meshes);
+    put_text(writer, import->name);
+    put_text(writer, import->source_name ? import->source_name : "");
+    put_array(writer, import->meshes, import->mesh_count * sizeof *import->meshes);
     for (uint32_t i = 0; i < import->mesh_count; i++) {
         const struct import_mesh *mesh = &import->meshes[i];
-        put_text(file, mesh->name);
-        put_text(file, mesh->material);
-        put(file, mesh->positions, mesh->vertex_count * UINT64_C(12));
-        put(file, mesh->indices, mesh->triangle_count * UINT64_C(12));
+        put_text(writer, mesh->name);
+        put_text(writer, mesh->material);
+        put_array(writer, mesh->positions, mesh->vertex_count * UINT64_C(12));
+        put_array(writer, mesh->indices, mesh->triangle_count * UINT64_C(12));
     }
-    put(file, import->bottoms, import->bottom_count * sizeof *import->bottoms);
+    put_array(writer, import->bottoms, import->bottom_count * sizeof *import->bottoms);
     for (uint32_t i = 0; i < import->bottom_count; i++) {
-        put_text(file, import->bottoms[i].name);
-        put(file, import->bottoms[i].meshes, import->bottoms[i].mesh_count * sizeof *import->bottoms[i].meshes);
+        const struct import_bottom *bottom = &import->bottoms[i];
+        put_text(writer, bottom->name);
+        put_array(writer, bottom->meshes, bottom->mesh_count * sizeof *bottom->meshes);
     }
-    put(file, import->instances, import->instance_count * sizeof *import->instances);
+    put_array(writer, import->instances, import->instance_count * sizeof *import->instances);
+    put_array(writer, NULL, import->file_count * sizeof *import->files); /* room for the pointers */
     for (uint32_t i = 0; i < import->file_count; i++)
-        put_text(file, import->files[i]);
+        put_text(writer, import->files[i]);
 }
 
 typedef enum bvhd_status reader(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
@@ -90,9 +113,11 @@ __attribute__((noreturn)) static void read_in_child(reader *read, const char *pa
     FILE *file = fdopen(descriptor, "w");
     if (!file)
         _exit(1);
-    put(file, &outcome, sizeof outcome);
+    setvbuf(file, NULL, _IOFBF, BUFFER_SIZE);
+    struct file_writer writer = {.file = file};
+    put(&writer, &outcome, sizeof outcome);
     if (!status)
-        put_import(file, &outcome.import);
+        put_import(&writer, &outcome.import);
     bool ok = fflush(file) == 0 && !ferror(file);
     outcome.is_complete = true;
     if (ok && pwrite(descriptor, &outcome, sizeof outcome, 0) == (ssize_t)sizeof outcome)
@@ -145,91 +170,101 @@ static void prepare_child(const char *path)
     }
 }
 
-/* The rest of the memory file, while it is read. */
+/* The memory file after it was read into one block, in which the import stays. */
 struct file_cursor {
-    const unsigned char *at;
-    uint64_t left;
-    struct memory *memory;
-    bool ok; /* enough bytes, enough memory */
+    unsigned char *block;
+    uint64_t at, size;
+    bool ok; /* nothing was beyond the end so far */
 };
 
-/* Returns a copy of the next bytes, with room for `extra` more, or NULL after an error. It is never empty. */
-static void *take(struct file_cursor *cursor, uint64_t size, uint64_t extra)
+/* Returns the next bytes, or NULL after an error. */
+static void *take(struct file_cursor *cursor, uint64_t size)
 {
-    void *copy = cursor->ok && size <= cursor->left ? memory_alloc(cursor->memory, size + extra + 1) : NULL;
-    cursor->ok = copy != NULL;
-    if (!copy)
+    cursor->ok = cursor->ok && cursor->at <= cursor->size && size <= cursor->size - cursor->at;
+    if (!cursor->ok)
         return NULL;
-    memcpy(copy, cursor->at, size);
     cursor->at += size;
-    cursor->left -= size;
-    return copy;
+    return cursor->block + cursor->at - size;
+}
+
+static void *take_array(struct file_cursor *cursor, uint64_t size)
+{
+    cursor->at = bytes_align(cursor->at, ALIGNMENT);
+    void *array = take(cursor, size);
+    take(cursor, PADDING);
+    return array;
 }
 
 static char *take_text(struct file_cursor *cursor)
 {
-    uint64_t size;
-    cursor->ok &= cursor->left >= sizeof size;
-    if (!cursor->ok)
-        return NULL;
-    memcpy(&size, cursor->at, sizeof size);
-    cursor->at += sizeof size;
-    cursor->left -= sizeof size;
-    return take(cursor, size, 0);
+    const void *size = take(cursor, sizeof(uint64_t));
+    return size ? take(cursor, bytes_get64(size)) : NULL;
 }
 
-static void take_meshes(struct file_cursor *cursor, uint32_t count, struct import *import)
+static void take_meshes(struct file_cursor *cursor, struct import *import)
 {
-    import->meshes = take(cursor, count * sizeof *import->meshes, 0);
-    import->mesh_count = import->meshes ? count : 0;
-    for (uint32_t i = 0; i < import->mesh_count; i++) {
+    import->meshes = take_array(cursor, import->mesh_count * sizeof *import->meshes);
+    for (uint32_t i = 0; i < import->mesh_count && cursor->ok; i++) {
         struct import_mesh *mesh = &import->meshes[i];
         mesh->name = take_text(cursor);
         mesh->material = take_text(cursor);
-        mesh->positions = take(cursor, mesh->vertex_count * UINT64_C(12), 12);
-        mesh->indices = take(cursor, mesh->triangle_count * UINT64_C(12), 12);
+        mesh->positions = take_array(cursor, mesh->vertex_count * UINT64_C(12));
+        mesh->indices = take_array(cursor, mesh->triangle_count * UINT64_C(12));
     }
 }
 
-static void take_bottoms(struct file_cursor *cursor, uint32_t count, struct import *import)
+static void take_bottoms(struct file_cursor *cursor, struct import *import)
 {
-    import->bottoms = take(cursor, count * sizeof *import->bottoms, 0);
-    import->bottom_count = import->bottoms ? count : 0;
-    for (uint32_t i = 0; i < import->bottom_count; i++) {
-        import->bottoms[i].name = take_text(cursor);
-        import->bottoms[i].meshes = take(cursor, import->bottoms[i].mesh_count * sizeof *import->bottoms[i].meshes, 0);
+    import->bottoms = take_array(cursor, import->bottom_count * sizeof *import->bottoms);
+    for (uint32_t i = 0; i < import->bottom_count && cursor->ok; i++) {
+        struct import_bottom *bottom = &import->bottoms[i];
+        bottom->name = take_text(cursor);
+        bottom->meshes = take_array(cursor, bottom->mesh_count * sizeof *bottom->meshes);
     }
 }
 
-static void take_files(struct file_cursor *cursor, uint32_t count, struct import *import)
+/* Makes the import in the block. Its numbers are those of the outcome. */
+static void take_import(struct file_cursor *cursor, struct import *import)
 {
-    import->files = cursor->ok ? memory_array(cursor->memory, (uint64_t)count + 1, sizeof *import->files) : NULL;
-    cursor->ok = import->files != NULL;
-    for (uint32_t i = 0; i < count && import->files; i++)
-        import->files[import->file_count++] = take_text(cursor);
+    import->name = take_text(cursor);
+    import->source_name = take_text(cursor);
+    take_meshes(cursor, import);
+    take_bottoms(cursor, import);
+    import->instances = take_array(cursor, import->instance_count * sizeof *import->instances);
+    import->files = take_array(cursor, import->file_count * sizeof *import->files);
+    for (uint32_t i = 0; i < import->file_count && cursor->ok; i++)
+        import->files[i] = take_text(cursor);
 }
 
-static enum bvhd_status take_import(struct file_cursor *cursor, const struct outcome *outcome, const char *path,
-                                    struct import *ret_import, struct bvhd_error *error)
+static bool read_all(int descriptor, unsigned char *data, uint64_t size)
+{
+    for (uint64_t done = 0; done < size;) {
+        ssize_t got = pread(descriptor, data + done, size - done, (off_t)done);
+        if (got <= 0 && !(got < 0 && errno == EINTR))
+            return false;
+        done += got > 0 ? (uint64_t)got : 0;
+    }
+    return true;
+}
+
+/* Reads the import of a complete outcome from a memory file of `size` bytes. */
+static enum bvhd_status read_import(int descriptor, uint64_t size, const struct outcome *outcome, const char *path,
+                                    struct memory *memory, struct import *ret_import, struct bvhd_error *error)
 {
     struct import import = outcome->import;
-    import.memory = cursor->memory;
-    import.name = import.source_name = NULL;
-    import.meshes = NULL;
-    import.bottoms = NULL;
-    import.instances = NULL;
-    import.files = NULL;
-    import.mesh_count = import.bottom_count = import.file_count = 0;
-    import.name = take_text(cursor);
-    import.source_name = take_text(cursor);
-    take_meshes(cursor, outcome->import.mesh_count, &import);
-    take_bottoms(cursor, outcome->import.bottom_count, &import);
-    import.instances = take(cursor, import.instance_count * sizeof *import.instances, 0);
-    take_files(cursor, outcome->import.file_count, &import);
-    if (!cursor->ok) {
-        import_finish(&import);
+    struct file_cursor cursor = {memory_alloc(memory, size), sizeof *outcome, size, true};
+    if (!cursor.block)
         return bvhd_error_no_memory(error, path, "no memory for the scene, or more than --memory allows");
+    if (read_all(descriptor, cursor.block, size))
+        take_import(&cursor, &import);
+    else
+        cursor.ok = false;
+    if (!cursor.ok) {
+        memory_free(memory, cursor.block);
+        return bvhd_error_set(error, BVHD_INTERNAL, path, "the scene did not pass between processes");
     }
+    import.memory = memory;
+    import.block = cursor.block;
     *ret_import = import;
     return BVHD_OK;
 }
@@ -239,23 +274,17 @@ static enum bvhd_status take_outcome(int descriptor, const char *path, struct me
 {
     struct stat file;
     struct outcome outcome;
-    bool is_there = fstat(descriptor, &file) == 0 && file.st_size >= (off_t)sizeof outcome;
-    void *map = is_there ? mmap(NULL, (size_t)file.st_size, PROT_READ, MAP_PRIVATE, descriptor, 0) : MAP_FAILED;
-    if (map == MAP_FAILED)
+    bool is_there = fstat(descriptor, &file) == 0 && file.st_size >= (off_t)sizeof outcome &&
+                    read_all(descriptor, (unsigned char *)&outcome, sizeof outcome);
+    if (!is_there)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
                               "the importer gave up: the file is broken, or too complex for it");
-    memcpy(&outcome, map, sizeof outcome);
-    struct file_cursor cursor = {(const unsigned char *)map + sizeof outcome, (uint64_t)file.st_size - sizeof outcome,
-                                 memory, true};
-    enum bvhd_status status = outcome.error.status;
     if (!outcome.is_complete)
-        status = bvhd_error_no_memory(error, path, "no memory to pass the scene on");
-    else if (status)
+        return bvhd_error_no_memory(error, path, "no memory to pass the scene on");
+    enum bvhd_status status = outcome.error.status;
+    if (status)
         *error = outcome.error;
-    else
-        status = take_import(&cursor, &outcome, path, ret_import, error);
-    munmap(map, (size_t)file.st_size);
-    return status;
+    return status ? status : read_import(descriptor, (uint64_t)file.st_size, &outcome, path, memory, ret_import, error);
 }
 
 /* Waits for the child. Returns its exit status, or -1 when a signal ended it. */
