@@ -124,7 +124,7 @@ static enum bvhd_status read_sparse(struct gltf_file *file, const struct gltf_va
 static enum bvhd_status check_zeros(struct gltf_file *file, const struct gltf_value *value,
                                     const struct gltf_accessor *accessor)
 {
-    uint64_t backing = file->size;
+    uint64_t backing = file->data.size;
     for (uint32_t i = 0; i < file->lists[GLTF_BUFFERS].count; i++)
         backing += file->buffers[i].bytes.size;
     struct gltf_value place = gltf_member(value, "count");

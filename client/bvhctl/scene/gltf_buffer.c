@@ -27,10 +27,10 @@ static enum bvhd_status load_uri(struct gltf_file *file, const struct gltf_value
         char *path = gltf_uri_path(file->path, uri, file->memory);
         if (!path)
             return gltf_no_memory(file);
-        enum bvhd_status status = import_files_read(file->files, path, &bytes->owned, &size, file->error);
+        enum bvhd_status status = import_files_map(file->files, path, &bytes->mapped, file->error);
         memory_free(file->memory, path);
-        if (status)
-            return status;
+        bytes->bytes = bytes->mapped;
+        return status;
     }
     bytes->bytes = (struct bytes){bytes->owned, size};
     return BVHD_OK;

@@ -24,13 +24,13 @@ static enum bvhd_status take_chunk(const struct gltf_file *file, uint64_t end, c
 {
     if (end - *at < CHUNK_HEADER)
         return gltf_refuse(file, BVHD_UNSUPPORTED, NULL, "GLB: the %s chunk is cut off", name);
-    uint32_t size = bytes_get32(file->data + *at);
-    *ret_kind = bytes_get32(file->data + *at + 4);
+    uint32_t size = bytes_get32(file->data.data + *at);
+    *ret_kind = bytes_get32(file->data.data + *at + 4);
     *at += CHUNK_HEADER;
     if (size > end - *at)
         return gltf_refuse(file, BVHD_UNSUPPORTED, NULL, "GLB: the %s chunk has %u bytes, but only %llu follow", name,
                            size, (unsigned long long)(end - *at));
-    *ret_chunk = (struct bytes){file->data + *at, size};
+    *ret_chunk = (struct bytes){file->data.data + *at, size};
     *at += size;
     return BVHD_OK;
 }
@@ -38,18 +38,18 @@ static enum bvhd_status take_chunk(const struct gltf_file *file, uint64_t end, c
 /* Finds the chunks of a GLB. Chunks of other kinds are skipped, as the format says. */
 static enum bvhd_status read_chunks(struct gltf_file *file, struct bytes *ret_json)
 {
-    if (file->size < GLB_HEADER)
+    if (file->data.size < GLB_HEADER)
         return gltf_refuse(file, BVHD_UNSUPPORTED, NULL, "GLB: the header is cut off");
-    uint32_t version = bytes_get32(file->data + 4), length = bytes_get32(file->data + 8);
+    uint32_t version = bytes_get32(file->data.data + 4), length = bytes_get32(file->data.data + 8);
     uint32_t kind = 0;
     file->is_old = version == 1;
     if (file->is_old)
         return BVHD_OK;
     if (version != GLB_VERSION)
         return gltf_refuse(file, BVHD_UNSUPPORTED, NULL, "GLB: version %u, but only 2 is known", version);
-    if (length < GLB_HEADER || length > file->size)
+    if (length < GLB_HEADER || length > file->data.size)
         return gltf_refuse(file, BVHD_UNSUPPORTED, NULL, "GLB: the header says %u bytes, the file has %llu", length,
-                           (unsigned long long)file->size);
+                           (unsigned long long)file->data.size);
     uint64_t at = GLB_HEADER;
     enum bvhd_status status = take_chunk(file, length, "JSON", &at, &kind, ret_json);
     if (!status && kind != CHUNK_JSON)
@@ -72,10 +72,12 @@ static bool is_blank(const char *text, const char *end)
     return text == end;
 }
 
-static enum bvhd_status parse(struct gltf_file *file, struct bytes text)
+static enum bvhd_status parse_text(struct gltf_file *file, struct bytes text)
 {
     const char *start = (const char *)text.data, *end = NULL;
-    file->root = text.size ? cJSON_ParseWithLengthOpts(start, text.size, &end, 0) : NULL;
+    file->root = gltf_arena_parse(&file->arena, start, text.size, &end);
+    if (file->arena.failed)
+        return gltf_no_memory(file);
     if (!file->root && end && end > start && end < start + text.size)
         return gltf_refuse(file, BVHD_UNSUPPORTED, NULL, "no JSON from byte %llu on, or nested too deep",
                            (unsigned long long)(end - start));
@@ -84,6 +86,19 @@ static enum bvhd_status parse(struct gltf_file *file, struct bytes text)
     if (!cJSON_IsObject(file->root) || !is_blank(end, start + text.size))
         return gltf_refuse(file, BVHD_UNSUPPORTED, NULL, "the JSON is not one object");
     return BVHD_OK;
+}
+
+/* Parses a copy, because cJSON reads texts twice, and the mapped file could change meanwhile. */
+static enum bvhd_status parse(struct gltf_file *file, struct bytes text)
+{
+    unsigned char *copy = memory_alloc(file->memory, text.size + 1);
+    if (!copy)
+        return gltf_no_memory(file);
+    if (text.size)
+        memcpy(copy, text.data, text.size);
+    enum bvhd_status status = parse_text(file, (struct bytes){copy, text.size});
+    memory_free(file->memory, copy);
+    return status;
 }
 
 /* Makes an array of a list, because cJSON's lists have to be walked from their start. */
@@ -144,11 +159,11 @@ static enum bvhd_status check_version(struct gltf_file *file)
 
 enum bvhd_status gltf_file_open(struct gltf_file *file)
 {
-    enum bvhd_status status = import_files_read(file->files, file->path, &file->data, &file->size, file->error);
+    enum bvhd_status status = import_files_map(file->files, file->path, &file->data, file->error);
     if (status)
         return status;
-    struct bytes json = {file->data, file->size};
-    if (file->size >= 4 && bytes_get32(file->data) == GLB_MAGIC)
+    struct bytes json = file->data;
+    if (file->data.size >= 4 && bytes_get32(file->data.data) == GLB_MAGIC)
         status = read_chunks(file, &json);
     if (status || file->is_old)
         return status;
@@ -160,8 +175,10 @@ enum bvhd_status gltf_file_open(struct gltf_file *file)
 
 static void free_bytes(struct gltf_file *file, struct gltf_bytes *list, enum gltf_list_name name)
 {
-    for (uint32_t i = 0; list && i < file->lists[name].count; i++)
+    for (uint32_t i = 0; list && i < file->lists[name].count; i++) {
         memory_free(file->memory, list[i].owned);
+        import_files_unmap(list[i].mapped);
+    }
     memory_free(file->memory, list);
 }
 
@@ -171,10 +188,10 @@ void gltf_file_close(struct gltf_file *file)
     free_bytes(file, file->views, GLTF_BUFFER_VIEWS);
     for (int i = 0; i < GLTF_LISTS; i++)
         memory_free(file->memory, file->lists[i].items);
-    cJSON_Delete(file->root);
-    memory_free(file->memory, file->data);
+    gltf_arena_finish(&file->arena);
+    import_files_unmap(file->data);
     file->root = NULL;
-    file->data = NULL;
+    file->data = (struct bytes){0};
     file->buffers = file->views = NULL;
     memset(file->lists, 0, sizeof file->lists);
 }

@@ -6,6 +6,7 @@
 #ifndef BVHCTL_GLTF_FILE_H
 #define BVHCTL_GLTF_FILE_H
 
+#include "client/bvhctl/scene/gltf_arena.h"
 #include "client/bvhctl/scene/import.h"
 #include "client/bvhctl/scene/import_files.h"
 #include "proto/base/bytes.h"
@@ -32,7 +33,8 @@ struct gltf_list {
 /* The bytes of a buffer, or of a buffer view that had to be decoded, once something needs them. */
 struct gltf_bytes {
     bool is_loaded;
-    unsigned char *owned; /* what has to be freed; NULL if the bytes are part of the file */
+    unsigned char *owned; /* from memory; NULL if the bytes are in the file, or mapped */
+    struct bytes mapped; /* by import_files_map */
     struct bytes bytes;
 };
 
@@ -42,12 +44,12 @@ struct gltf_file {
     struct import_files *files; /* the record of all files that are read */
     struct import_counts *counts;
     struct bvhd_error *error;
-    unsigned char *data; /* the whole file */
-    uint64_t size;
+    struct bytes data; /* the whole file, mapped */
     bool is_old; /* it is of glTF 1.0: nothing else is set */
     bool has_bin;
     struct bytes bin; /* the BIN chunk */
-    struct cJSON *root;
+    struct gltf_arena arena; /* of the JSON */
+    const struct cJSON *root;
     struct gltf_list lists[GLTF_LISTS];
     struct gltf_bytes *buffers, *views; /* one for each buffer and buffer view */
 };

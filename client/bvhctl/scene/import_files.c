@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
@@ -124,11 +125,33 @@ static struct aiFile *open_file(struct aiFileIO *io, const char *path, const cha
     return file;
 }
 
-enum bvhd_status import_files_read(struct import_files *files, const char *path, unsigned char **ret_data,
-                                   uint64_t *ret_size, struct bvhd_error *error)
+enum bvhd_status import_files_map(struct import_files *files, const char *path, struct bytes *ret_bytes,
+                                  struct bvhd_error *error)
 {
+    struct stat status;
+    FILE *stream = open_stream(path);
+    if (!stream || fstat(fileno(stream), &status) < 0) {
+        bool is_there = stat(path, &status) == 0;
+        if (stream)
+            fclose(stream);
+        return bvhd_error_set(error, is_there ? BVHD_UNSUPPORTED : BVHD_NOT_FOUND, path, "%s",
+                              is_there ? "not a file that can be read" : "no such file");
+    }
     note_file(files, path);
-    return files_read(path, UINT64_C(1) << 40, files->memory, ret_data, ret_size, error);
+    *ret_bytes = (struct bytes){0};
+    void *map =
+        status.st_size > 0 ? mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, fileno(stream), 0) : NULL;
+    fclose(stream);
+    if (map == MAP_FAILED)
+        return bvhd_error_no_memory(error, path, "no memory to map it");
+    *ret_bytes = (struct bytes){map, (uint64_t)status.st_size};
+    return BVHD_OK;
+}
+
+void import_files_unmap(struct bytes bytes)
+{
+    if (bytes.data)
+        munmap((void *)(uintptr_t)bytes.data, bytes.size);
 }
 
 static void close_file(struct aiFileIO *io, struct aiFile *file)

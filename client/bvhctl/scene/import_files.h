@@ -10,6 +10,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "proto/base/bytes.h"
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
 
@@ -24,8 +25,15 @@ struct import_files {
 /* Prepares an empty record. The caller frees each path and the array with memory_free. */
 void import_files_init(struct import_files *files, struct memory *memory);
 
-/* Reads a whole file, and records it. The caller frees *ret_data, which is NULL for an empty file, with memory_free. */
-enum bvhd_status import_files_read(struct import_files *files, const char *path, unsigned char **ret_data,
-                                   uint64_t *ret_size, struct bvhd_error *error);
+/*
+ * Maps a whole file, and records it. Others can change the bytes while they are read, and a file that becomes shorter
+ * ends the process, which is the child that reads scenes: so each value has to be read once, and checked as a copy. The
+ * caller ends the mapping with import_files_unmap. Bytes of an empty file are NULL.
+ */
+enum bvhd_status import_files_map(struct import_files *files, const char *path, struct bytes *ret_bytes,
+                                  struct bvhd_error *error);
+
+/* An empty mapping is allowed. */
+void import_files_unmap(struct bytes bytes);
 
 #endif
