@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "client/bvhctl/commands.h"
-#include "client/bvhctl/scene/import.h"
+#include "client/bvhctl/scene/import_compare.h"
 #include "client/bvhctl/service/local.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "client/bvhctl/scene/structures.h"
@@ -15,6 +15,7 @@ struct check_command {
     const struct options *options;
     struct local local;
     struct import import;
+    struct import_comparison readers;
     struct structures structures;
     struct oracle_mesh *meshes;
     uint32_t mesh_count;
@@ -113,6 +114,39 @@ static struct tally judge_all(const struct check_command *run)
     return tally;
 }
 
+static void write_readers(const struct import_comparison *readers, struct json *json)
+{
+    static const char *const names[] = {
+        [IMPORT_AGREES] = "agrees", [IMPORT_DIFFERS] = "differs", [IMPORT_REFUSED] = "refused"};
+    if (readers->agreement == IMPORT_NOT_COMPARED)
+        return;
+    json_object(json, "second_reader");
+    json_text(json, "name", "assimp");
+    json_text(json, "result", names[readers->agreement]);
+    if (readers->agreement != IMPORT_REFUSED) {
+        json_integer(json, "triangles", readers->first.triangles);
+        json_integer(json, "triangles_second", readers->second.triangles);
+    }
+    json_object_end(json);
+}
+
+/* Says what a second reader of the file made of it. A difference is no error of the structures. */
+static void note_readers(const struct check_command *run)
+{
+    const struct import_comparison *readers = &run->readers;
+    unsigned long long first = readers->first.triangles, second = readers->second.triangles;
+    if (readers->agreement == IMPORT_AGREES && !run->options->json)
+        report_note(run->import.name, "assimp, a second reader, finds the same %llu triangles in the same bounds",
+                    first);
+    if (readers->agreement == IMPORT_REFUSED)
+        report_note(run->import.name, "assimp, a second reader, refuses the file: %s", readers->text);
+    if (readers->agreement == IMPORT_DIFFERS && first != second)
+        report_note(run->import.name, "warning: %llu triangles, but assimp, a second reader, finds %llu", first,
+                    second);
+    else if (readers->agreement == IMPORT_DIFFERS)
+        report_note(run->import.name, "warning: assimp, a second reader, finds other bounds");
+}
+
 static void write_tally(const struct check_command *run, const struct tally *tally, struct json *json)
 {
     json_object(json, NULL);
@@ -127,6 +161,7 @@ static void write_tally(const struct check_command *run, const struct tally *tal
     json_number(json, "t_rel_err_max", tally->t_rel_err_max);
     json_integer(json, "seed", run->options->seed);
     json_bool(json, "flip_order", run->options->flip_order);
+    write_readers(&run->readers, json);
     json_object_end(json);
 }
 
@@ -182,8 +217,11 @@ enum exit_code command_check(const struct options *options)
     if (status)
         return report_failure(options->json, "check", &error);
     status = open_both(&run, &error);
-    if (!status)
+    if (!status) {
+        run.readers = import_compare(options->operands[1], &run.import, &run.local.memory);
+        note_readers(&run);
         status = ask_oracle(&run, &error);
+    }
     enum exit_code code = status ? report_failure(options->json, "check", &error) : judge(&run);
     release(&run);
     return run.is_damaged ? EXIT_WRONG : code;
