@@ -32,8 +32,9 @@ struct tally {
 };
 
 /*
- * Finds which scene of the file the structures were built from, in the manifest. *ret_scene is NULL for all of the file,
- * and points into `number` or the options otherwise. A manifest that cannot be read is reported when it is opened.
+ * Finds which scene of the file the structures were built from, in the manifest. *ret_scene is NULL for all of the
+ * file, and points into `number` or the options otherwise. A manifest that cannot be read is reported when it is
+ * opened.
  */
 static void find_source(struct check_command *run, char number[16], const char *wanted, const char **ret_scene)
 {
