@@ -31,16 +31,42 @@ struct tally {
     double t_rel_err_max;
 };
 
+/*
+ * Finds which scene of the file the structures were built from, in the manifest. *ret_scene is NULL for all of the
+ * file, and points into `number` or the options otherwise. A manifest that cannot be read is reported when it is
+ * opened.
+ */
+static void find_source(struct check_command *run, char number[16], const char *wanted, const char **ret_scene)
+{
+    struct manifest manifest;
+    struct bvhd_error ignored;
+    *ret_scene = NULL;
+    if (manifest_read(run->options->operands[0], &run->local.memory, &manifest, &ignored))
+        return;
+    const struct manifest_entry *top = manifest_find_top(&manifest, wanted);
+    if (top && top->has_source) {
+        snprintf(number, 16, "%u", top->source_number);
+        *ret_scene = run->options->scene && strcmp(run->options->scene, top->scene) ? run->options->scene : number;
+    }
+    manifest_finish(&manifest);
+}
+
 static enum bvhd_status open_both(struct check_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
-    enum bvhd_status status = import_scene(options->operands[1], NULL, memory, &run->import, error);
-    if (status)
-        return status;
-    const char *scene = options->scene ? options->scene : run->import.name;
-    status = structures_open(options->operands[0], scene, memory, &run->structures, error);
-    run->is_damaged = status == BVHD_CORRUPT || status == BVHD_INCOMPATIBLE;
+    const char *path = options->operands[1], *source;
+    char number[16], *name = import_name(path, memory);
+    if (!name)
+        return bvhd_error_no_memory(error, path, "no memory for its name");
+    const char *scene = options->scene ? options->scene : name;
+    find_source(run, number, scene, &source);
+    enum bvhd_status status = import_scene(path, source, memory, &run->import, error);
+    bool is_imported = !status;
+    if (!status)
+        status = structures_open(options->operands[0], scene, memory, &run->structures, error);
+    memory_free(memory, name);
+    run->is_damaged = is_imported && (status == BVHD_CORRUPT || status == BVHD_INCOMPATIBLE);
     if (!status)
         status = import_oracle_meshes(&run->import, run->structures.has_top, &run->meshes, &run->mesh_count, error);
     return status;

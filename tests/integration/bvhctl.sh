@@ -204,6 +204,53 @@ if (ulimit -v 1000000 && "$bvhctl" --version) >out 2>err; then # a sanitizer nee
     one_error_line
 fi
 
+# glTF: all scenes or one, with one meaning in build, check and trace; what is left out is counted everywhere.
+cat >two.gltf <<END
+{"asset":{"version":"2.0"},"scene":0,"scenes":[{"name":"day","nodes":[0]},{"name":"night","nodes":[1,2]}],
+"nodes":[{"mesh":0},{"mesh":0,"translation":[9,0,0]},{"mesh":0,"translation":[0,9,0]}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"mode":0}]},{"primitives":[]}],
+"bufferViews":[{"buffer":0,"byteLength":36}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,2,0]}],
+"buffers":[{"byteLength":36,"uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAAEAAAAAA"}]}
+END
+run 0 --local build two.gltf -o all --json
+one_json_object
+expect 'all scenes are built' grep -q '"instances":3,"skipped_instances":0' out
+expect 'what is left out is counted' grep -q '"not_geometry":{"points":3,"lines":0,"skins":0,"morphs":0,"meshes":1}' out
+expect 'and told' grep -q '^bvhctl: two: 1 meshes are left out, because no node has them' err
+tr -d ' \n' <all/manifest.json >flat
+expect 'the manifest counts it' grep -q '"left_out":{"points":3,"meshes":1}' flat
+run 0 check all two.gltf --rays 100
+run 1 check all two.gltf --scene night
+one_error_line
+for scene in night 1; do
+    run 0 --local build two.gltf -o one --scene $scene --json
+    expect "scene $scene alone" grep -q '"instances":2,"skipped_instances":0' out
+    for same in night 1 two; do
+        run 0 check one two.gltf --scene $same --rays 100
+        run 0 trace one --device cpu -o one.png --size 16x16 --scene $same
+    done
+    run 0 check one two.gltf --rays 100
+    run 1 check one two.gltf --scene day
+    run 1 trace one --device cpu -o one.png --size 16x16 --scene 0
+    one_error_line
+done
+run 1 --local build two.gltf -o none --scene noon
+says "bvhctl: build: two.gltf: it has no scene 'noon'; it has 2, counted from 0"
+run 1 --local build ball.ply -o none --scene 0
+one_error_line
+sed 's/"count":3/"count":4/' two.gltf >broken.gltf
+run 1 --local build broken.gltf -o none
+says 'bvhctl: build: broken.gltf: accessors[0].byteOffset: '
+sed 's/"scene":0,/"extensionsRequired":["ACME_shape"],/' two.gltf >acme.gltf
+run 1 --local build acme.gltf -o none
+says 'bvhctl: build: acme.gltf: extensionsRequired[0]: the file requires ACME_shape'
+sed 's/\[1,2,0\]/[1,3,0]/; s/"scenes":.*/"scenes":[{"nodes":[0]}],/' two.gltf >bounds.gltf
+run 0 --local build bounds.gltf -o bounds
+says 'bvhctl: bounds: 1 arrays of positions have other bounds than the file says'
+run 0 check bounds bounds.gltf --rays 100
+says 'bvhctl: bounds: assimp, a second reader, finds the same 1 triangles in the same bounds'
+
 # A build that fails leaves the manifest as it was.
 run 0 --local build ball.ply mixed.obj -o kept
 cp kept/manifest.json before.json

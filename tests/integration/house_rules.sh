@@ -80,6 +80,7 @@ doors()
     cat <<'END'
 embree[0-9]/ tests/bench/
 openssl/ builder/content_key.c
+meshoptimizer.h client/bvhctl/scene/gltf_meshopt.c
 assimp/|png.h|cjson/|cJSON.h client/bvhctl/
 vulkan/ client/
 uv.h|uv/ daemon/
@@ -384,6 +385,7 @@ self_test()
     must_refuse "Embree's door" builder/a.c '<embree3/rtcore.h>'
     must_refuse "OpenSSL's door" builder/a.c '<openssl/evp.h>'
     must_refuse "Vulkan's door" builder/a.c '<vulkan/vulkan_core.h>'
+    must_refuse "meshoptimizer's door" client/bvhctl/scene/a.c '<meshoptimizer.h>'
     must_refuse "libpng's door" client/a.c '<png.h>'
     must_refuse "libuv's door" client/a.c '<uv.h>'
     must_refuse "systemd's door" client/a.c '<systemd/sd-daemon.h>'

@@ -85,8 +85,11 @@ static const struct option_row option_rows[] = {
     {"seed", OPTION_SEED, "S", ON_CHECK, "seed of the random rays (default 1)"},
     {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK,
      "visit children in the opposite order; the answers must be the same"},
-    {"scene", OPTION_SCENE, "NAME", ON_CHECK | ON_TRACE,
-     "name of the scene in the directory (default: check: that of the file; trace:\nthe first)"},
+    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_BUILD,
+     "build one scene of glTF files, by its name or its number from 0 (default: all\nscenes, as one)"},
+    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_CHECK | ON_TRACE,
+     "scene in the directory, by its name or by what build --scene chose (default:\n"
+     "check: that of the file; trace: the first)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE,
      "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads\nthe structures, else cpu"},
     {"device", OPTION_DEVICE, "NAME", ON_PROBE,

@@ -55,7 +55,7 @@ struct options {
 
     uint64_t seed;
     bool flip_order;
-    const char *scene; /* name of the scene in the directory; NULL: the first one */
+    const char *scene; /* name or number of a scene in its file, or name of one in the directory; NULL: not given */
 
     const char *device; /* "cpu", "auto", a number or a part of a name; NULL: not given */
     uint32_t width, height; /* of the picture, in pixels */

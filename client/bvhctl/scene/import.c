@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 
 #include "client/bvhctl/base/files.h"
+#include "client/bvhctl/scene/gltf.h"
 #include "client/bvhctl/scene/import_files.h"
 #include "client/bvhctl/scene/import_nodes.h"
 
@@ -192,9 +193,10 @@ static const struct aiScene *read_polygons(const char *path, struct import_files
     return scene;
 }
 
-static enum bvhd_status read_by_assimp(const char *path, struct import_files *files, struct import *import,
-                                       struct bvhd_error *error)
+static enum bvhd_status read_by_assimp(const char *path, const char *ignored, struct import_files *files,
+                                       struct import *import, struct bvhd_error *error)
 {
+    (void)ignored;
     const struct aiScene *scene = read_polygons(path, files);
     if (!scene || !scene->mRootNode) {
         enum bvhd_status status = refused(path, error);
@@ -220,23 +222,38 @@ static enum bvhd_status read_scene(const char *path, const char *scene, struct i
                                    struct import *import, struct bvhd_error *error)
 {
     struct stat file;
+    const char *foreign = NULL;
+    enum bvhd_status status = BVHD_OK;
     if (stat(path, &file) < 0)
         return bvhd_error_set(error, BVHD_NOT_FOUND, path, "no such file");
+    bool is_gltf = gltf_is_file(path);
+    if (is_gltf)
+        status = gltf_read(path, scene, files, import, &foreign, error);
+    if (is_gltf && !foreign)
+        import->reader = IMPORT_BY_GLTF;
+    if (status || (is_gltf && !foreign))
+        return status;
     if (scene)
         return bvhd_error_set(error, BVHD_NOT_FOUND, path,
                               "it has no scene '%.60s': only glTF 2.0 has scenes to choose", scene);
-    return read_by_assimp(path, files, import, error);
+    status = read_by_assimp(path, scene, files, import, error);
+    if (status && foreign && error)
+        return bvhd_error_set(error, status, path, "%s, which assimp reads: %.120s", foreign, error->text);
+    return status;
 }
 
-enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
-                             struct bvhd_error *error)
+/* Reads a file by `read`, and completes the import. */
+static enum bvhd_status read_by(const char *path, const char *scene, struct memory *memory,
+                                enum bvhd_status (*read)(const char *, const char *, struct import_files *,
+                                                         struct import *, struct bvhd_error *),
+                                struct import *ret_import, struct bvhd_error *error)
 {
     struct import import = {.memory = memory, .name = import_name(path, memory)};
     if (!import.name)
         return no_memory(path, error);
     struct import_files files;
     import_files_init(&files, memory);
-    enum bvhd_status status = read_scene(path, scene, &files, &import, error);
+    enum bvhd_status status = read(path, scene, &files, &import, error);
     if (!status && files.failed)
         status = no_memory(path, error);
     import.files = files.paths;
@@ -246,6 +263,18 @@ enum bvhd_status import_read(const char *path, const char *scene, struct memory 
     else
         *ret_import = import;
     return status;
+}
+
+enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
+                             struct bvhd_error *error)
+{
+    return read_by(path, scene, memory, read_scene, ret_import, error);
+}
+
+enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,
+                                       struct import *ret_import, struct bvhd_error *error)
+{
+    return read_by(path, scene, memory, read_by_assimp, ret_import, error);
 }
 
 static void finish_meshes(struct import *import)
@@ -263,6 +292,11 @@ void import_finish(struct import *import)
 {
     if (!import || !import->memory)
         return;
+    if (import->block) {
+        memory_free(import->memory, import->block);
+        *import = (struct import){0};
+        return;
+    }
     finish_meshes(import);
     for (uint32_t i = 0; i < import->bottom_count; i++) {
         memory_free(import->memory, import->bottoms[i].name);
@@ -273,6 +307,7 @@ void import_finish(struct import *import)
     memory_free(import->memory, import->bottoms);
     memory_free(import->memory, import->files);
     memory_free(import->memory, import->instances);
+    memory_free(import->memory, import->source_name);
     memory_free(import->memory, import->name);
     *import = (struct import){0};
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * import.h - reads a scene file, as the input of builds: PLY by a reader of our own (ply.h), other formats with
- * assimp.
+ * import.h - reads a scene file, as the input of builds: PLY and glTF by readers of our own (ply.h, gltf.h), other
+ * formats with assimp.
  *
  * Faces are triangulated. Nothing else is changed: axes and units stay, nothing is merged or dropped, and NaN and
  * degenerate triangles survive. What is left out is counted (import_counts.h). There is one bottom
@@ -43,7 +43,7 @@ struct import_instance {
 };
 
 /* Who read a file. */
-enum import_reader { IMPORT_BY_ASSIMP, IMPORT_BY_PLY };
+enum import_reader { IMPORT_BY_ASSIMP, IMPORT_BY_PLY, IMPORT_BY_GLTF };
 
 struct import {
     char *name; /* the file's name without directory and extension */
@@ -55,7 +55,11 @@ struct import {
     uint64_t skipped_instances;
     uint64_t triangle_count; /* over all meshes */
     struct import_counts counts; /* those of all meshes, and those of the file */
+    bool has_source; /* it is one chosen scene of the file: */
+    uint32_t source_number; /* its number, from 0 */
+    char *source_name; /* and its name, which may be ""; may be NULL without has_source */
     bool has_second_reader; /* import_scene_by_assimp reads the same of this file, if neither reader is wrong */
+    void *block; /* everything else points into this one block from memory; NULL: each array is a block of its own */
     enum import_reader reader;
     struct memory *memory;
 };
@@ -64,6 +68,9 @@ struct import {
  * Reads a scene file, which is hostile. BVHD_NOT_FOUND: there is no such file, or no such scene in it;
  * BVHD_UNSUPPORTED: no reader reads it; BVHD_INVALID: it breaks a rule of its format, or has no triangles. End with
  * import_finish.
+ *
+ * `scene` chooses one of the scenes of a glTF file, by name or else by number from 0. NULL takes all; files of other
+ * formats have nothing to choose from.
  *
  * `scene` chooses one of the scenes of a file. NULL takes all; files of formats without scenes have nothing to choose
  * from.
@@ -76,13 +83,20 @@ struct import {
 enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);
 
-/* Does the same with assimp, whatever the format is. */
+/*
+ * Reads a file with assimp, also if there is a better reader, to compare. It is read in a child process, too. Not all
+ * features of all formats are read right so.
+ */
 enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory, struct import *ret_import,
                                         struct bvhd_error *error);
 
-/* Reads a file with assimp in this process, which a broken file can crash. */
+/* Does the same as import_scene in this process, which a broken file can crash. */
 enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
+
+/* Does the same as import_scene_by_assimp in this process. `scene` is ignored. */
+enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,
+                                       struct import *ret_import, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
 void import_finish(struct import *import);

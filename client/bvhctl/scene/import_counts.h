@@ -11,6 +11,14 @@
 struct import_counts {
     uint64_t points, lines; /* faces with one or two corners */
     uint64_t skins, morphs; /* meshes with bones, morph targets */
+    uint64_t animations; /* the scene is built as it is without them */
+    uint64_t incomplete; /* lists, strips and fans of triangles whose last corners make no triangle */
+    uint64_t positionless; /* primitives without positions */
+    uint64_t meshes; /* that no node has */
+    uint64_t nodes; /* with a mesh, but in no scene */
+    uint64_t scenes; /* that the reader of the file does not read */
+    uint64_t extensions; /* that are used and not known */
+    uint64_t bounds; /* arrays of positions that do not have the bounds which the file says */
     uint64_t empty_faces; /* faces without a corner */
     uint64_t fanned; /* polygons that cross themselves: a part of them is a fan, whose triangles may overlap */
     uint64_t lost; /* triangles that assimp did not make of polygons: sum of (corners - 2), less those that it made */
@@ -19,7 +27,7 @@ struct import_counts {
     uint64_t extra_bytes; /* bytes of a PLY file after the rows that its header describes */
 };
 
-enum { IMPORT_COUNT_KINDS = 10 };
+enum { IMPORT_COUNT_KINDS = 18 };
 
 /* Kinds 0 to 3 are points, lines, skins and morphs. */
 struct import_count_kind {

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 
 #include "client/bvhctl/base/files.h"
@@ -73,6 +74,16 @@ static void record(struct import_files *files, const char *path)
         files->paths[files->count++] = copy;
 }
 
+/* Records a file before it is first read. */
+static void note_file(struct import_files *files, const char *path)
+{
+    struct stat status;
+    if (is_recorded(files, path) || stat(path, &status) < 0)
+        return;
+    import_limits_allow((uint64_t)status.st_size);
+    record(files, path);
+}
+
 /* Opens regular files only: a directory could be opened as a stream too, and a pipe would wait for a writer. */
 static FILE *open_stream(const char *path)
 {
@@ -97,11 +108,37 @@ static struct aiFile *open_file(struct aiFileIO *io, const char *path, const cha
                             .SeekProc = file_seek,
                             .FlushProc = file_flush,
                             .UserData = (aiUserData)(void *)stream};
-    if (!is_recorded(files, path)) {
-        import_limits_allow(file_size(file));
-        record(files, path);
-    }
+    note_file(files, path);
     return file;
+}
+
+enum bvhd_status import_files_map(struct import_files *files, const char *path, struct bytes *ret_bytes,
+                                  struct bvhd_error *error)
+{
+    struct stat status;
+    FILE *stream = open_stream(path);
+    if (!stream || fstat(fileno(stream), &status) < 0) {
+        bool is_there = stat(path, &status) == 0;
+        if (stream)
+            fclose(stream);
+        return bvhd_error_set(error, is_there ? BVHD_UNSUPPORTED : BVHD_NOT_FOUND, path, "%s",
+                              is_there ? "not a file that can be read" : "no such file");
+    }
+    note_file(files, path);
+    *ret_bytes = (struct bytes){0};
+    void *map =
+        status.st_size > 0 ? mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, fileno(stream), 0) : NULL;
+    fclose(stream);
+    if (map == MAP_FAILED)
+        return bvhd_error_no_memory(error, path, "no memory to map it");
+    *ret_bytes = (struct bytes){map, (uint64_t)status.st_size};
+    return BVHD_OK;
+}
+
+void import_files_unmap(struct bytes bytes)
+{
+    if (bytes.data)
+        munmap((void *)(uintptr_t)bytes.data, bytes.size);
 }
 
 static void close_file(struct aiFileIO *io, struct aiFile *file)

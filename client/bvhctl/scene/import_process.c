@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "proto/base/bytes.h"
+#include "client/bvhctl/scene/gltf.h"
 #include "client/bvhctl/scene/import.h"
 #include "client/bvhctl/scene/import_hash.h"
 #include "client/bvhctl/scene/import_limits.h"
@@ -38,57 +39,92 @@ struct outcome {
     uint64_t hash; /* of the import */
 };
 
-static void put(FILE *file, const void *data, uint64_t size)
+enum { ALIGNMENT = 64, PADDING = 16, BUFFER_SIZE = 1 << 18 };
+
+/* The memory file while it is written. Arrays are aligned in it, so that they can be used where they are. */
+struct file_writer {
+    FILE *file;
+    uint64_t at;
+};
+
+static void put(struct file_writer *writer, const void *data, uint64_t size)
 {
     if (size)
-        fwrite(data, 1, size, file);
+        fwrite(data, 1, size, writer->file);
+    writer->at += size;
 }
 
-static void put_text(FILE *file, const char *text)
+/* Puts an array with some bytes behind it, which those who read it in wide words may touch. `data` may be NULL. */
+static void put_array(struct file_writer *writer, const void *data, uint64_t size)
+{
+    static const unsigned char zeros[ALIGNMENT];
+    put(writer, zeros, bytes_align(writer->at, ALIGNMENT) - writer->at);
+    if (data)
+        put(writer, data, size);
+    for (uint64_t i = data ? size : 0; i < size; i += sizeof zeros)
+        put(writer, zeros, size - i < sizeof zeros ? size - i : sizeof zeros);
+    put(writer, zeros, PADDING);
+}
+
+static void put_text(struct file_writer *writer, const char *text)
 {
     uint64_t size = strlen(text) + 1;
-    put(file, &size, sizeof size);
-    put(file, text, size);
+    put(writer, &size, sizeof size);
+    put(writer, text, size);
 }
 
-static void put_import(FILE *file, const struct import *import)
+static void put_import(struct file_writer *writer, const struct import *import)
 {
-    put_text(file, import->name);
-    put(file, import->meshes, import->mesh_count * sizeof *import->meshes);
+    put_text(writer, import->name);
+    put_text(writer, import->source_name ? import->source_name : "");
+    put_array(writer, import->meshes, import->mesh_count * sizeof *import->meshes);
     for (uint32_t i = 0; i < import->mesh_count; i++) {
         const struct import_mesh *mesh = &import->meshes[i];
-        put_text(file, mesh->name);
-        put_text(file, mesh->material);
-        put(file, mesh->positions, mesh->vertex_count * UINT64_C(12));
-        put(file, mesh->indices, mesh->triangle_count * UINT64_C(12));
+        put_text(writer, mesh->name);
+        put_text(writer, mesh->material);
+        put_array(writer, mesh->positions, mesh->vertex_count * UINT64_C(12));
+        put_array(writer, mesh->indices, mesh->triangle_count * UINT64_C(12));
     }
-    put(file, import->bottoms, import->bottom_count * sizeof *import->bottoms);
+    put_array(writer, import->bottoms, import->bottom_count * sizeof *import->bottoms);
     for (uint32_t i = 0; i < import->bottom_count; i++) {
-        put_text(file, import->bottoms[i].name);
-        put(file, import->bottoms[i].meshes, import->bottoms[i].mesh_count * sizeof *import->bottoms[i].meshes);
+        const struct import_bottom *bottom = &import->bottoms[i];
+        put_text(writer, bottom->name);
+        put_array(writer, bottom->meshes, bottom->mesh_count * sizeof *bottom->meshes);
     }
-    put(file, import->instances, import->instance_count * sizeof *import->instances);
+    put_array(writer, import->instances, import->instance_count * sizeof *import->instances);
+    put_array(writer, NULL, import->file_count * sizeof *import->files); /* room for the pointers */
     for (uint32_t i = 0; i < import->file_count; i++)
-        put_text(file, import->files[i]);
+        put_text(writer, import->files[i]);
 }
+
+/* How a file is read. */
+struct job {
+    const char *path, *scene;
+    const char *who; /* for messages */
+    enum bvhd_status (*read)(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
+                             struct bvhd_error *error);
+    struct memory *memory;
+    bool has_own_reader; /* assimp reads it only if that reader passes it on */
+};
 
 /*
  * Reads the scene in the child, which exits here, unless assimp crashes it before. `is_twin`: only the hash is wanted.
  */
-__attribute__((noreturn)) static void read_in_child(const char *path, const char *scene, bool is_twin, int descriptor,
-                                                    struct memory *memory)
+__attribute__((noreturn)) static void read_in_child(const struct job *job, bool is_twin, int descriptor)
 {
     struct outcome outcome = {0};
-    enum bvhd_status status = import_read(path, scene, memory, &outcome.import, &outcome.error);
+    enum bvhd_status status = job->read(job->path, job->scene, job->memory, &outcome.import, &outcome.error);
     outcome.error.status = status;
     if (!status && outcome.import.reader == IMPORT_BY_ASSIMP)
         outcome.hash = import_hash(&outcome.import);
     FILE *file = fdopen(descriptor, "w");
     if (!file)
         _exit(1);
-    put(file, &outcome, sizeof outcome);
+    setvbuf(file, NULL, _IOFBF, BUFFER_SIZE);
+    struct file_writer writer = {.file = file};
+    put(&writer, &outcome, sizeof outcome);
     if (!status && !is_twin)
-        put_import(file, &outcome.import);
+        put_import(&writer, &outcome.import);
     bool ok = fflush(file) == 0 && !ferror(file);
     outcome.is_complete = true;
     if (ok && pwrite(descriptor, &outcome, sizeof outcome, 0) == (ssize_t)sizeof outcome)
@@ -129,108 +165,103 @@ static void disturb_memory(const char *path)
 #endif
 }
 
-/* The rest of the memory file, while it is read. */
+/* The memory file after it was read into one block, in which the import stays. */
 struct file_cursor {
-    const unsigned char *at;
-    uint64_t left;
-    struct memory *memory;
-    bool ok; /* enough bytes, enough memory */
+    unsigned char *block;
+    uint64_t at, size;
+    bool ok; /* nothing was beyond the end so far */
 };
 
-/* Returns a copy of the next bytes, with room for `extra` more, or NULL after an error. It is never empty. */
-static void *take(struct file_cursor *cursor, uint64_t size, uint64_t extra)
+/* Returns the next bytes, or NULL after an error. */
+static void *take(struct file_cursor *cursor, uint64_t size)
 {
-    void *copy = cursor->ok && size <= cursor->left ? memory_alloc(cursor->memory, size + extra + 1) : NULL;
-    cursor->ok = copy != NULL;
-    if (!copy)
+    cursor->ok = cursor->ok && cursor->at <= cursor->size && size <= cursor->size - cursor->at;
+    if (!cursor->ok)
         return NULL;
-    memcpy(copy, cursor->at, size);
     cursor->at += size;
-    cursor->left -= size;
-    return copy;
+    return cursor->block + cursor->at - size;
+}
+
+static void *take_array(struct file_cursor *cursor, uint64_t size)
+{
+    cursor->at = bytes_align(cursor->at, ALIGNMENT);
+    void *array = take(cursor, size);
+    take(cursor, PADDING);
+    return array;
 }
 
 static char *take_text(struct file_cursor *cursor)
 {
-    uint64_t size;
-    cursor->ok &= cursor->left >= sizeof size;
-    if (!cursor->ok)
-        return NULL;
-    memcpy(&size, cursor->at, sizeof size);
-    cursor->at += sizeof size;
-    cursor->left -= sizeof size;
-    return take(cursor, size, 0);
+    const void *size = take(cursor, sizeof(uint64_t));
+    return size ? take(cursor, bytes_get64(size)) : NULL;
 }
 
-static void take_meshes(struct file_cursor *cursor, uint32_t count, struct import *import)
+static void take_meshes(struct file_cursor *cursor, struct import *import)
 {
-    import->meshes = take(cursor, count * sizeof *import->meshes, 0);
-    import->mesh_count = import->meshes ? count : 0;
-    for (uint32_t i = 0; i < import->mesh_count; i++) {
+    import->meshes = take_array(cursor, import->mesh_count * sizeof *import->meshes);
+    for (uint32_t i = 0; i < import->mesh_count && cursor->ok; i++) {
         struct import_mesh *mesh = &import->meshes[i];
         mesh->name = take_text(cursor);
         mesh->material = take_text(cursor);
-        mesh->positions = take(cursor, mesh->vertex_count * UINT64_C(12), 12);
-        mesh->indices = take(cursor, mesh->triangle_count * UINT64_C(12), 12);
+        mesh->positions = take_array(cursor, mesh->vertex_count * UINT64_C(12));
+        mesh->indices = take_array(cursor, mesh->triangle_count * UINT64_C(12));
     }
 }
 
-static void take_bottoms(struct file_cursor *cursor, uint32_t count, struct import *import)
+static void take_bottoms(struct file_cursor *cursor, struct import *import)
 {
-    import->bottoms = take(cursor, count * sizeof *import->bottoms, 0);
-    import->bottom_count = import->bottoms ? count : 0;
-    for (uint32_t i = 0; i < import->bottom_count; i++) {
-        import->bottoms[i].name = take_text(cursor);
-        import->bottoms[i].meshes = take(cursor, import->bottoms[i].mesh_count * sizeof *import->bottoms[i].meshes, 0);
+    import->bottoms = take_array(cursor, import->bottom_count * sizeof *import->bottoms);
+    for (uint32_t i = 0; i < import->bottom_count && cursor->ok; i++) {
+        struct import_bottom *bottom = &import->bottoms[i];
+        bottom->name = take_text(cursor);
+        bottom->meshes = take_array(cursor, bottom->mesh_count * sizeof *bottom->meshes);
     }
 }
 
-static void take_files(struct file_cursor *cursor, uint32_t count, struct import *import)
+/* Makes the import in the block. Its numbers are those of the outcome. */
+static void take_import(struct file_cursor *cursor, struct import *import)
 {
-    import->files = cursor->ok ? memory_array(cursor->memory, (uint64_t)count + 1, sizeof *import->files) : NULL;
-    cursor->ok = import->files != NULL;
-    for (uint32_t i = 0; i < count && import->files; i++)
-        import->files[import->file_count++] = take_text(cursor);
+    import->name = take_text(cursor);
+    import->source_name = take_text(cursor);
+    take_meshes(cursor, import);
+    take_bottoms(cursor, import);
+    import->instances = take_array(cursor, import->instance_count * sizeof *import->instances);
+    import->files = take_array(cursor, import->file_count * sizeof *import->files);
+    for (uint32_t i = 0; i < import->file_count && cursor->ok; i++)
+        import->files[i] = take_text(cursor);
 }
 
-static enum bvhd_status take_import(struct file_cursor *cursor, const struct outcome *outcome, const char *path,
-                                    struct import *ret_import, struct bvhd_error *error)
+static bool read_all(int descriptor, unsigned char *data, uint64_t size)
+{
+    for (uint64_t done = 0; done < size;) {
+        ssize_t got = pread(descriptor, data + done, size - done, (off_t)done);
+        if (got <= 0 && !(got < 0 && errno == EINTR))
+            return false;
+        done += got > 0 ? (uint64_t)got : 0;
+    }
+    return true;
+}
+
+/* Reads the import of a complete outcome from a memory file of `size` bytes. */
+static enum bvhd_status read_import(int descriptor, uint64_t size, const struct outcome *outcome, const char *path,
+                                    struct memory *memory, struct import *ret_import, struct bvhd_error *error)
 {
     struct import import = outcome->import;
-    import.memory = cursor->memory;
-    import.name = NULL;
-    import.meshes = NULL;
-    import.bottoms = NULL;
-    import.instances = NULL;
-    import.files = NULL;
-    import.mesh_count = import.bottom_count = import.file_count = 0;
-    import.name = take_text(cursor);
-    take_meshes(cursor, outcome->import.mesh_count, &import);
-    take_bottoms(cursor, outcome->import.bottom_count, &import);
-    import.instances = take(cursor, import.instance_count * sizeof *import.instances, 0);
-    take_files(cursor, outcome->import.file_count, &import);
-    if (!cursor->ok) {
-        import_finish(&import);
+    struct file_cursor cursor = {memory_alloc(memory, size), sizeof *outcome, size, true};
+    if (!cursor.block)
         return bvhd_error_no_memory(error, path, "no memory for the scene, or more than --memory allows");
+    if (read_all(descriptor, cursor.block, size))
+        take_import(&cursor, &import);
+    else
+        cursor.ok = false;
+    if (!cursor.ok) {
+        memory_free(memory, cursor.block);
+        return bvhd_error_set(error, BVHD_INTERNAL, path, "the scene did not pass between processes");
     }
+    import.memory = memory;
+    import.block = cursor.block;
     *ret_import = import;
     return BVHD_OK;
-}
-
-/* Copies the import from the memory file of a child that has succeeded. */
-static enum bvhd_status take_file(int descriptor, const struct outcome *outcome, const char *path,
-                                  struct memory *memory, struct import *ret_import, struct bvhd_error *error)
-{
-    struct stat file;
-    bool is_there = fstat(descriptor, &file) == 0 && file.st_size >= (off_t)sizeof *outcome;
-    void *map = is_there ? mmap(NULL, (size_t)file.st_size, PROT_READ, MAP_PRIVATE, descriptor, 0) : MAP_FAILED;
-    if (map == MAP_FAILED)
-        return bvhd_error_no_memory(error, path, "no memory to pass the scene on");
-    struct file_cursor cursor = {(const unsigned char *)map + sizeof *outcome, (uint64_t)file.st_size - sizeof *outcome,
-                                 memory, true};
-    enum bvhd_status status = take_import(&cursor, outcome, path, ret_import, error);
-    munmap(map, (size_t)file.st_size);
-    return status;
 }
 
 /* A process that reads a scene. */
@@ -239,53 +270,54 @@ struct child {
     int descriptor; /* of its memory file */
 };
 
-static enum bvhd_status child_start(const char *path, const char *scene, bool is_twin, struct memory *memory,
-                                    struct child *ret_child, struct bvhd_error *error)
+static enum bvhd_status child_start(const struct job *job, bool is_twin, struct child *ret_child,
+                                    struct bvhd_error *error)
 {
     int descriptor = memfd_create("bvhctl-import", MFD_CLOEXEC);
     if (descriptor < 0)
-        return bvhd_error_set(error, BVHD_IO, path, "memfd_create: %s", strerror(errno));
+        return bvhd_error_set(error, BVHD_IO, job->path, "memfd_create: %s", strerror(errno));
     pid_t pid = fork();
     if (pid == 0) {
         prepare_child(is_twin ? TWIN_FACTOR : 1);
         if (is_twin)
-            disturb_memory(path);
-        read_in_child(path, scene, is_twin, descriptor, memory);
+            disturb_memory(job->path);
+        read_in_child(job, is_twin, descriptor);
     }
     if (pid < 0) {
         close(descriptor);
-        return bvhd_error_set(error, BVHD_IO, path, "fork: %s", strerror(errno));
+        return bvhd_error_set(error, BVHD_IO, job->path, "fork: %s", strerror(errno));
     }
     *ret_child = (struct child){pid, descriptor};
     return BVHD_OK;
 }
 
 /* Says why a child ended that was to end with status 0. */
-static enum bvhd_status child_failure(int status, const char *path, struct bvhd_error *error)
+static enum bvhd_status child_failure(int status, const struct job *job, struct bvhd_error *error)
 {
     int number = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
     if (number == SIGPROF)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp took too long for a file of this size");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s took too long for a file of this size", job->who);
     if (number == SIGKILL)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp was killed, as happens when memory is short");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s was killed, as happens when memory is short",
+                              job->who);
     if (number)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp crashed on it (%s)", strsignal(number));
-    return bvhd_error_no_memory(error, path, "no memory to pass the scene on");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s crashed on it (%s)", job->who, strsignal(number));
+    return bvhd_error_no_memory(error, job->path, "no memory to pass the scene on");
 }
 
 /* Waits for a child. Returns its outcome, which may be that the import has failed; or the reason why there is none. */
-static enum bvhd_status child_wait(const struct child *child, const char *path, struct outcome *ret_outcome,
+static enum bvhd_status child_wait(const struct child *child, const struct job *job, struct outcome *ret_outcome,
                                    struct bvhd_error *error)
 {
     int status;
     while (waitpid(child->pid, &status, 0) < 0)
         if (errno != EINTR)
-            return bvhd_error_set(error, BVHD_IO, path, "waitpid: %s", strerror(errno));
+            return bvhd_error_set(error, BVHD_IO, job->path, "waitpid: %s", strerror(errno));
     if (!WIFEXITED(status) || WEXITSTATUS(status) != 0)
-        return child_failure(status, path, error);
+        return child_failure(status, job, error);
     bool is_read = pread(child->descriptor, ret_outcome, sizeof *ret_outcome, 0) == (ssize_t)sizeof *ret_outcome;
     if (!is_read || !ret_outcome->is_complete)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp ended the process that reads the file");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s ended the process that reads the file", job->who);
     if (ret_outcome->error.status)
         *error = ret_outcome->error;
     return BVHD_OK;
@@ -302,18 +334,18 @@ static void child_kill(const struct child *child)
 }
 
 /* Waits for the second child, and compares what it read with what the first one did. */
-static enum bvhd_status compare_twin(const struct child *twin, const char *path, uint64_t hash,
+static enum bvhd_status compare_twin(const struct child *twin, const struct job *job, uint64_t hash,
                                      struct bvhd_error *error)
 {
     struct outcome outcome;
-    enum bvhd_status status = child_wait(twin, path, &outcome, error);
+    enum bvhd_status status = child_wait(twin, job, &outcome, error);
     if (status)
         return status;
     if (outcome.error.status == BVHD_NO_MEMORY)
         return BVHD_NO_MEMORY;
     if (outcome.error.status == BVHD_OK && outcome.hash == hash)
         return BVHD_OK;
-    return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
+    return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path,
                           "assimp reads beside its arrays: two imports of the file differ");
 }
 
@@ -328,36 +360,42 @@ static bool is_large(const char *path)
 }
 
 /* Finishes an import whose first child was started: waits for it, compares it with a second one, and copies it. */
-static enum bvhd_status import_from(const struct child *child, const char *path, const char *scene,
-                                    struct memory *memory, struct import *ret_import, struct bvhd_error *error)
+static enum bvhd_status import_from(const struct child *child, const struct job *job, struct import *ret_import,
+                                    struct bvhd_error *error)
 {
     struct child twin = {0};
     struct outcome outcome;
-    bool has_twin = is_large(path) && child_start(path, scene, true, memory, &twin, error) == BVHD_OK;
-    enum bvhd_status status = child_wait(child, path, &outcome, error);
+    struct stat file;
+    bool has_twin = !job->has_own_reader && is_large(job->path) && child_start(job, true, &twin, error) == BVHD_OK;
+    enum bvhd_status status = child_wait(child, job, &outcome, error);
     if (!status)
         status = outcome.error.status;
     if (status && has_twin)
         child_kill(&twin);
     if (status)
         return status;
-    if (!has_twin)
-        status = child_start(path, scene, true, memory, &twin, error);
+    if (outcome.import.reader == IMPORT_BY_ASSIMP) {
+        if (!has_twin)
+            status = child_start(job, true, &twin, error);
+        if (status)
+            return status;
+        status = compare_twin(&twin, job, outcome.hash, error);
+        close(twin.descriptor);
+    }
+    if (!status && fstat(child->descriptor, &file) < 0)
+        status = bvhd_error_set(error, BVHD_IO, job->path, "fstat: %s", strerror(errno));
     if (status)
         return status;
-    status = compare_twin(&twin, path, outcome.hash, error);
-    close(twin.descriptor);
-    return status ? status : take_file(child->descriptor, &outcome, path, memory, ret_import, error);
+    return read_import(child->descriptor, (uint64_t)file.st_size, &outcome, job->path, job->memory, ret_import, error);
 }
 
-static enum bvhd_status import_in_children(const char *path, const char *scene, struct memory *memory,
-                                           struct import *ret_import, struct bvhd_error *error)
+static enum bvhd_status import_in_children(const struct job *job, struct import *ret_import, struct bvhd_error *error)
 {
     struct child child = {0};
-    enum bvhd_status status = child_start(path, scene, false, memory, &child, error);
+    enum bvhd_status status = child_start(job, false, &child, error);
     if (status)
         return status;
-    status = import_from(&child, path, scene, memory, ret_import, error);
+    status = import_from(&child, job, ret_import, error);
     close(child.descriptor);
     return status;
 }
@@ -366,7 +404,8 @@ enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory,
                                         struct bvhd_error *error)
 {
     struct bvhd_error ignored;
-    return import_in_children(path, NULL, memory, ret_import, error ? error : &ignored);
+    const struct job job = {path, NULL, "assimp", import_read_by_assimp, memory, false};
+    return import_in_children(&job, ret_import, error ? error : &ignored);
 }
 
 enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
@@ -376,5 +415,7 @@ enum bvhd_status import_scene(const char *path, const char *scene, struct memory
     error = error ? error : &ignored;
     if (!scene && ply_is_file(path))
         return ply_import(path, memory, ret_import, error);
-    return import_in_children(path, scene, memory, ret_import, error);
+    bool is_gltf = gltf_is_file(path);
+    const struct job job = {path, scene, is_gltf ? "the reader of glTF" : "assimp", import_read, memory, is_gltf};
+    return import_in_children(&job, ret_import, error);
 }

@@ -120,6 +120,27 @@ static void write_handles(struct json *json, const struct assembly *assembly, ch
     json_array_end(json);
 }
 
+/* Writes which scene of the file was chosen, and numbers of what is left out, as far as there is anything to say. */
+static void write_source(struct json *json, const struct import *import)
+{
+    bool any = false;
+    if (import->has_source) {
+        json_object(json, "source_scene");
+        json_integer(json, "number", import->source_number);
+        json_text(json, "name", import->source_name);
+        json_object_end(json);
+    }
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        any |= import_counts_get(&import->counts, i) != 0;
+    if (!any)
+        return;
+    json_object(json, "left_out");
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        if (import_counts_get(&import->counts, i))
+            json_integer(json, import_count_kinds[i].name, import_counts_get(&import->counts, i));
+    json_object_end(json);
+}
+
 static void write_times(struct json *json, const struct bvhd_result *item)
 {
     json_bool(json, "cached", item->origin == BVHD_ORIGIN_MEMORY || item->origin == BVHD_ORIGIN_DISK);
@@ -181,7 +202,9 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_text(json, "method", item->method ? item->method : "");
     json_text(json, "quality", manifest_quality_name(item->quality));
     json_text(json, "target", target_name(item));
-    if (is_top)
+    if (is_top) {
+        write_source(json, import);
         write_handles(json, assembly, all_files);
+    }
     json_object_end(json);
 }

@@ -5,7 +5,9 @@
  *
  * Its form is {"schema":1,"structures":[{"file","type","scene","name",...,"handles"}]}. It contains no times, so that
  * it is the same for equal input on any machine, with any number of threads. `file` is a plain name in the directory.
- * The `handles` of a top level are files, in the order of its serialized handles.
+ * The `handles` of a top level are files, in the order of its serialized handles. A top level has a member
+ * "source_scene":{"number","name"} if it was built from one chosen scene of its file, and "left_out":{...} with numbers
+ * by kind (import_counts.h) if anything was left out.
  */
 #ifndef BVHCTL_MANIFEST_H
 #define BVHCTL_MANIFEST_H
@@ -44,6 +46,9 @@ struct manifest_entry {
     char *file, *scene, *name;
     enum target target;
     bool is_top;
+    bool has_source; /* it was built from one chosen scene of its file: */
+    uint32_t source_number; /* its number, from 0 */
+    char *source_name; /* and its name; NULL if it has none */
     char **handles; /* of a top level: files, in the order of its handles */
     uint32_t handle_count;
     struct manifest_colour *colours; /* one for each geometry */
@@ -62,6 +67,12 @@ struct manifest {
  */
 enum bvhd_status manifest_read(const char *directory, struct memory *memory, struct manifest *ret_manifest,
                                struct bvhd_error *error);
+
+/*
+ * Finds the top level that `scene` names: the scene of this name, else the one that was built from the scene of this
+ * name or number in its file. NULL: there is none.
+ */
+const struct manifest_entry *manifest_find_top(const struct manifest *manifest, const char *scene);
 
 /* NULL-safe, idempotent. */
 void manifest_finish(struct manifest *manifest);

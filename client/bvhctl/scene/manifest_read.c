@@ -77,6 +77,26 @@ static enum bvhd_status read_target(const struct manifest_reader *reader, const 
     return BVHD_OK;
 }
 
+static enum bvhd_status read_source(const struct manifest_reader *reader, const cJSON *object,
+                                    struct manifest_entry *entry)
+{
+    const cJSON *source = cJSON_GetObjectItemCaseSensitive(object, "source_scene");
+    const cJSON *number = cJSON_GetObjectItemCaseSensitive(source, "number");
+    const cJSON *name = cJSON_GetObjectItemCaseSensitive(source, "name");
+    if (!source)
+        return BVHD_OK;
+    if (!cJSON_IsNumber(number) || !(number->valuedouble >= 0 && number->valuedouble < UINT32_MAX) ||
+        !cJSON_IsString(name))
+        return corrupt(reader, "source_scene", "without a number and a name");
+    entry->has_source = true;
+    entry->source_number = (uint32_t)number->valuedouble;
+    if (*name->valuestring) {
+        entry->source_name = files_copy_text(reader->memory, name->valuestring);
+        return entry->source_name ? BVHD_OK : no_memory(reader);
+    }
+    return BVHD_OK;
+}
+
 static struct manifest_colour read_colour(const cJSON *geometry)
 {
     struct manifest_colour colour;
@@ -118,6 +138,8 @@ static enum bvhd_status read_entry(const struct manifest_reader *reader, const c
         status = read_target(reader, object, &entry->target);
     if (!status)
         status = read_colours(reader, object, entry);
+    if (!status)
+        status = read_source(reader, object, entry);
     if (status)
         return status;
     const cJSON *type = cJSON_GetObjectItemCaseSensitive(object, "type");
@@ -181,11 +203,30 @@ enum bvhd_status manifest_read(const char *directory, struct memory *memory, str
     return status;
 }
 
+static bool has_source(const struct manifest_entry *entry, const char *scene)
+{
+    char number[16];
+    snprintf(number, sizeof number, "%u", entry->source_number);
+    return entry->has_source && (!strcmp(scene, number) || (entry->source_name && !strcmp(scene, entry->source_name)));
+}
+
+const struct manifest_entry *manifest_find_top(const struct manifest *manifest, const char *scene)
+{
+    for (uint32_t i = 0; i < manifest->count; i++)
+        if (manifest->entries[i].is_top && !strcmp(manifest->entries[i].scene, scene))
+            return &manifest->entries[i];
+    for (uint32_t i = 0; i < manifest->count; i++)
+        if (manifest->entries[i].is_top && has_source(&manifest->entries[i], scene))
+            return &manifest->entries[i];
+    return NULL;
+}
+
 static void finish_entry(struct manifest_entry *entry, struct memory *memory)
 {
     memory_free(memory, entry->file);
     memory_free(memory, entry->scene);
     memory_free(memory, entry->name);
+    memory_free(memory, entry->source_name);
     for (uint32_t i = 0; i < entry->handle_count; i++)
         memory_free(memory, entry->handles[i]);
     memory_free(memory, entry->handles);

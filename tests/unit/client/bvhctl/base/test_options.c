@@ -131,6 +131,12 @@ static void test_other_commands(void **state)
     (void)state;
     struct options options = parse_good("bvhctl check dir scene --rays 77 --seed 18446744073709551615 --flip-order");
     assert_int_equal(options.command, COMMAND_CHECK);
+    assert_null(options.scene);
+    assert_string_equal(parse_good("bvhctl build a -o b --scene night").scene, "night");
+    assert_string_equal(parse_good("bvhctl check a b --scene 1").scene, "1");
+    assert_string_equal(parse_good("bvhctl trace a --device cpu -o p.png --scene 1").scene, "1");
+    expect_bad("bvhctl inspect a --scene 1", "--scene");
+    options = parse_good("bvhctl check dir scene --rays 77 --seed 18446744073709551615 --flip-order");
     assert_true(options.rays == 77 && options.seed == UINT64_MAX && options.flip_order);
     options = parse_good("bvhctl trace dir --device cpu -o p.png --size 64x48 --up z");
     assert_int_equal(options.command, COMMAND_TRACE);

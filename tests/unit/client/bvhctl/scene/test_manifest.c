@@ -90,9 +90,36 @@ static void test_hostile(void **state)
     expect_corrupt(NO_TARGET(",\"target\":1"), "structures[0].target");
     expect_corrupt(NO_TARGET(",\"target\":\"teapot\""), "structures[0].target");
     expect_corrupt(ENTRY("\"a\"", "null", ""), "structures[0].type");
+    expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_scene\":7"), "structures[0].source_scene");
+    expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_scene\":{\"number\":-1,\"name\":\"\"}"),
+                   "structures[0].source_scene");
+    expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_scene\":{\"number\":1}"),
+                   "structures[0].source_scene");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ""), "structures[0].handles");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[3]"), "structures[0].handles");
     expect_corrupt(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[\"b\",\"../c\"]"), "structures[0].handles");
+}
+
+/* A top level is found by its scene's name, and by the name and the number of the scene in its file. */
+static void test_find_top(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct manifest manifest;
+    assert_int_equal(
+        read_text(ENTRY("\"a\"", "\"tlas\"", ",\"handles\":[],\"source_scene\":{\"number\":3,\"name\":\"night\"}"),
+                  &memory, &manifest, NULL),
+        BVHD_OK);
+    const struct manifest_entry *top = &manifest.entries[0];
+    assert_true(top->has_source);
+    assert_int_equal(top->source_number, 3);
+    assert_ptr_equal(manifest_find_top(&manifest, "s"), top);
+    assert_ptr_equal(manifest_find_top(&manifest, "night"), top);
+    assert_ptr_equal(manifest_find_top(&manifest, "3"), top);
+    assert_null(manifest_find_top(&manifest, "day"));
+    assert_null(manifest_find_top(&manifest, "1"));
+    manifest_finish(&manifest);
+    assert_int_equal(memory.live, 0);
 }
 
 /* Nesting that is deep enough to overflow the stack of a recursive parser is refused. */
@@ -175,11 +202,9 @@ static void test_file_names(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_read),
-        cmocka_unit_test(test_hostile),
-        cmocka_unit_test(test_deep_nesting),
-        cmocka_unit_test(test_every_cut),
-        cmocka_unit_test(test_missing_and_memory),
+        cmocka_unit_test(test_read),       cmocka_unit_test(test_hostile),
+        cmocka_unit_test(test_find_top),   cmocka_unit_test(test_deep_nesting),
+        cmocka_unit_test(test_every_cut),  cmocka_unit_test(test_missing_and_memory),
         cmocka_unit_test(test_file_names),
     };
     return cmocka_run_group_tests_name("manifest", tests, scratch_make, scratch_remove);

@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* gltf_transform.h - the matrices of glTF nodes, in double precision. They are rounded to float once, at the end. */
+#ifndef BVHCTL_GLTF_TRANSFORM_H
+#define BVHCTL_GLTF_TRANSFORM_H
+
+#include "client/bvhctl/scene/gltf_json.h"
+
+/* A row-major 3x4 matrix. */
+struct gltf_matrix {
+    double at[12];
+};
+
+struct gltf_trs {
+    double translation[3], rotation[4], scale[3]; /* the rotation is a quaternion: x, y, z, w */
+};
+
+extern const struct gltf_matrix gltf_matrix_identity;
+extern const struct gltf_trs gltf_trs_identity;
+
+/* Returns the matrix that scales, then rotates, then moves. */
+struct gltf_matrix gltf_trs_matrix(const struct gltf_trs *trs);
+
+/* Makes the rotation a unit quaternion. A zero quaternion stays. */
+void gltf_trs_normalize(struct gltf_trs *trs);
+
+/* Returns the matrix that applies `b`, then `a`. */
+struct gltf_matrix gltf_matrix_product(const struct gltf_matrix *a, const struct gltf_matrix *b);
+
+/* Rounds to floats. Returns whether the result is finite and has an inverse. */
+bool gltf_matrix_round(const struct gltf_matrix *matrix, float ret_rounded[12]);
+
+/* Reads "matrix" of a node, or else "translation", "rotation" and "scale". */
+enum bvhd_status gltf_transform_read(const struct gltf_file *file, const struct gltf_value *node,
+                                     struct gltf_matrix *ret_matrix);
+
+#endif

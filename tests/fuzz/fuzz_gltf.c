@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * A GLB or glTF text from anywhere: it is either an error with a place, or an import whose numbers are in range.
+ *
+ * Input: the file.
+ */
+#include "tests/fuzz/fuzz.h"
+
+#include <math.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "client/bvhctl/scene/gltf.h"
+#include "tests/support/scene/gltf_case.h"
+
+static void check_meshes(const struct import *import)
+{
+    uint64_t triangles = 0;
+    for (uint32_t i = 0; i < import->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[i];
+        FUZZ_CHECK(mesh->name && mesh->material && mesh->positions && mesh->indices);
+        for (uint64_t k = 0; k < UINT64_C(3) * mesh->triangle_count; k++)
+            FUZZ_CHECK(mesh->indices[k] < mesh->vertex_count);
+        triangles += mesh->triangle_count;
+    }
+    FUZZ_CHECK(triangles && triangles == import->triangle_count);
+}
+
+static void check_instances(const struct import *import)
+{
+    for (uint32_t i = 0; i < import->bottom_count; i++) {
+        FUZZ_CHECK(import->bottoms[i].name && import->bottoms[i].mesh_count);
+        for (uint32_t k = 0; k < import->bottoms[i].mesh_count; k++)
+            FUZZ_CHECK(import->bottoms[i].meshes[k] < import->mesh_count);
+    }
+    for (uint32_t i = 0; i < import->instance_count; i++) {
+        FUZZ_CHECK(import->instances[i].bottom < import->bottom_count);
+        for (int k = 0; k < 12; k++)
+            FUZZ_CHECK(import->instances[i].skipped || isfinite(import->instances[i].transform[k]));
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    char path[64];
+    const char *foreign;
+    struct memory memory;
+    struct import_files files;
+    struct bvhd_error error = {0};
+    int descriptor = memfd_create("fuzz", MFD_CLOEXEC);
+    FUZZ_CHECK(descriptor >= 0 && write(descriptor, data, size) == (ssize_t)size);
+    snprintf(path, sizeof path, "/proc/self/fd/%d", descriptor);
+    memory_init(&memory, UINT64_C(1) << 26);
+    import_files_init(&files, &memory);
+    struct import import = {.memory = &memory};
+    enum bvhd_status status = gltf_read(path, NULL, &files, &import, &foreign, &error);
+    if (status) {
+        FUZZ_CHECK(error.status == status && error.where[0] && error.text[0]);
+    } else if (!foreign) {
+        check_meshes(&import);
+        check_instances(&import);
+    }
+    import.files = files.paths;
+    import.file_count = files.count;
+    import_finish(&import);
+    FUZZ_CHECK(memory.live == 0);
+    close(descriptor);
+    return 0;
+}
+
+/* All cases of the table. */
+size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
+{
+    _Static_assert((int)GLTF_CASE_ROOM <= (int)FUZZ_ROOM, "a case is a sample");
+    return index < gltf_case_count ? gltf_case_make(&gltf_cases[index], ret_bytes) : 0;
+}

@@ -1,0 +1,228 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* test_gltf.c - tests that each feature of glTF is read right or refused by name, by a table of generated files. */
+#include "tests/support/unit.h"
+
+#include <unistd.h>
+
+#include "client/bvhctl/scene/import.h"
+#include "tests/support/scene/gltf_case.h"
+
+static char directory[64];
+
+static int enter_scratch(void **state)
+{
+    (void)state;
+    strcpy(directory, "/tmp/bvhd-test-gltf-XXXXXX");
+    return mkdtemp(directory) && chdir(directory) == 0 ? 0 : -1;
+}
+
+static int leave_scratch(void **state)
+{
+    (void)state;
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", directory);
+    return chdir("/") == 0 ? system(command) : -1;
+}
+
+static void write_file(const char *path, const void *data, size_t size)
+{
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(data, 1, size, file), size);
+    fclose(file);
+}
+
+/* Extends bounds by the corners of all triangles of an instance. */
+static void extend(const struct import *import, const struct import_instance *instance, double low[3], double high[3])
+{
+    const struct import_bottom *bottom = &import->bottoms[instance->bottom];
+    for (uint32_t m = 0; m < bottom->mesh_count; m++) {
+        const struct import_mesh *mesh = &import->meshes[bottom->meshes[m]];
+        for (uint32_t i = 0; i < 3 * mesh->triangle_count; i++) {
+            assert_true(mesh->indices[i] < mesh->vertex_count);
+            const float *at = mesh->positions + 3 * (size_t)mesh->indices[i], *row = instance->transform;
+            for (int axis = 0; axis < 3; axis++, row += 4) {
+                double value = (double)row[0] * at[0] + (double)row[1] * at[1] + (double)row[2] * at[2] + row[3];
+                low[axis] = value < low[axis] ? value : low[axis];
+                high[axis] = value > high[axis] ? value : high[axis];
+            }
+        }
+    }
+}
+
+static void check_bounds(const struct gltf_case *gltf_case, const struct import *import)
+{
+    static const float none[3] = {0}, quad_high[3] = {2, 3, 0};
+    double low[3] = {1e30, 1e30, 1e30}, high[3] = {-1e30, -1e30, -1e30};
+    bool is_quad = !memcmp(gltf_case->low, none, sizeof none) && !memcmp(gltf_case->high, none, sizeof none);
+    for (uint32_t i = 0; i < import->instance_count; i++)
+        if (!import->instances[i].skipped)
+            extend(import, &import->instances[i], low, high);
+    for (int axis = 0; axis < 3; axis++) {
+        assert_float_equal(low[axis], gltf_case->low[axis], 1e-5);
+        assert_float_equal(high[axis], is_quad ? quad_high[axis] : gltf_case->high[axis], 1e-5);
+    }
+}
+
+static void check_counts(const struct gltf_case *gltf_case, const struct import_counts *counts)
+{
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++) {
+        bool is_it = gltf_case->kind && !strcmp(gltf_case->kind, import_count_kinds[i].name);
+        assert_int_equal(import_counts_get(counts, i), is_it ? gltf_case->count : 0);
+    }
+}
+
+static void check_import(const struct gltf_case *gltf_case, const struct import *import)
+{
+    assert_int_equal(import->triangle_count, gltf_case->triangles ? gltf_case->triangles : 2);
+    assert_int_equal(import->instance_count, gltf_case->instances ? gltf_case->instances : 1);
+    assert_int_equal(import->skipped_instances, gltf_case->skipped);
+    assert_int_equal(import->bottom_count, 1);
+    assert_int_equal(import->has_source, gltf_case->scene != NULL);
+    check_bounds(gltf_case, import);
+    check_counts(gltf_case, &import->counts);
+}
+
+static void check_case(const struct gltf_case *gltf_case)
+{
+    static uint8_t bytes[GLTF_CASE_ROOM];
+    char text[512];
+    struct memory memory;
+    struct import import;
+    struct bvhd_error error = {0};
+    write_file("case.glb", bytes, gltf_case_make(gltf_case, bytes));
+    memory_init(&memory, UINT64_MAX);
+    print_message("%s\n", gltf_case->name);
+    enum bvhd_status status = import_scene("case.glb", gltf_case->scene, &memory, &import, &error);
+    snprintf(text, sizeof text, "%s: %s", error.where, error.text);
+    if (status != gltf_case->status)
+        fail_msg("status %d, %s", status, text);
+    if (!status) {
+        check_import(gltf_case, &import);
+        import_finish(&import);
+    } else if (!strstr(text, gltf_case->text) || strncmp(text, "case.glb", 8)) {
+        fail_msg("'%s' does not say '%s'", text, gltf_case->text);
+    }
+    assert_int_equal(memory.live, 0);
+}
+
+static void test_cases(void **state)
+{
+    (void)state;
+    for (uint32_t i = 0; i < gltf_case_count; i++)
+        check_case(&gltf_cases[i]);
+}
+
+static const struct gltf_case *find_case(const char *name)
+{
+    for (uint32_t i = 0; i < gltf_case_count; i++)
+        if (!strcmp(gltf_cases[i].name, name))
+            return &gltf_cases[i];
+    fail_msg("no case %s", name);
+    return NULL;
+}
+
+/* Reads a file in this process, so that a mistake of the reader is seen. */
+static enum bvhd_status read_here(const char *path, struct memory *memory)
+{
+    struct import import;
+    struct bvhd_error error = {0};
+    enum bvhd_status status = import_read(path, NULL, memory, &import, &error);
+    if (!status)
+        import_finish(&import);
+    else
+        assert_true(error.status == status && *error.where && *error.text);
+    assert_int_equal(memory->live, 0);
+    return status;
+}
+
+/* A GLB that is cut off anywhere is refused, also if its header says the length that it has. */
+static void test_truncated(void **state)
+{
+    (void)state;
+    static uint8_t bytes[GLTF_CASE_ROOM];
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    size_t size = gltf_case_make(find_case("plain"), bytes);
+    for (int patched = 0; patched < 2; patched++)
+        for (size_t length = 0; length < size; length++) {
+            uint32_t said = (uint32_t)(patched ? length : size);
+            memcpy(bytes + 8, &said, sizeof said);
+            write_file("cut.glb", bytes, length);
+            enum bvhd_status status = read_here("cut.glb", &memory);
+            assert_true(status == BVHD_UNSUPPORTED || status == BVHD_INVALID);
+        }
+}
+
+/* Random bytes in random places: anything may come of it, but no crash and no lost memory. */
+static void test_mutations(void **state)
+{
+    (void)state;
+    static uint8_t bytes[GLTF_CASE_ROOM];
+    uint64_t random = 88172645463325252u;
+    struct memory memory;
+    memory_init(&memory, UINT64_C(1) << 28);
+    for (int round = 0; round < 4000; round++) {
+        size_t size = gltf_case_make(&gltf_cases[round % gltf_case_count], bytes);
+        for (int i = 0; i < 1 + round % 5; i++) {
+            random ^= random << 13, random ^= random >> 7, random ^= random << 17;
+            bytes[(random >> 16) % size] = (uint8_t)(random & 1 ? random >> 40 : '0' + (random >> 40) % 10);
+        }
+        write_file("changed.glb", bytes, size);
+        read_here("changed.glb", &memory);
+    }
+}
+
+/* Each allocation fails once, in files that take all kinds of paths. */
+static void test_no_memory(void **state)
+{
+    (void)state;
+    static const char *const names[] = {
+        "plain", "strip", "sparse", "meshopt vertices", "instancing with rotations", "no scenes", "scene by name"};
+    static uint8_t bytes[GLTF_CASE_ROOM];
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        const struct gltf_case *gltf_case = find_case(names[i]);
+        write_file("memory.glb", bytes, gltf_case_make(gltf_case, bytes));
+        enum bvhd_status status = BVHD_NO_MEMORY;
+        for (int64_t after = 0; status; after++) {
+            struct memory memory;
+            memory_init(&memory, UINT64_MAX);
+            atomic_store(&memory.fail_after, after);
+            status = read_here("memory.glb", &memory);
+            assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+            assert_true(after < 200);
+        }
+    }
+}
+
+/* A chain of nodes as deep as the file is long does not need a deep stack. */
+static void test_deep_chain(void **state)
+{
+    (void)state;
+    enum { NODES = 100000 };
+    struct memory memory;
+    struct import import;
+    memory_init(&memory, UINT64_MAX);
+    FILE *file = fopen("deep.gltf", "w");
+    fputs("{\"asset\":{\"version\":\"2.0\"},\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],"
+          "\"accessors\":[{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}],\"nodes\":[",
+          file);
+    for (int i = 1; i < NODES; i++)
+        fprintf(file, "{\"children\":[%d],\"translation\":[1,0,0]},", i);
+    fputs("{\"mesh\":0}]}", file);
+    fclose(file);
+    assert_int_equal(import_scene("deep.gltf", NULL, &memory, &import, NULL), BVHD_OK);
+    assert_int_equal(import.instance_count, 1);
+    assert_true(import.instances[0].transform[3] == NODES - 1);
+    import_finish(&import);
+    assert_int_equal(memory.live, 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_cases),     cmocka_unit_test(test_truncated),  cmocka_unit_test(test_mutations),
+        cmocka_unit_test(test_no_memory), cmocka_unit_test(test_deep_chain),
+    };
+    return cmocka_run_group_tests_name("gltf", tests, enter_scratch, leave_scratch);
+}
