@@ -13,7 +13,8 @@ struct import_extent {
 };
 
 enum import_agreement {
-    IMPORT_NOT_COMPARED, /* there is one reader for this file, or the other does not read the same of it, or no memory */
+    /* there is only one reader for this file, or the other one does not read the same of it, or there is no memory */
+    IMPORT_NOT_COMPARED,
     IMPORT_AGREES,
     IMPORT_DIFFERS,
     IMPORT_REFUSED, /* by the other reader */
