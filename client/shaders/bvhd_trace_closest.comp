@@ -154,7 +154,7 @@ void main()
 
 const uint BUSY_SHARE = 13u, BUSY_OF = 16u; // when fewer lanes than this fraction are busy, the others take new rays
 #ifdef COOPERATIVE
-const uint TAIL_SHARE = 2u; // trace_tail begins when at most one lane in so many has one of the last rays
+const uint TAIL_SHARE = 2u; // trace_tail begins when at most one lane in TAIL_SHARE has one of the last rays
 #else
 const uint TAIL_SHARE = 129u; // never: no subgroup has that many lanes
 #endif
@@ -289,7 +289,7 @@ void main()
 
 #else
 
-const uint POSTPONED_SHARE = 2u; // records are tested when one lane in so many has some
+const uint POSTPONED_SHARE = 2u; // records are tested when one lane in POSTPONED_SHARE has some
 
 // Visits one instance, because its nodes come next, or tests all triangles.
 void visit_records()

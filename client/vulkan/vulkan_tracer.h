@@ -50,7 +50,7 @@ struct vulkan_trace_scene {
 /* A kernel that traces all rays of a record. */
 struct vulkan_trace_pass {
     VkPipeline pipeline;
-    uint32_t max_groups; /* 0: a thread for each ray; else at most so many workgroups, whose threads take rays */
+    uint32_t max_groups; /* 0: a thread for each ray; else the most workgroups, whose threads take rays */
     bool resolves; /* it decides on undecided triangles itself, so the resolve kernel need not follow */
 };
 

@@ -159,7 +159,7 @@ static void disturb_memory(const char *path)
     bool is_small = stat(path, &file) == 0 && file.st_size < 1 << 16;
     mallopt(M_PERTURB, 0x5b);
     mallopt(M_MMAP_THRESHOLD, is_small ? 64 : 4096);
-    mallopt(M_MMAP_MAX, 30000); /* the kernel allows 65530 mappings; after so many the heap is used */
+    mallopt(M_MMAP_MAX, 30000); /* the kernel allows 65530 mappings; beyond this number the heap is used */
 #else
     (void)path;
 #endif

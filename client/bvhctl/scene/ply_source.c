@@ -48,7 +48,7 @@ bool ply_source_seek(struct ply_source *source, uint64_t place, uint64_t line)
     return true;
 }
 
-/* Reads more of the file until `wanted` bytes are in the buffer. Returns false when the file has not so many. */
+/* Reads more of the file until `wanted` bytes are in the buffer. Returns false when the file has fewer. */
 static bool fill(struct ply_source *source, size_t wanted)
 {
     size_t kept = source->end - source->at;

@@ -34,7 +34,7 @@ static enum bvhd_status create_buffers(struct tracer_device *self, uint32_t coun
     return status;
 }
 
-/* Buffers for a portion of so many rays, bound. */
+/* Creates and binds the buffers for a portion of `count` rays. */
 static enum bvhd_status reserve(struct tracer_device *self, uint32_t count, struct bvhd_error *error)
 {
     if (count <= self->capacity)

@@ -278,7 +278,7 @@ static struct bvhd_trace trace_of(enum way way, uint32_t count)
                                .order = way == COHERENT ? BVHD_RAYS_COHERENT : BVHD_RAYS_INCOHERENT};
 }
 
-/* All rays, so many at a time. `ret_sum`: of what has been counted. */
+/* Traces all rays, `batch` at a time. `ret_sum`: the sums of all counters. */
 static void trace_in_batches(struct bed *bed, enum way way, const struct scene *scene, uint32_t batch,
                              struct vulkan_trace_counters *ret_sum)
 {
