@@ -10,7 +10,7 @@
 /* The most bytes that one compressed byte can become: the codec of vertices spends 2 bits on 16 equal bytes. */
 enum { MOST_GAIN = 64 };
 
-enum mode { MODE_ATTRIBUTES, MODE_TRIANGLES, MODE_INDICES };
+enum meshopt_mode { MODE_ATTRIBUTES, MODE_TRIANGLES, MODE_INDICES };
 enum filter { FILTER_NONE, FILTER_OCTAHEDRAL, FILTER_QUATERNION, FILTER_EXPONENTIAL };
 
 struct compressed_view {
@@ -89,7 +89,7 @@ static enum bvhd_status read_view(struct gltf_file *file, const struct gltf_valu
 static int decode(const struct compressed_view *view, unsigned char *data)
 {
     const struct bytes *bytes = &view->bytes;
-    switch ((enum mode)view->mode) {
+    switch ((enum meshopt_mode)view->mode) {
     case MODE_TRIANGLES:
         return meshopt_decodeIndexBuffer(data, view->count, view->stride, bytes->data, bytes->size);
     case MODE_INDICES:

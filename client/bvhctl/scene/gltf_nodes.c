@@ -7,7 +7,7 @@
 #include "client/bvhctl/scene/gltf_transform.h"
 
 /* A node that has to be visited, with the matrix of its parent, from object to world. */
-struct visit {
+struct node_visit {
     uint32_t node;
     struct gltf_matrix parent;
 };
@@ -17,7 +17,7 @@ struct walk {
     struct import *import;
     struct gltf_use *uses;
     bool *is_reached; /* for each node */
-    struct visit *stack;
+    struct node_visit *stack;
     uint64_t depth, stack_capacity, instance_capacity;
 };
 
@@ -44,7 +44,7 @@ static enum bvhd_status push(struct walk *walk, const struct gltf_value *place, 
         return gltf_no_memory(walk->file);
     walk->is_reached[node] = true;
     walk->stack = stack;
-    walk->stack[walk->depth++] = (struct visit){node, *parent};
+    walk->stack[walk->depth++] = (struct node_visit){node, *parent};
     return BVHD_OK;
 }
 
@@ -177,7 +177,7 @@ static enum bvhd_status push_nodes(struct walk *walk, const struct gltf_value *l
             return status;
     }
     for (uint64_t low = first, high = walk->depth; low + 1 < high; low++, high--) {
-        struct visit swapped = walk->stack[low];
+        struct node_visit swapped = walk->stack[low];
         walk->stack[low] = walk->stack[high - 1];
         walk->stack[high - 1] = swapped;
     }
@@ -188,7 +188,7 @@ static enum bvhd_status visit_all(struct walk *walk)
 {
     enum bvhd_status status = BVHD_OK;
     while (walk->depth && !status) {
-        struct visit visit = walk->stack[--walk->depth];
+        struct node_visit visit = walk->stack[--walk->depth];
         struct gltf_value node = gltf_item(walk->file, GLTF_NODES, visit.node), children;
         struct gltf_matrix local, world;
         status = gltf_transform_read(walk->file, &node, &local);
