@@ -416,8 +416,8 @@ static enum bvhd_status inflate_boxes(struct construction *construction)
 }
 
 /*
- * True when a tree that was made wide piece by piece has so many levels that a binary tree would have been made
- * shallower first.
+ * Returns whether the joined 8-wide tree has too many levels: the tree must then be built again through the binary
+ * tree, whose depth can be limited.
  */
 static bool is_too_deep(const struct construction *construction)
 {

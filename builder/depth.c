@@ -5,7 +5,7 @@
 
 #include "proto/base/parallel.h"
 
-/* What the pass knows about each node. */
+/* The state of one node during the pass. */
 struct node_state {
     uint32_t level; /* 1 for the root */
     uint32_t leaves;

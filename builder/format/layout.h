@@ -19,7 +19,7 @@ struct layout_sizes {
     uint64_t total, header, nodes, records, vertices, geometries;
 };
 
-/* What a layout writes a blob from. */
+/* The input of a layout, from which it writes a blob. */
 struct layout_input {
     const struct canonical *canonical;
     const struct ir *ir; /* with arity 8 only its boxes, refs and their counts are used: there may be no nodes */

@@ -9,7 +9,7 @@
 #include "builder/format/canonical.h"
 #include "builder/format/portable.h"
 
-/* What the records are written from, and where to. */
+/* The source and the destination of the records that are written. */
 struct portable_records {
     enum portable_content content;
     const struct canonical *canonical;

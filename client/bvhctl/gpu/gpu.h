@@ -16,7 +16,7 @@
 #include "client/vulkan/vulkan_kernel.h"
 #include "client/vulkan/vulkan_work.h"
 
-/* What is known about a device before it is opened. */
+/* The properties of a device, which are known before it is opened. */
 struct gpu_properties {
     char name[VK_MAX_PHYSICAL_DEVICE_NAME_SIZE];
     char driver[VK_MAX_DRIVER_NAME_SIZE + VK_MAX_DRIVER_INFO_SIZE + 2]; /* "llvmpipe Mesa 25.0.7" */

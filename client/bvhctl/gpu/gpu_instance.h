@@ -28,7 +28,7 @@ enum bvhd_status gpu_instance_init(struct gpu_instance *instance, struct memory 
 /* NULL-safe, idempotent. */
 void gpu_instance_finish(struct gpu_instance *instance);
 
-/* What gpu_open has to know about a device beyond struct gpu_properties. */
+/* The features of a device that gpu_open needs besides struct gpu_properties. */
 struct gpu_features {
     bool has_queue; /* a queue family can compute */
     uint32_t family; /* its index */

@@ -7,7 +7,7 @@
 
 #include "client/bvhctl/oracle/rays.h"
 
-/* Of a thousand samples, those that the bulk leaves out on each side along each axis. */
+/* The number of samples in a thousand that the extent of the scene ignores at each end of each axis. */
 enum { OUTLIERS = 4 };
 
 enum { MANY_INSTANCES = 16 };

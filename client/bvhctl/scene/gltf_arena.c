@@ -42,7 +42,10 @@ static void *allocate(size_t size)
     return (char *)block + block->used - size;
 }
 
-/* What is in an arena is only freed while that arena is current, because nobody deletes its JSON. */
+/*
+ * Frees memory from outside of arenas. The memory of an arena is freed together with it, so this does nothing while
+ * one is current; afterwards nobody may delete the JSON of an arena.
+ */
 static void release(void *data)
 {
     if (!current)

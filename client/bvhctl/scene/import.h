@@ -42,7 +42,7 @@ struct import_instance {
     bool skipped;
 };
 
-/* Who read a file. */
+/* The reader that has read a file. */
 enum import_reader { IMPORT_BY_ASSIMP, IMPORT_BY_PLY, IMPORT_BY_GLTF };
 
 struct import {

@@ -163,7 +163,7 @@ static const char *const beginnings[] = {
 static void test_tiny_files(void **state)
 {
     (void)state;
-    struct aiString list;
+    struct aiString list = {0}; /* the list is appended to what is there */
     struct random random = {11};
     aiGetExtensionList(&list); /* "*.3ds;*.obj;..." */
     int formats = 0;
