@@ -11,7 +11,7 @@
 
 enum { CONFIG_PATH_SIZE = 4096 };
 
-/* What the command line wants: the daemon to run, or only its help or version to be printed. */
+/* The purpose of the command line: to run the daemon, or only to print its help or version. */
 enum config_action { CONFIG_RUN, CONFIG_HELP, CONFIG_VERSION };
 
 struct config {

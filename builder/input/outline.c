@@ -5,6 +5,7 @@
 
 #include "builder/kernel/vec4.h"
 #include "proto/base/prefix.h"
+#include "proto/base/round_outward.h"
 
 /*
  * First lanes of the directions: sums and differences of an axis and the next one, and the corners. GROUPS vectors of
@@ -214,26 +215,14 @@ static void find_share(void *context, size_t index)
     finding->shares[index] = reach;
 }
 
-static float round_down(double value)
-{
-    float rounded = (float)value;
-    return (double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded + 0.0f;
-}
-
-static float round_up(double value)
-{
-    float rounded = (float)value;
-    return (double)rounded < value ? nextafterf(rounded, INFINITY) : rounded + 0.0f;
-}
-
 /*
- * Rounds outward. A sum or a difference has been rounded once; a corner has been rounded at its sum of two and once
- * more. 2^-23 of both magnitudes is more than these errors.
+ * Rounds outward, and -0 to 0, so that equal geometry has equal slabs. A sum or a difference has been rounded once; a
+ * corner has been rounded at its sum of two and once more. 2^-23 of both magnitudes is more than these errors.
  */
 static void put(struct slabs *slabs, int slab, float min, float max, double sum)
 {
-    slabs->min[slab] = round_down(min - (fabs((double)min) + sum) * 0x1p-23);
-    slabs->max[slab] = round_up(max + (fabs((double)max) + sum) * 0x1p-23);
+    slabs->min[slab] = round_down(min - (fabs((double)min) + sum) * 0x1p-23) + 0.0f;
+    slabs->max[slab] = round_up(max + (fabs((double)max) + sum) * 0x1p-23) + 0.0f;
 }
 
 /* Makes slabs from the extents; overflow and empty extents give slabs that are not valid, and so unknown ones. */
@@ -351,8 +340,8 @@ void outline_narrow(const float matrix[12], const struct box *bounds, const stru
     for (int axis = 0; axis < 3; axis++) {
         const float *row = matrix + 4 * axis;
         double slack = fabs((double)row[3]) * 0x1p-48;
-        float low = round_down(row[3] - reach_of(row, -1, bounds, slabs) - slack);
-        float high = round_up(row[3] + reach_of(row, 1, bounds, slabs) + slack);
+        float low = round_down(row[3] - reach_of(row, -1, bounds, slabs) - slack) + 0.0f;
+        float high = round_up(row[3] + reach_of(row, 1, bounds, slabs) + slack) + 0.0f;
         low = low > box->min[axis] ? low : box->min[axis];
         high = high < box->max[axis] ? high : box->max[axis];
         if (low > high)

@@ -7,6 +7,7 @@
 #include "builder/kernel/leaves.h"
 #include "builder/input/outline.h"
 #include "builder/kernel/vec4.h"
+#include "proto/base/round_outward.h"
 
 /* Primitives whose refs stay in the first-level cache. One task handles the chunks of a whole block. */
 enum { CHUNK = 1024 };
@@ -82,18 +83,6 @@ static struct classification look_at_aabb(const struct canonical_geometry *geome
     return finding;
 }
 
-static float round_down(double value)
-{
-    float rounded = (float)value;
-    return clamp_to_finite((double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded);
-}
-
-static float round_up(double value)
-{
-    float rounded = (float)value;
-    return clamp_to_finite((double)rounded < value ? nextafterf(rounded, INFINITY) : rounded);
-}
-
 /*
  * Transforms a box by its centre and half extent: c' = M c + t, e' = |M| e. `slack` bounds the rounding errors of these
  * few operations, relative to the sum of magnitudes.
@@ -110,8 +99,8 @@ static void transform_box(const float matrix[12], const struct box *box, struct 
             magnitude += fabs((double)m[axis]) * (fabs(min) + fabs(max));
         }
         double slack = magnitude * 0x1p-48;
-        ret_box->min[row] = round_down(centre - extent - slack);
-        ret_box->max[row] = round_up(centre + extent + slack);
+        ret_box->min[row] = clamp_to_finite(round_down(centre - extent - slack));
+        ret_box->max[row] = clamp_to_finite(round_up(centre + extent + slack));
     }
 }
 

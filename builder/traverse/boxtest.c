@@ -38,7 +38,7 @@ static bool in_float_range(const double origin[3], const double direction[3], co
 /*
  * Returns an upper bound of a sum of errors. The added thousandth covers the rounding of the sum and of this function.
  */
-static float round_up(double error)
+static float error_bound(double error)
 {
     return (float)(1.001 * error + underflow_error);
 }
@@ -79,13 +79,13 @@ bool boxtest_init(const double origin[3], const double direction[3], float tmin,
         ray.backward |= (unsigned)(direction[axis] < 0) << axis;
         if (fabs(direction[axis]) < parallel_ratio * speed) {
             ray.parallel_axes |= 1u << axis;
-            ray.parallel_slack[axis] = round_up(moved + t_reach * fabs(direction[axis]));
+            ray.parallel_slack[axis] = error_bound(moved + t_reach * fabs(direction[axis]));
             ray.slack[axis] = ray.common_slack[axis] = FLT_MAX;
         } else {
             double inverse = 1 / direction[axis], slack = moved * fabs(inverse) + t_error * t_reach;
             ray.inverse[axis] = (float)inverse;
-            ray.slack[axis] = round_up(slack);
-            ray.common_slack[axis] = round_up(slack + boxtest_gamma * distance * fabs(inverse));
+            ray.slack[axis] = error_bound(slack);
+            ray.common_slack[axis] = error_bound(slack + boxtest_gamma * distance * fabs(inverse));
         }
     }
     ray.planes = &boxtest_planes[ray.backward];

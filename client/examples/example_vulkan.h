@@ -8,7 +8,7 @@
 
 #include <vulkan/vulkan.h>
 
-/* What a device must support: compute shaders, also buffer addresses, also ray queries. */
+/* The features that a device must support: compute shaders, also buffer addresses, also ray queries. */
 enum example_device { EXAMPLE_COMPUTE, EXAMPLE_ADDRESSES, EXAMPLE_RAY_QUERIES };
 
 /* A device with one queue. */

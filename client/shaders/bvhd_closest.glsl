@@ -102,7 +102,7 @@ void set_order()
  */
 const float FARTHEST = 1.0e31;
 
-// What a ray needs to enter a structure.
+// The data with which a ray enters a structure.
 struct Entry {
     vec3 inverse;
     float box_margin, direction_low;
@@ -417,7 +417,7 @@ float longer_length(vec3 a, vec3 b)
 #endif
 }
 
-// What a triangle is tested against: a ray in the structure's space.
+// The ray that triangles are tested against, in the structure's space.
 struct TestRay {
     vec3 origin, direction;
     float volume_error, tmin, low, high;

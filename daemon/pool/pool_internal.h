@@ -108,7 +108,7 @@ struct pool {
 
     struct pool_job *ended, **ended_end; /* for pool_collect, oldest first */
 
-    /* What pool_unlock has to do after it has opened the lock. */
+    /* Wakeups that are due; pool_unlock does them after it has opened the lock. */
     struct pool_thread *to_wake; /* threads to post */
     bool wake_is_due; /* whether to call `wake` */
 
@@ -166,7 +166,7 @@ void pool_threads_pause(struct pool *pool, struct pool_flow *flow, uint64_t now)
 
 /* pool_flows.c */
 
-/* What a thread is to do next: tasks of a call, or a queued job. One of them is NULL, or both if there is no work. */
+/* The next work of a thread: tasks of a call, or a queued job. One of them is NULL, or both if there is no work. */
 struct pool_work {
     struct pool_call *call;
     struct pool_job *job;

@@ -42,7 +42,7 @@ enum { ADMISSION_SMALL_MAX = 1 << 20, ADMISSION_SMALL_DIVISOR = 1024 };
 
 enum { ADMISSION_ITERATION_STARTS = 64 };
 
-/* What a step has to be promised before it starts. */
+/* A step's demand for memory, which must be promised before the step starts. */
 struct admission_claim {
     uint64_t bytes;
     enum admission_class class;

@@ -41,7 +41,7 @@ struct request_events {
     void (*ended)(struct request_client *client, struct request *request);
 };
 
-/* What requests know of the session that they belong to. */
+/* The side of a session that its requests use. */
 struct request_client {
     struct service *service;
     const struct request_events *events;

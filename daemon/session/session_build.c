@@ -11,7 +11,7 @@
  */
 enum { MAX_ATTACHMENTS = 256 };
 
-/* What a BUILD frame consists of, until it has become a request. */
+/* The contents of a BUILD frame, until it has become a request. */
 struct intake {
     struct session *session;
     const struct frame *frame;

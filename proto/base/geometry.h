@@ -112,7 +112,7 @@ struct reference {
     struct slabs slabs; /* of the structure in its own space; may be unknown */
 };
 
-/* What a request can choose in addition to Vulkan's flags. */
+/* How much time a build may take to make tracing faster; requests choose it in addition to Vulkan's flags. */
 enum build_quality {
     QUALITY_UNSPECIFIED = 0, /* Vulkan's PREFER flags decide; without them the same as auto */
     QUALITY_FAST = 1,
@@ -130,7 +130,7 @@ enum target {
 /* Options of the portable layout. */
 enum { PORTABLE_FAST_TRIANGLES = 0x1 }; /* three float4 per triangle instead of shared, indexed vertices */
 
-/* What a request can choose besides Vulkan's structs. */
+/* The choices of a request for which Vulkan's structs have no member. */
 struct build_options {
     enum build_quality quality;
     enum target target;

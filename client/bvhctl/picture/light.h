@@ -44,7 +44,7 @@ struct light_shadow {
 };
 
 /*
- * What one camera ray contributes to a pixel. The components are separate, because ambient light is noisy and is
+ * The contribution of one camera ray to a pixel. The components are separate, because ambient light is noisy and is
  * smoothed before they are added up.
  */
 struct light_sample {

@@ -23,7 +23,7 @@ struct polygon_corner {
     bool is_cut; /* it was the tip of an ear */
 };
 
-/* What polygons share: memory, and a limit of the time that the search for ears may take. */
+/* Cuts polygons one after the other. It keeps memory for the next one, and limits the time of the search for ears. */
 struct polygon_cutter {
     struct memory *memory;
     struct polygon_corner *corners;

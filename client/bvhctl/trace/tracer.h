@@ -10,7 +10,7 @@
 #include "proto/base/parallel.h"
 #include "client/bvhctl/scene/structures.h"
 
-/* What a ray met, as every kind of tracer can tell it; 32 bytes, as kernels write it. */
+/* The hit of a ray, in the form that every kind of tracer can give; 32 bytes, as kernels write it. */
 struct tracer_hit {
     float t; /* INFINITY: nothing */
     float u, v;
@@ -22,10 +22,10 @@ struct tracer_hit {
 
 enum { TRACER_FRONT_FACE = 1, TRACER_AABB = 2 };
 
-/* What a ray that meets nothing has: all other fields are 0. */
+/* The answer for a ray that meets nothing: all other fields are 0. */
 extern const struct tracer_hit tracer_miss;
 
-/* What the CPU has found, in this form. */
+/* Converts a hit of the CPU's traversal to this form. */
 struct tracer_hit tracer_hit_of(const struct ray_hit *hit);
 
 struct tracer {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/bvhctl/trace/tracer_top.h"
 
-/* What a build needs besides the structure itself. */
+/* The inputs and memory of a build, besides the structure itself. */
 struct scaffold {
     struct gpu_buffer instance, scratch;
     VkAccelerationStructureGeometryKHR geometry;

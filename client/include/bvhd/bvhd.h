@@ -201,7 +201,7 @@ struct bvhd_build {
     enum bvhd_target target; /* 0: the target of `format`, or portable if `format` is NULL */
     uint32_t layout_flags;
     enum bvhd_priority priority;
-    /* What the device loads, with the same target. Required for a native target, NULL for portable. */
+    /* The format that the device loads, with the same target. Required for a native target, NULL for portable. */
     const struct bvhd_format *format;
     /*
      * The number of rays that each structure will meet in its life, divided by its number of primitives. With AUTO, the

@@ -210,7 +210,7 @@ enum {
     BVHD_TRACE_RAY_FLAGS = 0x2,
 };
 
-/* What to trace, and how. */
+/* The number of rays of one launch, and how they are traced. */
 struct bvhd_trace {
     size_t struct_size; /* sizeof(struct bvhd_trace) */
     uint32_t ray_count; /* how many rays to trace, from the start of the buffer: 0 .. the binding's max_rays */

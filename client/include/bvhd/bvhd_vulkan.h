@@ -118,7 +118,7 @@ BVHD_API enum bvhd_status bvhd_vulkan_rows(const struct bvhd_reference *referenc
 
 /* ---- Loading with the program's own allocator ---- */
 
-/* What the program has to create for one serialized structure. Sizes and alignments are in bytes. */
+/* The buffers that the program has to create for one serialized structure. Sizes and alignments are in bytes. */
 struct bvhd_vulkan_requirements {
     enum bvhd_target target;
     /*

@@ -9,7 +9,7 @@
 #include "tests/support/builder/scene_boxes.h"
 #include "client/bvhctl/trace/tracer.h"
 
-/* What the query does with candidates. AABBs are hit half way between where the ray enters and leaves them. */
+/* The query's policy for candidates. AABBs are hit half way between where the ray enters and leaves them. */
 enum query_policy {
     QUERY_ACCEPT,
     QUERY_IGNORE,

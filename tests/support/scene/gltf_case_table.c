@@ -18,7 +18,7 @@
 #define TWO_NODES "{'mesh':0},{'mesh':0,'translation':[10,0,0]}"
 
 const struct gltf_case gltf_cases[] = {
-    /* What is built. */
+    /* Files that are built. */
     {.name = "plain"},
     {.name = "indices of 8 bits", .primitives = "{'attributes':{'POSITION':0},'indices':2}"},
     {.name = "indices of 32 bits", .primitives = "{'attributes':{'POSITION':0},'indices':3}"},
@@ -95,7 +95,7 @@ const struct gltf_case gltf_cases[] = {
     {.name = "index in the middle", .primitives = INDICES,
      .accessors = ",{'bufferView':1,'byteOffset':6,'componentType':5123,'count':3,'type':'SCALAR'}", .triangles = 1},
 
-    /* What is refused, with its place. */
+    /* Files that are refused, with the place of the error. */
     {.name = "index beyond the vertices", .primitives = INDICES, .status = BVHD_INVALID,
      .accessors = ",{'bufferView':12,'componentType':5123,'count':6,'type':'SCALAR'}",
      .text = "accessors[10]: index 9 at 5 is beyond the 4 vertices of accessors[0]"},

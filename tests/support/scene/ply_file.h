@@ -20,7 +20,7 @@ struct ply_file {
     bool is_in_row; /* ASCII: the line has a number already */
 };
 
-/* What a reader has to find in a sample. */
+/* The answer that a reader has to find in a sample. */
 struct ply_expected {
     uint32_t vertices, triangles;
     float min[3], max[3]; /* of all vertices */

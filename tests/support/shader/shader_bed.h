@@ -12,7 +12,7 @@
 enum { SHADER_BED_CANDIDATES = 40, SHADER_BED_PORTION = 4096 };
 
 /*
- * What the kernel does with candidates: ACCEPT confirms all of them, IGNORE none, SOME those that shader_policy_accepts
+ * The kernel's policy for candidates: ACCEPT confirms all of them, IGNORE none, SOME those that shader_policy_accepts
  * names, and END confirms one and ends the query.
  */
 enum shader_policy { SHADER_ACCEPT, SHADER_IGNORE, SHADER_SOME, SHADER_END };

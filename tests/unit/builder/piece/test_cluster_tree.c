@@ -15,7 +15,7 @@ struct way {
     float cut_cost;
 };
 
-/* What the build qualities use, with leaves of several primitives and of one, and other values. */
+/* The settings of the build qualities, with leaves of several primitives and of one, and other values. */
 static const struct way ways[] = {{ploc_join, 3, 4},      {ploc_join, 1, 4},      {ploc_join, 31, 2},
                                   {binned_join, 3, 0.8f}, {binned_join, 1, 0.8f}, {binned_join, 31, 2},
                                   {binned_join, 2, 0.1f}};

@@ -510,7 +510,7 @@ static void test_own_buffer(void **state)
     memory_free(&memory, (void *)(uintptr_t)blob.data);
 }
 
-/* What the device says of denormal halves, it says each time; a CPU is faster without them. */
+/* A device gives the same answer about denormal halves each time; a CPU is faster without them. */
 static void test_small_halves(void **state)
 {
     (void)state;

@@ -13,7 +13,7 @@
 
 enum { MESHES = 6, LIVING = 5, RECORDS = 4096 };
 
-/* What a client asked for. */
+/* A request that a client has made. */
 struct asked {
     uint64_t request;
     bool is_build;

@@ -82,7 +82,7 @@ static void test_fails_while_sending(void **state)
     bed_close(&bed);
 }
 
-/* What a client sends after breaking the protocol is read and discarded, so that it can still receive the error. */
+/* After a client has broken the protocol, its bytes are read and discarded, so that it can still receive the error. */
 static void test_broken_while_sending(void **state)
 {
     struct bed bed;

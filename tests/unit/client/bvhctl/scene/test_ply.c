@@ -248,7 +248,7 @@ static void test_rounding(void **state)
     finish(&import, &memory);
 }
 
-/* What follows the last row, and lines of the header that mean nothing, are counted. */
+/* Bytes after the last row, and lines of the header that mean nothing, are counted. */
 static void test_counted(void **state)
 {
     (void)state;

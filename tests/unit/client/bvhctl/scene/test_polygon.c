@@ -148,7 +148,7 @@ static void test_straight(void **state)
     }
 }
 
-/* What is no polygon gives as many triangles, too. */
+/* Corners that form no simple polygon give as many triangles, too. */
 static void test_any(void **state)
 {
     (void)state;

@@ -89,7 +89,7 @@ static bool is_same(const struct tracer_hit *a, const struct tracer_hit *b)
            a->primitive == b->primitive && a->flags == b->flags;
 }
 
-/* What the CPU says of portable structures. */
+/* Returns the CPU's answer in portable structures. */
 static struct tracer_hit expect(const struct scene *scene, const struct ray *ray)
 {
     struct ray_hit hit;
@@ -145,7 +145,7 @@ static void trace_counts(struct tracer *tracer)
     memory_free(&memory, many);
 }
 
-/* What no ray query may be asked, and one that aims away. */
+/* Traces rays that Vulkan forbids, and one that aims away: none hits anything. */
 static void trace_nothing(struct tracer *tracer)
 {
     struct ray bad[6];
