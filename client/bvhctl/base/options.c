@@ -7,169 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "client/bvhctl/base/options_table.h"
 #include "proto/base/number.h"
-
-enum {
-    ON_BUILD = 1 << COMMAND_BUILD,
-    ON_CHECK = 1 << COMMAND_CHECK,
-    ON_INSPECT = 1 << COMMAND_INSPECT,
-    ON_TRACE = 1 << COMMAND_TRACE
-};
-enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
-enum { ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
-enum {
-    ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
-    ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING | ON_DEVICES | ON_PROBE,
-    ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* commands that may connect to a daemon */
-    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
-    ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
-    ON_MAIN = 1 << COMMAND_COUNT,
-};
-
-/* getopt's values of the options that have no letter. */
-enum {
-    OPTION_JSON = 256,
-    OPTION_LOCAL,
-    OPTION_SOCKET,
-    OPTION_CONNECT_TIMEOUT,
-    OPTION_DEPFILE,
-    OPTION_TARGET,
-    OPTION_PROBE,
-    OPTION_QUALITY,
-    OPTION_FLAGS,
-    OPTION_LAYOUT,
-    OPTION_GEOMETRY_FLAGS,
-    OPTION_RAYS,
-    OPTION_THREADS,
-    OPTION_MEMORY,
-    OPTION_SEED,
-    OPTION_FLIP_ORDER,
-    OPTION_SCENE,
-    OPTION_DEVICE,
-    OPTION_SIZE,
-    OPTION_UP,
-    OPTION_VERSION,
-};
-
-struct option_row {
-    const char *name;
-    int value;
-    const char *argument; /* its name in the help; NULL: the option takes none */
-    unsigned commands;
-    const char *help;
-};
-
-static const struct option_row option_rows[] = {
-    {"output", 'o', "PATH", ON_BUILD, "the directory for manifest.json and one .as file for each structure"},
-    {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
-    {"output", 'o', "FILE", ON_GET, "the file to write"},
-    {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
-    {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD,
-     "also write a make rule for manifest.json, with the files that the scenes were\nread from"},
-    {"target", OPTION_TARGET, "NAME", ON_BUILD,
-     "portable (default): for shaders on any device; lavapipe: for ray queries of that\ndriver, in the version of this "
-     "machine or in that of --probe"},
-    {"probe", OPTION_PROBE, "FILE", ON_BUILD,
-     "a file of 'bvhctl probe': build for the device that it describes; without\n--target, for the target that this "
-     "device loads"},
-    {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else auto)"},
-    {"flags", OPTION_FLAGS, "LIST", ON_BUILD,
-     "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build,\nlow-memory, allow-data-access; separated "
-     "by commas"},
-    {"layout", OPTION_LAYOUT, "LIST", ON_BUILD,
-     "fast-triangles: three float4 for each triangle, larger but faster to trace"},
-    {"geometry-flags", OPTION_GEOMETRY_FLAGS, "LIST", ON_BUILD, "opaque (default), no-duplicate-any-hit, none"},
-    {"rays", OPTION_RAYS, "N", ON_BUILD,
-     "expected rays for each primitive, by which the quality auto chooses; without it,\nauto is balanced"},
-    {"rays", OPTION_RAYS, "N", ON_CHECK, "number of rays to trace (default 4000)"},
-    {"seed", OPTION_SEED, "S", ON_CHECK, "seed of the random rays (default 1)"},
-    {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK,
-     "visit children in the opposite order; the answers must be the same"},
-    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_BUILD,
-     "build one scene of glTF files, by its name or its number from 0 (default: all\nscenes, as one)"},
-    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_CHECK | ON_TRACE,
-     "scene in the directory, by its name or by what build --scene chose (default:\n"
-     "check: that of the file; trace: the first)"},
-    {"device", OPTION_DEVICE, "NAME", ON_TRACE,
-     "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads\nthe structures, else cpu"},
-    {"device", OPTION_DEVICE, "NAME", ON_PROBE,
-     "its number or a part of its name, as 'bvhctl devices' prints them, or auto\n(default): the first of them"},
-    {"size", OPTION_SIZE, "WxH", ON_TRACE, "width and height of the picture (default 1280x720)"},
-    {"up", OPTION_UP, "AXIS", ON_TRACE, "the axis that points up: x, y, z or auto (default)"},
-    {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE,
-     "number of threads of this process (default: one for each processor); a daemon\nhas its own"},
-    {"memory", OPTION_MEMORY, "BYTES", ON_SCENES,
-     "limit for geometry and results, beyond which the command fails; K, M, G may\nfollow the number"},
-    {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
-    {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
-    {"socket", OPTION_SOCKET, "PATH", ON_SERVICE | ON_MAIN,
-     "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon;\nif there is none, a private "
-     "daemon is started)"},
-    {"local", OPTION_LOCAL, NULL, ON_ALONE, "has no effect: this command never uses a daemon"},
-    {"socket", OPTION_SOCKET, "PATH", ON_ALONE, "has no effect: this command never uses a daemon"},
-    {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SEC", ON_SERVICE | ON_MAIN,
-     "seconds to wait for a daemon (default 5)"},
-    {"help", 'h', NULL, ON_ALL | ON_MAIN, "print this help"},
-    {"version", OPTION_VERSION, NULL, ON_MAIN, "print the version"},
-};
-enum { OPTION_ROWS = sizeof option_rows / sizeof *option_rows };
-
-struct command_row {
-    const char *name;
-    const char *arguments;
-    const char *purpose;
-    int fewest, most; /* numbers of operands that are allowed */
-};
-
-static const struct command_row command_rows[COMMAND_COUNT] = {
-    [COMMAND_BUILD] = {"build", "SCENE... -o DIR", "build acceleration structures from scene files", 1, 1 << 20},
-    [COMMAND_CHECK] = {"check", "DIR SCENE", "check built files against brute force over their scene", 2, 2},
-    [COMMAND_INSPECT] = {"inspect", "PATH", "describe a built file or a probe, or all files of a directory", 1, 1},
-    [COMMAND_TRACE] = {"trace", "DIR --device NAME -o PNG", "render a picture of built structures", 1, 1},
-    [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure from the daemon, by its key", 1, 1},
-    [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},
-    [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
-    [COMMAND_DEVICES] = {"devices", "", "list the Vulkan devices of this machine, and what they load", 0, 0},
-    [COMMAND_PROBE] = {"probe", "--device NAME -o FILE",
-                       "find out what a device loads, for builds on machines without it", 0, 0},
-};
-
-struct name_value {
-    const char *name;
-    uint32_t value;
-};
-
-static const struct name_value build_flag_names[] = {
-    {"allow-update", BUILD_ALLOW_UPDATE},
-    {"allow-compaction", BUILD_ALLOW_COMPACTION},
-    {"prefer-fast-trace", BUILD_PREFER_FAST_TRACE},
-    {"prefer-fast-build", BUILD_PREFER_FAST_BUILD},
-    {"low-memory", BUILD_LOW_MEMORY},
-    {"allow-data-access", BUILD_ALLOW_DATA_ACCESS},
-    {NULL, 0},
-};
-
-static const struct name_value geometry_flag_names[] = {
-    {"opaque", GEOMETRY_OPAQUE},
-    {"no-duplicate-any-hit", GEOMETRY_NO_DUPLICATE_ANY_HIT},
-    {"none", 0},
-    {NULL, 0},
-};
-
-static const struct name_value layout_flag_names[] = {
-    {"fast-triangles", PORTABLE_FAST_TRIANGLES},
-    {NULL, 0},
-};
-
-static const struct name_value quality_names[] = {
-    {"fast", QUALITY_FAST}, {"balanced", QUALITY_BALANCED}, {"high", QUALITY_HIGH}, {"auto", QUALITY_AUTO}, {NULL, 0},
-};
-
-static const struct name_value target_names[] = {
-    {"portable", TARGET_PORTABLE},
-    {"lavapipe", TARGET_LAVAPIPE},
-    {NULL, 0},
-};
 
 bool options_want_json(int argc, char *const *argv)
 {
@@ -368,22 +207,20 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
 }
 
 /* Fills getopt's table with the options of `commands`. */
-static void fill_tables(unsigned commands, struct option table[OPTION_ROWS + 1])
+static void fill_tables(unsigned commands, struct option table[OPTION_ROWS_MOST])
 {
     size_t count = 0;
-    for (size_t i = 0; i < OPTION_ROWS; i++) {
-        const struct option_row *row = &option_rows[i];
+    for (const struct option_row *row = option_rows; row->name; row++)
         if (row->commands & commands)
             table[count++] =
                 (struct option){row->name, row->argument ? required_argument : no_argument, NULL, row->value};
-    }
     table[count] = (struct option){NULL, 0, NULL, 0};
 }
 
 static enum bvhd_status parse_options(int argc, char **argv, unsigned commands, struct options *options,
                                       struct bvhd_error *error)
 {
-    struct option table[OPTION_ROWS + 1];
+    struct option table[OPTION_ROWS_MOST];
     fill_tables(commands, table);
     const char *letters = commands == ON_MAIN ? "+:h" : commands & ON_OUTPUT ? ":ho:" : ":h";
     opterr = 0;
@@ -494,47 +331,4 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
     if (!status)
         *ret_options = options;
     return status;
-}
-
-static void print_option(const struct option_row *row)
-{
-    char name[64];
-    snprintf(name, sizeof name, "%s--%s%s%s",
-             row->value == 'o'   ? "-o, "
-             : row->value == 'h' ? "-h, "
-                                 : "    ",
-             row->name, row->argument ? " " : "", row->argument ? row->argument : "");
-    const char *text = row->help;
-    for (const char *label = name; text; label = "") {
-        size_t length = strcspn(text, "\n");
-        printf("  %-26s  %.*s\n", label, (int)length, text);
-        text = text[length] ? text + length + 1 : NULL;
-    }
-}
-
-static void print_options(unsigned commands)
-{
-    printf("\nOptions:\n");
-    for (size_t i = 0; i < OPTION_ROWS; i++)
-        if (option_rows[i].commands & commands)
-            print_option(&option_rows[i]);
-}
-
-void options_print_help(enum command about)
-{
-    if (about < COMMAND_COUNT) {
-        const struct command_row *row = &command_rows[about];
-        printf("Usage: bvhctl [--socket PATH%s] %s%s%s [OPTION...]\n\nWhat it does: %s.\n",
-               1u << about & ON_SCENES ? " | --local" : "", row->name, *row->arguments ? " " : "", row->arguments,
-               row->purpose);
-        print_options(1u << about);
-        return;
-    }
-    printf("Usage: bvhctl [--socket PATH | --local] COMMAND ...\n\n"
-           "Builds Vulkan acceleration structures on the CPU, and inspects the results.\n\nCommands:\n");
-    for (int i = 0; i < COMMAND_COUNT; i++)
-        printf("  %-8s %-23s  %s\n", command_rows[i].name, command_rows[i].arguments, command_rows[i].purpose);
-    print_options(ON_MAIN);
-    printf("\nbvhctl COMMAND --help says more about a command.\n"
-           "Exit status: 0 done, 1 failed, 2 wrong usage, 3 something wrong was found, 4 no daemon.\n");
 }

@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/base/options_table.h"
+
+const struct option_row option_rows[] = {
+    {"output", 'o', "PATH", ON_BUILD, "the directory for manifest.json and one .as file for each structure"},
+    {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
+    {"output", 'o', "FILE", ON_GET, "the file to write"},
+    {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
+    {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD,
+     "also write a make rule for manifest.json, with the files that the scenes were\nread from"},
+    {"target", OPTION_TARGET, "NAME", ON_BUILD,
+     "portable (default): for shaders on any device; lavapipe: for ray queries of that\ndriver, in the version of this "
+     "machine or in that of --probe"},
+    {"probe", OPTION_PROBE, "FILE", ON_BUILD,
+     "a file of 'bvhctl probe': build for the device that it describes; without\n--target, for the target that this "
+     "device loads"},
+    {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else auto)"},
+    {"flags", OPTION_FLAGS, "LIST", ON_BUILD,
+     "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build,\nlow-memory, allow-data-access; separated "
+     "by commas"},
+    {"layout", OPTION_LAYOUT, "LIST", ON_BUILD,
+     "fast-triangles: three float4 for each triangle, larger but faster to trace"},
+    {"geometry-flags", OPTION_GEOMETRY_FLAGS, "LIST", ON_BUILD, "opaque (default), no-duplicate-any-hit, none"},
+    {"rays", OPTION_RAYS, "N", ON_BUILD,
+     "expected rays for each primitive, by which the quality auto chooses; without it,\nauto is balanced"},
+    {"rays", OPTION_RAYS, "N", ON_CHECK, "number of rays to trace (default 4000)"},
+    {"seed", OPTION_SEED, "S", ON_CHECK, "seed of the random rays (default 1)"},
+    {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK,
+     "visit children in the opposite order; the answers must be the same"},
+    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_BUILD,
+     "build one scene of glTF files, by its name or its number from 0 (default: all\nscenes, as one)"},
+    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_CHECK | ON_TRACE,
+     "scene in the directory, by its name or by what build --scene chose (default:\n"
+     "check: that of the file; trace: the first)"},
+    {"device", OPTION_DEVICE, "NAME", ON_TRACE,
+     "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads\nthe structures, else cpu"},
+    {"device", OPTION_DEVICE, "NAME", ON_PROBE,
+     "its number or a part of its name, as 'bvhctl devices' prints them, or auto\n(default): the first of them"},
+    {"size", OPTION_SIZE, "WxH", ON_TRACE, "width and height of the picture (default 1280x720)"},
+    {"up", OPTION_UP, "AXIS", ON_TRACE, "the axis that points up: x, y, z or auto (default)"},
+    {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE,
+     "number of threads of this process (default: one for each processor); a daemon\nhas its own"},
+    {"memory", OPTION_MEMORY, "BYTES", ON_SCENES,
+     "limit for geometry and results, beyond which the command fails; K, M, G may\nfollow the number"},
+    {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
+    {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
+    {"socket", OPTION_SOCKET, "PATH", ON_SERVICE | ON_MAIN,
+     "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon;\nif there is none, a private "
+     "daemon is started)"},
+    {"local", OPTION_LOCAL, NULL, ON_ALONE, "has no effect: this command never uses a daemon"},
+    {"socket", OPTION_SOCKET, "PATH", ON_ALONE, "has no effect: this command never uses a daemon"},
+    {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SEC", ON_SERVICE | ON_MAIN,
+     "seconds to wait for a daemon (default 5)"},
+    {"help", 'h', NULL, ON_ALL | ON_MAIN, "print this help"},
+    {"version", OPTION_VERSION, NULL, ON_MAIN, "print the version"},
+    {NULL, 0, NULL, 0, NULL},
+};
+
+_Static_assert(sizeof option_rows / sizeof *option_rows <= OPTION_ROWS_MOST, "room in tables of options");
+const struct command_row command_rows[COMMAND_COUNT] = {
+    [COMMAND_BUILD] = {"build", "SCENE... -o DIR", "build acceleration structures from scene files", 1, 1 << 20},
+    [COMMAND_CHECK] = {"check", "DIR SCENE", "check built files against brute force over their scene", 2, 2},
+    [COMMAND_INSPECT] = {"inspect", "PATH", "describe a built file or a probe, or all files of a directory", 1, 1},
+    [COMMAND_TRACE] = {"trace", "DIR --device NAME -o PNG", "render a picture of built structures", 1, 1},
+    [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure from the daemon, by its key", 1, 1},
+    [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},
+    [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
+    [COMMAND_DEVICES] = {"devices", "", "list the Vulkan devices of this machine, and what they load", 0, 0},
+    [COMMAND_PROBE] = {"probe", "--device NAME -o FILE",
+                       "find out what a device loads, for builds on machines without it", 0, 0},
+};
+
+const struct name_value build_flag_names[] = {
+    {"allow-update", BUILD_ALLOW_UPDATE},
+    {"allow-compaction", BUILD_ALLOW_COMPACTION},
+    {"prefer-fast-trace", BUILD_PREFER_FAST_TRACE},
+    {"prefer-fast-build", BUILD_PREFER_FAST_BUILD},
+    {"low-memory", BUILD_LOW_MEMORY},
+    {"allow-data-access", BUILD_ALLOW_DATA_ACCESS},
+    {NULL, 0},
+};
+
+const struct name_value geometry_flag_names[] = {
+    {"opaque", GEOMETRY_OPAQUE},
+    {"no-duplicate-any-hit", GEOMETRY_NO_DUPLICATE_ANY_HIT},
+    {"none", 0},
+    {NULL, 0},
+};
+
+const struct name_value layout_flag_names[] = {
+    {"fast-triangles", PORTABLE_FAST_TRIANGLES},
+    {NULL, 0},
+};
+
+const struct name_value quality_names[] = {
+    {"fast", QUALITY_FAST}, {"balanced", QUALITY_BALANCED}, {"high", QUALITY_HIGH}, {"auto", QUALITY_AUTO}, {NULL, 0},
+};
+
+const struct name_value target_names[] = {
+    {"portable", TARGET_PORTABLE},
+    {"lavapipe", TARGET_LAVAPIPE},
+    {NULL, 0},
+};

@@ -1,0 +1,87 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * options_table.h - the commands of bvhctl, their options, and the names that options take as values. Parser, help
+ * texts and completion follow from these tables.
+ */
+#ifndef BVHCTL_OPTIONS_TABLE_H
+#define BVHCTL_OPTIONS_TABLE_H
+
+#include <stddef.h>
+
+#include "client/bvhctl/base/options.h"
+
+/* Sets of commands. */
+enum {
+    ON_BUILD = 1 << COMMAND_BUILD,
+    ON_CHECK = 1 << COMMAND_CHECK,
+    ON_INSPECT = 1 << COMMAND_INSPECT,
+    ON_TRACE = 1 << COMMAND_TRACE
+};
+enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
+enum { ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
+enum {
+    ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
+    ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING | ON_DEVICES | ON_PROBE,
+    ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* commands that may connect to a daemon */
+    ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
+    ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
+    ON_MAIN = 1 << COMMAND_COUNT,
+};
+
+/* getopt's values of the options that have no letter. */
+enum {
+    OPTION_JSON = 256,
+    OPTION_LOCAL,
+    OPTION_SOCKET,
+    OPTION_CONNECT_TIMEOUT,
+    OPTION_DEPFILE,
+    OPTION_TARGET,
+    OPTION_PROBE,
+    OPTION_QUALITY,
+    OPTION_FLAGS,
+    OPTION_LAYOUT,
+    OPTION_GEOMETRY_FLAGS,
+    OPTION_RAYS,
+    OPTION_THREADS,
+    OPTION_MEMORY,
+    OPTION_SEED,
+    OPTION_FLIP_ORDER,
+    OPTION_SCENE,
+    OPTION_DEVICE,
+    OPTION_SIZE,
+    OPTION_UP,
+    OPTION_VERSION,
+};
+
+struct option_row {
+    const char *name;
+    int value;
+    const char *argument; /* its name in the help; NULL: the option takes none */
+    unsigned commands;
+    const char *help;
+};
+
+enum { OPTION_ROWS_MOST = 64 };
+
+/* An option whose meaning depends on the command has several rows. Ends with a row whose name is NULL. */
+extern const struct option_row option_rows[];
+
+struct command_row {
+    const char *name;
+    const char *arguments;
+    const char *purpose;
+    int fewest, most; /* numbers of operands that are allowed */
+};
+
+extern const struct command_row command_rows[COMMAND_COUNT];
+
+struct name_value {
+    const char *name;
+    uint32_t value;
+};
+
+/* They end with a name that is NULL. */
+extern const struct name_value build_flag_names[], geometry_flag_names[], layout_flag_names[], quality_names[],
+    target_names[];
+
+#endif
