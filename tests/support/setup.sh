@@ -8,9 +8,10 @@
 # The scripts parse numbers and messages of the C locale.
 export LC_ALL=C
 
-setup_build_packages="gcc libc6-dev meson ninja-build pkg-config libassimp-dev libcjson-dev \
-libmeshoptimizer-dev libssl-dev libpng-dev libvulkan-dev glslang-tools libprotobuf-c-dev \
-protobuf-c-compiler libuv1-dev libsystemd-dev"
+setup_client_packages="gcc libc6-dev meson ninja-build pkg-config libvulkan-dev glslang-tools \
+libprotobuf-c-dev protobuf-c-compiler"
+setup_build_packages="$setup_client_packages libassimp-dev libcjson-dev libmeshoptimizer-dev libssl-dev \
+libpng-dev libuv1-dev libsystemd-dev"
 setup_bench_packages="cmake libembree-dev gnuplot-nox"
 setup_check_packages="$setup_build_packages $setup_bench_packages g++ clang libclang-rt-dev libcmocka-dev systemd"
 
