@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# subproject.sh SOURCE COMPILER... - builds bvhd as the subproject of another meson project, with the option client_only,
-# where pkg-config knows only what the client library needs; runs the program; and checks what is installed. It prints
-# each expectation that does not hold, and its status is 1 if there is one.
+# subproject.sh SOURCE COMPILER... - builds bvhd as the subproject of another meson project, with the option
+# client_only, where pkg-config knows only what the client library needs; runs the program; and checks what is
+# installed. It prints each expectation that does not hold, and its status is 1 if there is one.
 set -u
 export LC_ALL=C
 # shellcheck source=tests/support/expect.sh
