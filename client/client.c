@@ -6,6 +6,7 @@
 #include "client/incoming.h"
 #include "client/outgoing.h"
 
+#define OPTIONS_WITHOUT_LOCAL offsetof(struct bvhd_client_options, local)
 #define DEFAULT_CONNECT_TIMEOUT_MS 5000
 #define DEFAULT_LOST_AFTER_MS 10000
 #define MAX_POOL_SIZE (UINT64_C(64) << 20)
@@ -30,15 +31,32 @@ static uint64_t ns_or(uint32_t ms, uint32_t standard)
     return (ms ? ms : standard) * LIBRARY_MS;
 }
 
+/* Reads options of this version or an older one, whose fields that are missing count as 0. NULL is allowed. */
+static enum bvhd_status read_options(const struct bvhd_client_options *options, struct bvhd_client_options *ret_options,
+                                     struct bvhd_error *error)
+{
+    struct bvhd_client_options copy = {.struct_size = sizeof copy};
+    size_t size = options ? options->struct_size : 0;
+    if (options && size < sizeof copy && size != OPTIONS_WITHOUT_LOCAL)
+        return bvhd_error_set(error, BVHD_INVALID, "options.struct_size",
+                              "%zu bytes instead of sizeof(struct bvhd_client_options)", size);
+    if (options)
+        memcpy(&copy, options, size < sizeof copy ? size : sizeof copy);
+    if ((unsigned)copy.local > BVHD_LOCAL_ALWAYS)
+        return bvhd_error_set(error, BVHD_INVALID, "options.local", "%d is no value of enum bvhd_local",
+                              (int)copy.local);
+    *ret_options = copy;
+    return BVHD_OK;
+}
+
 enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, struct bvhd_client **ret_client,
                                     struct bvhd_error *ret_error)
 {
-    static const struct bvhd_client_options standard = {.struct_size = sizeof standard};
-    if (!options)
-        options = &standard;
-    if (options->struct_size < sizeof *options)
-        return bvhd_error_set(ret_error, BVHD_INVALID, "options.struct_size",
-                              "%zu bytes instead of sizeof(struct bvhd_client_options)", options->struct_size);
+    struct bvhd_client_options given = {0};
+    enum bvhd_status status = read_options(options, &given, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    options = &given;
     struct bvhd_client *client = memory_alloc(&library_memory, sizeof *client);
     if (!client)
         return bvhd_error_no_memory(ret_error, "client", "no memory for it");
@@ -49,7 +67,6 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
     };
     uint64_t pool_size = options->pool_size && options->pool_size < MAX_POOL_SIZE ? options->pool_size : MAX_POOL_SIZE;
     placement_init(&client->placement, &library_memory, pool_size);
-    enum bvhd_status status = BVHD_OK;
     if (!address_init(&client->address, options->socket_path))
         status = bvhd_error_no_memory(ret_error, "client", "no memory for it");
     if (status == BVHD_OK)

@@ -75,6 +75,13 @@ BVHD_API enum bvhd_status bvhd_key_from_text(const char *text, struct bvhd_key *
 
 /* ---- The client: a connection to the service, which is made when it is needed. ---- */
 
+/* Whether a client builds structures in the program's own process, which needs the library libbvhd_build. */
+enum bvhd_local {
+    BVHD_LOCAL_IF_NO_DAEMON = 0, /* only if no daemon answers */
+    BVHD_LOCAL_NEVER = 1,
+    BVHD_LOCAL_ALWAYS = 2, /* always: the client never looks for a daemon */
+};
+
 /* How a client finds its daemon, and how long it waits. All fields but struct_size may be 0. */
 struct bvhd_client_options {
     size_t struct_size; /* sizeof(struct bvhd_client_options): later versions may add fields */
@@ -90,6 +97,12 @@ struct bvhd_client_options {
      * also the maximum.
      */
     uint64_t pool_size;
+    enum bvhd_local local; /* whether structures may be built in this process */
+    /*
+     * How many threads the client may start for builds in this process, at most one for each processor. 0: it starts
+     * none, and builds inside of bvhd_batch_wait and bvhd_batch_wait_copied, on the threads that call them.
+     */
+    uint32_t local_threads;
 };
 
 /*
