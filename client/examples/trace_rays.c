@@ -1,11 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * trace_rays.c - traces the rays of one buffer into the hits of another by the library's own kernels (bvhd_trace.h),
- * and prints how many rays a second that is.
- *
- *     trace_rays                         4,096 rays through a small scene, which the service builds
- *     trace_rays RAYS STRUCTURE.as...    rays of a file (one struct bvhd_ray after the other) through structures of
- *                                        `bvhctl build`: bottom levels in order, and the top level last
+ * and prints how many rays a second that is: 4,096 rays through a small scene, which the service builds. It measures by
+ * the device's clock. trace_files.c is shorter, and traces rays and structures of files.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,25 +14,6 @@
 #include "example_vulkan.h"
 
 enum { SIDE = 64, LAUNCHES = 21, HOST = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT };
-
-/* Reads a file into a block of malloc, which is aligned to 16 bytes as bvhd_vulkan_check needs it. */
-static struct bvhd_vulkan_bytes read_file(const char *path)
-{
-    struct bvhd_vulkan_bytes bytes = {NULL, 0};
-    FILE *file = fopen(path, "rb");
-    void *data = NULL;
-    long size = file && fseek(file, 0, SEEK_END) == 0 ? ftell(file) : -1;
-    if (size > 0 && fseek(file, 0, SEEK_SET) == 0)
-        data = malloc((size_t)size);
-    if (!data || fread(data, 1, (size_t)size, file) != (size_t)size) {
-        fprintf(stderr, "%s: cannot be read\n", path);
-        exit(1);
-    }
-    fclose(file);
-    bytes.data = data;
-    bytes.size = (uint64_t)size;
-    return bytes;
-}
 
 /* Makes rays straight down over [0, 4) x [0, 4), like those of rays.comp. */
 static struct bvhd_vulkan_bytes make_rays(void)
@@ -169,10 +147,9 @@ static void run(const struct example_vulkan *vulkan, const struct bvhd_tracer *t
     example_free(vulkan, &readback);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    const uint32_t count = argc > 2 ? (uint32_t)argc - 2 : EXAMPLE_BLOBS;
-    struct bvhd_vulkan_bytes *blobs = calloc(count, sizeof *blobs), rays;
+    struct bvhd_vulkan_bytes blobs[EXAMPLE_BLOBS], rays = make_rays();
     struct example_vulkan vulkan;
     struct example_build build;
     struct bvhd_vulkan_device *device;
@@ -181,9 +158,9 @@ int main(int argc, char **argv)
     struct bvhd_error error;
     uint32_t i;
 
-    if (!blobs || argc == 2) {
-        fprintf(stderr, "usage: trace_rays [RAYS STRUCTURE.as...]\n");
-        return 2;
+    if (!rays.data) {
+        fprintf(stderr, "no memory for the rays\n");
+        return 1;
     }
     example_open(&vulkan, EXAMPLE_ADDRESSES);
     const struct bvhd_vulkan_device_options options = {.struct_size = sizeof options,
@@ -195,35 +172,26 @@ int main(int argc, char **argv)
     const struct bvhd_vulkan_queue queue = {vulkan.queue, vulkan.family};
     example_must(bvhd_vulkan_device_create(&options, &device, &error), &error);
 
-    if (argc > 2) {
-        for (i = 0; i < count; i++)
-            blobs[i] = read_file(argv[2 + i]);
-        rays = read_file(argv[1]);
-    } else {
-        example_build(&build, NULL);
-        for (i = 0; i < count; i++) {
-            blobs[i].data = build.results[i]->data;
-            blobs[i].size = build.results[i]->size;
-        }
-        rays = make_rays();
+    example_build(&build, NULL);
+    for (i = 0; i < EXAMPLE_BLOBS; i++) {
+        blobs[i].data = build.results[i]->data;
+        blobs[i].size = build.results[i]->size;
     }
     const struct bvhd_vulkan_scene_options what = {
-        .struct_size = sizeof what, .blobs = blobs, .blob_count = count, .flags = BVHD_VULKAN_SCENE_ADDRESSES};
+        .struct_size = sizeof what, .blobs = blobs, .blob_count = EXAMPLE_BLOBS, .flags = BVHD_VULKAN_SCENE_ADDRESSES};
     example_must(bvhd_vulkan_scene_create(device, &queue, &what, &scene, &error), &error);
-    const struct bvhd_tracer_options kernels = {
-        .struct_size = sizeof kernels, .scene = scene, .root = count - 1, .has_shader_float64 = vulkan.has_float64};
+    const struct bvhd_tracer_options kernels = {.struct_size = sizeof kernels,
+                                                .scene = scene,
+                                                .root = EXAMPLE_BLOBS - 1,
+                                                .has_shader_float64 = vulkan.has_float64};
     example_must(bvhd_tracer_create(device, &queue, &kernels, &tracer, &error), &error);
 
     run(&vulkan, tracer, rays);
 
     bvhd_tracer_destroy(tracer);
     bvhd_vulkan_scene_destroy(scene);
-    if (argc <= 2)
-        example_build_end(&build);
-    for (i = 0; argc > 2 && i < count; i++)
-        free((void *)(uintptr_t)blobs[i].data);
+    example_build_end(&build);
     free((void *)(uintptr_t)rays.data);
-    free(blobs);
     bvhd_vulkan_device_destroy(device);
     example_close(&vulkan);
     return 0;

@@ -67,5 +67,32 @@ for name in load_native load_portable load_scene trace_rays; do
     [ $name != trace_rays ] || grep -Eq ': [0-9.]+ million rays a second' log || fail "$name: no rate"
     runs=$((runs + 1))
 done
+# One ray, straight down onto one triangle; each number is a little-endian float.
+$compiler -std=c99 -pedantic -Wall -Wextra -Werror trace_files.c -o trace_files $(pkg --cflags --libs) -lvulkan \
+    >log 2>&1 || fail 'trace_files does not compile'
+cat >triangle.ply <<'EOT'
+ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+EOT
+quarter='\0\0\200\076' one='\0\0\200\077' minus_one='\0\0\200\277' two='\0\0\0\100' zero='\0\0\0\0' mask='\377\0\0\0'
+# shellcheck disable=SC2059 # the format is the bytes
+printf "$quarter$quarter$one$zero$zero$zero$minus_one$two$zero$mask$zero$zero" >one.rays
+"$prefix/bin/bvhctl" --local build triangle.ply -o built >log 2>&1 || fail 'no structure of one triangle'
+if [ $runs -gt 0 ]; then
+    ./trace_files one.rays built/*blas*.as built/*tlas*.as >log 2>&1 || fail 'trace_files failed'
+    grep -q '^1 of 1 rays hit something; [0-9.]* million rays a second$' log || fail 'trace_files: no hit'
+    runs=$((runs + 1))
+fi
 echo "$runs examples ran"
 [ $runs -gt 0 ] || exit 77
