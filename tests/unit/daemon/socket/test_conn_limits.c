@@ -310,8 +310,9 @@ static void test_costly_ones_come_last(void **state)
     for (int i = 0; i < BED_CLIENTS - 1; i++)
         bed_send(clients[i], FAKE_COSTLY, 2);
     bed_send(clients[BED_CLIENTS - 1], FRAME_PING, 2);
-    uv_run(&bed.loop, UV_RUN_NOWAIT);
-    uv_run(&bed.loop, UV_RUN_NOWAIT);
+    /* An iteration that is interrupted for the whole share of the costly ones serves none of them. */
+    while (bed.service.frames - before < 2)
+        uv_run(&bed.loop, UV_RUN_NOWAIT);
     assert_int_equal(bed.service.frames - before, 2);
     bed_read(clients[BED_CLIENTS - 1]);
     assert_int_equal(frame_parser_next(&clients[BED_CLIENTS - 1]->parser, &frame, &found, NULL), BVHD_OK);
