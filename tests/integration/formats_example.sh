@@ -12,7 +12,7 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
 
-sed -n '/^## 7/,$p' "$formats" >section
+sed -n '/^## 8/,$p' "$formats" >section
 awk '/^```/ { inside = /^```ply/; next } inside' section >triangle.ply
 expect 'there is a PLY file' [ -s triangle.ply ]
 

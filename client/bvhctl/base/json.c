@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "proto/base/utf8.h"
+
 void json_init(struct json *json, struct memory *memory, bool lines)
 {
     *json = (struct json){.memory = memory, .lines = lines, .empty = true};
@@ -48,28 +50,6 @@ static void append(struct json *json, const char *text, size_t size)
 static void append_word(struct json *json, const char *text)
 {
     append(json, text, strlen(text));
-}
-
-/*
- * Returns the number of bytes of the UTF-8 sequence at `at` in a NUL-terminated text, or 0 when it is not valid:
- * overlong, a surrogate, too large or truncated.
- */
-static unsigned utf8_length(const unsigned char *at)
-{
-    unsigned char lead = at[0];
-    if (lead < 0x80)
-        return 1;
-    unsigned length = lead >= 0xc2 && lead <= 0xdf   ? 2
-                      : (lead & 0xf0) == 0xe0        ? 3
-                      : lead >= 0xf0 && lead <= 0xf4 ? 4
-                                                     : 0;
-    for (unsigned i = 1; i < length; i++)
-        if ((at[i] & 0xc0) != 0x80)
-            return 0;
-    if ((lead == 0xe0 && at[1] < 0xa0) || (lead == 0xed && at[1] > 0x9f) || (lead == 0xf0 && at[1] < 0x90) ||
-        (lead == 0xf4 && at[1] > 0x8f))
-        return 0;
-    return length;
 }
 
 static void append_control(struct json *json, unsigned char character)
