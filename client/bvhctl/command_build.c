@@ -10,6 +10,7 @@
 #include "client/bvhctl/base/depfile.h"
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/scene/manifest.h"
+#include "client/bvhctl/scene/notes.h"
 #include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/gpu/probe_source.h"
 
@@ -62,24 +63,6 @@ static void fail(struct build_command *run, const char *what, const struct bvhd_
     run->report.failed |= !copy;
     if (copy)
         run->failures[run->failure_count++] = (struct failure){copy, *error};
-}
-
-static void note_import(const struct import *import)
-{
-    const struct import_counts *counts = &import->counts;
-    if (counts->points || counts->lines)
-        report_note(import->name, "not geometry, left out: %llu points, %llu lines", (unsigned long long)counts->points,
-                    (unsigned long long)counts->lines);
-    if (counts->skins || counts->morphs)
-        report_note(import->name, "not geometry, built at rest: %llu skinned meshes, %llu morph targets",
-                    (unsigned long long)counts->skins, (unsigned long long)counts->morphs);
-    for (int i = 4; i < IMPORT_COUNT_KINDS; i++)
-        if (import_counts_get(counts, i))
-            report_note(import->name, "%llu %s", (unsigned long long)import_counts_get(counts, i),
-                        import_count_kinds[i].text);
-    if (import->skipped_instances)
-        report_note(import->name, "%llu instances made inactive: their matrix has no inverse (%s)",
-                    (unsigned long long)import->skipped_instances, bvhd_vuid_string(BVHD_VUID_03799));
 }
 
 static void write_scene(struct build_command *run, const struct import *import, const char *path)
@@ -143,34 +126,6 @@ static enum bvhd_status keep_structure(struct build_command *run, const struct a
     if (!run->options->json)
         print_structure(item, files[index], index == assembly->import->bottom_count);
     return BVHD_OK;
-}
-
-/* Reports the triangles of a scene that no ray can hit. Some targets and flags keep them in the structure. */
-static void note_activity(const struct assembly *assembly)
-{
-    const struct import *import = assembly->import;
-    uint64_t inactive = 0, degenerate = 0, skipped = 0, hidden = 0, triangles = 0;
-    for (uint32_t i = 0; i < import->bottom_count; i++) {
-        const struct bvhd_result *item = &assembly->items[i];
-        triangles += item->primitives;
-        inactive += item->inactive;
-        degenerate += item->degenerate;
-        skipped += item->skipped > item->degenerate ? item->skipped - item->degenerate : 0;
-        hidden += item->inactive + (item->skipped > item->degenerate ? item->skipped : item->degenerate);
-    }
-    if (inactive)
-        report_note(import->name, "%llu triangles are inactive, because a corner is not a number",
-                    (unsigned long long)inactive);
-    if (degenerate)
-        report_note(import->name, "%llu triangles are degenerate: they have no area", (unsigned long long)degenerate);
-    if (skipped)
-        report_note(import->name, "%llu triangles have a corner that is not finite", (unsigned long long)skipped);
-    if (triangles && hidden == triangles)
-        report_note(import->name, "warning: no ray can hit anything in it, because this is so for all %llu triangles",
-                    (unsigned long long)triangles);
-    else if (import->skipped_instances == import->instance_count)
-        report_note(import->name, "warning: no ray can hit anything in it, because all its %u instances are inactive",
-                    import->instance_count);
 }
 
 static bool is_interrupted(const struct build_command *run)
@@ -238,7 +193,7 @@ static enum bvhd_status build_imported(struct build_command *run, const struct i
     progress_end(&run->progress);
     if (!status) {
         keep_structures(run, &assembly, files);
-        note_activity(&assembly);
+        notes_activity(&assembly);
         assembly_finish(&assembly);
     }
     free_file_names(import, files);
@@ -255,7 +210,7 @@ static void build_scene(struct build_command *run, const char *path)
             fail(run, "build", &error);
         return;
     }
-    note_import(&import);
+    notes_left_out(&import);
     write_scene(run, &import, path);
     for (uint32_t i = 0; i < import.file_count; i++)
         depfile_add(&run->depfile, import.files[i]);
@@ -281,9 +236,11 @@ static enum bvhd_status check_names(const struct options *options, struct memory
             status = bvhd_error_no_memory(error, options->operands[count], "no memory for its name");
         for (int i = 0; i < count && !status; i++)
             if (!strcmp(names[i], names[count]))
-                status =
-                    bvhd_error_set(error, BVHD_INVALID, options->operands[count],
-                                   "another scene has the name '%s', too: give them different directories", names[i]);
+                status = bvhd_error_set(
+                    error, BVHD_INVALID, options->operands[count],
+                    "its files would have the same names as those of %s ('%s...'): rename one of the two, or "
+                    "build them by two commands with different directories (-o)",
+                    options->operands[i], names[i]);
     }
     for (int i = 0; i < count; i++)
         memory_free(memory, names[i]);
@@ -348,8 +305,9 @@ static void print_report(struct build_command *run)
 
 static void print_summary(const struct build_command *run)
 {
-    printf("%llu structures, %.2f MB, %llu files changed, %.0f ms\n", (unsigned long long)run->structure_count,
-           (double)run->byte_count / 1e6, (unsigned long long)run->changed_count, clock_ms() - run->start);
+    printf("%llu structure%s, %.2f MB, %llu file%s changed, %.0f ms\n", (unsigned long long)run->structure_count,
+           run->structure_count == 1 ? "" : "s", (double)run->byte_count / 1e6, (unsigned long long)run->changed_count,
+           run->changed_count == 1 ? "" : "s", clock_ms() - run->start);
 }
 
 static void write_lists(struct build_command *run)
@@ -375,7 +333,8 @@ static enum exit_code finish_output(struct build_command *run)
     write_lists(run);
     bool ok = true;
     if (!run->options->json) {
-        print_summary(run);
+        if (run->structure_count)
+            print_summary(run);
         ok = report_flush();
     } else if (run->structure_count == 0 && run->failure_count) {
         report_failure_json(&run->failures[0].error);

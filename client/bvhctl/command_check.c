@@ -2,6 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "client/bvhctl/base/files.h"
 #include "client/bvhctl/commands.h"
 #include "client/bvhctl/scene/import_compare.h"
 #include "client/bvhctl/service/local.h"
@@ -31,44 +32,60 @@ struct tally {
     double t_rel_err_max;
 };
 
+/* What of a directory and of a file is compared. */
+struct choice {
+    char *file; /* the name of the file without its ending */
+    char *name; /* the scene's name in the manifest; NULL: what --scene says, which the manifest may not have */
+    const char *source; /* the scene of the file; NULL: all of it */
+    char number[16];
+};
+
 /*
- * Finds which scene of the file the structures were built from, in the manifest. *ret_scene is NULL for all of the
- * file, and points into `number` or the options otherwise. A manifest that cannot be read is reported when it is
- * opened.
+ * Finds which scene of the file the structures were built from, in the manifest. A manifest that cannot be read is
+ * reported when it is opened.
  */
-static void find_source(struct check_command *run, char number[16], const char *wanted, const char **ret_scene)
+static void find_source(struct check_command *run, struct choice *choice)
 {
     struct manifest manifest;
     struct bvhd_error ignored;
-    *ret_scene = NULL;
+    const char *wanted = run->options->scene ? run->options->scene : choice->file;
     if (manifest_read(run->options->operands[0], &run->local.memory, &manifest, &ignored))
         return;
-    const struct manifest_entry *top = manifest_find_top(&manifest, wanted);
+    const struct manifest_entry *top = manifest_find_top(&manifest, choice->file, wanted);
+    if (top)
+        choice->name = files_copy_text(&run->local.memory, top->scene);
     if (top && top->has_source) {
-        snprintf(number, 16, "%u", top->source_number);
-        *ret_scene = run->options->scene && strcmp(run->options->scene, top->scene) ? run->options->scene : number;
+        snprintf(choice->number, sizeof choice->number, "%u", top->source_number);
+        choice->source = choice->number;
     }
     manifest_finish(&manifest);
+}
+
+static enum bvhd_status open_choice(struct check_command *run, const struct choice *choice, struct bvhd_error *error)
+{
+    struct memory *memory = &run->local.memory;
+    const struct options *options = run->options;
+    const char *name = choice->name ? choice->name : options->scene ? options->scene : choice->file;
+    enum bvhd_status status = import_scene(options->operands[1], choice->source, memory, &run->import, error);
+    bool is_imported = !status;
+    if (!status)
+        status = structures_open(options->operands[0], name, memory, &run->structures, error);
+    run->is_damaged = is_imported && (status == BVHD_CORRUPT || status == BVHD_INCOMPATIBLE);
+    if (!status)
+        status = import_oracle_meshes(&run->import, run->structures.has_top, &run->meshes, &run->mesh_count, error);
+    return status;
 }
 
 static enum bvhd_status open_both(struct check_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
-    const struct options *options = run->options;
-    const char *path = options->operands[1], *source;
-    char number[16], *name = import_name(path, memory);
-    if (!name)
-        return bvhd_error_no_memory(error, path, "no memory for its name");
-    const char *scene = options->scene ? options->scene : name;
-    find_source(run, number, scene, &source);
-    enum bvhd_status status = import_scene(path, source, memory, &run->import, error);
-    bool is_imported = !status;
-    if (!status)
-        status = structures_open(options->operands[0], scene, memory, &run->structures, error);
-    memory_free(memory, name);
-    run->is_damaged = is_imported && (status == BVHD_CORRUPT || status == BVHD_INCOMPATIBLE);
-    if (!status)
-        status = import_oracle_meshes(&run->import, run->structures.has_top, &run->meshes, &run->mesh_count, error);
+    struct choice choice = {.file = import_name(run->options->operands[1], memory)};
+    if (!choice.file)
+        return bvhd_error_no_memory(error, run->options->operands[1], "no memory for its name");
+    find_source(run, &choice);
+    enum bvhd_status status = open_choice(run, &choice, error);
+    memory_free(memory, choice.name);
+    memory_free(memory, choice.file);
     return status;
 }
 

@@ -28,19 +28,25 @@ static double megabytes(const struct bvhd_counters *counters, const char *name)
     return (double)value_of(counters, name) / 1e6;
 }
 
+static const char *plural(uint64_t count)
+{
+    return count == 1 ? "" : "s";
+}
+
 /* Prints the figures that matter most. */
 static void print_summary(const struct bvhd_counters *counters)
 {
     uint64_t hits = value_of(counters, "hits_memory") + value_of(counters, "hits_disk");
     uint64_t coalesced = value_of(counters, "coalesced"), misses = value_of(counters, "misses"),
              all = hits + coalesced + misses;
-    printf("hits     %.1f %% of %llu structures; %llu waited for another's build, %llu were new\n",
-           all ? 100 * (double)hits / (double)all : 0, (unsigned long long)all, (unsigned long long)coalesced,
-           (unsigned long long)misses);
-    printf("queue    %llu under way, %llu builds running, %llu workers, %llu connections\n",
-           (unsigned long long)value_of(counters, "queue_depth"),
-           (unsigned long long)value_of(counters, "builds_running"), (unsigned long long)value_of(counters, "workers"),
-           (unsigned long long)value_of(counters, "connections"));
+    uint64_t running = value_of(counters, "builds_running"), workers = value_of(counters, "workers"),
+             connections = value_of(counters, "connections");
+    printf("hits     %.1f %% of %llu structure%s; %llu waited for another's build, %llu %s new\n",
+           all ? 100 * (double)hits / (double)all : 0, (unsigned long long)all, plural(all),
+           (unsigned long long)coalesced, (unsigned long long)misses, misses == 1 ? "was" : "were");
+    printf("queue    %llu under way, %llu build%s running, %llu worker%s, %llu connection%s\n",
+           (unsigned long long)value_of(counters, "queue_depth"), (unsigned long long)running, plural(running),
+           (unsigned long long)workers, plural(workers), (unsigned long long)connections, plural(connections));
     printf("memory   %.1f of %.1f MB; kept results %.1f of %.1f MB\n\n", megabytes(counters, "memory_live"),
            megabytes(counters, "memory_limit"), megabytes(counters, "cache_bytes"),
            megabytes(counters, "cache_budget"));

@@ -82,7 +82,7 @@ for field in structures file type name geometries material primitives triangles 
     bytes key cached coalesced prepare_ms build_ms peak_bytes depth sah refs method quality target wall_ms; do
     expect "the field $field" grep -q "\"$field\":" out
 done
-expect 'a message counts the lines' grep -q '^bvhctl: mixed: not geometry.* 1 lines' err
+expect 'a message counts the lines' grep -q '^bvhctl: mixed: 1 line is left out' err
 expect 'inactive triangles are counted' grep -Eq '"scene":"nan".*"inactive":[1-9]' out
 expect 'names are made safe' [ -f d/flat_land.tlas.as ]
 expect 'a top level names its files' grep -q 'mixed.blas-0' d/manifest.json
@@ -111,6 +111,8 @@ one_error_line
 expect 'the error is listed' \
     grep -q '"errors":\[{"what":"build","status":"NOT_FOUND","vuid":"","where":"missing.ply"' out
 expect 'the other scene is there' [ -f part/ball.tlas.as ]
+run 1 --local build missing.ply -o none
+expect 'a build without a structure has no summary' [ ! -s out ]
 run 1 --local build missing.ply -o none --json
 one_json_object
 expect 'the error object' grep -q '^{"schema":1,"error":{"status":"NOT_FOUND"' out
@@ -139,8 +141,9 @@ expect 'a quad is two triangles' grep -q '"meshes":1,"triangles":2,' out
 expect 'kinds are counted' grep -q '"not_geometry":{"points":1,"lines":1,"skins":0,"morphs":0,"empty_faces":1}' out
 expect 'kinds are counted by mesh' grep -q '"primitives":2,"left_out":{"points":1,"lines":1,"empty_faces":1}' out
 expect 'the manifest has them, too' grep -q '"empty_faces": 1' scraps/manifest.json
-says 'bvhctl: scraps: not geometry, left out: 1 points, 1 lines'
-says 'bvhctl: scraps: 1 faces without corners are left out'
+says 'bvhctl: scraps: 1 point is left out'
+says 'bvhctl: scraps: 1 line is left out'
+says 'bvhctl: scraps: 1 face without corners is left out'
 run 0 check scraps scraps.ply --rays 200
 says 'bvhctl: scraps: assimp, a second reader, finds the same 2 triangles in the same bounds'
 run 0 check scraps scraps.ply --rays 200 --json
@@ -163,14 +166,14 @@ says "bvhctl: build: lie.ply: the header says 99999999 rows of 'vertex', but the
 printf '0 0 0\n1 0 0\n2 0 0\n3 0 1 2\n3 0 0 1\n' | ply_text 3 face 2 >flat.ply
 run 0 --local build flat.ply -o dead
 says 'bvhctl: flat: 2 triangles are degenerate: they have no area'
-says 'bvhctl: flat: warning: no ray can hit anything in it, because this is so for all 2 triangles'
+says 'bvhctl: flat: warning: no ray can hit anything in it, because this is so for all its triangles'
 run 0 check dead flat.ply --rays 50
 says 'bvhctl: flat: warning: no ray hit anything, so that only misses were checked'
 printf 'nan 0 0\n1 0 0\n0 1 0\n3 0 1 2\n' | ply_text 3 face 1 >inactive.ply
 run 0 --local build inactive.ply -o dead --json
 one_json_object
 expect 'inactive triangles are counted by mesh' grep -q '"primitives":1,"inactive":1}' out
-says 'bvhctl: inactive: warning: no ray can hit anything in it, because this is so for all 1 triangles'
+says 'bvhctl: inactive: warning: no ray can hit anything in it, because this is so for all its triangles'
 run 0 --local build ball.ply -o alive
 expect 'nothing to say about others' [ ! -s err ]
 
@@ -216,8 +219,10 @@ END
 run 0 --local build two.gltf -o all --json
 one_json_object
 expect 'all scenes are built' grep -q '"instances":3,"skipped_instances":0' out
+expect 'by mesh, too' grep -q '"primitives":0,"left_out":{"points":3}' out
 expect 'what is left out is counted' grep -q '"not_geometry":{"points":3,"lines":0,"skins":0,"morphs":0,"meshes":1}' out
-expect 'and told' grep -q '^bvhctl: two: 1 meshes are left out, because no node has them' err
+expect 'and told' grep -q '^bvhctl: two: 1 mesh is left out, because no node has it' err
+says "bvhctl: two: 3 points are left out (mesh 'meshes[0]-1': 3)"
 tr -d ' \n' <all/manifest.json >flat
 expect 'the manifest counts it' grep -q '"left_out":{"points":3,"meshes":1}' flat
 run 0 check all two.gltf --rays 100
@@ -239,6 +244,15 @@ run 1 --local build two.gltf -o none --scene noon
 says "bvhctl: build: two.gltf: it has no scene 'noon'; it has 2, counted from 0"
 run 1 --local build ball.ply -o none --scene 0
 one_error_line
+cp two.gltf copy.gltf
+run 0 --local build two.gltf copy.gltf -o pair --scene night
+for file in two copy; do
+    run 0 check pair $file.gltf --scene night --rays 100 --json
+    expect "check takes the scene of $file" grep -q "\"scene\":\"$file\"" out
+done
+run 1 trace pair --device cpu -o one.png --size 16x16 --scene night
+one_error_line
+run 0 trace pair --device cpu -o one.png --size 16x16 --scene copy
 sed 's/"count":3/"count":4/' two.gltf >broken.gltf
 run 1 --local build broken.gltf -o none
 says 'bvhctl: build: broken.gltf: accessors[0].byteOffset: '
@@ -247,7 +261,7 @@ run 1 --local build acme.gltf -o none
 says 'bvhctl: build: acme.gltf: extensionsRequired[0]: the file requires ACME_shape'
 sed 's/\[1,2,0\]/[1,3,0]/; s/"scenes":.*/"scenes":[{"nodes":[0]}],/' two.gltf >bounds.gltf
 run 0 --local build bounds.gltf -o bounds
-says 'bvhctl: bounds: 1 arrays of positions have other bounds than the file says'
+says 'bvhctl: bounds: 1 array of positions has other bounds than the file says'
 run 0 check bounds bounds.gltf --rays 100
 says 'bvhctl: bounds: assimp, a second reader, finds the same 1 triangles in the same bounds'
 

@@ -27,11 +27,10 @@ const struct option_row option_rows[] = {
     {"seed", OPTION_SEED, "S", ON_CHECK, "seed of the random rays (default 1)"},
     {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK,
      "visit children in the opposite order; the answers must be the same"},
-    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_BUILD,
-     "build one scene of glTF files, by its name or its number from 0 (default: all\nscenes, as one)"},
-    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_CHECK | ON_TRACE,
-     "scene in the directory, by its name or by what build --scene chose (default:\n"
-     "check: that of the file; trace: the first)"},
+    {"scene", OPTION_SCENE, "NAME|NUMBER", ON_BUILD | ON_CHECK | ON_TRACE,
+     "one scene of a glTF file, by its name or its number from 0: build builds only it,\n"
+     "check and trace take what was built from it; in a directory of several files they\n"
+     "also take a file's name without ending (default: all scenes; trace: the first file)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE,
      "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads\nthe structures, else cpu"},
     {"device", OPTION_DEVICE, "NAME", ON_PROBE,

@@ -53,7 +53,6 @@ static enum bvhd_status number_meshes(struct reader *reader)
             return status;
         reader->first[i] = (uint32_t)total;
         total += reader->counts[i];
-        reader->file.counts->skins += reader->uses[i].is_skinned ? reader->counts[i] : 0;
     }
     struct import *import = reader->import;
     import->meshes = total < UINT32_MAX ? memory_array(import->memory, total + 1, sizeof *import->meshes) : NULL;
@@ -68,11 +67,16 @@ static enum bvhd_status read_meshes(struct reader *reader)
 {
     enum bvhd_status status = number_meshes(reader);
     struct import *import = reader->import;
-    for (uint32_t i = 0; i < mesh_count(reader) && !status; i++)
+    for (uint32_t i = 0; i < mesh_count(reader) && !status; i++) {
         if (reader->uses[i].is_used)
             status = gltf_mesh_read(&reader->file, i, import->meshes + reader->first[i]);
-    for (uint32_t i = 0; i < import->mesh_count; i++)
+        for (uint32_t k = 0; k < reader->counts[i]; k++)
+            import->meshes[reader->first[i] + k].counts.skins = reader->uses[i].is_skinned;
+    }
+    for (uint32_t i = 0; i < import->mesh_count; i++) {
         import->triangle_count += import->meshes[i].triangle_count;
+        import_counts_add_mesh(&import->counts, &import->meshes[i].counts);
+    }
     return status;
 }
 
@@ -165,6 +169,17 @@ static void count_animations(const struct gltf_file *file)
     file->counts->animations += cJSON_IsArray(animations.json) ? (uint64_t)cJSON_GetArraySize(animations.json) : 0;
 }
 
+static enum bvhd_status no_triangles(const struct reader *reader)
+{
+    const struct import_counts *counts = &reader->import->counts;
+    if (!counts->points && !counts->lines && !counts->positionless)
+        return gltf_refuse(&reader->file, BVHD_INVALID, NULL, "no triangles in it");
+    return gltf_refuse(&reader->file, BVHD_INVALID, NULL,
+                       "no triangles in it, only %llu points, %llu lines and %llu primitives without positions",
+                       (unsigned long long)counts->points, (unsigned long long)counts->lines,
+                       (unsigned long long)counts->positionless);
+}
+
 static enum bvhd_status read_scene(struct reader *reader, const char *scene)
 {
     uint32_t chosen = 0;
@@ -178,7 +193,7 @@ static enum bvhd_status read_scene(struct reader *reader, const char *scene)
     if (!status)
         status = make_bottoms(reader);
     if (!status && reader->import->triangle_count == 0)
-        return gltf_refuse(&reader->file, BVHD_INVALID, NULL, "no triangles in it");
+        return no_triangles(reader);
     count_animations(&reader->file);
     reader->import->has_second_reader = !scene && reader->file.lists[GLTF_SCENES].count == 1;
     return status;

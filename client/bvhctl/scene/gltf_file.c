@@ -35,7 +35,20 @@ static enum bvhd_status take_chunk(const struct gltf_file *file, uint64_t end, c
     return BVHD_OK;
 }
 
-/* Finds the chunks of a GLB. Chunks of other kinds are skipped, as the format says. */
+/* Counts what follows the BIN chunk. It is not needed, so it may also be broken. */
+static void count_rest(const struct gltf_file *file, uint64_t length, uint64_t at)
+{
+    while (length - at >= CHUNK_HEADER) {
+        uint32_t size = bytes_get32(file->data.data + at);
+        if (size > length - at - CHUNK_HEADER)
+            break;
+        at += CHUNK_HEADER + (uint64_t)size;
+        file->counts->unknown_chunks++;
+    }
+    file->counts->extra_bytes += file->data.size - at;
+}
+
+/* Finds the chunks of a GLB. Chunks of other kinds are skipped, as the format says, and counted. */
 static enum bvhd_status read_chunks(struct gltf_file *file, struct bytes *ret_json)
 {
     if (file->data.size < GLB_HEADER)
@@ -58,9 +71,12 @@ static enum bvhd_status read_chunks(struct gltf_file *file, struct bytes *ret_js
         struct bytes chunk;
         status = take_chunk(file, length, "BIN", &at, &kind, &chunk);
         file->has_bin = !status && kind == CHUNK_BIN;
+        file->counts->unknown_chunks += !status && !file->has_bin;
         if (file->has_bin)
             file->bin = chunk;
     }
+    if (!status)
+        count_rest(file, length, at);
     return status;
 }
 

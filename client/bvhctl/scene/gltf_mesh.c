@@ -118,7 +118,7 @@ static enum bvhd_status read_triangles(const struct primitive *primitive)
 {
     struct import_mesh *mesh = primitive->mesh;
     struct gltf_file *file = primitive->file;
-    mesh->triangle_count = count_triangles(file->counts, primitive->mode, primitive->corners);
+    mesh->triangle_count = count_triangles(&mesh->counts, primitive->mode, primitive->corners);
     /* There is room for the corners that are left over, because indices are decoded before they are dropped. */
     mesh->indices = memory_array(file->memory, (uint64_t)mesh->triangle_count + 1, 3 * sizeof *mesh->indices);
     if (!mesh->indices)
@@ -140,7 +140,7 @@ static enum bvhd_status read_positions(const struct primitive *primitive)
         return gltf_no_memory(file);
     enum bvhd_status status = gltf_accessor_floats(file, accessor, mesh->positions);
     if (!status)
-        file->counts->bounds += !gltf_accessor_bounds_agree(file, accessor, mesh->positions);
+        mesh->counts.bounds += !gltf_accessor_bounds_agree(file, accessor, mesh->positions);
     return status;
 }
 
@@ -185,11 +185,11 @@ static enum bvhd_status read_geometry(struct primitive *primitive)
     if (status)
         return status;
     if (!has_positions) {
-        file->counts->positionless++;
+        primitive->mesh->counts.positionless++;
         return leave_out(primitive);
     }
     if (primitive->mode < TRIANGLES) {
-        count_others(file->counts, primitive->mode, primitive->corners);
+        count_others(&primitive->mesh->counts, primitive->mode, primitive->corners);
         return leave_out(primitive);
     }
     status = read_positions(primitive);
@@ -223,7 +223,7 @@ static enum bvhd_status read_primitive(struct gltf_file *file, const struct gltf
     if (!status)
         status = gltf_array(file, value, "targets", &targets);
     if (!status)
-        file->counts->morphs += (uint64_t)cJSON_GetArraySize(targets.json);
+        mesh->counts.morphs += (uint64_t)cJSON_GetArraySize(targets.json);
     return status ? status : read_geometry(&primitive);
 }
 

@@ -16,15 +16,16 @@ static const char *scene_name(const struct gltf_file *file, uint32_t index)
 
 static enum bvhd_status find(const struct gltf_file *file, const char *wanted, uint32_t *ret_scene)
 {
-    uint32_t count = file->lists[GLTF_SCENES].count, matches = 0;
+    uint32_t count = file->lists[GLTF_SCENES].count, matches = 0, first = 0;
     for (uint32_t i = 0; i < count; i++)
         if (!strcmp(scene_name(file, i), wanted)) {
+            first = matches++ ? first : i;
             *ret_scene = i;
-            matches++;
         }
     if (matches > 1)
-        return gltf_refuse(file, BVHD_INVALID, NULL, "%u scenes have the name '%.60s': give the number of one", matches,
-                           wanted);
+        return gltf_refuse(file, BVHD_INVALID, NULL,
+                           "%u of its scenes have the name '%.60s', from number %u to %u: choose one by its number",
+                           matches, wanted, first, *ret_scene);
     if (matches)
         return BVHD_OK;
     char *end;

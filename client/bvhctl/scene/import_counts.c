@@ -2,33 +2,41 @@
 #include "client/bvhctl/scene/import_counts.h"
 
 const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS] = {
-    {"points", "points are left out"},
-    {"lines", "lines are left out"},
-    {"skins", "skinned meshes are built at rest"},
-    {"morphs", "morph targets are left out"},
-    {"animations", "animations are left out"},
-    {"incomplete", "primitives end with corners that make no triangle"},
-    {"positionless", "primitives have no positions and are left out"},
-    {"meshes", "meshes are left out, because no node has them"},
-    {"nodes", "nodes with a mesh are left out, because they are in no scene"},
-    {"scenes", "scenes are left out"},
-    {"extensions", "extensions are used that this version does not know; they may change geometry"},
-    {"bounds", "arrays of positions have other bounds than the file says"},
-    {"empty_faces", "faces without corners are left out"},
-    {"fanned", "polygons cross themselves: some of their triangles may overlap"},
-    {"lost", "triangles are missing: assimp could not cut all polygons"},
-    {"unknown_rows", "rows of unknown elements are left out"},
-    {"unknown_lines", "lines of the header are not understood and ignored"},
-    {"extra_bytes", "bytes after the end of the data are left out"},
+    {"points", "point is left out", "points are left out"},
+    {"lines", "line is left out", "lines are left out"},
+    {"skins", "skinned mesh is built at rest", "skinned meshes are built at rest"},
+    {"morphs", "morph target is left out", "morph targets are left out"},
+    {"animations", "animation is left out", "animations are left out"},
+    {"incomplete", "primitive ends with corners that make no triangle",
+     "primitives end with corners that make no triangle"},
+    {"positionless", "primitive has no positions and is left out", "primitives have no positions and are left out"},
+    {"meshes", "mesh is left out, because no node has it", "meshes are left out, because no node has them"},
+    {"nodes", "node with a mesh is left out, because it is in no scene",
+     "nodes with a mesh are left out, because they are in no scene"},
+    {"scenes", "scene is left out", "scenes are left out"},
+    {"extensions", "extension is used that this version does not know; it may change geometry",
+     "extensions are used that this version does not know; they may change geometry"},
+    {"bounds", "array of positions has other bounds than the file says",
+     "arrays of positions have other bounds than the file says"},
+    {"empty_faces", "face without corners is left out", "faces without corners are left out"},
+    {"fanned", "polygon crosses itself: some of its triangles may overlap",
+     "polygons cross themselves: some of their triangles may overlap"},
+    {"lost", "triangle is missing: assimp could not cut all polygons",
+     "triangles are missing: assimp could not cut all polygons"},
+    {"unknown_rows", "row of unknown elements is left out", "rows of unknown elements are left out"},
+    {"unknown_lines", "line of the header is not understood and ignored",
+     "lines of the header are not understood and ignored"},
+    {"unknown_chunks", "chunk of an unknown kind is left out", "chunks of unknown kinds are left out"},
+    {"extra_bytes", "byte after the end of the data is left out", "bytes after the end of the data are left out"},
 };
 
 uint64_t import_counts_get(const struct import_counts *counts, int kind)
 {
     const uint64_t values[IMPORT_COUNT_KINDS] = {
-        counts->points,       counts->lines,         counts->skins,       counts->morphs, counts->animations,
-        counts->incomplete,   counts->positionless,  counts->meshes,      counts->nodes,  counts->scenes,
-        counts->extensions,   counts->bounds,        counts->empty_faces, counts->fanned, counts->lost,
-        counts->unknown_rows, counts->unknown_lines, counts->extra_bytes};
+        counts->points,       counts->lines,         counts->skins,          counts->morphs,     counts->animations,
+        counts->incomplete,   counts->positionless,  counts->meshes,         counts->nodes,      counts->scenes,
+        counts->extensions,   counts->bounds,        counts->empty_faces,    counts->fanned,     counts->lost,
+        counts->unknown_rows, counts->unknown_lines, counts->unknown_chunks, counts->extra_bytes};
     return values[kind];
 }
 
@@ -38,7 +46,18 @@ void import_counts_add_mesh(struct import_counts *sum, const struct import_count
     sum->lines += mesh->lines;
     sum->skins += mesh->skins;
     sum->morphs += mesh->morphs;
+    sum->incomplete += mesh->incomplete;
+    sum->positionless += mesh->positionless;
+    sum->bounds += mesh->bounds;
     sum->empty_faces += mesh->empty_faces;
     sum->fanned += mesh->fanned;
     sum->lost += mesh->lost;
+}
+
+bool import_counts_any(const struct import_counts *counts)
+{
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        if (import_counts_get(counts, i))
+            return true;
+    return false;
 }

@@ -6,6 +6,7 @@
 #ifndef BVHCTL_IMPORT_COUNTS_H
 #define BVHCTL_IMPORT_COUNTS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct import_counts {
@@ -24,22 +25,25 @@ struct import_counts {
     uint64_t lost; /* triangles that assimp did not make of polygons: sum of (corners - 2), less those that it made */
     uint64_t unknown_rows; /* rows of elements of a PLY file that are neither vertices nor faces */
     uint64_t unknown_lines; /* lines of the header of a PLY file that are not understood */
-    uint64_t extra_bytes; /* bytes of a PLY file after the rows that its header describes */
+    uint64_t unknown_chunks; /* of a GLB, that are neither JSON nor the first BIN */
+    uint64_t extra_bytes; /* after the rows that the header of a PLY file describes, or after the length of a GLB */
 };
 
-enum { IMPORT_COUNT_KINDS = 18 };
+enum { IMPORT_COUNT_KINDS = 19 };
 
 /* Kinds 0 to 3 are points, lines, skins and morphs. */
 struct import_count_kind {
     const char *name; /* of the member of struct import_counts */
-    const char *text; /* follows the number in a message */
+    const char *one, *many; /* follows the number in a message: 1, or more */
 };
 
 extern const struct import_count_kind import_count_kinds[IMPORT_COUNT_KINDS];
 
 uint64_t import_counts_get(const struct import_counts *counts, int kind);
 
-/* Adds the numbers that meshes have: of faces, bones and morph targets. */
+bool import_counts_any(const struct import_counts *counts);
+
+/* Adds the numbers that meshes have: of faces, primitives, positions, bones and morph targets. */
 void import_counts_add_mesh(struct import_counts *sum, const struct import_counts *mesh);
 
 #endif

@@ -70,6 +70,18 @@ static void write_colour(struct json *json, const float colour[3])
     json_array_end(json);
 }
 
+/* Writes the kinds of which there is some. */
+static void write_counts(struct json *json, const struct import_counts *counts)
+{
+    if (!import_counts_any(counts))
+        return;
+    json_object(json, "left_out");
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
+        if (import_counts_get(counts, i))
+            json_integer(json, import_count_kinds[i].name, import_counts_get(counts, i));
+    json_object_end(json);
+}
+
 /* Writes what of a mesh cannot be hit, and what of it was left out: the kinds of which there is some. */
 static void write_losses(struct json *json, const struct import_mesh *mesh, bool is_active)
 {
@@ -80,16 +92,7 @@ static void write_losses(struct json *json, const struct import_mesh *mesh, bool
         json_integer(json, "degenerate", activity.degenerate);
     if (activity.infinite)
         json_integer(json, "infinite", activity.infinite);
-    bool has_counts = false;
-    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
-        has_counts |= import_counts_get(&mesh->counts, i) > 0;
-    if (!has_counts)
-        return;
-    json_object(json, "left_out");
-    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
-        if (import_counts_get(&mesh->counts, i))
-            json_integer(json, import_count_kinds[i].name, import_counts_get(&mesh->counts, i));
-    json_object_end(json);
+    write_counts(json, &mesh->counts);
 }
 
 static void write_geometries(struct json *json, const struct import *import, uint32_t index,
@@ -120,25 +123,51 @@ static void write_handles(struct json *json, const struct assembly *assembly, ch
     json_array_end(json);
 }
 
+/* Returns for each mesh whether it is a geometry of a bottom level. NULL: there is no memory. */
+static bool *find_geometries(const struct import *import)
+{
+    bool *is_geometry = memory_array(import->memory, import->mesh_count, sizeof *is_geometry);
+    if (is_geometry)
+        memset(is_geometry, 0, import->mesh_count * sizeof *is_geometry);
+    for (uint32_t i = 0; i < import->bottom_count && is_geometry; i++)
+        for (uint32_t k = 0; k < import->bottoms[i].mesh_count; k++)
+            is_geometry[import->bottoms[i].meshes[k]] = true;
+    return is_geometry;
+}
+
+/* Writes the meshes that are no geometries, because no node with triangles has them, if something is left out. */
+static void write_meshes_left_out(struct json *json, const struct import *import)
+{
+    bool any = false, *is_geometry = find_geometries(import);
+    json->failed |= !is_geometry;
+    for (uint32_t i = 0; is_geometry && i < import->mesh_count; i++) {
+        const struct import_mesh *mesh = &import->meshes[i];
+        if (is_geometry[i] || !import_counts_any(&mesh->counts))
+            continue;
+        if (!any)
+            json_array(json, "meshes_left_out");
+        any = true;
+        json_object(json, NULL);
+        json_text(json, "name", mesh->name);
+        write_counts(json, &mesh->counts);
+        json_object_end(json);
+    }
+    if (any)
+        json_array_end(json);
+    memory_free(import->memory, is_geometry);
+}
+
 /* Writes which scene of the file was chosen, and numbers of what is left out, as far as there is anything to say. */
 static void write_source(struct json *json, const struct import *import)
 {
-    bool any = false;
     if (import->has_source) {
         json_object(json, "source_scene");
         json_integer(json, "number", import->source_number);
         json_text(json, "name", import->source_name);
         json_object_end(json);
     }
-    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
-        any |= import_counts_get(&import->counts, i) != 0;
-    if (!any)
-        return;
-    json_object(json, "left_out");
-    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
-        if (import_counts_get(&import->counts, i))
-            json_integer(json, import_count_kinds[i].name, import_counts_get(&import->counts, i));
-    json_object_end(json);
+    write_counts(json, &import->counts);
+    write_meshes_left_out(json, import);
 }
 
 static void write_times(struct json *json, const struct bvhd_result *item)

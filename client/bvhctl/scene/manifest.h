@@ -7,7 +7,8 @@
  * it is the same for equal input on any machine, with any number of threads. `file` is a plain name in the directory.
  * The `handles` of a top level are files, in the order of its serialized handles. A top level has a member
  * "source_scene":{"number","name"} if it was built from one chosen scene of its file, and "left_out":{...} with numbers
- * by kind (import_counts.h) if anything was left out.
+ * by kind (import_counts.h) if anything was left out. Geometries have such a member, too; meshes without triangles are
+ * in "meshes_left_out":[{"name","left_out"}] of the top level.
  */
 #ifndef BVHCTL_MANIFEST_H
 #define BVHCTL_MANIFEST_H
@@ -70,9 +71,10 @@ enum bvhd_status manifest_read(const char *directory, struct memory *memory, str
 
 /*
  * Finds the top level that `scene` names: the scene of this name, else the one that was built from the scene of this
- * name or number in its file. NULL: there is none.
+ * name or number in its file. If several files have one, it is that of the file named `file`, which may be NULL. NULL:
+ * there is none, or it is not clear which.
  */
-const struct manifest_entry *manifest_find_top(const struct manifest *manifest, const char *scene);
+const struct manifest_entry *manifest_find_top(const struct manifest *manifest, const char *file, const char *scene);
 
 /* NULL-safe, idempotent. */
 void manifest_finish(struct manifest *manifest);

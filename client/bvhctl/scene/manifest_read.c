@@ -210,15 +210,23 @@ static bool has_source(const struct manifest_entry *entry, const char *scene)
     return entry->has_source && (!strcmp(scene, number) || (entry->source_name && !strcmp(scene, entry->source_name)));
 }
 
-const struct manifest_entry *manifest_find_top(const struct manifest *manifest, const char *scene)
+const struct manifest_entry *manifest_find_top(const struct manifest *manifest, const char *file, const char *scene)
 {
+    const struct manifest_entry *found = NULL;
+    uint32_t matches = 0;
     for (uint32_t i = 0; i < manifest->count; i++)
         if (manifest->entries[i].is_top && !strcmp(manifest->entries[i].scene, scene))
             return &manifest->entries[i];
-    for (uint32_t i = 0; i < manifest->count; i++)
-        if (manifest->entries[i].is_top && has_source(&manifest->entries[i], scene))
-            return &manifest->entries[i];
-    return NULL;
+    for (uint32_t i = 0; i < manifest->count; i++) {
+        const struct manifest_entry *entry = &manifest->entries[i];
+        if (!entry->is_top || !has_source(entry, scene))
+            continue;
+        if (file && !strcmp(entry->scene, file))
+            return entry;
+        found = entry;
+        matches++;
+    }
+    return matches == 1 ? found : NULL;
 }
 
 static void finish_entry(struct manifest_entry *entry, struct memory *memory)

@@ -304,11 +304,12 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
 {
     if (manifest->count == 0)
         return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no structure");
-    const struct manifest_entry *named = name ? manifest_find_top(manifest, name) : &manifest->entries[0];
+    const struct manifest_entry *named = name ? manifest_find_top(manifest, NULL, name) : &manifest->entries[0];
     const char *scene = named ? named->scene : name;
     const struct manifest_entry *top = find_entry(manifest, scene, true), *bottom = find_entry(manifest, scene, false);
     if (!top && !bottom)
-        return bvhd_error_set(error, BVHD_NOT_FOUND, directory, "its manifest names no scene '%s'", scene);
+        return bvhd_error_set(error, BVHD_NOT_FOUND, directory,
+                              "its manifest names no scene '%s', or one in each of several files", scene);
     structures->has_top = top != NULL;
     structures->target = top ? top->target : bottom->target;
     structures->name = files_copy_text(structures->memory, scene);

@@ -72,6 +72,21 @@ static void check_counts(const struct gltf_case *gltf_case, const struct import_
     }
 }
 
+/* What meshes have is counted for the mesh, too: everything but what the file as a whole has. */
+static void check_mesh_counts(const struct import *import)
+{
+    static const char *const of_file[] = {"animations", "meshes", "nodes", "scenes", "extensions"};
+    struct import_counts sum = {0};
+    for (uint32_t i = 0; i < import->mesh_count; i++)
+        import_counts_add_mesh(&sum, &import->meshes[i].counts);
+    for (int i = 0; i < IMPORT_COUNT_KINDS; i++) {
+        bool is_of_file = false;
+        for (size_t k = 0; k < sizeof of_file / sizeof *of_file; k++)
+            is_of_file |= !strcmp(import_count_kinds[i].name, of_file[k]);
+        assert_int_equal(import_counts_get(&sum, i), is_of_file ? 0 : import_counts_get(&import->counts, i));
+    }
+}
+
 static void check_import(const struct gltf_case *gltf_case, const struct import *import)
 {
     assert_int_equal(import->triangle_count, gltf_case->triangles ? gltf_case->triangles : 2);
@@ -81,6 +96,7 @@ static void check_import(const struct gltf_case *gltf_case, const struct import 
     assert_int_equal(import->has_source, gltf_case->scene != NULL);
     check_bounds(gltf_case, import);
     check_counts(gltf_case, &import->counts);
+    check_mesh_counts(import);
 }
 
 static void check_case(const struct gltf_case *gltf_case)

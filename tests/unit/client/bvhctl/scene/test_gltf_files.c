@@ -180,8 +180,14 @@ static void test_chunks(void **state)
     memcpy(bytes + size, "\4\0\0\0MORE1234", 12);
     uint32_t length = (uint32_t)size + 12;
     memcpy(bytes + 8, &length, sizeof length);
-    write_file("more.glb", bytes, length);
+    write_file("more.glb", bytes, length + 5);
     expect_triangle("more.glb", 1);
+    struct memory memory;
+    struct import import;
+    read_good("more.glb", &memory, &import);
+    assert_int_equal(import.counts.unknown_chunks, 1);
+    assert_int_equal(import.counts.extra_bytes, 5);
+    finish(&import, &memory);
     bytes[4] = 3;
     write_file("three.glb", bytes, length);
     expect_error("three.glb", BVHD_UNSUPPORTED, "three.glb: GLB: version 3");

@@ -113,11 +113,32 @@ static void test_find_top(void **state)
     const struct manifest_entry *top = &manifest.entries[0];
     assert_true(top->has_source);
     assert_int_equal(top->source_number, 3);
-    assert_ptr_equal(manifest_find_top(&manifest, "s"), top);
-    assert_ptr_equal(manifest_find_top(&manifest, "night"), top);
-    assert_ptr_equal(manifest_find_top(&manifest, "3"), top);
-    assert_null(manifest_find_top(&manifest, "day"));
-    assert_null(manifest_find_top(&manifest, "1"));
+    assert_ptr_equal(manifest_find_top(&manifest, NULL, "s"), top);
+    assert_ptr_equal(manifest_find_top(&manifest, NULL, "night"), top);
+    assert_ptr_equal(manifest_find_top(&manifest, NULL, "3"), top);
+    assert_null(manifest_find_top(&manifest, NULL, "day"));
+    assert_null(manifest_find_top(&manifest, NULL, "1"));
+    manifest_finish(&manifest);
+    assert_int_equal(memory.live, 0);
+}
+
+/* Several files may have a scene of that name: the name of the file decides, and without it there is no answer. */
+static void test_find_top_of_file(void **state)
+{
+    (void)state;
+#define TOP(scene, file)                                                                                               \
+    "{\"file\":\"" file "\",\"type\":\"tlas\",\"scene\":\"" scene "\",\"name\":\"n\",\"target\":\"portable\","         \
+    "\"handles\":[],\"geometries\":[],\"source_scene\":{\"number\":1,\"name\":\"night\"}}"
+    struct memory memory;
+    struct manifest manifest;
+    struct bvhd_error error = {0};
+    if (read_text("{\"schema\":1,\"structures\":[" TOP("a", "f") "," TOP("b", "g") "]}", &memory, &manifest, &error))
+        fail_msg("%s: %s", error.where, error.text);
+    assert_ptr_equal(manifest_find_top(&manifest, "b", "night"), &manifest.entries[1]);
+    assert_ptr_equal(manifest_find_top(&manifest, "a", "1"), &manifest.entries[0]);
+    assert_ptr_equal(manifest_find_top(&manifest, "c", "b"), &manifest.entries[1]);
+    assert_null(manifest_find_top(&manifest, "c", "night"));
+    assert_null(manifest_find_top(&manifest, NULL, "night"));
     manifest_finish(&manifest);
     assert_int_equal(memory.live, 0);
 }
@@ -202,9 +223,13 @@ static void test_file_names(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_read),       cmocka_unit_test(test_hostile),
-        cmocka_unit_test(test_find_top),   cmocka_unit_test(test_deep_nesting),
-        cmocka_unit_test(test_every_cut),  cmocka_unit_test(test_missing_and_memory),
+        cmocka_unit_test(test_read),
+        cmocka_unit_test(test_hostile),
+        cmocka_unit_test(test_find_top),
+        cmocka_unit_test(test_find_top_of_file),
+        cmocka_unit_test(test_deep_nesting),
+        cmocka_unit_test(test_every_cut),
+        cmocka_unit_test(test_missing_and_memory),
         cmocka_unit_test(test_file_names),
     };
     return cmocka_run_group_tests_name("manifest", tests, scratch_make, scratch_remove);
