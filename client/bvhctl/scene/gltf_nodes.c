@@ -48,7 +48,12 @@ static enum bvhd_status push(struct walk *walk, const struct gltf_value *place, 
     return BVHD_OK;
 }
 
-static enum bvhd_status add_instance(struct walk *walk, uint32_t mesh, const struct gltf_matrix *world)
+/* What all instances at one node have in common. */
+struct node_use {
+    uint32_t mesh, name;
+};
+
+static enum bvhd_status add_instance(struct walk *walk, const struct node_use *use, const struct gltf_matrix *world)
 {
     struct import *import = walk->import;
     void *instances = import->instances;
@@ -57,7 +62,8 @@ static enum bvhd_status add_instance(struct walk *walk, uint32_t mesh, const str
         return gltf_no_memory(walk->file);
     import->instances = instances;
     struct import_instance *instance = &import->instances[import->instance_count++];
-    instance->bottom = mesh;
+    instance->bottom = use->mesh;
+    instance->name = use->name;
     instance->skipped = !gltf_matrix_round(world, instance->transform);
     import->skipped_instances += instance->skipped;
     return BVHD_OK;
@@ -126,7 +132,7 @@ static struct gltf_trs instance_trs(const struct instancing *instancing, uint32_
     return trs;
 }
 
-static enum bvhd_status add_instanced(struct walk *walk, const struct gltf_value *extension, uint32_t mesh,
+static enum bvhd_status add_instanced(struct walk *walk, const struct gltf_value *extension, const struct node_use *use,
                                       const struct gltf_matrix *world)
 {
     struct instancing instancing = {0};
@@ -135,7 +141,7 @@ static enum bvhd_status add_instanced(struct walk *walk, const struct gltf_value
     for (uint32_t i = 0; i < instancing.count && !status; i++) {
         struct gltf_trs trs = instance_trs(&instancing, i);
         struct gltf_matrix local = gltf_trs_matrix(&trs), product = gltf_matrix_product(world, &local);
-        status = add_instance(walk, mesh, &product);
+        status = add_instance(walk, use, &product);
     }
     for (int i = 0; i < ATTRIBUTES; i++)
         memory_free(walk->file->memory, instancing.values[i]);
@@ -145,18 +151,20 @@ static enum bvhd_status add_instanced(struct walk *walk, const struct gltf_value
 static enum bvhd_status add_mesh(struct walk *walk, const struct gltf_value *node, uint32_t index,
                                  const struct gltf_matrix *world)
 {
-    uint32_t mesh = 0;
+    struct node_use at_node = {0};
     bool found;
     struct gltf_value extensions;
-    enum bvhd_status status = gltf_reference(walk->file, node, "mesh", GLTF_MESHES, &mesh, &found);
+    enum bvhd_status status = gltf_reference(walk->file, node, "mesh", GLTF_MESHES, &at_node.mesh, &found);
     if (status || !found)
         return status;
-    struct gltf_use *use = &walk->uses[mesh];
+    if (!import_names_add(&walk->import->node_names, gltf_text(node, "name"), walk->file->memory, &at_node.name))
+        return gltf_no_memory(walk->file);
+    struct gltf_use *use = &walk->uses[at_node.mesh];
     use->first_node = use->is_used ? use->first_node : index;
     use->is_used = true;
     use->is_skinned |= gltf_member(node, "skin").json != NULL;
     struct gltf_value extension = gltf_extension(node, "EXT_mesh_gpu_instancing", &extensions);
-    return extension.json ? add_instanced(walk, &extension, mesh, world) : add_instance(walk, mesh, world);
+    return extension.json ? add_instanced(walk, &extension, &at_node, world) : add_instance(walk, &at_node, world);
 }
 
 /* Pushes nodes so that the first one is on top of the stack. */

@@ -307,6 +307,7 @@ void import_finish(struct import *import)
     memory_free(import->memory, import->bottoms);
     memory_free(import->memory, import->files);
     memory_free(import->memory, import->instances);
+    memory_free(import->memory, import->node_names.texts);
     memory_free(import->memory, import->source_name);
     memory_free(import->memory, import->name);
     *import = (struct import){0};

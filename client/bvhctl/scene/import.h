@@ -14,6 +14,7 @@
 #include "proto/base/memory.h"
 #include "client/bvhctl/oracle/oracle.h"
 #include "client/bvhctl/scene/import_counts.h"
+#include "client/bvhctl/scene/import_names.h"
 #include "proto/base/status.h"
 
 struct import_mesh {
@@ -34,6 +35,7 @@ struct import_bottom {
 
 struct import_instance {
     uint32_t bottom;
+    uint32_t name; /* of its node, among node_names */
     float transform[12]; /* row-major 3x4, object to world; products of the nodes' matrices in double, rounded once */
     /*
      * its matrix has no inverse, which breaks a rule of Vulkan (VUID-VkTransformMatrixKHR-matrix-03799). The instance
@@ -50,6 +52,7 @@ struct import {
     struct import_mesh *meshes;
     struct import_bottom *bottoms;
     struct import_instance *instances;
+    struct import_names node_names;
     char **files; /* all files that were read, in order */
     uint32_t mesh_count, bottom_count, instance_count, file_count;
     uint64_t skipped_instances;

@@ -49,6 +49,7 @@ uint64_t import_hash(const struct import *import)
     for (uint32_t i = 0; i < import->instance_count; i++) {
         const struct import_instance *instance = &import->instances[i];
         hash = mix(hash, instance->bottom * UINT64_C(2) + instance->skipped);
+        hash = mix_text(hash, import_names_get(&import->node_names, instance->name));
         hash = mix_bytes(hash, instance->transform, sizeof instance->transform);
     }
     for (int i = 0; i < IMPORT_COUNT_KINDS; i++)

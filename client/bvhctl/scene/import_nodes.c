@@ -101,6 +101,11 @@ static bool grow_slots(struct node_walk *walk, const struct import *import)
     return true;
 }
 
+static const char *name_of(const struct aiNode *node)
+{
+    return node->mName.length < sizeof node->mName.data ? node->mName.data : "";
+}
+
 static bool add_bottom(struct node_walk *walk, struct import *import, const struct aiNode *node)
 {
     void *bottoms = import->bottoms;
@@ -110,8 +115,7 @@ static bool add_bottom(struct node_walk *walk, struct import *import, const stru
     struct import_bottom *bottom = &import->bottoms[import->bottom_count++];
     *bottom = (struct import_bottom){.mesh_count = node->mNumMeshes};
     const char *mesh_name = import->meshes[node->mMeshes[0]].name;
-    const char *node_name = node->mName.length < sizeof node->mName.data ? node->mName.data : "";
-    bottom->name = files_copy_text(import->memory, bottom->mesh_count == 1 && *mesh_name ? mesh_name : node_name);
+    bottom->name = files_copy_text(import->memory, bottom->mesh_count == 1 && *mesh_name ? mesh_name : name_of(node));
     bottom->meshes = memory_array(import->memory, bottom->mesh_count, sizeof *bottom->meshes);
     if (!bottom->name || !bottom->meshes)
         return false;
@@ -145,7 +149,10 @@ static bool add_instance(struct node_walk *walk, struct import *import, const st
         if (!add_bottom(walk, import, node) || !grow_slots(walk, import))
             return false;
     }
-    struct import_instance *instance = &import->instances[import->instance_count++];
+    struct import_instance *instance = &import->instances[import->instance_count];
+    if (!import_names_add(&import->node_names, name_of(node), import->memory, &instance->name))
+        return false;
+    import->instance_count++;
     instance->bottom = bottom;
     for (int i = 0; i < 12; i++)
         instance->transform[i] = (float)world[i];

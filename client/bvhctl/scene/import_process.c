@@ -92,6 +92,7 @@ static void put_import(struct file_writer *writer, const struct import *import)
         put_array(writer, bottom->meshes, bottom->mesh_count * sizeof *bottom->meshes);
     }
     put_array(writer, import->instances, import->instance_count * sizeof *import->instances);
+    put_array(writer, import->node_names.texts, import->node_names.size);
     put_array(writer, NULL, import->file_count * sizeof *import->files); /* room for the pointers */
     for (uint32_t i = 0; i < import->file_count; i++)
         put_text(writer, import->files[i]);
@@ -226,6 +227,7 @@ static void take_import(struct file_cursor *cursor, struct import *import)
     take_meshes(cursor, import);
     take_bottoms(cursor, import);
     import->instances = take_array(cursor, import->instance_count * sizeof *import->instances);
+    import->node_names.texts = take_array(cursor, import->node_names.size);
     import->files = take_array(cursor, import->file_count * sizeof *import->files);
     for (uint32_t i = 0; i < import->file_count && cursor->ok; i++)
         import->files[i] = take_text(cursor);
