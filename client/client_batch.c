@@ -2,16 +2,49 @@
 #include "client/client_batch.h"
 
 #include "client/client_wait.h"
+#include "client/dependency.h"
 #include "client/outgoing.h"
 #include "client/result_blob.h"
 
 /* The result of an item that is not done. */
 static const struct bvhd_result pending = {.error = {.status = BVHD_PENDING}};
 
+struct bvhd_batch *client_batch_create(struct bvhd_client *client, uint32_t count, int32_t priority)
+{
+    uint64_t size;
+    struct bvhd_batch *batch = NULL;
+    if (bytes_mul(count, sizeof batch->items[0], &size) && bytes_add(size, sizeof *batch, &size))
+        batch = memory_alloc(&library_memory, size);
+    if (!batch)
+        return NULL;
+    *batch = (struct bvhd_batch){
+        .client = client, .priority = priority, .count = count, .remaining = count, .uncopied = count};
+    for (uint32_t i = 0; i < count; i++)
+        batch->items[i] = (struct client_item){
+            .state = ITEM_WAITING, .held = {.descriptor = -1}, .result = {.error = {.status = BVHD_PENDING}}};
+    return batch;
+}
+
+struct bvhd_batch *client_batch_create_keys(struct bvhd_client *client, uint32_t count, int32_t priority)
+{
+    struct bvhd_batch *batch = client_batch_create(client, count, priority);
+    struct key *keys = memory_array(&library_memory, (uint64_t)count + 1, sizeof *keys);
+    if (!batch || !keys) {
+        memory_free(&library_memory, batch);
+        memory_free(&library_memory, keys);
+        return NULL;
+    }
+    batch->keys = keys;
+    batch->uncopied = 0;
+    for (uint32_t i = 0; i < count; i++)
+        batch->items[i].state = ITEM_COPIED; /* there is no geometry to copy */
+    return batch;
+}
+
 void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item)
 {
     batch->items[item].state = ITEM_COPIED;
-    if (--batch->uncopied == 0)
+    if (!batch->items[item].is_private && --batch->uncopied == 0)
         client_stir(batch->client);
 }
 
@@ -25,6 +58,7 @@ static void finish_item(struct bvhd_batch *batch, uint32_t index)
     placement_release(&batch->client->placement, &item->held);
     item->exchange = NULL;
     item->state = ITEM_DONE;
+    dependency_settle(batch, index);
     if (--batch->remaining == 0)
         client_stir(batch->client);
 }
@@ -146,13 +180,31 @@ static void detach(struct bvhd_batch *batch, struct exchange *exchange)
     batch->exchanges--;
 }
 
-static void free_batch(struct bvhd_batch *batch)
+/* Returns the batch that looks up bounds for this one, or NULL. */
+static struct bvhd_batch *lookup_of(const struct bvhd_batch *batch)
 {
+    return batch->dependencies ? batch->dependencies->lookup : NULL;
+}
+
+void client_batch_free(struct bvhd_batch *batch)
+{
+    if (!batch)
+        return;
+    client_batch_free(lookup_of(batch));
+    dependency_destroy(batch->dependencies);
     for (uint32_t i = 0; i < batch->count; i++)
         bvhd_blob_unref(batch->items[i].result.blob);
     vulkan_input_destroy(batch->input);
     memory_free(&library_memory, batch->keys);
     memory_free(&library_memory, batch);
+}
+
+/* Cancels a batch that is about to be freed, and removes all that points to it. */
+static void retire(struct bvhd_batch *batch)
+{
+    cancel_all(batch);
+    client_batch_unqueue(batch);
+    for_exchanges(batch, detach);
 }
 
 void bvhd_batch_destroy(struct bvhd_batch *batch)
@@ -161,17 +213,19 @@ void bvhd_batch_destroy(struct bvhd_batch *batch)
         return;
     struct bvhd_client *client = batch->client;
     client_lock(client);
-    cancel_all(batch);
-    client_batch_unqueue(batch);
-    for_exchanges(batch, detach);
+    retire(batch);
+    if (lookup_of(batch))
+        retire(lookup_of(batch));
     client_unlock(client);
-    free_batch(batch);
+    client_batch_free(batch);
 }
 
 void bvhd_batch_cancel(struct bvhd_batch *batch)
 {
     client_lock(batch->client);
     cancel_all(batch);
+    if (lookup_of(batch))
+        cancel_all(lookup_of(batch));
     client_unlock(batch->client);
 }
 

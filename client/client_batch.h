@@ -9,6 +9,7 @@
 
 /* The progress of an item. */
 enum client_item_state {
+    ITEM_BLOCKED, /* it names structures that are not known yet (dependency.h) */
     ITEM_WAITING, /* its payload is in the caller's memory */
     ITEM_COPIED, /* its payload is in the client's memory, not sent yet */
     ITEM_SENT,
@@ -18,6 +19,8 @@ enum client_item_state {
 /* One item of a batch. */
 struct client_item {
     enum client_item_state state;
+    bool is_private; /* ITEM_BLOCKED and ITEM_WAITING: its payload is not in the caller's memory */
+    uint32_t blockers; /* ITEM_BLOCKED: number of references that are not complete */
     struct held held; /* ITEM_COPIED: where the payload is */
     struct exchange *exchange; /* ITEM_SENT: the exchange that will bring the answer */
     uint32_t entry; /* ITEM_SENT: the item's position in that exchange */
@@ -34,8 +37,10 @@ struct bvhd_batch {
     uint64_t deadline; /* when unsent items fail if there is still no connection */
     struct vulkan_input *input; /* NULL: a batch of keys, or no longer needed */
     struct key *keys; /* NULL: a batch of builds */
+    struct dependencies *dependencies; /* NULL: no item depends on another, or on a key */
+    struct bvhd_batch *parent; /* of a batch that looks up bounds: the one that needs them, and owns it */
     uint32_t remaining; /* number of items without a result */
-    uint32_t uncopied; /* number of items that are ITEM_WAITING */
+    uint32_t uncopied; /* number of items that are ITEM_WAITING, with their payload in the caller's memory */
     uint32_t first_unsent, first_uncopied; /* all items before these have been sent, or copied */
     /*
      * The payload bytes that the next frame may carry. The first frames are small, so that the daemon can start early.
@@ -45,6 +50,15 @@ struct bvhd_batch {
     uint32_t count;
     struct client_item items[];
 };
+
+/* Makes a batch of items that wait. Returns NULL without memory. */
+struct bvhd_batch *client_batch_create(struct bvhd_client *client, uint32_t count, int32_t priority);
+
+/* Makes a batch of keys, which the caller fills in. Returns NULL without memory. */
+struct bvhd_batch *client_batch_create_keys(struct bvhd_client *client, uint32_t count, int32_t priority);
+
+/* Frees a batch that nothing points to. NULL is allowed. */
+void client_batch_free(struct bvhd_batch *batch);
 
 /* Ends an item that is not done, with an error. */
 void client_batch_fail_item(struct bvhd_batch *batch, uint32_t item, const struct bvhd_error *error);

@@ -2,6 +2,7 @@
 #include "client/client_batch.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
+#include "client/dependency.h"
 #include "client/format.h"
 #include "proto/wire/rows.h"
 #include "proto/base/validate_batch.h"
@@ -11,27 +12,11 @@ struct submission {
     struct bvhd_client *client;
     const struct bvhd_build *build;
     struct build_options options;
-    struct reference *references;
+    struct reference_table references;
     struct bvhd_error *errors; /* one for each info */
     struct bvhd_error *batch_errors; /* one for each info: the rules between infos */
     struct bvhd_batch *batch;
 };
-
-static struct bvhd_batch *create_batch(struct bvhd_client *client, uint32_t count, int32_t priority)
-{
-    uint64_t size;
-    struct bvhd_batch *batch = NULL;
-    if (bytes_mul(count, sizeof batch->items[0], &size) && bytes_add(size, sizeof *batch, &size))
-        batch = memory_alloc(&library_memory, size);
-    if (!batch)
-        return NULL;
-    *batch = (struct bvhd_batch){
-        .client = client, .priority = priority, .count = count, .remaining = count, .uncopied = count};
-    for (uint32_t i = 0; i < count; i++)
-        batch->items[i] = (struct client_item){
-            .state = ITEM_WAITING, .held = {.descriptor = -1}, .result = {.error = {.status = BVHD_PENDING}}};
-    return batch;
-}
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
 {
@@ -87,6 +72,8 @@ static void start(struct bvhd_batch *batch)
     client_lock(client);
     if (batch->remaining > 0) {
         client_look(client);
+        if (batch->dependencies && batch->dependencies->lookup)
+            enqueue(batch->dependencies->lookup);
         enqueue(batch);
         client_advance(client);
     }
@@ -101,43 +88,32 @@ static enum bvhd_status check_build(const struct bvhd_build *build, struct build
         return bvhd_error_set(error, BVHD_INVALID, "build.struct_size",
                               "%zu bytes instead of sizeof(struct bvhd_build)", build->struct_size);
     if (build->info_count > 0 && !build->infos)
-        return bvhd_error_set(error, BVHD_INVALID, "build.infos", "not given");
+        return bvhd_error_set(error, BVHD_INVALID, "build.infos", "build.infos is NULL, but info_count is %u",
+                              build->info_count);
     if (build->reference_count > 0 && !build->references)
-        return bvhd_error_set(error, BVHD_INVALID, "build.references", "not given");
+        return bvhd_error_set(error, BVHD_INVALID, "build.references",
+                              "build.references is NULL, but reference_count is %u", build->reference_count);
     return format_options(build, ret_options, error);
-}
-
-static void convert_references(const struct bvhd_build *build, struct reference *references)
-{
-    for (uint32_t i = 0; i < build->reference_count; i++) {
-        const struct bvhd_reference *from = &build->references[i];
-        references[i] =
-            (struct reference){.kind = REFERENCE_BLAS, .handle = from->handle, .has_key = from->has_key != 0};
-        memcpy(references[i].key.bytes, from->key.bytes, sizeof references[i].key.bytes);
-        memcpy(references[i].bounds.min, from->bounds, sizeof references[i].bounds.min);
-        memcpy(references[i].bounds.max, from->bounds + 3, sizeof references[i].bounds.max);
-        memcpy(&references[i].slabs, from->slabs, sizeof references[i].slabs);
-    }
 }
 
 /* Makes the batch's descriptions from Vulkan's structs. */
 static enum bvhd_status describe(struct submission *submission)
 {
     const struct bvhd_build *build = submission->build;
-    submission->references =
-        memory_array(&library_memory, (uint64_t)build->reference_count + 1, sizeof *submission->references);
+    const struct reference_table *table = &submission->references;
     submission->errors = memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->errors);
     submission->batch_errors =
         memory_array(&library_memory, (uint64_t)build->info_count + 1, sizeof *submission->batch_errors);
-    if (!submission->references || !submission->errors || !submission->batch_errors)
+    if (!submission->errors || !submission->batch_errors)
         return BVHD_NO_MEMORY;
-    convert_references(build, submission->references);
-    enum bvhd_status status = vulkan_input_create_in(
-        &library_memory, build->infos, build->info_count, build->ranges, submission->references, build->reference_count,
-        &submission->options, &submission->batch->input, submission->errors);
+    enum bvhd_status status =
+        vulkan_input_create_in(&library_memory, build->infos, build->info_count, build->ranges, table->references,
+                               table->count, &submission->options, &submission->batch->input, submission->errors);
     if (status == BVHD_OK)
-        status = validate_batch(vulkan_input_entries(submission->batch->input), build->info_count, &library_memory,
-                                submission->batch_errors);
+        status = validate_batch_destinations(vulkan_input_entries(submission->batch->input), build->info_count,
+                                             &library_memory, submission->batch_errors);
+    if (status == BVHD_OK)
+        status = dependency_make(submission->batch, table);
     return status;
 }
 
@@ -151,7 +127,8 @@ static void fail_broken(struct submission *submission)
     for (uint32_t i = 0; i < submission->build->info_count; i++) {
         const struct bvhd_error *error =
             submission->errors[i].status != BVHD_OK ? &submission->errors[i] : &submission->batch_errors[i];
-        if (error->status != BVHD_OK)
+        bool is_done = submission->batch->items[i].state == ITEM_DONE; /* it depended on one that has failed */
+        if (error->status != BVHD_OK && !is_done)
             client_batch_fail_item(submission->batch, i, error);
     }
     client_unlock(submission->client);
@@ -171,17 +148,18 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
     enum bvhd_status status = check_build(build, &submission.options, ret_error);
     if (status != BVHD_OK)
         return status;
-    submission.batch = create_batch(client, build->info_count, priority_of(build));
+    status = reference_table_make(build, &library_memory, &submission.references, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    submission.batch = client_batch_create(client, build->info_count, priority_of(build));
     status = submission.batch ? describe(&submission) : BVHD_NO_MEMORY;
     if (status == BVHD_OK)
         fail_broken(&submission);
-    memory_free(&library_memory, submission.references);
+    reference_table_finish(&submission.references, &library_memory);
     memory_free(&library_memory, submission.errors);
     memory_free(&library_memory, submission.batch_errors);
     if (status != BVHD_OK) {
-        if (submission.batch)
-            vulkan_input_destroy(submission.batch->input);
-        memory_free(&library_memory, submission.batch);
+        client_batch_free(submission.batch);
         return no_memory(ret_error);
     }
     copy_large(submission.batch);
@@ -193,19 +171,11 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
 enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,
                                   struct bvhd_batch **ret_batch, struct bvhd_error *ret_error)
 {
-    struct bvhd_batch *batch = create_batch(client, key_count, PRIORITY_NORMAL);
-    struct key *copies = memory_array(&library_memory, (uint64_t)key_count + 1, sizeof *copies);
-    if (!batch || !copies) {
-        memory_free(&library_memory, batch);
-        memory_free(&library_memory, copies);
+    struct bvhd_batch *batch = client_batch_create_keys(client, key_count, PRIORITY_NORMAL);
+    if (!batch)
         return no_memory(ret_error);
-    }
-    for (uint32_t i = 0; i < key_count; i++) {
-        memcpy(copies[i].bytes, keys[i].bytes, sizeof copies[i].bytes);
-        batch->items[i].state = ITEM_COPIED; /* there is no geometry to copy */
-    }
-    batch->uncopied = 0;
-    batch->keys = copies;
+    for (uint32_t i = 0; i < key_count; i++)
+        memcpy(batch->keys[i].bytes, keys[i].bytes, sizeof batch->keys[i].bytes);
     start(batch);
     *ret_batch = batch;
     return BVHD_OK;

@@ -246,7 +246,7 @@ static void add_items(struct draft *draft)
     struct bvhd_batch *batch = draft->batch;
     struct exchange *exchange = draft->exchange;
     for (uint32_t i = batch->first_unsent; i < batch->count && exchange->count < draft->capacity; i++) {
-        if (batch->items[i].state == ITEM_DONE)
+        if (batch->items[i].state == ITEM_BLOCKED || batch->items[i].state >= ITEM_SENT)
             continue;
         enum added added = batch->keys ? add_key(draft, i) : add_build(draft, i);
         if (added == NO_ROOM)
@@ -332,13 +332,16 @@ static uint32_t frame_capacity(const struct bvhd_batch *batch, const struct conn
     return capacity;
 }
 
-/* Sends one frame with as many items as fit. If the frame cannot be made, these items fail. */
-static void send_frame(struct bvhd_batch *batch, struct connection *connection)
+/*
+ * Sends one frame with as many items as fit. If the frame cannot be made, these items fail. Returns whether something
+ * was sent.
+ */
+static bool send_frame(struct bvhd_batch *batch, struct connection *connection)
 {
     struct draft draft = {.client = batch->client, .connection = connection, .batch = batch};
     draft.capacity = frame_capacity(batch, connection);
     if (draft.capacity == 0)
-        return;
+        return false;
     draft.exchange = exchange_create(batch->keys ? FRAME_GET : FRAME_BUILD, draft.capacity);
     if (batch->keys)
         draft.keys = memory_array(&library_memory, draft.capacity, sizeof *draft.keys);
@@ -358,6 +361,7 @@ static void send_frame(struct bvhd_batch *batch, struct connection *connection)
     memory_free(&library_memory, draft.inline_bytes);
     memory_free(&library_memory, draft.items);
     memory_free(&library_memory, draft.keys);
+    return sent;
 }
 
 static void skip_sent(struct bvhd_batch *batch)
@@ -368,15 +372,17 @@ static void skip_sent(struct bvhd_batch *batch)
         client_batch_unqueue(batch);
 }
 
+/* A blocked item at the front does not hold up the items behind it. */
 static void send_batch(struct bvhd_batch *batch, struct connection *connection)
 {
     if (batch->frame_bytes == 0)
         batch->frame_bytes = FIRST_FRAME_BYTES;
     skip_sent(batch);
-    for (uint32_t before = UINT32_MAX; batch->queued && batch->first_unsent != before;) {
-        before = batch->first_unsent;
-        send_frame(batch, connection);
+    for (bool progress = true; progress && batch->queued;) {
+        uint32_t before = batch->first_unsent;
+        progress = send_frame(batch, connection);
         skip_sent(batch);
+        progress = progress || batch->first_unsent != before;
     }
 }
 

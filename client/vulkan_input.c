@@ -315,14 +315,14 @@ static enum bvhd_status mark_named(const struct input_entry *entry, const struct
         if (handle == last)
             continue;
         last = handle;
-        if (handle != 0 && is_built_elsewhere(entry, handle))
-            return bvhd_error_rule(
-                entry->error, BVHD_VUID_03407,
-                place("infos[%u].geometries[0].instances[%u].accelerationStructureReference", entry->index, i).text,
-                "another entry of this call builds this structure");
         uint32_t at = handle_find(call->known, call->reference_count, handle);
         if (at != HANDLE_NONE)
             marks[call->known[at].number] = 1;
+        else if (handle != 0 && is_built_elsewhere(entry, handle))
+            return bvhd_error_rule(
+                entry->error, BVHD_VUID_03407,
+                place("infos[%u].geometries[0].instances[%u].accelerationStructureReference", entry->index, i).text,
+                "another entry of this call builds this structure, and is no bottom level");
     }
     return BVHD_OK;
 }
@@ -494,6 +494,28 @@ enum bvhd_status vulkan_input_create(const VkAccelerationStructureBuildGeometryI
 const struct build_input *vulkan_input_entries(const struct vulkan_input *input)
 {
     return input->entries;
+}
+
+bool vulkan_input_own_records(struct vulkan_input *input, uint32_t entry)
+{
+    struct entry_memory *owned = &input->owned[entry];
+    if (owned->records)
+        return true;
+    struct geometry *geometry = owned->geometries;
+    uint64_t size = (uint64_t)geometry->range.primitive_count * RECORD_SIZE;
+    owned->records = memory_alloc(input->memory, size);
+    if (!owned->records)
+        return false;
+    memcpy(owned->records, geometry->instances.records.data + geometry->range.primitive_offset, size);
+    geometry->range.primitive_offset = 0;
+    geometry->instances.records = (struct bytes){owned->records, size};
+    return true;
+}
+
+void vulkan_input_complete_reference(struct vulkan_input *input, uint32_t entry, uint32_t slot,
+                                     const struct reference *reference)
+{
+    input->owned[entry].references[slot] = *reference;
 }
 
 void vulkan_input_destroy(struct vulkan_input *input)

@@ -3,10 +3,10 @@
  * vulkan_input.h - converts Vulkan's own structs, with host addresses, to the neutral description.
  *
  * It checks what only these structs show: sType, pNext, that exactly one of pGeometries and ppGeometries is set (VUID
- * 03788), that ranges are given (11702), that no instance names a structure that another entry of the call builds
- * (03407). validate.h checks everything else. The number of bytes behind an address follows from the ranges, strides,
- * formats and maxVertex, as Vulkan defines them; the addresses themselves are trusted, as they are by Vulkan. Arrays of
- * instance pointers are gathered into records.
+ * 03788), that ranges are given (11702), that no instance names a structure that another entry of the call builds and
+ * that is not among the references (03407). validate.h checks everything else. The number of bytes behind an address
+ * follows from the ranges, strides, formats and maxVertex, as Vulkan defines them; the addresses themselves are
+ * trusted, as they are by Vulkan. Arrays of instance pointers are gathered into records.
  */
 #ifndef BVHD_VULKAN_INPUT_H
 #define BVHD_VULKAN_INPUT_H
@@ -41,6 +41,16 @@ enum bvhd_status vulkan_input_create_in(struct memory *memory, const VkAccelerat
 
 /* Returns `count` descriptions, one for each info; they belong to the vulkan_input. */
 const struct build_input *vulkan_input_entries(const struct vulkan_input *input);
+
+/*
+ * Copies the instances of an entry that has references, so that the caller's memory is not needed for them. Returns
+ * false without memory.
+ */
+bool vulkan_input_own_records(struct vulkan_input *input, uint32_t entry);
+
+/* Sets reference `slot` of an entry. */
+void vulkan_input_complete_reference(struct vulkan_input *input, uint32_t entry, uint32_t slot,
+                                     const struct reference *reference);
 
 /* Frees the input. NULL is allowed. */
 void vulkan_input_destroy(struct vulkan_input *input);

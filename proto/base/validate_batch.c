@@ -26,7 +26,8 @@ static uint32_t other_destination(const struct destinations *destinations, uint6
 }
 
 static enum bvhd_status check_entry(const struct build_input *input, uint32_t index,
-                                    const struct destinations *destinations, struct bvhd_error *error)
+                                    const struct destinations *destinations, bool with_references,
+                                    struct bvhd_error *error)
 {
     uint32_t other = other_destination(destinations, input->destination, index);
     if (other != HANDLE_NONE)
@@ -36,7 +37,7 @@ static enum bvhd_status check_entry(const struct build_input *input, uint32_t in
     if (other != HANDLE_NONE)
         return bvhd_error_rule(error, BVHD_VUID_03403, place("infos[%u].srcAccelerationStructure", index).text,
                                "infos[%u] builds into this source", other);
-    for (uint32_t i = 0; input->references && i < input->reference_count; i++) {
+    for (uint32_t i = 0; with_references && input->references && i < input->reference_count; i++) {
         other = other_destination(destinations, input->references[i].handle, index);
         if (other != HANDLE_NONE)
             return bvhd_error_rule(error, BVHD_VUID_03407, place("infos[%u].references[%u]", index, i).text,
@@ -45,8 +46,8 @@ static enum bvhd_status check_entry(const struct build_input *input, uint32_t in
     return BVHD_OK;
 }
 
-enum bvhd_status validate_batch(const struct build_input *inputs, uint32_t count, struct memory *memory,
-                                struct bvhd_error *ret_errors)
+static enum bvhd_status validate(const struct build_input *inputs, uint32_t count, bool with_references,
+                                 struct memory *memory, struct bvhd_error *ret_errors)
 {
     if (count == 0)
         return BVHD_OK;
@@ -59,8 +60,20 @@ enum bvhd_status validate_batch(const struct build_input *inputs, uint32_t count
     handle_sort(entries, entries + count, count);
     for (uint32_t i = 0; i < count; i++) {
         ret_errors[i] = (struct bvhd_error){.status = BVHD_OK};
-        check_entry(&inputs[i], i, &destinations, &ret_errors[i]);
+        check_entry(&inputs[i], i, &destinations, with_references, &ret_errors[i]);
     }
     memory_free(memory, entries);
     return BVHD_OK;
+}
+
+enum bvhd_status validate_batch(const struct build_input *inputs, uint32_t count, struct memory *memory,
+                                struct bvhd_error *ret_errors)
+{
+    return validate(inputs, count, true, memory, ret_errors);
+}
+
+enum bvhd_status validate_batch_destinations(const struct build_input *inputs, uint32_t count, struct memory *memory,
+                                             struct bvhd_error *ret_errors)
+{
+    return validate(inputs, count, false, memory, ret_errors);
 }

@@ -21,4 +21,11 @@
 enum bvhd_status validate_batch(const struct build_input *inputs, uint32_t count, struct memory *memory,
                                 struct bvhd_error *ret_errors);
 
+/*
+ * Checks the first two rules alone, for a caller that builds what the references name before the entries that have
+ * them.
+ */
+enum bvhd_status validate_batch_destinations(const struct build_input *inputs, uint32_t count, struct memory *memory,
+                                             struct bvhd_error *ret_errors);
+
 #endif

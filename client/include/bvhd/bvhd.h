@@ -188,12 +188,24 @@ enum {
 /* Orders the batches of one client. The service shares its time fairly between clients, whatever their priorities. */
 enum bvhd_priority { BVHD_PRIORITY_LOW = -1, BVHD_PRIORITY_NORMAL = 0, BVHD_PRIORITY_HIGH = 1 };
 
-/* A structure that instances may reference, as its result describes it. */
+/*
+ * A bottom level that instances may reference, as its result describes it: bvhd_reference_from_result makes one. With a
+ * key, `bounds` and `slabs` may be left out: the service then takes those of the structure that has this key.
+ */
 struct bvhd_reference {
-    uint64_t handle; /* the VkAccelerationStructureKHR in the instances, as a number; not 0, unique within the call */
-    int has_key;
+    /*
+     * The VkAccelerationStructureKHR in the instances, as a number: not 0, unique within the call, and not what an info
+     * of the call builds.
+     */
+    uint64_t handle;
+    int has_key; /* 1: `key` is set; 0: it is not */
     struct bvhd_key key;
-    float bounds[6]; /* minimum, maximum; copied from result->bounds, for an empty structure too */
+    /*
+     * Minimum, maximum; copied from result->bounds, for an empty structure too (whose minimum is over its maximum). All
+     * bits 0 means not given. The bounds of a structure that is a single point at the origin are given as minima of
+     * -0.0 and maxima of 0.0, and count as 0.
+     */
+    float bounds[6];
     /* Copied from result->slabs: makes the world boxes of rotated instances smaller. All 0 means unknown. */
     float slabs[20];
 };
@@ -208,7 +220,11 @@ struct bvhd_build {
     const VkAccelerationStructureBuildGeometryInfoKHR *infos;
     /* ranges[i] points to infos[i].geometryCount ranges */
     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges;
-    const struct bvhd_reference *references; /* the structures that instances of any info may reference */
+    /*
+     * The structures that instances of any info may reference, in addition to the bottom levels that this call builds:
+     * those are named by their dstAccelerationStructure.
+     */
+    const struct bvhd_reference *references;
     uint32_t reference_count;
     enum bvhd_quality quality;
     enum bvhd_target target; /* 0: the target of `format`, or portable if `format` is NULL */
@@ -233,10 +249,21 @@ struct bvhd_build {
  * (vertices, indices, boxes, transforms, instances) must stay readable and unchanged until bvhd_batch_is_copied is
  * true. For a batch that fits into the shared memory it is true on return, even without a daemon.
  *
+ * A top level may name bottom levels of the same call: its instances have the handle that is the bottom level's
+ * dstAccelerationStructure, any number but 0. The library requests the top level when these bottom levels have their
+ * results. (Vulkan's rule 03407, which forbids that within one vkBuildAccelerationStructuresKHR, holds for all other
+ * structures.) The bytes are those of two calls. If such a bottom level fails or is cancelled, the top level fails with
+ * the same status and a text that names both.
+ *
+ * A reference without bounds is looked up by its key. If that fails, every info whose instances name the reference
+ * fails with that status and the place "build.references[3].key": BVHD_NOT_FOUND if the service does not have the
+ * structure, or no longer, and BVHD_INVALID if it is a top level.
+ *
  * An info that breaks a rule has that error as its result, as does every info that the service refuses:
  * BVHD_UNSUPPORTED when the daemon's version does not know the target, or does not take a rays_per_primitive other than
  * 0 where it would matter. The call itself fails only with BVHD_NO_MEMORY, or with BVHD_INVALID if the struct
- * bvhd_build itself is wrong. The caller destroys the batch with bvhd_batch_destroy.
+ * bvhd_build or one of its references is wrong, as "build.references[3].handle". The caller destroys the batch with
+ * bvhd_batch_destroy.
  */
 BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
                                             struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
@@ -313,10 +340,10 @@ struct bvhd_result {
     double original_build_ms; /* duration of the build that made the bytes, whichever request caused it */
     /* the algorithm that built it: "ploc", "spatial", "binned", or "none" if there are no primitives */
     const char *method;
-    float bounds[6]; /* minimum, maximum: for bvhd_reference */
+    float bounds[6]; /* minimum, maximum: for bvhd_reference_from_result */
     /*
      * Ten minima, then ten maxima, of the structure along x + y, y + z, z + x, x - y, y - z, z - x, x + y - z, y + z -
-     * x, z + x - y, x + y + z: for bvhd_reference.
+     * x, z + x - y, x + y + z: for bvhd_reference_from_result.
      */
     float slabs[20];
     enum bvhd_target target; /* the format of the bytes */
@@ -328,6 +355,14 @@ struct bvhd_result {
  * batch. Before the item is done, the call returns another struct whose error.status is BVHD_PENDING: call again later.
  */
 BVHD_API const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, uint32_t item);
+
+/*
+ * Makes the reference by which instances can name the structure of a result: they contain `handle`, a number other than
+ * 0. Returns the status of a result that is not BVHD_OK, and BVHD_INVALID for a top level, a handle of 0 or a NULL
+ * pointer; *ret_reference is then untouched. It copies values: the result and its batch are not needed afterwards.
+ */
+BVHD_API enum bvhd_status bvhd_reference_from_result(const struct bvhd_result *result, uint64_t handle,
+                                                     struct bvhd_reference *ret_reference);
 
 /*
  * ---- Blobs: the bytes of results, which may outlive batch and client. References are counted, from any thread. ----
