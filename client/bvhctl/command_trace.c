@@ -54,8 +54,8 @@ static enum bvhd_status check_cost(const struct trace_command *run, struct bvhd_
 static enum bvhd_status choose_camera(struct trace_command *run, struct bvhd_error *error)
 {
     uint64_t rays;
-    double aspect = (double)run->options->width / run->options->height;
-    return camera_choose(&run->stage, aspect, run->local.parallel, &run->local.memory, &run->camera, &rays, error);
+    struct camera_options options = {.aspect = (double)run->options->width / run->options->height};
+    return camera_choose(&run->stage, &options, run->local.parallel, &run->local.memory, &run->camera, &rays, error);
 }
 
 static enum bvhd_status render(struct trace_command *run, struct bvhd_error *error)

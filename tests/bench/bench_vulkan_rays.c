@@ -127,7 +127,8 @@ static enum bvhd_status make_primary(struct making *making, const struct paralle
                                      struct bvhd_error *error)
 {
     uint64_t looks;
-    enum bvhd_status status = camera_choose(making->stage, 1, parallel, memory, &making->camera, &looks, error);
+    enum bvhd_status status = camera_choose(making->stage, &(struct camera_options){.aspect = 1}, parallel, memory,
+                                            &making->camera, &looks, error);
     if (status == BVHD_OK)
         parallel_for(parallel, chunks_of(making, RAYS_PRIMARY), task_primary, making);
     return status;

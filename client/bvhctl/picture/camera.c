@@ -2,21 +2,15 @@
 #include "client/bvhctl/picture/camera.h"
 
 #include "client/bvhctl/oracle/rays.h"
+#include "client/bvhctl/picture/camera_probe.h"
+#include "client/bvhctl/picture/camera_view.h"
 
 enum {
-    AZIMUTHS = 16,
-    ELEVATIONS = 4,
-    INSIDE_GRID = 6, /* positions along each horizontal axis */
-    INSIDE_HEIGHTS = 2,
-    INSIDE_AZIMUTHS = 12,
-    OUTSIDE_VIEWS = AZIMUTHS * ELEVATIONS,
-    INSIDE_VIEWS = INSIDE_GRID * INSIDE_GRID * INSIDE_HEIGHTS * INSIDE_AZIMUTHS,
-    VIEWS = OUTSIDE_VIEWS + INSIDE_VIEWS,
-    PROBE_WIDTH = 40,
-    PROBE_HEIGHT = 24,
     OPENNESS_STANDS = 256,
     OPENNESS_RAYS = 24,
+    OPENNESS_KEPT = 4, /* of the points that are seen from each stand */
     COSTLY = 500, /* triangle tests a ray from which on views are not compared */
+    DEFAULT_VIEW = VIEW_AZIMUTHS + 2, /* the one that is taken then: somewhat from the side, and from above */
 };
 
 static const double pi = 3.14159265358979323846;
@@ -28,294 +22,235 @@ struct vector camera_direction(const struct camera *camera, double x, double y)
     return vector_unit(vector_add(across, along));
 }
 
-static struct vector spherical(const struct stage *stage, double azimuth, double elevation)
-{
-    double flat = cos(elevation);
-    return stage_to_world(stage, vector_make(flat * cos(azimuth), flat * sin(azimuth), sin(elevation)));
-}
-
-static void aim(struct camera *camera, const struct stage *stage, struct vector forward, double half_angle,
-                double aspect)
-{
-    camera->forward = forward;
-    camera->right = vector_unit(vector_cross(forward, stage->up));
-    camera->up = vector_cross(camera->right, forward);
-    camera->half_height = tan(half_angle);
-    camera->half_width = camera->half_height * aspect;
-}
-
-static double flatness(const struct stage *stage)
-{
-    struct vector extent = vector_sub(stage->high, stage->low);
-    return extent.z / fmax(fmax(extent.x, extent.y), 1e-44);
-}
-
-/*
- * Returns whether a point should be in the picture. These are the points of the bulk; but of a landscape, which is much
- * wider than high, only those in the middle, because otherwise everything on it would be tiny.
- */
-static bool in_focus(const struct stage *stage, struct vector point)
-{
-    struct vector extent = vector_sub(stage->high, stage->low),
-                  middle = vector_scale(vector_add(stage->low, stage->high), 0.5);
-    struct vector away = vector_sub(stage_to_local(stage, point), middle);
-    double reach = flatness(stage) < 0.05 ? 0.26 : 0.501,
-           rounding = 1e-6 * stage->size; /* the extent of a level plane is 0 */
-    return fabs(away.x) <= reach * extent.x + rounding && fabs(away.y) <= reach * extent.y + rounding &&
-           fabs(away.z) <= 0.501 * extent.z + rounding;
-}
-
-/*
- * The size of the bulk in the picture, by its samples, as seen from far away. The unit is half a side of the picture at
- * distance 1.
- */
-struct fit {
-    double left, right, bottom, top; /* of the outermost samples, relative to the centre of the view */
-    double distance;
-};
-
-static struct fit fit_samples(const struct stage *stage, const struct camera *camera, struct vector target)
-{
-    static const double margin = 0.86;
-    double wide = camera->half_width * margin, high = camera->half_height * margin;
-    struct fit fit = {INFINITY, -INFINITY, INFINITY, -INFINITY, 0};
-    for (uint32_t i = 0; i < stage->sample_count; i++) {
-        if (!in_focus(stage, stage->samples[i]))
-            continue;
-        struct vector q = vector_sub(stage->samples[i], target);
-        double x = vector_dot(q, camera->right), y = vector_dot(q, camera->up), z = vector_dot(q, camera->forward);
-        fit.distance = fmax(fit.distance, fmax(fabs(x) / wide, fabs(y) / high) - z);
-        fit.left = fmin(fit.left, x);
-        fit.right = fmax(fit.right, x);
-        fit.bottom = fmin(fit.bottom, y);
-        fit.top = fmax(fit.top, y);
-    }
-    return fit;
-}
-
-static struct camera outside_view(const struct stage *stage, double aspect, int index)
-{
-    static const double elevations[ELEVATIONS] = {0.17, 0.31, 0.49, 0.7};
-    struct camera camera = {0};
-    double azimuth = 2 * pi * (index % AZIMUTHS + 0.5) / AZIMUTHS;
-    aim(&camera, stage, vector_scale(spherical(stage, azimuth, elevations[index / AZIMUTHS]), -1), 0.3, aspect);
-    struct vector target = stage_to_world(stage, vector_scale(vector_add(stage->low, stage->high), 0.5));
-    for (int i = 0; i < 2; i++) {
-        struct fit fit = fit_samples(stage, &camera, target);
-        target = vector_mad(target, camera.right, (fit.left + fit.right) / 2);
-        target = vector_mad(target, camera.up, (fit.bottom + fit.top) / 2);
-    }
-    camera.origin = vector_mad(target, camera.forward, -fit_samples(stage, &camera, target).distance);
-    return camera;
-}
-
-static struct camera inside_view(const struct stage *stage, double aspect, int index)
-{
-    static const double heights[INSIDE_HEIGHTS] = {0.14, 0.4};
-    int azimuth = index % INSIDE_AZIMUTHS, stand = index / INSIDE_AZIMUTHS, column = stand % INSIDE_GRID,
-        row = stand / INSIDE_GRID % INSIDE_GRID;
-    double height = heights[stand / (INSIDE_GRID * INSIDE_GRID)];
-    struct vector extent = vector_sub(stage->high, stage->low);
-    struct vector local =
-        vector_make(stage->low.x + extent.x * (column + 0.5) / INSIDE_GRID,
-                    stage->low.y + extent.y * (row + 0.5) / INSIDE_GRID, stage->low.z + extent.z * height);
-    struct camera camera = {.is_inside = true, .origin = stage_to_world(stage, local)};
-    aim(&camera, stage, spherical(stage, 2 * pi * azimuth / INSIDE_AZIMUTHS, 0.04), 0.52, aspect);
-    return camera;
-}
-
-static struct camera make_view(const struct stage *stage, double aspect, int index)
-{
-    return index < OUTSIDE_VIEWS ? outside_view(stage, aspect, index)
-                                 : inside_view(stage, aspect, index - OUTSIDE_VIEWS);
-}
-
-/* The hits of a few rays through a view. The distance of a miss is INFINITY. */
-struct view_probe {
-    double distance[PROBE_HEIGHT][PROBE_WIDTH];
-    struct vector normal[PROBE_HEIGHT][PROBE_WIDTH];
-    uint32_t hits;
-    double nearest;
-};
-
-static void take_probe(const struct stage *stage, const struct camera *camera, struct view_probe *probe)
-{
-    probe->hits = 0;
-    probe->nearest = INFINITY;
-    for (int y = 0; y < PROBE_HEIGHT; y++)
-        for (int x = 0; x < PROBE_WIDTH; x++) {
-            struct stage_hit hit = {.distance = INFINITY};
-            struct vector direction = camera_direction(camera, (x + 0.5) / PROBE_WIDTH, (y + 0.5) / PROBE_HEIGHT);
-            probe->hits += stage_look(stage, camera->origin, direction, &hit);
-            probe->distance[y][x] = hit.distance;
-            probe->normal[y][x] = hit.normal;
-            probe->nearest = fmin(probe->nearest, hit.distance);
-        }
-}
-
-/* Returns the entropy, in bits, of the directions in which the visible surfaces face: 0 for one flat wall. */
-static double facing_entropy(const struct view_probe *probe)
-{
-    uint32_t counts[27] = {0};
-    for (int y = 0; y < PROBE_HEIGHT; y++)
-        for (int x = 0; x < PROBE_WIDTH; x++) {
-            struct vector n = probe->normal[y][x];
-            if (isfinite(probe->distance[y][x]))
-                counts[(int)lround(n.x) + 3 * (int)lround(n.y) + 9 * (int)lround(n.z) + 13]++;
-        }
-    double entropy = 0;
-    for (int i = 0; i < 27; i++)
-        if (counts[i])
-            entropy -= (double)counts[i] / probe->hits * log2((double)counts[i] / probe->hits);
-    return entropy;
-}
-
-/*
- * Returns the fraction of neighbouring rays between which the distance jumps. Those are outlines, of which views with
- * detail and depth have many.
- */
-static double outlines(const struct view_probe *probe)
-{
-    uint32_t jumps = 0;
-    for (int y = 1; y < PROBE_HEIGHT; y++)
-        for (int x = 1; x < PROBE_WIDTH; x++) {
-            double here = probe->distance[y][x], left = probe->distance[y][x - 1], above = probe->distance[y - 1][x];
-            jumps += isfinite(here) && (fabs(here - left) > 0.06 * here || fabs(here - above) > 0.06 * here);
-        }
-    return (double)jumps / (PROBE_WIDTH * PROBE_HEIGHT);
-}
-
-/*
- * Returns the entropy of the visible distances, in steps of a factor 1.5: it is high if near and far are both visible.
- */
-static double depth_entropy(const struct view_probe *probe)
-{
-    uint32_t counts[32] = {0};
-    for (int y = 0; y < PROBE_HEIGHT; y++)
-        for (int x = 0; x < PROBE_WIDTH; x++)
-            if (isfinite(probe->distance[y][x]) && probe->nearest > 0)
-                counts[(int)fmin(31, log(probe->distance[y][x] / probe->nearest) / log(1.5))]++;
-    double entropy = 0;
-    for (int i = 0; i < 32; i++)
-        if (counts[i])
-            entropy -= (double)counts[i] / probe->hits * log2((double)counts[i] / probe->hits);
-    return entropy;
-}
-
-static double score_outside(const struct view_probe *probe, double elevation_bonus)
-{
-    double coverage = (double)probe->hits / (PROBE_WIDTH * PROBE_HEIGHT);
-    double outline = outlines(probe);
-    return 1.5 * fmin(coverage, 0.55) + 0.25 * facing_entropy(probe) + 1.2 * fmin(outline, 0.3) + elevation_bonus;
-}
-
 struct vector camera_sun(const struct stage *stage, const struct camera *camera)
 {
-    struct vector flat = vector_unit(vector_mad(camera->forward, stage->up, -vector_dot(camera->forward, stage->up)));
+    struct vector flat = vector_unit(vector_cross(stage->up, camera->right));
     struct vector level = vector_unit(vector_mad(vector_scale(flat, -0.45), camera->right, -0.9));
     return vector_unit(vector_mad(level, stage->up, camera->is_inside ? 1.7 : 0.95));
 }
 
-/* Returns the fraction of the picture that the sun shines on. */
-static double sunlit(const struct stage *stage, const struct camera *camera, const struct view_probe *probe)
+static struct vector turn_vector(const struct stage *stage, struct vector vector, double angle)
 {
-    struct vector sun = camera_sun(stage, camera);
-    uint32_t lit = 0;
-    for (int y = 0; y < PROBE_HEIGHT; y++)
-        for (int x = 0; x < PROBE_WIDTH; x++) {
-            if (!isfinite(probe->distance[y][x]) || vector_dot(probe->normal[y][x], sun) <= 0)
-                continue;
-            struct vector direction = camera_direction(camera, (x + 0.5) / PROBE_WIDTH, (y + 0.5) / PROBE_HEIGHT);
-            struct vector place = vector_mad(camera->origin, direction, probe->distance[y][x] * 0.9999);
-            lit += isinf(stage_clearance(stage, place, sun));
-        }
-    return (double)lit / (PROBE_WIDTH * PROBE_HEIGHT);
+    struct vector along = vector_scale(stage->up, vector_dot(vector, stage->up)), level = vector_sub(vector, along);
+    struct vector side = vector_cross(stage->up, level);
+    return vector_add(along, vector_mad(vector_scale(level, cos(angle)), side, sin(angle)));
 }
 
-static double score_inside(const struct stage *stage, const struct camera *camera, const struct view_probe *probe)
+struct camera camera_turn(const struct stage *stage, const struct camera *camera, double angle)
 {
-    double coverage = (double)probe->hits / (PROBE_WIDTH * PROBE_HEIGHT);
-    if (probe->nearest < 0.03 * stage->size || coverage < 0.8)
-        return -1;
-    return coverage + 0.3 * facing_entropy(probe) + 2 * outlines(probe) + 0.3 * depth_entropy(probe) +
-           3 * fmin(sunlit(stage, camera, probe), 0.3);
-}
-
-static double score_view(const struct stage *stage, const struct camera *camera, int index)
-{
-    struct view_probe probe;
-    take_probe(stage, camera, &probe);
-    if (probe.hits == 0)
-        return -1;
-    /* Flat scenes look better from above, compact ones from a nearly level view. */
-    double flat = flatness(stage), best = flat < 0.35 ? 2 : flat < 0.8 ? 1.2 : 0.6;
-    double level = index / AZIMUTHS - best;
-    return camera->is_inside ? score_inside(stage, camera, &probe) : score_outside(&probe, -0.12 * level * level);
+    struct camera turned = *camera;
+    turned.origin = vector_add(camera->pivot, turn_vector(stage, vector_sub(camera->origin, camera->pivot), angle));
+    turned.forward = turn_vector(stage, camera->forward, angle);
+    turned.right = turn_vector(stage, camera->right, angle);
+    turned.up = turn_vector(stage, camera->up, angle);
+    return turned;
 }
 
 struct contest {
     const struct stage *stage;
-    double aspect;
-    bool inside;
+    struct camera_options options;
+    int first; /* the number of the first view that is judged */
     double *scores;
 };
+
+/* Returns what a view gains from its side. The front counts much if its side is known. */
+static double front_bonus(const struct contest *contest, int index)
+{
+    double away = fabs(view_azimuth(index)), ideal = pi / 6;
+    double facing = (1 + cos(fmax(away - ideal, 0))) / 2 - 0.05 * (away < ideal);
+    return facing * (contest->options.knows_front ? 1.5 : 0.2);
+}
+
+static double score_outside(const struct contest *contest, const struct camera *camera, const struct view_probe *probe,
+                            int index)
+{
+    /* Flat scenes look better from above, compact ones from a nearly level view. */
+    double flat = view_flatness(contest->stage), best = flat < 0.35 ? 2 : flat < 0.8 ? 1.2 : 0.8;
+    double level = view_level(index) - best;
+    double coverage = (double)probe->subject_hits / (PROBE_WIDTH * PROBE_HEIGHT);
+    return 1.8 * sqrt(fmin(coverage, 0.55)) + 0.25 * probe_facing(probe) + 1.2 * fmin(probe_outlines(probe), 0.3) +
+           1.5 * probe_visibility(contest->stage, camera) - 0.12 * level * level + front_bonus(contest, index);
+}
+
+static double score_inside(const struct contest *contest, const struct camera *camera, const struct view_probe *probe)
+{
+    double coverage = (double)probe->hits / (PROBE_WIDTH * PROBE_HEIGHT);
+    if (probe->nearest < 0.03 * contest->stage->size || coverage < 0.8)
+        return -1;
+    return coverage + 0.3 * probe_facing(probe) + 2 * probe_outlines(probe) + 0.3 * probe_depth(probe) +
+           3 * fmin(probe_sunlit(contest->stage, camera, probe), 0.3);
+}
 
 static void judge_view(void *context, size_t task)
 {
     const struct contest *contest = context;
-    int index = (int)task + (contest->inside ? OUTSIDE_VIEWS : 0);
-    struct camera camera = make_view(contest->stage, contest->aspect, index);
-    contest->scores[index] = score_view(contest->stage, &camera, index);
+    int index = (int)task + contest->first;
+    struct camera camera = view_make(contest->stage, &contest->options, index);
+    struct view_probe probe;
+    probe_take(contest->stage, &camera, &probe);
+    if (probe.hits == 0)
+        contest->scores[index] = -1;
+    else if (camera.is_inside)
+        contest->scores[index] = score_inside(contest, &camera, &probe);
+    else
+        contest->scores[index] = score_outside(contest, &camera, &probe, index);
 }
 
+/* Judges a range of views, and returns the best one. */
+static int judge(struct contest *contest, const struct parallel *parallel, int first, int count)
+{
+    contest->first = first;
+    parallel_for(parallel, (size_t)count, judge_view, contest);
+    int best = first;
+    for (int i = first; i < first + count; i++)
+        best = contest->scores[i] > contest->scores[best] ? i : best;
+    return best;
+}
+
+/* ---- whether there is an inside ---- */
+
+/* What is seen from random positions in the bulk that have room around them. */
+struct openness {
+    uint32_t stands, walls; /* such positions, and those that are between walls */
+    uint32_t points; /* of what is seen from between walls: */
+    struct vector seen[OPENNESS_STANDS * OPENNESS_KEPT];
+};
+
 /*
- * Returns whether the camera can be inside the stage. That is so if most positions in the bulk that have room around
- * them see walls in most directions. Between objects outdoors, half of all directions lead to the sky. If no direction
- * from any position does, the bulk is a closed body, and it is dark inside.
+ * Looks around from one position. It is between walls if it sees surfaces, from their front, in most directions.
+ * Between objects outdoors half of all directions lead to the sky, and a solid body shows the backs of its surfaces to
+ * its inside.
  */
-static bool is_enclosing(const struct stage *stage)
+static void look_around(const struct stage *stage, struct vector stand, struct openness *openness)
+{
+    uint32_t hits = 0, backs = 0;
+    struct vector seen[OPENNESS_RAYS];
+    double nearest = INFINITY;
+    for (int k = 0; k < OPENNESS_RAYS; k++) {
+        double height = 2 * (k + 0.5) / OPENNESS_RAYS - 1, azimuth = 2 * pi * 0.618034 * k;
+        struct stage_hit hit;
+        if (!stage_look(stage, stand, view_towards(stage, azimuth, asin(height)), &hit))
+            continue;
+        seen[hits++] = hit.position;
+        backs += hit.is_back;
+        nearest = fmin(nearest, hit.distance);
+    }
+    if (nearest < 0.04 * stage->size)
+        return;
+    openness->stands++;
+    if (hits < OPENNESS_RAYS * 7 / 10 || 2 * backs > hits)
+        return;
+    openness->walls++;
+    for (int i = 0; i < OPENNESS_KEPT; i++)
+        openness->seen[openness->points++] = seen[(size_t)i * hits / OPENNESS_KEPT];
+}
+
+/* Returns whether the stage has an inside: most positions in the bulk that have room around them are between walls. */
+static bool has_inside(const struct stage *stage, struct openness *openness)
 {
     uint64_t state = 0xca3e7a;
-    uint32_t stands = 0, walls = 0, openings = 0; /* positions, those between walls, and rays that hit nothing */
     struct vector extent = vector_sub(stage->high, stage->low);
     for (int i = 0; i < OPENNESS_STANDS; i++) {
         struct vector fractions = vector_make(rays_uniform(&state), rays_uniform(&state), rays_uniform(&state) * 0.7);
-        struct vector stand = stage_to_world(stage, vector_add(stage->low, vector_mul(extent, fractions)));
-        uint32_t hits = 0;
-        double nearest = INFINITY;
-        for (int k = 0; k < OPENNESS_RAYS; k++) {
-            double height = 2 * (k + 0.5) / OPENNESS_RAYS - 1, azimuth = 2 * pi * 0.618034 * k;
-            double clearance = stage_clearance(stage, stand, spherical(stage, azimuth, asin(height)));
-            hits += isfinite(clearance);
-            nearest = fmin(nearest, clearance);
-        }
-        if (nearest < 0.04 * stage->size)
-            continue;
-        stands++;
-        openings += OPENNESS_RAYS - hits;
-        walls += hits >= OPENNESS_RAYS * 7 / 10;
+        look_around(stage, stage_to_world(stage, vector_add(stage->low, vector_mul(extent, fractions))), openness);
     }
-    return stands >= OPENNESS_STANDS / 16 && walls * 2 > stands && openings > 0;
+    return openness->stands >= OPENNESS_STANDS / 16 && openness->walls * 2 > openness->stands;
 }
 
-enum bvhd_status camera_choose(const struct stage *stage, double aspect, const struct parallel *parallel,
-                               struct memory *memory, struct camera *ret_camera, uint64_t *ret_rays,
-                               struct bvhd_error *error)
+/* Returns whether a view from outside shows most of the inside, as that of a room whose front is left out does. */
+static bool shows_inside(const struct stage *stage, const struct camera *camera, const struct openness *openness)
 {
-    bool is_slow = stage_cost(stage) > COSTLY; /* the first view is taken then */
-    struct contest contest = {.stage = stage, .aspect = aspect, .inside = !is_slow && is_enclosing(stage)};
+    uint32_t seen = 0;
+    for (uint32_t i = 0; i < openness->points; i++) {
+        bool is_back = true;
+        seen += probe_sees(stage, camera, openness->seen[i], &is_back) && !is_back;
+    }
+    return 5 * seen > 2 * openness->points;
+}
+
+/* Returns whether a view from inside shows more than the walls of an empty box or ball. */
+static bool is_worth_showing(const struct stage *stage, const struct camera *camera)
+{
+    struct view_probe probe;
+    probe_take(stage, camera, &probe);
+    return probe_outlines(&probe) > 0.04;
+}
+
+/* ---- the choice ---- */
+
+/*
+ * Finds the best view from outside. What would be too thin to be seen from where all of it fits into the picture, such
+ * as a long wire, is seen from nearer.
+ */
+static struct camera search_outside(struct contest *contest, const struct parallel *parallel, uint64_t *ret_rays)
+{
+    enum { FEWEST_HITS = 4, CLOSER = 3, MOST_TIMES = 12 };
+    struct camera camera = view_make(contest->stage, &contest->options, DEFAULT_VIEW);
+    struct view_probe probe = {.hits = 0};
+    for (int i = 0; i < MOST_TIMES && probe.subject_hits < FEWEST_HITS; i++) {
+        int best = judge(contest, parallel, 0, VIEWS_OUTSIDE);
+        struct camera found = view_make(contest->stage, &contest->options, best);
+        uint32_t hits = probe.subject_hits;
+        probe_take(contest->stage, &found, &probe);
+        if (i == 0 || probe.subject_hits > hits)
+            camera = found;
+        contest->options.closeness = CLOSER * fmax(contest->options.closeness, 1);
+        *ret_rays += VIEWS_OUTSIDE * (PROBE_WIDTH * PROBE_HEIGHT + PROBE_TARGETS);
+    }
+    return camera;
+}
+
+static enum bvhd_status search(const struct stage *stage, const struct camera_options *options,
+                               const struct parallel *parallel, struct memory *memory, struct camera *ret_camera,
+                               uint64_t *ret_rays, struct bvhd_error *error)
+{
+    struct contest contest = {.stage = stage, .options = *options};
     contest.scores = memory_array(memory, VIEWS, sizeof *contest.scores);
-    if (!contest.scores)
-        return bvhd_error_no_memory(error, "trace", "no memory to choose a view");
-    for (int i = 0; i < VIEWS; i++)
-        contest.scores[i] = -2;
-    int count = contest.inside ? INSIDE_VIEWS : OUTSIDE_VIEWS, best = 0;
-    if (!is_slow)
-        parallel_for(parallel, (size_t)count, judge_view, &contest);
-    for (int i = 1; i < VIEWS; i++)
-        best = contest.scores[i] > contest.scores[best] ? i : best;
-    *ret_camera = make_view(stage, aspect, best);
-    *ret_rays = is_slow ? 0 : (uint64_t)count * PROBE_WIDTH * PROBE_HEIGHT + OPENNESS_STANDS * OPENNESS_RAYS;
+    struct openness *openness = memory_alloc(memory, sizeof *openness);
+    enum bvhd_status status = BVHD_OK;
+    if (contest.scores && openness) {
+        *openness = (struct openness){0};
+        *ret_camera = search_outside(&contest, parallel, ret_rays);
+        *ret_rays += OPENNESS_STANDS * OPENNESS_RAYS;
+        if (!options->has_target && has_inside(stage, openness) && !shows_inside(stage, ret_camera, openness)) {
+            struct camera inside = view_make(stage, options, judge(&contest, parallel, VIEWS_OUTSIDE, VIEWS_INSIDE));
+            *ret_rays += (uint64_t)VIEWS_INSIDE * PROBE_WIDTH * PROBE_HEIGHT;
+            if (is_worth_showing(stage, &inside))
+                *ret_camera = inside;
+        }
+    } else {
+        status = bvhd_error_no_memory(error, "trace", "no memory to choose a view");
+    }
+    memory_free(memory, openness);
     memory_free(memory, contest.scores);
+    return status;
+}
+
+/* Places the camera where the options say. */
+static enum bvhd_status place(const struct stage *stage, const struct camera_options *options,
+                              struct camera *ret_camera, struct bvhd_error *error)
+{
+    struct vector middle = stage_to_world(stage, vector_scale(vector_add(stage->low, stage->high), 0.5));
+    struct vector target = options->has_target ? options->target : middle,
+                  forward = vector_unit(vector_sub(target, options->eye));
+    if (vector_length(forward) < 0.5 && options->has_target)
+        return bvhd_error_set(error, BVHD_INVALID, "trace", "--eye and --look-at are the same point");
+    if (vector_length(forward) < 0.5)
+        forward = vector_scale(stage->front, -1);
+    *ret_camera = (struct camera){.origin = options->eye, .pivot = target};
+    view_aim(ret_camera, stage, forward, options);
+    return BVHD_OK;
+}
+
+enum bvhd_status camera_choose(const struct stage *stage, const struct camera_options *options,
+                               const struct parallel *parallel, struct memory *memory, struct camera *ret_camera,
+                               uint64_t *ret_rays, struct bvhd_error *error)
+{
+    *ret_rays = 0;
+    if (options->has_eye)
+        return place(stage, options, ret_camera, error);
+    if (stage_cost(stage) <= COSTLY)
+        return search(stage, options, parallel, memory, ret_camera, ret_rays, error);
+    *ret_camera = view_make(stage, options, DEFAULT_VIEW);
     return BVHD_OK;
 }

@@ -35,6 +35,11 @@ static void put_floats(float out[3], struct vector value)
     out[2] = (float)value.z;
 }
 
+static double luminance(struct vector colour)
+{
+    return 0.2126 * colour.x + 0.7152 * colour.y + 0.0722 * colour.z;
+}
+
 static void set_surface(const struct light *light, struct pixel *pixel, struct vector normal, struct vector position)
 {
     struct vector seen = vector_scale(vector_sub(position, light->camera->origin), 1 / light->stage->size);
@@ -45,7 +50,7 @@ static void set_surface(const struct light *light, struct pixel *pixel, struct v
 
 /* The sums over a pixel's samples. */
 struct sums {
-    struct vector backdrop, albedo, direct, ambient, normal, position;
+    struct vector backdrop, albedo, sun, direct, ambient, normal, position;
     unsigned samples, surfaces;
     double darkest, brightest; /* sample, without ambient light: they differ at edges of objects and of shadows */
 };
@@ -67,6 +72,8 @@ static void add_sample(struct sums *sums, const struct light_sample *sample)
         return;
     sums->albedo = vector_add(sums->albedo, sample->albedo);
     sums->direct = vector_add(sums->direct, sample->direct);
+    if (sample->shadow.is_needed)
+        sums->sun = vector_add(sums->sun, sample->shadow.gain);
     sums->ambient = vector_add(sums->ambient, sample->ambient);
     sums->normal = vector_add(sums->normal, sample->normal);
     sums->position = vector_add(sums->position, sample->position);
@@ -83,7 +90,9 @@ static void finish_pixel(const struct light *light, const struct sums *sums, str
     struct pixel pixel = {0};
     put_floats(pixel.backdrop, vector_scale(sums->backdrop, 1.0 / sums->samples));
     put_floats(pixel.albedo, vector_scale(sums->albedo, 1.0 / sums->samples));
-    put_floats(pixel.direct, vector_scale(sums->direct, 1.0 / sums->samples));
+    put_floats(pixel.sun, vector_scale(sums->sun, 1.0 / sums->samples));
+    double sun = luminance(sums->sun);
+    pixel.lit = sun > 0 ? (float)fmin(luminance(sums->direct) / sun, 1) : 0;
     if (sums->surfaces) {
         put_floats(pixel.ambient, vector_scale(sums->ambient, 1.0 / sums->surfaces));
         set_surface(light, &pixel, sums->normal, vector_scale(sums->position, 1.0 / sums->surfaces));
@@ -212,7 +221,8 @@ static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_e
 static struct vector pixel_colour(const struct pixel *pixel)
 {
     struct vector reflected = vector_mul(vector_from_floats(pixel->albedo), vector_from_floats(pixel->ambient));
-    return vector_add(vector_add(vector_from_floats(pixel->backdrop), vector_from_floats(pixel->direct)), reflected);
+    return vector_add(vector_mad(reflected, vector_from_floats(pixel->sun), (double)pixel->lit),
+                      vector_from_floats(pixel->backdrop));
 }
 
 /*
@@ -226,7 +236,7 @@ static double choose_exposure(const struct rendering *rendering)
     double sum = 0;
     for (uint64_t i = 0; i < count; i++) {
         struct vector colour = pixel_colour(&rendering->pixels[i]);
-        sum += log(fmax(0.2126 * colour.x + 0.7152 * colour.y + 0.0722 * colour.z, 1e-3));
+        sum += log(fmax(luminance(colour), 1e-3));
     }
     double exposure = middle_grey / exp(sum / (double)count);
     return rendering->options->light->camera->is_inside ? fmin(fmax(exposure, 0.5), 8) : 1;
@@ -274,7 +284,7 @@ static enum bvhd_status prepare(struct rendering *rendering, struct memory *memo
 static enum bvhd_status develop(struct rendering *rendering, struct memory *memory, struct bvhd_error *error)
 {
     const struct picture_options *options = rendering->options;
-    if (!smooth_ambient(rendering->pixels, options->width, options->height, options->parallel, memory))
+    if (!smooth_light(rendering->pixels, options->width, options->height, options->parallel, memory))
         return no_memory(options, error);
     rendering->exposure = choose_exposure(rendering);
     parallel_for(options->parallel, options->height, develop_row, rendering);

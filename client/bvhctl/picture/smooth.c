@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { PASSES = 4, REACH = 2 };
+enum { PASSES = 4, SHADOW_PASSES = 2, REACH = 2 };
 
 struct rgb {
     float at[3];
@@ -68,8 +68,8 @@ static void smooth_row(void *context, size_t row)
     }
 }
 
-bool smooth_ambient(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
-                    struct memory *memory)
+static bool smooth_ambient(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
+                           struct memory *memory)
 {
     uint64_t count = (uint64_t)width * height;
     struct rgb *buffers[2] = {memory_array(memory, count, sizeof **buffers),
@@ -86,4 +86,91 @@ bool smooth_ambient(struct pixel *pixels, uint32_t width, uint32_t height, const
     memory_free(memory, buffers[0]);
     memory_free(memory, buffers[1]);
     return ok;
+}
+
+/* ---- shadows ---- */
+
+struct shadow_pass {
+    const struct pixel *pixels;
+    const float *from;
+    float *to;
+    uint32_t width, height, step;
+};
+
+static bool is_mixed(float lit)
+{
+    return lit > 0.001f && lit < 0.999f;
+}
+
+/*
+ * Smooths one pixel as far as its neighbourhood is one of pixels that are partly in shadow, as the soft edge of a far
+ * object's shadow is. Across the sharp edge of a near one's shadow there are few of them.
+ */
+static float smooth_lit(const struct shadow_pass *shadows, uint32_t x, uint32_t y)
+{
+    const struct pass pass = {.width = shadows->width, .height = shadows->height, .step = shadows->step};
+    size_t index = (size_t)y * pass.width + x;
+    float sum = 0, weights = 0, mixed = 0;
+    for (int dy = -REACH; dy <= REACH; dy++)
+        for (int dx = -REACH; dx <= REACH; dx++) {
+            int64_t u = x + (int64_t)dx * pass.step, v = y + (int64_t)dy * pass.step;
+            if (u < 0 || v < 0 || u >= pass.width || v >= pass.height)
+                continue;
+            size_t other = (size_t)v * pass.width + (size_t)u;
+            float weight = likeness(&pass, &shadows->pixels[index], &shadows->pixels[other]);
+            sum += weight * shadows->from[other];
+            mixed += is_mixed(shadows->pixels[other].lit) ? weight : 0;
+            weights += weight;
+        }
+    float share = weights > 0 ? mixed / weights : 0;
+    float strength = share < 0.2f ? 0 : share > 0.45f ? 1 : (share - 0.2f) * 4;
+    return strength > 0 ? shadows->from[index] + strength * (sum / weights - shadows->from[index])
+                        : shadows->from[index];
+}
+
+/* Returns whether a pixel or one beside it is partly in shadow. */
+static bool is_near_edge(const struct shadow_pass *pass, uint32_t x, uint32_t y)
+{
+    uint32_t right = x + 1 < pass->width ? x + 1 : x, below = y + 1 < pass->height ? y + 1 : y;
+    for (uint32_t v = y ? y - 1 : 0; v <= below; v++)
+        for (uint32_t u = x ? x - 1 : 0; u <= right; u++)
+            if (is_mixed(pass->pixels[(size_t)v * pass->width + u].lit))
+                return true;
+    return false;
+}
+
+static void smooth_lit_row(void *context, size_t row)
+{
+    const struct shadow_pass *pass = context;
+    for (uint32_t x = 0; x < pass->width; x++) {
+        size_t index = row * pass->width + x;
+        bool is_smoothed = pass->pixels[index].depth > 0 && is_near_edge(pass, x, (uint32_t)row);
+        pass->to[index] = is_smoothed ? smooth_lit(pass, x, (uint32_t)row) : pass->from[index];
+    }
+}
+
+static bool smooth_shadows(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
+                           struct memory *memory)
+{
+    uint64_t count = (uint64_t)width * height;
+    float *buffers[2] = {memory_array(memory, count, sizeof **buffers), memory_array(memory, count, sizeof **buffers)};
+    bool ok = buffers[0] && buffers[1];
+    for (uint64_t i = 0; i < count && ok; i++)
+        buffers[0][i] = pixels[i].lit;
+    for (uint32_t i = 0; i < SHADOW_PASSES && ok; i++) {
+        struct shadow_pass pass = {pixels, buffers[i % 2], buffers[1 - i % 2], width, height, 1u << i};
+        parallel_for(parallel, height, smooth_lit_row, &pass);
+    }
+    for (uint64_t i = 0; i < count && ok; i++)
+        pixels[i].lit = buffers[SHADOW_PASSES % 2][i];
+    memory_free(memory, buffers[0]);
+    memory_free(memory, buffers[1]);
+    return ok;
+}
+
+bool smooth_light(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
+                  struct memory *memory)
+{
+    return smooth_ambient(pixels, width, height, parallel, memory) &&
+           smooth_shadows(pixels, width, height, parallel, memory);
 }

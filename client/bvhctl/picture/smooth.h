@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * smooth.h - removes the noise from a picture's ambient light and preserves edges (edge-avoiding a-trous filter,
- * Dammertz 2010).
+ * smooth.h - removes the noise from a picture's ambient light and from the soft edges of its shadows, and preserves
+ * other edges (edge-avoiding a-trous filter, Dammertz 2010).
  */
 #ifndef BVHCTL_SMOOTH_H
 #define BVHCTL_SMOOTH_H
@@ -12,15 +12,20 @@
 #include "proto/base/parallel.h"
 
 struct pixel {
-    float backdrop[3], albedo[3], direct[3]; /* light.h */
+    float backdrop[3], albedo[3]; /* light.h */
+    float sun[3]; /* the light of the sun that it would reflect without shadows */
+    float lit; /* the part of it that is not in a shadow, 0 to 1 */
     float ambient[3]; /* the mean of its samples with a surface */
     float normal[3]; /* unit, or 0 without a surface */
     float position[3]; /* relative to the camera, divided by the distance from it: its length is about 1 */
     float depth; /* that distance, divided by the size of the stage */
 };
 
-/* Smooths `ambient` of all pixels. Returns false when there is no memory. */
-bool smooth_ambient(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
-                    struct memory *memory);
+/*
+ * Smooths `ambient` of all pixels, and `lit` of those in the soft edge of a shadow. Returns false when there is no
+ * memory.
+ */
+bool smooth_light(struct pixel *pixels, uint32_t width, uint32_t height, const struct parallel *parallel,
+                  struct memory *memory);
 
 #endif

@@ -3,7 +3,7 @@
  * stage.h - prepares a scene for a picture: which direction is up, which box encloses most of it, what a ray hits.
  *
  * That box, the bulk, encloses nearly all triangles but not all of them, so that a far triangle or an endless ground
- * does not make the others too small to see.
+ * does not make the others too small to see (stage_bulk.h).
  */
 #ifndef BVHCTL_STAGE_H
 #define BVHCTL_STAGE_H
@@ -13,6 +13,14 @@
 
 enum { STAGE_EVEN_SAMPLES = 8192, STAGE_SAMPLES = 12288 };
 
+/* A random point of a triangle of the scene. */
+struct stage_sample {
+    struct vector at;
+    struct vector corners[3]; /* of its triangle */
+    double reach; /* the longest side of its triangle */
+    bool is_subject; /* it belongs to what the picture is about: it is in the bulk, and not on an endless ground */
+};
+
 struct stage {
     const struct structures *structures;
     struct structure_instance *instances; /* of the top level, sorted by their positions in the request */
@@ -20,10 +28,15 @@ struct stage {
     uint64_t triangle_count; /* of all instances */
     struct vector up, east, north; /* axes of the scene, right-handed: east x north = up */
     /*
-     * random points on triangles: in samples[0 .. even_count) every triangle is equally probable, in the others its
-     * probability is in proportion to its area
+     * The horizontal direction from which one looks at the front of most models: +z where y is up, as glTF says, and
+     * -y where z is up, as in most programs that have it so
      */
-    struct vector *samples;
+    struct vector front;
+    /*
+     * in samples[0 .. even_count) every triangle is equally probable, in the others its probability is in proportion to
+     * its area
+     */
+    struct stage_sample *samples;
     uint32_t even_count, sample_count;
     struct vector low, high; /* the bulk, along east, north and up */
     double size; /* diagonal of the bulk; > 0 */
@@ -44,6 +57,7 @@ void stage_finish(struct stage *stage);
 struct stage_hit {
     struct vector position, normal; /* the normal is a unit vector towards the ray's origin */
     double distance;
+    bool is_back; /* the corners of the triangle are in clockwise order as seen from the ray's origin */
     uint32_t instance, handle, geometry; /* instance 0 without a top level */
 };
 

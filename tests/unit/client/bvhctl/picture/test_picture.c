@@ -13,6 +13,8 @@
 
 enum { WIDTH = 64, HEIGHT = 36 };
 
+static const struct camera_options wanted = {.aspect = (double)WIDTH / HEIGHT};
+
 /* A world with its stage, camera, light and tracer. */
 struct studio {
     struct test_world world;
@@ -29,9 +31,8 @@ static void open_studio(struct studio *studio, uint32_t threads)
     test_world_init(&studio->world, threads);
     struct local *local = &studio->world.local;
     assert_int_equal(stage_init(&studio->stage, &studio->world.structures, 'a', &local->memory, NULL), BVHD_OK);
-    assert_int_equal(camera_choose(&studio->stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory,
-                                   &studio->camera, &rays, NULL),
-                     BVHD_OK);
+    assert_int_equal(
+        camera_choose(&studio->stage, &wanted, local->parallel, &local->memory, &studio->camera, &rays, NULL), BVHD_OK);
     assert_true(rays > 0);
     assert_int_equal(surfaces_init(&studio->surfaces, &studio->world.structures, &local->memory, NULL), BVHD_OK);
     assert_int_equal(
@@ -149,9 +150,8 @@ static void test_few_triangles(void **state)
         assert_int_equal(stage_init(&stage, &alone, "xyza"[i % 4], &local -> memory, NULL), BVHD_OK);
         assert_true(stage.even_count >= 256 && stage.even_count <= STAGE_EVEN_SAMPLES);
         assert_true(fabs(stage.size - (i < 4 ? 16 * sqrt(2) : 2 * sqrt(3))) < 1e-3);
-        assert_int_equal(
-            camera_choose(&stage, (double)WIDTH / HEIGHT, local->parallel, &local->memory, &camera, &rays, NULL),
-            BVHD_OK);
+        assert_int_equal(camera_choose(&stage, &wanted, local->parallel, &local->memory, &camera, &rays, NULL),
+                         BVHD_OK);
         unsigned hits = count_hits(&stage, &camera);
         assert_false(camera.is_inside);
         assert_in_range(hits, WIDTH * HEIGHT / 16, WIDTH * HEIGHT * 15 / 16);
@@ -402,7 +402,7 @@ static void test_smooth(void **state)
         if (!left)
             pixels[i].position[1] = 0;
     }
-    assert_true(smooth_ambient(pixels, SIDE, SIDE, &parallel_serial, &memory));
+    assert_true(smooth_light(pixels, SIDE, SIDE, &parallel_serial, &memory));
     for (int i = 0; i < SIDE * SIDE; i++)
         assert_true(fabsf(pixels[i].ambient[0] - (i % SIDE < SIDE / 2 ? 1.0f : 5.0f)) < 0.2f);
     assert_int_equal(memory.live, 0);

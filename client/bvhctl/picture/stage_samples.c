@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/bvhctl/picture/stage_samples.h"
+
+#include "client/bvhctl/oracle/rays.h"
+
+enum {
+    TOUR_STRIDE = 8, /* triangles that are visited for each one that a sample is taken from */
+    FEW_TRIANGLES = 4096, /* of fewer triangles, each one gives a sample */
+    FEWEST_SAMPLES = 256, /* that are needed to find an extent; of fewer triangles, each one gives several */
+};
+
+static struct vector random_point(const struct vector corners[3], uint64_t *state)
+{
+    double u = rays_uniform(state), v = rays_uniform(state);
+    if (u + v > 1) {
+        u = 1 - u;
+        v = 1 - v;
+    }
+    return vector_mad(vector_mad(vector_scale(corners[0], 1 - u - v), corners[1], u), corners[2], v);
+}
+
+/* A pass over the triangles of all instances, of which it visits some, in order. */
+struct tour {
+    struct stage *stage;
+    uint64_t state; /* of random numbers */
+    /* samples by area: the area so far, its distance between samples (0: it is only added up), and that of the next */
+    double area, area_step, area_next;
+    uint64_t seen, stride, repeats; /* samples by number: `repeats` from one of each `stride` triangles that are seen */
+    /*
+     * states of random numbers, for the triangles that are visited and for those that are picked. Regular steps could
+     * find the same triangles in every instance, because instances repeat
+     */
+    uint64_t place, pick;
+    uint64_t picked; /* which of the next `stride` triangles gives samples */
+};
+
+static void add_sample(struct tour *tour, const struct vector corners[3])
+{
+    struct stage *stage = tour->stage;
+    struct vector point = random_point(corners, &tour->state);
+    if (stage->sample_count == STAGE_SAMPLES || !isfinite(point.x) || !isfinite(point.y) || !isfinite(point.z))
+        return;
+    struct stage_sample sample = {.at = point};
+    for (int i = 0; i < 3; i++) {
+        sample.corners[i] = corners[i];
+        sample.reach = fmax(sample.reach, vector_length(vector_sub(corners[i], corners[(i + 1) % 3])));
+    }
+    stage->samples[stage->sample_count++] = sample;
+}
+
+static void visit_triangle(struct tour *tour, const struct structure *bottom, const float *transform, uint32_t row)
+{
+    float exact[3][3];
+    struct vector corners[3];
+    uint32_t primitive;
+    structure_triangle(bottom, row, exact, &primitive);
+    for (int i = 0; i < 3; i++) {
+        corners[i] = vector_from_floats(exact[i]);
+        corners[i] = transform ? vector_transform(transform, corners[i]) : corners[i];
+    }
+    if (tour->seen % tour->stride == 0)
+        tour->picked = rays_random(&tour->pick) % tour->stride;
+    bool is_chosen = tour->seen++ % tour->stride == tour->picked && tour->area_step == 0;
+    for (uint64_t i = 0; i < tour->repeats && is_chosen; i++)
+        add_sample(tour, corners);
+    struct vector normal = vector_cross(vector_sub(corners[1], corners[0]), vector_sub(corners[2], corners[0]));
+    double area = vector_length(normal);
+    tour->area += isfinite(area) ? area : 0;
+    for (; tour->area_step > 0 && tour->area_next < tour->area && isfinite(area); tour->area_next += tour->area_step)
+        add_sample(tour, corners);
+}
+
+static void take_tour(struct tour *tour)
+{
+    const struct stage *stage = tour->stage;
+    const struct structure_file *files = stage->structures->files;
+    uint32_t source_count = stage->structures->has_top ? stage->instance_count : 1;
+    double step = fmax(1, (double)stage->triangle_count / (STAGE_EVEN_SAMPLES * TOUR_STRIDE));
+    double next = 0, at = rays_uniform(&tour->place) * step, base = 0;
+    for (uint32_t i = 0; i < source_count; i++) {
+        const struct structure_instance *instance = stage->structures->has_top ? &stage->instances[i] : NULL;
+        const struct structure *bottom = &files[instance ? instance->bottom : 0].structure;
+        double count = structure_triangle_count(bottom);
+        for (; at < base + count; at = next + rays_uniform(&tour->place) * step) {
+            visit_triangle(tour, bottom, instance ? instance->object_to_world : NULL, (uint32_t)(at - base));
+            next += step;
+        }
+        base += count;
+    }
+}
+
+/* Takes samples by number, which show where most triangles are, and then by area, which show what is most visible. */
+void stage_samples_take(struct stage *stage)
+{
+    uint64_t count = stage->triangle_count;
+    struct tour by_number = {
+        .stage = stage, .state = 0x5eed, .stride = count < FEW_TRIANGLES ? 1 : TOUR_STRIDE, .repeats = 1};
+    if (count > 0 && count < FEWEST_SAMPLES)
+        by_number.repeats = (FEWEST_SAMPLES + count - 1) / count;
+    take_tour(&by_number);
+    stage->even_count = stage->sample_count;
+    struct tour by_area = {.stage = stage, .state = 0xa4ea, .stride = 1};
+    by_area.area_step = by_number.area / (STAGE_SAMPLES - STAGE_EVEN_SAMPLES);
+    if (by_area.area_step > 0)
+        take_tour(&by_area);
+}
