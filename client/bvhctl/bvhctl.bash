@@ -21,7 +21,7 @@ _bvhctl()
     if [[ $word == -* ]]; then
         mapfile -t COMPREPLY < <(compgen -W "$("$1" ${command:+"$command"} --help 2>/dev/null | sed -n 's/^  [-a-z, ]\{4\}\(--[-a-z]*\).*/\1/p')" -- "$word")
     elif [[ -z $command && ${COMP_WORDS[COMP_CWORD - 1]} != --* ]]; then
-        mapfile -t COMPREPLY < <(compgen -W "$("$1" --help 2>/dev/null | sed -n '/^Commands:/,/^$/s/^  \([a-z]*\) .*/\1/p')" -- "$word")
+        mapfile -t COMPREPLY < <(compgen -W "$("$1" --help 2>/dev/null | sed -n '/^Commands:/,/^$/s/^  \([a-z][a-z]*\) .*/\1/p')" -- "$word")
     fi
 }
 complete -o default -F _bvhctl bvhctl

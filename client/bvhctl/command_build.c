@@ -24,7 +24,6 @@ struct build_command {
     const struct options *options; /* points to `complete` */
     struct options complete; /* the options, with the format that they mean */
     struct bvhd_format format;
-    const atomic_bool *cancel;
     struct memory memory; /* the budget: for scenes, and for builds in this process */
     struct memory notes; /* for messages and lists: outside the budget, so that its exhaustion can be reported */
     struct progress progress;
@@ -42,6 +41,11 @@ struct build_command {
     uint64_t structure_count, changed_count, byte_count;
     double start;
 };
+
+static bool prints_text(const struct options *options)
+{
+    return !options->json && report_volume() >= REPORT_RESULTS;
+}
 
 /* Prints an error at once, and keeps it for the JSON object. */
 static void fail(struct build_command *run, const char *what, const struct bvhd_error *error)
@@ -123,14 +127,9 @@ static enum bvhd_status keep_structure(struct build_command *run, const struct a
     run->structure_count++;
     run->changed_count += changed;
     run->byte_count += item->size;
-    if (!run->options->json)
+    if (prints_text(run->options))
         print_structure(item, files[index], index == assembly->import->bottom_count);
     return BVHD_OK;
-}
-
-static bool is_interrupted(const struct build_command *run)
-{
-    return atomic_load(run->cancel);
 }
 
 /* A top level is not written if a file that it names has failed. */
@@ -149,7 +148,7 @@ static enum bvhd_status check_handles(const struct assembly *assembly, char *con
 static void keep_structures(struct build_command *run, const struct assembly *assembly, char **files)
 {
     uint32_t top = assembly->import->bottom_count;
-    for (uint32_t i = 0; i <= top && !is_interrupted(run); i++) {
+    for (uint32_t i = 0; i <= top; i++) {
         struct bvhd_error error = assembly->items[i].error;
         if (!error.status && i == top)
             check_handles(assembly, files, &error);
@@ -204,12 +203,15 @@ static void build_scene(struct build_command *run, const char *path)
 {
     struct import import;
     struct bvhd_error error = {0};
+    progress_begin(&run->progress, "importing", path);
     enum bvhd_status status = import_scene(path, run->options->scene, &run->memory, &import, &error);
+    progress_end(&run->progress);
     if (status) {
-        if (!is_interrupted(run)) /* an interrupt at the terminal also ends the child that reads the scene */
-            fail(run, "build", &error);
+        fail(run, "build", &error);
         return;
     }
+    report_detail(import.name, "%u meshes, %llu triangles, %u instances in %u bottom levels", import.mesh_count,
+                  (unsigned long long)import.triangle_count, import.instance_count, import.bottom_count);
     notes_left_out(&import);
     write_scene(run, &import, path);
     for (uint32_t i = 0; i < import.file_count; i++)
@@ -323,19 +325,16 @@ static void write_lists(struct build_command *run)
 
 static enum exit_code finish_output(struct build_command *run)
 {
-    struct bvhd_error error;
-    if (is_interrupted(run)) {
-        bvhd_error_set(&error, BVHD_CANCELLED, run->options->output, "interrupted");
-        return report_failure(run->options->json, "build", &error);
-    }
     if (run->loss.status)
         return report_failure(run->options->json, "build", &run->loss);
     write_lists(run);
     bool ok = true;
-    if (!run->options->json) {
+    if (prints_text(run->options)) {
         if (run->structure_count)
             print_summary(run);
         ok = report_flush();
+    } else if (!run->options->json) {
+        return run->failed ? EXIT_FAILED : EXIT_DONE;
     } else if (run->structure_count == 0 && run->failure_count) {
         report_failure_json(&run->failures[0].error);
     } else {
@@ -379,24 +378,24 @@ static enum bvhd_status open_backend(struct build_command *run, struct bvhd_erro
     const struct options *options = run->options;
     if (options->local) {
         run->backend = &run->local.backend;
-        return backend_local_open(&run->local, options->threads, &run->memory, &run->progress, run->cancel, error);
+        return backend_local_open(&run->local, options->threads, &run->memory, &run->progress, error);
     }
     run->backend = &run->service.backend;
-    return backend_service_open(&run->service, options, &run->memory, &run->progress, run->cancel, error);
+    return backend_service_open(&run->service, options, &run->memory, &run->progress, error);
 }
 
 static enum exit_code build_scenes(struct build_command *run)
 {
     begin_output(run);
-    for (int i = 0; i < run->options->operand_count && !is_interrupted(run) && !run->loss.status; i++)
+    for (int i = 0; i < run->options->operand_count && !run->loss.status; i++)
         build_scene(run, run->options->operands[i]);
     return finish_output(run);
 }
 
-enum exit_code command_build(const struct options *options, const atomic_bool *cancel)
+enum exit_code command_build(const struct options *options)
 {
     struct bvhd_error error;
-    struct build_command run = {.complete = *options, .cancel = cancel, .start = clock_ms()};
+    struct build_command run = {.complete = *options, .start = clock_ms()};
     run.options = &run.complete;
     memory_init(&run.memory, options->memory);
     memory_init(&run.notes, UINT64_MAX);

@@ -186,6 +186,8 @@ static void write_tally(const struct check_command *run, const struct tally *tal
 static bool print_tally(struct check_command *run, const struct tally *tally)
 {
     uint64_t wrong = tally->wrong_miss + tally->wrong_hit + tally->wrong_primitive;
+    if (!run->options->json && report_volume() == REPORT_ERRORS)
+        return true;
     if (!run->options->json) {
         printf("%s: %u rays, %llu hits, %llu uncertain, %llu wrong (%llu missed, %llu hit nothing there, %llu another "
                "primitive), "
@@ -212,7 +214,8 @@ static enum exit_code judge(struct check_command *run)
     if (tally.hits == 0)
         report_note(run->import.name, "warning: no ray hit anything, so that only misses were checked");
     if (wrong)
-        report_note(run->import.name, "%llu of %u rays have a wrong answer", (unsigned long long)wrong, run->ray_count);
+        report_finding(run->import.name, "%llu of %u rays have a wrong answer", (unsigned long long)wrong,
+                       run->ray_count);
     return wrong ? EXIT_WRONG : EXIT_DONE;
 }
 
@@ -236,9 +239,13 @@ enum exit_code command_check(const struct options *options)
     enum bvhd_status status = local_open(&run.local, options->threads, options->memory, &error);
     if (status)
         return report_failure(options->json, "check", &error);
+    progress_begin(&run.local.progress, "importing", options->operands[1]);
     status = open_both(&run, &error);
+    progress_end(&run.local.progress);
     if (!status) {
+        progress_begin(&run.local.progress, "importing again, by a second reader,", options->operands[1]);
         run.readers = import_compare(options->operands[1], &run.import, &run.local.memory);
+        progress_end(&run.local.progress);
         note_readers(&run);
         status = ask_oracle(&run, &error);
     }

@@ -24,6 +24,8 @@ static bool print_result(const struct options *options, const struct bvhd_result
 {
     struct json json;
     char key[BVHD_KEY_TEXT_SIZE];
+    if (!options->json && report_volume() == REPORT_ERRORS)
+        return true;
     if (!options->json) {
         printf("%s  %.2f MB\n", options->output, (double)result->size / 1e6);
         return report_flush();
@@ -68,7 +70,7 @@ enum exit_code command_get(const struct options *options)
         report_failure(options->json, "get", &error);
         return EXIT_USAGE;
     }
-    enum bvhd_status status = connect_open(options, &memory, &connect, &error);
+    enum bvhd_status status = connect_find(options, &memory, &connect, &error);
     if (status == BVHD_OK)
         status = bvhd_batch_fetch(connect.client, 1, &key, &batch, &error);
     if (status == BVHD_OK)

@@ -67,6 +67,8 @@ static bool print_json(struct probe_command *call)
 
 static bool print_text(const struct probe_command *call)
 {
+    if (report_volume() == REPORT_ERRORS)
+        return true;
     printf("%s: %s, %s\n", call->options->output, call->gpu->properties.name, call->gpu->properties.driver);
     if (call->target)
         printf("it loads %s structures: bvhctl build --probe %s\n", call->target, call->options->output);

@@ -81,7 +81,7 @@ enum exit_code command_stats(const struct options *options)
     struct bvhd_counters *counters = NULL;
     struct bvhd_error error;
     memory_init(&memory, UINT64_MAX);
-    enum bvhd_status status = connect_open(options, &memory, &connect, &error);
+    enum bvhd_status status = connect_find(options, &memory, &connect, &error);
     if (status == BVHD_OK)
         status = bvhd_client_counters(connect.client, timeout(options), &counters, &error);
     enum exit_code code;
@@ -94,19 +94,11 @@ enum exit_code command_stats(const struct options *options)
     return code;
 }
 
-/* Says which daemon has answered. If it had to be started, no other daemon has answered. */
-static const char *whose(const struct connect *connect)
-{
-    return connect->is_started   ? ": a private daemon, started now because none answered"
-           : connect->is_private ? ": a private daemon"
-                                 : "";
-}
-
 static bool print_ping(const struct options *options, const struct connect *connect, double ms, struct memory *memory)
 {
     struct json json;
     if (!options->json) {
-        printf("%s answers in %.3f ms%s\n", connect->path, ms, whose(connect));
+        printf("%s answers in %.3f ms%s\n", connect->path, ms, connect->is_private ? ": a private daemon" : "");
         return report_flush();
     }
     json_init(&json, memory, false);
@@ -129,7 +121,7 @@ enum exit_code command_ping(const struct options *options)
     struct bvhd_error error;
     double ms = 0;
     memory_init(&memory, UINT64_MAX);
-    enum bvhd_status status = connect_open(options, &memory, &connect, &error);
+    enum bvhd_status status = connect_find(options, &memory, &connect, &error);
     if (status == BVHD_OK)
         status = bvhd_client_ping(connect.client, timeout(options), &ms, &error);
     enum exit_code code;

@@ -156,6 +156,8 @@ static bool print_json(struct trace_command *run)
 static bool print_text(const struct trace_command *run)
 {
     const struct agreement *agreement = &run->agreement;
+    if (report_volume() == REPORT_ERRORS)
+        return true;
     printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; %llu of them %s: %llu wrong, %llu uncertain\n",
            run->options->output, run->picture.width, run->picture.height, run->structures.name,
            (double)run->picture.rays / 1e6, run->choice.tracer->device, mrays_s(run),
@@ -182,12 +184,16 @@ static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error 
 
 static enum bvhd_status make_picture(struct trace_command *run, struct bvhd_error *error)
 {
+    progress_begin(&run->local.progress, "opening", run->options->operands[0]);
     enum bvhd_status status = open_scene(run, error);
+    progress_end(&run->local.progress);
     if (status != BVHD_OK)
         return status;
     uint64_t pixels = (uint64_t)run->options->width * run->options->height;
     agreement_init(&run->agreement, &run->surfaces, pixels, run->local.parallel, &run->local.memory);
+    progress_begin(&run->local.progress, "choosing a view of", run->structures.name);
     status = choose_camera(run, error);
+    progress_end(&run->local.progress);
     if (status == BVHD_OK)
         status = render(run, error);
     if (status == BVHD_OK)

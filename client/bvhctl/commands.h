@@ -6,19 +6,17 @@
 #ifndef BVHCTL_COMMANDS_H
 #define BVHCTL_COMMANDS_H
 
-#include <stdatomic.h>
-
 #include "client/bvhctl/base/options.h"
 #include "client/bvhctl/base/report.h"
 
-/* `cancel` becomes true, from a signal handler, when the user interrupts. */
-enum exit_code command_build(const struct options *options, const atomic_bool *cancel);
+enum exit_code command_build(const struct options *options);
 enum exit_code command_check(const struct options *options);
 enum exit_code command_inspect(const struct options *options);
 enum exit_code command_trace(const struct options *options);
 enum exit_code command_get(const struct options *options);
 enum exit_code command_stats(const struct options *options);
 enum exit_code command_ping(const struct options *options);
+enum exit_code command_stop(const struct options *options);
 enum exit_code command_devices(const struct options *options);
 enum exit_code command_probe(const struct options *options);
 

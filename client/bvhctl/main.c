@@ -4,24 +4,8 @@
 #include <signal.h>
 #include <stdio.h>
 
+#include "client/bvhctl/base/interrupt.h"
 #include "client/bvhctl/commands.h"
-
-static atomic_bool cancelled;
-
-static void interrupt(int number)
-{
-    (void)number;
-    atomic_store(&cancelled, true);
-}
-
-/* The first interrupt ends a build without a half-written file; the second one kills the process. */
-static void watch_signals(void)
-{
-    struct sigaction action = {.sa_handler = interrupt, .sa_flags = SA_RESETHAND | SA_RESTART};
-    sigemptyset(&action.sa_mask);
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-}
 
 /*
  * Opens standard descriptors that the caller has closed. Otherwise the next file that is opened would get one of them,
@@ -39,8 +23,7 @@ static enum exit_code run(const struct options *options)
 {
     switch (options->command) {
     case COMMAND_BUILD:
-        watch_signals();
-        return command_build(options, &cancelled);
+        return command_build(options);
     case COMMAND_CHECK:
         return command_check(options);
     case COMMAND_INSPECT:
@@ -53,6 +36,8 @@ static enum exit_code run(const struct options *options)
         return command_stats(options);
     case COMMAND_PING:
         return command_ping(options);
+    case COMMAND_STOP:
+        return command_stop(options);
     case COMMAND_DEVICES:
         return command_devices(options);
     case COMMAND_PROBE:
@@ -76,5 +61,8 @@ int main(int argc, char **argv)
         report_failure(options_want_json(argc, argv), "usage", &error);
         return EXIT_USAGE;
     }
+    report_set_volume((enum report_volume)options.volume);
+    if (options.command < COMMAND_COUNT)
+        interrupt_watch(options_command_name(options.command), options.json);
     return run(&options);
 }

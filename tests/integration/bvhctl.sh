@@ -1,12 +1,13 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# bvhctl.sh MAKE_SCENE BVHCTL - tests the command line: exit codes, error lines, JSON, files that stay untouched. It
-# prints each expectation that does not hold, and its status is 1 if there is one.
+# bvhctl.sh MAKE_SCENE BVHCTL INTERRUPTS - tests the command line: exit codes, error lines, JSON, files that stay
+# untouched. It prints each expectation that does not hold, and its status is 1 if there is one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
 make_scene=$(realpath "$1")
 bvhctl=$(realpath "$2")
+interrupts=$(realpath "$3")
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
@@ -74,6 +75,36 @@ for seconds in 0.02 0.05 0.1 0.2; do
     timeout --preserve-status -s INT $seconds "$bvhctl" --local build large.ply -o interrupted >out 2>err
     expect "interrupted after $seconds s: $(cat err)" [ "$(grep -vc ': interrupted$' err)" -eq 0 ]
 done
+
+# A signal ends build, check and trace as it ends any program, and leaves no part of a file.
+run 0 --local build ball.ply -o cut
+for signal in INT TERM; do
+    [ $signal = INT ] && number=2 || number=15
+    for command in '--local build large.ply --quality high -o cut-build' 'check cut ball.ply --rays 4000000' \
+        'trace cut --device cpu --size 9000x9000 -o cut/picture.png'; do
+        # shellcheck disable=SC2086 # a list of words
+        "$interrupts" $signal 100 "$bvhctl" $command >out 2>err
+        expect "$command dies of the signal: $(cat out err)" grep -qx "signal $number" out
+        expect "it says so: $(cat err)" grep -q ': signal: interrupted$' err
+    done
+done
+expect 'no parts of files' [ -z "$(find cut cut-build -name '*.??????')" ]
+expect 'no picture, no manifest' [ ! -e cut/picture.png ] && [ ! -e cut-build/manifest.json ]
+
+# Errors only, or more.
+run 0 -q --local build nan.ply -o quiet
+expect 'nothing but errors' [ ! -s out ] && [ ! -s err ]
+run 0 check quiet nan.ply --quiet
+expect 'a check is its exit status' [ ! -s out ] && [ ! -s err ]
+run 1 -q --local build missing.ply -o quiet
+one_error_line
+run 0 -q --local build nan.ply -o quiet --json
+one_json_object
+run 0 --local -v build nan.ply -o loud
+says 'bvhctl: importing nan.ply: '
+says 'bvhctl: building nan: 100 %, '
+run 0 build --version
+expect 'a version' grep -Eq '^bvhctl [0-9]+\.[0-9]+\.[0-9]+$' out
 
 # Builds.
 run 0 --local build ball.ply 'flat land.ply' nan.ply mixed.obj -o d --json --depfile 'dep s.d'

@@ -57,7 +57,7 @@ all_terms()
 page daemon/bvhd.8 "$bvhd" bvhd.help
 
 "$bvhctl" --help >bvhctl.help
-commands=$(sed -n '/^Commands:/,/^$/s/^  \([a-z]*\) .*/\1/p' bvhctl.help)
+commands=$(sed -n '/^Commands:/,/^$/s/^  \([a-z][a-z]*\) .*/\1/p' bvhctl.help)
 expect 'there are commands' [ "$(echo "$commands" | wc -w)" -gt 5 ]
 for command in $commands; do
     "$bvhctl" "$command" --help >>bvhctl.help
@@ -86,7 +86,7 @@ if command -v bash >/dev/null; then
     completes 'bvhctl --socket s p' 'ping probe'
     completes 'bvhctl --socket = s p' 'ping probe'
     completes 'bvhctl ' "$(echo "$commands" | tr '\n' ' ' | sed 's/ $//')"
-    completes 'bvhctl --v' --version
+    completes 'bvhctl --v' '--verbose --version'
     completes 'bvhctl check --s' '--seed --scene --socket'
     completes 'bvhctl --json check d s --fl' --flip-order
     completes 'bvhctl build --ou' --output

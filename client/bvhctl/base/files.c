@@ -7,8 +7,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "client/bvhctl/base/interrupt.h"
+
+enum { TAIL = 6, ATTEMPTS = 100 };
 
 static enum bvhd_status system_error(struct bvhd_error *error, const char *path, int number)
 {
@@ -104,7 +109,7 @@ static bool has_content(const char *path, struct bytes content)
     return same;
 }
 
-/* mkstemp creates files that only their owner may read; this sets the mode that any new file would have. */
+/* A temporary file is created so that only its owner may read it; this sets the mode that any new file would have. */
 static bool set_default_mode(int descriptor)
 {
     mode_t mask = umask(0);
@@ -112,9 +117,34 @@ static bool set_default_mode(int descriptor)
     return fchmod(descriptor, 0666 & ~mask) == 0;
 }
 
+/*
+ * Creates a file whose name is `temporary` with random letters for its last six. The name is told to the handler of
+ * interrupts first, for which mkostemp leaves no time.
+ */
+static int create_temporary(char *temporary)
+{
+    static const char letters[] = "0123456789abcdefghijklmnopqrstuvwxyz";
+    char *tail = temporary + strlen(temporary) - TAIL;
+    int descriptor = -1;
+    for (int attempt = 0; attempt < ATTEMPTS && descriptor < 0; attempt++) {
+        unsigned char random[TAIL];
+        if (getrandom(random, sizeof random, 0) != sizeof random)
+            return -1;
+        for (int i = 0; i < TAIL; i++)
+            tail[i] = letters[random[i] % (sizeof letters - 1)];
+        interrupt_removes(temporary);
+        descriptor = open(temporary, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
+        if (descriptor < 0)
+            interrupt_removes(NULL);
+        if (descriptor < 0 && errno != EEXIST)
+            return -1;
+    }
+    return descriptor;
+}
+
 static enum bvhd_status replace(const char *path, char *temporary, struct bytes content, struct bvhd_error *error)
 {
-    int descriptor = mkostemp(temporary, O_CLOEXEC);
+    int descriptor = create_temporary(temporary);
     if (descriptor < 0)
         return system_error(error, path, errno);
     int number = set_default_mode(descriptor) && write_all(descriptor, content) ? 0 : errno;
@@ -122,10 +152,10 @@ static enum bvhd_status replace(const char *path, char *temporary, struct bytes 
         number = errno;
     if (!number && rename(temporary, path) < 0)
         number = errno;
-    if (!number)
-        return BVHD_OK;
-    unlink(temporary);
-    return system_error(error, path, number);
+    if (number)
+        unlink(temporary);
+    interrupt_removes(NULL);
+    return number ? system_error(error, path, number) : BVHD_OK;
 }
 
 /* Resolves a symbolic link. BVHD_IO when the path exists and is neither a regular file nor a link to one. */

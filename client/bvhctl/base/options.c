@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "client/bvhctl/base/options_table.h"
+#include "client/bvhctl/base/report.h"
 #include "proto/base/number.h"
 
 bool options_want_json(int argc, char *const *argv)
@@ -16,6 +17,11 @@ bool options_want_json(int argc, char *const *argv)
         if (!strcmp(argv[i], "--json"))
             return true;
     return false;
+}
+
+const char *options_command_name(enum command command)
+{
+    return command_rows[command].name;
 }
 
 static enum bvhd_status usage(struct bvhd_error *error, const char *where, const char *text, const char *subject)
@@ -89,16 +95,37 @@ static enum bvhd_status parse_rays(const struct options *options, const char *te
 
 enum { MOST_SECONDS = 86400 };
 
-static enum bvhd_status parse_timeout(const char *text, uint32_t *ret_ms, struct bvhd_error *error)
+static enum bvhd_status parse_seconds(const char *option, const char *text, double *ret_seconds,
+                                      struct bvhd_error *error)
 {
     char *end;
     double seconds = strtod(text, &end);
     if (end == text || *end || !(seconds >= 0 && seconds <= MOST_SECONDS))
-        return bvhd_error_set(error, BVHD_INVALID, "--connect-timeout", "not 0 to %d seconds: '%s'", MOST_SECONDS,
-                              text);
+        return bvhd_error_set(error, BVHD_INVALID, option, "not 0 to %d seconds: '%s'", MOST_SECONDS, text);
+    *ret_seconds = seconds;
+    return BVHD_OK;
+}
+
+static enum bvhd_status parse_timeout(const char *text, uint32_t *ret_ms, struct bvhd_error *error)
+{
+    double seconds = 0;
+    enum bvhd_status status = parse_seconds("--connect-timeout", text, &seconds, error);
+    if (status != BVHD_OK)
+        return status;
     uint32_t ms = (uint32_t)(seconds * 1000);
     *ret_ms = ms ? ms : 1;
     return BVHD_OK;
+}
+
+static enum bvhd_status parse_time(const char *text, double *ret_seconds, struct bvhd_error *error)
+{
+    double seconds = 0;
+    enum bvhd_status status = parse_seconds("--time", text, &seconds, error);
+    if (status == BVHD_OK && seconds == 0)
+        status = usage(error, "--time", "nothing can be judged in no time", "");
+    if (status == BVHD_OK)
+        *ret_seconds = seconds;
+    return status;
 }
 
 enum { LARGEST_SIDE = 16384 };
@@ -160,6 +187,12 @@ static enum bvhd_status apply_text(int value, const char *text, struct options *
     case OPTION_DEVICE:
         options->device = text;
         break;
+    case 'q':
+        options->volume = REPORT_ERRORS;
+        break;
+    case 'v':
+        options->volume = REPORT_ALL;
+        break;
     case OPTION_JSON:
         options->json = true;
         break;
@@ -193,6 +226,8 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return number_read32("--threads", text, (struct number_range){1, 1024, false}, &options->threads, error);
     case OPTION_MEMORY:
         return number_read("--memory", text, (struct number_range){1, UINT64_MAX, true}, &options->memory, error);
+    case OPTION_TIME:
+        return parse_time(text, &options->seconds, error);
     case OPTION_SEED:
         return number_read("--seed", text, (struct number_range){0, UINT64_MAX, false}, &options->seed, error);
     case OPTION_CONNECT_TIMEOUT:
@@ -222,7 +257,7 @@ static enum bvhd_status parse_options(int argc, char **argv, unsigned commands, 
 {
     struct option table[OPTION_ROWS_MOST];
     fill_tables(commands, table);
-    const char *letters = commands == ON_MAIN ? "+:h" : commands & ON_OUTPUT ? ":ho:" : ":h";
+    const char *letters = commands == ON_MAIN ? "+:hqv" : commands & ON_OUTPUT ? ":hqvo:" : ":hqv";
     opterr = 0;
     for (;;) {
         int before = optind, value = getopt_long(argc, argv, letters, table, NULL);
@@ -305,6 +340,7 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         .geometry_flags = GEOMETRY_OPAQUE,
         .memory = UINT64_MAX,
         .connect_timeout_ms = 5000,
+        .volume = REPORT_RESULTS,
         .seed = 1,
         .width = 1280,
         .height = 720,

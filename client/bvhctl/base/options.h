@@ -16,6 +16,7 @@ enum command {
     COMMAND_GET,
     COMMAND_STATS,
     COMMAND_PING,
+    COMMAND_STOP,
     COMMAND_DEVICES,
     COMMAND_PROBE,
     COMMAND_COUNT,
@@ -32,6 +33,7 @@ struct options {
     enum command command;
     enum command help_about; /* of COMMAND_HELP: the command, or COMMAND_COUNT for bvhctl as a whole */
     bool json;
+    int volume; /* enum report_volume */
     bool local;
     const char *socket; /* NULL: not given */
     uint32_t connect_timeout_ms; /* not 0 */
@@ -52,6 +54,7 @@ struct options {
     uint32_t threads; /* 0: one for each processor */
     uint64_t memory; /* budget in bytes */
     double rays; /* build: expected rays a primitive; check: number of rays to trace; 0: not given */
+    double seconds; /* check: limit of time; 0: not given */
 
     uint64_t seed;
     bool flip_order;
@@ -70,6 +73,9 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
 
 /* Returns whether --json is among the words: errors of options_parse are printed as JSON then. */
 bool options_want_json(int argc, char *const *argv);
+
+/* Returns the name of a command. `command` is below COMMAND_COUNT. */
+const char *options_command_name(enum command command);
 
 /* Prints to stdout the help of one command, or, for COMMAND_COUNT, that of bvhctl as a whole. */
 void options_print_help(enum command about);

@@ -7,55 +7,65 @@ const struct option_row option_rows[] = {
     {"output", 'o', "FILE", ON_GET, "the file to write"},
     {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
     {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD,
-     "also write a make rule for manifest.json, with the files that the scenes were\nread from"},
+     "also write a make rule for manifest.json, with the files that the scenes were read from"},
     {"target", OPTION_TARGET, "NAME", ON_BUILD,
-     "portable (default): for shaders on any device; lavapipe: for ray queries of that\ndriver, in the version of this "
+     "portable (default): for shaders on any device; lavapipe: for ray queries of that driver, in the version of this "
      "machine or in that of --probe"},
     {"probe", OPTION_PROBE, "FILE", ON_BUILD,
-     "a file of 'bvhctl probe': build for the device that it describes; without\n--target, for the target that this "
+     "a file of 'bvhctl probe': build for the device that it describes; without --target, for the target that this "
      "device loads"},
     {"quality", OPTION_QUALITY, "NAME", ON_BUILD, "fast, balanced, high or auto (default: by --flags, else auto)"},
     {"flags", OPTION_FLAGS, "LIST", ON_BUILD,
-     "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build,\nlow-memory, allow-data-access; separated "
+     "allow-update, allow-compaction, prefer-fast-trace, prefer-fast-build, low-memory, allow-data-access; separated "
      "by commas"},
     {"layout", OPTION_LAYOUT, "LIST", ON_BUILD,
      "fast-triangles: three float4 for each triangle, larger but faster to trace"},
     {"geometry-flags", OPTION_GEOMETRY_FLAGS, "LIST", ON_BUILD, "opaque (default), no-duplicate-any-hit, none"},
     {"rays", OPTION_RAYS, "N", ON_BUILD,
-     "expected rays for each primitive, by which the quality auto chooses; without it,\nauto is balanced"},
-    {"rays", OPTION_RAYS, "N", ON_CHECK, "number of rays to trace (default 4000)"},
+     "expected rays for each primitive, by which the quality auto chooses; without it, auto is balanced"},
+    {"rays", OPTION_RAYS, "N", ON_CHECK, "number of rays to trace (default 4000, as many as the time allows)"},
+    {"time", OPTION_TIME, "SEC", ON_CHECK,
+     "seconds after which brute force stops; what it has not judged is counted (default: no limit with --rays, else "
+     "60)"},
     {"seed", OPTION_SEED, "S", ON_CHECK, "seed of the random rays (default 1)"},
     {"flip-order", OPTION_FLIP_ORDER, NULL, ON_CHECK,
      "visit children in the opposite order; the answers must be the same"},
     {"scene", OPTION_SCENE, "NAME|NUMBER", ON_BUILD | ON_CHECK | ON_TRACE,
-     "one scene of a glTF file, by its name or its number from 0: build builds only it,\n"
-     "check and trace take what was built from it; in a directory of several files they\n"
-     "also take a file's name without ending (default: all scenes; trace: the first file)"},
+     "one scene of a glTF file, by its name or its number from 0: build builds only it, check and trace take what was "
+     "built from it; in a directory of several files they also take a file's name without ending (default: all scenes; "
+     "trace: the first file)"},
     {"device", OPTION_DEVICE, "NAME", ON_TRACE,
-     "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads\nthe structures, else cpu"},
+     "cpu, a Vulkan device's number or a part of its name, or auto: a GPU that loads the structures, else cpu"},
     {"device", OPTION_DEVICE, "NAME", ON_PROBE,
-     "its number or a part of its name, as 'bvhctl devices' prints them, or auto\n(default): the first of them"},
+     "its number or a part of its name, as 'bvhctl devices' prints them, or auto (default): the first of them"},
     {"size", OPTION_SIZE, "WxH", ON_TRACE, "width and height of the picture (default 1280x720)"},
     {"up", OPTION_UP, "AXIS", ON_TRACE, "the axis that points up: x, y, z or auto (default)"},
     {"threads", OPTION_THREADS, "N", ON_BUILD | ON_CHECK | ON_TRACE,
-     "number of threads of this process (default: one for each processor); a daemon\nhas its own"},
+     "number of threads of this process (default: one for each processor); a daemon has its own"},
     {"memory", OPTION_MEMORY, "BYTES", ON_SCENES,
-     "limit for geometry and results, beyond which the command fails; K, M, G may\nfollow the number"},
+     "limit for geometry and results, beyond which the command fails; K, M, G may follow the number"},
     {"json", OPTION_JSON, NULL, ON_ALL | ON_MAIN, "print the result as one JSON object"},
     {"local", OPTION_LOCAL, NULL, ON_BUILD | ON_MAIN, "build in this process, without a daemon"},
-    {"socket", OPTION_SOCKET, "PATH", ON_SERVICE | ON_MAIN,
-     "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon;\nif there is none, a private "
-     "daemon is started)"},
+    {"socket", OPTION_SOCKET, "PATH", ON_BUILD | ON_MAIN,
+     "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon; if there is none, build starts "
+     "a private daemon)"},
+    {"socket", OPTION_SOCKET, "PATH", ON_QUERIES & ~ON_STOP,
+     "the daemon's socket (default: $BVHD_SOCKET; without it that of a running daemon)"},
+    {"socket", OPTION_SOCKET, "PATH", ON_STOP,
+     "the daemon's socket (default: $BVHD_SOCKET; without it that of your private daemon)"},
     {"local", OPTION_LOCAL, NULL, ON_ALONE, "has no effect: this command never uses a daemon"},
     {"socket", OPTION_SOCKET, "PATH", ON_ALONE, "has no effect: this command never uses a daemon"},
     {"connect-timeout", OPTION_CONNECT_TIMEOUT, "SEC", ON_SERVICE | ON_MAIN,
      "seconds to wait for a daemon (default 5)"},
     {"help", 'h', NULL, ON_ALL | ON_MAIN, "print this help"},
-    {"version", OPTION_VERSION, NULL, ON_MAIN, "print the version"},
+    {"quiet", 'q', NULL, ON_ALL | ON_MAIN, "print errors only: no remarks, no progress, no summary"},
+    {"verbose", 'v', NULL, ON_ALL | ON_MAIN, "print more: steps, times, and progress also where stderr is no terminal"},
+    {"version", OPTION_VERSION, NULL, ON_ALL | ON_MAIN, "print the version"},
     {NULL, 0, NULL, 0, NULL},
 };
 
 _Static_assert(sizeof option_rows / sizeof *option_rows <= OPTION_ROWS_MOST, "room in tables of options");
+
 const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_BUILD] = {"build", "SCENE... -o DIR", "build acceleration structures from scene files", 1, 1 << 20},
     [COMMAND_CHECK] = {"check", "DIR SCENE", "check built files against brute force over their scene", 2, 2},
@@ -64,6 +74,7 @@ const struct command_row command_rows[COMMAND_COUNT] = {
     [COMMAND_GET] = {"get", "KEY -o FILE", "fetch a structure from the daemon, by its key", 1, 1},
     [COMMAND_STATS] = {"stats", "", "print the daemon's counters", 0, 0},
     [COMMAND_PING] = {"ping", "", "ask whether a daemon answers", 0, 0},
+    [COMMAND_STOP] = {"stop", "", "end your private daemon, or the one on --socket", 0, 0},
     [COMMAND_DEVICES] = {"devices", "", "list the Vulkan devices of this machine, and what they load", 0, 0},
     [COMMAND_PROBE] = {"probe", "--device NAME -o FILE",
                        "find out what a device loads, for builds on machines without it", 0, 0},

@@ -18,11 +18,12 @@ enum {
     ON_TRACE = 1 << COMMAND_TRACE
 };
 enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
-enum { ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
+enum { ON_STOP = 1 << COMMAND_STOP, ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
 enum {
     ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
-    ON_ALL = ON_SCENES | ON_GET | ON_STATS | ON_PING | ON_DEVICES | ON_PROBE,
-    ON_SERVICE = ON_BUILD | ON_GET | ON_STATS | ON_PING, /* commands that may connect to a daemon */
+    ON_QUERIES = ON_GET | ON_STATS | ON_PING | ON_STOP, /* commands that need a daemon, and never start one */
+    ON_ALL = ON_SCENES | ON_QUERIES | ON_DEVICES | ON_PROBE,
+    ON_SERVICE = ON_BUILD | ON_QUERIES, /* commands that may connect to a daemon */
     ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
     ON_OUTPUT = ON_BUILD | ON_TRACE | ON_GET | ON_PROBE,
     ON_MAIN = 1 << COMMAND_COUNT,
@@ -44,6 +45,7 @@ enum {
     OPTION_RAYS,
     OPTION_THREADS,
     OPTION_MEMORY,
+    OPTION_TIME,
     OPTION_SEED,
     OPTION_FLIP_ORDER,
     OPTION_SCENE,
@@ -58,7 +60,7 @@ struct option_row {
     int value;
     const char *argument; /* its name in the help; NULL: the option takes none */
     unsigned commands;
-    const char *help;
+    const char *help; /* without line breaks */
 };
 
 enum { OPTION_ROWS_MOST = 64 };

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * progress.h - one line on the terminal that says how far a long step is. Nothing is printed when stderr is not a
- * terminal.
+ * progress.h - says on stderr how far a long step is: on a terminal as one line that is redrawn, elsewhere only with
+ * --verbose, as a line now and then. With --quiet nothing is printed.
+ *
+ * A thread draws, so that time passes on the line even while nothing reports progress. There is one step at a time in
+ * the process.
  */
 #ifndef BVHCTL_PROGRESS_H
 #define BVHCTL_PROGRESS_H
@@ -11,21 +14,25 @@
 #include <stdint.h>
 
 struct progress {
-    bool shown; /* stderr is a terminal */
-    char label[64];
-    _Atomic int64_t next; /* time in milliseconds before which the line is not drawn again */
+    bool shown; /* a step has begun, and something is printed about it */
+    char label[128];
+    double start; /* clock_ms */
+    _Atomic uint64_t done, total; /* total 0: nobody knows */
 };
 
-/* Names the step that begins: "building" and "dragon" are printed as "building dragon". */
+/*
+ * Names the step that begins: "building" and "dragon" are printed as "building dragon". Call it, and progress_end, from
+ * the main thread. A step that has begun before must have ended.
+ */
 void progress_begin(struct progress *progress, const char *verb, const char *name);
 
-/*
- * Draws the line, at most ten times a second. `context` is a struct progress. May be called from any thread, at any
- * rate.
- */
+/* Says how far the step is. `context` is a struct progress. May be called from any thread, at any rate. */
 void progress_update(void *context, uint64_t done, uint64_t total);
 
-/* Erases the line, so that the next output starts on an empty one. */
+/* Erases the line, so that the next output starts on an empty one. A step that has ended already is allowed. */
 void progress_end(struct progress *progress);
+
+/* Erases the line of the step under way, if there is one, so that a message can be printed; it is drawn again later. */
+void progress_make_room(void);
 
 #endif

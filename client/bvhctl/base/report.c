@@ -5,6 +5,21 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "client/bvhctl/base/interrupt.h"
+#include "client/bvhctl/base/progress.h"
+
+static enum report_volume current_volume = REPORT_RESULTS;
+
+void report_set_volume(enum report_volume volume)
+{
+    current_volume = volume;
+}
+
+enum report_volume report_volume(void)
+{
+    return current_volume;
+}
+
 /* Replaces control characters, so that names cannot break a line in two. */
 static void print_clean(const char *text)
 {
@@ -16,6 +31,7 @@ static void print_clean(const char *text)
         line[i] = character < 0x20 || character == 0x7f ? '?' : text[i];
     }
     line[size] = '\0';
+    progress_make_room();
     fprintf(stderr, "bvhctl: %s\n", line);
 }
 
@@ -30,15 +46,38 @@ void report_line(const char *what, const struct bvhd_error *error)
     print_clean(line);
 }
 
-void report_note(const char *what, const char *format, ...)
+static void print_text(const char *what, const char *format, va_list arguments)
 {
     char text[1024], line[2048];
-    va_list arguments;
-    va_start(arguments, format);
     vsnprintf(text, sizeof text, format, arguments);
-    va_end(arguments);
     snprintf(line, sizeof line, "%s: %s", what, text);
     print_clean(line);
+}
+
+void report_note(const char *what, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    if (current_volume >= REPORT_RESULTS)
+        print_text(what, format, arguments);
+    va_end(arguments);
+}
+
+void report_finding(const char *what, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    print_text(what, format, arguments);
+    va_end(arguments);
+}
+
+void report_detail(const char *what, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    if (current_volume >= REPORT_ALL)
+        print_text(what, format, arguments);
+    va_end(arguments);
 }
 
 void report_members(struct json *json, const struct bvhd_error *error)
@@ -83,7 +122,7 @@ bool report_flush(void)
     errno = 0;
     bool ok = fflush(stdout) == 0 && !ferror(stdout);
     if (!ok)
-        report_note("output", "stdout: %s", strerror(errno ? errno : EIO));
+        report_finding("output", "stdout: %s", strerror(errno ? errno : EIO));
     return ok;
 }
 
@@ -91,9 +130,10 @@ bool report_print(struct json *json)
 {
     json_newline(json);
     if (json->failed) {
-        report_note("output", "stdout: no memory for the JSON text");
+        report_finding("output", "stdout: no memory for the JSON text");
         return false;
     }
+    interrupt_output_begins();
     fwrite(json->data, 1, json->size, stdout);
     return report_flush();
 }

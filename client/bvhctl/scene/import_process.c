@@ -137,7 +137,7 @@ __attribute__((noreturn)) static void read_in_child(const struct job *job, bool 
 static void prepare_child(unsigned factor)
 {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    static const int signals[] = {SIGINT, SIGTERM, SIGPROF, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV};
+    static const int signals[] = {SIGINT, SIGTERM, SIGHUP, SIGPROF, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV};
     for (size_t i = 0; i < sizeof signals / sizeof signals[0]; i++)
         signal(signals[i], SIG_DFL); /* a handler of the parent would go on with the parent's work */
     int nowhere = open("/dev/null", O_WRONLY | O_CLOEXEC);
@@ -297,6 +297,8 @@ static enum bvhd_status child_start(const struct job *job, bool is_twin, struct 
 static enum bvhd_status child_failure(int status, const struct job *job, struct bvhd_error *error)
 {
     int number = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
+    if (number == SIGINT || number == SIGTERM || number == SIGHUP)
+        raise(number); /* the terminal sends it to both processes, and the child was faster */
     if (number == SIGPROF)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s took too long for a file of this size", job->who);
     if (number == SIGKILL)

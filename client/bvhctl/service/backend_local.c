@@ -143,7 +143,7 @@ static enum bvhd_status build_here(struct backend *backend, const struct bvhd_bu
 }
 
 enum bvhd_status backend_local_open(struct backend_local *local, uint32_t threads, struct memory *memory,
-                                    struct progress *progress, const atomic_bool *cancel, struct bvhd_error *error)
+                                    struct progress *progress, struct bvhd_error *error)
 {
     *local = (struct backend_local){.backend = {build_here, release}};
     enum bvhd_status status = workers_create(threads, &local->workers, error);
@@ -153,7 +153,6 @@ enum bvhd_status backend_local_open(struct backend_local *local, uint32_t thread
     }
     local->context.memory = memory;
     local->context.parallel = workers_parallel(local->workers);
-    local->context.cancel = cancel;
     local->context.progress = progress_update;
     local->context.progress_context = progress;
     return BVHD_OK;

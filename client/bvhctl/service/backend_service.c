@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-enum { POLL_MS = 50 }; /* between checks of the cancel flag */
+enum { POLL_MS = 50 }; /* between reports of progress */
 
 static void release(struct backend *backend, void *hold)
 {
@@ -34,22 +34,11 @@ static void show_progress(const struct backend_service *service, struct bvhd_bat
     progress_update(service->progress, done, total);
 }
 
-static bool is_cancelled(const struct backend_service *service)
-{
-    return service->cancel && atomic_load(service->cancel);
-}
-
 static void wait_until_done(const struct backend_service *service, struct bvhd_batch *batch,
                             const struct bvhd_build *build)
 {
-    bool cancelled = false;
-    while (bvhd_batch_wait(batch, POLL_MS) == BVHD_PENDING) {
+    while (bvhd_batch_wait(batch, POLL_MS) == BVHD_PENDING)
         show_progress(service, batch, build);
-        if (!cancelled && is_cancelled(service)) {
-            bvhd_batch_cancel(batch);
-            cancelled = true;
-        }
-    }
 }
 
 /* When the connection is lost, its items have no results, and the batch as a whole has failed. */
@@ -86,10 +75,9 @@ static enum bvhd_status build_there(struct backend *backend, const struct bvhd_b
 }
 
 enum bvhd_status backend_service_open(struct backend_service *service, const struct options *options,
-                                      struct memory *memory, struct progress *progress, const atomic_bool *cancel,
-                                      struct bvhd_error *error)
+                                      struct memory *memory, struct progress *progress, struct bvhd_error *error)
 {
-    *service = (struct backend_service){.backend = {build_there, release}, .progress = progress, .cancel = cancel};
+    *service = (struct backend_service){.backend = {build_there, release}, .progress = progress};
     return connect_open(options, memory, &service->connect, error);
 }
 

@@ -11,16 +11,14 @@ struct backend_service {
     struct backend backend;
     struct connect connect;
     struct progress *progress;
-    const atomic_bool *cancel;
 };
 
 /*
  * Connects to the service that `options` name, by connect_open. The progress of builds is drawn by `progress`.
- * `memory`, `progress` and `cancel`, which may be NULL, must outlive the backend. End with backend_service_close.
+ * `memory` and `progress` must outlive the backend. End with backend_service_close.
  */
 enum bvhd_status backend_service_open(struct backend_service *service, const struct options *options,
-                                      struct memory *memory, struct progress *progress, const atomic_bool *cancel,
-                                      struct bvhd_error *error);
+                                      struct memory *memory, struct progress *progress, struct bvhd_error *error);
 
 /* All results must have been released before. A zeroed struct is allowed. */
 void backend_service_close(struct backend_service *service);

@@ -13,7 +13,7 @@
 #include "client/bvhctl/service/private_daemon.h"
 #include "client/bvhctl/base/report.h"
 
-static const char system_socket[] = "/run/bvhd/bvhd.sock";
+const char connect_system_socket[] = "/run/bvhd/bvhd.sock";
 
 /*
  * Limits for one attempt to connect. They are short, because the daemon may exit after it was found; then bvhctl
@@ -21,29 +21,39 @@ static const char system_socket[] = "/run/bvhd/bvhd.sock";
  */
 enum { SHORTEST_CALL_MS = 250, LONGEST_CALL_MS = 1000 };
 
-enum answer { ANSWER_NONE, ANSWER_FORBIDDEN, ANSWER_GIVEN };
-
-static enum answer ask(const char *path)
+int connect_raw(const char *path)
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
-    if (strlen(path) >= sizeof address.sun_path)
-        return ANSWER_NONE;
+    if (strlen(path) >= sizeof address.sun_path) {
+        errno = ENAMETOOLONG;
+        return -1;
+    }
     memcpy(address.sun_path, path, strlen(path) + 1);
     int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    if (descriptor < 0)
-        return ANSWER_NONE;
-    /* EAGAIN: its queue of connections is full, so there is a daemon. */
-    int number = connect(descriptor, (struct sockaddr *)&address, sizeof address) == 0 ? 0 : errno;
+    if (descriptor < 0 || connect(descriptor, (struct sockaddr *)&address, sizeof address) == 0)
+        return descriptor;
+    int number = errno;
     close(descriptor);
-    return !number || number == EAGAIN ? ANSWER_GIVEN : number == EACCES ? ANSWER_FORBIDDEN : ANSWER_NONE;
+    errno = number;
+    return -1;
+}
+
+/* Returns 0 if a daemon listens there, or the number of the error. */
+static int ask(const char *path)
+{
+    int descriptor = connect_raw(path), number = errno;
+    if (descriptor < 0)
+        return number == EAGAIN ? 0 : number; /* EAGAIN: its queue of connections is full, so there is a daemon */
+    close(descriptor);
+    return 0;
 }
 
 bool connect_answers(const char *path)
 {
-    return ask(path) == ANSWER_GIVEN;
+    return ask(path) == 0;
 }
 
-static const char *explicit_socket(const struct options *options)
+const char *connect_named_socket(const struct options *options)
 {
     const char *named = getenv("BVHD_SOCKET");
     if (options->socket)
@@ -99,21 +109,22 @@ static enum bvhd_status find_daemon(struct search *search, struct memory *memory
     if (status != BVHD_OK)
         return status;
     found.is_private = place.is_safe && connect_answers(place.socket);
-    enum answer of_system = found.is_private ? ANSWER_NONE : ask(system_socket);
-    if (!found.is_private && of_system != ANSWER_GIVEN) {
+    int of_system = found.is_private ? ENOENT : ask(connect_system_socket);
+    if (!found.is_private && of_system != 0) {
         bool is_new = false;
         status = private_daemon_start(&place, search->deadline, memory, &is_new, error);
         found.is_private = true;
         search->is_started = search->is_started || is_new;
     }
     found.is_started = found.is_private && search->is_started;
-    if (status == BVHD_OK && of_system == ANSWER_FORBIDDEN && !search->is_refused) {
-        report_note(system_socket,
+    if (status == BVHD_OK && of_system == EACCES && !search->is_refused) {
+        report_note(connect_system_socket,
                     "only members of its group may use it, and you are not one; a private daemon was started on %s",
                     place.socket);
         search->is_refused = true;
     }
-    if (status == BVHD_OK && !(found.path = files_copy_text(memory, found.is_private ? place.socket : system_socket)))
+    if (status == BVHD_OK &&
+        !(found.path = files_copy_text(memory, found.is_private ? place.socket : connect_system_socket)))
         status = no_memory(place.socket, error);
     private_place_finish(&place, memory);
     if (status == BVHD_OK)
@@ -130,7 +141,7 @@ static uint32_t call_time(double deadline)
 enum bvhd_status connect_open(const struct options *options, struct memory *memory, struct connect *ret_connect,
                               struct bvhd_error *error)
 {
-    const char *socket = explicit_socket(options);
+    const char *socket = connect_named_socket(options);
     if (socket)
         return open_explicit(socket, options->connect_timeout_ms, memory, ret_connect, error);
     struct search search = {.deadline = clock_ms() + options->connect_timeout_ms};
@@ -143,6 +154,45 @@ enum bvhd_status connect_open(const struct options *options, struct memory *memo
         if (status != BVHD_UNAVAILABLE || clock_ms() >= search.deadline)
             return status;
     }
+}
+
+static const char *reason(int number)
+{
+    switch (number) {
+    case ENOENT:
+        return "there is none";
+    case ECONNREFUSED:
+        return "nobody listens";
+    case EACCES:
+        return "only members of its group may use it";
+    case EPERM:
+        return "its directory is not yours alone";
+    default:
+        return strerror(number);
+    }
+}
+
+enum bvhd_status connect_find(const struct options *options, struct memory *memory, struct connect *ret_connect,
+                              struct bvhd_error *error)
+{
+    if (connect_named_socket(options))
+        return connect_open(options, memory, ret_connect, error);
+    struct private_place place;
+    enum bvhd_status status = private_daemon_place(memory, &place, error);
+    if (status != BVHD_OK)
+        return status;
+    int of_user = place.is_safe || access(place.directory, F_OK) < 0 ? ask(place.socket) : EPERM;
+    int of_system = of_user ? ask(connect_system_socket) : 0;
+    struct connect found = {.memory = memory, .is_private = of_user == 0};
+    if (of_user && of_system)
+        status = bvhd_error_set(error, BVHD_UNAVAILABLE, place.socket,
+                                "no daemon: %s; %s: %s; 'bvhctl build' starts a private one, 'systemctl start "
+                                "bvhd.socket' the system's",
+                                reason(of_user), connect_system_socket, reason(of_system));
+    else if (!(found.path = files_copy_text(memory, of_user ? connect_system_socket : place.socket)))
+        status = no_memory(place.socket, error);
+    private_place_finish(&place, memory);
+    return status == BVHD_OK ? attach(found, options->connect_timeout_ms, ret_connect, error) : status;
 }
 
 void connect_close(struct connect *connect)

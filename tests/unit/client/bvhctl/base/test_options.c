@@ -3,6 +3,7 @@
 #include "tests/support/unit.h"
 
 #include "client/bvhctl/base/options.h"
+#include "client/bvhctl/base/report.h"
 
 enum { MOST_WORDS = 16 };
 
@@ -190,6 +191,37 @@ static void test_help(void **state)
     assert_int_equal(parse_good("bvhctl --version").command, COMMAND_VERSION);
 }
 
+static void test_volume(void **state)
+{
+    (void)state;
+    assert_int_equal(parse_good("bvhctl ping").volume, REPORT_RESULTS);
+    assert_int_equal(parse_good("bvhctl -q ping").volume, REPORT_ERRORS);
+    assert_int_equal(parse_good("bvhctl ping --quiet").volume, REPORT_ERRORS);
+    assert_int_equal(parse_good("bvhctl build a -vo b").volume, REPORT_ALL);
+    assert_int_equal(parse_good("bvhctl -q check a b --verbose").volume, REPORT_ALL);
+    assert_int_equal(parse_good("bvhctl build --version").command, COMMAND_VERSION);
+}
+
+static void test_time(void **state)
+{
+    (void)state;
+    assert_true(parse_good("bvhctl check a b").seconds == 0);
+    assert_true(parse_good("bvhctl check a b --time 2.5").seconds == 2.5);
+    expect_bad("bvhctl check a b --time 0", "--time");
+    expect_bad("bvhctl check a b --time soon", "--time");
+    expect_bad("bvhctl check a b --time 99999", "--time");
+    expect_bad("bvhctl trace a --device cpu -o p --time 5", "--time");
+}
+
+static void test_stop(void **state)
+{
+    (void)state;
+    assert_int_equal(parse_good("bvhctl stop").command, COMMAND_STOP);
+    assert_string_equal(parse_good("bvhctl --socket s stop").socket, "s");
+    expect_bad("bvhctl stop --local", "--local");
+    expect_bad("bvhctl stop now", "now");
+}
+
 static void test_bad_lines(void **state)
 {
     (void)state;
@@ -268,6 +300,9 @@ int main(void)
         cmocka_unit_test(test_bad_values),
         cmocka_unit_test(test_want_json),
         cmocka_unit_test(test_service),
+        cmocka_unit_test(test_stop),
+        cmocka_unit_test(test_time),
+        cmocka_unit_test(test_volume),
     };
     return cmocka_run_group_tests_name("options", tests, NULL, NULL);
 }
