@@ -114,5 +114,6 @@ void bvhd_client_dispatch(struct bvhd_client *client)
     client_lock(client);
     client_wait_heard(client);
     client_advance(client);
+    callback_run(client);
     client_unlock_dispatched(client);
 }

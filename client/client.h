@@ -14,6 +14,7 @@
 #include <bvhd/bvhd.h>
 
 #include "client/address.h"
+#include "client/callback.h"
 #include "client/connection.h"
 #include "client/library.h"
 #include "client/placement.h"
@@ -42,6 +43,7 @@ struct bvhd_client {
     struct address address;
     uint64_t connect_timeout, lost_after; /* durations in ns */
     struct client_wakeups wakeups;
+    struct callbacks callbacks;
     struct placement placement;
     struct connection *current; /* the connection for new requests; NULL: none */
     struct connection *leaving; /* a connection whose daemon is ending: it finishes what is under way; NULL: none */

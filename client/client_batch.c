@@ -59,8 +59,10 @@ static void finish_item(struct bvhd_batch *batch, uint32_t index)
     item->exchange = NULL;
     item->state = ITEM_DONE;
     dependency_settle(batch, index);
-    if (--batch->remaining == 0)
-        client_stir(batch->client);
+    if (--batch->remaining > 0)
+        return;
+    client_stir(batch->client);
+    callback_add(batch);
 }
 
 void client_batch_fail_item(struct bvhd_batch *batch, uint32_t index, const struct bvhd_error *error)
@@ -216,6 +218,7 @@ void bvhd_batch_destroy(struct bvhd_batch *batch)
     retire(batch);
     if (lookup_of(batch))
         retire(lookup_of(batch));
+    callback_forget(batch);
     client_unlock(client);
     client_batch_free(batch);
 }
@@ -281,9 +284,10 @@ int bvhd_batch_is_done(struct bvhd_batch *batch)
 
 static enum bvhd_status wait_for(struct bvhd_batch *batch, int timeout_ms, bool (*is_true)(const void *context))
 {
-    client_lock(batch->client);
-    bool result = client_wait_until(batch->client, library_after(clock_ns(), timeout_ms), is_true, batch);
-    client_unlock(batch->client);
+    struct bvhd_client *client = batch->client; /* a callback may destroy the batch */
+    client_lock(client);
+    bool result = client_wait_until(client, library_after(clock_ns(), timeout_ms), is_true, batch);
+    client_unlock(client);
     return result ? BVHD_OK : BVHD_PENDING;
 }
 

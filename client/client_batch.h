@@ -40,6 +40,10 @@ struct bvhd_batch {
     struct dependencies *dependencies; /* NULL: no item depends on another, or on a key */
     struct bvhd_batch *parent; /* of a batch that looks up bounds: the one that needs them, and owns it */
     uint32_t remaining; /* number of items without a result */
+    bvhd_batch_callback callback; /* NULL: none */
+    void *user;
+    struct bvhd_batch *next_called; /* in the list of functions to call */
+    bool has_called; /* the callback is in that list, or was called */
     uint32_t uncopied; /* number of items that are ITEM_WAITING, with their payload in the caller's memory */
     uint32_t first_unsent, first_uncopied; /* all items before these have been sent, or copied */
     /*

@@ -52,11 +52,13 @@ enum bvhd_status client_wait_init(struct bvhd_client *client, struct bvhd_error 
     pthread_cond_init(&client->changed, &attributes);
     pthread_condattr_destroy(&attributes);
     pthread_mutex_init(&client->lock, NULL);
+    callback_init(&client->callbacks);
     return BVHD_OK;
 }
 
 void client_wait_finish(struct bvhd_client *client)
 {
+    callback_finish(&client->callbacks);
     close_descriptors(&client->wakeups);
     pthread_cond_destroy(&client->changed);
     pthread_mutex_destroy(&client->lock);
@@ -211,6 +213,8 @@ bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_tr
 {
     bool result, looked = false;
     while (!(result = is_true(context)) && (!looked || clock_ns() < moment)) {
+        if (callback_run(client))
+            continue;
         if (client->wakeups.polling)
             wait_for_others(client, moment);
         else
@@ -222,5 +226,6 @@ bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_tr
      */
     if (!client->wakeups.polling && client->wakeups.waiting > 0)
         pthread_cond_signal(&client->changed);
+    callback_run(client);
     return result;
 }

@@ -26,7 +26,8 @@ void client_unlock_dispatched(struct bvhd_client *client);
 
 /*
  * Waits until is_true returns true, or until `moment`; the lock is dropped meanwhile. Returns the last value of
- * is_true. It receives and sends at least once.
+ * is_true. It receives and sends at least once, and calls the callbacks of batches that are done: `context` may be gone
+ * afterwards if that is a batch that its own callback destroys.
  */
 bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context),
                        const void *context);

@@ -294,6 +294,24 @@ BVHD_API enum bvhd_status bvhd_batch_wait(struct bvhd_batch *batch, int timeout_
 /* Waits in the same way until bvhd_batch_is_copied is true. */
 BVHD_API enum bvhd_status bvhd_batch_wait_copied(struct bvhd_batch *batch, int timeout_ms);
 
+/* A function of the program that is called for a batch that is done. `user` is what bvhd_batch_set_callback got. */
+typedef void (*bvhd_batch_callback)(struct bvhd_batch *batch, void *user);
+
+/*
+ * Has `callback` called, exactly once, when every item of the batch has its result, by cancelling too. It is called
+ * from bvhd_client_dispatch and from the calls that block (wait, connect, ping, counters), on the thread that makes
+ * such a call on any object of the client; never from this call or another one, and never with a lock held. If the
+ * batch is done already, the next such call calls it, and bvhd_client_descriptor becomes readable.
+ *
+ * The callback may call every function of the library, bvhd_batch_submit and the destruction of its own batch included,
+ * except bvhd_client_destroy. bvhd_batch_destroy drops a callback that was not called, and waits for one that another
+ * thread is in. A second bvhd_batch_set_callback replaces a callback that was not called; NULL removes it.
+ */
+BVHD_API void bvhd_batch_set_callback(struct bvhd_batch *batch, bvhd_batch_callback callback, void *user);
+
+/* Returns the `user` of the last bvhd_batch_set_callback, or NULL. */
+BVHD_API void *bvhd_batch_user(struct bvhd_batch *batch);
+
 /*
  * Cancels all items, or one item, that have no result yet. On return their results are BVHD_CANCELLED and their
  * geometry memory may be freed; the service stops working on them.
