@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "client/bvhctl/scene/gltf.h"
-#include "tests/support/scene/gltf_case.h"
+#include "tests/support/scene/scene_case.h"
 
 static void check_meshes(const struct import *import)
 {
@@ -71,6 +71,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 /* All cases of the table. */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    _Static_assert((int)GLTF_CASE_ROOM <= (int)FUZZ_ROOM, "a case is a sample");
-    return index < gltf_case_count ? gltf_case_make(&gltf_cases[index], ret_bytes) : 0;
+    _Static_assert((int)SCENE_CASE_ROOM <= (int)FUZZ_ROOM, "a case is a sample");
+    return scene_case_sample("glTF", index, ret_bytes);
 }

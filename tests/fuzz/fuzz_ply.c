@@ -7,10 +7,8 @@
  */
 #include "tests/fuzz/fuzz.h"
 
-#include <string.h>
-
 #include "client/bvhctl/scene/ply.h"
-#include "tests/support/scene/ply_file.h"
+#include "tests/support/scene/scene_case.h"
 
 static void check_import(const struct import *import)
 {
@@ -48,14 +46,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     return 0;
 }
 
+/* All cases of the table. */
 size_t fuzz_sample(uint32_t index, uint8_t *ret_bytes)
 {
-    struct ply_file file;
-    struct ply_expected expected;
-    if (index >= PLY_FILE_SAMPLES)
-        return 0;
-    ply_file_sample(index, &file, &expected);
-    FUZZ_CHECK(file.size <= FUZZ_ROOM);
-    memcpy(ret_bytes, file.bytes, file.size);
-    return file.size;
+    _Static_assert((int)SCENE_CASE_ROOM <= (int)FUZZ_ROOM, "a case is a sample");
+    return scene_case_sample("PLY", index, ret_bytes);
 }

@@ -199,6 +199,24 @@ static enum bvhd_status read_scene(struct reader *reader, const char *scene)
     return status;
 }
 
+/* Reads an opened file, or finds the reason to leave it to assimp. */
+static enum bvhd_status read_opened(struct reader *reader, const char *scene, const char **ret_foreign)
+{
+    enum gltf_draco draco = GLTF_NO_DRACO;
+    enum bvhd_status status = gltf_extensions_check(&reader->file);
+    if (!status)
+        status = gltf_extensions_find_draco(&reader->file, &draco);
+    if (status)
+        return status;
+    if (draco == GLTF_NO_DRACO)
+        return read_scene(reader, scene);
+    *ret_foreign = draco == GLTF_DRACO_WIDE
+                       ? "KHR_draco_mesh_compression with indices of 32 bits, which assimp does not decode up to 5.4"
+                       : "KHR_draco_mesh_compression, which assimp reads";
+    status = gltf_extensions_check_draco(&reader->file);
+    return status ? status : gltf_scenes_check_foreign(&reader->file, scene);
+}
+
 enum bvhd_status gltf_read(const char *path, const char *scene, struct import_files *files, struct import *import,
                            const char **ret_foreign, struct bvhd_error *error)
 {
@@ -207,19 +225,10 @@ enum bvhd_status gltf_read(const char *path, const char *scene, struct import_fi
         .path = path, .memory = import->memory, .files = files, .counts = &import->counts, .error = error};
     *ret_foreign = NULL;
     enum bvhd_status status = gltf_file_open(&reader.file);
-    if (!status && reader.file.is_old) {
-        *ret_foreign = "glTF 1.0";
-    } else if (!status) {
-        status = gltf_extensions_check(&reader.file);
-        if (!status && gltf_extensions_need_draco(&reader.file)) {
-            *ret_foreign = "KHR_draco_mesh_compression";
-            status = gltf_extensions_check_draco(&reader.file);
-            if (!status)
-                status = gltf_scenes_check_foreign(&reader.file, scene);
-        } else if (!status) {
-            status = read_scene(&reader, scene);
-        }
-    }
+    if (!status && reader.file.is_old)
+        *ret_foreign = "glTF 1.0, which assimp reads";
+    else if (!status)
+        status = read_opened(&reader, scene, ret_foreign);
     free_tables(&reader);
     gltf_file_close(&reader.file);
     return status;

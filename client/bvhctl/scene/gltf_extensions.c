@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "client/bvhctl/scene/gltf_accessor.h"
+
 static const char draco[] = "KHR_draco_mesh_compression";
 
 /* Extensions that change geometry. */
@@ -81,31 +83,72 @@ enum bvhd_status gltf_extensions_check(const struct gltf_file *file)
     return status;
 }
 
+/* Finds the accessor that a member names. Returns false if there is none. */
+static bool find_accessor(const struct gltf_file *file, const struct gltf_value *object, const char *name,
+                          struct gltf_value *ret_accessor)
+{
+    struct gltf_value value = gltf_member(object, name);
+    double index = cJSON_IsNumber(value.json) ? value.json->valuedouble : -1;
+    if (!(index >= 0 && index < file->lists[GLTF_ACCESSORS].count))
+        return false;
+    *ret_accessor = gltf_item(file, GLTF_ACCESSORS, (uint32_t)index);
+    return true;
+}
+
 /* Returns whether a primitive is compressed, and its accessors have no bytes of their own. */
 static bool is_only_draco(const struct gltf_file *file, const struct gltf_value *primitive)
 {
-    struct gltf_value extensions, attributes = gltf_member(primitive, "attributes");
-    struct gltf_value position = gltf_member(&attributes, "POSITION");
-    if (!gltf_extension(primitive, draco, &extensions).json || !cJSON_IsNumber(position.json))
+    struct gltf_value extensions, accessor, attributes = gltf_member(primitive, "attributes");
+    if (!gltf_extension(primitive, draco, &extensions).json || !find_accessor(file, &attributes, "POSITION", &accessor))
         return false;
-    double index = position.json->valuedouble;
-    if (!(index >= 0 && index < file->lists[GLTF_ACCESSORS].count))
-        return false;
-    struct gltf_value accessor = gltf_item(file, GLTF_ACCESSORS, (uint32_t)index);
     return !gltf_member(&accessor, "bufferView").json && !gltf_member(&accessor, "sparse").json;
 }
 
-bool gltf_extensions_need_draco(const struct gltf_file *file)
+/* Returns the largest number that a member of an accessor may be, or 0 for no integer. */
+static uint64_t number_of(const struct gltf_value *accessor, const char *name)
 {
-    for (uint32_t i = 0; i < file->lists[GLTF_MESHES].count; i++) {
+    struct gltf_value value = gltf_member(accessor, name);
+    double number = cJSON_IsNumber(value.json) ? value.json->valuedouble : 0;
+    return number >= 0 && number <= UINT32_MAX ? (uint64_t)number : 0;
+}
+
+/*
+ * Refuses compressed primitives that assimp reads wrong: without an accessor of indices it takes the vertices in their
+ * order, and indices that are too large for their type are cut.
+ */
+static enum bvhd_status check_primitive(const struct gltf_file *file, const struct gltf_value *primitive,
+                                        enum gltf_draco *draco_kind)
+{
+    struct gltf_value attributes = gltf_member(primitive, "attributes"), place = gltf_member(primitive, "indices");
+    struct gltf_value positions = {0}, indices;
+    find_accessor(file, &attributes, "POSITION", &positions);
+    if (!find_accessor(file, primitive, "indices", &indices))
+        return gltf_refuse(file, BVHD_INVALID, &place, "missing: %s needs an accessor", draco);
+    uint64_t type = number_of(&indices, "componentType"), vertices = number_of(&positions, "count");
+    uint64_t most = type == GLTF_UINT8 ? 256 : type == GLTF_UINT16 ? 65536 : UINT32_MAX;
+    place = gltf_member(&indices, "componentType");
+    if (vertices > most)
+        return gltf_refuse(file, BVHD_INVALID, &place, "%u is too small for %llu vertices", (unsigned)type,
+                           (unsigned long long)vertices);
+    *draco_kind = type == GLTF_UINT32 || *draco_kind == GLTF_DRACO_WIDE ? GLTF_DRACO_WIDE : GLTF_DRACO;
+    return BVHD_OK;
+}
+
+enum bvhd_status gltf_extensions_find_draco(const struct gltf_file *file, enum gltf_draco *ret_draco)
+{
+    enum bvhd_status status = BVHD_OK;
+    *ret_draco = GLTF_NO_DRACO;
+    for (uint32_t i = 0; i < file->lists[GLTF_MESHES].count && !status; i++) {
         struct gltf_value mesh = gltf_item(file, GLTF_MESHES, i), list = gltf_member(&mesh, "primitives");
-        for (const cJSON *item = cJSON_IsArray(list.json) ? list.json->child : NULL; item; item = item->next) {
-            struct gltf_value primitive = gltf_element(&list, item, 0);
+        int64_t number = 0;
+        for (const cJSON *item = cJSON_IsArray(list.json) ? list.json->child : NULL; item && !status;
+             item = item->next) {
+            struct gltf_value primitive = gltf_element(&list, item, number++);
             if (is_only_draco(file, &primitive))
-                return true;
+                status = check_primitive(file, &primitive, ret_draco);
         }
     }
-    return false;
+    return status;
 }
 
 static bool goes_with_draco(const char *name)

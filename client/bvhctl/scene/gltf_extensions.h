@@ -11,8 +11,11 @@
  */
 enum bvhd_status gltf_extensions_check(const struct gltf_file *file);
 
-/* Returns whether there is geometry that only a decoder of Draco can read. */
-bool gltf_extensions_need_draco(const struct gltf_file *file);
+/* Whether a file has geometry that only a decoder of Draco can read: WIDE: with indices of 32 bits. */
+enum gltf_draco { GLTF_NO_DRACO, GLTF_DRACO, GLTF_DRACO_WIDE };
+
+/* Finds that out, and refuses what assimp would read wrong. */
+enum bvhd_status gltf_extensions_find_draco(const struct gltf_file *file, enum gltf_draco *ret_draco);
 
 /*
  * Refuses a file whose meshes assimp has to read, because of Draco, if it requires another extension that changes

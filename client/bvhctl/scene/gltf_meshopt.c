@@ -109,6 +109,24 @@ static void apply_filter(const struct compressed_view *view, unsigned char *data
         meshopt_decodeFilterExp(data, view->count, view->stride);
 }
 
+/*
+ * Says why bytes were not decoded. Their first byte has the codec above and its version below; the versions that this
+ * library knows are those of its own encoders.
+ */
+static enum bvhd_status refuse(const struct gltf_file *file, const struct gltf_value *compressed,
+                               const struct compressed_view *view)
+{
+    static const unsigned newest[] = {
+        [MODE_ATTRIBUTES] = MESHOPTIMIZER_VERSION >= 230, [MODE_TRIANGLES] = 1, [MODE_INDICES] = 1};
+    unsigned version = view->bytes.size ? view->bytes.data[0] & 0x0fu : 0;
+    if (version <= newest[view->mode])
+        return gltf_refuse(file, BVHD_INVALID, compressed, "meshoptimizer cannot decode it");
+    return gltf_refuse(file, BVHD_UNSUPPORTED, compressed,
+                       "version %u of its codec, which libmeshoptimizer %d.%d does not decode; version 1 of ATTRIBUTES "
+                       "needs 0.23",
+                       version, MESHOPTIMIZER_VERSION / 1000, MESHOPTIMIZER_VERSION / 10 % 100);
+}
+
 enum bvhd_status gltf_meshopt_decode(struct gltf_file *file, const struct gltf_value *view,
                                      const struct gltf_value *compressed, struct gltf_bytes *ret_bytes)
 {
@@ -122,7 +140,7 @@ enum bvhd_status gltf_meshopt_decode(struct gltf_file *file, const struct gltf_v
         return gltf_no_memory(file);
     if (source.count && decode(&source, data)) {
         memory_free(file->memory, data);
-        return gltf_refuse(file, BVHD_INVALID, compressed, "meshoptimizer cannot decode it");
+        return refuse(file, compressed, &source);
     }
     if (source.count)
         apply_filter(&source, data);

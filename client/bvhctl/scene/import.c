@@ -238,7 +238,7 @@ static enum bvhd_status read_scene(const char *path, const char *scene, struct i
                               "it has no scene '%.60s': only glTF 2.0 has scenes to choose", scene);
     status = read_by_assimp(path, scene, files, import, error);
     if (status && foreign && error)
-        return bvhd_error_set(error, status, path, "%s, which assimp reads: %.120s", foreign, error->text);
+        return bvhd_error_set(error, status, path, "%s: %.90s", foreign, error->text);
     return status;
 }
 

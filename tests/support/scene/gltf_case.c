@@ -88,10 +88,13 @@ static void put_others(struct bin *bin)
     put(bin, scales, sizeof scales, "");
 }
 
-/* Views 17 to 21: the quad, its indices and a strip by meshoptimizer; broken bytes; too many elements. */
+/*
+ * Views 17 to 22: the quad, its indices and a strip by meshoptimizer; broken bytes; too many elements; a version of the
+ * codec that does not exist yet.
+ */
 static void put_meshopt(struct bin *bin)
 {
-    static const unsigned char broken[40] = {0xa0, 1, 2, 3};
+    static const unsigned char broken[40] = {0xa0, 1, 2, 3}, later[40] = {0xa2, 1, 2, 3};
     static const uint32_t strip[4] = {0, 1, 3, 2};
     unsigned char data[512];
     static const char ext[] = "EXT_meshopt_compression", khr[] = "KHR_meshopt_compression";
@@ -105,6 +108,7 @@ static void put_meshopt(struct bin *bin)
     put_compressed(bin, data, size, 4, 2, ext, "'mode':'INDICES'");
     put_compressed(bin, broken, sizeof broken, 4, 12, ext, "'mode':'ATTRIBUTES'");
     put_compressed(bin, broken, sizeof broken, 1 << 20, 12, ext, "'mode':'ATTRIBUTES'");
+    put_compressed(bin, later, sizeof later, 4, 12, ext, "'mode':'ATTRIBUTES'");
 }
 
 /* The accessors that all cases have. 0 to 3: the quad and its indices. 4: rows. 5: a strip. 6 to 9: integers. */

@@ -24,8 +24,10 @@ static int leave_scratch(void **state)
     return chdir("/") == 0 ? system(command) : -1;
 }
 
+/* A new file each time: some file systems write a file to the disk at once that replaces its bytes. */
 static void write_file(const char *path, const void *data, size_t size)
 {
+    unlink(path);
     FILE *file = fopen(path, "wb");
     assert_non_null(file);
     assert_int_equal(fwrite(data, 1, size, file), size);
