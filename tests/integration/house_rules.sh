@@ -1,9 +1,10 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # house_rules.sh ROOT - the rules of the house that no compiler checks: includes are paths from the root and point one
-# way, each foreign library has its door, every source says its licence, no line has more than 120 columns and no file
-# 600 lines or more, every header is named by the README of its folder, links and names in documents lead somewhere, and
-# the picture of the folders agrees with their table. Prints what breaks them; status 1 when anything does.
+# way, each foreign library has its door, every source says its licence, no line has more than 120 columns (Python: 100)
+# and no file 600 lines or more, every header is named by the README of its folder, links and names in documents lead
+# somewhere, and the picture of the folders agrees with their table. Prints what breaks them; status 1 when anything
+# does.
 # house_rules.sh --self-test - breaks each rule in a scratch tree and fails unless that is found.
 # shellcheck disable=SC2016 # awk's dollars are not the shell's
 set -eu
@@ -141,6 +142,7 @@ written()
 {
     sources
     find tests -name '*.[ch]'
+    find client tests -name '*.py'
     find client tests -type f | grep -E '\.(glsl|comp|rgen|rmiss|rchit|rahit|rint)$'
     find . -path ./build -prune -o \( -name '*.sh' -o -name meson.build \) -print | sed 's|^\./||'
     find . -maxdepth 1 \( -name check -o -name demo \) | sed 's|^\./||'
@@ -153,11 +155,12 @@ check_files()
         FNR == 1 {
             finish()
             file = FILENAME
-            if (FILENAME ~ /[.][ch]$/ && $0 !~ /SPDX-License-Identifier: Apache-2.0/)
+            limit = FILENAME ~ /[.]py$/ ? 100 : 120
+            if (FILENAME ~ /[.]([ch]|py)$/ && $0 !~ /SPDX-License-Identifier: Apache-2.0/)
                 print file ": no SPDX line at its head"
         }
         / $/ { print file ":" FNR ": a space at the end of the line" }
-        length > 120 { print file ":" FNR ": more than 120 columns" }
+        length > limit { print file ":" FNR ": more than " limit " columns" }
         { lines = FNR }
         END { finish() }' >"$scratch/files"
     while read -r line; do
@@ -400,6 +403,9 @@ self_test()
     for name in tests/a.c tests/a.sh tests/meson.build client/a.glsl; do
         { echo "$spdx" && printf '%0121d\n' 0; } >"$tree/$name" && must_fail "a line of 121 columns: $name" "$name"
     done
+    { echo '# SPDX-License-Identifier: Apache-2.0' && printf '#%0100d\n' 0; } >"$tree/tests/a.py"
+    must_fail 'a line of 101 columns: tests/a.py' tests/a.py
+    echo 'pass' >"$tree/tests/a.py" && must_fail 'no licence: tests/a.py' tests/a.py
     printf '%0100d x\n' 0 >"$tree/tests/a.md" && must_fail 'prose of 102 columns' tests/a.md
     { printf '| %0100d |\n\n    %0100d\n\n```\n%0100d\n```\n' 0 0 0; } >"$tree/tests/b.md"
     printf '# A Heading: `x`\n\n[here](#a-heading-x) [up](../builder/README.md) [other](https://example.org/)\n' \

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Acceleration structures for ray tracing, built on the CPU.
+
+    import bvhd
+    with bvhd.Client() as client:
+        ground = client.build(bvhd.Triangles(vertices, indices))
+        scene = client.build(bvhd.TopLevel([ground]))
+    open("ground.as", "wb").write(ground.data)
+
+It needs the library libbvhd, which exists for Linux only.
+"""
+from ._enums import (
+    BuildFlags,
+    GeometryFlags,
+    InstanceFlags,
+    LayoutFlags,
+    Origin,
+    Priority,
+    Quality,
+    Status,
+    Target,
+    VertexFormat,
+)
+from ._errors import Error
+from ._library import lib as _lib
+from .client import Batch, Client, Format, Result
+from .geometry import Aabbs, BottomLevel, Reference, TopLevel, Triangles
+
+#: The version of the library.
+__version__: str = _lib.bvhd_version().decode()
+
+__all__ = [
+    "Aabbs",
+    "Batch",
+    "BottomLevel",
+    "BuildFlags",
+    "Client",
+    "Error",
+    "Format",
+    "GeometryFlags",
+    "InstanceFlags",
+    "LayoutFlags",
+    "Origin",
+    "Priority",
+    "Quality",
+    "Reference",
+    "Result",
+    "Status",
+    "Target",
+    "TopLevel",
+    "Triangles",
+    "VertexFormat",
+]

@@ -1,0 +1,412 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clients, batches and results."""
+from __future__ import annotations
+
+import ctypes as c
+import os
+import time
+import weakref
+from typing import Any, Iterator, Optional, Sequence, Union, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _structs as s
+from ._enums import LayoutFlags, Origin, Priority, Quality, Status, Target
+from ._errors import Error, check, error_from
+from ._handle import Handle
+from ._library import lib
+from .geometry import (
+    _STYPE_BUILD,
+    _STYPE_GEOMETRY,
+    Aabbs,
+    Array,
+    BottomLevel,
+    Geometry,
+    Reference,
+    Structure,
+    TopLevel,
+    Triangles,
+    as_structure,
+)
+
+# Waits are cut into slices, so that Ctrl-C interrupts them.
+_SLICE_MS = 100
+
+
+class Blob:
+    """The bytes of a result. Views of them, by `data` or numpy, keep them alive."""
+
+    def __init__(self, pointer: int) -> None:
+        self._handle = Handle(c.c_void_p(lib.bvhd_blob_ref(pointer)), lib.bvhd_blob_unref)
+        with self._handle as blob:
+            self._data: int = lib.bvhd_blob_data(blob)
+            self._size: int = lib.bvhd_blob_size(blob)
+
+    def __len__(self) -> int:
+        return self._size
+
+    @property
+    def __array_interface__(self) -> dict[str, Any]:
+        return {"version": 3, "typestr": "|u1", "shape": (self._size,), "data": (self._data, True)}
+
+
+class Result:
+    """A structure that was built: its bytes, its key, and what is known of it."""
+
+    def __init__(self, result: s.Result) -> None:
+        blob = Blob(result.blob)
+        #: The serialized acceleration structure as a read-only array of bytes, which is not copied.
+        self.array: npt.NDArray[np.uint8] = np.asarray(blob)
+        #: 32 bytes, by which the service finds the structure again. Keep it as secret as the bytes.
+        self.key = bytes(result.key.bytes)
+        self.origin = Origin(result.origin)
+        self.target = Target(result.target)
+        self.quality = Quality(result.quality)
+        self.method: str = (result.method or b"").decode()
+        #: The minimum and the maximum, 6 numbers.
+        self.bounds = np.array(result.bounds, np.float32)
+        #: The bounds along ten more directions, 20 numbers.
+        self.slabs = np.array(result.slabs, np.float32)
+        #: Numbers about the build, by the names of their fields in bvhd.h.
+        self.statistics: dict[str, float] = {
+            name: getattr(result, name)
+            for name, kind in s.Result._fields_
+            if kind in (c.c_uint64, c.c_double, c.c_uint32) and name != "size"
+        }
+        self._reference = Reference(self.key, self.bounds, self.slabs)
+
+    @property
+    def data(self) -> memoryview:
+        """The bytes, read only and not copied. They live as long as the view."""
+        return self.array.data
+
+    @property
+    def size(self) -> int:
+        return len(self.array)
+
+    @property
+    def handle(self) -> int:
+        """The number by which instances name the structure."""
+        return self._reference.handle
+
+    def reference(self) -> Reference:
+        """Returns what a top level needs of this structure, without its bytes."""
+        return self._reference
+
+    def __bytes__(self) -> bytes:
+        return self.array.tobytes()
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __repr__(self) -> str:
+        target = self.target.name.lower()
+        return f"<bvhd.Result of {self.size} bytes, {target}, key {self.key.hex()[:16]}...>"
+
+
+class _Request:
+    """A struct bvhd_build with all that it points to."""
+
+    def __init__(self, structures: Sequence[Structure]) -> None:
+        count = len(structures)
+        self.arrays: list[Array] = []  # the geometry's memory
+        self.infos = (s.BuildInfo * count)()
+        self.ranges = (c.POINTER(s.Range) * count)()
+        self.references = self._references(structures)
+        self._structs = [self._fill(i, structure) for i, structure in enumerate(structures)]
+        self.build = s.Build(
+            struct_size=c.sizeof(s.Build),
+            info_count=count,
+            infos=self.infos,
+            ranges=self.ranges,
+            references=self.references,
+            reference_count=len(self.references),
+        )
+
+    def _fill(self, i: int, structure: Structure) -> Any:
+        info = self.infos[i]
+        top = isinstance(structure, TopLevel)
+        geometries: Sequence[Any] = [structure] if top else structure.geometries  # type: ignore
+        structs = (s.Geometry * len(geometries))()
+        extents = (s.Range * len(geometries))()
+        for geometry, struct, extent in zip(geometries, structs, extents):
+            struct.sType = _STYPE_GEOMETRY
+            struct.flags = geometry.geometry_flags if top else geometry.flags
+            self.arrays += geometry._fill(struct, extent)
+        info.sType = _STYPE_BUILD
+        info.type = 0 if top else 1
+        info.flags = structure.flags
+        info.geometryCount = len(geometries)
+        info.pGeometries = structs
+        self.ranges[i] = c.cast(extents, c.POINTER(s.Range))
+        return structs, extents
+
+    @staticmethod
+    def _references(structures: Sequence[Structure]) -> Any:
+        named: dict[int, Reference] = {}
+        for structure in structures:
+            if isinstance(structure, TopLevel):
+                for below in structure.structures:
+                    reference = below.reference() if isinstance(below, Result) else below
+                    named[reference.handle] = reference
+        references = (s.Reference * len(named))()
+        for struct, reference in zip(references, named.values()):
+            reference._fill(struct)
+        return references
+
+
+class Batch:
+    """Structures that were requested together. Leaving it as a context cancels what is not done."""
+
+    def __init__(self, client: Client, pointer: c.c_void_p, arrays: list[Array]) -> None:
+        def destroy(batch: c.c_void_p) -> None:
+            lib.bvhd_batch_destroy(batch)
+            arrays.clear()  # which lived until now, whoever held the call off
+
+        self._handle = Handle(pointer, destroy, client._handle)
+        self._arrays = arrays
+        self._count: int = lib.bvhd_batch_count(pointer)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __enter__(self) -> Batch:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Cancels what is not done, and frees the batch. Results live on."""
+        if self._handle.is_open:
+            self.cancel()
+            self._handle.close()
+            self._arrays.clear()
+
+    def cancel(self, item: Optional[int] = None) -> None:
+        """Cancels one item, or all, that have no result yet. Their error is then CANCELLED."""
+        with self._handle as batch:
+            if item is None:
+                lib.bvhd_batch_cancel(batch)
+            else:
+                lib.bvhd_batch_cancel_item(batch, item)
+
+    @property
+    def is_copied(self) -> bool:
+        """Whether the arrays of the request may be changed."""
+        with self._handle as batch:
+            if not lib.bvhd_batch_is_copied(batch):
+                return False
+        self._arrays.clear()
+        return True
+
+    @property
+    def is_done(self) -> bool:
+        with self._handle as batch:
+            return bool(lib.bvhd_batch_is_done(batch))
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits at most `timeout` seconds, and returns whether every item has its result."""
+        return self._wait(lib.bvhd_batch_wait, timeout)
+
+    def wait_copied(self, timeout: Optional[float] = None) -> bool:
+        """Waits at most `timeout` seconds, and returns `is_copied`."""
+        return self._wait(lib.bvhd_batch_wait_copied, timeout) and self.is_copied
+
+    def _wait(self, function: Any, timeout: Optional[float]) -> bool:
+        end = None if timeout is None else time.monotonic() + timeout
+        while True:
+            left = _SLICE_MS if end is None else max(0, round((end - time.monotonic()) * 1000))
+            with self._handle as batch:
+                if function(batch, min(left, _SLICE_MS)) == Status.OK:
+                    return True
+            if left == 0:
+                return False
+
+    def error(self, item: int) -> Optional[Error]:
+        """Returns the error of an item, PENDING if it is not done, or None if it has a result."""
+        with self._handle as batch:
+            error = self._struct(batch, item).error
+            return None if error.status == Status.OK else error_from(error)
+
+    def result(self, item: int = 0) -> Result:
+        """Returns the result of an item, or raises its error, PENDING if it is not done."""
+        with self._handle as batch:
+            struct = self._struct(batch, item)
+            if struct.error.status != Status.OK:
+                raise error_from(struct.error)
+            return Result(struct)
+
+    def results(self) -> list[Result]:
+        """Waits, and returns all results or raises the first error."""
+        self.wait()
+        return [self.result(item) for item in range(self._count)]
+
+    def __iter__(self) -> Iterator[Result]:
+        return iter(self.results())
+
+    def _struct(self, batch: c.c_void_p, item: int) -> s.Result:
+        if not 0 <= item < self._count:
+            raise IndexError(f"item {item} of a batch of {self._count}")
+        struct: s.Result = lib.bvhd_batch_result(batch, item).contents
+        return struct
+
+
+class Client:
+    """Asks the service for structures. It connects when it is needed. Any thread may use it."""
+
+    def __init__(
+        self,
+        socket_path: Union[str, os.PathLike[str], None] = None,
+        *,
+        connect_timeout: float = 0.0,
+        lost_after: float = 0.0,
+        pool_size: int = 0,
+    ) -> None:
+        """Times are in seconds; 0 stands for the defaults, which bvhd.h has."""
+        options = s.ClientOptions(
+            struct_size=c.sizeof(s.ClientOptions),
+            socket_path=None if socket_path is None else os.fsencode(socket_path),
+            connect_timeout_ms=round(connect_timeout * 1000),
+            lost_after_ms=round(lost_after * 1000),
+            pool_size=pool_size,
+        )
+        pointer, error = c.c_void_p(), s.Error()
+        check(lib.bvhd_client_create(options, pointer, error), error)
+        self._handle = Handle(pointer, lib.bvhd_client_destroy)
+        self._batches: weakref.WeakSet[Batch] = weakref.WeakSet()
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes all batches and the connection. Results live on."""
+        for batch in list(self._batches):
+            batch.close()
+        self._handle.close()
+
+    def connect(self) -> None:
+        """Waits until the daemon has answered; raises UNAVAILABLE or INCOMPATIBLE."""
+        error = s.Error()
+        with self._handle as client:
+            check(lib.bvhd_client_connect(client, error), error)
+
+    def ping(self, timeout: Optional[float] = None) -> float:
+        """Returns the seconds until an empty request was answered."""
+        error, milliseconds = s.Error(), c.c_double()
+        with self._handle as client:
+            check(lib.bvhd_client_ping(client, _milliseconds(timeout), milliseconds, error), error)
+        return milliseconds.value / 1000
+
+    def counters(self, timeout: Optional[float] = None) -> dict[str, int]:
+        """Returns the service's counters by name."""
+        error, counters = s.Error(), c.c_void_p()
+        with self._handle as client:
+            check(lib.bvhd_client_counters(client, _milliseconds(timeout), counters, error), error)
+        try:
+            return {
+                lib.bvhd_counters_name(counters, i).decode(): lib.bvhd_counters_value(counters, i)
+                for i in range(lib.bvhd_counters_count(counters))
+            }
+        finally:
+            lib.bvhd_counters_destroy(counters)
+
+    def fileno(self) -> int:
+        """Returns a descriptor for event loops: when it is readable, call `dispatch`."""
+        with self._handle as client:
+            return int(lib.bvhd_client_descriptor(client))
+
+    def dispatch(self) -> None:
+        """Does all work that is possible without blocking."""
+        with self._handle as client:
+            lib.bvhd_client_dispatch(client)
+
+    def submit(
+        self,
+        structures: Sequence[Union[Structure, Geometry]],
+        *,
+        quality: Quality = Quality.UNSPECIFIED,
+        priority: Priority = Priority.NORMAL,
+        format: Optional[Format] = None,
+        layout_flags: LayoutFlags = LayoutFlags.NONE,
+        rays_per_primitive: float = 0.0,
+    ) -> Batch:
+        """Requests structures and returns without waiting for them.
+
+        A geometry that comes alone is a bottom level of its own. With a format the structures are
+        native to its driver, else portable.
+        """
+        request = _Request([as_structure(structure) for structure in structures])
+        build = request.build
+        build.quality = quality
+        build.priority = priority
+        build.layout_flags = layout_flags
+        build.rays_per_primitive = rays_per_primitive
+        if format is not None:
+            build.format = c.pointer(format._struct)
+        pointer, error = c.c_void_p(), s.Error()
+        with self._handle as client:
+            check(lib.bvhd_batch_submit(client, build, pointer, error), error)
+            return self._batch(pointer, request.arrays)
+
+    def fetch(self, keys: Sequence[bytes]) -> Batch:
+        """Requests structures that were built before, by the keys of their results."""
+        structs = (s.Key * len(keys))()
+        for struct, key in zip(structs, keys):
+            if len(key) != s.KEY_SIZE:
+                raise ValueError(f"a key of {len(key)} bytes instead of {s.KEY_SIZE}")
+            struct.bytes[:] = key
+        pointer, error = c.c_void_p(), s.Error()
+        with self._handle as client:
+            check(lib.bvhd_batch_fetch(client, len(keys), structs, pointer, error), error)
+            return self._batch(pointer, [])
+
+    def _batch(self, pointer: c.c_void_p, arrays: list[Array]) -> Batch:
+        batch = Batch(self, pointer, arrays)
+        self._batches.add(batch)
+        return batch
+
+    @overload
+    def build(self, structures: Union[Structure, Geometry], **options: Any) -> Result:
+        ...
+
+    @overload
+    def build(
+        self, structures: Sequence[Union[Structure, Geometry]], **options: Any
+    ) -> list[Result]:
+        ...
+
+    def build(self, structures: Any, **options: Any) -> Any:
+        """Requests one structure, or several, and waits. Options are those of `submit`.
+
+        Returns the result, or the list of results; raises the first error.
+        """
+        one = isinstance(structures, (Triangles, Aabbs, BottomLevel, TopLevel))
+        with self.submit([structures] if one else structures, **options) as batch:
+            results = batch.results()
+        return results[0] if one else results
+
+
+class Format:
+    """The native format of a device, by the bytes of `bvhctl probe` or bvhd_vulkan_probe."""
+
+    def __init__(self, probe: Union[bytes, bytearray, memoryview]) -> None:
+        data = bytes(probe)
+        self._struct, error = s.Format(), s.Error()
+        check(lib.bvhd_format_from_probe(data, len(data), self._struct, error), error)
+
+    @property
+    def target(self) -> Target:
+        return Target(self._struct.target)
+
+    @property
+    def variant(self) -> int:
+        return int(self._struct.variant)
+
+
+def _milliseconds(timeout: Optional[float]) -> int:
+    return -1 if timeout is None else max(0, round(timeout * 1000))

@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What structures are built from: triangles, boxes and instances, in numpy arrays.
+
+Arrays are not copied if the library can read them as they are: rows may be any number of bytes
+apart, so a column of an interleaved vertex buffer will do. An array must not be changed until the
+batch that uses it is copied (`Batch.is_copied`).
+"""
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Any, Optional, Sequence, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _structs as s
+from ._enums import BuildFlags, GeometryFlags, InstanceFlags, VertexFormat
+
+Array = npt.NDArray[Any]
+
+_STYPE_BUILD = 1000150000
+_STYPE_AABBS = 1000150003
+_STYPE_INSTANCES = 1000150004
+_STYPE_TRIANGLES = 1000150005
+_STYPE_GEOMETRY = 1000150006
+_INDEX_NONE = 1000165000
+_INDEX_TYPES = {np.dtype("u2"): 0, np.dtype("u4"): 1}
+
+_FORMATS = {
+    ("f2", 2): VertexFormat.R16G16_SFLOAT,
+    ("f2", 3): VertexFormat.R16G16B16_SFLOAT,
+    ("f2", 4): VertexFormat.R16G16B16A16_SFLOAT,
+    ("f4", 2): VertexFormat.R32G32_SFLOAT,
+    ("f4", 3): VertexFormat.R32G32B32_SFLOAT,
+    ("f4", 4): VertexFormat.R32G32B32A32_SFLOAT,
+    ("f8", 2): VertexFormat.R64G64_SFLOAT,
+    ("f8", 3): VertexFormat.R64G64B64_SFLOAT,
+    ("f8", 4): VertexFormat.R64G64B64A64_SFLOAT,
+}
+
+# The handles of this process, by which instances name structures.
+_handles = itertools.count(1)
+
+
+def _rows(array: Array, alignment: int) -> Array:
+    """Returns the array or a copy: rows are contiguous, and a multiple of `alignment` apart."""
+    inner = array.ndim == 1 or array.shape[1] <= 1 or array.strides[1] == array.itemsize
+    outer = len(array) <= 1 or (array.strides[0] > 0 and array.strides[0] % alignment == 0)
+    if inner and outer and array.ctypes.data % alignment == 0 and array.dtype.isnative:
+        return array
+    return np.ascontiguousarray(array, array.dtype.newbyteorder("="))
+
+
+def _stride(array: Array) -> int:
+    """Returns the bytes from one row to the next."""
+    if len(array) > 1:
+        return int(array.strides[0])
+    return array.itemsize * int(np.prod(array.shape[1:], dtype=np.int64))
+
+
+def _vertex_format(vertices: Array) -> VertexFormat:
+    kind = f"{vertices.dtype.kind}{vertices.dtype.itemsize}"
+    columns = vertices.shape[1] if vertices.ndim == 2 else 0
+    if (kind, columns) not in _FORMATS:
+        raise ValueError(
+            f"vertices: an array of shape {vertices.shape} and type {vertices.dtype} is none of"
+            " (n, 2), (n, 3) and (n, 4) of float16, float32 or float64; other formats need"
+            " vertex_format"
+        )
+    return _FORMATS[kind, columns]
+
+
+def _indices(indices: npt.ArrayLike) -> Array:
+    array = np.asarray(indices)
+    if array.size == 0:
+        return np.zeros(0, np.uint32)
+    if (
+        array.dtype.kind not in "iu"
+        or array.size % 3 != 0
+        or array.ndim not in (1, 2)
+        or (array.ndim == 2 and array.shape[1] != 3)
+    ):
+        raise ValueError(
+            f"indices: an array of shape {array.shape} and type {array.dtype} is neither (m, 3)"
+            " nor (3 * m,) of integers"
+        )
+    flat = np.ascontiguousarray(array).reshape(-1)
+    if flat.dtype in _INDEX_TYPES:
+        return flat
+    if int(flat.min()) < 0 or int(flat.max()) > 0xFFFFFFFF:
+        raise ValueError("indices: a number is negative or needs more than 32 bits")
+    return flat.astype(np.uint16 if flat.dtype.itemsize == 1 else np.uint32)
+
+
+def _transform(transform: npt.ArrayLike) -> Array:
+    array = np.ascontiguousarray(transform, np.float32)
+    if array.shape != (3, 4):
+        raise ValueError(f"transform: an array of shape {array.shape} is not (3, 4)")
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A geometry of triangles.
+
+    vertices: float32, float64 or float16 of shape (n, 2), (n, 3) or (n, 4); with vertex_format rows
+        of any type that hold at least that format. A third component that is missing is 0, a fourth
+        is not read.
+    indices: integers of shape (m, 3) or (3 * m,); without them each three vertices are a triangle.
+    transform: a matrix of 3 rows and 4 columns, which is applied to the vertices.
+    """
+
+    vertices: npt.ArrayLike
+    indices: Optional[npt.ArrayLike] = None
+    transform: Optional[npt.ArrayLike] = None
+    flags: GeometryFlags = GeometryFlags.NONE
+    vertex_format: Optional[VertexFormat] = None
+
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Array]:
+        """Fills Vulkan's structs, and returns the arrays that they point to."""
+        vertices = np.asarray(self.vertices)
+        if self.vertex_format is None:
+            vertex_format = _vertex_format(vertices)
+        else:
+            vertex_format = VertexFormat(self.vertex_format)
+        vertices = _rows(vertices, min(vertices.itemsize, 8) if vertices.dtype.kind in "iuf" else 1)
+        row = vertices.itemsize * int(np.prod(vertices.shape[1:], dtype=np.int64))
+        if row < vertex_format.size:
+            raise ValueError(
+                f"vertices: a row has {row} bytes, {vertex_format.name} {vertex_format.size}"
+            )
+        # The library may read the vertex maxVertex, which cannot be less than 0.
+        if len(vertices) == 0:
+            vertices = np.zeros((1,) + vertices.shape[1:], vertices.dtype)
+            count = 0
+        else:
+            count = len(vertices)
+        kept = [vertices]
+        geometry.geometryType = 0
+        triangles = geometry.geometry.triangles
+        triangles.sType = _STYPE_TRIANGLES
+        triangles.vertexFormat = vertex_format
+        triangles.vertexData = vertices.ctypes.data
+        triangles.vertexStride = _stride(vertices)
+        triangles.maxVertex = len(vertices) - 1
+        triangles.indexType = _INDEX_NONE
+        extent.primitiveCount = count // 3
+        if self.indices is not None:
+            indices = _indices(self.indices)
+            if count == 0 and len(indices) > 0:
+                raise ValueError("indices: there are no vertices")
+            triangles.indexType = _INDEX_TYPES[indices.dtype]
+            triangles.indexData = indices.ctypes.data
+            extent.primitiveCount = len(indices) // 3
+            kept.append(indices)
+        elif count % 3 != 0:
+            raise ValueError(f"vertices: {count} of them, without indices, is no multiple of 3")
+        if self.transform is not None:
+            transform = _transform(self.transform)
+            triangles.transformData = transform.ctypes.data
+            kept.append(transform)
+        return kept
+
+
+@dataclass(frozen=True, eq=False)
+class Aabbs:
+    """A geometry of axis-aligned boxes: float32 of shape (n, 6), minimum and maximum."""
+
+    boxes: npt.ArrayLike
+    flags: GeometryFlags = GeometryFlags.NONE
+
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Array]:
+        boxes = np.asarray(self.boxes, np.float32)
+        if boxes.ndim != 2 or boxes.shape[1] != 6:
+            raise ValueError(f"boxes: an array of shape {boxes.shape} is not (n, 6)")
+        boxes = _rows(boxes, 8)
+        geometry.geometryType = 1
+        aabbs = geometry.geometry.aabbs
+        aabbs.sType = _STYPE_AABBS
+        aabbs.data = boxes.ctypes.data
+        aabbs.stride = _stride(boxes)
+        extent.primitiveCount = len(boxes)
+        return [boxes]
+
+
+Geometry = Union[Triangles, Aabbs]
+
+
+@dataclass(frozen=True, eq=False)
+class BottomLevel:
+    """A structure over geometries of one kind: triangles or boxes."""
+
+    geometries: Sequence[Geometry]
+    flags: BuildFlags = BuildFlags.NONE
+    handle: int = field(default_factory=lambda: next(_handles), init=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A structure that was built before, for instances: its key, with the bounds of its result."""
+
+    key: bytes
+    bounds: npt.ArrayLike
+    slabs: Optional[npt.ArrayLike] = None
+    handle: int = field(default_factory=lambda: next(_handles), init=False)
+
+    def _fill(self, reference: s.Reference) -> None:
+        if len(self.key) != s.KEY_SIZE:
+            raise ValueError(f"key: {len(self.key)} bytes instead of {s.KEY_SIZE}")
+        reference.handle = self.handle
+        reference.has_key = 1
+        reference.key.bytes[:] = self.key
+        reference.bounds[:] = _floats("bounds", self.bounds, 6)
+        if self.slabs is not None:
+            reference.slabs[:] = _floats("slabs", self.slabs, 20)
+
+
+def _floats(name: str, values: npt.ArrayLike, count: int) -> list[float]:
+    array = np.asarray(values, np.float32).reshape(-1)
+    if len(array) != count:
+        raise ValueError(f"{name}: {len(array)} numbers instead of {count}")
+    return [float(value) for value in array]
+
+
+class TopLevel:
+    """A structure over instances of other structures.
+
+    structures: what the instances may name: results, or references.
+    which: for each instance, the index of its structure. By default every structure has one.
+    transforms: float32 of shape (n, 3, 4), from the structure's space to this one's; by default the
+        identity.
+    custom_indices, masks, record_offsets, instance_flags: one number for all, or an array of n.
+    """
+
+    def __init__(
+        self,
+        structures: Sequence[Any],
+        which: Optional[npt.ArrayLike] = None,
+        *,
+        transforms: Optional[npt.ArrayLike] = None,
+        custom_indices: npt.ArrayLike = 0,
+        masks: npt.ArrayLike = 0xFF,
+        record_offsets: npt.ArrayLike = 0,
+        instance_flags: npt.ArrayLike = InstanceFlags.NONE,
+        flags: BuildFlags = BuildFlags.NONE,
+        geometry_flags: GeometryFlags = GeometryFlags.NONE,
+    ) -> None:
+        self.structures = list(structures)
+        self.flags = flags
+        self.geometry_flags = geometry_flags
+        self.handle = next(_handles)
+        chosen = np.arange(len(self.structures)) if which is None else np.asarray(which)
+        if chosen.ndim != 1 or (chosen.size > 0 and chosen.dtype.kind not in "iu"):
+            raise ValueError(
+                f"which: an array of shape {chosen.shape} and type {chosen.dtype} is not (n,) of"
+                " integers"
+            )
+        if chosen.size > 0 and not 0 <= int(chosen.min()) <= int(chosen.max()) < len(
+            self.structures
+        ):
+            raise ValueError(f"which: a number is none of 0 .. {len(self.structures) - 1}")
+        records = np.zeros(len(chosen), s.INSTANCE)
+        records["transform"] = np.eye(3, 4) if transforms is None else np.asarray(transforms)
+        records["index_and_mask"] = _word("custom_indices", custom_indices, "masks", masks)
+        records["offset_and_flags"] = _word(
+            "record_offsets", record_offsets, "instance_flags", instance_flags
+        )
+        handles = np.array([structure.handle for structure in self.structures], np.uint64)
+        if len(chosen) > 0:
+            records["reference"] = handles[chosen]
+        self.records = records
+
+    def _fill(self, geometry: s.Geometry, extent: s.Range) -> list[Array]:
+        geometry.geometryType = 2
+        instances = geometry.geometry.instances
+        instances.sType = _STYPE_INSTANCES
+        instances.data = self.records.ctypes.data
+        extent.primitiveCount = len(self.records)
+        return [self.records]
+
+
+def _word(low_name: str, low: npt.ArrayLike, high_name: str, high: npt.ArrayLike) -> Array:
+    """Joins 24 bits and 8 bits to a word."""
+    words = []
+    for name, values, bits in ((low_name, low, 24), (high_name, high, 8)):
+        array = np.asarray(values, np.int64)
+        if array.size > 0 and not 0 <= int(array.min()) <= int(array.max()) < 1 << bits:
+            raise ValueError(f"{name}: a number does not fit into {bits} bits")
+        words.append(array)
+    joined: Array = words[0] | words[1] << 24
+    return joined
+
+
+Structure = Union[BottomLevel, TopLevel]
+
+
+def as_structure(value: Union[Structure, Geometry]) -> Structure:
+    """Makes a bottom level of a geometry that comes alone."""
+    return BottomLevel([value]) if isinstance(value, (Triangles, Aabbs)) else value
