@@ -150,6 +150,20 @@ class ClientTest(unittest.TestCase):
         )
         self.assertEqual(bytes(self.build(again)), bytes(result))
 
+    def test_references_by_key_and_to_the_same_batch(self):
+        bottom = self.build(bvhd.Triangles(CORNERS, FACES))
+        wanted = bytes(self.build(bvhd.TopLevel([bottom, bottom])))
+        by_key = bvhd.Reference(bottom.key)
+        self.assertEqual(bytes(self.build(bvhd.TopLevel([by_key, by_key]))), wanted)
+        below = bvhd.BottomLevel([bvhd.Triangles(CORNERS, FACES)])
+        both = self.build([bvhd.TopLevel([below, below]), below])
+        self.assertEqual([bytes(result) for result in both], [wanted, bytes(bottom)])
+        with self.assertRaises(ValueError):
+            self.build(bvhd.TopLevel([below]))
+        with self.assertRaises(bvhd.Error) as raised:
+            self.build(bvhd.TopLevel([bvhd.Reference(bytes(32))]))
+        self.assertEqual(raised.exception.status, bvhd.Status.NOT_FOUND)
+
     def test_options(self):
         mesh = waves(12)
         keys = set()
@@ -287,7 +301,9 @@ class ClientTest(unittest.TestCase):
 
     def test_keyboard_interrupt(self):
         with tempfile.TemporaryDirectory() as folder:
-            silent = bvhd.Client(os.path.join(folder, "none"), connect_timeout=60)
+            silent = bvhd.Client(
+                os.path.join(folder, "none"), connect_timeout=60, local=bvhd.Local.NEVER
+            )
             self.addCleanup(silent.close)
             batch = silent.submit([waves(3)])
             threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
@@ -316,7 +332,9 @@ class ClientTest(unittest.TestCase):
 
     def test_no_daemon(self):
         with tempfile.TemporaryDirectory() as folder:
-            with bvhd.Client(os.path.join(folder, "none"), connect_timeout=0.1) as client:
+            with bvhd.Client(
+                os.path.join(folder, "none"), connect_timeout=0.1, local=bvhd.Local.NEVER
+            ) as client:
                 with self.assertRaises(bvhd.Error) as raised:
                     client.ping()
                 self.assertEqual(raised.exception.status, bvhd.Status.UNAVAILABLE)

@@ -35,6 +35,7 @@ STRUCTS = {
 }
 ENUMS = {
     bvhd.Status: "BVHD_{}",
+    bvhd.Local: "BVHD_LOCAL_{}",
     bvhd.Quality: "BVHD_QUALITY_{}",
     bvhd.Target: "BVHD_TARGET_{}",
     bvhd.Priority: "BVHD_PRIORITY_{}",
@@ -85,7 +86,11 @@ class StructsTest(unittest.TestCase):
             subprocess.run([*compiler, source, "-o", program], check=True)
             output = subprocess.run([program], check=True, stdout=subprocess.PIPE, text=True).stdout
         values = [int(line) for line in output.split()]
-        self.assertEqual(dict(zip(table, values)), table)
+        wrong = {
+            name: (table[name], value) for name, value in zip(table, values) if table[name] != value
+        }
+        self.assertEqual(wrong, {}, "here, and in C")
+        self.assertEqual(len(values), len(table))
 
     def test_functions_are_exported(self):
         for name in _library.FUNCTIONS:

@@ -29,6 +29,14 @@ class Status(enum.IntEnum):
         return cls.INTERNAL
 
 
+class Local(enum.IntEnum):
+    """Whether a client builds structures in this process: enum bvhd_local."""
+
+    IF_NO_DAEMON = 0
+    NEVER = 1
+    ALWAYS = 2
+
+
 class Quality(enum.IntEnum):
     """How much time to spend on a structure: enum bvhd_quality."""
 

@@ -35,6 +35,8 @@ class ClientOptions(c.Structure):
         ("connect_timeout_ms", c.c_uint32),
         ("lost_after_ms", c.c_uint32),
         ("pool_size", c.c_uint64),
+        ("local", c.c_int),
+        ("local_threads", c.c_uint32),
     ]
 
 

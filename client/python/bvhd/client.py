@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _structs as s
-from ._enums import LayoutFlags, Origin, Priority, Quality, Status, Target
+from ._enums import LayoutFlags, Local, Origin, Priority, Quality, Status, Target
 from ._errors import Error, check, error_from
 from ._handle import Handle
 from ._library import lib
@@ -137,6 +137,7 @@ class _Request:
         info.sType = _STYPE_BUILD
         info.type = 0 if top else 1
         info.flags = structure.flags
+        info.dstAccelerationStructure = structure.handle
         info.geometryCount = len(geometries)
         info.pGeometries = structs
         self.ranges[i] = c.cast(extents, c.POINTER(s.Range))
@@ -145,9 +146,15 @@ class _Request:
     @staticmethod
     def _references(structures: Sequence[Structure]) -> Any:
         named: dict[int, Reference] = {}
+        own = {structure.handle for structure in structures}
         for structure in structures:
             if isinstance(structure, TopLevel):
                 for below in structure.structures:
+                    # Bottom levels of this batch are named by the handles of their infos.
+                    if isinstance(below, BottomLevel):
+                        if below.handle not in own:
+                            raise ValueError("a top level names a bottom level of another batch")
+                        continue
                     reference = below.reference() if isinstance(below, Result) else below
                     named[reference.handle] = reference
         references = (s.Reference * len(named))()
@@ -263,14 +270,22 @@ class Client:
         connect_timeout: float = 0.0,
         lost_after: float = 0.0,
         pool_size: int = 0,
+        local: Local = Local.IF_NO_DAEMON,
+        local_threads: int = 0,
     ) -> None:
-        """Times are in seconds; 0 stands for the defaults, which bvhd.h has."""
+        """Times are in seconds; 0 stands for the defaults, which bvhd.h has.
+
+        Structures are built in this process as `local` says. The threads that wait build them,
+        unless the client may start local_threads of its own; Ctrl-C then ends waits at once.
+        """
         options = s.ClientOptions(
             struct_size=c.sizeof(s.ClientOptions),
             socket_path=None if socket_path is None else os.fsencode(socket_path),
             connect_timeout_ms=round(connect_timeout * 1000),
             lost_after_ms=round(lost_after * 1000),
             pool_size=pool_size,
+            local=local,
+            local_threads=local_threads,
         )
         pointer, error = c.c_void_p(), s.Error()
         check(lib.bvhd_client_create(options, pointer, error), error)

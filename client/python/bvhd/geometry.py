@@ -198,10 +198,13 @@ class BottomLevel:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A structure that was built before, for instances: its key, with the bounds of its result."""
+    """A structure that was built before, for instances: its key, and the bounds of its result.
+
+    The service looks up bounds that are not given.
+    """
 
     key: bytes
-    bounds: npt.ArrayLike
+    bounds: Optional[npt.ArrayLike] = None
     slabs: Optional[npt.ArrayLike] = None
     handle: int = field(default_factory=lambda: next(_handles), init=False)
 
@@ -211,7 +214,8 @@ class Reference:
         reference.handle = self.handle
         reference.has_key = 1
         reference.key.bytes[:] = self.key
-        reference.bounds[:] = _floats("bounds", self.bounds, 6)
+        if self.bounds is not None:
+            reference.bounds[:] = _floats("bounds", self.bounds, 6)
         if self.slabs is not None:
             reference.slabs[:] = _floats("slabs", self.slabs, 20)
 
@@ -226,7 +230,7 @@ def _floats(name: str, values: npt.ArrayLike, count: int) -> list[float]:
 class TopLevel:
     """A structure over instances of other structures.
 
-    structures: what the instances may name: results, or references.
+    structures: what the instances may name: results, references, bottom levels of the same batch.
     which: for each instance, the index of its structure. By default every structure has one.
     transforms: float32 of shape (n, 3, 4), from the structure's space to this one's; by default the
         identity.
