@@ -239,7 +239,8 @@ const struct gltf_case gltf_cases[] = {
      "'extensions':{'KHR_draco_mesh_compression':{}}}", .accessors = ",{'componentType':5126,'count':3,'type':'VEC3'}",
      .status = BVHD_INVALID, .text = "meshes[0].primitives[0].indices: missing: KHR_draco_mesh_compression needs"},
     {.name = "Draco with few bits", .primitives = "{'attributes':{'POSITION':10},'indices':2,"
-     "'extensions':{'KHR_draco_mesh_compression':{}}}", .accessors = ",{'componentType':5126,'count':300,'type':'VEC3'}",
+     "'extensions':{'KHR_draco_mesh_compression':{}}}",
+     .accessors = ",{'componentType':5126,'count':300,'type':'VEC3'}",
      .status = BVHD_INVALID, .text = "accessors[2].componentType: 5121 is too small for 300 vertices"},
     {.name = "Draco with quantization", .primitives = "{'attributes':{'POSITION':10},'indices':1,"
      "'extensions':{'KHR_draco_mesh_compression':{}}}", .accessors = ",{'componentType':5126,'count':3,'type':'VEC3'}",

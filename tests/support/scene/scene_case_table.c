@@ -86,7 +86,8 @@ const struct scene_text scene_texts[] = {
      .text = HEAD POINTS "element face 1\nproperty list uchar int vertex_indices\n" END ROWS "3 0 1 2\nmore",
      .counts = {.extra_bytes = 4}},
     {.format = "PLY", .name = "unknown line of the header", .file = "case.ply", ONE,
-     .text = HEAD "made by hand\n" POINTS "element face 1\nproperty list uchar int vertex_indices\n" END ROWS "3 0 1 2\n",
+     .text = HEAD "made by hand\n" POINTS "element face 1\nproperty list uchar int vertex_indices\n" END ROWS
+     "3 0 1 2\n",
      .counts = {.unknown_lines = 1}},
     BROKEN("point cloud", HEAD POINTS END ROWS, "point cloud of 3 vertices"),
     BROKEN("only lines", HEAD POINTS FACES END ROWS "2 0 1\n0\n", "only 0 points, 1 lines and 1 empty faces"),
@@ -94,7 +95,7 @@ const struct scene_text scene_texts[] = {
            "corner 2 of face 1 is vertex 3, but there are only 3"),
     BROKEN("negative corner", HEAD POINTS FACES END ROWS "3 0 -1 2\n3 0 1 2\n", "corner 1 of face 0 is vertex -1"),
     BROKEN("corner that is no number", HEAD POINTS FACES END ROWS "3 0 x 2\n3 0 1 2\n", "in line 13, has a value that"),
-    BROKEN("list that is too long", HEAD POINTS FACES END ROWS "200 0 1 2\n3 0 1 2\n", "'vertex_indices' of 200 values"),
+    BROKEN("list that is too long", HEAD POINTS FACES END ROWS "200 0 1 2\n3 0 1 2\n", "of 200 values"),
     BROKEN("row with too many values", HEAD POINTS FACES END ROWS "3 0 1 2 7\n3 0 1 2\n", "line 13, has more values"),
     BROKEN("row with too few values", HEAD POINTS FACES END "0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 2\n", "has more values"),
     BROKEN("data that are cut off", HEAD POINTS FACES END ROWS "3 0 1 2\n", "cut off in face 1 of 2"),
