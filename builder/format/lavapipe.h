@@ -136,6 +136,13 @@ uint32_t lavapipe_leaf_size(enum lavapipe_kind kind);
 uint32_t lavapipe_leaf_index(const struct lavapipe_view *view, uint32_t reference);
 
 /*
+ * Computes bounds around both children of a box: min, max; FLT_MAX and -FLT_MAX if there are none. For the root they
+ * are bounds of everything that can be hit, whereas those in the header are for the driver, and an untrusted writer may
+ * have put anything there.
+ */
+void lavapipe_box_bounds(const struct lavapipe_box *box, float ret_bounds[6]);
+
+/*
  * Inverts an instance's matrix in float and in the driver's order of operations, so that rays through these structures
  * give the same bits as rays through the driver's own. Both matrices are row-major 3x4. The result is zeros if a pivot
  * is 0 (there is no inverse, and Vulkan does not allow such a matrix): rays hit nothing there.

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/format/lavapipe.h"
 
+#include <float.h>
 #include <inttypes.h>
 
 #include "proto/base/place.h"
@@ -77,6 +78,21 @@ struct lavapipe_instance lavapipe_instance_at(const struct lavapipe_view *view, 
     struct lavapipe_instance instance;
     memcpy(&instance, leaf_at(view, leaf, sizeof instance), sizeof instance);
     return instance;
+}
+
+void lavapipe_box_bounds(const struct lavapipe_box *box, float ret_bounds[6])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        ret_bounds[axis] = FLT_MAX;
+        ret_bounds[3 + axis] = -FLT_MAX;
+        for (int child = 0; child < 2; child++) {
+            float min = box->bounds[child].min[axis], max = box->bounds[child].max[axis];
+            if (box->children[child] == LAVAPIPE_NONE)
+                continue;
+            ret_bounds[axis] = min < ret_bounds[axis] ? min : ret_bounds[axis];
+            ret_bounds[3 + axis] = max > ret_bounds[3 + axis] ? max : ret_bounds[3 + axis];
+        }
+    }
 }
 
 static enum bvhd_status corrupt(struct bvhd_error *error, const char *where, uint64_t value)

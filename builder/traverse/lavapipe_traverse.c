@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "builder/traverse/lavapipe_traverse.h"
 
-#include <float.h>
-
 #include "builder/traverse/boxtest_kernels.h"
 #include "builder/traverse/traverse_state.h"
 
@@ -28,24 +26,6 @@ static void identify(const struct traverse_state *state, uint32_t bottom, uint64
     (void)bottom;
     *ret_geometry = (uint32_t)(id >> 32);
     *ret_primitive = (uint32_t)id;
-}
-
-/*
- * Computes bounds around everything that the structure holds. The bounds in its header are for the driver, and an
- * untrusted writer may have put anything there.
- */
-static void bounds_of(const struct lavapipe_box *root, float ret_bounds[6])
-{
-    for (int axis = 0; axis < 3; axis++) {
-        ret_bounds[axis] = FLT_MAX;
-        ret_bounds[3 + axis] = -FLT_MAX;
-        for (int child = 0; child < 2; child++) {
-            if (root->children[child] == LAVAPIPE_NONE)
-                continue;
-            ret_bounds[axis] = lesser(ret_bounds[axis], root->bounds[child].min[axis]);
-            ret_bounds[3 + axis] = greater(ret_bounds[3 + axis], root->bounds[child].max[axis]);
-        }
-    }
 }
 
 /* The stack: children that the ray meets, with lower bounds of their distances. */
@@ -93,7 +73,7 @@ static void visit_boxes(struct lavapipe_walk *walk, const struct lavapipe_view *
     float bounds[6];
     if (!traverse_state_is_usable(state))
         return;
-    bounds_of(&box, bounds);
+    lavapipe_box_bounds(&box, bounds);
     boxtest_init_exact(state->origin, state->direction, state->ray->tmin, bounds, &ray);
     while (reference != LAVAPIPE_NONE && !state->is_done) {
         if ((reference & 3) == LAVAPIPE_BOX) {
@@ -147,7 +127,7 @@ static void visit_instance(struct lavapipe_walk *walk, uint32_t leaf)
 {
     const struct lavapipe_scene *scene = walk->scene;
     const struct lavapipe_instance record = lavapipe_instance_at(scene->top, leaf);
-    uint64_t row = bytes_get64(scene->top->handles + UINT64_C(8) * leaf) - 1;
+    uint64_t row = scene->rows ? scene->rows[leaf] : bytes_get64(scene->top->handles + UINT64_C(8) * leaf) - 1;
     if (!(record.custom_and_mask >> 24 & walk->state.ray->cull_mask) || row >= scene->bottom_count ||
         !scene->bottoms[row])
         return;
@@ -156,6 +136,7 @@ static void visit_instance(struct lavapipe_walk *walk, uint32_t leaf)
         .sbt_and_flags = (record.sbt_and_flags & 0xffffff) | lavapipe_instance_flags(record.sbt_and_flags) << 24,
         .instance = record.instance,
         .bottom = (uint32_t)row,
+        .record = leaf,
     };
     traverse_state_to_object(&walk->state, record.object_to_world);
     walk->state.counters.instances++;

@@ -16,13 +16,14 @@
 
 /*
  * The scene to trace: one bottom level, or a top level with the bottom levels of its handles. An instance whose handle
- * is row + 1, as written, uses bottoms[row]. If there is no such row, or its view is NULL, the instance counts as
- * inactive.
+ * is row + 1, as written, uses bottoms[row], unless `rows` says otherwise. If there is no such row, or its view is
+ * NULL, the instance counts as inactive.
  */
 struct lavapipe_scene {
     const struct lavapipe_view *top; /* NULL: the scene is bottoms[0] alone */
     const struct lavapipe_view *const *bottoms;
     uint32_t bottom_count;
+    const uint32_t *rows; /* the row of bottoms for each leaf of the top level; NULL: the row is the handle - 1 */
 };
 
 /* Works like traverse(). */

@@ -79,16 +79,18 @@ static void visit_bottom(struct traverse_walk *walk, const struct portable_view 
     visit_nodes(walk, is_aabbs ? visit_aabbs : visit_triangles);
 }
 
-static void visit_instance(struct traverse_walk *walk, const struct portable_instance *record)
+static void visit_instance(struct traverse_walk *walk, uint32_t row)
 {
     const struct scene *scene = walk->scene;
-    if (!(record->custom_and_mask >> 24 & walk->state.ray->cull_mask) || record->handle >= scene->bottom_count)
+    const struct portable_instance *record = (const struct portable_instance *)scene->top->records + row;
+    uint32_t bottom = scene->rows ? scene->rows[record->handle] : record->handle;
+    if (!(record->custom_and_mask >> 24 & walk->state.ray->cull_mask) || bottom >= scene->bottom_count)
         return;
-    const struct portable_view *view = scene->bottoms[record->handle];
+    const struct portable_view *view = scene->bottoms[bottom];
     if (!view)
         return;
-    const struct traverse_instance instance = {record->custom_and_mask, record->sbt_and_flags, record->instance,
-                                               record->handle};
+    const struct traverse_instance instance = {record->custom_and_mask, record->sbt_and_flags, record->instance, bottom,
+                                               row};
     traverse_state_to_object(&walk->state, record->object_to_world);
     walk->in_world = false;
     walk->state.counters.instances++;
@@ -97,9 +99,8 @@ static void visit_instance(struct traverse_walk *walk, const struct portable_ins
 
 static void visit_instances(struct traverse_walk *walk, uint32_t first, uint32_t count)
 {
-    const struct portable_instance *instances = walk->scene->top->records;
     for (uint32_t i = 0; i < count && !walk->state.is_done; i++)
-        visit_instance(walk, &instances[first + (walk->state.options->flip_order ? count - 1 - i : i)]);
+        visit_instance(walk, first + (walk->state.options->flip_order ? count - 1 - i : i));
 }
 
 static void visit_scene(struct traverse_walk *walk)

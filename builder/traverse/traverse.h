@@ -18,53 +18,7 @@
 #define BVHD_TRAVERSE_H
 
 #include "builder/format/portable.h"
-
-/*
- * VkRayFlags as in SPIR-V. Opaque and NoOpaque exclude each other, as do the two flags of culling by facing and
- * SKIP_TRIANGLES.
- */
-enum {
-    RAY_OPAQUE = 0x1,
-    RAY_NO_OPAQUE = 0x2,
-    RAY_TERMINATE_ON_FIRST_HIT = 0x4,
-    RAY_CULL_BACK_FACING = 0x10,
-    RAY_CULL_FRONT_FACING = 0x20,
-    RAY_CULL_OPAQUE = 0x40,
-    RAY_CULL_NO_OPAQUE = 0x80,
-    RAY_SKIP_TRIANGLES = 0x100,
-    RAY_SKIP_AABBS = 0x200,
-};
-
-#define RAY_NO_INSTANCE UINT32_C(0xffffffff)
-
-/* A ray in world space, with Vulkan's ray flags. */
-struct ray {
-    float origin[3];
-    float tmin;
-    /*
-     * Need not be of unit length. A ray with a direction of zero, or with an origin or a direction that is not finite,
-     * hits nothing.
-     */
-    float direction[3];
-    float tmax; /* may be infinite; the ray hits nothing unless tmin <= tmax */
-    uint32_t flags;
-    uint8_t cull_mask; /* instances with mask & cull_mask == 0 are invisible */
-};
-
-/* A hit. */
-struct ray_hit {
-    float t; /* t, u, v are computed in double and rounded once */
-    float u, v; /* barycentrics: position = (1-u-v) v0 + u v1 + v v2; 0 for AABBs */
-    uint32_t instance; /* position in the TLAS request; RAY_NO_INSTANCE if there is no TLAS */
-    uint32_t custom_index; /* 24 bits */
-    uint32_t sbt_offset; /* 24 bits */
-    uint32_t geometry; /* index in its BLAS */
-    uint32_t primitive; /* index in its geometry */
-    uint32_t record; /* row in the BLAS's records, from which positions are fetched */
-    uint32_t handle; /* row of the scene's bottoms that was hit; 0 if there is no TLAS */
-    bool front_face;
-    bool is_aabb;
-};
+#include "builder/traverse/ray.h"
 
 /*
  * The scene to trace: one bottom level, or a top level with one view for each of its handles (NULL: the instance counts
@@ -74,10 +28,24 @@ struct scene {
     const struct portable_view *top; /* NULL: the scene is bottoms[0] alone */
     const struct portable_view *const *bottoms;
     uint32_t bottom_count;
+    const uint32_t *rows; /* the row of bottoms for each handle of the top level; NULL: handle i is row i */
 };
 
-/* The any-hit decision about a candidate. */
-enum candidate_verdict { CANDIDATE_IGNORE, CANDIDATE_ACCEPT, CANDIDATE_ACCEPT_AND_END };
+/* The any-hit decision about a candidate: whether it counts, and whether the ray ends. */
+enum candidate_verdict {
+    CANDIDATE_IGNORE = 0,
+    CANDIDATE_ACCEPT = 1,
+    CANDIDATE_IGNORE_AND_END = 2,
+    CANDIDATE_ACCEPT_AND_END = CANDIDATE_ACCEPT | CANDIDATE_IGNORE_AND_END,
+};
+
+/* Where a candidate is, for decisions that need more than the hit. It lives as long as the call. */
+struct candidate_space {
+    const double *origin, *direction; /* the ray in object space */
+    const float *object_to_world; /* row-major 3x4, not aligned to more than a float; NULL if there is no TLAS */
+    double tmax; /* the distance of the closest hit so far, or the end of the ray's interval */
+    bool is_opaque; /* an AABB whose geometry, instance or ray is opaque */
+};
 
 /*
  * The any-hit callback: called for each non-opaque triangle and each AABB candidate that can still be the answer. For
@@ -85,7 +53,8 @@ enum candidate_verdict { CANDIDATE_IGNORE, CANDIDATE_ACCEPT, CANDIDATE_ACCEPT_AN
  * come in any order and, with split references, possibly more than once for a primitive unless its geometry has
  * NO_DUPLICATE_ANY_HIT.
  */
-typedef enum candidate_verdict (*candidate_function)(void *context, const struct ray *ray, struct ray_hit *hit);
+typedef enum candidate_verdict (*candidate_function)(void *context, const struct ray *ray,
+                                                     const struct candidate_space *space, struct ray_hit *hit);
 
 /* How to trace. All zero is the default. */
 struct traverse_options {

@@ -19,13 +19,14 @@ void traverse_leaf_describe(const struct traverse_state *state, const struct tra
         .v = (float)found->v,
         .instance = instance->instance,
         .custom_index = instance->custom_and_mask & 0xffffff,
-        .sbt_offset = instance->sbt_and_flags & 0xffffff,
         .geometry = geometry,
         .primitive = primitive,
-        .record = found->record,
-        .handle = instance->bottom,
         .front_face = found->front_face,
         .is_aabb = found->is_aabb,
+        .sbt_offset = instance->sbt_and_flags & 0xffffff,
+        .handle = instance->bottom,
+        .record = found->record,
+        .instance_record = instance->record,
     };
 }
 
@@ -93,19 +94,29 @@ static bool is_opaque(const struct traverse_state *state, const struct traverse_
 }
 
 /* Calls the any-hit callback for a candidate. */
-static void offer(struct traverse_state *state, struct traverse_found found)
+static void offer(struct traverse_state *state, struct traverse_found found, bool opaque)
 {
+    const struct candidate_space space = {
+        .origin = state->origin,
+        .direction = state->direction,
+        .object_to_world = state->object_to_world,
+        .tmax = state->is_hit ? state->best.t : state->ray->tmax,
+        .is_opaque = opaque,
+    };
     struct ray_hit hit;
     traverse_leaf_describe(state, &found, &state->instance, &hit);
-    enum candidate_verdict verdict = state->options->candidate(state->options->context, state->ray, &hit);
-    if (verdict == CANDIDATE_IGNORE)
+    enum candidate_verdict verdict = state->options->candidate(state->options->context, state->ray, &space, &hit);
+    bool is_end = verdict & CANDIDATE_IGNORE_AND_END;
+    if (!(verdict & CANDIDATE_ACCEPT)) {
+        state->is_done = state->is_done || is_end;
         return;
+    }
     if (found.is_aabb)
         found.t = hit.t;
     if (!is_better(state, &found))
         return;
     accept(state, found);
-    state->is_done = state->is_done || verdict == CANDIDATE_ACCEPT_AND_END;
+    state->is_done = state->is_done || is_end;
 }
 
 /* Takes the struct by value, which keeps it in registers until it is stored once. */
@@ -115,7 +126,7 @@ static inline void consider(struct traverse_state *state, struct traverse_found 
     if (!is_better(state, &found) || state->ray->flags & (opaque ? RAY_CULL_OPAQUE : RAY_CULL_NO_OPAQUE))
         return;
     if (state->options->candidate && (found.is_aabb || !opaque))
-        offer(state, found);
+        offer(state, found, opaque);
     else
         accept(state, found);
 }

@@ -23,6 +23,7 @@ static double dot(const double a[3], const double b[3])
 void traverse_state_to_object(struct traverse_state *state, const float object_to_world[12])
 {
     const struct ray *ray = state->ray;
+    state->object_to_world = object_to_world;
     double columns[3][3], offset[3], direction[3], rows[3][3];
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)

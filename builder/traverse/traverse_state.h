@@ -19,6 +19,7 @@ struct traverse_instance {
     uint32_t custom_and_mask, sbt_and_flags; /* as in Vulkan's record */
     uint32_t instance; /* position in the request; RAY_NO_INSTANCE if there is no top level */
     uint32_t bottom; /* row of the scene's bottoms */
+    uint32_t record; /* row of the top level's records */
 };
 
 /* A hit, or a candidate. */
@@ -56,6 +57,7 @@ struct traverse_state {
     bool cull_front, cull_back, is_flipped;
     bool is_plain; /* no triangle is culled, and there is no any-hit callback */
     enum traverse_opacity opacity;
+    const float *object_to_world; /* of the instance; NULL if there is no top level */
     double origin[3], direction[3];
     struct triangle_ray triangle_ray;
 };
@@ -72,6 +74,7 @@ static inline bool traverse_state_begin(struct traverse_state *state, const stru
     state->tmax = ray->tmax;
     state->tmax_above = ray->tmax;
     state->is_hit = state->is_done = false;
+    state->object_to_world = NULL;
     return ray->tmin <= ray->tmax;
 }
 

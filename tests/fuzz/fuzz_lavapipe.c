@@ -19,7 +19,7 @@ static void shoot(const struct lavapipe_view *view)
     static const float directions[][3] = {{1, 0.25f, -0.5f}, {-1, 0, 0}, {0, -0.0f, 1}, {0.3f, -1, 1e-30f}};
     const struct lavapipe_view *bottoms[] = {view};
     bool is_top = view->handle_count > 0;
-    const struct lavapipe_scene scene = {is_top ? view : NULL, bottoms, is_top ? 0 : 1};
+    const struct lavapipe_scene scene = {is_top ? view : NULL, bottoms, is_top ? 0 : 1, NULL};
     for (size_t i = 0; i < sizeof directions / sizeof directions[0]; i++) {
         struct ray ray = {
             .origin = {-directions[i][0] * 20, 0.5f, -directions[i][2] * 20}, .tmax = INFINITY, .cull_mask = 0xff};

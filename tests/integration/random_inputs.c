@@ -196,10 +196,12 @@ struct found {
     uint32_t instance;
 };
 
-static enum candidate_verdict note_candidate(void *context, const struct ray *ray, struct ray_hit *hit)
+static enum candidate_verdict note_candidate(void *context, const struct ray *ray, const struct candidate_space *space,
+                                             struct ray_hit *hit)
 {
     struct found *found = context;
     (void)ray;
+    (void)space;
     if (hit->is_aabb && hit->instance == found->instance)
         found->seen[found->first[hit->geometry] + hit->primitive]++;
     return CANDIDATE_IGNORE;
@@ -406,7 +408,7 @@ static void run_top(struct run *run, struct random *random)
     if (build_bottoms(run, &top, items, views) && build_one(run, &top.input, &items[top.bottom_count])) {
         top.built++;
         if (open_one(run, &items[top.bottom_count], &views[top.bottom_count])) {
-            struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms)};
+            struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms), NULL};
             if (scene.bottom_count != views[top.bottom_count].handle_count)
                 fail(run, "%llu handles for %u structures", (unsigned long long)views[top.bottom_count].handle_count,
                      scene.bottom_count);

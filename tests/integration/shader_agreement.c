@@ -201,7 +201,7 @@ static void run_top(struct run *run, struct random *random)
         top.references[i].slabs = items[i].stats.slabs;
     }
     build_one(run, &top.input, &items[top.bottom_count], &views[top.bottom_count]);
-    struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms)};
+    struct scene scene = {&views[top.bottom_count], bottoms, random_top_rows(&top, views, bottoms), NULL};
     trace_scene(run, &scene, random);
     batch_finish(items, top.bottom_count + 1, &run->memory);
     random_top_finish(&top);

@@ -3,6 +3,7 @@
 #ifndef BVHD_RANDOM_TOP_H
 #define BVHD_RANDOM_TOP_H
 
+#include "builder/format/portable.h"
 #include "client/bvhctl/oracle/oracle.h"
 #include "tests/support/builder/random_input.h"
 

@@ -36,9 +36,11 @@ static void add(struct candidate_list *list, const struct ray_hit *hit)
         list->hits[list->count++] = *hit;
 }
 
-static enum candidate_verdict note(void *context, const struct ray *ray, struct ray_hit *hit)
+static enum candidate_verdict note(void *context, const struct ray *ray, const struct candidate_space *space,
+                                   struct ray_hit *hit)
 {
     (void)ray;
+    (void)space;
     add(context, hit);
     return CANDIDATE_IGNORE;
 }

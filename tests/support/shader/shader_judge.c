@@ -19,9 +19,11 @@ static void *allocate(uint64_t count, size_t size)
     return block;
 }
 
-enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, struct ray_hit *hit)
+enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, const struct candidate_space *space,
+                                              struct ray_hit *hit)
 {
     (void)ray;
+    (void)space;
     switch (*(const enum shader_policy *)context) {
     case SHADER_IGNORE:
         return CANDIDATE_IGNORE;

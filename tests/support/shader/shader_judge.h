@@ -54,6 +54,7 @@ struct ray_hit shader_judge_hit(const struct shader_intersection *hit);
 bool shader_judge_same(const struct ray *ray, const struct ray_hit *a, const struct ray_hit *b);
 
 /* The CPU's candidate function. It accepts by the policy that context (enum shader_policy *) points to. */
-enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, struct ray_hit *hit);
+enum candidate_verdict shader_judge_candidate(void *context, const struct ray *ray, const struct candidate_space *space,
+                                              struct ray_hit *hit);
 
 #endif

@@ -116,12 +116,14 @@ struct verdicts {
     bool once;
 };
 
-static enum candidate_verdict decide(void *context, const struct ray *ray, struct ray_hit *hit)
+static enum candidate_verdict decide(void *context, const struct ray *ray, const struct candidate_space *space,
+                                     struct ray_hit *hit)
 {
     struct verdicts *verdicts = context;
     uint64_t name = ((uint64_t)(hit->instance + 1) * 8191 + hit->geometry) * 8191 + hit->primitive;
     struct random random = {name};
     (void)ray;
+    (void)space;
     if (verdicts->once) {
         verdicts->sum += random_next(&random) ^ hit->front_face;
         verdicts->count++;
@@ -357,12 +359,12 @@ static void test_nothing_to_hit(void **state)
 
     const struct lavapipe_view *without[2] = {scene.native_bottoms[0], NULL},
                                *nested[2] = {scene.native.top, scene.native.top};
-    const struct lavapipe_scene broken[] = {{scene.native.top, without, 2},
-                                            {scene.native.top, without, 1},
-                                            {scene.native.top, nested, 2},
-                                            {scene.native_bottoms[1], scene.native_bottoms, 2},
-                                            {NULL, nested, 2},
-                                            {NULL, without + 1, 1}};
+    const struct lavapipe_scene broken[] = {{scene.native.top, without, 2, NULL},
+                                            {scene.native.top, without, 1, NULL},
+                                            {scene.native.top, nested, 2, NULL},
+                                            {scene.native_bottoms[1], scene.native_bottoms, 2, NULL},
+                                            {NULL, nested, 2, NULL},
+                                            {NULL, without + 1, 1, NULL}};
     for (unsigned i = 0; i < sizeof broken / sizeof *broken; i++)
         assert_false(lavapipe_traverse(&broken[i], &ray, NULL, &hit, NULL));
     for (int i = 0; i < 6; i++) {

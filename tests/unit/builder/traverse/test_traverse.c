@@ -215,10 +215,12 @@ struct counting {
     float t; /* for AABBs */
 };
 
-static enum candidate_verdict count_candidate(void *context, const struct ray *ray, struct ray_hit *hit)
+static enum candidate_verdict count_candidate(void *context, const struct ray *ray, const struct candidate_space *space,
+                                              struct ray_hit *hit)
 {
     struct counting *counting = context;
     (void)ray;
+    (void)space;
     counting->seen++;
     if (hit->is_aabb && counting->t > 0)
         hit->t = counting->t;

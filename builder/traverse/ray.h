@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * ray.h - a ray and its hit, as every part of bvhd that traces on the CPU passes them on. They are laid out as
+ * bvhd_cpu.h lays out its rays and hits, so that the library hands them over without a conversion.
+ */
+#ifndef BVHD_RAY_H
+#define BVHD_RAY_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/*
+ * VkRayFlags as in SPIR-V. Opaque and NoOpaque exclude each other, as do the two flags of culling by facing and
+ * SKIP_TRIANGLES.
+ */
+enum {
+    RAY_OPAQUE = 0x1,
+    RAY_NO_OPAQUE = 0x2,
+    RAY_TERMINATE_ON_FIRST_HIT = 0x4,
+    RAY_CULL_BACK_FACING = 0x10,
+    RAY_CULL_FRONT_FACING = 0x20,
+    RAY_CULL_OPAQUE = 0x40,
+    RAY_CULL_NO_OPAQUE = 0x80,
+    RAY_SKIP_TRIANGLES = 0x100,
+    RAY_SKIP_AABBS = 0x200,
+};
+
+/* What stands for an instance, or for a bottom level, where there is none. */
+#define RAY_NO_INSTANCE UINT32_C(0xffffffff)
+#define RAY_NO_BOTTOM UINT32_C(0xffffffff)
+
+/* A ray in world space, with Vulkan's ray flags. */
+struct ray {
+    float origin[3];
+    float tmin;
+    /*
+     * Need not be of unit length. A ray with a direction of zero, or with an origin or a direction that is not finite,
+     * hits nothing.
+     */
+    float direction[3];
+    float tmax; /* may be infinite; the ray hits nothing unless tmin <= tmax */
+    uint32_t flags;
+    uint32_t cull_mask; /* bits 7 .. 0: instances with mask & cull_mask == 0 are invisible */
+};
+
+/* A hit. */
+struct ray_hit {
+    float t; /* t, u, v are computed in double and rounded once */
+    float u, v; /* barycentrics: position = (1-u-v) v0 + u v1 + v v2; 0 for AABBs */
+    uint32_t instance; /* position in the TLAS request; RAY_NO_INSTANCE if there is no TLAS */
+    uint32_t custom_index; /* 24 bits */
+    uint32_t geometry; /* index in its BLAS */
+    uint32_t primitive; /* index in its geometry */
+    bool front_face : 1;
+    bool is_aabb : 1;
+    uint32_t unused : 30;
+    uint32_t sbt_offset; /* 24 bits */
+    uint32_t handle; /* row of the scene's bottoms that was hit; 0 if there is no TLAS; RAY_NO_BOTTOM: a miss */
+    uint32_t record; /* row in the BLAS's records, from which positions are fetched */
+    uint32_t instance_record; /* row in the TLAS's records; 0 if there is no TLAS */
+};
+
+#endif
