@@ -117,14 +117,27 @@ static void count_verdict(struct tally *tally, enum oracle_verdict verdict, doub
         tally->t_rel_err_max = t_rel_err;
 }
 
+static bool trace_one(const struct check_command *run, const struct ray *ray, struct ray_hit *ret_hit)
+{
+    const struct bvhd_cpu_trace trace = {
+        .struct_size = sizeof trace,
+        .rays = ray,
+        .ray_size = sizeof *ray,
+        .hits = ret_hit,
+        .hit_size = sizeof *ret_hit,
+        .ray_count = 1,
+        .flags = run->options->flip_order ? BVHD_CPU_TRACE_FLIP_ORDER : 0,
+    };
+    return bvhd_cpu_scene_trace(run->structures.scene, &trace, NULL) == BVHD_OK && ret_hit->handle != RAY_NO_BOTTOM;
+}
+
 static struct tally judge_all(const struct check_command *run)
 {
     struct tally tally = {0};
-    struct traverse_options options = {.flip_order = run->options->flip_order};
     for (uint32_t i = 0; i < run->ray_count; i++) {
         struct ray_hit hit;
         double t_rel_err;
-        bool is_hit = structures_trace(&run->structures, &run->rays[i], &options, &hit);
+        bool is_hit = trace_one(run, &run->rays[i], &hit);
         tally.hits += is_hit;
         enum oracle_verdict verdict = oracle_judge(&run->answers[i], is_hit ? &hit : NULL, &t_rel_err);
         count_verdict(&tally, verdict, t_rel_err);

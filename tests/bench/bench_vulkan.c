@@ -322,11 +322,22 @@ static void report(struct bench *bench, const char *kind, uint32_t count)
 /* Prints the mean work of the CPU traversal for one of the rays. */
 static void print_work(const struct bench *bench, const char *kind, const struct ray *rays, uint32_t count)
 {
-    struct traverse_counters all = {0};
-    uint32_t step = count / COUNTED_RAYS + 1, counted = 0, hits = 0;
-    struct ray_hit hit;
-    for (uint32_t i = 0; i < count; i += step, counted++)
-        hits += structures_trace_counted(portable_of(bench), &rays[i], NULL, &hit, &all);
+    static struct ray_hit found[COUNTED_RAYS + 1];
+    struct bvhd_cpu_counters all = {.struct_size = sizeof all};
+    uint32_t step = count / COUNTED_RAYS + 1, counted = (count + step - 1) / step, hits = 0;
+    const struct bvhd_cpu_trace trace = {
+        .struct_size = sizeof trace,
+        .rays = rays,
+        .ray_size = sizeof *rays,
+        .ray_stride = step * sizeof *rays,
+        .hits = found,
+        .hit_size = sizeof *found,
+        .ray_count = counted,
+        .counters = &all,
+    };
+    bvhd_cpu_scene_trace(portable_of(bench)->scene, &trace, NULL);
+    for (uint32_t i = 0; i < counted; i++)
+        hits += found[i].handle != RAY_NO_BOTTOM;
     printf("  %-8s %u rays; in the portable structure a ray visits %.1f nodes, %.1f triangles, %.1f instances; %.0f %% "
            "hit\n",
            kind, count, (double)all.nodes / counted, (double)all.triangles / counted, (double)all.instances / counted,

@@ -79,7 +79,7 @@ static enum bvhd_status prepare_input(const struct build_input *input, struct me
 static enum bvhd_status open_bottom(struct bench_scene *scene, uint32_t row, const struct bench_scene_options *options,
                                     const struct parallel *parallel, struct bvhd_error *error)
 {
-    const struct portable_view *view = scene->given.scene.portable.bottoms[row];
+    const struct portable_view *view = bench_scene_bottom(scene, row);
     struct bench_mesh *mesh = &scene->meshes[row];
     struct random random = {options->seed + row};
     uint32_t count = view->header->geometry_count;
@@ -137,7 +137,7 @@ static void describe_reference(const struct bench_scene *scene, uint32_t row, co
                                struct reference *reference)
 {
     const struct build_context context = {.memory = scene->memory, .parallel = parallel};
-    const struct portable_header *header = scene->given.scene.portable.bottoms[row]->header;
+    const struct portable_header *header = bench_scene_bottom(scene, row)->header;
     uint64_t name = (uint64_t)row + 1;
     *reference = (struct reference){.kind = REFERENCE_BLAS, .handle = name, .has_key = true};
     memcpy(&reference->key, &name, sizeof name);
@@ -147,7 +147,7 @@ static void describe_reference(const struct bench_scene *scene, uint32_t row, co
 
 static enum bvhd_status open_top(struct bench_scene *scene, const struct parallel *parallel, struct bvhd_error *error)
 {
-    const struct portable_view *view = scene->given.scene.portable.top;
+    const struct portable_view *view = bench_scene_top(scene);
     uint32_t count = view->header->primitive_count, references = scene->given.bottom_count;
     VkAccelerationStructureInstanceKHR *records = memory_array(scene->memory, (uint64_t)count + 1, sizeof *records);
     struct reference *table = memory_array(scene->memory, (uint64_t)references + 1, sizeof *table);
@@ -179,7 +179,7 @@ static enum bvhd_status open_top(struct bench_scene *scene, const struct paralle
 static enum bvhd_status leave_out_top(struct bench_scene *scene, struct bvhd_error *error)
 {
     struct structures *given = &scene->given;
-    if (!given->has_top || given->scene.portable.top->header->primitive_count != 1)
+    if (!given->has_top || bench_scene_top(scene)->header->primitive_count != 1)
         return BVHD_OK;
     structures_separate(given);
     structures_close_file(&given->files[--given->file_count], given->memory);

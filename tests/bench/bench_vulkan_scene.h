@@ -44,6 +44,17 @@ enum bvhd_status bench_scene_open(const struct bench_scene_options *options, str
                                   struct bvhd_error *error);
 void bench_scene_close(struct bench_scene *scene);
 
+/* Return a structure as read. */
+static inline const struct portable_view *bench_scene_bottom(const struct bench_scene *scene, uint32_t row)
+{
+    return &scene->given.files[row].structure.view.portable;
+}
+
+static inline const struct portable_view *bench_scene_top(const struct bench_scene *scene)
+{
+    return &structures_top(&scene->given)->view.portable;
+}
+
 /* Builds the scene again in this process. The caller closes the result with structures_close. */
 enum bvhd_status bench_scene_build(const struct bench_scene *scene, const struct build_options *options,
                                    const struct build_context *context, struct structures *ret_structures,

@@ -57,7 +57,7 @@ static void find_places(struct surface *surface, const struct bench_scene *scene
         add_place(surface, &scene->meshes[0], NULL);
         return;
     }
-    const struct portable_view *top = scene->given.scene.portable.top;
+    const struct portable_view *top = bench_scene_top(scene);
     const struct portable_instance *records = top->records;
     memset(rows, 0, top->header->primitive_count * sizeof *rows);
     for (uint32_t i = 0; i < top->header->record_count; i++)
@@ -83,7 +83,7 @@ static void sum_areas(struct surface *surface)
 
 static enum bvhd_status surface_init(struct surface *surface, const struct bench_scene *scene, struct bvhd_error *error)
 {
-    uint64_t places = scene->given.has_top ? scene->given.scene.portable.top->header->primitive_count : 1;
+    uint64_t places = scene->given.has_top ? bench_scene_top(scene)->header->primitive_count : 1;
     *surface = (struct surface){.memory = scene->memory};
     const struct portable_instance **rows = memory_array(scene->memory, places + 1, sizeof *rows);
     surface->places = memory_array(scene->memory, places + 1, sizeof *surface->places);

@@ -56,17 +56,18 @@ daemon/session              proto/base proto/wire builder/input builder daemon/s
 daemon/socket               proto/base proto/wire daemon/system daemon/service daemon/session
 daemon                      proto/base daemon/system daemon/pool daemon/service daemon/socket
 client                      proto/base proto/wire builder/format
+client/cpu                  proto/base builder/format builder/traverse client
 client/shaders
 client/vulkan               proto/base builder/format client client/shaders
 client/examples             client
 client/bvhctl/kernels
 client/bvhctl/base          proto/base
-client/bvhctl/oracle        proto/base builder/traverse client/bvhctl/base
+client/bvhctl/oracle        proto/base builder/traverse/ray.h client/bvhctl/base
 client/bvhctl/service       proto/base builder client client/bvhctl/base
 client/bvhctl/gpu           proto/base builder/format client/vulkan client/bvhctl/base
-client/bvhctl/scene         proto/base builder/format builder/traverse builder/input client/bvhctl/base
+client/bvhctl/scene         proto/base builder/format builder/traverse/ray.h builder/input client/bvhctl/base
                             client/bvhctl/oracle client/bvhctl/service
-client/bvhctl/trace         proto/base builder/format builder/traverse client/bvhctl/base client/bvhctl/gpu
+client/bvhctl/trace         proto/base builder/format builder/traverse/ray.h client/bvhctl/base client/bvhctl/gpu
                             client/bvhctl/scene client/bvhctl/kernels
 client/bvhctl/picture       proto/base client/bvhctl/base client/bvhctl/oracle client/bvhctl/scene client/bvhctl/trace
 client/bvhctl               proto/base builder/format client/bvhctl/base client/bvhctl/oracle client/bvhctl/service

@@ -17,12 +17,12 @@ include=$(pkg --variable=includedir)
 libraries=$(pkg --variable=libdir)
 shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
-for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_scene.h" "$include/bvhd/bvhd_trace.h" \
+for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_cpu.h" "$include/bvhd/bvhd_scene.h" "$include/bvhd/bvhd_trace.h" \
     "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" "$include/bvhd/vuid.h" "$include/bvhd/vuid.def" \
     "$shared" "$shared.0" "$static" "$prefix/bin/bvhctl" "$prefix/bin/bvhd"; do
     expect_quietly "installed: $path" [ -e "$path" ]
 done
-expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 7 ]
+expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 8 ]
 expect_quietly 'pkg-config asks for the headers' sh -c "echo '$(pkg --cflags)' | grep -q -- '-I$include'"
 expect_quietly 'pkg-config asks for the library alone' \
     sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"
@@ -59,6 +59,7 @@ expect_quietly 'another vulkan_core.h' \
     sh -c "grep -q VkNewAcceleration newer/vulkan/vulkan_core.h && ! cmp -s '$vulkan' newer/vulkan/vulkan_core.h"
 cat >plain.c <<'END'
 #include <bvhd/bvhd.h>
+#include <bvhd/bvhd_cpu.h>
 #include <bvhd/bvhd_scene.h>
 #include <bvhd/bvhd_trace.h>
 #include <bvhd/bvhd_vulkan.h>

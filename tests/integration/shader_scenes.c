@@ -117,7 +117,16 @@ static void trace_directory(struct run *run, const char *name)
     struct bvhd_error error;
     struct structures structures;
     must(structures_open(name, NULL, &run->local.memory, &structures, &error), &error);
-    trace(run, name, &structures.scene.portable);
+    const struct portable_view **bottoms = memory_array(&run->local.memory, structures.file_count, sizeof *bottoms);
+    if (!bottoms)
+        exit(1);
+    for (uint32_t i = 0; i < structures.file_count; i++)
+        bottoms[i] = structures.blobs[i].data ? &structures.files[i].structure.view.portable : NULL;
+    const struct scene scene = {.top = structures.has_top ? bottoms[structures.bottom_count] : NULL,
+                                .bottoms = bottoms,
+                                .bottom_count = structures.bottom_count};
+    trace(run, name, &scene);
+    memory_free(&run->local.memory, bottoms);
     structures_close(&structures);
 }
 

@@ -12,7 +12,8 @@
 
 #include "proto/base/memory.h"
 #include "proto/base/parallel.h"
-#include "builder/traverse/traverse.h"
+#include "builder/traverse/ray.h"
+#include "proto/base/status.h"
 
 /* The triangles of one geometry, with the transform of one instance of it. */
 struct oracle_mesh {

@@ -15,7 +15,7 @@
 #include <float.h>
 #include <stdbool.h>
 
-#include "builder/traverse/traverse.h"
+#include "builder/traverse/ray.h"
 
 /* The interval [centre - radius, centre + radius]. */
 struct radial {

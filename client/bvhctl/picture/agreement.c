@@ -127,7 +127,7 @@ struct wave {
 static struct tracer_hit trace_own(const struct structures *structures, const struct ray *ray)
 {
     struct ray_hit hit;
-    return structures_trace(structures, ray, NULL, &hit) ? tracer_hit_of(&hit) : tracer_miss;
+    return structures_trace(structures, ray, &hit) ? tracer_hit_of(&hit) : tracer_miss;
 }
 
 static void compare_chunk(void *context, size_t index)

@@ -48,7 +48,7 @@ bool stage_look(const struct stage *stage, struct vector origin, struct vector d
 {
     struct ray ray = stage_ray(origin, direction);
     struct ray_hit hit;
-    if (!structures_trace(stage->structures, &ray, NULL, &hit))
+    if (!structures_trace(stage->structures, &ray, &hit))
         return false;
     struct vector normal = hit.is_aabb ? vector_scale(direction, -1) : world_normal(stage, &hit);
     bool is_back = vector_dot(normal, direction) > 0;
@@ -69,22 +69,32 @@ double stage_clearance(const struct stage *stage, struct vector origin, struct v
 {
     struct ray ray = stage_ray(origin, direction);
     struct ray_hit hit;
-    return structures_trace(stage->structures, &ray, NULL, &hit) ? (double)hit.t : INFINITY;
+    return structures_trace(stage->structures, &ray, &hit) ? (double)hit.t : INFINITY;
 }
 
 double stage_cost(const struct stage *stage)
 {
     enum { RAYS = 128 };
-    struct traverse_counters counters = {0};
+    struct ray rays[RAYS];
+    float distances[RAYS];
+    struct bvhd_cpu_counters counters = {.struct_size = sizeof counters};
     uint64_t state = 0xc057;
     for (int i = 0; i < RAYS; i++) {
         struct vector from = stage->samples[rays_random(&state) % stage->sample_count].at;
         struct vector to = stage->samples[rays_random(&state) % stage->sample_count].at;
         struct vector forward = vector_unit(vector_sub(to, from));
-        struct ray ray = stage_ray(vector_mad(from, forward, -stage->size), forward);
-        struct ray_hit hit;
-        structures_trace_counted(stage->structures, &ray, NULL, &hit, &counters);
+        rays[i] = stage_ray(vector_mad(from, forward, -stage->size), forward);
     }
+    const struct bvhd_cpu_trace trace = {
+        .struct_size = sizeof trace,
+        .rays = rays,
+        .ray_size = sizeof *rays,
+        .hits = distances,
+        .hit_size = sizeof *distances,
+        .ray_count = RAYS,
+        .counters = &counters,
+    };
+    bvhd_cpu_scene_trace(stage->structures->scene, &trace, NULL);
     return (double)counters.triangles / RAYS;
 }
 

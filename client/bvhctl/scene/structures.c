@@ -277,6 +277,20 @@ static enum bvhd_status check_instances(const struct structures *structures, str
     return BVHD_OK;
 }
 
+static enum bvhd_status make_scene(struct structures *structures, struct bvhd_error *error)
+{
+    uint32_t count = structures->file_count;
+    struct bvhd_cpu_blob *blobs = memory_array(structures->memory, count, sizeof *blobs);
+    if (!blobs)
+        return no_memory("structures", error);
+    for (uint32_t i = 0; i < count; i++)
+        blobs[i] = (struct bvhd_cpu_blob){structures->blobs[i].data, structures->blobs[i].size};
+    const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = blobs, .blob_count = count};
+    enum bvhd_status status = bvhd_cpu_scene_create(&options, &structures->scene, error);
+    memory_free(structures->memory, blobs);
+    return status;
+}
+
 enum bvhd_status structures_join(struct structures *structures, struct bvhd_error *error)
 {
     uint32_t count = structures->file_count;
@@ -284,19 +298,20 @@ enum bvhd_status structures_join(struct structures *structures, struct bvhd_erro
     structures->bottom_count = count - structures->has_top;
     structures->target = structures->files[count - 1].structure.target;
     structures->blobs = memory_array(memory, count, sizeof *structures->blobs);
-    if (!structures->blobs || !target_reader_find(structures->target)->make_scene(structures))
+    if (!structures->blobs)
         return no_memory("structures", error);
     for (uint32_t i = 0; i < count; i++)
         structures->blobs[i] = structures->files[i].structure.blob;
-    return check_instances(structures, error);
+    enum bvhd_status status = check_instances(structures, error);
+    return status == BVHD_OK ? make_scene(structures, error) : status;
 }
 
 void structures_separate(struct structures *structures)
 {
     memory_free(structures->memory, structures->blobs);
-    memory_free(structures->memory, structures->views);
+    bvhd_cpu_scene_destroy(structures->scene);
     structures->blobs = NULL;
-    structures->views = NULL;
+    structures->scene = NULL;
 }
 
 static enum bvhd_status open_scene(struct structures *structures, const char *directory, struct manifest *manifest,
@@ -349,20 +364,25 @@ void structures_close(struct structures *structures)
     *structures = (struct structures){0};
 }
 
-bool structures_trace_counted(const struct structures *structures, const struct ray *ray,
-                              const struct traverse_options *options, struct ray_hit *ret_hit,
-                              struct traverse_counters *counters)
+bool structures_trace(const struct structures *structures, const struct ray *ray, struct ray_hit *ret_hit)
 {
-    return target_reader_find(structures->target)->trace(structures, ray, options, ret_hit, counters);
-}
-
-bool structures_trace(const struct structures *structures, const struct ray *ray,
-                      const struct traverse_options *options, struct ray_hit *ret_hit)
-{
-    return structures_trace_counted(structures, ray, options, ret_hit, NULL);
+    struct ray_hit hit;
+    const struct bvhd_cpu_trace trace = {
+        .struct_size = sizeof trace,
+        .rays = ray,
+        .ray_size = sizeof *ray,
+        .hits = &hit,
+        .hit_size = sizeof hit,
+        .ray_count = 1,
+    };
+    if (bvhd_cpu_scene_trace(structures->scene, &trace, NULL) != BVHD_OK || hit.handle == RAY_NO_BOTTOM)
+        return false;
+    *ret_hit = hit;
+    return true;
 }
 
 void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
 {
-    target_reader_find(structures->target)->corners(structures, hit, ret_corners);
+    const struct bvhd_cpu_hit named = {.blob = hit->handle, .record = hit->record};
+    bvhd_cpu_scene_corners(structures->scene, &named, ret_corners, NULL);
 }

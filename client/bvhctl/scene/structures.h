@@ -3,10 +3,11 @@
 #ifndef BVHCTL_STRUCTURES_H
 #define BVHCTL_STRUCTURES_H
 
-#include "builder/traverse/lavapipe_traverse.h"
+#include <bvhd/bvhd_cpu.h>
+
+#include "builder/traverse/ray.h"
 #include "client/bvhctl/scene/manifest.h"
 #include "client/bvhctl/scene/structure.h"
-#include "builder/traverse/traverse.h"
 
 enum { STRUCTURE_NAME = 61 };
 
@@ -33,11 +34,7 @@ struct structures {
      * written them: row + 1. Equal data pointers mean one structure
      */
     struct bytes *blobs;
-    union {
-        struct scene portable;
-        struct lavapipe_scene lavapipe;
-    } scene; /* by target: what traversal runs over; without a top level it is the one bottom level */
-    void *views; /* the array of views that `scene` points to */
+    struct bvhd_cpu_scene *scene; /* over `blobs`: what rays are traced through on the CPU */
     struct memory *memory;
 };
 
@@ -66,14 +63,10 @@ void structures_separate(struct structures *structures);
 const struct structure *structures_top(const struct structures *structures);
 
 /*
- * Trace a ray on the CPU, with the semantics and answers of traverse.h for every target. `handle` of a hit is the row
- * of its bottom level, and 0 without a top level. `options` and `counters` may be NULL. Any thread.
+ * Traces a ray on the CPU by bvhd_cpu.h, whose functions trace many. `handle` of a hit is the row of its bottom level,
+ * and 0 without a top level. Any thread.
  */
-bool structures_trace(const struct structures *structures, const struct ray *ray,
-                      const struct traverse_options *options, struct ray_hit *ret_hit);
-bool structures_trace_counted(const struct structures *structures, const struct ray *ray,
-                              const struct traverse_options *options, struct ray_hit *ret_hit,
-                              struct traverse_counters *counters);
+bool structures_trace(const struct structures *structures, const struct ray *ray, struct ray_hit *ret_hit);
 
 /* Gives the exact corners of a triangle that structures_trace has hit, in object space. Not for AABBs. */
 void structures_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3]);

@@ -3,8 +3,8 @@
  * target_reader.h - the table of readers: everything that bvhctl does differently for structures of different targets.
  *
  * It is the counterpart of the table of layouts (builder/format/layout.h), which writes them. A new target needs a file
- * target_reader_NAME.c, a row in target_reader.c, a member in each of the unions of structure.h and structures.h, and
- * its name among those of --target (base/options.c).
+ * target_reader_NAME.c, a row in target_reader.c, a member in the union of structure.h, and its name among those of
+ * --target (base/options.c).
  *
  * The callers are structure.h, structures.h, survey.h and unpack.h; other code uses those. All functions may be called
  * by any thread.
@@ -12,10 +12,8 @@
 #ifndef BVHCTL_TARGET_READER_H
 #define BVHCTL_TARGET_READER_H
 
-#include "builder/traverse/traverse.h"
 #include "client/bvhctl/scene/structure.h"
 
-struct structures;
 struct survey;
 
 struct target_reader {
@@ -44,15 +42,6 @@ struct target_reader {
     const char *(*content_name)(const struct structure *structure);
     /* Adds the figures of a structure to *survey, which is zero. BVHD_NO_MEMORY. */
     enum bvhd_status (*survey)(const struct structure *structure, struct memory *memory, struct survey *survey);
-
-    /*
-     * Makes structures->scene, which the next two functions trace, and structures->views. False when there is no
-     * memory.
-     */
-    bool (*make_scene)(struct structures *structures);
-    bool (*trace)(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
-                  struct ray_hit *ret_hit, struct traverse_counters *counters);
-    void (*corners)(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3]);
 
     /*
      * The inverse of an instance's matrix, as the driver computes it; both are row-major 3x4. NULL: rays are

@@ -4,9 +4,7 @@
 #include <inttypes.h>
 #include <string.h>
 
-#include "builder/traverse/lavapipe_traverse.h"
 #include "client/bvhctl/scene/boxes.h"
-#include "client/bvhctl/scene/structures.h"
 #include "client/bvhctl/scene/survey.h"
 #include "proto/base/place.h"
 
@@ -260,36 +258,6 @@ static enum bvhd_status take_survey(const struct structure *structure, struct me
     return BVHD_OK;
 }
 
-/* ---- tracing ---- */
-
-static bool make_scene(struct structures *structures)
-{
-    const struct structure *top = structures_top(structures);
-    const struct lavapipe_view **bottoms =
-        memory_array(structures->memory, (uint64_t)structures->bottom_count + 1, sizeof *bottoms);
-    if (!bottoms)
-        return false;
-    for (uint32_t i = 0; i < structures->bottom_count; i++) {
-        const struct structure *bottom = &structures->files[i].structure;
-        bottoms[i] = bottom->blob.data ? &bottom->view.lavapipe : NULL;
-    }
-    structures->views = bottoms;
-    structures->scene.lavapipe =
-        (struct lavapipe_scene){top ? &top->view.lavapipe : NULL, bottoms, structures->bottom_count};
-    return true;
-}
-
-static bool trace(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
-                  struct ray_hit *ret_hit, struct traverse_counters *counters)
-{
-    return lavapipe_traverse(&structures->scene.lavapipe, ray, options, ret_hit, counters);
-}
-
-static void get_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
-{
-    lavapipe_positions(&structures->scene.lavapipe, hit, ret_corners);
-}
-
 const struct target_reader target_reader_lavapipe = {
     .target = TARGET_LAVAPIPE,
     .is_native = true,
@@ -299,8 +267,5 @@ const struct target_reader target_reader_lavapipe = {
     .instance = get_instance,
     .content_name = content_name,
     .survey = take_survey,
-    .make_scene = make_scene,
-    .trace = trace,
-    .corners = get_corners,
     .invert = lavapipe_invert,
 };

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "builder/format/portable_records.h"
-#include "client/bvhctl/scene/structures.h"
 #include "client/bvhctl/scene/survey.h"
 
 static const struct {
@@ -161,35 +160,6 @@ static enum bvhd_status take_survey(const struct structure *structure, struct me
     return BVHD_OK;
 }
 
-/* ---- tracing ---- */
-
-static bool make_scene(struct structures *structures)
-{
-    const struct structure *top = structures_top(structures);
-    const struct portable_view **bottoms =
-        memory_array(structures->memory, (uint64_t)structures->bottom_count + 1, sizeof *bottoms);
-    if (!bottoms)
-        return false;
-    for (uint32_t i = 0; i < structures->bottom_count; i++) {
-        const struct structure *bottom = &structures->files[i].structure;
-        bottoms[i] = bottom->blob.data ? &bottom->view.portable : NULL;
-    }
-    structures->views = bottoms;
-    structures->scene.portable = (struct scene){top ? &top->view.portable : NULL, bottoms, structures->bottom_count};
-    return true;
-}
-
-static bool trace(const struct structures *structures, const struct ray *ray, const struct traverse_options *options,
-                  struct ray_hit *ret_hit, struct traverse_counters *counters)
-{
-    return traverse(&structures->scene.portable, ray, options, ret_hit, counters);
-}
-
-static void get_corners(const struct structures *structures, const struct ray_hit *hit, float ret_corners[3][3])
-{
-    traverse_positions(&structures->scene.portable, hit, ret_corners);
-}
-
 const struct target_reader target_reader_portable = {
     .target = TARGET_PORTABLE,
     .driver_uuid = portable_driver_uuid,
@@ -200,7 +170,4 @@ const struct target_reader target_reader_portable = {
     .instance = get_instance,
     .content_name = content_name,
     .survey = take_survey,
-    .make_scene = make_scene,
-    .trace = trace,
-    .corners = get_corners,
 };

@@ -7,7 +7,7 @@
 
 #include <bvhd/bvhd_trace.h>
 
-#include "builder/traverse/traverse.h"
+#include "builder/traverse/ray.h"
 
 static inline void device_rays_put(const struct ray *rays, uint32_t count, struct bvhd_ray *ret_rays)
 {

@@ -1,4 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <stdatomic.h>
+
 #include "proto/base/clock.h"
 #include "client/bvhctl/trace/tracer.h"
 
@@ -16,30 +18,37 @@ struct cpu_trace {
     const struct ray *rays;
     size_t count;
     struct tracer_hit *hits;
+    atomic_bool is_refused;
 };
 
 static void trace_chunk(void *context, size_t index)
 {
-    const struct cpu_trace *job = context;
+    struct cpu_trace *job = context;
     size_t begin, end;
     parallel_chunk(index, CHUNK, job->count, &begin, &end);
-    for (size_t i = begin; i < end; i++) {
-        struct ray_hit hit;
-        bool is_hit = structures_trace(job->structures, &job->rays[i], NULL, &hit);
-        job->hits[i] = is_hit ? tracer_hit_of(&hit) : tracer_miss;
-    }
+    const struct bvhd_cpu_trace trace = {
+        .struct_size = sizeof trace,
+        .rays = job->rays + begin,
+        .ray_size = sizeof *job->rays,
+        .hits = job->hits + begin,
+        .hit_size = sizeof *job->hits,
+        .ray_count = end - begin,
+    };
+    if (bvhd_cpu_scene_trace(job->structures->scene, &trace, NULL) != BVHD_OK)
+        atomic_store(&job->is_refused, true);
 }
 
 static enum bvhd_status trace(struct tracer *tracer, const struct ray *rays, uint64_t count,
                               struct tracer_hit *ret_hits, double *ret_seconds, struct bvhd_error *error)
 {
-    (void)error;
     struct tracer_cpu *cpu = (struct tracer_cpu *)tracer;
-    struct cpu_trace job = {cpu->structures, rays, count, ret_hits};
+    struct cpu_trace job = {.structures = cpu->structures, .rays = rays, .count = count, .hits = ret_hits};
     double start = clock_ms();
     parallel_for(cpu->parallel, parallel_chunks(CHUNK, count), trace_chunk, &job);
     if (ret_seconds)
         *ret_seconds = (clock_ms() - start) / 1e3;
+    if (job.is_refused)
+        return bvhd_error_set(error, BVHD_INVALID, "rays", "a ray has flags that exclude each other");
     return BVHD_OK;
 }
 

@@ -28,7 +28,7 @@ static void trace_rays(void)
 {
     for (int i = 0; i < RAYS; i++) {
         struct ray_hit hit;
-        bool is_hit = structures_trace(&court.world.structures, &court.rays[i], NULL, &hit);
+        bool is_hit = structures_trace(&court.world.structures, &court.rays[i], &hit);
         court.hits[i] = is_hit ? tracer_hit_of(&hit) : tracer_miss;
     }
 }

@@ -14,7 +14,7 @@
 static struct tracer_hit cpu_hit(const struct structures *structures, const struct ray *ray)
 {
     struct ray_hit hit;
-    return structures_trace(structures, ray, NULL, &hit) ? tracer_hit_of(&hit) : tracer_miss;
+    return structures_trace(structures, ray, &hit) ? tracer_hit_of(&hit) : tracer_miss;
 }
 
 static void open_world(struct test_world *world, struct surfaces *surfaces)

@@ -26,7 +26,7 @@ static void test_structures(void **state)
 static bool shoot_down(const struct test_world *world, float x, float z, struct ray_hit *ret_hit)
 {
     struct ray ray = {.origin = {x, 10, z}, .direction = {0, -1, 0}, .tmax = 100, .cull_mask = 0xff};
-    return structures_trace(&world->structures, &ray, NULL, ret_hit);
+    return structures_trace(&world->structures, &ray, ret_hit);
 }
 
 /* Rays from above hit what is known to be there. */

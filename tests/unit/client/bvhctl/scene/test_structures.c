@@ -81,8 +81,8 @@ static void assert_same_answers(const struct structures *a, const struct structu
     for (int i = 0; i < 2000; i++) {
         struct ray ray = make_ray(&random);
         struct ray_hit x, y;
-        bool is_hit = structures_trace(a, &ray, NULL, &x);
-        assert_int_equal(structures_trace(b, &ray, NULL, &y), is_hit);
+        bool is_hit = structures_trace(a, &ray, &x);
+        assert_int_equal(structures_trace(b, &ray, &y), is_hit);
         if (!is_hit)
             continue;
         float corners[2][3][3];
@@ -125,7 +125,7 @@ static void test_both_targets(void **state)
         assert_true(!alone.has_top && alone.file_count == 1 && !structures_top(&alone));
         struct ray ray = {.origin = {0.25f, 9, 0.5f}, .direction = {0, -1, 0}, .tmax = INFINITY, .cull_mask = 1};
         struct ray_hit hit;
-        assert_true(structures_trace(&alone, &ray, NULL, &hit) && hit.t == 8);
+        assert_true(structures_trace(&alone, &ray, &hit) && hit.t == 8);
         structures_close(&alone);
         structures_close(&structures);
         structures_close(&structures);

@@ -54,7 +54,7 @@ static void test_cpu(void **state)
         }
         for (int i = 0; i < RAYS; i++) {
             struct ray_hit hit;
-            bool is_hit = structures_trace(&world.structures, &rays[i], NULL, &hit);
+            bool is_hit = structures_trace(&world.structures, &rays[i], &hit);
             struct tracer_hit expected = is_hit ? tracer_hit_of(&hit) : tracer_miss;
             assert_memory_equal(&hits[i], &expected, sizeof expected);
             assert_int_equal(isinf(hits[i].t), !is_hit);

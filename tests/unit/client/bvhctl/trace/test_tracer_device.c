@@ -90,17 +90,24 @@ static bool is_same(const struct tracer_hit *a, const struct tracer_hit *b)
 }
 
 /* Returns the CPU's answer in portable structures. */
-static struct tracer_hit expect(const struct scene *scene, const struct ray *ray)
+static struct tracer_hit expect(const struct bvhd_cpu_scene *scene, const struct ray *ray)
 {
-    struct ray_hit hit;
-    return traverse(scene, ray, NULL, &hit, NULL) ? tracer_hit_of(&hit) : tracer_miss;
+    struct tracer_hit hit;
+    const struct bvhd_cpu_trace trace = {.struct_size = sizeof trace,
+                                         .rays = ray,
+                                         .ray_size = sizeof *ray,
+                                         .hits = &hit,
+                                         .hit_size = sizeof hit,
+                                         .ray_count = 1};
+    assert_int_equal(bvhd_cpu_scene_trace(scene, &trace, NULL), BVHD_OK);
+    return hit;
 }
 
 /*
  * The first hit that is found is any: it need only be there. Along edges, and where surfaces cross, more than one
  * answer is right.
  */
-static void compare(struct tracer *tracer, const struct scene *scene)
+static void compare(struct tracer *tracer, const struct bvhd_cpu_scene *scene)
 {
     static struct tracer_hit hits[RAYS];
     double seconds = -1;
@@ -165,15 +172,19 @@ static void trace_nothing(struct tracer *tracer)
 }
 
 /* A bottom level alone: the cube. */
-static void compare_alone(creator function, const struct structures *structures, const struct scene *world)
+static void compare_alone(creator function, const struct structures *structures, const struct structures *portable)
 {
     struct bytes blob = structures->blobs[1];
+    const struct bvhd_cpu_blob cube_blob = {portable->blobs[1].data, portable->blobs[1].size};
+    const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = &cube_blob, .blob_count = 1};
+    struct bvhd_cpu_scene *cube = NULL;
+    assert_int_equal(bvhd_cpu_scene_create(&options, &cube, NULL), BVHD_OK);
     const struct structures one = {
         .name = structures->name, .target = structures->target, .file_count = 1, .blobs = &blob};
-    const struct scene cube = {NULL, &world->bottoms[1], 1};
     struct tracer *tracer = create(function, &one);
-    compare(tracer, &cube);
+    compare(tracer, cube);
     tracer_destroy(tracer);
+    bvhd_cpu_scene_destroy(cube);
 }
 
 static void fail_each_allocation(creator function, const struct structures *structures)
@@ -193,14 +204,14 @@ static void fail_each_allocation(creator function, const struct structures *stru
     assert_in_range(tries, 2, 99);
 }
 
-static void try_all(creator function, const struct test_world *world, const struct scene *scene)
+static void try_all(creator function, const struct test_world *world, const struct test_world *portable)
 {
     struct tracer *tracer = create(function, &world->structures);
-    compare(tracer, scene);
+    compare(tracer, portable->structures.scene);
     trace_counts(tracer);
     trace_nothing(tracer);
     tracer_destroy(tracer);
-    compare_alone(function, &world->structures, scene);
+    compare_alone(function, &world->structures, &portable->structures);
     fail_each_allocation(function, &world->structures);
 }
 
@@ -211,7 +222,7 @@ static void portable_structures_by_shader(void **state)
     struct tracer *tracer = NULL;
     struct bvhd_error error;
     test_world_init(&world, 1);
-    try_all(tracer_portable_create, &world, &world.structures.scene.portable);
+    try_all(tracer_portable_create, &world, &world);
     assert_int_equal(tracer_native_create(gpu, &world.structures, &memory, &tracer, &error), BVHD_INCOMPATIBLE);
     assert_null(tracer);
     test_world_finish(&world);
@@ -228,7 +239,7 @@ static void portable_structures_in_one_binding(void **state)
     test_world_init(&world, 1);
     gpu->properties.has_buffer_address = false;
     tracer = create(tracer_portable_create, &world.structures);
-    compare(tracer, &world.structures.scene.portable);
+    compare(tracer, world.structures.scene);
     tracer_destroy(tracer);
     tracer = NULL;
     const uint64_t range = gpu->library->limits.storage_range;
@@ -254,7 +265,7 @@ static void portable_structures_by_closest_kernels(void **state)
         struct tracer *tracer = create(tracer_portable_create, &world.structures);
         for (int way = TRACER_WAY_COHERENT; way <= TRACER_WAY_INCOHERENT; way++) {
             tracer_portable_set_way(tracer, (enum tracer_way)way);
-            compare(tracer, &world.structures.scene.portable);
+            compare(tracer, world.structures.scene);
         }
         tracer_destroy(tracer);
     }
@@ -272,7 +283,7 @@ static void flags_need_the_query(void **state)
     struct tracer *tracer = create(tracer_portable_create, &world.structures);
     for (int way = TRACER_WAY_COHERENT; way <= TRACER_WAY_INCOHERENT; way++) {
         tracer_portable_set_way(tracer, (enum tracer_way)way);
-        compare(tracer, &world.structures.scene.portable);
+        compare(tracer, world.structures.scene);
     }
     tracer_destroy(tracer);
     test_world_finish(&world);
@@ -287,7 +298,7 @@ static void native_structures_by_ray_queries(void **state)
         skip();
     test_world_init_for(&world, 1, &format);
     test_world_init(&portable, 1);
-    try_all(tracer_native_create, &world, &portable.structures.scene.portable);
+    try_all(tracer_native_create, &world, &portable);
     assert_int_equal(tracer_portable_create(gpu, &world.structures, &memory, &tracer, NULL), BVHD_INCOMPATIBLE);
     assert_null(tracer);
     test_world_finish(&portable);

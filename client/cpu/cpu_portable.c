@@ -1,0 +1,98 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* cpu_portable.c - scenes of portable structures. */
+#include "client/cpu/cpu_scene.h"
+
+#include <string.h>
+
+#include "client/library.h"
+
+static enum bvhd_status open_structure(struct cpu_structure *structure, struct bvhd_error *error)
+{
+    if ((uintptr_t)structure->blob.data % 16 != 0)
+        return bvhd_error_set(error, BVHD_INVALID, "data", "a portable structure is aligned to 16 bytes");
+    return portable_open(structure->blob, &library_memory, &structure->view.portable, error);
+}
+
+static enum cpu_level level(const struct cpu_structure *structure)
+{
+    return structure->view.portable.header->content == PORTABLE_INSTANCES ? CPU_TOP : CPU_BOTTOM;
+}
+
+static bool make_walk(struct bvhd_cpu_scene *scene)
+{
+    const struct cpu_structure *top = cpu_scene_top(scene);
+    const struct portable_view **bottoms =
+        memory_array(&library_memory, (uint64_t)scene->bottom_count + 1, sizeof *bottoms);
+    if (!bottoms)
+        return false;
+    for (uint32_t i = 0; i < scene->bottom_count; i++)
+        bottoms[i] = scene->structures[i].blob.data ? &scene->structures[i].view.portable : NULL;
+    scene->views = bottoms;
+    scene->walk.portable = (struct scene){
+        .top = top ? &top->view.portable : NULL,
+        .bottoms = bottoms,
+        .bottom_count = scene->bottom_count,
+        .rows = scene->rows,
+    };
+    return true;
+}
+
+static uint32_t instance_count(const struct cpu_structure *top)
+{
+    return top->view.portable.header->record_count;
+}
+
+static uint64_t handle_count(const struct cpu_structure *top)
+{
+    return top->view.portable.handle_count;
+}
+
+static uint64_t handle(const struct cpu_structure *top, uint64_t index)
+{
+    return bytes_get64(top->view.portable.handles + 8 * index);
+}
+
+static const struct portable_instance *instance_at(const struct cpu_structure *top, uint32_t record)
+{
+    return (const struct portable_instance *)top->view.portable.records + record;
+}
+
+static uint64_t bottom(const struct bvhd_cpu_scene *scene, uint32_t record, uint32_t *ret_instance)
+{
+    const struct portable_instance *instance = instance_at(cpu_scene_top(scene), record);
+    *ret_instance = instance->instance;
+    return scene->rows ? scene->rows[instance->handle] : instance->handle;
+}
+
+static void get_bounds(const struct cpu_structure *structure, float ret_bounds[6])
+{
+    memcpy(ret_bounds, structure->view.portable.header->bounds, sizeof(float[6]));
+}
+
+static bool get_corners(const struct bvhd_cpu_scene *scene, const struct ray_hit *hit, float ret_corners[3][3])
+{
+    const struct portable_header *header = scene->structures[hit->handle].view.portable.header;
+    if (header->content > PORTABLE_TRIANGLES || hit->record >= header->record_count)
+        return false;
+    traverse_positions(&scene->walk.portable, hit, ret_corners);
+    return true;
+}
+
+static void get_matrix(const struct cpu_structure *top, uint32_t record, float ret_matrix[12])
+{
+    memcpy(ret_matrix, instance_at(top, record)->object_to_world, sizeof(float[12]));
+}
+
+const struct cpu_target cpu_portable = {
+    .target = TARGET_PORTABLE,
+    .open = open_structure,
+    .level = level,
+    .make_walk = make_walk,
+    .instance_count = instance_count,
+    .handle_count = handle_count,
+    .handle = handle,
+    .bottom = bottom,
+    .bounds = get_bounds,
+    .corners = get_corners,
+    .object_to_world = get_matrix,
+};

@@ -1,0 +1,249 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* cpu_trace.c - traces the rays of a call, and translates candidates for the program's callback. */
+#include <inttypes.h>
+#include <math.h>
+#include <string.h>
+
+#include "client/cpu/cpu_scene.h"
+#include "proto/base/place.h"
+
+/* Rays and hits of a program are those of the traversal, field for field, so that they are copied as bytes. */
+#define SAME_PLACE(type, field, inner_type, inner_field)                                                               \
+    _Static_assert(offsetof(struct type, field) == offsetof(struct inner_type, inner_field), #field " is elsewhere")
+SAME_PLACE(bvhd_cpu_ray, origin, ray, origin);
+SAME_PLACE(bvhd_cpu_ray, tmin, ray, tmin);
+SAME_PLACE(bvhd_cpu_ray, direction, ray, direction);
+SAME_PLACE(bvhd_cpu_ray, tmax, ray, tmax);
+SAME_PLACE(bvhd_cpu_ray, flags, ray, flags);
+SAME_PLACE(bvhd_cpu_ray, mask, ray, cull_mask);
+SAME_PLACE(bvhd_cpu_hit, t, ray_hit, t);
+SAME_PLACE(bvhd_cpu_hit, u, ray_hit, u);
+SAME_PLACE(bvhd_cpu_hit, v, ray_hit, v);
+SAME_PLACE(bvhd_cpu_hit, instance, ray_hit, instance);
+SAME_PLACE(bvhd_cpu_hit, custom_index, ray_hit, custom_index);
+SAME_PLACE(bvhd_cpu_hit, geometry, ray_hit, geometry);
+SAME_PLACE(bvhd_cpu_hit, primitive, ray_hit, primitive);
+SAME_PLACE(bvhd_cpu_hit, sbt_offset, ray_hit, sbt_offset);
+SAME_PLACE(bvhd_cpu_hit, blob, ray_hit, handle);
+SAME_PLACE(bvhd_cpu_hit, record, ray_hit, record);
+SAME_PLACE(bvhd_cpu_hit, instance_record, ray_hit, instance_record);
+_Static_assert(sizeof(struct bvhd_cpu_hit) == sizeof(struct ray_hit), "a hit is copied as a whole");
+_Static_assert((int)BVHD_CPU_CONFIRM == (int)CANDIDATE_ACCEPT &&
+                   (int)BVHD_CPU_TERMINATE == (int)CANDIDATE_IGNORE_AND_END,
+               "verdicts have the same bits");
+
+enum {
+    SIZE_WITHOUT_TIME = offsetof(struct bvhd_cpu_ray, time),
+    FACING_OR_TRIANGLES = RAY_CULL_BACK_FACING | RAY_CULL_FRONT_FACING | RAY_SKIP_TRIANGLES,
+    OPACITY = RAY_OPAQUE | RAY_NO_OPAQUE | RAY_CULL_OPAQUE | RAY_CULL_NO_OPAQUE,
+    KINDS = RAY_SKIP_TRIANGLES | RAY_SKIP_AABBS,
+    KNOWN_FLAGS = FACING_OR_TRIANGLES | OPACITY | KINDS | RAY_TERMINATE_ON_FIRST_HIT,
+};
+
+static const struct ray_hit miss = {.t = INFINITY, .instance = RAY_NO_INSTANCE, .handle = RAY_NO_BOTTOM};
+
+/* ---- The arguments of a call ---- */
+
+static enum bvhd_status check_arrays(const struct bvhd_cpu_trace *trace, struct bvhd_error *error)
+{
+    size_t ray = trace->ray_size, hit = trace->hit_size;
+    if (ray != SIZE_WITHOUT_TIME && ray != sizeof(struct bvhd_cpu_ray))
+        return bvhd_error_set(error, BVHD_INVALID, "trace.ray_size", "%zu, but a ray has %d or %zu bytes", ray,
+                              SIZE_WITHOUT_TIME, sizeof(struct bvhd_cpu_ray));
+    if (trace->ray_stride != 0 && trace->ray_stride < ray)
+        return bvhd_error_set(error, BVHD_INVALID, "trace.ray_stride", "%zu, which is less than ray_size",
+                              trace->ray_stride);
+    if (hit == 0 || hit % 4 != 0 || hit > sizeof(struct bvhd_cpu_hit))
+        return bvhd_error_set(error, BVHD_INVALID, "trace.hit_size", "%zu, not a multiple of 4 from 4 to %zu", hit,
+                              sizeof(struct bvhd_cpu_hit));
+    if (trace->hit_stride != 0 && trace->hit_stride < hit)
+        return bvhd_error_set(error, BVHD_INVALID, "trace.hit_stride", "%zu, which is less than hit_size",
+                              trace->hit_stride);
+    if (trace->ray_count > 0 && !trace->rays)
+        return bvhd_error_set(error, BVHD_INVALID, "trace.rays", "NULL, but ray_count is %" PRIu64, trace->ray_count);
+    if (trace->ray_count > 0 && !trace->hits)
+        return bvhd_error_set(error, BVHD_INVALID, "trace.hits", "NULL, but ray_count is %" PRIu64, trace->ray_count);
+    return BVHD_OK;
+}
+
+static enum bvhd_status check_trace(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
+                                    struct bvhd_error *error)
+{
+    if (!scene || !trace)
+        return bvhd_error_set(error, BVHD_INVALID, scene ? "trace" : "scene", "NULL");
+    if (trace->struct_size < sizeof *trace)
+        return bvhd_error_set(error, BVHD_INVALID, "trace.struct_size",
+                              "%zu bytes instead of sizeof(struct bvhd_cpu_trace)", trace->struct_size);
+    if (trace->flags & ~(uint32_t)(BVHD_CPU_TRACE_ANY_HIT | BVHD_CPU_TRACE_FLIP_ORDER))
+        return bvhd_error_set(error, BVHD_INVALID, "trace.flags", "0x%" PRIx32 " is not known", trace->flags);
+    if (trace->reserved != 0)
+        return bvhd_error_set(error, BVHD_INVALID, "trace.reserved", "not 0");
+    if (trace->counters && trace->counters->struct_size < sizeof *trace->counters)
+        return bvhd_error_set(error, BVHD_INVALID, "trace.counters.struct_size",
+                              "%zu bytes instead of sizeof(struct bvhd_cpu_counters)", trace->counters->struct_size);
+    return check_arrays(trace, error);
+}
+
+/* ---- Rays ---- */
+
+/* Returns whether at most one bit is set. */
+static inline bool is_one(uint32_t flags)
+{
+    return (flags & (flags - 1)) == 0;
+}
+
+static inline bool flags_are_sound(uint32_t flags)
+{
+    return !(flags & ~(uint32_t)KNOWN_FLAGS) && is_one(flags & FACING_OR_TRIANGLES) && is_one(flags & OPACITY) &&
+           is_one(flags & KINDS);
+}
+
+/* Returns whether what follows the fields of the traversal is sound: the time, and what is reserved. */
+static inline bool rest_is_sound(const unsigned char *at, size_t size)
+{
+    float time;
+    uint32_t reserved;
+    if (size == SIZE_WITHOUT_TIME)
+        return true;
+    memcpy(&time, at + offsetof(struct bvhd_cpu_ray, time), sizeof time);
+    memcpy(&reserved, at + offsetof(struct bvhd_cpu_ray, reserved), sizeof reserved);
+    return time >= 0 && time <= 1 && reserved == 0;
+}
+
+static enum bvhd_status refuse_ray(uint64_t index, uint32_t flags, const unsigned char *at, struct bvhd_error *error)
+{
+    struct bvhd_cpu_ray ray;
+    if (flags & ~(uint32_t)KNOWN_FLAGS)
+        return bvhd_error_set(error, BVHD_INVALID, place("rays[%" PRIu64 "].flags", index).text,
+                              "0x%" PRIx32 " has unknown bits", flags);
+    if (!flags_are_sound(flags))
+        return bvhd_error_set(error, BVHD_INVALID, place("rays[%" PRIu64 "].flags", index).text,
+                              "0x%" PRIx32 " has flags that exclude each other", flags);
+    memcpy(&ray, at, sizeof ray);
+    if (!(ray.time >= 0 && ray.time <= 1))
+        return bvhd_error_set(error, BVHD_INVALID, place("rays[%" PRIu64 "].time", index).text, "%g is not in 0 .. 1",
+                              (double)ray.time);
+    return bvhd_error_set(error, BVHD_INVALID, place("rays[%" PRIu64 "].reserved", index).text, "not 0");
+}
+
+/* ---- Candidates ---- */
+
+/* The ray that is being traced, for the callback. */
+struct candidate_ray {
+    const struct bvhd_cpu_trace *trace;
+    const unsigned char *at;
+    uint64_t index;
+};
+
+/* Inverts a row-major 3x4 matrix by Cramer's rule, in double. */
+static void invert(const float matrix[12], float ret_inverse[12])
+{
+    double cofactors[3][3], determinant = 0;
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 3; column++) {
+            int a = (column + 1) % 3, b = (column + 2) % 3, c = (row + 1) % 3, d = (row + 2) % 3;
+            cofactors[row][column] =
+                (double)matrix[4 * a + c] * matrix[4 * b + d] - (double)matrix[4 * a + d] * matrix[4 * b + c];
+        }
+    for (int k = 0; k < 3; k++)
+        determinant += matrix[k] * cofactors[k][0];
+    for (int row = 0; row < 3; row++) {
+        double moved = 0;
+        for (int column = 0; column < 3; column++) {
+            moved += cofactors[row][column] * matrix[4 * column + 3];
+            ret_inverse[4 * row + column] = (float)(cofactors[row][column] / determinant);
+        }
+        ret_inverse[4 * row + 3] = (float)(-moved / determinant);
+    }
+}
+
+static enum candidate_verdict ask(void *context, const struct ray *ray, const struct candidate_space *space,
+                                  struct ray_hit *hit)
+{
+    static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    const struct candidate_ray *asking = context;
+    struct bvhd_cpu_hit seen;
+    struct bvhd_cpu_candidate candidate = {
+        .ray = asking->at, .ray_index = asking->index, .hit = &seen, .is_opaque = space->is_opaque};
+    (void)ray;
+    memcpy(&seen, hit, sizeof seen);
+    candidate.tmax = (float)space->tmax;
+    for (int axis = 0; axis < 3; axis++) {
+        candidate.object_origin[axis] = (float)space->origin[axis];
+        candidate.object_direction[axis] = (float)space->direction[axis];
+    }
+    memcpy(candidate.object_to_world, space->object_to_world ? space->object_to_world : identity, sizeof identity);
+    if (space->object_to_world)
+        invert(candidate.object_to_world, candidate.world_to_object);
+    else
+        memcpy(candidate.world_to_object, identity, sizeof identity);
+    uint32_t verdict = asking->trace->candidate(asking->trace->context, &candidate);
+    hit->t = seen.t;
+    return (enum candidate_verdict)(verdict & (BVHD_CPU_CONFIRM | BVHD_CPU_TERMINATE));
+}
+
+/* ---- Tracing ---- */
+
+/* Copies as much of a hit as the program wants. The usual size is a constant, which needs no call. */
+static inline void put_hit(unsigned char *at, const struct ray_hit *hit, size_t size)
+{
+    if (size == sizeof *hit)
+        memcpy(at, hit, sizeof *hit);
+    else
+        memcpy(at, hit, size);
+}
+
+/* Traces all rays. Stops at one that is not sound, and returns its index; else ray_count. */
+static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
+                           struct traverse_counters *counters)
+{
+    const unsigned char *from = trace->rays;
+    unsigned char *to = trace->hits;
+    const size_t ray_size = trace->ray_size, ray_stride = trace->ray_stride ? trace->ray_stride : ray_size;
+    const size_t hit_size = trace->hit_size, hit_stride = trace->hit_stride ? trace->hit_stride : hit_size;
+    const bool is_portable = scene->target == &cpu_portable;
+    const uint32_t more_flags = trace->flags & BVHD_CPU_TRACE_ANY_HIT ? RAY_TERMINATE_ON_FIRST_HIT : 0;
+    struct candidate_ray asking = {.trace = trace};
+    const struct traverse_options options = {
+        .candidate = trace->candidate ? ask : NULL,
+        .context = &asking,
+        .flip_order = trace->flags & BVHD_CPU_TRACE_FLIP_ORDER,
+    };
+    for (uint64_t i = 0; i < trace->ray_count; i++, from += ray_stride, to += hit_stride) {
+        struct ray ray;
+        struct ray_hit hit;
+        memcpy(&ray, from, sizeof ray);
+        if (!flags_are_sound(ray.flags) || !rest_is_sound(from, ray_size))
+            return i;
+        ray.flags |= more_flags;
+        asking.at = from;
+        asking.index = i;
+        bool is_hit = is_portable ? traverse(&scene->walk.portable, &ray, &options, &hit, counters)
+                                  : lavapipe_traverse(&scene->walk.lavapipe, &ray, &options, &hit, counters);
+        put_hit(to, is_hit ? &hit : &miss, hit_size);
+    }
+    return trace->ray_count;
+}
+
+enum bvhd_status bvhd_cpu_scene_trace(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
+                                      struct bvhd_error *ret_error)
+{
+    enum bvhd_status status = check_trace(scene, trace, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    struct bvhd_cpu_counters *to = trace->counters;
+    struct traverse_counters counters = {0, 0, 0};
+    uint64_t traced = trace_rays(scene, trace, to ? &counters : NULL);
+    if (to) {
+        to->nodes += counters.nodes;
+        to->triangles += counters.triangles;
+        to->instances += counters.instances;
+    }
+    if (traced == trace->ray_count)
+        return BVHD_OK;
+    const size_t stride = trace->ray_stride ? trace->ray_stride : trace->ray_size;
+    const unsigned char *at = (const unsigned char *)trace->rays + traced * stride;
+    struct ray ray;
+    memcpy(&ray, at, sizeof ray);
+    return refuse_ray(traced, ray.flags, at, ret_error);
+}
