@@ -17,9 +17,9 @@ include=$(pkg --variable=includedir)
 libraries=$(pkg --variable=libdir)
 shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
-for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_cpu.h" "$include/bvhd/bvhd_scene.h" "$include/bvhd/bvhd_trace.h" \
-    "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" "$include/bvhd/vuid.h" "$include/bvhd/vuid.def" \
-    "$shared" "$shared.0" "$static" "$prefix/bin/bvhctl" "$prefix/bin/bvhd"; do
+for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_cpu.h" "$include/bvhd/bvhd_scene.h" \
+    "$include/bvhd/bvhd_trace.h" "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" "$include/bvhd/vuid.h" \
+    "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" "$prefix/bin/bvhctl" "$prefix/bin/bvhd"; do
     expect_quietly "installed: $path" [ -e "$path" ]
 done
 expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 8 ]
