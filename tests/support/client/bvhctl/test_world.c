@@ -35,10 +35,10 @@ static uint32_t ground_list[] = {0}, cube_list[] = {1};
 static struct import_bottom bottoms[] = {{ground_name, ground_list, 1}, {cube_name, cube_list, 1}};
 
 static struct import_instance instances[TEST_WORLD_INSTANCES] = {
-    {0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, false},
-    {1, {1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 0}, false},
-    {1, {1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0}, true},
-    {1, {0.5f, 0, 0, 3, 0, 0.5f, 0, 0.5f, 0, 0, 0.5f, 0}, false},
+    {0, 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, false},
+    {1, 0, {1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 1, 0}, false},
+    {1, 0, {1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0}, true},
+    {1, 0, {0.5f, 0, 0, 3, 0, 0.5f, 0, 0.5f, 0, 0, 0.5f, 0}, false},
 };
 
 static char *files[] = {file_name};
@@ -84,8 +84,7 @@ void test_world_init_for(struct test_world *world, uint32_t threads, const struc
                                         .geometry_flags = GEOMETRY_OPAQUE}};
     if (local_open(&world->local, threads, UINT64_MAX, &error) != BVHD_OK)
         end("open", &error);
-    if (backend_local_open(&world->backend, threads, &world->local.memory, &world->local.progress, NULL, &error) !=
-        BVHD_OK)
+    if (backend_local_open(&world->backend, threads, &world->local.memory, &world->local.progress, &error) != BVHD_OK)
         end("open", &error);
     test_world_import(&world->import, &world->local.memory);
     if (assemble(&world->import, &world->options, &world->backend.backend, &world->assembly, &error) != BVHD_OK)
