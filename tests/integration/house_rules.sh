@@ -143,7 +143,7 @@ written()
 {
     sources
     find tests -name '*.[ch]'
-    find client tests -name '*.py'
+    find client tests -name '*.py' -o -name '*.[ch]pp'
     find client tests -type f | grep -E '\.(glsl|comp|rgen|rmiss|rchit|rahit|rint)$'
     find . -path ./build -prune -o \( -name '*.sh' -o -name meson.build \) -print | sed 's|^\./||'
     find . -maxdepth 1 \( -name check -o -name demo \) | sed 's|^\./||'
@@ -157,7 +157,7 @@ check_files()
             finish()
             file = FILENAME
             limit = FILENAME ~ /[.]py$/ ? 100 : 120
-            if (FILENAME ~ /[.]([ch]|py)$/ && $0 !~ /SPDX-License-Identifier: Apache-2.0/)
+            if (FILENAME ~ /[.]([ch]|[ch]pp|py)$/ && $0 !~ /SPDX-License-Identifier: Apache-2.0/)
                 print file ": no SPDX line at its head"
         }
         / $/ { print file ":" FNR ": a space at the end of the line" }

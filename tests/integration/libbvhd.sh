@@ -22,7 +22,7 @@ for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_cpu.h" "$include/bvhd/bvh
     "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" "$prefix/bin/bvhctl" "$prefix/bin/bvhd"; do
     expect_quietly "installed: $path" [ -e "$path" ]
 done
-expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 8 ]
+expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 10 ]
 expect_quietly 'pkg-config asks for the headers' sh -c "echo '$(pkg --cflags)' | grep -q -- '-I$include'"
 expect_quietly 'pkg-config asks for the library alone' \
     sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"

@@ -1,0 +1,169 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * cpp_header.cpp - uses the C++ headers of the library with a daemon, and counts what holds. cpp_header.sh compiles it
+ * with exceptions and without.
+ */
+#include <bvhd/bvhd.hpp>
+
+#include <array>
+#include <cstdio>
+#include <cstring>
+#include <vector>
+
+namespace
+{
+
+int failures = 0;
+int checks = 0;
+
+void expect(const char *what, bool holds)
+{
+    checks++;
+    if (!holds) {
+        failures++;
+        std::printf("does not hold: %s\n", what);
+    }
+}
+
+/* A structure over one triangle, and the structs that describe it. */
+struct Scene {
+    std::array<float, 9> vertices = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    VkAccelerationStructureGeometryKHR geometry = {};
+    VkAccelerationStructureBuildGeometryInfoKHR info = {};
+    VkAccelerationStructureBuildRangeInfoKHR range = {};
+    const VkAccelerationStructureBuildRangeInfoKHR *ranges = &range;
+
+    Scene()
+    {
+        auto &triangles = geometry.geometry.triangles;
+        geometry.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR;
+        geometry.geometryType = VK_GEOMETRY_TYPE_TRIANGLES_KHR;
+        triangles.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR;
+        triangles.vertexFormat = VK_FORMAT_R32G32B32_SFLOAT;
+        triangles.vertexData.hostAddress = vertices.data();
+        triangles.vertexStride = 12;
+        triangles.maxVertex = 2;
+        triangles.indexType = VK_INDEX_TYPE_NONE_KHR;
+        info.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR;
+        info.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
+        info.geometryCount = 1;
+        info.pGeometries = &geometry;
+        range.primitiveCount = 1;
+    }
+    Scene(const Scene &) = delete;
+    Scene &operator=(const Scene &) = delete;
+};
+
+bvhd::Client make_client()
+{
+    auto options = bvhd::Client::default_options();
+    options.connect_timeout_ms = 30000;
+    return bvhd::Client::create(options).value();
+}
+
+bvhd::Expected<bvhd::Batch> submit(const bvhd::Client &client, const Scene &scene)
+{
+    return client.submit({&scene.info, 1}, {&scene.ranges, 1});
+}
+
+void test_build(const bvhd::Client &client, bvhd::Blob &ret_blob)
+{
+    Scene scene;
+    auto batch = submit(client, scene);
+    expect("a batch", batch.has_value() && batch->size() == 1);
+    batch->wait();
+    expect("it is done", batch->is_done() && batch->is_copied());
+    expect("it is in time", batch->wait_for(std::chrono::milliseconds(0)));
+    auto result = batch->result(0);
+    expect("a result", static_cast<bool>(result));
+    expect("its size", result->size() == (*result)->size && result->blob().bytes().size() == result->size());
+    expect("one triangle", (*result)->triangles == 1);
+    expect("a reference", result->reference(7).value().handle == 7);
+    expect("none with handle 0", result->reference(0).error().status == BVHD_INVALID);
+    expect("no second item", batch->result(1).error().status == BVHD_NOT_FOUND);
+
+    /* The bytes outlive everything. */
+    const bvhd::Blob copy = result->blob();
+    bvhd::Blob moved = std::move(*result).blob();
+    expect("copies share the bytes", copy.data() == moved.data() && copy.size() > 0);
+    ret_blob = moved;
+    const bvhd::Key key = result->key();
+    const auto again = bvhd::Key::from_text(key.text().c_str());
+    expect("a key as text", again && *again == key && !(*again != key) && !(*again < key));
+    expect("no key", !bvhd::Key::from_text("zz"));
+    const std::vector<bvhd::Key> keys = {key, bvhd::Key()};
+    auto fetched = client.fetch(keys).value();
+    fetched.wait();
+    expect("fetched by key", fetched.result(0).value().size() == copy.size());
+    expect("another key is not found", fetched.result(1).error().status == BVHD_NOT_FOUND);
+}
+
+void test_errors(const bvhd::Client &client)
+{
+    Scene scene;
+    scene.geometry.geometry.triangles.vertexStride = 5;
+    auto batch = submit(client, scene).value();
+    batch.wait();
+    const auto result = batch.result(0);
+    expect("it fails", !result && result.error().status == BVHD_INVALID);
+    expect("with a rule", std::strncmp(result.error().vuid_string(), "VUID-", 5) == 0);
+    const std::string message = result.error().message();
+    expect("in one line", message.find("INVALID: infos[0]") == 0 && message.find("VUID-") != std::string::npos);
+    expect("two infos, one range", client.submit({&scene.info, 2}, {&scene.ranges, 1}).error().status == BVHD_INVALID);
+#if defined(__cpp_exceptions)
+    try {
+        (void)result.value();
+        expect("it throws", false);
+    } catch (const bvhd::Exception &exception) {
+        expect("the exception has the message", message == exception.what());
+        expect("and the error", exception.error().status == BVHD_INVALID);
+    }
+#endif
+}
+
+void test_service(const bvhd::Client &client)
+{
+    expect("it connects", client.connect().has_value());
+    expect("it answers", client.ping(std::chrono::seconds(30)).value() > 0);
+    auto counters = client.counters().value();
+    expect("counters", counters.size() > 10 && counters.name(0) && !counters.name(counters.size()));
+    expect("a descriptor", client.descriptor() >= 0);
+    client.dispatch();
+}
+
+void test_lifetimes()
+{
+    Scene scene;
+    std::optional<bvhd::Client> client = make_client();
+    auto batch = submit(*client, scene).value();
+    bvhd::Client other = std::move(*client);
+    client.reset();
+    other = make_client(); /* the first client lives as long as its batch */
+    batch.wait_copied();
+    batch.wait();
+    expect("a batch keeps its client", batch.result(0).has_value());
+    auto second = submit(other, scene).value();
+    second.cancel(0);
+    second.cancel();
+    expect("cancelled, or done", second.is_done());
+    batch = std::move(second);
+}
+
+} // namespace
+
+int main()
+{
+    bvhd::Blob blob;
+    expect("no bytes yet", !blob && blob.data() == nullptr && blob.size() == 0);
+    {
+        const bvhd::Client client = make_client();
+        test_build(client, blob);
+        test_errors(client);
+        test_service(client);
+    }
+    test_lifetimes();
+    expect("the bytes are there", std::memcmp(blob.data(), "bvhd", 4) == 0);
+    if (failures == 0)
+        std::printf("%d expectations hold\n", checks);
+    return failures != 0;
+}
