@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -19,6 +20,9 @@ static const double checked_pairs = 4e8;
 
 /* Samples at once. Devices need more, to keep many threads busy. */
 enum { CPU_BATCH = 1 << 14, DEVICE_BATCH = 1 << 18 };
+
+/* How long brute force judges answers of a device that differ from the CPU's. */
+static const double judge_seconds = 30;
 
 enum { RAYS_A_PIXEL = 20 };
 static const double affordable_tests = 2e10;
@@ -119,7 +123,8 @@ static enum bvhd_status check(struct trace_command *run, struct bvhd_error *erro
     if (status != BVHD_OK)
         return status;
     progress_begin(&run->local.progress, "checking", run->structures.name);
-    status = agreement_judge(&run->agreement, progress_update, &run->local.progress, error);
+    status = agreement_judge(&run->agreement, run->choice.is_cpu ? INFINITY : judge_seconds, progress_update,
+                             &run->local.progress, error);
     progress_end(&run->local.progress);
     return status;
 }
@@ -147,10 +152,39 @@ static bool print_json(struct trace_command *run)
         json_integer(&json, "differing", run->agreement.differing);
     json_integer(&json, "mismatches", run->agreement.mismatches);
     json_integer(&json, "uncertain", run->agreement.uncertain);
+    if (!run->choice.is_cpu)
+        json_integer(&json, "differ", run->agreement.differing);
+    json_integer(&json, "judged", run->agreement.judged);
+    json_integer(&json, "unjudged", run->agreement.differing - run->agreement.judged);
+    json_integer(&json, "wrong", run->agreement.mismatches);
     json_object_end(&json);
     bool ok = report_print(&json);
     json_finish(&json);
     return ok;
+}
+
+static void print_differences(const struct agreement *agreement)
+{
+    printf("%llu of them compared with the CPU: %llu differ", (unsigned long long)agreement->checked,
+           (unsigned long long)agreement->differing);
+    if (agreement->differing > agreement->judged)
+        printf(", of which brute force judged %llu, chosen at random", (unsigned long long)agreement->judged);
+    printf(": ");
+}
+
+/*
+ * Ends the line. If none of n random ones is wrong, fewer than 3/n of all are, with a confidence of 95 %, because
+ * (1 - 3/n)^n < 0.05.
+ */
+static void print_unjudged(const struct agreement *agreement)
+{
+    uint64_t unjudged = agreement->differing - agreement->judged;
+    if (unjudged)
+        printf("; %llu not judged", (unsigned long long)unjudged);
+    if (unjudged && agreement->mismatches == 0 && agreement->judged > 3)
+        printf(", fewer than 1 in %llu of which are wrong, with 95 %% confidence",
+               (unsigned long long)(agreement->judged / 3));
+    printf("\n");
 }
 
 static bool print_text(const struct trace_command *run)
@@ -158,11 +192,16 @@ static bool print_text(const struct trace_command *run)
     const struct agreement *agreement = &run->agreement;
     if (report_volume() == REPORT_ERRORS)
         return true;
-    printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; %llu of them %s: %llu wrong, %llu uncertain\n",
-           run->options->output, run->picture.width, run->picture.height, run->structures.name,
-           (double)run->picture.rays / 1e6, run->choice.tracer->device, mrays_s(run),
-           (unsigned long long)agreement->checked, run->choice.is_cpu ? "checked" : "compared with the CPU",
-           (unsigned long long)agreement->mismatches, (unsigned long long)agreement->uncertain);
+    printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; ", run->options->output, run->picture.width,
+           run->picture.height, run->structures.name, (double)run->picture.rays / 1e6, run->choice.tracer->device,
+           mrays_s(run));
+    if (run->choice.is_cpu)
+        printf("%llu of them checked: ", (unsigned long long)agreement->checked);
+    else
+        print_differences(agreement);
+    printf("%llu wrong, %llu uncertain", (unsigned long long)agreement->mismatches,
+           (unsigned long long)agreement->uncertain);
+    print_unjudged(agreement);
     return report_flush();
 }
 

@@ -14,13 +14,15 @@
 #include "client/bvhctl/oracle/oracle_pursuit.h"
 #include "proto/base/status.h"
 
-enum { CHUNK = 512, PROGRESS_BLOCKS = 64 };
+/* Rays that go through the triangles together: as many as fit into a cache, but fewer if threads would be idle. */
+enum { MOST_RAYS = 512, FEWEST_RAYS = 16, PROGRESS_BLOCKS = 64 };
 
 struct trace {
     const struct oracle_mesh *meshes;
     uint32_t mesh_count;
     const struct ray *rays;
     uint32_t ray_count;
+    size_t chunk; /* rays */
     struct memory *memory;
     void (*progress)(void *context, uint64_t done, uint64_t total);
     void *progress_context;
@@ -198,7 +200,7 @@ static void trace_chunk(void *context, size_t index)
 {
     struct trace *trace = context;
     size_t begin, end;
-    parallel_chunk(index, CHUNK, trace->ray_count, &begin, &end);
+    parallel_chunk(index, trace->chunk, trace->ray_count, &begin, &end);
     struct ray_chunk chunk;
     bool done =
         chunk_init(&chunk, trace->rays + begin, (uint32_t)(end - begin), trace->memory) && chunk_walk(&chunk, trace);
@@ -216,6 +218,8 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
 {
     struct trace trace = {
         .meshes = meshes, .mesh_count = mesh_count, .rays = rays, .ray_count = ray_count, .memory = memory};
+    size_t share = ray_count / parallel->threads + 1;
+    trace.chunk = share > MOST_RAYS ? MOST_RAYS : share < FEWEST_RAYS ? FEWEST_RAYS : share;
     trace.progress = progress;
     trace.progress_context = progress_context;
     trace.answers = ret_answers;
@@ -223,7 +227,7 @@ enum bvhd_status oracle_trace(const struct oracle_mesh *meshes, uint32_t mesh_co
         trace.total += (uint64_t)meshes[i].triangle_count * ray_count;
     for (uint32_t i = 0; i < ray_count; i++)
         ret_answers[i] = (struct oracle_answer){.kind = ORACLE_MISS};
-    parallel_for(parallel, parallel_chunks(CHUNK, ray_count), trace_chunk, &trace);
+    parallel_for(parallel, parallel_chunks(trace.chunk, ray_count), trace_chunk, &trace);
     if (!atomic_load(&trace.failed))
         return BVHD_OK;
     oracle_finish(ret_answers, ray_count, memory);

@@ -4,13 +4,14 @@
 #include <float.h>
 #include <string.h>
 
-#include "client/bvhctl/oracle/oracle.h"
+#include "client/bvhctl/oracle/oracle_timed.h"
+#include "client/bvhctl/oracle/rays.h"
 #include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/scene/unpack.h"
+#include "proto/base/clock.h"
 
 enum { CAMERA_RAYS = 1 << 22, OTHER_RAYS = 1 << 20, RAYS_A_PIXEL = 20, CAMERA_RAYS_A_PIXEL = 4 };
-enum { CASES = 4096, FEWEST_CASES = 256, CHUNK = 256, AROUND = 9 };
-static const double affordable_pairs = 2e10; /* pairs of a ray and a triangle that the oracle tests in a minute */
+enum { FIRST_CASES = 1 << 8, MOST_DISPUTES = 1 << 12, MOST_DOUBTS = 1 << 16, CHUNK = 256, AROUND = 9, BATCH = 4096 };
 
 static const double roundings = 8;
 
@@ -46,7 +47,8 @@ void agreement_finish(struct agreement *agreement)
 {
     if (!agreement || !agreement->memory)
         return;
-    memory_free(agreement->memory, agreement->cases);
+    memory_free(agreement->memory, agreement->disputes.cases);
+    memory_free(agreement->memory, agreement->doubts.cases);
     memory_free(agreement->memory, agreement->verdicts);
     *agreement = (struct agreement){0};
 }
@@ -145,8 +147,6 @@ static void compare_chunk(void *context, size_t index)
 
 static bool has_room(struct agreement *agreement, uint64_t verdicts)
 {
-    if (!agreement->cases)
-        agreement->cases = memory_array(agreement->memory, CASES, sizeof *agreement->cases);
     if (verdicts > agreement->verdict_capacity) {
         unsigned char *block = memory_resize(agreement->memory, agreement->verdicts, verdicts);
         if (!block)
@@ -154,16 +154,51 @@ static bool has_room(struct agreement *agreement, uint64_t verdicts)
         agreement->verdicts = block;
         agreement->verdict_capacity = verdicts;
     }
-    return agreement->cases;
+    return true;
+}
+
+/* Makes room for another case, unless there are enough. Returns false if there is no room. */
+static bool sample_grow(struct agreement_sample *sample, uint32_t most, struct memory *memory)
+{
+    if (sample->count < sample->capacity)
+        return true;
+    uint32_t capacity = sample->capacity ? sample->capacity * 2 : FIRST_CASES;
+    struct agreement_case *grown =
+        capacity <= most ? memory_resize(memory, sample->cases, capacity * sizeof *grown) : NULL;
+    if (!grown)
+        return false;
+    sample->cases = grown;
+    sample->capacity = capacity;
+    return true;
+}
+
+/*
+ * Keeps each case that is seen with the same probability, and those that are kept in random order. Without memory the
+ * sample stays as small as it is.
+ */
+static void sample_add(struct agreement_sample *sample, uint32_t most, struct agreement *agreement,
+                       const struct agreement_case *one)
+{
+    uint64_t place = rays_random(&agreement->random) % ++sample->seen;
+    if (sample->seen == sample->count + UINT64_C(1) && sample_grow(sample, most, agreement->memory)) {
+        uint32_t last = sample->count++;
+        if (place < last)
+            sample->cases[last] = sample->cases[place];
+        sample->cases[place] = *one;
+    } else if (place < sample->count) {
+        sample->cases[place] = *one;
+    }
 }
 
 static void keep_case(struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
                       const struct tracer_hit *own, int verdict)
 {
+    const struct agreement_case one = {*ray, *device, *own, verdict == FACTS_DIFFER};
     agreement->differing++;
-    if (agreement->case_count < CASES)
-        agreement->cases[agreement->case_count++] =
-            (struct agreement_case){*ray, *device, *own, verdict == FACTS_DIFFER};
+    if (one.is_disputed)
+        sample_add(&agreement->disputes, MOST_DISPUTES, agreement, &one);
+    else
+        sample_add(&agreement->doubts, MOST_DOUBTS, agreement, &one);
 }
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
@@ -251,25 +286,20 @@ static bool is_right(const struct agreement *agreement, const struct oracle_answ
     return judge_hit(agreement, answer, &one->ray, hit) == ORACLE_RIGHT;
 }
 
-/* Moves an unsettled case to the front of the list, behind those that are there already. */
-static void leave_open(struct agreement *agreement, const struct agreement_case *one, uint32_t *open_count)
-{
-    agreement->cases[(*open_count)++] = *one;
-}
+enum opinion { OPINION_RIGHT, OPINION_UNCERTAIN, OPINION_WRONG, OPINION_OPEN };
 
-/* Returns true if the device's answer is wrong, but a driver's inverse or its rounding may explain it. */
-static bool judge_case(struct agreement *agreement, const struct agreement_case *one,
-                       const struct oracle_answer *answer)
+/* OPINION_OPEN: the device's answer is wrong, but a driver's inverse or its rounding may explain it. */
+static enum opinion judge_case(const struct agreement *agreement, const struct agreement_case *one,
+                               const struct oracle_answer *answer)
 {
-    if (answer->kind == ORACLE_UNCERTAIN && !isnan(one->device.t)) {
-        agreement->uncertain++;
-        return false;
-    }
+    if (answer->kind == ORACLE_UNCERTAIN && !isnan(one->device.t))
+        return OPINION_UNCERTAIN;
     bool own_is_right = !one->is_disputed && is_right(agreement, answer, one, &one->own);
     if (own_is_right && is_right(agreement, answer, one, &one->device))
-        return false;
-    agreement->mismatches++;
-    return own_is_right && !isnan(one->device.t);
+        return OPINION_RIGHT;
+    bool may_be_explained =
+        target_reader_find(agreement->surfaces->structures->target)->is_native && own_is_right && !isnan(one->device.t);
+    return may_be_explained ? OPINION_OPEN : OPINION_WRONG;
 }
 
 /*
@@ -297,21 +327,33 @@ static bool is_explained(const struct agreement *agreement, const struct oracle_
            oracle_judge(answer, &judged, NULL) == ORACLE_RIGHT;
 }
 
-/* The inputs of the oracle, and room for its answers. */
+/* The inputs of the oracle, and how long it may work. */
 struct questions {
     struct unpacked unpacked;
-    struct ray *rays;
-    struct oracle_answer *answers;
-    void (*progress)(void *context, uint64_t done, uint64_t total);
-    void *progress_context;
+    struct oracle_work work;
+    double deadline; /* clock_ms */
 };
 
-static enum bvhd_status ask_oracle(const struct agreement *agreement, const struct questions *questions,
-                                   const struct ray *rays, uint32_t count, struct oracle_answer *ret_answers,
-                                   struct bvhd_error *error)
+/*
+ * Has the oracle answer `count` rays of each of the cases, as long as there is time. The answers to the first
+ * *ret_answered rays are freed by the caller with oracle_finish, and *ret_answers with memory_free.
+ */
+static enum bvhd_status ask_oracle(struct questions *questions, const struct ray *rays, uint32_t count,
+                                   struct oracle_answer **ret_answers, uint32_t *ret_answered, struct bvhd_error *error)
 {
-    return oracle_trace(questions->unpacked.meshes, questions->unpacked.mesh_count, rays, count, agreement->memory,
-                        agreement->parallel, questions->progress, questions->progress_context, ret_answers, error);
+    struct memory *memory = questions->work.memory;
+    struct oracle_answer *answers = memory_array(memory, count, sizeof *answers);
+    if (!answers)
+        return no_memory(error);
+    questions->work.meshes = questions->unpacked.meshes;
+    questions->work.mesh_count = questions->unpacked.mesh_count;
+    double seconds = (questions->deadline - clock_ms()) / 1000;
+    enum bvhd_status status = oracle_trace_timed(&questions->work, rays, count, seconds, answers, ret_answered, error);
+    if (status == BVHD_OK)
+        *ret_answers = answers;
+    else
+        memory_free(memory, answers);
+    return status;
 }
 
 /* Makes the ray of a case, and rays beside it that are as far away as rounding may move it. */
@@ -336,77 +378,107 @@ static void ask_around(const struct agreement_case *one, struct ray rays[AROUND]
     }
 }
 
-/*
- * Finds the mismatches that a driver's inverses and its rounding explain, because it traces its own structures in float
- * without bounds on its errors. Those become uncertain.
- */
-static enum bvhd_status ask_again(struct agreement *agreement, struct questions *questions, uint32_t count,
-                                  struct bvhd_error *error)
+static void count_opinion(struct agreement *agreement, enum opinion opinion)
 {
-    struct ray rays[AROUND];
-    struct oracle_answer answers[AROUND];
-    unpack_follow_inverses(&questions->unpacked, target_reader_find(agreement->surfaces->structures->target));
-    for (uint32_t i = 0; i < count; i++) {
-        const struct agreement_case *one = &agreement->cases[i];
+    agreement->judged++;
+    agreement->uncertain += opinion == OPINION_UNCERTAIN;
+    agreement->mismatches += opinion == OPINION_WRONG;
+}
+
+/*
+ * Finds which of the open cases a driver's rounding explains, because it traces its own structures in float without
+ * bounds on its errors. Those become uncertain, the others mismatches. The instances are already where the driver's
+ * inverses put them.
+ */
+static enum bvhd_status ask_again(struct agreement *agreement, struct questions *questions,
+                                  const struct agreement_case *cases, uint32_t count, struct bvhd_error *error)
+{
+    struct ray *rays = memory_array(agreement->memory, (uint64_t)count * AROUND, sizeof *rays);
+    struct oracle_answer *answers;
+    uint32_t answered;
+    if (!rays)
+        return no_memory(error);
+    for (uint32_t i = 0; i < count; i++)
+        ask_around(&cases[i], rays + (uint64_t)i * AROUND);
+    enum bvhd_status status = ask_oracle(questions, rays, count * AROUND, &answers, &answered, error);
+    memory_free(agreement->memory, rays);
+    if (status != BVHD_OK)
+        return status;
+    for (uint32_t i = 0; i < answered / AROUND; i++) {
         bool is_settled = false;
-        ask_around(one, rays);
-        enum bvhd_status status = ask_oracle(agreement, questions, rays, AROUND, answers, error);
-        if (status != BVHD_OK)
-            return status;
         for (int k = 0; k < AROUND; k++)
-            is_settled |= is_explained(agreement, &answers[k], one);
-        oracle_finish(answers, AROUND, agreement->memory);
-        agreement->mismatches -= is_settled;
-        agreement->uncertain += is_settled;
+            is_settled |= is_explained(agreement, &answers[(uint64_t)i * AROUND + k], &cases[i]);
+        count_opinion(agreement, is_settled ? OPINION_UNCERTAIN : OPINION_WRONG);
     }
+    oracle_finish(answers, answered, agreement->memory);
+    memory_free(agreement->memory, answers);
     return BVHD_OK;
 }
 
-/* Returns how many of `count` cases, each with `rays` rays, the oracle can judge in the time that is allowed. */
-static uint32_t affordable_cases(const struct unpacked *unpacked, uint32_t count, uint32_t rays)
+/* Judges cases, of which those that stay open are moved to the front of the list. */
+static enum bvhd_status ask(struct agreement *agreement, struct questions *questions, struct agreement_case *cases,
+                            uint32_t count, uint32_t *ret_open, struct bvhd_error *error)
 {
-    double limit = fmax(affordable_pairs / (double)(unpacked->triangle_count + 1), FEWEST_CASES) / rays;
-    return limit < count ? (uint32_t)limit : count;
-}
-
-static enum bvhd_status ask(struct agreement *agreement, struct questions *questions, uint32_t count,
-                            struct bvhd_error *error)
-{
-    const struct structures *structures = agreement->surfaces->structures;
-    uint32_t open_count = 0;
+    struct ray *rays = memory_array(agreement->memory, count, sizeof *rays);
+    struct oracle_answer *answers;
+    uint32_t answered, open_count = 0;
+    if (!rays)
+        return no_memory(error);
     for (uint32_t i = 0; i < count; i++)
-        questions->rays[i] = agreement->cases[i].ray;
-    enum bvhd_status status = ask_oracle(agreement, questions, questions->rays, count, questions->answers, error);
+        rays[i] = cases[i].ray;
+    enum bvhd_status status = ask_oracle(questions, rays, count, &answers, &answered, error);
+    memory_free(agreement->memory, rays);
     if (status != BVHD_OK)
         return status;
-    for (uint32_t i = 0; i < count; i++)
-        if (judge_case(agreement, &agreement->cases[i], &questions->answers[i]))
-            leave_open(agreement, &agreement->cases[i], &open_count);
-    oracle_finish(questions->answers, count, agreement->memory);
-    agreement->mismatches += agreement->differing - count;
-    if (!target_reader_find(structures->target)->is_native)
-        return BVHD_OK;
-    return ask_again(agreement, questions, affordable_cases(&questions->unpacked, open_count, AROUND), error);
+    for (uint32_t i = 0; i < answered; i++) {
+        enum opinion opinion = judge_case(agreement, &cases[i], &answers[i]);
+        if (opinion == OPINION_OPEN)
+            cases[open_count++] = cases[i];
+        else
+            count_opinion(agreement, opinion);
+    }
+    oracle_finish(answers, answered, agreement->memory);
+    memory_free(agreement->memory, answers);
+    *ret_open = open_count;
+    return BVHD_OK;
 }
 
-enum bvhd_status agreement_judge(struct agreement *agreement,
+/* Judges the disputes and then the other cases, and with the time that is left those that stay open. */
+static enum bvhd_status judge(struct agreement *agreement, struct questions *questions, double seconds,
+                              struct bvhd_error *error)
+{
+    struct agreement_sample *samples[] = {&agreement->disputes, &agreement->doubts};
+    double start = clock_ms();
+    enum bvhd_status status = BVHD_OK;
+    uint32_t open_count = 0;
+    for (int i = 0; i < 2 && status == BVHD_OK; i++) {
+        questions->deadline = start + seconds * 1000 / 2;
+        if (samples[i]->count)
+            status = ask(agreement, questions, samples[i]->cases, samples[i]->count, &open_count, error);
+    }
+    questions->deadline = start + seconds * 1000;
+    unpack_follow_inverses(&questions->unpacked, target_reader_find(agreement->surfaces->structures->target));
+    for (uint32_t i = 0; i < open_count && status == BVHD_OK && (i == 0 || clock_ms() < questions->deadline);
+         i += BATCH)
+        status = ask_again(agreement, questions, agreement->doubts.cases + i,
+                           open_count - i < BATCH ? open_count - i : BATCH, error);
+    return status;
+}
+
+enum bvhd_status agreement_judge(struct agreement *agreement, double seconds,
                                  void (*progress)(void *context, uint64_t done, uint64_t total), void *progress_context,
                                  struct bvhd_error *error)
 {
-    if (agreement->case_count == 0)
+    if (agreement->differing == 0)
         return BVHD_OK;
-    struct memory *memory = agreement->memory;
-    struct questions questions = {.rays = memory_array(memory, agreement->case_count, sizeof *questions.rays),
-                                  .answers = memory_array(memory, agreement->case_count, sizeof *questions.answers),
-                                  .progress = progress,
-                                  .progress_context = progress_context};
-    enum bvhd_status status = questions.rays && questions.answers ? BVHD_OK : no_memory(error);
+    struct questions questions = {.work = {.memory = agreement->memory,
+                                           .parallel = agreement->parallel,
+                                           .progress = progress,
+                                           .progress_context = progress_context}};
+    enum bvhd_status status =
+        unpack_structures(agreement->surfaces->structures, agreement->memory, &questions.unpacked, error);
     if (status == BVHD_OK)
-        status = unpack_structures(agreement->surfaces->structures, memory, &questions.unpacked, error);
-    if (status == BVHD_OK)
-        status = ask(agreement, &questions, affordable_cases(&questions.unpacked, agreement->case_count, 1), error);
+        status = judge(agreement, &questions, seconds, error);
     unpack_finish(&questions.unpacked);
-    memory_free(memory, questions.answers);
-    memory_free(memory, questions.rays);
     return status;
 }

@@ -14,7 +14,12 @@
  * triangles are tied. Drivers trace structures of their own format in float without bounds on their errors, and
  * lavapipe transforms rays into an instance by an inverse of its matrix that may be off by many units in the last
  * place. Therefore a ray through native structures is also uncertain when the oracle, using that inverse, gives the
- * device's answer for the ray or for one that is 8 units beside it. All other answers that differ are mismatches.
+ * device's answer for the ray or for one that is 8 units beside it. All other answers that were judged are mismatches,
+ * which is to say wrong.
+ *
+ * Where answers differ by the hundred thousand, the oracle judges a random sample of them, as large as it can judge in
+ * a few seconds. Answers that no rounding explains (t is not a number, or the same triangle has another side or custom
+ * index) are judged first. What was not judged is counted, and is no mismatch.
  */
 #ifndef BVHCTL_AGREEMENT_H
 #define BVHCTL_AGREEMENT_H
@@ -23,15 +28,24 @@
 
 struct agreement_case;
 
+/* A random sample of rays whose answers differ. */
+struct agreement_sample {
+    struct agreement_case *cases;
+    uint32_t count, capacity;
+    uint64_t seen; /* rays that the sample was taken from */
+};
+
 struct agreement {
     const struct surfaces *surfaces;
     const struct parallel *parallel;
     uint32_t camera_stride, other_stride; /* every n-th camera ray, and every n-th other ray, is compared */
     uint64_t camera_seen, other_seen; /* rays, compared or not */
     uint64_t checked, differing; /* rays that were compared; all those of agreement_doubt count as differing */
-    uint64_t uncertain, mismatches; /* of those that differ; complete after agreement_judge */
-    struct agreement_case *cases; /* for the oracle */
-    uint32_t case_count;
+    uint64_t judged; /* of those that differ; complete after agreement_judge, as are the two that follow */
+    uint64_t uncertain, mismatches; /* of those that were judged */
+    struct agreement_sample disputes; /* no rounding explains why they differ */
+    struct agreement_sample doubts; /* the others */
+    uint64_t random; /* state of the choice of samples */
     unsigned char *verdicts; /* of one wave, by ray */
     uint64_t verdict_capacity;
     struct memory *memory;
@@ -52,17 +66,17 @@ enum bvhd_status agreement_watch(void *context, bool is_camera, const struct ray
                                  uint64_t count, struct bvhd_error *error);
 
 /*
- * Has the oracle alone judge these hits, which the CPU traversal itself has found. At most 4096 in all.
+ * Has the oracle alone judge these hits, which the CPU traversal itself has found. They all count as differing.
  * BVHD_NO_MEMORY.
  */
 enum bvhd_status agreement_doubt(struct agreement *agreement, const struct ray *rays, const struct tracer_hit *hits,
                                  uint32_t count, struct bvhd_error *error);
 
 /*
- * Has the oracle judge the answers that differ, over the triangles in the structures. It judges at most 4096 of them,
- * or fewer in scenes of many millions of triangles; the others count as mismatches. `progress` is that of oracle_trace.
+ * Has the oracle judge the answers that differ, over the triangles in the structures, for at most about `seconds`; in
+ * scenes of many millions of triangles that is a few answers. `progress` is that of oracle_trace.
  */
-enum bvhd_status agreement_judge(struct agreement *agreement,
+enum bvhd_status agreement_judge(struct agreement *agreement, double seconds,
                                  void (*progress)(void *context, uint64_t done, uint64_t total), void *progress_context,
                                  struct bvhd_error *error);
 

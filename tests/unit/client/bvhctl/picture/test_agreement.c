@@ -67,7 +67,7 @@ static void close_court(void)
 static void watch_and_judge(void)
 {
     assert_int_equal(agreement_watch(&court.agreement, true, court.rays, court.hits, RAYS, NULL), BVHD_OK);
-    assert_int_equal(agreement_judge(&court.agreement, NULL, NULL, NULL), BVHD_OK);
+    assert_int_equal(agreement_judge(&court.agreement, INFINITY, NULL, NULL, NULL), BVHD_OK);
 }
 
 /* Changes some answers and has all judged. Returns how many were changed. */
@@ -305,7 +305,7 @@ static void test_many(void **state)
             court.hits[i] = tracer_miss;
         assert_int_equal(agreement_watch(&court.agreement, round % 2, court.rays, court.hits, RAYS, NULL), BVHD_OK);
     }
-    assert_int_equal(agreement_judge(&court.agreement, NULL, NULL, NULL), BVHD_OK);
+    assert_int_equal(agreement_judge(&court.agreement, INFINITY, NULL, NULL, NULL), BVHD_OK);
     assert_true(4 * wrong > 4096);
     assert_int_equal(court.agreement.checked, 4 * RAYS);
     assert_int_equal(court.agreement.differing, 4 * wrong);
@@ -346,7 +346,7 @@ static void test_doubt(void **state)
         for (int i = 0; i < 1000 && lies; i++)
             changed += miss_some(i, &court.hits[i]);
         assert_int_equal(agreement_doubt(&court.agreement, court.rays, court.hits, 1000, NULL), BVHD_OK);
-        assert_int_equal(agreement_judge(&court.agreement, NULL, NULL, NULL), BVHD_OK);
+        assert_int_equal(agreement_judge(&court.agreement, INFINITY, NULL, NULL, NULL), BVHD_OK);
         assert_int_equal(court.agreement.checked, 1000);
         assert_in_range(court.agreement.mismatches, changed * 9 / 10, changed);
         close_court();
@@ -440,7 +440,7 @@ static void test_no_memory(void **state)
         atomic_store(&memory->fail_after, after);
         status = agreement_watch(&court.agreement, true, court.rays, court.hits, 50, NULL);
         if (status == BVHD_OK)
-            status = agreement_judge(&court.agreement, NULL, NULL, NULL);
+            status = agreement_judge(&court.agreement, INFINITY, NULL, NULL, NULL);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
     }
     atomic_store(&memory->fail_after, -1);
