@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -6,10 +7,11 @@
 #include "client/bvhctl/commands.h"
 #include "client/bvhctl/scene/import_compare.h"
 #include "client/bvhctl/service/local.h"
+#include "client/bvhctl/oracle/oracle_timed.h"
 #include "client/bvhctl/oracle/rays.h"
 #include "client/bvhctl/scene/structures.h"
 
-enum { DEFAULT_RAYS = 4000 };
+enum { DEFAULT_RAYS = 4000, DEFAULT_SECONDS = 60 };
 
 /* The state of `bvhctl check`. */
 struct check_command {
@@ -23,6 +25,7 @@ struct check_command {
     struct ray *rays;
     struct oracle_answer *answers;
     uint32_t ray_count;
+    uint32_t judged; /* rays from the first on that brute force has answered: the time allowed no more */
     bool answered;
     bool is_damaged; /* the structures cannot be opened, which is a result of the check */
 };
@@ -89,21 +92,36 @@ static enum bvhd_status open_both(struct check_command *run, struct bvhd_error *
     return status;
 }
 
+/* Says what brute force will cost, before it starts. */
+static void announce(const struct check_command *run, const struct oracle_work *work, double limit)
+{
+    double seconds = oracle_work_seconds(work, run->ray_count);
+    char bound[64] = "";
+    if (!isinf(limit))
+        snprintf(bound, sizeof bound, ", for at most %.0f s (--time)", ceil(limit));
+    report_note(run->import.name, "%u rays need %.1e tests of a ray and a triangle: about %.0f s%s", run->ray_count,
+                (double)oracle_work_tests(work, run->ray_count), ceil(seconds), bound);
+}
+
 static enum bvhd_status ask_oracle(struct check_command *run, struct bvhd_error *error)
 {
     struct memory *memory = &run->local.memory;
-    run->ray_count = run->options->rays > 0 ? (uint32_t)run->options->rays : DEFAULT_RAYS;
+    const struct options *options = run->options;
+    struct oracle_work work = {run->meshes,         run->mesh_count, memory,
+                               run->local.parallel, progress_update, &run->local.progress};
+    double limit = options->seconds > 0 ? options->seconds : options->rays > 0 ? INFINITY : DEFAULT_SECONDS;
+    run->ray_count = options->rays > 0 ? (uint32_t)options->rays : DEFAULT_RAYS;
     run->rays = memory_array(memory, run->ray_count, sizeof *run->rays);
     run->answers = memory_array(memory, run->ray_count, sizeof *run->answers);
     if (!run->rays || !run->answers)
         return bvhd_error_no_memory(error, "check", "no memory for the rays");
-    rays_make(run->meshes, run->mesh_count, run->options->seed, run->ray_count, run->rays);
+    rays_make(run->meshes, run->mesh_count, options->seed, run->ray_count, run->rays);
+    announce(run, &work, limit);
     progress_begin(&run->local.progress, "brute force over", run->import.name);
     enum bvhd_status status =
-        oracle_trace(run->meshes, run->mesh_count, run->rays, run->ray_count, memory, run->local.parallel,
-                     progress_update, &run->local.progress, run->answers, error);
+        oracle_trace_timed(&work, run->rays, run->ray_count, limit, run->answers, &run->judged, error);
     progress_end(&run->local.progress);
-    run->answered = !status;
+    run->answered = status == BVHD_OK;
     return status;
 }
 
@@ -134,7 +152,7 @@ static bool trace_one(const struct check_command *run, const struct ray *ray, st
 static struct tally judge_all(const struct check_command *run)
 {
     struct tally tally = {0};
-    for (uint32_t i = 0; i < run->ray_count; i++) {
+    for (uint32_t i = 0; i < run->judged; i++) {
         struct ray_hit hit;
         double t_rel_err;
         bool is_hit = trace_one(run, &run->rays[i], &hit);
@@ -184,6 +202,8 @@ static void write_tally(const struct check_command *run, const struct tally *tal
     json_integer(json, "schema", 1);
     json_text(json, "scene", run->import.name);
     json_integer(json, "rays", run->ray_count);
+    json_integer(json, "judged", run->judged);
+    json_integer(json, "unjudged", run->ray_count - run->judged);
     json_integer(json, "hits", tally->hits);
     json_integer(json, "uncertain", tally->uncertain);
     json_integer(json, "wrong_miss", tally->wrong_miss);
@@ -203,11 +223,13 @@ static bool print_tally(struct check_command *run, const struct tally *tally)
         return true;
     if (!run->options->json) {
         printf("%s: %u rays, %llu hits, %llu uncertain, %llu wrong (%llu missed, %llu hit nothing there, %llu another "
-               "primitive), "
-               "t within %.2g\n",
-               run->import.name, run->ray_count, (unsigned long long)tally->hits, (unsigned long long)tally->uncertain,
+               "primitive), t within %.2g",
+               run->import.name, run->judged, (unsigned long long)tally->hits, (unsigned long long)tally->uncertain,
                (unsigned long long)wrong, (unsigned long long)tally->wrong_miss, (unsigned long long)tally->wrong_hit,
                (unsigned long long)tally->wrong_primitive, tally->t_rel_err_max);
+        if (run->judged < run->ray_count)
+            printf("; %u rays not judged", run->ray_count - run->judged);
+        printf("\n");
         return report_flush();
     }
     struct json json;
@@ -224,11 +246,13 @@ static enum exit_code judge(struct check_command *run)
     uint64_t wrong = tally.wrong_miss + tally.wrong_hit + tally.wrong_primitive;
     if (!print_tally(run, &tally))
         return EXIT_FAILED;
+    if (run->judged < run->ray_count)
+        report_note(run->import.name, "warning: brute force had time for %u of %u rays: %u were not judged",
+                    run->judged, run->ray_count, run->ray_count - run->judged);
     if (tally.hits == 0)
         report_note(run->import.name, "warning: no ray hit anything, so that only misses were checked");
     if (wrong)
-        report_finding(run->import.name, "%llu of %u rays have a wrong answer", (unsigned long long)wrong,
-                       run->ray_count);
+        report_finding(run->import.name, "%llu of %u rays have a wrong answer", (unsigned long long)wrong, run->judged);
     return wrong ? EXIT_WRONG : EXIT_DONE;
 }
 

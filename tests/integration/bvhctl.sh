@@ -332,7 +332,19 @@ expect 'a Vulkan rule is named' \
     sh -c "'$bvhctl' --local build ball.ply -o rule --flags prefer-fast-trace,prefer-fast-build 2>&1 |
         grep -q '^bvhctl: ball.blas-0.as: .*VUID-VkAccelerationStructureBuildGeometryInfoKHR-flags-03796'"
 
-# The command check.
+# The command check. It says what it costs, and what it had no time for.
+run 0 --local build large.ply -o slow
+run 0 check slow large.ply --rays 100000 --time 0.01 --json
+one_json_object
+says 'large: 100000 rays need '
+says ' tests of a ray and a triangle: about '
+says ' s, for at most 1 s (--time)'
+says 'warning: brute force had time for '
+judged=$(sed 's/.*"judged":\([0-9]*\),.*/\1/' out)
+expect "some rays were judged: $judged" [ "$judged" -gt 0 ] && [ "$judged" -lt 100000 ]
+expect 'the others are counted' grep -q "\"rays\":100000,\"judged\":$judged,\"unjudged\":$((100000 - judged))," out
+run 0 check slow large.ply --rays 40
+expect 'nothing is left out where no time is given' grep -q '^large: 40 rays, .*, t within [0-9.e-]*$' out
 run 0 --local build ball.ply mixed.obj -o good
 run 0 check good ball.ply --rays 500 --json
 one_json_object

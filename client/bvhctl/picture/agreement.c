@@ -174,9 +174,9 @@ static bool sample_grow(struct agreement_sample *sample, uint32_t most, struct m
 
 /*
  * Keeps each case that is seen with the same probability, and those that are kept in random order. Without memory the
- * sample stays as small as it is.
+ * sample stays as small as it is; false if that is nothing.
  */
-static void sample_add(struct agreement_sample *sample, uint32_t most, struct agreement *agreement,
+static bool sample_add(struct agreement_sample *sample, uint32_t most, struct agreement *agreement,
                        const struct agreement_case *one)
 {
     uint64_t place = rays_random(&agreement->random) % ++sample->seen;
@@ -188,17 +188,16 @@ static void sample_add(struct agreement_sample *sample, uint32_t most, struct ag
     } else if (place < sample->count) {
         sample->cases[place] = *one;
     }
+    return sample->count > 0;
 }
 
-static void keep_case(struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
+static bool keep_case(struct agreement *agreement, const struct ray *ray, const struct tracer_hit *device,
                       const struct tracer_hit *own, int verdict)
 {
     const struct agreement_case one = {*ray, *device, *own, verdict == FACTS_DIFFER};
     agreement->differing++;
-    if (one.is_disputed)
-        sample_add(&agreement->disputes, MOST_DISPUTES, agreement, &one);
-    else
-        sample_add(&agreement->doubts, MOST_DOUBTS, agreement, &one);
+    return one.is_disputed ? sample_add(&agreement->disputes, MOST_DISPUTES, agreement, &one)
+                           : sample_add(&agreement->doubts, MOST_DOUBTS, agreement, &one);
 }
 
 static enum bvhd_status no_memory(struct bvhd_error *error)
@@ -231,7 +230,8 @@ enum bvhd_status agreement_watch(void *context, bool is_camera, const struct ray
         if (agreement->verdicts[i] == ANSWERS_AGREE)
             continue;
         struct tracer_hit own = trace_own(agreement->surfaces->structures, &rays[at]);
-        keep_case(agreement, &rays[at], &hits[at], &own, agreement->verdicts[i]);
+        if (!keep_case(agreement, &rays[at], &hits[at], &own, agreement->verdicts[i]))
+            return no_memory(error);
     }
     return BVHD_OK;
 }
@@ -239,11 +239,10 @@ enum bvhd_status agreement_watch(void *context, bool is_camera, const struct ray
 enum bvhd_status agreement_doubt(struct agreement *agreement, const struct ray *rays, const struct tracer_hit *hits,
                                  uint32_t count, struct bvhd_error *error)
 {
-    if (!has_room(agreement, 0))
-        return no_memory(error);
     agreement->checked += count;
     for (uint32_t i = 0; i < count; i++)
-        keep_case(agreement, &rays[i], &hits[i], &hits[i], ANSWERS_DIFFER);
+        if (!keep_case(agreement, &rays[i], &hits[i], &hits[i], ANSWERS_DIFFER))
+            return no_memory(error);
     return BVHD_OK;
 }
 
@@ -457,7 +456,8 @@ static enum bvhd_status judge(struct agreement *agreement, struct questions *que
             status = ask(agreement, questions, samples[i]->cases, samples[i]->count, &open_count, error);
     }
     questions->deadline = start + seconds * 1000;
-    unpack_follow_inverses(&questions->unpacked, target_reader_find(agreement->surfaces->structures->target));
+    if (open_count)
+        unpack_follow_inverses(&questions->unpacked, target_reader_find(agreement->surfaces->structures->target));
     for (uint32_t i = 0; i < open_count && status == BVHD_OK && (i == 0 || clock_ms() < questions->deadline);
          i += BATCH)
         status = ask_again(agreement, questions, agreement->doubts.cases + i,

@@ -174,6 +174,7 @@ static void test_cpu(void **state)
     assert_non_null(strstr(out, "\"device\":\"cpu\",\"target\":\"portable\",\"scene\":\"world\""));
     assert_true(number_of(out, "rays") > 4 * 64 * 36 && number_of(out, "mrays_s") > 0 && number_of(out, "wall_ms") > 0);
     assert_true(number_of(out, "checked") == 1024 && number_of(out, "mismatches") == 0);
+    assert_true(number_of(out, "judged") == 1024 && number_of(out, "unjudged") == 0 && number_of(out, "wrong") == 0);
     assert_true(has_picture());
     unlink(picture);
 }
@@ -202,6 +203,8 @@ static void test_liars_are_found(void **state)
     assert_int_equal(run_trace(choose_liar, picture, out, sizeof out), EXIT_WRONG);
     double mismatches = number_of(out, "mismatches");
     assert_true(mismatches >= 1 && mismatches <= 12 && number_of(out, "differing") >= mismatches);
+    assert_true(number_of(out, "wrong") == mismatches && number_of(out, "differ") == number_of(out, "differing"));
+    assert_true(number_of(out, "judged") == number_of(out, "differ") && number_of(out, "unjudged") == 0);
     assert_true(has_picture());
     unlink(picture);
     change_hit = lie_always;

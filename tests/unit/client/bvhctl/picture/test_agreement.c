@@ -292,25 +292,71 @@ static void test_any_hit(void **state)
     }
 }
 
-/* All answers are wrong: they are more than the oracle judges, and are all counted. */
-static void test_many(void **state)
+static void watch_misses(int rounds)
 {
-    (void)state;
-    uint64_t wrong = 0;
-    open_court(2, FEW_PIXELS);
-    for (int i = 0; i < RAYS; i++)
-        wrong += is_hit(&court.hits[i]);
-    for (int round = 0; round < 4; round++) {
+    for (int round = 0; round < rounds; round++) {
         for (int i = 0; i < RAYS; i++)
             court.hits[i] = tracer_miss;
         assert_int_equal(agreement_watch(&court.agreement, round % 2, court.rays, court.hits, RAYS, NULL), BVHD_OK);
     }
+}
+
+static uint64_t count_hits(void)
+{
+    uint64_t count = 0;
+    for (int i = 0; i < RAYS; i++)
+        count += is_hit(&court.hits[i]);
+    return count;
+}
+
+/* All answers are wrong: they are more than the oracle judges. It judges a sample, and the others are no mismatches. */
+static void test_many(void **state)
+{
+    (void)state;
+    enum { ROUNDS = 120, SAMPLE = 1 << 16 };
+    open_court(2, FEW_PIXELS);
+    uint64_t wrong = ROUNDS * count_hits();
+    watch_misses(ROUNDS);
     assert_int_equal(agreement_judge(&court.agreement, INFINITY, NULL, NULL, NULL), BVHD_OK);
-    assert_true(4 * wrong > 4096);
-    assert_int_equal(court.agreement.checked, 4 * RAYS);
-    assert_int_equal(court.agreement.differing, 4 * wrong);
-    assert_int_equal(court.agreement.mismatches + court.agreement.uncertain, 4 * wrong);
-    assert_true(court.agreement.uncertain < wrong / 10);
+    assert_true(wrong > SAMPLE);
+    assert_int_equal(court.agreement.checked, ROUNDS * RAYS);
+    assert_int_equal(court.agreement.differing, wrong);
+    assert_int_equal(court.agreement.judged, SAMPLE);
+    assert_int_equal(court.agreement.mismatches + court.agreement.uncertain, SAMPLE);
+    assert_true(court.agreement.uncertain < SAMPLE / 10);
+    close_court();
+}
+
+/* Without time a few are judged. */
+static void test_limits(void **state)
+{
+    (void)state;
+    open_court(2, FEW_PIXELS);
+    uint64_t wrong = count_hits();
+    watch_misses(1);
+    assert_int_equal(agreement_judge(&court.agreement, 0, NULL, NULL, NULL), BVHD_OK);
+    assert_in_range(court.agreement.judged, 1, wrong - 1);
+    assert_int_equal(court.agreement.mismatches + court.agreement.uncertain, court.agreement.judged);
+    close_court();
+}
+
+static bool lie_rarely(int ray, struct tracer_hit *hit)
+{
+    hit->t = ray == 7 ? NAN : INFINITY;
+    return true;
+}
+
+/* An answer that nothing explains is judged however many others differ. */
+static void test_disputed(void **state)
+{
+    (void)state;
+    open_court(2, FEW_PIXELS);
+    for (int i = 0; i < RAYS; i++)
+        lie_rarely(i, &court.hits[i]);
+    assert_int_equal(agreement_watch(&court.agreement, true, court.rays, court.hits, RAYS, NULL), BVHD_OK);
+    assert_int_equal(agreement_judge(&court.agreement, 0, NULL, NULL, NULL), BVHD_OK);
+    assert_int_equal(court.agreement.disputes.count, 1);
+    assert_true(court.agreement.mismatches >= 1 && court.agreement.judged < court.agreement.differing);
     close_court();
 }
 
@@ -451,10 +497,11 @@ static void test_no_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_honest),         cmocka_unit_test(test_liars),           cmocka_unit_test(test_rounding),
-        cmocka_unit_test(test_grazing),        cmocka_unit_test(test_any_hit),         cmocka_unit_test(test_many),
-        cmocka_unit_test(test_ties_and_doubt), cmocka_unit_test(test_stride),          cmocka_unit_test(test_doubt),
-        cmocka_unit_test(test_no_memory),      cmocka_unit_test(test_drivers_inverse),
+        cmocka_unit_test(test_honest),          cmocka_unit_test(test_liars),    cmocka_unit_test(test_rounding),
+        cmocka_unit_test(test_grazing),         cmocka_unit_test(test_any_hit),  cmocka_unit_test(test_many),
+        cmocka_unit_test(test_limits),          cmocka_unit_test(test_disputed), cmocka_unit_test(test_ties_and_doubt),
+        cmocka_unit_test(test_stride),          cmocka_unit_test(test_doubt),    cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_drivers_inverse),
     };
     return cmocka_run_group_tests_name("agreement", tests, NULL, NULL);
 }
