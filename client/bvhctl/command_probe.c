@@ -85,7 +85,8 @@ enum exit_code command_probe(const struct options *options)
     enum exit_code code;
     if (run(&call, &error) != BVHD_OK) {
         report_failure(options->json, "probe", &error);
-        code = EXIT_FAILED; /* EXIT_NO_DAEMON would be wrong: it is a device that is missing */
+        /* EXIT_NO_DAEMON would be wrong: it is a device that is missing. */
+        code = !call.gpu && error.status == BVHD_NOT_FOUND ? EXIT_USAGE : EXIT_FAILED;
     } else {
         code = (options->json ? print_json(&call) : print_text(&call)) ? EXIT_DONE : EXIT_FAILED;
     }

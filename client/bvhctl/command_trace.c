@@ -40,6 +40,7 @@ struct trace_command {
     struct picture picture;
     struct agreement agreement;
     double wall_ms;
+    bool is_misnamed; /* no device has the name that the options give */
 };
 
 /*
@@ -210,8 +211,10 @@ static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error 
     struct memory *memory = &run->local.memory;
     const struct options *options = run->options;
     enum bvhd_status status = structures_open(options->operands[0], options->scene, memory, &run->structures, error);
-    if (status == BVHD_OK)
+    if (status == BVHD_OK) {
         status = run->choose(options->device, &run->structures, run->local.parallel, memory, &run->choice, error);
+        run->is_misnamed = status == BVHD_NOT_FOUND;
+    }
     if (status == BVHD_OK)
         status = stage_init(&run->stage, &run->structures, options->up[0], memory, error);
     if (status == BVHD_OK)
@@ -253,11 +256,11 @@ static void release(struct trace_command *run)
     local_close(&run->local);
 }
 
-/* EXIT_NO_DAEMON is not for this command, which uses no daemon: every error is EXIT_FAILED. */
-static enum exit_code fail(const struct options *options, const struct bvhd_error *error)
+/* EXIT_NO_DAEMON is not for this command, which uses no daemon. */
+static enum exit_code fail(const struct trace_command *run, const struct bvhd_error *error)
 {
-    report_failure(options->json, "trace", error);
-    return EXIT_FAILED;
+    report_failure(run->options->json, "trace", error);
+    return run->is_misnamed ? EXIT_USAGE : EXIT_FAILED;
 }
 
 static enum exit_code finish(struct trace_command *run)
@@ -272,8 +275,8 @@ enum exit_code command_trace_by(const struct options *options, tracer_chooser ch
     struct trace_command run = {.options = options, .choose = choose};
     struct bvhd_error error;
     if (local_open(&run.local, options->threads, options->memory, &error) != BVHD_OK)
-        return fail(options, &error);
-    enum exit_code code = make_picture(&run, &error) != BVHD_OK ? fail(options, &error) : finish(&run);
+        return fail(&run, &error);
+    enum exit_code code = make_picture(&run, &error) != BVHD_OK ? fail(&run, &error) : finish(&run);
     release(&run);
     return code;
 }

@@ -420,7 +420,10 @@ run 0 trace good --device auto -o b.png --size 48x32 --threads 3
 expect 'the same picture with other threads' cmp -s a.png b.png
 run 1 trace good --device cpu -o no/such/c.png --size 8x8
 one_error_line
-run 1 trace good --device voodoo -o c.png
+named=$("$bvhctl" devices >/dev/null 2>&1 && echo 2 || echo 1) # without any device it is not the name that is wrong
+run "$named" trace good --device voodoo -o c.png
+one_error_line
+run "$named" probe --device voodoo -o c.probe
 one_error_line
 run 1 trace bad --device cpu -o c.png --size 8x8
 expect 'no picture of damaged files' [ ! -e c.png ]

@@ -15,6 +15,9 @@ enum { FIRST_CASES = 1 << 8, MOST_DISPUTES = 1 << 12, MOST_DOUBTS = 1 << 16, CHU
 
 static const double roundings = 8;
 
+/* The share of the time in which cases are judged for the first time; the rest is for those that stay open. */
+#define FIRST_SHARE 0.75
+
 /* How two answers to one ray compare. */
 enum {
     ANSWERS_AGREE,
@@ -451,7 +454,7 @@ static enum bvhd_status judge(struct agreement *agreement, struct questions *que
     enum bvhd_status status = BVHD_OK;
     uint32_t open_count = 0;
     for (int i = 0; i < 2 && status == BVHD_OK; i++) {
-        questions->deadline = start + seconds * 1000 / 2;
+        questions->deadline = start + seconds * 1000 * FIRST_SHARE;
         if (samples[i]->count)
             status = ask(agreement, questions, samples[i]->cases, samples[i]->count, &open_count, error);
     }
