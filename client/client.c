@@ -23,6 +23,7 @@ void client_advance(struct bvhd_client *client)
     client_look(client);
     client_link_connect(client, clock_ns());
     outgoing_pump(client);
+    local_builds_wake(client);
     client_link_tidy(client);
 }
 
@@ -72,6 +73,7 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
     if (status == BVHD_OK)
         status = client_wait_init(client, ret_error);
     if (status == BVHD_OK) {
+        local_builds_init(&client->local, options);
         *ret_client = client;
         return BVHD_OK;
     }
@@ -92,6 +94,7 @@ void bvhd_client_destroy(struct bvhd_client *client)
     if (client->current)
         client_link_lose(client, client->current, &error);
     client_unlock(client);
+    local_builds_finish(client);
     placement_finish(&client->placement);
     address_finish(&client->address);
     client_wait_finish(client);

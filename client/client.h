@@ -3,8 +3,8 @@
  * client.h - the state of a client. One lock guards all of it, and every public function takes that lock.
  *
  * client_advance does the work in a fixed order: it receives (incoming), checks timeouts (client_link) and sends
- * (outgoing). A change that a thread may wait for is marked with client_stir; client_unlock then wakes the waiting
- * threads (client_wait).
+ * (outgoing); threads that build in this process learn what there is to build (local_builds). A change that a thread
+ * may wait for is marked with client_stir; client_unlock then wakes the waiting threads (client_wait).
  */
 #ifndef BVHD_CLIENT_H
 #define BVHD_CLIENT_H
@@ -17,6 +17,7 @@
 #include "client/callback.h"
 #include "client/connection.h"
 #include "client/library.h"
+#include "client/local_builds.h"
 #include "client/placement.h"
 
 /* How waiting threads and the program's event loop are woken. */
@@ -45,6 +46,7 @@ struct bvhd_client {
     struct client_wakeups wakeups;
     struct callbacks callbacks;
     struct placement placement;
+    struct local_builds local;
     struct connection *current; /* the connection for new requests; NULL: none */
     struct connection *leaving; /* a connection whose daemon is ending: it finishes what is under way; NULL: none */
     struct bvhd_batch *queue; /* batches with unsent items, by priority, then by age */

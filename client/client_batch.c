@@ -55,6 +55,8 @@ static void finish_item(struct bvhd_batch *batch, uint32_t index)
         client_batch_set_copied(batch, index);
     if (item->state == ITEM_SENT)
         item->exchange->entries[item->entry].cancelled = true;
+    if (item->state == ITEM_BUILDING)
+        local_builds_leave(item);
     placement_release(&batch->client->placement, &item->held);
     item->exchange = NULL;
     item->state = ITEM_DONE;
@@ -117,15 +119,57 @@ void client_batch_complete_item(struct bvhd_batch *batch, uint32_t index, const 
     finish_item(batch, index);
 }
 
+void client_batch_share_item(struct bvhd_batch *batch, uint32_t index, const struct client_item *other)
+{
+    struct client_item *item = &batch->items[index];
+    item->result = other->result;
+    item->result.origin = BVHD_ORIGIN_MEMORY;
+    item->result.queued_ms = item->result.build_ms = 0;
+    item->result.prepare_ms = item->local.prepare_ms;
+    memcpy(item->method, other->method, sizeof item->method);
+    item->result.method = item->method;
+    bvhd_blob_ref(item->result.blob);
+    finish_item(batch, index);
+}
+
+static struct bvhd_batch **queue_of(const struct bvhd_batch *batch)
+{
+    return batch->is_local ? &batch->client->local.queue : &batch->client->queue;
+}
+
+static void unlink_batch(struct bvhd_batch *batch)
+{
+    struct bvhd_batch **at = queue_of(batch);
+    while (batch->queued && *at != batch)
+        at = &(*at)->next;
+    if (batch->queued)
+        *at = batch->next;
+    batch->queued = false;
+}
+
+static bool goes_before(const struct bvhd_batch *batch, const struct bvhd_batch *other)
+{
+    return batch->priority != other->priority ? batch->priority > other->priority
+                                              : batch->submitted_at <= other->submitted_at;
+}
+
+void client_batch_enqueue(struct bvhd_batch *batch, bool is_local)
+{
+    unlink_batch(batch);
+    batch->is_local = is_local;
+    struct bvhd_batch **at = queue_of(batch);
+    while (*at && goes_before(*at, batch))
+        at = &(*at)->next;
+    batch->next = *at;
+    *at = batch;
+    batch->queued = true;
+}
+
 void client_batch_unqueue(struct bvhd_batch *batch)
 {
     if (!batch->queued)
         return;
-    struct bvhd_batch **at = &batch->client->queue;
-    while (*at != batch)
-        at = &(*at)->next;
-    *at = batch->next;
-    batch->queued = false;
+    unlink_batch(batch);
     vulkan_input_destroy(batch->input);
     batch->input = NULL;
 }
@@ -207,6 +251,8 @@ static void retire(struct bvhd_batch *batch)
     cancel_all(batch);
     client_batch_unqueue(batch);
     for_exchanges(batch, detach);
+    for (uint32_t i = 0; i < batch->count; i++)
+        local_results_remove(&batch->client->local.results, &batch->items[i]);
 }
 
 void bvhd_batch_destroy(struct bvhd_batch *batch)
@@ -282,11 +328,17 @@ int bvhd_batch_is_done(struct bvhd_batch *batch)
     return ask(batch, is_done);
 }
 
+static bool build_one(struct bvhd_client *client, const void *context)
+{
+    return local_builds_in_wait(client) && local_builds_run(client, &parallel_serial, context);
+}
+
 static enum bvhd_status wait_for(struct bvhd_batch *batch, int timeout_ms, bool (*is_true)(const void *context))
 {
+    struct client_wait wait = {.is_true = is_true, .context = batch, .work = build_one};
     struct bvhd_client *client = batch->client; /* a callback may destroy the batch */
     client_lock(client);
-    bool result = client_wait_until(client, library_after(clock_ns(), timeout_ms), is_true, batch);
+    bool result = client_wait_until(client, library_after(clock_ns(), timeout_ms), &wait);
     client_unlock(client);
     return result ? BVHD_OK : BVHD_PENDING;
 }

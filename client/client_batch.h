@@ -13,6 +13,7 @@ enum client_item_state {
     ITEM_WAITING, /* its payload is in the caller's memory */
     ITEM_COPIED, /* its payload is in the client's memory, not sent yet */
     ITEM_SENT,
+    ITEM_BUILDING, /* a thread of this process builds it */
     ITEM_DONE,
 };
 
@@ -26,13 +27,17 @@ struct client_item {
     uint32_t entry; /* ITEM_SENT: the item's position in that exchange */
     struct bvhd_result result; /* ITEM_DONE: the result */
     char method[CONTROL_NAME_SIZE];
+    struct local_item local;
 };
 
 /* A batch; client_batch.c and client_submit.c own it. */
 struct bvhd_batch {
     struct bvhd_client *client;
-    struct bvhd_batch *next; /* in the client's queue */
+    struct bvhd_batch *next; /* in a queue of the client */
     bool queued;
+    bool is_local; /* the queue is that of local builds */
+    bool is_refused; /* it needed a local build, and no thread may do that */
+    uint64_t submitted_at;
     int32_t priority;
     uint64_t deadline; /* when unsent items fail if there is still no connection */
     struct vulkan_input *input; /* NULL: a batch of keys, or no longer needed */
@@ -71,13 +76,19 @@ void client_batch_fail_item(struct bvhd_batch *batch, uint32_t item, const struc
 void client_batch_complete_item(struct bvhd_batch *batch, uint32_t item, const struct control_result *result,
                                 struct bvhd_blob *blob);
 
+/* Ends an item that is not done, with the result of another one that holds the same structure. */
+void client_batch_share_item(struct bvhd_batch *batch, uint32_t item, const struct client_item *other);
+
 /* Records that the payload of an item is in the client's memory. */
 void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item);
 
 /* Ends all items that are not sent, with an error. */
 void client_batch_fail_unsent(struct bvhd_batch *batch, const struct bvhd_error *error);
 
-/* Takes a batch out of the queue once everything is sent, and frees its description. */
+/* Puts a batch into the queue of local builds or that for a daemon, behind older batches of the same priority. */
+void client_batch_enqueue(struct bvhd_batch *batch, bool is_local);
+
+/* Takes a batch out of its queue once everything is sent, and frees its description. */
 void client_batch_unqueue(struct bvhd_batch *batch);
 
 #endif

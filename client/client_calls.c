@@ -27,18 +27,23 @@ static enum bvhd_status tell(const struct bvhd_client *client, struct bvhd_error
 {
     const struct bvhd_error *last = &client->last_error;
     if (last->status == BVHD_OK || last->status == BVHD_BUSY)
-        return bvhd_error_set(error, BVHD_UNAVAILABLE, client->address.paths[0], "the daemon does not answer");
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, client->address.places[0].path, "the daemon does not answer");
     return bvhd_error_set(error, last->status, last->where, "%s", last->text);
 }
 
 static enum bvhd_status await_connection(struct waiting_call *call, uint64_t moment, struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;
+    struct client_wait wait = {.is_true = is_decided, .context = call};
+    if (client->local.policy == BVHD_LOCAL_ALWAYS)
+        return bvhd_error_set(error, BVHD_UNAVAILABLE, "options.local",
+                              "this client uses no daemon, it always builds "
+                              "in its own process");
     client_look(client); /* a connection that was lost before this call is not this call's failure */
     call->failures = client->failures;
     client->wanted++;
     client_advance(client);
-    client_wait_until(client, moment, is_decided, call);
+    client_wait_until(client, moment, &wait);
     client->wanted--;
     return client_link_open(client) ? BVHD_OK : tell(client, error);
 }
@@ -70,9 +75,10 @@ static enum bvhd_status ask(struct waiting_call *call, enum frame_type type, int
     enum bvhd_status status = await_connection(call, moment < hope ? moment : hope, error);
     if (status != BVHD_OK)
         return status;
+    struct client_wait wait = {.is_true = is_answered, .context = call};
     if (!connection_send_empty(client_link_open(client), type, &call->waiter, clock_ns()))
         return bvhd_error_no_memory(error, "client", "no memory for a request");
-    if (!client_wait_until(client, moment, is_answered, call)) {
+    if (!client_wait_until(client, moment, &wait)) {
         forget(call);
         return bvhd_error_set(error, BVHD_UNAVAILABLE, "client", "no answer within %d ms", timeout_ms);
     }

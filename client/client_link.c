@@ -3,6 +3,7 @@
 
 #include "client/client_batch.h"
 #include "client/client_wait.h"
+#include "client/search.h"
 
 enum { FIRST_BACKOFF_MS = 5, MAX_BACKOFF_MS = 100, STARVED_MS = 5 };
 
@@ -31,21 +32,45 @@ static void try_later(struct bvhd_client *client, uint64_t now)
     client->retry_at = library_after(now, client->backoff_ms);
 }
 
+/* Fails what a batch has not sent, or builds it in this process. */
+static void end_search(struct bvhd_batch *batch, const struct bvhd_error *error)
+{
+    if (batch->client->local.policy == BVHD_LOCAL_IF_NO_DAEMON)
+        local_builds_take(batch);
+    else
+        client_batch_fail_unsent(batch, error);
+}
+
+/*
+ * Nobody listens. That is final where no socket was named, unless a daemon has just left: its successor may come. On a
+ * named socket a daemon may be about to listen, and what cannot be built here waits for it.
+ */
+static void find_nobody(struct bvhd_client *client, uint64_t now)
+{
+    struct bvhd_error error = client->last_error;
+    if (client->local.policy == BVHD_LOCAL_IF_NO_DAEMON)
+        local_builds_take_all(client);
+    if (client->address.is_named || client->leaving)
+        try_later(client, now);
+    else
+        give_up(client, &error);
+}
+
 void client_link_connect(struct bvhd_client *client, uint64_t now)
 {
     if (client->current || !is_wanted(client) || now < client->retry_at)
         return;
-    enum bvhd_status status = BVHD_UNAVAILABLE;
-    for (uint32_t i = 0; status == BVHD_UNAVAILABLE && i < client->address.count; i++)
-        status = connection_create(client->address.paths[i], now, &client->current, &client->last_error);
+    enum bvhd_status status = search_connect(&client->address, now, &client->current, &client->last_error);
     client_stir(client);
     if (status == BVHD_OK)
         return;
-    try_later(client, now);
-    if (status != BVHD_UNAVAILABLE && status != BVHD_BUSY) {
-        struct bvhd_error error = client->last_error;
+    struct bvhd_error error = client->last_error;
+    if (status == BVHD_UNAVAILABLE)
+        find_nobody(client, now);
+    else
+        try_later(client, now);
+    if (status != BVHD_UNAVAILABLE && status != BVHD_BUSY)
         give_up(client, &error);
-    }
 }
 
 void client_link_end(struct bvhd_client *client, struct connection *connection, struct exchange *exchange)
@@ -168,12 +193,12 @@ static void expire(struct bvhd_client *client, uint64_t now)
 {
     struct bvhd_error error = client->last_error;
     if (error.status == BVHD_OK)
-        bvhd_error_set(&error, BVHD_UNAVAILABLE, client->address.paths[0], "the daemon does not answer");
+        bvhd_error_set(&error, BVHD_UNAVAILABLE, client->address.places[0].path, "the daemon does not answer");
     error.status = BVHD_UNAVAILABLE;
     for (struct bvhd_batch *batch = client->queue, *next; batch; batch = next) {
         next = batch->next;
         if (now >= batch->deadline)
-            client_batch_fail_unsent(batch, &error);
+            end_search(batch, &error);
     }
 }
 

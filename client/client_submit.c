@@ -23,18 +23,6 @@ static enum bvhd_status no_memory(struct bvhd_error *error)
     return bvhd_error_no_memory(error, "batch", "no memory for it");
 }
 
-/* Adds the batch to the queue, behind older batches of the same priority. */
-static void enqueue(struct bvhd_batch *batch)
-{
-    struct bvhd_batch **at = &batch->client->queue;
-    while (*at && (*at)->priority >= batch->priority)
-        at = &(*at)->next;
-    batch->next = *at;
-    *at = batch;
-    batch->queued = true;
-    batch->deadline = clock_ns() + batch->client->connect_timeout;
-}
-
 /*
  * Copies the payload of the first item if no pool can hold it. That takes long, so it happens before other threads see
  * the batch, and without the lock, so that they do not have to wait. If it fails here, it is tried again with the other
@@ -60,6 +48,20 @@ static void copy_large(struct bvhd_batch *batch)
     else
         placement_unreserve(&client->placement);
     client_unlock(client);
+}
+
+/* Queues the batch for a daemon, or for this process. */
+static void enqueue(struct bvhd_batch *batch)
+{
+    struct bvhd_client *client = batch->client;
+    batch->submitted_at = clock_ns();
+    batch->deadline = batch->submitted_at + client->connect_timeout;
+    if (batch->keys)
+        local_builds_answer_held(batch);
+    if (client->local.policy == BVHD_LOCAL_ALWAYS)
+        local_builds_take(batch);
+    else if (batch->remaining > 0)
+        client_batch_enqueue(batch, false);
 }
 
 /*
@@ -164,6 +166,10 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
     }
     copy_large(submission.batch);
     start(submission.batch);
+    if (submission.batch->is_refused) {
+        bvhd_batch_destroy(submission.batch);
+        return local_builds_refusal(ret_error);
+    }
     *ret_batch = submission.batch;
     return BVHD_OK;
 }

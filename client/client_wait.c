@@ -208,14 +208,15 @@ static void wait_for_others(struct bvhd_client *client, uint64_t moment)
     client->wakeups.waiting--;
 }
 
-bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context),
-                       const void *context)
+bool client_wait_until(struct bvhd_client *client, uint64_t moment, const struct client_wait *wait)
 {
     bool result, looked = false;
-    while (!(result = is_true(context)) && (!looked || clock_ns() < moment)) {
+    while (!(result = wait->is_true(wait->context)) && (!looked || clock_ns() < moment)) {
         if (callback_run(client))
             continue;
-        if (client->wakeups.polling)
+        if (wait->work && wait->work(client, wait->context))
+            client_advance(client);
+        else if (client->wakeups.polling)
             wait_for_others(client, moment);
         else
             poll_once(client, moment);

@@ -24,13 +24,20 @@ void client_unlock(struct bvhd_client *client);
 /* Drops the lock at the end of a call from the program's event loop, which needs no wake-up itself. */
 void client_unlock_dispatched(struct bvhd_client *client);
 
+/* What a thread waits for, and what it may do meanwhile. */
+struct client_wait {
+    bool (*is_true)(const void *context);
+    /* Does a piece of work, and returns whether there was any. It may drop the lock meanwhile. NULL: there is none. */
+    bool (*work)(struct bvhd_client *client, const void *context);
+    const void *context;
+};
+
 /*
  * Waits until is_true returns true, or until `moment`; the lock is dropped meanwhile. Returns the last value of
- * is_true. It receives and sends at least once, and calls the callbacks of batches that are done: `context` may be gone
- * afterwards if that is a batch that its own callback destroys.
+ * is_true. It works, or receives and sends, at least once, begins no work after `moment`, and calls the callbacks of
+ * batches that are done: `context` may be gone afterwards if that is a batch that its own callback destroys.
  */
-bool client_wait_until(struct bvhd_client *client, uint64_t moment, bool (*is_true)(const void *context),
-                       const void *context);
+bool client_wait_until(struct bvhd_client *client, uint64_t moment, const struct client_wait *wait);
 
 /* Stops watching a connection that is about to end. */
 void client_wait_forget(struct bvhd_client *client, struct connection *connection);

@@ -89,8 +89,11 @@ enum bvhd_status connection_create(const char *path, uint64_t now, struct connec
     enum bvhd_status status = open_socket(path, &connection->socket, error);
     if (status == BVHD_OK)
         status = say_hello(connection, error);
-    if (status == BVHD_OK)
+    if (status == BVHD_OK) {
         status = connection_flush(connection, error);
+        if (status == BVHD_UNAVAILABLE) /* it has listened, and may be about to end */
+            error->status = status = BVHD_BUSY;
+    }
     if (status == BVHD_OK)
         *ret_connection = connection;
     else

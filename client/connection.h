@@ -56,7 +56,8 @@ struct connection {
 
 /*
  * Connects to the socket at `path` and sends HELLO. Fails with BVHD_UNAVAILABLE if no daemon listens, BVHD_BUSY if the
- * daemon's backlog is full, BVHD_INVALID if the path is too long, BVHD_IO or BVHD_NO_MEMORY.
+ * daemon's backlog is full or it has just ended, BVHD_INVALID if the path is too long, BVHD_IO or BVHD_NO_MEMORY.
+ * `error` is not NULL.
  */
 enum bvhd_status connection_create(const char *path, uint64_t now, struct connection **ret_connection,
                                    struct bvhd_error *error);

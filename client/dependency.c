@@ -152,8 +152,11 @@ static void fulfil(struct bvhd_batch *batch, const struct dependency *dependency
     uint64_t handle = vulkan_input_entries(batch->input)[dependency->item].references[dependency->slot].handle;
     struct reference reference = reference_take(result, handle);
     vulkan_input_complete_reference(batch->input, dependency->item, dependency->slot, &reference);
-    if (--item->blockers == 0)
-        item->state = ITEM_WAITING;
+    if (--item->blockers > 0)
+        return;
+    item->state = ITEM_WAITING;
+    if (batch->first_uncopied > dependency->item)
+        batch->first_uncopied = dependency->item;
 }
 
 /* Bytes that were only fetched for their bounds are not kept. */

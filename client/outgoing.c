@@ -180,7 +180,7 @@ static float rays_hint(const struct build_options *options)
     return decides ? options->rays_per_primitive : 0;
 }
 
-static struct control_item describe(const struct build_input *input)
+struct control_item outgoing_describe(const struct build_input *input)
 {
     return (struct control_item){
         .type = input->type,
@@ -229,7 +229,7 @@ static enum added add_build(struct draft *draft, uint32_t index)
     if (added != ADDED)
         return added;
     struct control_item *item = &draft->items[draft->exchange->count];
-    *item = describe(input);
+    *item = outgoing_describe(input);
     name_payload(draft, &batch->items[index].held, size, item);
     draft->bytes += size;
     return ADDED;
@@ -400,14 +400,14 @@ static void send_queue(struct bvhd_client *client)
 }
 
 /*
- * Copies payloads that cannot be sent yet, up to LAST_FRAME_BYTES at a time. Returns false if there is nothing to copy,
- * or no room.
+ * Copies payloads of a queue that cannot be sent yet, up to LAST_FRAME_BYTES at a time. Returns false if there is
+ * nothing to copy, or no room.
  */
-static bool copy_queue(struct bvhd_client *client)
+static bool copy_queue(struct bvhd_batch *queue)
 {
     uint64_t copied = 0, size;
     bool progress = false;
-    for (struct bvhd_batch *batch = client->queue; batch; batch = batch->next) {
+    for (struct bvhd_batch *batch = queue; batch; batch = batch->next) {
         for (; batch->first_uncopied < batch->count; batch->first_uncopied++) {
             uint32_t index = batch->first_uncopied;
             if (batch->keys || batch->items[index].state != ITEM_WAITING)
@@ -468,7 +468,7 @@ void outgoing_pump(struct bvhd_client *client)
     resend_parked(client, client->leaving);
     resend_parked(client, client->current);
     send_queue(client);
-    while (copy_queue(client)) {
+    while (copy_queue(client->queue) || copy_queue(client->local.queue)) {
         client_look(client); /* WELCOME, or room, may have come meanwhile */
         send_queue(client);
     }

@@ -7,9 +7,13 @@
 #define BVHD_OUTGOING_H
 
 #include "client/client.h"
+#include "proto/wire/control.h"
 
 /* Sends and copies everything that can be sent and copied now. */
 void outgoing_pump(struct bvhd_client *client);
+
+/* Returns what a request says about a description, except where its payload is. */
+struct control_item outgoing_describe(const struct build_input *input);
 
 /* Sends CANCEL for the entries `entries[count]` of an exchange, or for all if count is 0. */
 void outgoing_cancel(struct bvhd_client *client, struct exchange *exchange, const uint32_t *entries, uint32_t count);

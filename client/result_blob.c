@@ -35,16 +35,21 @@ static enum bvhd_status create(void *data, uint64_t size, bool mapped, struct bv
     return BVHD_OK;
 }
 
+enum bvhd_status result_blob_take(void *data, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error)
+{
+    enum bvhd_status status = create(data, size, false, ret_blob, error);
+    if (status != BVHD_OK)
+        memory_free(&library_memory, data);
+    return status;
+}
+
 enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blob, struct bvhd_error *error)
 {
     void *data = memory_alloc(&library_memory, bytes.size);
     if (!data)
         return bvhd_error_no_memory(error, "result", "no memory for %llu bytes", (unsigned long long)bytes.size);
     memcpy(data, bytes.data, bytes.size);
-    enum bvhd_status status = create(data, bytes.size, false, ret_blob, error);
-    if (status != BVHD_OK)
-        memory_free(&library_memory, data);
-    return status;
+    return result_blob_take(data, bytes.size, ret_blob, error);
 }
 
 /* The seals guarantee that the bytes never change, and that reading them never runs beyond the end of the file. */

@@ -15,6 +15,11 @@
 enum bvhd_status result_blob_copy(struct bytes bytes, struct bvhd_blob **ret_blob, struct bvhd_error *error);
 
 /*
+ * Makes a blob of a block of library_memory. It takes the block over, even if it fails with BVHD_NO_MEMORY.
+ */
+enum bvhd_status result_blob_take(void *data, uint64_t size, struct bvhd_blob **ret_blob, struct bvhd_error *error);
+
+/*
  * Makes a blob by mapping the first `size` bytes (not 0) of a memfd, which must be sealed SHRINK|GROW|WRITE and be at
  * least as long. It takes the descriptor over, even if it fails: with BVHD_CORRUPT (the descriptor is not such a
  * memfd), BVHD_NO_MEMORY or BVHD_IO.

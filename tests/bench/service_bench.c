@@ -71,7 +71,8 @@ void bench_stop(struct service_process *service)
 
 struct bvhd_client *bench_client(const struct service_process *service)
 {
-    struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = service->socket};
+    struct bvhd_client_options options = {
+        .struct_size = sizeof options, .socket_path = service->socket, .local = BVHD_LOCAL_NEVER};
     struct bvhd_client *client;
     struct bvhd_error error;
     if (bvhd_client_create(&options, &client, &error) != BVHD_OK || bvhd_client_connect(client, &error) != BVHD_OK)

@@ -49,13 +49,14 @@ builder/wide                proto/base builder/format
 builder/top                 proto/base builder/format builder/kernel builder/input builder/piece builder/wide
 builder                     proto/base builder/format builder/kernel builder/input builder/piece builder/wide
                             builder/top
+builder/local               proto/base builder/format builder/input builder
 daemon/system               proto/base
 daemon/pool                 proto/base
 daemon/service              proto/base proto/wire builder/format builder/input builder daemon/system daemon/pool
 daemon/session              proto/base proto/wire builder/input builder daemon/system daemon/service
 daemon/socket               proto/base proto/wire daemon/system daemon/service daemon/session
 daemon                      proto/base daemon/system daemon/pool daemon/service daemon/socket
-client                      proto/base proto/wire builder/format
+client                      proto/base proto/wire builder/format builder/local
 client/cpu                  proto/base builder/format builder/traverse client
 client/shaders
 client/vulkan               proto/base builder/format client client/shaders

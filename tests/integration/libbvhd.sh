@@ -19,7 +19,8 @@ shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
 for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_cpu.h" "$include/bvhd/bvhd_scene.h" \
     "$include/bvhd/bvhd_trace.h" "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" "$include/bvhd/vuid.h" \
-    "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" "$prefix/bin/bvhctl" "$prefix/bin/bvhd"; do
+    "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" "$libraries/libbvhd_build.so.0" "$prefix/bin/bvhctl" \
+    "$prefix/bin/bvhd"; do
     expect_quietly "installed: $path" [ -e "$path" ]
 done
 expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 10 ]
@@ -38,6 +39,9 @@ expect_quietly 'functions are declared' [ "$(wc -l <declared)" -gt 25 ]
 expect_quietly 'the shared library exports what is declared' diff declared exported
 expect_quietly 'so does the static one' diff declared exported_static
 expect_quietly 'its name' sh -c "readelf -d '$shared' | grep -q 'SONAME.*\\[libbvhd.so.0\\]'"
+nm -D --defined-only "$libraries/libbvhd_build.so.0" | awk '$2 != "A" { sub(/@.*/, "", $3); print $3 }' |
+    grep -v '^_*asan\|^__odr' >exported_build
+expect_quietly 'the builder exports one function' [ "$(cat exported_build)" = bvhd_build_library ]
 ldd "$shared" >needed
 for foreign in libuv embree crypto ssl tbb stdc++ assimp vulkan systemd; do
     expect_quietly "no $foreign among what it needs" sh -c "! grep -i '$foreign' needed"
@@ -87,7 +91,7 @@ for compiler_cpp in g++ clang++; do
 done
 
 # The example of docs/library.md is compiled with pkg-config's options, linked both ways, and run with a daemon and
-# without.
+# without any. It prints the size of the result; a variant of it writes the bytes.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$source/docs/library.md" >example.c
 expect_quietly "docs/library.md has an example of 30 lines ($(wc -l <example.c))" [ "$(wc -l <example.c)" -eq 30 ]
 export LD_LIBRARY_PATH="$libraries"
@@ -108,23 +112,59 @@ expect_quietly 'it links' $compiler -std=c99 example.c names.o -o example_names 
 expect_quietly 'shared, too' $compiler -std=c99 -rdynamic example.c names.o -o example_names_shared \
     $(pkg --cflags --libs)
 
-"$prefix/bin/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
-daemon=$!
+sed 's/printf("%lu bytes.*/fwrite(result->data, 1, result->size, stdout);/' example.c >bytes.c
+expect_quietly 'a variant of the example' grep -q 'fwrite(result->data' bytes.c
+expect_quietly 'it is compiled' $compiler -std=c99 bytes.c -o bytes $(pkg --cflags --libs)
+
+# run_example WHAT - runs each program of the example, which has to build.
+run_example()
+{
+    for program in example example_static example_names example_names_shared; do
+        ./$program >out 2>&1
+        got=$?
+        expect_quietly "$program builds $1: $(cat out)" grep -qx '[0-9]* bytes' out
+        expect_quietly "status 0 of $program $1 ($got)" [ $got -eq 0 ]
+    done
+}
+
+# There is no daemon anywhere: the programs build by libbvhd_build, which the static ones find by its name.
+export TMPDIR="$scratch"
+run_example 'without a daemon'
+expect_quietly 'the bytes, without a daemon' sh -c './bytes >alone.as && [ "$(wc -c <alone.as)" -ge 352 ]'
 export BVHD_SOCKET="$scratch/s.sock"
+run_example 'where a daemon could be'
+"$prefix/bin/bvhd" --socket "$BVHD_SOCKET" >daemon.log 2>&1 &
+daemon=$!
 expect_quietly "a daemon: $(cat daemon.log)" "$prefix/bin/bvhctl" --connect-timeout 30 ping
-for program in example example_static example_names example_names_shared; do
-    ./$program >out 2>&1
-    got=$?
-    expect_quietly "$program builds: $(cat out)" grep -Eq '^[0-9]+ bytes' out
-    expect_quietly "status 0 of $program ($got)" [ $got -eq 0 ]
-done
+run_example 'with a daemon'
+expect_quietly 'the bytes, with a daemon' sh -c './bytes >served.as && cmp alone.as served.as'
+expect_quietly 'the daemon has built' sh -c "'$prefix/bin/bvhctl' stats | grep -Eq '^builds_done +1$'"
 kill "$daemon"
 wait "$daemon"
 daemon=
-./example >out 2>&1
+
+# Without libbvhd_build, or with one of another version, the error says so.
+mkdir lone
+cp "$shared.0" lone
+LD_LIBRARY_PATH=$scratch/lone ./example >out 2>&1
 got=$?
-expect_quietly "without a daemon it says so: $(cat out)" grep -q '^UNAVAILABLE: ' out
-expect_quietly "status 1 without a daemon ($got)" [ $got -eq 1 ]
+expect_quietly "it names the library and the places: $(cat out)" \
+    grep -q "^UNSUPPORTED: $scratch/lone/libbvhd_build.so.0: .*No such file.*libbvhd_build.so.0: cannot open" out
+expect_quietly "status 1 without the library ($got)" [ $got -eq 1 ]
+cat >other.c <<'END'
+const char *const *bvhd_build_library(void);
+const char *const *bvhd_build_library(void)
+{
+    static const char *const version = "0.0.7";
+    return &version;
+}
+END
+expect_quietly 'another version' $compiler -shared -fPIC other.c -o lone/libbvhd_build.so.0
+LD_LIBRARY_PATH=$scratch/lone ./example >out 2>&1
+got=$?
+expect_quietly "it names both versions: $(cat out)" \
+    grep -q "^INCOMPATIBLE: libbvhd_build.so.0: has version 0.0.7, but libbvhd $(pkg --modversion)" out
+expect_quietly "status 1 with another version ($got)" [ $got -eq 1 ]
 
 echo "$checks expectations, $failures of them do not hold"
 [ $failures -eq 0 ]

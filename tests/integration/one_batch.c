@@ -153,7 +153,8 @@ int main(int argc, char **argv)
     if (argc != 2)
         return 2;
     service_process_start(&service, argv[1], NULL);
-    struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = service.socket};
+    struct bvhd_client_options options = {
+        .struct_size = sizeof options, .socket_path = service.socket, .local = BVHD_LOCAL_NEVER};
     expect(bvhd_client_create(&options, &client, NULL) == BVHD_OK, "a client");
     run(client);
     bvhd_client_destroy(client);

@@ -39,7 +39,8 @@ __attribute__((format(printf, 2, 3))) static void expect(bool good, const char *
 
 static struct bvhd_client *connect_client(void)
 {
-    struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = service.socket};
+    struct bvhd_client_options options = {
+        .struct_size = sizeof options, .socket_path = service.socket, .local = BVHD_LOCAL_NEVER};
     struct bvhd_client *client;
     struct bvhd_error error;
     if (bvhd_client_create(&options, &client, &error) != BVHD_OK || bvhd_client_connect(client, &error) != BVHD_OK) {

@@ -8,6 +8,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "client/address.h"
 #include "proto/base/clock.h"
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/service/private_daemon.h"
@@ -70,8 +71,10 @@ static enum bvhd_status no_memory(const char *path, struct bvhd_error *error)
 static enum bvhd_status attach(struct connect connect, uint32_t timeout_ms, struct connect *ret_connect,
                                struct bvhd_error *error)
 {
-    struct bvhd_client_options options = {
-        .struct_size = sizeof options, .socket_path = connect.path, .connect_timeout_ms = timeout_ms};
+    struct bvhd_client_options options = {.struct_size = sizeof options,
+                                          .socket_path = connect.path,
+                                          .connect_timeout_ms = timeout_ms,
+                                          .local = BVHD_LOCAL_NEVER};
     enum bvhd_status status = bvhd_client_create(&options, &connect.client, error);
     if (status == BVHD_OK)
         status = bvhd_client_connect(connect.client, error);

@@ -15,6 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "client/address.h"
 #include "proto/base/clock.h"
 #include "client/bvhctl/service/connect.h"
 #include "client/bvhctl/base/files.h"
@@ -34,44 +35,18 @@ static void nap(void)
     nanosleep(&(struct timespec){.tv_nsec = POLL_MS * 1000000L}, NULL);
 }
 
-/* Returns whether the path is a directory (not a link to one) that this user owns and nobody else can access. */
-static bool is_safe(const char *path)
-{
-    struct stat status;
-    return lstat(path, &status) == 0 && S_ISDIR(status.st_mode) && status.st_uid == geteuid() &&
-           !(status.st_mode & 077);
-}
-
-/* Returns the directory for the user's sockets, or NULL if the session has none. */
-static const char *runtime_directory(void)
-{
-    const char *path = getenv("XDG_RUNTIME_DIR");
-    struct stat status;
-    bool usable =
-        path && *path == '/' && stat(path, &status) == 0 && S_ISDIR(status.st_mode) && status.st_uid == geteuid();
-    return usable ? path : NULL;
-}
-
-static char *own_directory(struct memory *memory)
-{
-    const char *temporary = getenv("TMPDIR");
-    char name[32];
-    snprintf(name, sizeof name, "bvhd-%u", (unsigned)geteuid());
-    return files_join(memory, temporary && *temporary == '/' ? temporary : "/tmp", name);
-}
-
 enum bvhd_status private_daemon_place(struct memory *memory, struct private_place *ret_place, struct bvhd_error *error)
 {
-    const char *runtime = runtime_directory();
-    struct private_place place = {.is_ours = !runtime};
-    place.directory = runtime ? files_copy_text(memory, runtime) : own_directory(memory);
+    bool is_runtime;
+    struct private_place place = {.directory = address_user_directory(memory, &is_runtime)};
     if (place.directory)
         place.socket = files_join(memory, place.directory, "bvhd.sock");
     if (!place.socket) {
         private_place_finish(&place, memory);
         return no_memory(error);
     }
-    place.is_safe = runtime || is_safe(place.directory);
+    place.is_ours = !is_runtime;
+    place.is_safe = is_runtime || address_is_own(place.directory);
     *ret_place = place;
     return BVHD_OK;
 }
@@ -89,7 +64,7 @@ static enum bvhd_status make_safe(struct private_place *place, struct bvhd_error
         if (mkdir(place->directory, 0700) < 0 && errno != EEXIST)
             return bvhd_error_set(error, BVHD_UNAVAILABLE, place->directory, "no daemon, and no place for one: %s",
                                   strerror(errno));
-        place->is_safe = is_safe(place->directory);
+        place->is_safe = address_is_own(place->directory);
     }
     if (!place->is_safe)
         return bvhd_error_set(

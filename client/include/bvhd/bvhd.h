@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bvhd.h - acceleration structures built by a service: the interface of the client library.
+ * bvhd.h - acceleration structures built by a service, or in the program's own process where there is none: the
+ * interface of the client library.
  *
  * A program describes the structures that it needs in Vulkan's own structs, with host addresses, and gets serialized
  * acceleration structures. The service does equal work once, so a request for a structure that exists already is cheap.
@@ -15,21 +16,35 @@
  *     bvhd_client_destroy(client);
  *
  * Threads: every function may be called from any thread, on any object, at any time, with one exception: the call that
- * destroys an object must be the last call on it. Several threads may wait at once. The library starts no threads: it
- * makes progress only inside its own calls (wait, dispatch, submit, ...). Only the functions named "wait", "connect",
- * "ping" and "counters" block. Submit, dispatch and wait copy geometry, which takes time in proportion to its size.
+ * destroys an object must be the last call on it. Several threads may wait at once. The library starts no threads,
+ * except those that `local_threads` allows: it makes progress only inside its own calls (wait, dispatch, submit, ...).
+ * Only the functions named "wait", "connect", "ping" and "counters" block. Submit, dispatch and wait copy geometry,
+ * which takes time in proportion to its size.
  *
  * Errors: a function that can fail returns a status, and fills *ret_error (which may be NULL) with the broken rule, the
  * place and the reason. A function that fails leaves its other results untouched and keeps no resources.
  *
+ * Without a daemon: a client builds structures in the program's own process if no daemon answers, unless the program
+ * sets `local`. The results are the same: bytes, keys, statistics and errors. The builder is a library of its own,
+ * libbvhd_build, which is loaded when it is needed. Builds run inside of bvhd_batch_wait and bvhd_batch_wait_copied, on
+ * the threads that call them, or on threads that the program allows by `local_threads`; never inside of submit or
+ * dispatch. Nothing is kept beyond what batches hold: a structure is built again unless a batch of this client has it.
+ *
  * Loss of the daemon: when the daemon's process ends, its socket says so. Everything under way then fails with
- * BVHD_UNAVAILABLE at the next call, or at once if a thread waits or the program watches bvhd_client_descriptor. A
- * daemon that is alive but stays completely silent while it owes an answer is given up after `lost_after_ms`. A
- * submission without a daemon fails after `connect_timeout_ms`. The next submission after a loss connects again, so a
- * restarted daemon is found. A daemon that announces its end finishes the requests that it has; later submissions go to
- * the next daemon. A program that gets BVHD_UNAVAILABLE can use the device's own build instead, or submit again. A
- * daemon, for its part, gives up a client that leaves results unread for 30 s: a program that requests much and then
- * does other work for a long time should call bvhd_client_dispatch meanwhile.
+ * BVHD_UNAVAILABLE at the next call, or at once if a thread waits or the program watches bvhd_client_descriptor; it is
+ * never continued in the program's process. A daemon that is alive but stays completely silent while it owes an answer
+ * is given up after `lost_after_ms`. The next submission after a loss connects again, so a restarted daemon is found,
+ * and is built in the program's process if there is none.
+ *
+ * Absence of a daemon: if nobody listens on any place where a daemon may be, that is known at once. The structures are
+ * then built in the program's process. With BVHD_LOCAL_NEVER they fail with BVHD_UNAVAILABLE, whose text names the
+ * places: at once or, if the socket was named by the program or by $BVHD_SOCKET, after `connect_timeout_ms`, because
+ * its daemon may be about to start. A daemon that listens but does not answer is given up after `connect_timeout_ms`,
+ * too. A program that gets BVHD_UNAVAILABLE can use the device's own build instead, or submit again.
+ *
+ * A daemon that announces its end finishes the requests that it has; later submissions go to the next daemon. A daemon,
+ * for its part, gives up a client that leaves results unread for 30 s: a program that requests much and then does other
+ * work for a long time should call bvhd_client_dispatch meanwhile.
  *
  * Processes: the process may fork, but the child must not use the parent's objects. The library raises and handles no
  * signals. Its descriptors are close-on-exec.
@@ -75,7 +90,11 @@ BVHD_API enum bvhd_status bvhd_key_from_text(const char *text, struct bvhd_key *
 
 /* ---- The client: a connection to the service, which is made when it is needed. ---- */
 
-/* Whether a client builds structures in the program's own process, which needs the library libbvhd_build. */
+/*
+ * Whether a client builds structures in the program's own process, by the library libbvhd_build. That is looked for
+ * beside libbvhd.so, and then by its name where the system looks for libraries. If it cannot be loaded, the builds fail
+ * with BVHD_UNSUPPORTED; if it has another version than libbvhd, with BVHD_INCOMPATIBLE.
+ */
 enum bvhd_local {
     BVHD_LOCAL_IF_NO_DAEMON = 0, /* only if no daemon answers */
     BVHD_LOCAL_NEVER = 1,
@@ -86,8 +105,9 @@ enum bvhd_local {
 struct bvhd_client_options {
     size_t struct_size; /* sizeof(struct bvhd_client_options): later versions may add fields */
     /*
-     * Path of the daemon's socket. NULL stands for $BVHD_SOCKET; if that is not set, for $XDG_RUNTIME_DIR/bvhd.sock
-     * and, if no daemon answers there, /run/bvhd/bvhd.sock.
+     * Path of the daemon's socket. NULL stands for $BVHD_SOCKET. If that is not set, the places are the user's own
+     * socket and then /run/bvhd/bvhd.sock, as for bvhctl. The user's own is $XDG_RUNTIME_DIR/bvhd.sock, or without such
+     * a directory bvhd-UID/bvhd.sock in $TMPDIR or /tmp, if only this user may access the directory bvhd-UID.
      */
     const char *socket_path;
     uint32_t connect_timeout_ms; /* how long the client looks for a daemon; 0: 5,000 */
@@ -99,8 +119,11 @@ struct bvhd_client_options {
     uint64_t pool_size;
     enum bvhd_local local; /* whether structures may be built in this process */
     /*
-     * How many threads the client may start for builds in this process, at most one for each processor. 0: it starts
-     * none, and builds inside of bvhd_batch_wait and bvhd_batch_wait_copied, on the threads that call them.
+     * How many threads the client may start for builds in this process, at most one for each processor. They start with
+     * the first such build, block all signals, and end in bvhd_client_destroy. 0: it starts none, and builds inside of
+     * bvhd_batch_wait and bvhd_batch_wait_copied, on the threads that call them. A program that uses
+     * bvhd_client_descriptor has to allow threads: with 0, what needs a build in this process is refused with
+     * BVHD_UNSUPPORTED, because its event loop must not build.
      */
     uint32_t local_threads;
 };
@@ -120,8 +143,9 @@ BVHD_API void bvhd_client_destroy(struct bvhd_client *client);
 
 /*
  * Connects, and waits until the daemon has answered. This call is not needed before a submission. Returns
- * BVHD_UNAVAILABLE when no daemon answers within `connect_timeout_ms`, and BVHD_INCOMPATIBLE when the daemon speaks no
- * common version of the protocol.
+ * BVHD_UNAVAILABLE when no daemon answers within `connect_timeout_ms`, or at once when nobody listens and no socket was
+ * named, and BVHD_INCOMPATIBLE when the daemon speaks no common version of the protocol. With BVHD_LOCAL_ALWAYS there
+ * is no daemon: this call, bvhd_client_ping and bvhd_client_counters return BVHD_UNAVAILABLE.
  */
 BVHD_API enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error);
 
@@ -133,7 +157,8 @@ BVHD_API enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct
 BVHD_API int bvhd_client_descriptor(const struct bvhd_client *client);
 
 /*
- * Does all work that is possible without blocking: sends, receives, checks timeouts. Failures show in the batches'
+ * Does all work that is possible without blocking: sends, receives, checks timeouts. It never builds: structures that
+ * are built in this process make progress on the client's threads or in calls that wait. Failures show in the batches'
  * results.
  */
 BVHD_API void bvhd_client_dispatch(struct bvhd_client *client);
@@ -261,9 +286,10 @@ struct bvhd_build {
  *
  * An info that breaks a rule has that error as its result, as does every info that the service refuses:
  * BVHD_UNSUPPORTED when the daemon's version does not know the target, or does not take a rays_per_primitive other than
- * 0 where it would matter. The call itself fails only with BVHD_NO_MEMORY, or with BVHD_INVALID if the struct
- * bvhd_build or one of its references is wrong, as "build.references[3].handle". The caller destroys the batch with
- * bvhd_batch_destroy.
+ * 0 where it would matter. The call itself fails only with BVHD_NO_MEMORY, with BVHD_INVALID if the struct bvhd_build
+ * or one of its references is wrong, as "build.references[3].handle", or with BVHD_UNSUPPORTED and the place
+ * "options.local_threads" if there is no daemon and no thread may build; where that shows later, it is the items'
+ * error. The caller destroys the batch with bvhd_batch_destroy.
  */
 BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
                                             struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
@@ -271,7 +297,8 @@ BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const st
 /*
  * Requests results by key, without geometry: item i of the batch is keys[i]. The keys are copied. An item gets
  * BVHD_NOT_FOUND if the service does not have its key, or no longer has it; a structure that is still being built is
- * waited for. The call itself fails with BVHD_NO_MEMORY.
+ * waited for. Structures that this client has built in the program's own process are found as long as a batch that has
+ * them is not destroyed; where there is no daemon, no others are. The call itself fails with BVHD_NO_MEMORY.
  */
 BVHD_API enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,
                                            struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);
@@ -279,7 +306,10 @@ BVHD_API enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t 
 /* Returns the number of items: info_count or key_count of the call that made the batch. */
 BVHD_API uint32_t bvhd_batch_count(const struct bvhd_batch *batch);
 
-/* Returns whether the caller may free or change its geometry memory. Becomes true during calls of dispatch and wait. */
+/*
+ * Returns whether the caller may free or change its geometry memory. Becomes true during calls of dispatch and wait, or
+ * on threads that build.
+ */
 BVHD_API int bvhd_batch_is_copied(struct bvhd_batch *batch);
 
 /* Returns whether every item has its result. */
@@ -288,6 +318,10 @@ BVHD_API int bvhd_batch_is_done(struct bvhd_batch *batch);
 /*
  * Waits until every item has its result, for at most `timeout_ms`; < 0 sets no limit, but the client's own timeouts end
  * the wait when the daemon is lost. Returns BVHD_OK, or BVHD_PENDING if time ran out.
+ *
+ * Where this call builds (`local_threads` is 0), it begins no structure after the time has run out, but it finishes the
+ * one that it has begun, and begins at least one, so that repeated calls with any limit come to an end. It may build
+ * items of other batches of the client: those of higher priority come first.
  */
 BVHD_API enum bvhd_status bvhd_batch_wait(struct bvhd_batch *batch, int timeout_ms);
 

@@ -108,10 +108,10 @@ static inline void bed_options(struct client_bed *bed, struct bvhd_client_option
     bvhd_client_create(options, &bed->client, NULL);
 }
 
-/* Starts a client with the default timeouts. */
+/* Starts a client with the default timeouts, which needs the daemon. */
 static inline void bed_start(struct client_bed *bed)
 {
-    struct bvhd_client_options options = {.socket_path = NULL};
+    struct bvhd_client_options options = {.local = BVHD_LOCAL_NEVER};
     bed_options(bed, &options);
 }
 
@@ -121,7 +121,8 @@ static inline void bed_start(struct client_bed *bed)
  */
 static inline void bed_start_impatient(struct client_bed *bed)
 {
-    struct bvhd_client_options options = {.connect_timeout_ms = BED_CONNECT_MS, .lost_after_ms = BED_LOST_MS};
+    struct bvhd_client_options options = {
+        .connect_timeout_ms = BED_CONNECT_MS, .lost_after_ms = BED_LOST_MS, .local = BVHD_LOCAL_NEVER};
     bed_options(bed, &options);
 }
 

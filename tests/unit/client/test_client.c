@@ -282,7 +282,8 @@ static void test_failing_allocations(void **state)
     bed_describe(bed.asked, 5, 700);
     bvhd_client_destroy(bed.client);
     for (; !succeeded; fails++) {
-        struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = bed.fake.path};
+        struct bvhd_client_options options = {
+            .struct_size = sizeof options, .socket_path = bed.fake.path, .local = BVHD_LOCAL_NEVER};
         struct bvhd_batch *batch = NULL, *keys = NULL;
         struct bvhd_key key = {{1}};
         uint64_t live = library_memory.live;

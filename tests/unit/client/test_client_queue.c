@@ -126,7 +126,7 @@ static void test_full_pool(void **state)
 {
     (void)state;
     struct client_bed bed;
-    struct bvhd_client_options options = {.pool_size = 128 << 10};
+    struct bvhd_client_options options = {.pool_size = 128 << 10, .local = BVHD_LOCAL_NEVER};
     bed_options(&bed, &options);
     assert_true(bed_connect(&bed));
     struct bvhd_batch *batch = bed_submit(&bed, 5, 1500); /* two of them fit */

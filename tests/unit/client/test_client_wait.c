@@ -112,7 +112,7 @@ static void test_many_threads_small_pool(void **state)
 {
     (void)state;
     struct client_bed bed;
-    struct bvhd_client_options options = {.pool_size = 200000};
+    struct bvhd_client_options options = {.pool_size = 200000, .local = BVHD_LOCAL_NEVER};
     bed_options(&bed, &options);
     fake_serve(&bed.fake);
     bed_describe(bed.asked, 20, 800);

@@ -1,0 +1,173 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "client/local_job.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "client/library.h"
+#include "client/local_library.h"
+#include "proto/base/container_of.h"
+#include "proto/base/place.h"
+#include "proto/wire/rows.h"
+
+struct local_job *local_job_create(const struct control_item *asked, uint32_t index, struct held *payload,
+                                   const unsigned char *pool_bytes)
+{
+    struct local_job *job = memory_alloc(&library_memory, sizeof *job);
+    if (!job)
+        return NULL;
+    memset(job, 0, sizeof *job);
+    job->asked = *asked;
+    job->index = index;
+    job->payload = *payload;
+    job->pool_bytes = pool_bytes;
+    memory_init_within(&job->memory, &library_memory, UINT64_MAX);
+    *payload = (struct held){.kind = HELD_NOTHING, .descriptor = -1};
+    return job;
+}
+
+void local_job_destroy(struct local_job *job)
+{
+    if (!job)
+        return;
+    if (job->library)
+        job->library->copy_finish(&job->copy, &job->memory);
+    bvhd_blob_unref(job->blob);
+    memory_free(&library_memory, job);
+}
+
+static struct build_input describe(const struct control_item *asked)
+{
+    return (struct build_input){
+        .type = asked->type,
+        .flags = asked->flags,
+        .mode = asked->mode,
+        .destination = asked->destination,
+        .source = asked->source,
+        .options = {.quality = (enum build_quality)asked->quality,
+                    .target = (enum target)asked->target,
+                    .layout_flags = asked->layout_flags,
+                    .device = asked->device,
+                    .rays_per_primitive = asked->rays_per_primitive},
+    };
+}
+
+static struct build_context context_of(struct local_job *job, const struct parallel *parallel)
+{
+    return (struct build_context){.memory = &job->memory, .parallel = parallel, .cancel = &job->cancel};
+}
+
+static enum bvhd_status make_copy(struct local_job *job, struct bytes payload, const struct parallel *parallel)
+{
+    const struct control_item *asked = &job->asked;
+    struct build_context context = context_of(job, parallel);
+    struct rows_shape shape = {asked->geometry_count, asked->geometry_size, asked->reference_count,
+                               asked->reference_size, &job->cancel};
+    struct build_input input = describe(asked);
+    enum bvhd_status status = rows_read(payload, &shape, job->index, &job->memory, &input, &job->error);
+    if (status != BVHD_OK)
+        return status;
+    status = job->library->copy_make(&input, job->index, &context, &job->copy, &job->error);
+    rows_finish(&input, &job->memory);
+    return status;
+}
+
+static enum bvhd_status map_and_copy(struct local_job *job, const struct parallel *parallel)
+{
+    uint64_t size = job->payload.size;
+    void *bytes = mmap(NULL, size, PROT_READ, MAP_SHARED, job->payload.descriptor, 0);
+    if (bytes == MAP_FAILED)
+        return bvhd_error_set(&job->error, errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO,
+                              place("infos[%u]", job->index).text, "mmap: %s", strerror(errno));
+    enum bvhd_status status = make_copy(job, (struct bytes){bytes, size}, parallel);
+    munmap(bytes, size);
+    return status;
+}
+
+void local_job_prepare(struct local_job *job, const struct parallel *parallel)
+{
+    double begin = clock_ms();
+    job->status = local_library_load(&job->library, &job->error);
+    if (job->status != BVHD_OK)
+        return;
+    if (job->payload.kind == HELD_MEMFD)
+        job->status = map_and_copy(job, parallel);
+    else
+        job->status = make_copy(job, (struct bytes){job->pool_bytes, job->payload.size}, parallel);
+    job->prepare_ms = clock_ms() - begin;
+}
+
+/* The memory of a blob, which outlives the job. */
+struct blob_memory {
+    struct build_output output;
+    unsigned char *bytes;
+    uint64_t size;
+};
+
+static unsigned char *allocate(struct build_output *output, uint64_t size)
+{
+    struct blob_memory *memory = container_of(output, struct blob_memory, output);
+    memory->bytes = memory_alloc(&library_memory, size);
+    memory->size = size;
+    return memory->bytes;
+}
+
+static void discard(struct build_output *output, unsigned char *bytes)
+{
+    struct blob_memory *memory = container_of(output, struct blob_memory, output);
+    memory_free(&library_memory, bytes);
+    memory->bytes = NULL;
+}
+
+void local_job_build(struct local_job *job, const struct parallel *parallel)
+{
+    struct blob_memory blob = {.output = {allocate, discard}};
+    struct build_context context = context_of(job, parallel);
+    struct memory memory;
+    memory_init_within(&memory, &library_memory, UINT64_MAX);
+    context.memory = &memory;
+    context.output = &blob.output;
+    double begin = clock_ms();
+    job->status = job->library->build(&job->copy, &context, &job->stats, &job->error);
+    job->build_ms = clock_ms() - begin;
+    job->peak_bytes = atomic_load_explicit(&memory.peak, memory_order_relaxed);
+    if (job->status == BVHD_OK)
+        job->status = result_blob_take(blob.bytes, blob.size, &job->blob, &job->error);
+}
+
+static struct control_summary summarise(const struct local_job *job)
+{
+    const struct build_stats *stats = &job->stats;
+    struct control_summary summary = {
+        .primitives = stats->primitives,
+        .triangles = stats->triangles,
+        .instances = stats->instances,
+        .inactive = stats->inactive,
+        .degenerate = stats->degenerate,
+        .skipped = stats->skipped,
+        .refs = stats->refs,
+        .peak_bytes = job->peak_bytes,
+        .depth = stats->depth,
+        .target = job->copy.options.target,
+        .quality = stats->quality,
+        .sah = stats->sah,
+        .build_ms = job->build_ms,
+    };
+    snprintf(summary.method, sizeof summary.method, "%s", stats->method);
+    memcpy(summary.bounds, &stats->bounds, sizeof summary.bounds);
+    memcpy(summary.slabs, &stats->slabs, sizeof summary.slabs);
+    return summary;
+}
+
+void local_job_describe(const struct local_job *job, bool is_own, struct control_result *ret_result)
+{
+    *ret_result = (struct control_result){
+        .key = job->copy.key,
+        .size = bvhd_blob_size(job->blob),
+        .origin = is_own ? ORIGIN_BUILT : ORIGIN_COALESCED,
+        .build_ms = is_own ? job->build_ms : 0,
+        .summary = summarise(job),
+    };
+}

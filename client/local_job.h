@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * local_job.h - prepares and builds one structure in this process, from the same payload that a daemon would get.
+ *
+ * A job begins with one item that waits for it. Other items may join it once its key is known, and any of them may
+ * leave; a job without items is abandoned and stops within milliseconds. The thread that runs a job needs no lock for
+ * local_job_prepare and local_job_build; `waiters` and `link` belong to the client's lock.
+ */
+#ifndef BVHD_LOCAL_JOB_H
+#define BVHD_LOCAL_JOB_H
+
+#include "builder/local/build_library.h"
+#include "client/placement.h"
+#include "client/result_blob.h"
+#include "proto/base/list.h"
+#include "proto/wire/control.h"
+
+struct local_job {
+    struct list_link link; /* among the client's jobs that may be joined */
+    bool is_open; /* it may be joined: its key is known, and it is being built */
+    struct list waiters; /* items, by client_item.local.link; empty: abandoned */
+    uint32_t index; /* the first item's position in its batch, for errors */
+    struct control_item asked;
+    struct held payload; /* until it is prepared */
+    const unsigned char *pool_bytes; /* HELD_POOL: the payload */
+    atomic_bool cancel;
+    struct memory memory; /* of the preparation */
+    const struct build_library *library;
+    struct build_library_copy copy;
+    enum bvhd_status status;
+    struct bvhd_error error;
+    struct bvhd_blob *blob; /* the job's reference */
+    struct build_stats stats;
+    uint64_t peak_bytes;
+    double prepare_ms, build_ms;
+};
+
+/* Creates a job without items, which takes over *payload. Returns NULL without memory. */
+struct local_job *local_job_create(const struct control_item *asked, uint32_t index, struct held *payload,
+                                   const unsigned char *pool_bytes);
+
+/* Frees a job whose payload has been released. NULL is allowed. */
+void local_job_destroy(struct local_job *job);
+
+/* Loads the library, reads the payload and makes its copy with the key. Sets `status` and `error`. */
+void local_job_prepare(struct local_job *job, const struct parallel *parallel);
+
+/* Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and the statistics. */
+void local_job_build(struct local_job *job, const struct parallel *parallel);
+
+/* Describes the result of a job that has succeeded, as a daemon does. `is_own`: not for an item that has joined. */
+void local_job_describe(const struct local_job *job, bool is_own, struct control_result *ret_result);
+
+#endif

@@ -1,0 +1,361 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * test_local_builds.c - tests clients that build in the program's own process: results and their order, keys, limits of
+ * time, cancelling, event loops.
+ */
+#include "tests/support/unit.h"
+
+#include <poll.h>
+#include <pthread.h>
+#include <unistd.h>
+
+#include "builder/batch.h"
+#include "client/vulkan_input.h"
+#include "tests/support/client/local_bed.h"
+
+/* Checks a result against a build that uses neither a client nor its library. */
+static void expect_built(const struct bvhd_result *result, const struct terrain *mesh)
+{
+    struct memory memory;
+    struct vulkan_input *input = NULL;
+    struct build_options options = {.quality = QUALITY_FAST, .target = TARGET_PORTABLE};
+    struct bvhd_error error;
+    struct batch_item item;
+    struct limits limits = limits_default();
+    memory_init(&memory, UINT64_MAX);
+    struct build_context context = {.memory = &memory, .parallel = &parallel_serial};
+    assert_int_equal(vulkan_input_create(&mesh->info, 1, &mesh->ranges, NULL, 0, &options, &input, &error), BVHD_OK);
+    assert_int_equal(batch_build(vulkan_input_entries(input), 1, &limits, &context, &item, &error), BVHD_OK);
+    assert_int_equal(item.status, BVHD_OK);
+    assert_int_equal(result->size, item.size);
+    assert_memory_equal(result->data, item.blob, item.size);
+    assert_memory_equal(&result->key, &item.key, sizeof item.key);
+    assert_memory_equal(result->bounds, &item.stats.bounds, sizeof result->bounds);
+    assert_memory_equal(result->slabs, &item.stats.slabs, sizeof result->slabs);
+    assert_int_equal(result->triangles, item.stats.triangles);
+    assert_int_equal(result->depth, item.stats.depth);
+    assert_true(result->sah == item.stats.sah);
+    assert_string_equal(result->method, item.stats.method);
+    assert_int_equal(result->quality, BVHD_QUALITY_FAST);
+    assert_int_equal(result->target, BVHD_TARGET_PORTABLE);
+    assert_true(result->peak_bytes > 0 && result->original_build_ms > 0);
+    batch_finish(&item, 1, &memory);
+    vulkan_input_destroy(input);
+}
+
+/* Submit builds nothing, wait builds everything; equal structures are built once. */
+static void test_result(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    for (uint32_t threads = 0; threads <= 2; threads += 2) {
+        local_bed_start(&bed, threads);
+        struct bvhd_batch *batch = local_bed_submit(bed.client, bed.meshes, 3, BVHD_PRIORITY_NORMAL);
+        assert_true(bvhd_batch_is_copied(batch));
+        if (threads == 0) {
+            bvhd_client_dispatch(bed.client);
+            assert_int_equal(local_bed_status(batch, 0), BVHD_PENDING);
+        }
+        struct bvhd_batch *same = local_bed_submit(bed.client, bed.meshes + 2, 1, BVHD_PRIORITY_NORMAL);
+        assert_int_equal(bvhd_batch_wait(same, -1), BVHD_OK);
+        assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+        local_bed_expect_ok(batch);
+        for (uint32_t i = 0; i < 3; i++)
+            expect_built(bvhd_batch_result(batch, i), &bed.meshes[i]);
+        expect_built(bvhd_batch_result(same, 0), &bed.meshes[2]);
+        assert_int_equal(bvhd_batch_result(batch, 0)->origin, BVHD_ORIGIN_BUILT);
+        assert_ptr_equal(bvhd_batch_result(same, 0)->blob, bvhd_batch_result(batch, 2)->blob);
+        enum bvhd_origin origins[] = {bvhd_batch_result(batch, 2)->origin, bvhd_batch_result(same, 0)->origin};
+        assert_true((origins[0] == BVHD_ORIGIN_BUILT) != (origins[1] == BVHD_ORIGIN_BUILT));
+        bvhd_batch_destroy(batch);
+        bvhd_batch_destroy(same);
+        local_bed_stop(&bed);
+    }
+}
+
+/* What a batch of the client holds is found by its key, and nothing else. */
+static void test_fetch(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    local_bed_start(&bed, 0);
+    struct bvhd_batch *batch = local_bed_submit(bed.client, bed.meshes, 2, BVHD_PRIORITY_NORMAL), *fetched, *again;
+    assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+    struct bvhd_key keys[3] = {bvhd_batch_result(batch, 1)->key, {{7}}, bvhd_batch_result(batch, 0)->key};
+    assert_int_equal(bvhd_batch_fetch(bed.client, 3, keys, &fetched, NULL), BVHD_OK);
+    assert_true(bvhd_batch_is_done(fetched));
+    assert_int_equal(bvhd_batch_result(fetched, 0)->origin, BVHD_ORIGIN_MEMORY);
+    expect_built(bvhd_batch_result(fetched, 0), &bed.meshes[1]);
+    assert_int_equal(local_bed_status(fetched, 1), BVHD_NOT_FOUND);
+    assert_string_equal(bvhd_batch_result(fetched, 1)->error.where, "keys[1]");
+    struct bvhd_blob *blob = bvhd_blob_ref(bvhd_batch_result(fetched, 2)->blob);
+    bvhd_batch_destroy(batch);
+    assert_int_equal(bvhd_batch_fetch(bed.client, 3, keys, &again, NULL), BVHD_OK);
+    assert_int_equal(local_bed_status(again, 0), BVHD_OK);
+    assert_string_equal(bvhd_batch_result(again, 0)->method, bvhd_batch_result(fetched, 0)->method);
+    bvhd_batch_destroy(fetched);
+    bvhd_batch_destroy(again);
+    assert_int_equal(bvhd_batch_fetch(bed.client, 3, keys, &again, NULL), BVHD_OK);
+    for (uint32_t i = 0; i < 3; i++)
+        assert_int_equal(local_bed_status(again, i), BVHD_NOT_FOUND);
+    bvhd_batch_destroy(again);
+    assert_int_equal(((const char *)bvhd_blob_data(blob))[0], ((const char *)bvhd_blob_data(blob))[0]);
+    bvhd_blob_unref(blob);
+    local_bed_stop(&bed);
+}
+
+/* A limit ends a wait between structures. Each wait builds at least one: of the highest priority, then of its batch. */
+static void test_order(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    local_bed_start(&bed, 0);
+    struct bvhd_batch *low = local_bed_submit(bed.client, bed.meshes, 1, BVHD_PRIORITY_LOW);
+    struct bvhd_batch *older = local_bed_submit(bed.client, bed.meshes + 1, 1, BVHD_PRIORITY_NORMAL);
+    struct bvhd_batch *newer = local_bed_submit(bed.client, bed.meshes + 2, 2, BVHD_PRIORITY_NORMAL);
+    struct bvhd_batch *high = local_bed_submit(bed.client, bed.meshes + 4, 1, BVHD_PRIORITY_HIGH);
+    assert_int_equal(bvhd_batch_wait(newer, 0), BVHD_PENDING);
+    assert_true(bvhd_batch_is_done(high));
+    assert_int_equal(bvhd_batch_wait(newer, 0), BVHD_PENDING);
+    assert_int_equal(local_bed_status(newer, 0), BVHD_OK);
+    assert_int_equal(bvhd_batch_wait(newer, 0), BVHD_OK);
+    assert_false(bvhd_batch_is_done(older));
+    assert_int_equal(bvhd_batch_wait(low, 0), BVHD_PENDING);
+    assert_true(bvhd_batch_is_done(older));
+    assert_int_equal(bvhd_batch_wait(low, -1), BVHD_OK);
+    bvhd_batch_destroy(low);
+    bvhd_batch_destroy(older);
+    bvhd_batch_destroy(newer);
+    bvhd_batch_destroy(high);
+    local_bed_stop(&bed);
+}
+
+/* Payloads that do not fit into the pool wait in the caller's memory, or get a memfd of their own. */
+static void test_small_pool(void **state)
+{
+    (void)state;
+    for (uint64_t size = 16 << 10; size <= 128 << 10; size *= 8) {
+        struct local_bed bed;
+        local_bed_start_with(&bed, (struct bvhd_client_options){.local = BVHD_LOCAL_ALWAYS, .pool_size = size});
+        struct bvhd_batch *batch = local_bed_submit(bed.client, bed.meshes, LOCAL_BED_MESHES, BVHD_PRIORITY_NORMAL);
+        assert_int_equal(bvhd_batch_wait_copied(batch, -1), BVHD_OK);
+        assert_true(bvhd_batch_is_copied(batch));
+        assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+        local_bed_expect_ok(batch);
+        for (uint32_t i = 0; i < LOCAL_BED_MESHES; i++)
+            expect_built(bvhd_batch_result(batch, i), &bed.meshes[i]);
+        bvhd_batch_destroy(batch);
+        local_bed_stop(&bed);
+    }
+}
+
+struct waiting {
+    pthread_t thread;
+    struct bvhd_batch *batch;
+};
+
+static void *wait_for_batch(void *argument)
+{
+    bvhd_batch_wait(((struct waiting *)argument)->batch, -1);
+    return NULL;
+}
+
+static void start_waiting(struct waiting *waiting, struct bvhd_batch *batch)
+{
+    waiting->batch = batch;
+    assert_int_equal(pthread_create(&waiting->thread, NULL, wait_for_batch, waiting), 0);
+}
+
+/* Makes a mesh whose build takes much longer than the time until it is cancelled, and submits it. */
+static struct bvhd_batch *submit_long(struct bvhd_client *client, struct terrain *mesh, enum bvhd_priority priority)
+{
+    struct local_bed_build request;
+    struct bvhd_batch *batch = NULL;
+    terrain_init(mesh, 300000, 99);
+    local_bed_describe(mesh, 1, &request);
+    request.build.quality = BVHD_QUALITY_HIGH;
+    request.build.priority = priority;
+    assert_int_equal(bvhd_batch_submit(client, &request.build, &batch, NULL), BVHD_OK);
+    return batch;
+}
+
+/* A build that is cancelled, or whose batch is destroyed, ends the wait of the thread that builds it. */
+static void test_cancel(void **state)
+{
+    (void)state;
+    for (uint32_t threads = 0; threads <= 1; threads++) {
+        struct local_bed bed;
+        struct terrain mesh;
+        struct waiting waiting;
+        local_bed_start(&bed, threads);
+        struct bvhd_batch *batch = submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL);
+        start_waiting(&waiting, batch);
+        usleep(20000);
+        bvhd_batch_cancel(batch);
+        assert_int_equal(local_bed_status(batch, 0), BVHD_CANCELLED);
+        pthread_join(waiting.thread, NULL);
+        bvhd_batch_destroy(batch);
+        batch = local_bed_submit(bed.client, bed.meshes, 2, BVHD_PRIORITY_NORMAL);
+        bvhd_batch_cancel_item(batch, 0);
+        assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+        assert_int_equal(local_bed_status(batch, 1), BVHD_OK);
+        assert_true(threads > 0 || local_bed_status(batch, 0) == BVHD_CANCELLED);
+        bvhd_batch_destroy(batch);
+        terrain_finish(&mesh);
+        local_bed_stop(&bed);
+    }
+}
+
+/* A batch is destroyed while a thread that waits for another one builds it, or while a thread of the client does. */
+static void test_destroy(void **state)
+{
+    (void)state;
+    for (uint32_t threads = 0; threads <= 1; threads++) {
+        struct local_bed bed;
+        struct terrain mesh;
+        struct waiting waiting;
+        local_bed_start(&bed, threads);
+        struct bvhd_batch *batch = local_bed_submit(bed.client, bed.meshes, 1, BVHD_PRIORITY_LOW);
+        struct bvhd_batch *urgent = submit_long(bed.client, &mesh, BVHD_PRIORITY_HIGH);
+        start_waiting(&waiting, batch);
+        usleep(20000);
+        bvhd_batch_destroy(urgent);
+        pthread_join(waiting.thread, NULL);
+        local_bed_expect_ok(batch);
+        bvhd_batch_destroy(batch);
+        urgent = submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL);
+        usleep(threads > 0 ? 20000 : 0);
+        bvhd_batch_destroy(urgent);
+        terrain_finish(&mesh);
+        local_bed_stop(&bed); /* while the thread still leaves the build */
+    }
+}
+
+/* Items that wait for the same build do not inherit the cancellation of the one that began it. */
+static void test_joined(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    struct terrain mesh;
+    struct waiting waiting[2];
+    local_bed_start(&bed, 0);
+    terrain_init(&mesh, 100000, 5);
+    for (int i = 0; i < 2; i++) {
+        start_waiting(&waiting[i], local_bed_submit(bed.client, &mesh, 1, BVHD_PRIORITY_NORMAL));
+        usleep(10000);
+    }
+    bvhd_batch_cancel(waiting[0].batch);
+    for (int i = 0; i < 2; i++)
+        pthread_join(waiting[i].thread, NULL);
+    local_bed_expect_ok(waiting[1].batch);
+    expect_built(bvhd_batch_result(waiting[1].batch, 0), &mesh);
+    for (int i = 0; i < 2; i++)
+        bvhd_batch_destroy(waiting[i].batch);
+    terrain_finish(&mesh);
+    local_bed_stop(&bed);
+}
+
+/* A program with an event loop has to allow threads; then it never builds, and hears of results. */
+static void test_event_loop(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    struct local_bed_build request;
+    struct bvhd_batch *batch = NULL;
+    struct bvhd_error error;
+    struct bvhd_key key = {{1}};
+    local_bed_start(&bed, 0);
+    bvhd_client_descriptor(bed.client);
+    local_bed_describe(bed.meshes, 1, &request);
+    assert_int_equal(bvhd_batch_submit(bed.client, &request.build, &batch, &error), BVHD_UNSUPPORTED);
+    assert_null(batch);
+    assert_string_equal(error.where, "options.local_threads");
+    assert_non_null(strstr(error.text, "bvhd_client_descriptor"));
+    request.infos[0].sType = 0; /* there is nothing to build */
+    assert_int_equal(bvhd_batch_submit(bed.client, &request.build, &batch, NULL), BVHD_OK);
+    assert_int_equal(local_bed_status(batch, 0), BVHD_INVALID);
+    bvhd_batch_destroy(batch);
+    assert_int_equal(bvhd_batch_fetch(bed.client, 1, &key, &batch, NULL), BVHD_OK);
+    assert_int_equal(local_bed_status(batch, 0), BVHD_NOT_FOUND);
+    bvhd_batch_destroy(batch);
+    local_bed_stop(&bed);
+
+    local_bed_start(&bed, 2);
+    struct pollfd watched = {.fd = bvhd_client_descriptor(bed.client), .events = POLLIN};
+    batch = local_bed_submit(bed.client, bed.meshes, LOCAL_BED_MESHES, BVHD_PRIORITY_NORMAL);
+    while (!bvhd_batch_is_done(batch)) {
+        assert_int_equal(poll(&watched, 1, 60000), 1);
+        bvhd_client_dispatch(bed.client);
+    }
+    local_bed_expect_ok(batch);
+    bvhd_batch_destroy(batch);
+    local_bed_stop(&bed);
+}
+
+/* There is no daemon to talk to. */
+static void test_calls(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    struct bvhd_error error;
+    struct bvhd_counters *counters;
+    local_bed_start(&bed, 0);
+    assert_int_equal(bvhd_client_connect(bed.client, &error), BVHD_UNAVAILABLE);
+    assert_string_equal(error.where, "options.local");
+    assert_int_equal(bvhd_client_ping(bed.client, -1, NULL, NULL), BVHD_UNAVAILABLE);
+    assert_int_equal(bvhd_client_counters(bed.client, -1, &counters, NULL), BVHD_UNAVAILABLE);
+    local_bed_stop(&bed);
+    struct bvhd_client_options options = {.struct_size = sizeof options, .local = (enum bvhd_local)3};
+    struct bvhd_client *client = NULL;
+    assert_int_equal(bvhd_client_create(&options, &client, &error), BVHD_INVALID);
+    assert_string_equal(error.where, "options.local");
+    options.struct_size = offsetof(struct bvhd_client_options, local); /* of a program that does not know the field */
+    assert_int_equal(bvhd_client_create(&options, &client, &error), BVHD_OK);
+    bvhd_client_destroy(client);
+    options.struct_size--;
+    assert_int_equal(bvhd_client_create(&options, &client, &error), BVHD_INVALID);
+}
+
+/* Every allocation fails once, and nothing is left. */
+static void test_no_memory(void **state)
+{
+    (void)state;
+    struct local_bed bed;
+    bool succeeded = false;
+    local_bed_start(&bed, 0);
+    bed.meshes[0].range.primitiveCount = 8;
+    bed.meshes[1].range.primitiveCount = 20;
+    bvhd_batch_destroy(local_bed_submit(bed.client, bed.meshes, 1, BVHD_PRIORITY_NORMAL)); /* the pool exists now */
+    for (int64_t fails = 0; !succeeded; fails++) {
+        struct local_bed_build request;
+        struct bvhd_batch *batch = NULL;
+        uint64_t live = library_memory.live;
+        local_bed_describe(bed.meshes, 2, &request);
+        library_memory.fail_after = fails;
+        enum bvhd_status status = bvhd_batch_submit(bed.client, &request.build, &batch, NULL);
+        if (status == BVHD_OK) {
+            assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+            succeeded = library_memory.fail_after >= 0;
+            for (uint32_t i = 0; i < 2; i++)
+                assert_true(local_bed_status(batch, i) == BVHD_OK || local_bed_status(batch, i) == BVHD_NO_MEMORY);
+        }
+        library_memory.fail_after = -1;
+        assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
+        if (succeeded)
+            local_bed_expect_ok(batch);
+        bvhd_batch_destroy(batch);
+        assert_in_range(library_memory.live, live, live + 4096); /* the table of results may have grown */
+    }
+    local_bed_stop(&bed);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_result),     cmocka_unit_test(test_fetch),      cmocka_unit_test(test_order),
+        cmocka_unit_test(test_small_pool), cmocka_unit_test(test_cancel),     cmocka_unit_test(test_destroy),
+        cmocka_unit_test(test_joined),     cmocka_unit_test(test_event_loop), cmocka_unit_test(test_calls),
+        cmocka_unit_test(test_no_memory),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
