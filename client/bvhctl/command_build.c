@@ -11,6 +11,7 @@
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/scene/manifest.h"
 #include "client/bvhctl/scene/notes.h"
+#include "client/bvhctl/scene/output.h"
 #include "client/bvhctl/scene/target_reader.h"
 #include "client/bvhctl/gpu/probe_source.h"
 
@@ -31,14 +32,15 @@ struct build_command {
     struct backend_local local;
     struct backend_service service;
     struct json report; /* what --json prints */
-    struct json manifest;
+    struct output output;
+    struct json manifest, manifest_scenes;
     struct json scenes; /* the array "scenes" of the report */
     struct depfile depfile;
     struct failure *failures;
     uint32_t failure_count, failure_capacity;
     bool failed;
     struct bvhd_error loss; /* its status is not BVHD_OK if the connection to the service was lost */
-    uint64_t structure_count, changed_count, byte_count;
+    uint64_t structure_count, byte_count;
     double start;
 };
 
@@ -109,93 +111,83 @@ static void print_structure(const struct bvhd_result *item, const char *file, bo
            manifest_quality_name(item->quality), item->method ? item->method : "", origin_note(item->origin));
 }
 
-/* Writes the file of a structure, and its entries in the manifest and the report. */
+/* Writes a structure, and its entries in the manifest and the report. */
 static enum bvhd_status keep_structure(struct build_command *run, const struct assembly *assembly, uint32_t index,
-                                       char *const *files, struct bvhd_error *error)
+                                       const struct file_names *names, struct bvhd_error *error)
 {
     const struct bvhd_result *item = &assembly->items[index];
-    char *path = files_join(&run->memory, run->options->output, files[index]);
-    if (!path)
-        return bvhd_error_no_memory(error, files[index], "no memory to write it");
-    bool changed = false;
-    enum bvhd_status status = files_write(path, (struct bytes){item->data, item->size}, &run->memory, &changed, error);
-    memory_free(&run->memory, path);
+    enum bvhd_status status = output_put(&run->output, assembly, index, names, error);
     if (status)
         return status;
-    manifest_write_structure(&run->report, assembly, index, files[index], files, true);
-    manifest_write_structure(&run->manifest, assembly, index, files[index], files, false);
+    manifest_write_structure(&run->report, assembly, index, names, true);
+    manifest_write_structure(&run->manifest, assembly, index, names, false);
     run->structure_count++;
-    run->changed_count += changed;
     run->byte_count += item->size;
     if (prints_text(run->options))
-        print_structure(item, files[index], index == assembly->import->bottom_count);
+        print_structure(item, names->files[index], index == assembly->import->bottom_count);
     return BVHD_OK;
 }
 
 /* A top level is not written if a file that it names has failed. */
-static enum bvhd_status check_handles(const struct assembly *assembly, char *const *files, struct bvhd_error *error)
+static enum bvhd_status check_handles(const struct assembly *assembly, const struct file_names *names,
+                                      struct bvhd_error *error)
 {
     for (uint32_t i = 0; i < assembly->handle_count; i++) {
         enum bvhd_status status = assembly->items[assembly->handles[i]].error.status;
         if (status)
             return bvhd_error_set(error, status, assembly->import->name, "%s, which it needs, was not written",
-                                  files[assembly->handles[i]]);
+                                  names->files[assembly->handles[i]]);
     }
     return BVHD_OK;
 }
 
+/* Bottom levels with equal names have equal geometry, so that one file serves them all. */
+static enum bvhd_status check_shared(const struct assembly *assembly, uint32_t index, const struct file_names *names,
+                                     struct bvhd_error *error)
+{
+    const struct bvhd_result *item = &assembly->items[index], *first = &assembly->items[names->first[index]];
+    if (first->error.status || !memcmp(&item->key, &first->key, sizeof item->key))
+        return BVHD_OK;
+    return bvhd_error_set(error, BVHD_INVALID, assembly->import->name,
+                          "two different meshes have the same name and the same checksum");
+}
+
 /* Writes all structures of a scene. One that cannot be written has failed, like one that cannot be built. */
-static void keep_structures(struct build_command *run, const struct assembly *assembly, char **files)
+static void keep_structures(struct build_command *run, const struct assembly *assembly, const struct file_names *names)
 {
     uint32_t top = assembly->import->bottom_count;
     for (uint32_t i = 0; i <= top; i++) {
         struct bvhd_error error = assembly->items[i].error;
         if (!error.status && i == top)
-            check_handles(assembly, files, &error);
-        if (!error.status)
-            keep_structure(run, assembly, i, files, &error);
+            check_handles(assembly, names, &error);
+        if (!error.status && names->first[i] != i)
+            check_shared(assembly, i, names, &error);
+        else if (!error.status)
+            keep_structure(run, assembly, i, names, &error);
         if (error.status)
-            fail(run, files[i], &error);
+            fail(run, names->files[i], &error);
         assembly->items[i].error = error;
     }
-}
-
-static char **make_file_names(const struct import *import)
-{
-    uint64_t count = (uint64_t)import->bottom_count + 1;
-    char **files = memory_array(import->memory, count, sizeof *files);
-    bool ok = files != NULL;
-    for (uint64_t i = 0; i < count && files; i++)
-        ok &= (files[i] = manifest_file_name(import, (uint32_t)i)) != NULL;
-    for (uint64_t i = 0; i < count && files && !ok; i++)
-        memory_free(import->memory, files[i]);
-    if (!ok)
-        memory_free(import->memory, files);
-    return ok ? files : NULL;
-}
-
-static void free_file_names(const struct import *import, char **files)
-{
-    for (uint64_t i = 0; i <= import->bottom_count; i++)
-        memory_free(import->memory, files[i]);
-    memory_free(import->memory, files);
 }
 
 static enum bvhd_status build_imported(struct build_command *run, const struct import *import, struct bvhd_error *error)
 {
     struct assembly assembly;
-    char **files = make_file_names(import);
-    if (!files)
-        return bvhd_error_no_memory(error, import->name, "no memory for its files' names");
+    struct file_names names;
+    enum bvhd_status status = file_names_make(import, &names, error);
+    if (status)
+        return status;
     progress_begin(&run->progress, "building", import->name);
-    enum bvhd_status status = assemble(import, run->options, run->backend, &assembly, error);
+    status = assemble(import, run->options, run->backend, &assembly, error);
     progress_end(&run->progress);
     if (!status) {
-        keep_structures(run, &assembly, files);
+        keep_structures(run, &assembly, &names);
+        if (assembly.items[import->bottom_count].error.status == BVHD_OK)
+            manifest_write_scene(&run->manifest_scenes, &assembly, &names);
         notes_activity(&assembly);
         assembly_finish(&assembly);
     }
-    free_file_names(import, files);
+    file_names_finish(&names);
     return status;
 }
 
@@ -232,7 +224,7 @@ static enum bvhd_status check_names(const struct options *options, struct memory
     int count = 0;
     for (; names && count < options->operand_count && !status; count++) {
         char *raw = import_name(options->operands[count], memory);
-        names[count] = raw ? manifest_safe_name(raw, memory) : NULL;
+        names[count] = raw ? file_names_safe(raw, memory) : NULL;
         memory_free(memory, raw);
         if (!names[count])
             status = bvhd_error_no_memory(error, options->operands[count], "no memory for its name");
@@ -253,23 +245,17 @@ static enum bvhd_status check_names(const struct options *options, struct memory
 static enum bvhd_status write_manifest(struct build_command *run, struct bvhd_error *error)
 {
     struct json *json = &run->manifest;
-    json_array_end(json);
-    json_object_end(json);
-    json_newline(json);
-    char *path = files_join(&run->notes, run->options->output, MANIFEST_NAME);
-    enum bvhd_status status = BVHD_OK;
-    if (!path || json->failed)
-        status = bvhd_error_no_memory(error, MANIFEST_NAME, "no memory for the manifest");
-    else
-        status =
-            files_write(path, (struct bytes){(const unsigned char *)json->data, json->size}, &run->notes, NULL, error);
-    memory_free(&run->notes, path);
-    return status;
+    manifest_end(json, &run->manifest_scenes);
+    if (json->failed)
+        return bvhd_error_no_memory(error, MANIFEST_NAME, "no memory for the manifest");
+    return output_end(&run->output, (struct bytes){(const unsigned char *)json->data, json->size}, !run->failed, error);
 }
 
 static void begin_output(struct build_command *run)
 {
-    char *target = files_join(&run->notes, run->options->output, MANIFEST_NAME);
+    const char *output = run->options->output;
+    char *target = run->output.is_container ? files_copy_text(&run->notes, output)
+                                            : files_join(&run->notes, output, MANIFEST_NAME);
     depfile_init(&run->depfile, &run->notes, target ? target : "");
     if (run->options->probe)
         depfile_add(&run->depfile, run->options->probe);
@@ -278,12 +264,12 @@ static void begin_output(struct build_command *run)
     json_init(&run->report, &run->notes, false);
     json_init(&run->manifest, &run->notes, true);
     json_init(&run->scenes, &run->notes, false);
-    struct json *both[] = {&run->report, &run->manifest};
-    for (int i = 0; i < 2; i++) {
-        json_object(both[i], NULL);
-        json_integer(both[i], "schema", 1);
-        json_array(both[i], "structures");
-    }
+    json_init(&run->manifest_scenes, &run->notes, true);
+    run->manifest_scenes.depth = 2; /* in an array of the manifest */
+    json_object(&run->report, NULL);
+    json_integer(&run->report, "schema", 1);
+    json_array(&run->report, "structures");
+    manifest_begin(&run->manifest, run->options);
 }
 
 static void print_report(struct build_command *run)
@@ -301,15 +287,32 @@ static void print_report(struct build_command *run)
         json_object_end(json);
     }
     json_array_end(json);
+    json_text(json, "output", run->options->output);
+    json_integer(json, "changed", run->output.changed);
+    json_integer(json, "removed", run->output.removed);
     json_number(json, "wall_ms", clock_ms() - run->start);
     json_object_end(json);
 }
 
 static void print_summary(const struct build_command *run)
 {
-    printf("%llu structure%s, %.2f MB, %llu file%s changed, %.0f ms\n", (unsigned long long)run->structure_count,
-           run->structure_count == 1 ? "" : "s", (double)run->byte_count / 1e6, (unsigned long long)run->changed_count,
-           run->changed_count == 1 ? "" : "s", clock_ms() - run->start);
+    uint32_t changed = run->output.changed, removed = run->output.removed;
+    printf("%llu structure%s, %.2f MB, %u file%s changed, ", (unsigned long long)run->structure_count,
+           run->structure_count == 1 ? "" : "s", (double)run->byte_count / 1e6, changed, changed == 1 ? "" : "s");
+    if (removed)
+        printf("%u stale file%s removed, ", removed, removed == 1 ? "" : "s");
+    printf("%.0f ms\n", clock_ms() - run->start);
+}
+
+/* Says that a container was not written, because it holds all structures or none. */
+static void note_no_container(struct build_command *run)
+{
+    struct bvhd_error error;
+    if (!run->output.is_container || !run->failed)
+        return;
+    bvhd_error_set(&error, run->failures ? run->failures[0].error.status : BVHD_NO_MEMORY, run->options->output,
+                   "it was not written, because not all of its structures were built");
+    fail(run, "build", &error);
 }
 
 static void write_lists(struct build_command *run)
@@ -317,6 +320,7 @@ static void write_lists(struct build_command *run)
     struct bvhd_error error;
     if (run->failed && run->structure_count == 0)
         return; /* there is nothing to list, and an earlier manifest may still be right */
+    note_no_container(run);
     if (write_manifest(run, &error))
         fail(run, "build", &error);
     else if (run->options->depfile && !run->failed && depfile_write(&run->depfile, run->options->depfile, &error))
@@ -352,6 +356,8 @@ static void release(struct build_command *run)
     json_finish(&run->report);
     json_finish(&run->manifest);
     json_finish(&run->scenes);
+    json_finish(&run->manifest_scenes);
+    output_close(&run->output);
     depfile_finish(&run->depfile);
     backend_local_close(&run->local);
     backend_service_close(&run->service);
@@ -404,7 +410,7 @@ enum exit_code command_build(const struct options *options)
         report_failure(options->json, "build", &error);
         code = error.status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED;
     } else if (find_format(&run, &error) || open_backend(&run, &error) ||
-               files_make_directory(options->output, &error)) {
+               output_open(&run.output, options->output, &run.notes, &error)) {
         code = report_failure(options->json, "build", &error);
     } else {
         code = build_scenes(&run);

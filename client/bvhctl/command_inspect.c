@@ -39,9 +39,11 @@ static void write_counts(struct json *json, const char *key, const uint64_t *cou
     json_array_end(json);
 }
 
-/* An opened file and the facts about it. */
+/* An opened structure and the facts about it. */
 struct inspected {
-    const char *path;
+    const char *path; /* of the file, or of the container */
+    const char *file; /* the structure's name in its container; NULL: it is a file */
+    const struct manifest_entry *entry; /* what the manifest says about it; NULL: there is none */
     const struct structure *structure;
     struct serialized_header serialized;
     struct survey survey;
@@ -56,24 +58,30 @@ static void write_serialized(struct json *json, const struct serialized_header *
     json_text(json, "compatibility_uuid", uuid);
     json_integer(json, "serialized_size", serialized->serialized_size);
     json_integer(json, "deserialized_size", serialized->deserialized_size);
-    json_integer(json, "handles", serialized->handle_count);
+    json_integer(json, "handle_count", serialized->handle_count);
+}
+
+/* Nothing can be hit in an empty structure, which has no bounds. */
+static void write_bounds(struct json *json, const struct inspected *inspected)
+{
+    float bounds[6];
+    structure_bounds(inspected->structure, bounds);
+    if (inspected->survey.depth)
+        json_floats(json, "bounds", bounds, 6);
+    else
+        json_null(json, "bounds");
 }
 
 static void write_header(struct json *json, const struct inspected *inspected)
 {
     const struct structure *structure = inspected->structure;
-    float bounds[6];
-    structure_bounds(structure, bounds);
     write_serialized(json, &inspected->serialized);
     json_text(json, "target", layout_find(structure->target)->name);
     for (uint32_t i = 0; i < inspected->survey.figure_count; i++)
         json_integer(json, inspected->survey.figures[i].name, inspected->survey.figures[i].value);
     json_text(json, "content", survey_content_name(structure));
-    json_array(json, "bounds");
-    for (int i = 0; i < 6; i++)
-        json_number(json, NULL, bounds[i]);
-    json_array_end(json);
-    json_integer(json, "depth", inspected->survey.depth);
+    write_bounds(json, inspected);
+    json_integer(json, "levels", inspected->survey.depth);
     json_integer(json, "nodes", inspected->survey.nodes);
     json_integer(json, "records", structure->record_count);
     json_integer(json, "primitives", structure->primitive_count);
@@ -81,7 +89,7 @@ static void write_header(struct json *json, const struct inspected *inspected)
 
 static void write_survey(struct json *json, const struct survey *survey)
 {
-    json_object(json, "bytes");
+    json_object(json, "sections");
     json_integer(json, "header", survey->header_bytes);
     json_integer(json, "nodes", survey->node_bytes);
     json_integer(json, "records", survey->record_bytes);
@@ -99,11 +107,30 @@ static void write_survey(struct json *json, const struct survey *survey)
     write_counts(json, "nodes_on_level", survey->level_nodes, 0, survey->depth);
 }
 
+/* Writes what the structure is called, and what its manifest says about it. */
+static void write_names(struct json *json, const struct inspected *inspected)
+{
+    const struct manifest_entry *entry = inspected->entry;
+    const char *slash = strrchr(inspected->path, '/');
+    json_text(json, "file", inspected->file ? inspected->file : slash ? slash + 1 : inspected->path);
+    json_text(json, "path", inspected->path);
+    if (inspected->structure->content == CONTENT_UNKNOWN)
+        json_null(json, "type");
+    else
+        json_text(json, "type", inspected->structure->content == CONTENT_INSTANCES ? "tlas" : "blas");
+    if (entry) {
+        json_text(json, "scene", entry->scene);
+        json_text(json, "name", entry->name);
+        json_text(json, "key", entry->key);
+    }
+    json_integer(json, "bytes", inspected->structure->blob.size);
+}
+
 static void write_file(struct json *json, const struct inspected *inspected)
 {
     const struct structure *structure = inspected->structure;
     json_object(json, NULL);
-    json_text(json, "file", inspected->path);
+    write_names(json, inspected);
     write_header(json, inspected);
     write_survey(json, &inspected->survey);
     json_array(json, "geometries");
@@ -197,7 +224,8 @@ static void print_title(const struct inspected *inspected)
     char uuid[64];
     inspect_uuid(serialized->compatibility_uuid, uuid);
     add_letters(serialized->compatibility_uuid, uuid);
-    printf("%s: %s level, %s %s %llu, %u %s of %u primitives, %llu bytes\n", inspected->path, level_name(structure),
+    printf("%s%s%s: %s level, %s %s %llu, %u %s of %u primitives, %llu bytes\n", inspected->path,
+           inspected->file ? ": " : "", inspected->file ? inspected->file : "", level_name(structure),
            layout_find(structure->target)->name, revision->name, (unsigned long long)revision->value,
            structure->record_count, survey_content_name(structure), structure->primitive_count,
            (unsigned long long)structure->blob.size);
@@ -282,44 +310,111 @@ static enum bvhd_status inspect_other(struct inspect_command *run, const char *p
     return error->status;
 }
 
-static void inspect_file(struct inspect_command *run, const char *path)
+/* Reports an opened structure, and closes it. */
+static void show(struct inspect_command *run, struct inspected *inspected, struct structure_file *file)
 {
-    struct structure_file file;
-    struct inspected inspected = {.path = path, .structure = &file.structure};
     struct bvhd_error error;
-    enum bvhd_status status = structures_read(path, &run->memory, &file, &error);
-    if (status == BVHD_OK) {
-        status = take(run, &inspected, &error);
-        if (status == BVHD_OK && run->options->json)
-            write_file(&run->json, &inspected);
-        else if (status == BVHD_OK)
-            print_file(&inspected);
-        structures_close_file(&file, &run->memory);
-    } else {
-        status = inspect_other(run, path, status, &error);
-    }
+    inspected->structure = &file->structure;
+    enum bvhd_status status = take(run, inspected, &error);
+    if (status == BVHD_OK && run->options->json)
+        write_file(&run->json, inspected);
+    else if (status == BVHD_OK)
+        print_file(inspected);
+    structures_close_file(file, &run->memory);
     run->shown += status == BVHD_OK;
     if (status != BVHD_OK)
         fail(run, &error);
 }
 
-static void inspect_directory(struct inspect_command *run, const char *directory)
+static void inspect_file(struct inspect_command *run, const char *path)
+{
+    struct structure_file file;
+    struct inspected inspected = {.path = path};
+    struct bvhd_error error;
+    enum bvhd_status status = structures_read(path, &run->memory, &file, &error);
+    if (status == BVHD_OK) {
+        show(run, &inspected, &file);
+        return;
+    }
+    status = inspect_other(run, path, status, &error);
+    run->shown += status == BVHD_OK;
+    if (status != BVHD_OK)
+        fail(run, &error);
+}
+
+/* Inspects what a manifest lists: a structure of a container, or a file of a directory. */
+static void inspect_entry(struct inspect_command *run, const struct built *built, const struct manifest_entry *entry)
+{
+    struct structure_file file;
+    struct bvhd_error error;
+    char *path = built->is_container ? files_copy_text(&run->memory, built->path)
+                                     : files_join(&run->memory, built->path, entry->file);
+    struct inspected inspected = {.path = path, .entry = entry, .file = built->is_container ? entry->file : NULL};
+    if (!path)
+        fail(run, &(struct bvhd_error){BVHD_NO_MEMORY, BVHD_VUID_NONE, "inspect", "no memory for a path"});
+    else if (structures_read_built(built, entry->file, &run->memory, &file, &error) == BVHD_OK)
+        show(run, &inspected, &file);
+    else
+        fail(run, &error);
+    memory_free(&run->memory, path);
+}
+
+static void print_container(const struct built *built)
+{
+    printf("%s: container version %u, %u structures, %llu bytes, of which %llu are its manifest\n", built->path,
+           built->container.version, built->container.count, (unsigned long long)built->container.file.size,
+           (unsigned long long)built->container.manifest.size);
+}
+
+static void write_container(struct json *json, const struct built *built)
+{
+    json_object(json, "container");
+    json_text(json, "path", built->path);
+    json_integer(json, "version", built->container.version);
+    json_integer(json, "structures", built->container.count);
+    json_integer(json, "bytes", built->container.file.size);
+    json_integer(json, "manifest_bytes", built->container.manifest.size);
+    json_object_end(json);
+}
+
+static void inspect_built(struct inspect_command *run, const struct built *built)
 {
     struct manifest manifest;
     struct bvhd_error error;
-    if (manifest_read(directory, &run->memory, &manifest, &error) != BVHD_OK) {
+    if (manifest_read_built(built, &run->memory, &manifest, &error) != BVHD_OK) {
         fail(run, &error);
         return;
     }
-    for (uint32_t i = 0; i < manifest.count; i++) {
-        char *path = files_join(&run->memory, directory, manifest.entries[i].file);
-        if (path)
-            inspect_file(run, path);
-        else
-            fail(run, &(struct bvhd_error){BVHD_NO_MEMORY, BVHD_VUID_NONE, "inspect", "no memory for a path"});
-        memory_free(&run->memory, path);
-    }
+    if (built->is_container && !run->options->json)
+        print_container(built);
+    for (uint32_t i = 0; i < manifest.count; i++)
+        inspect_entry(run, built, &manifest.entries[i]);
     manifest_finish(&manifest);
+}
+
+/* Inspects a directory or a container. */
+static void inspect_all(struct inspect_command *run, const char *path)
+{
+    struct built built;
+    struct bvhd_error error;
+    json_array(&run->json, "files");
+    if (built_open(path, &run->memory, &built, &error) != BVHD_OK) {
+        fail(run, &error);
+        json_array_end(&run->json);
+        return;
+    }
+    inspect_built(run, &built);
+    json_array_end(&run->json);
+    if (built.is_container)
+        write_container(&run->json, &built);
+    built_close(&built);
+}
+
+static void inspect_one(struct inspect_command *run, const char *path)
+{
+    json_array(&run->json, "files");
+    inspect_file(run, path);
+    json_array_end(&run->json);
 }
 
 enum exit_code command_inspect(const struct options *options)
@@ -329,12 +424,10 @@ enum exit_code command_inspect(const struct options *options)
     json_init(&run.json, &run.memory, false);
     json_object(&run.json, NULL);
     json_integer(&run.json, "schema", 1);
-    json_array(&run.json, "files");
-    if (files_is_directory(options->operands[0]))
-        inspect_directory(&run, options->operands[0]);
+    if (files_is_directory(options->operands[0]) || built_is_container(options->operands[0]))
+        inspect_all(&run, options->operands[0]);
     else
-        inspect_file(&run, options->operands[0]);
-    json_array_end(&run.json);
+        inspect_one(&run, options->operands[0]);
     json_object_end(&run.json);
     bool ok = true;
     if (!options->json)

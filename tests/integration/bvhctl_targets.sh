@@ -64,11 +64,12 @@ expect "each device and each target has different keys: $(sort all-keys | uniq -
 expect 'there are keys' [ "$(wc -l <all-keys)" -gt 30 ]
 
 # Structures begin with the device's UUIDs, and between devices of one variant nothing else differs.
-tail -c +33 'local/ball plain 10/ball.blas-0.as' >rest10
-tail -c +33 'local/ball plain 11/ball.blas-0.as' >rest11
+blas=$(cd 'local/ball plain 10' && echo ball.blas-*.as)
+tail -c +33 "local/ball plain 10/$blas" >rest10
+tail -c +33 "local/ball plain 11/$blas" >rest11
 expect 'the rest is the same' cmp -s rest10 rest11
-expect 'the UUIDs are not' sh -c '! cmp -s "local/ball plain 10/ball.blas-0.as" "local/ball plain 11/ball.blas-0.as"'
-expect 'they are the probe'"'"'s' [ "$(head -c 16 'local/ball plain 11/ball.blas-0.as' | od -An -tu1 | tr -s ' ')" = \
+expect 'the UUIDs are not' sh -c "! cmp -s 'local/ball plain 10/$blas' 'local/ball plain 11/$blas'"
+expect 'they are the probe'"'"'s' [ "$(head -c 16 "local/ball plain 11/$blas" | od -An -tu1 | tr -s ' ')" = \
     " 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26" ]
 
 # A top level of this target has a handle for each instance, and the manifest lists them in the same order.

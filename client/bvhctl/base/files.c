@@ -199,6 +199,103 @@ enum bvhd_status files_write(const char *path, struct bytes content, struct memo
     return BVHD_OK;
 }
 
+enum bvhd_status files_stream_begin(struct files_stream *stream, const char *path, struct memory *memory,
+                                    struct bvhd_error *error)
+{
+    char place[PATH_MAX];
+    enum bvhd_status status = find_place(path, place, error);
+    if (status != BVHD_OK)
+        return status;
+    uint64_t size = strlen(place) + sizeof ".XXXXXX";
+    *stream = (struct files_stream){.memory = memory, .descriptor = -1};
+    stream->path = files_copy_text(memory, path);
+    stream->place = files_copy_text(memory, place);
+    stream->temporary = memory_alloc(memory, size);
+    if (!stream->path || !stream->place || !stream->temporary) {
+        files_stream_abandon(stream);
+        return bvhd_error_no_memory(error, path, "no memory for its name");
+    }
+    snprintf(stream->temporary, size, "%s.XXXXXX", place);
+    stream->descriptor = create_temporary(stream->temporary);
+    if (stream->descriptor >= 0)
+        return BVHD_OK;
+    status = system_error(error, path, errno);
+    files_stream_abandon(stream);
+    return status;
+}
+
+bool files_stream_put(struct files_stream *stream, struct bytes content)
+{
+    if (!stream->failure && !write_all(stream->descriptor, content))
+        stream->failure = errno ? errno : EIO;
+    stream->size += content.size;
+    return !stream->failure;
+}
+
+/* Returns whether two files have the same bytes. */
+static bool have_same_content(int descriptor, uint64_t size, const char *path)
+{
+    int other = -1;
+    uint64_t other_size = 0;
+    if (open_regular(path, &other, &other_size, NULL) != BVHD_OK)
+        return false;
+    bool same = size == other_size && lseek(descriptor, 0, SEEK_SET) == 0;
+    unsigned char chunks[2][32768];
+    for (uint64_t done = 0; same && done < size;) {
+        uint64_t step = size - done < sizeof chunks[0] ? size - done : sizeof chunks[0];
+        same = read_all(descriptor, chunks[0], step) && read_all(other, chunks[1], step) &&
+               !memcmp(chunks[0], chunks[1], step);
+        done += step;
+    }
+    close(other);
+    return same;
+}
+
+/* Returns 0 or an errno. *ret_changed says whether the temporary file has become the file. */
+static int finish_stream(struct files_stream *stream, struct bytes head, bool *ret_changed)
+{
+    if (stream->failure)
+        return stream->failure;
+    if (pwrite(stream->descriptor, head.data, head.size, 0) != (ssize_t)head.size)
+        return errno ? errno : EIO;
+    *ret_changed = !have_same_content(stream->descriptor, stream->size, stream->place);
+    if (!*ret_changed)
+        return 0;
+    if (!set_default_mode(stream->descriptor) || rename(stream->temporary, stream->place) < 0)
+        return errno;
+    memory_free(stream->memory, stream->temporary);
+    stream->temporary = NULL;
+    return 0;
+}
+
+enum bvhd_status files_stream_end(struct files_stream *stream, struct bytes head, bool *ret_changed,
+                                  struct bvhd_error *error)
+{
+    bool changed = false;
+    int number = finish_stream(stream, head, &changed);
+    enum bvhd_status status = number ? system_error(error, stream->path, number) : BVHD_OK;
+    files_stream_abandon(stream);
+    if (status == BVHD_OK && ret_changed)
+        *ret_changed = changed;
+    return status;
+}
+
+void files_stream_abandon(struct files_stream *stream)
+{
+    if (!stream || !stream->memory)
+        return;
+    if (stream->descriptor >= 0) {
+        close(stream->descriptor);
+        if (stream->temporary)
+            unlink(stream->temporary);
+        interrupt_removes(NULL);
+    }
+    memory_free(stream->memory, stream->path);
+    memory_free(stream->memory, stream->place);
+    memory_free(stream->memory, stream->temporary);
+    *stream = (struct files_stream){0};
+}
+
 enum bvhd_status files_make_directory(const char *path, struct bvhd_error *error)
 {
     char folder[4096];

@@ -27,6 +27,32 @@ enum bvhd_status files_read(const char *path, uint64_t limit, struct memory *mem
 enum bvhd_status files_write(const char *path, struct bytes content, struct memory *memory, bool *ret_changed,
                              struct bvhd_error *error);
 
+/* A file that is written piece by piece, to a temporary file beside it. All fields belong to files.c. */
+struct files_stream {
+    char *path, *place, *temporary;
+    struct memory *memory;
+    int descriptor;
+    uint64_t size;
+    int failure; /* errno of the first write that failed; 0: none has */
+};
+
+/* Begins a file. The errors are those of files_write. End with files_stream_end or files_stream_abandon. */
+enum bvhd_status files_stream_begin(struct files_stream *stream, const char *path, struct memory *memory,
+                                    struct bvhd_error *error);
+
+/* Appends bytes. Returns false after a failure, which files_stream_end reports. */
+bool files_stream_put(struct files_stream *stream, struct bytes content);
+
+/*
+ * Writes `head` over the first bytes, and then renames the temporary file to the path, unless the file there has the
+ * same bytes. The stream is over, also after an error.
+ */
+enum bvhd_status files_stream_end(struct files_stream *stream, struct bytes head, bool *ret_changed,
+                                  struct bvhd_error *error);
+
+/* Removes the temporary file. NULL-safe, idempotent. */
+void files_stream_abandon(struct files_stream *stream);
+
 /* Creates a directory and its parents, as far as they are missing. */
 enum bvhd_status files_make_directory(const char *path, struct bvhd_error *error);
 

@@ -250,7 +250,8 @@ static enum bvhd_status read_handles(const struct scene_build *job, struct assem
         bvhd_error_set(&top->error, BVHD_CORRUPT, "handles", "they name structures that were not requested");
         return BVHD_OK;
     }
-    memory_free(memory, assembly->handles);
+    assembly->rows = assembly->handles;
+    assembly->row_count = assembly->handle_count;
     assembly->handles = bottoms;
     assembly->handle_count = (uint32_t)header.handle_count;
     return BVHD_OK;
@@ -334,5 +335,6 @@ void assembly_finish(struct assembly *assembly)
     assembly->backend->release(assembly->backend, assembly->bottoms);
     memory_free(assembly->import->memory, assembly->items);
     memory_free(assembly->import->memory, assembly->handles);
+    memory_free(assembly->import->memory, assembly->rows);
     *assembly = (struct assembly){0};
 }

@@ -19,6 +19,8 @@ struct assembly {
     struct bvhd_result *items; /* bottom levels in the order of the import, then the top level: bottom_count + 1 */
     uint32_t *handles; /* of each handle of the top level, in their order: the bottom level that it names */
     uint32_t handle_count;
+    uint32_t *rows; /* of each row of the top level's references: the bottom level that it names */
+    uint32_t row_count;
     struct backend *backend;
     void *bottoms, *top; /* owners of the results, which the backend releases */
 };

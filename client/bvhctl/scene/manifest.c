@@ -1,66 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "client/bvhctl/scene/manifest.h"
+#include "client/bvhctl/scene/manifest_internal.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "client/bvhctl/scene/activity.h"
-
-enum { LEVEL_NAME_MAX = 48 }; /* of the name of a mesh or node that are used in a file name */
-
-static bool is_safe(unsigned char character)
-{
-    return (character >= 'a' && character <= 'z') || (character >= 'A' && character <= 'Z') ||
-           (character >= '0' && character <= '9') || character == '.' || character == '-' || character == '_';
-}
-
-/*
- * Makes a name that is safe in file names: runs of other characters become one '_', dots are kept only with `dots`, and
- * the first character is neither a dot, which would hide the file, nor a hyphen.
- */
-static size_t make_safe(const char *name, size_t limit, bool dots, char *ret_safe)
-{
-    size_t size = 0;
-    for (const unsigned char *at = (const unsigned char *)name; *at && size < limit; at++) {
-        bool ok = is_safe(*at) && (dots || *at != '.') && !(size == 0 && (*at == '.' || *at == '-'));
-        if (ok)
-            ret_safe[size++] = (char)*at;
-        else if (size == 0 || ret_safe[size - 1] != '_')
-            ret_safe[size++] = '_';
-    }
-    ret_safe[size] = '\0';
-    return size;
-}
-
-char *manifest_safe_name(const char *name, struct memory *memory)
-{
-    size_t length = strlen(name);
-    char *safe = memory_alloc(memory, length + 2);
-    if (safe && make_safe(name, length, true, safe) == 0)
-        memcpy(safe, "_", 2);
-    return safe;
-}
-
-char *manifest_file_name(const struct import *import, uint32_t index)
-{
-    char level_name[LEVEL_NAME_MAX + 1] = "", level[LEVEL_NAME_MAX + 32];
-    char *scene = manifest_safe_name(import->name, import->memory);
-    if (!scene)
-        return NULL;
-    bool is_top = index == import->bottom_count;
-    size_t named = is_top ? 0 : make_safe(import->bottoms[index].name, LEVEL_NAME_MAX, false, level_name);
-    if (is_top)
-        snprintf(level, sizeof level, "tlas");
-    else
-        snprintf(level, sizeof level, "blas-%u%s%s", index, named ? "-" : "", level_name);
-    uint64_t size = strlen(scene) + strlen(level) + sizeof "..as";
-    char *file = memory_alloc(import->memory, size);
-    if (file)
-        snprintf(file, size, "%s.%s.as", scene, level);
-    memory_free(import->memory, scene);
-    return file;
-}
 
 static void write_colour(struct json *json, const float colour[3])
 {
@@ -115,11 +60,11 @@ static void write_geometries(struct json *json, const struct import *import, uin
     json_array_end(json);
 }
 
-static void write_handles(struct json *json, const struct assembly *assembly, char *const *all_files)
+static void write_handles(struct json *json, const struct assembly *assembly, const struct file_names *names)
 {
     json_array(json, "handles");
     for (uint32_t i = 0; i < assembly->handle_count; i++)
-        json_text(json, NULL, all_files[assembly->handles[i]]);
+        json_text(json, NULL, names->files[names->first[assembly->handles[i]]]);
     json_array_end(json);
 }
 
@@ -179,7 +124,7 @@ static void write_times(struct json *json, const struct bvhd_result *item)
     json_integer(json, "peak_bytes", item->peak_bytes);
 }
 
-static const char *structure_name(const struct import *import, uint32_t index)
+const char *manifest_structure_name(const struct import *import, uint32_t index)
 {
     bool named = index < import->bottom_count && *import->bottoms[index].name;
     return named ? import->bottoms[index].name : import->name;
@@ -199,8 +144,8 @@ const char *manifest_quality_name(enum bvhd_quality quality)
     return name ? name : "";
 }
 
-void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index, const char *file,
-                              char *const *all_files, bool times)
+void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index,
+                              const struct file_names *names, bool times)
 {
     const struct import *import = assembly->import;
     const struct bvhd_result *item = &assembly->items[index];
@@ -210,10 +155,10 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     key_to_text(&key, key_text);
     bool is_top = index == import->bottom_count;
     json_object(json, NULL);
-    json_text(json, "file", file);
+    json_text(json, "file", names->files[index]);
     json_text(json, "type", is_top ? "tlas" : "blas");
     json_text(json, "scene", import->name);
-    json_text(json, "name", structure_name(import, index));
+    json_text(json, "name", manifest_structure_name(import, index));
     write_geometries(json, import, index, item);
     json_integer(json, "primitives", item->primitives);
     json_integer(json, "triangles", item->triangles);
@@ -223,6 +168,7 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_integer(json, "skipped", item->skipped);
     json_integer(json, "bytes", item->size);
     json_text(json, "key", key_text);
+    manifest_write_bounds(json, item->bounds);
     if (times)
         write_times(json, item);
     json_integer(json, "depth", item->depth);
@@ -233,7 +179,9 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
     json_text(json, "target", target_name(item));
     if (is_top) {
         write_source(json, import);
-        write_handles(json, assembly, all_files);
+        write_handles(json, assembly, names);
+        if (!times)
+            manifest_write_nodes(json, import, names);
     }
     json_object_end(json);
 }

@@ -3,40 +3,42 @@
  * manifest.h - writes and reads manifest.json, which lists the structures in a directory: their files, their targets,
  * and which bottom levels a top level refers to.
  *
- * Its form is {"schema":1,"structures":[{"file","type","scene","name",...,"handles"}]}. It contains no times, so that
- * it is the same for equal input on any machine, with any number of threads. `file` is a plain name in the directory.
- * The `handles` of a top level are files, in the order of its serialized handles. A top level has a member
- * "source_scene":{"number","name"} if it was built from one chosen scene of its file, and "left_out":{...} with numbers
- * by kind (import_counts.h) if anything was left out. Geometries have such a member, too; meshes without triangles are
- * in "meshes_left_out":[{"name","left_out"}] of the top level.
+ * docs/manifest.md describes its members. It contains no times, so that it is the same for equal input on any machine,
+ * with any number of threads. `file` is a plain name in the directory, and handles of a top level are files, in the
+ * order of its serialized handles.
  */
 #ifndef BVHCTL_MANIFEST_H
 #define BVHCTL_MANIFEST_H
 
 #include "client/bvhctl/scene/assemble.h"
+#include "client/bvhctl/scene/built.h"
+#include "client/bvhctl/scene/file_names.h"
 #include "client/bvhctl/base/json.h"
 
 #define MANIFEST_NAME "manifest.json"
 
-/*
- * Returns the file name of structure `index` of an import (bottom_count is the top level): "SCENE.blas-3-NAME.as" or
- * "SCENE.tlas.as", with only letters, digits and . _ - in it. NAME has no dot, so that files of two scenes cannot have
- * the same name. The caller frees it, with memory_free of import->memory. NULL when there is no memory.
- */
-char *manifest_file_name(const struct import *import, uint32_t index);
+enum { MANIFEST_REVISION = 2 };
 
-/*
- * Returns the scene's name in the form that file names begin with. The caller frees it with memory_free. NULL when
- * there is no memory.
- */
-char *manifest_safe_name(const char *name, struct memory *memory);
+/* Begins a manifest: the array of its structures is open then. */
+void manifest_begin(struct json *json, const struct options *options);
 
 /*
  * Writes one element of "structures". With `times` it has also the members that depend on the run: times, peak memory,
- * cache hits.
+ * cache hits; without, a top level has the nodes.
  */
-void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index, const char *file,
-                              char *const *all_files, bool times);
+void manifest_write_structure(struct json *json, const struct assembly *assembly, uint32_t index,
+                              const struct file_names *names, bool times);
+
+/*
+ * Writes one element of "scenes", for a scene whose top level was built. The scene's files are read for their checksums.
+ */
+void manifest_write_scene(struct json *json, const struct assembly *assembly, const struct file_names *names);
+
+/* Ends a manifest, with the elements of "scenes". */
+void manifest_end(struct json *json, const struct json *scenes);
+
+/* Returns the member "name" of structure `index`: that of its mesh or node, or that of the scene. */
+const char *manifest_structure_name(const struct import *import, uint32_t index);
 
 /* The base colour of a geometry, linear. It has none if red < 0. */
 struct manifest_colour {
@@ -45,8 +47,10 @@ struct manifest_colour {
 
 struct manifest_entry {
     char *file, *scene, *name;
+    char *key; /* as text; "" if the manifest has none */
     enum target target;
     bool is_top;
+    uint64_t bytes; /* 0: the manifest does not say how large it is */
     bool has_source; /* it was built from one chosen scene of its file: */
     uint32_t source_number; /* its number, from 0 */
     char *source_name; /* and its name; NULL if it has none */
@@ -63,11 +67,14 @@ struct manifest {
 };
 
 /*
- * Reads DIRECTORY/manifest.json, which is hostile: file names that contain '/' or are ".." are refused. BVHD_NOT_FOUND,
- * or BVHD_CORRUPT with the place. End with manifest_finish.
+ * Reads the manifest of a directory or a container, which is hostile: file names that contain '/' or are ".." are
+ * refused. Nodes are not read. BVHD_NOT_FOUND, or BVHD_CORRUPT with the place, or the errors of built_open. End with
+ * manifest_finish.
  */
-enum bvhd_status manifest_read(const char *directory, struct memory *memory, struct manifest *ret_manifest,
+enum bvhd_status manifest_read(const char *path, struct memory *memory, struct manifest *ret_manifest,
                                struct bvhd_error *error);
+enum bvhd_status manifest_read_built(const struct built *built, struct memory *memory, struct manifest *ret_manifest,
+                                     struct bvhd_error *error);
 
 /*
  * Finds the top level that `scene` names: the scene of this name, else the one that was built from the scene of this

@@ -5,9 +5,7 @@
 
 #include "client/bvhctl/base/files.h"
 #include "builder/format/layout.h"
-#include "client/bvhctl/scene/manifest.h"
-
-enum { MANIFEST_LIMIT = 1 << 30 };
+#include "client/bvhctl/scene/manifest_internal.h"
 
 /* The state of the reader, with its place in the manifest for errors. */
 struct manifest_reader {
@@ -43,6 +41,14 @@ static enum bvhd_status read_text(const struct manifest_reader *reader, const cJ
         return corrupt(reader, member, "not a text");
     *ret_text = files_copy_text(reader->memory, value->valuestring);
     return *ret_text ? BVHD_OK : no_memory(reader);
+}
+
+static enum bvhd_status read_key(const struct manifest_reader *reader, const cJSON *object,
+                                 struct manifest_entry *entry)
+{
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "key");
+    entry->key = files_copy_text(reader->memory, cJSON_IsString(value) ? value->valuestring : "");
+    return entry->key ? BVHD_OK : no_memory(reader);
 }
 
 static enum bvhd_status read_handles(const struct manifest_reader *reader, const cJSON *object,
@@ -124,6 +130,13 @@ static enum bvhd_status read_colours(const struct manifest_reader *reader, const
     return BVHD_OK;
 }
 
+static uint64_t read_bytes(const cJSON *object)
+{
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "bytes");
+    bool is_size = cJSON_IsNumber(value) && value->valuedouble >= 0 && value->valuedouble < 9e15;
+    return is_size ? (uint64_t)value->valuedouble : 0;
+}
+
 static enum bvhd_status read_entry(const struct manifest_reader *reader, const cJSON *object,
                                    struct manifest_entry *entry)
 {
@@ -135,6 +148,8 @@ static enum bvhd_status read_entry(const struct manifest_reader *reader, const c
     if (!status)
         status = read_text(reader, object, "name", &entry->name);
     if (!status)
+        status = read_key(reader, object, entry);
+    if (!status)
         status = read_target(reader, object, &entry->target);
     if (!status)
         status = read_colours(reader, object, entry);
@@ -142,6 +157,7 @@ static enum bvhd_status read_entry(const struct manifest_reader *reader, const c
         status = read_source(reader, object, entry);
     if (status)
         return status;
+    entry->bytes = read_bytes(object);
     const cJSON *type = cJSON_GetObjectItemCaseSensitive(object, "type");
     entry->is_top = cJSON_IsString(type) && !strcmp(type->valuestring, "tlas");
     if (!entry->is_top && !(cJSON_IsString(type) && !strcmp(type->valuestring, "blas")))
@@ -170,36 +186,60 @@ static enum bvhd_status read_entries(struct manifest_reader *reader, const cJSON
     return BVHD_OK;
 }
 
-static enum bvhd_status read_file(struct manifest_reader *reader, const char *path, struct manifest *manifest)
+/* Parses a text that has no zero byte in it. */
+static enum bvhd_status parse(struct manifest_reader *reader, char *text, uint64_t size, struct manifest *manifest)
 {
-    unsigned char *data = NULL;
-    uint64_t size = 0;
-    enum bvhd_status status = files_read(path, MANIFEST_LIMIT, reader->memory, &data, &size, reader->error);
-    if (status)
-        return status;
-    cJSON *root = size ? cJSON_ParseWithLength((const char *)data, size) : NULL;
-    memory_free(reader->memory, data);
-    status = root ? read_entries(reader, root, manifest)
-                  : bvhd_error_set(reader->error, BVHD_CORRUPT, reader->path, "not JSON, or nested too deep");
+    size = manifest_drop_nodes(text, size);
+    cJSON *root = size ? cJSON_ParseWithLength(text, size) : NULL;
+    enum bvhd_status status =
+        root ? read_entries(reader, root, manifest)
+             : bvhd_error_set(reader->error, BVHD_CORRUPT, reader->path, "not JSON, or nested too deep");
     cJSON_Delete(root);
     return status;
 }
 
-enum bvhd_status manifest_read(const char *directory, struct memory *memory, struct manifest *ret_manifest,
-                               struct bvhd_error *error)
+/* Parses a copy, because the text in a container stays as it is. */
+static enum bvhd_status parse_copy(struct manifest_reader *reader, const struct built_bytes *text,
+                                   struct manifest *manifest)
+{
+    if (text->owned)
+        return parse(reader, (char *)text->owned, text->bytes.size, manifest);
+    char *copy = memory_alloc(reader->memory, text->bytes.size + 1);
+    if (!copy)
+        return no_memory(reader);
+    memcpy(copy, text->bytes.data, text->bytes.size);
+    enum bvhd_status status = parse(reader, copy, text->bytes.size, manifest);
+    memory_free(reader->memory, copy);
+    return status;
+}
+
+enum bvhd_status manifest_read_built(const struct built *built, struct memory *memory, struct manifest *ret_manifest,
+                                     struct bvhd_error *error)
 {
     struct manifest manifest = {.memory = memory};
     struct manifest_reader reader = {.memory = memory, .error = error};
-    char *path = files_join(memory, directory, MANIFEST_NAME);
-    if (!path)
-        return bvhd_error_no_memory(error, directory, "no memory for the manifest");
-    snprintf(reader.path, sizeof reader.path, "%s", path);
-    enum bvhd_status status = read_file(&reader, path, &manifest);
-    memory_free(memory, path);
-    if (status)
+    struct built_bytes text;
+    enum bvhd_status status = built_manifest(built, &text, reader.path, error);
+    if (status != BVHD_OK)
+        return status;
+    status = parse_copy(&reader, &text, &manifest);
+    memory_free(memory, text.owned);
+    if (status != BVHD_OK)
         manifest_finish(&manifest);
     else
         *ret_manifest = manifest;
+    return status;
+}
+
+enum bvhd_status manifest_read(const char *path, struct memory *memory, struct manifest *ret_manifest,
+                               struct bvhd_error *error)
+{
+    struct built built;
+    enum bvhd_status status = built_open(path, memory, &built, error);
+    if (status != BVHD_OK)
+        return status;
+    status = manifest_read_built(&built, memory, ret_manifest, error);
+    built_close(&built);
     return status;
 }
 
@@ -234,6 +274,7 @@ static void finish_entry(struct manifest_entry *entry, struct memory *memory)
     memory_free(memory, entry->file);
     memory_free(memory, entry->scene);
     memory_free(memory, entry->name);
+    memory_free(memory, entry->key);
     memory_free(memory, entry->source_name);
     for (uint32_t i = 0; i < entry->handle_count; i++)
         memory_free(memory, entry->handles[i]);

@@ -23,19 +23,14 @@ static void prefix_where(struct bvhd_error *error, const char *name)
     memcpy(error->where, where, sizeof where);
 }
 
-enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file,
-                                 struct bvhd_error *error)
+/* Opens a file from its bytes, which it takes over even if it fails. */
+static enum bvhd_status open_file(const char *name, struct built_bytes bytes, struct memory *memory,
+                                  struct structure_file *ret_file, struct bvhd_error *error)
 {
-    struct structure_file file = {0};
-    const char *slash = strrchr(path, '/');
-    snprintf(file.name, sizeof file.name, "%s", slash ? slash + 1 : path);
-    enum bvhd_status status = files_read(path, UINT64_C(1) << 40, memory, &file.data, &file.size, error);
-    if (status)
-        return status;
-    static const unsigned char nothing[16] __attribute__((aligned(16)));
-    struct bytes blob = {file.data ? file.data : nothing, file.size};
+    struct structure_file file = {.data = bytes.owned, .size = bytes.bytes.size};
     struct bvhd_error inner = {0};
-    status = structure_open(blob, memory, &file.structure, &inner);
+    snprintf(file.name, sizeof file.name, "%s", name);
+    enum bvhd_status status = structure_open(bytes.bytes, memory, &file.structure, &inner);
     if (status) {
         prefix_where(&inner, file.name);
         if (error)
@@ -45,6 +40,27 @@ enum bvhd_status structures_read(const char *path, struct memory *memory, struct
     }
     *ret_file = file;
     return BVHD_OK;
+}
+
+enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file,
+                                 struct bvhd_error *error)
+{
+    static const unsigned char nothing[16] __attribute__((aligned(16)));
+    struct built_bytes bytes;
+    enum bvhd_status status = files_read(path, UINT64_C(1) << 40, memory, &bytes.owned, &bytes.bytes.size, error);
+    if (status)
+        return status;
+    const char *slash = strrchr(path, '/');
+    bytes.bytes.data = bytes.owned ? bytes.owned : nothing;
+    return open_file(slash ? slash + 1 : path, bytes, memory, ret_file, error);
+}
+
+enum bvhd_status structures_read_built(const struct built *built, const char *name, struct memory *memory,
+                                       struct structure_file *ret_file, struct bvhd_error *error)
+{
+    struct built_bytes bytes;
+    enum bvhd_status status = built_read(built, name, &bytes, error);
+    return status ? status : open_file(name, bytes, memory, ret_file, error);
 }
 
 void structures_close_file(struct structure_file *file, struct memory *memory)
@@ -104,12 +120,9 @@ static enum bvhd_status corrupt(const struct scene_reader *reading, const char *
 static enum bvhd_status read_one(const struct scene_reader *reading, const char *file, bool is_top,
                                  struct structure_file *ret_file)
 {
-    struct memory *memory = reading->structures->memory;
-    char *path = files_join(memory, reading->directory, file);
-    if (!path)
-        return no_memory(file, reading->error);
-    enum bvhd_status status = structures_read(path, memory, ret_file, reading->error);
-    memory_free(memory, path);
+    const struct structures *structures = reading->structures;
+    enum bvhd_status status =
+        structures_read_built(&structures->built, file, structures->memory, ret_file, reading->error);
     if (status)
         return status;
     take_colours(reading->manifest, file, ret_file);
@@ -335,16 +348,19 @@ static enum bvhd_status open_scene(struct structures *structures, const char *di
     return status ? status : structures_join(structures, error);
 }
 
-enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory,
+enum bvhd_status structures_open(const char *path, const char *name, struct memory *memory,
                                  struct structures *ret_structures, struct bvhd_error *error)
 {
     struct manifest manifest;
-    enum bvhd_status status = manifest_read(directory, memory, &manifest, error);
+    struct structures structures = {.memory = memory};
+    enum bvhd_status status = built_open(path, memory, &structures.built, error);
     if (status)
         return status;
-    struct structures structures = {.memory = memory};
-    status = open_scene(&structures, directory, &manifest, name, error);
-    manifest_finish(&manifest);
+    status = manifest_read_built(&structures.built, memory, &manifest, error);
+    if (!status) {
+        status = open_scene(&structures, path, &manifest, name, error);
+        manifest_finish(&manifest);
+    }
     if (status)
         structures_close(&structures);
     else
@@ -361,6 +377,7 @@ void structures_close(struct structures *structures)
     memory_free(structures->memory, structures->files);
     structures_separate(structures);
     memory_free(structures->memory, structures->name);
+    built_close(&structures->built);
     *structures = (struct structures){0};
 }
 

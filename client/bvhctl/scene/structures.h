@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* structures.h - opens the built files of one scene of a directory, to trace them on the CPU and to upload them. */
+/*
+ * structures.h - opens the structures of one scene of a directory or a container, to trace them on the CPU and to
+ * upload them.
+ */
 #ifndef BVHCTL_STRUCTURES_H
 #define BVHCTL_STRUCTURES_H
 
 #include <bvhd/bvhd_cpu.h>
 
 #include "builder/traverse/ray.h"
+#include "client/bvhctl/scene/built.h"
 #include "client/bvhctl/scene/manifest.h"
 #include "client/bvhctl/scene/structure.h"
 
@@ -13,7 +17,7 @@ enum { STRUCTURE_NAME = 61 };
 
 struct structure_file {
     char name[STRUCTURE_NAME]; /* of the file, without its directory, for messages; "" if there is no file */
-    unsigned char *data; /* from memory */
+    unsigned char *data; /* from memory; NULL: the bytes belong to a container */
     uint64_t size;
     bool is_shared; /* data, structure and colours belong to another entry */
     struct structure structure;
@@ -35,6 +39,7 @@ struct structures {
      */
     struct bytes *blobs;
     struct bvhd_cpu_scene *scene; /* over `blobs`: what rays are traced through on the CPU */
+    struct built built; /* whose container the files may belong to */
     struct memory *memory;
 };
 
@@ -43,7 +48,7 @@ struct structures {
  * levels that it names or, if it has no top level, its first bottom level. Files are hostile: the errors BVHD_CORRUPT,
  * BVHD_INCOMPATIBLE and BVHD_NOT_FOUND name the file and the place in it. End with structures_close.
  */
-enum bvhd_status structures_open(const char *directory, const char *name, struct memory *memory,
+enum bvhd_status structures_open(const char *path, const char *name, struct memory *memory,
                                  struct structures *ret_structures, struct bvhd_error *error);
 
 /* NULL-safe, idempotent. */
@@ -74,9 +79,14 @@ void structures_corners(const struct structures *structures, const struct ray_hi
 /* Returns the base colour of a geometry of bottom level `bottom`, or NULL if the manifest has none. */
 const float *structures_colour(const struct structures *structures, uint32_t bottom, uint32_t geometry);
 
-/* Reads and opens one file, without colours. End with structures_close_file, unless it fails. */
+/*
+ * Reads and opens one file, or the structure of this name in what was built, without colours. End with
+ * structures_close_file, unless it fails.
+ */
 enum bvhd_status structures_read(const char *path, struct memory *memory, struct structure_file *ret_file,
                                  struct bvhd_error *error);
+enum bvhd_status structures_read_built(const struct built *built, const char *name, struct memory *memory,
+                                       struct structure_file *ret_file, struct bvhd_error *error);
 void structures_close_file(struct structure_file *file, struct memory *memory);
 
 #endif

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* "blobs[2]: header.driverUUID" is "park.blas-2.as: header.driverUUID" to people. */
+/* "blobs[2]: header.driverUUID" is "park.blas-tree-7ab31c90e2d4f586.as: header.driverUUID" to people. */
 static void name_file(const struct structures *structures, struct bvhd_error *error)
 {
     static const char list[] = "blobs[";

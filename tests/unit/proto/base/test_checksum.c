@@ -56,12 +56,31 @@ static void every_bit_counts(void **state)
     }
 }
 
+/* The sum does not depend on where the pieces end. */
+static void pieces(void **state)
+{
+    unsigned char data[200];
+    (void)state;
+    for (unsigned i = 0; i < sizeof data; i++)
+        data[i] = (unsigned char)(i * 37);
+    for (uint64_t first = 0; first <= 100; first++)
+        for (uint64_t second = 0; second <= 100; second++) {
+            struct checksum sum;
+            checksum_init(&sum, 5);
+            checksum_add(&sum, (struct bytes){data, first});
+            checksum_add(&sum, (struct bytes){data + first, second});
+            checksum_add(&sum, (struct bytes){data + first + second, sizeof data - first - second});
+            assert_int_equal(checksum_get(&sum), checksum((struct bytes){data, sizeof data}, 5));
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(known_texts),
         cmocka_unit_test(known_bytes),
         cmocka_unit_test(every_bit_counts),
+        cmocka_unit_test(pieces),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

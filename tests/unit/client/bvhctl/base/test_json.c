@@ -150,10 +150,78 @@ static void test_no_memory(void **state)
     json_finish(NULL);
 }
 
+/* Every float comes back, by the fewest digits that do it, or one more. */
+static void test_floats(void **state)
+{
+    (void)state;
+    static const struct {
+        float value;
+        const char *text;
+    } known[] = {{0, "0"},           {-0.0f, "-0"},          {1, "1"},
+                 {-2.5f, "-2.5"},    {0.1f, "0.1"},          {1e-3f, "0.001"},
+                 {123456, "123456"}, {16777216, "16777216"}, {0.3333333f, "0.3333333"},
+                 {1e30f, "1e+30"},   {1e-30f, "1e-30"},      {1.0000001f, "1.0000001"},
+                 {1e6f, "1e+06"},    {NAN, "null"},          {-INFINITY, "null"}};
+    struct fixture fixture;
+    for (size_t i = 0; i < sizeof known / sizeof known[0]; i++) {
+        begin(&fixture, false);
+        json_float(&fixture.json, NULL, known[i].value);
+        expect(&fixture, known[i].text);
+    }
+    uint32_t bits = 1;
+    for (int i = 0; i < 200000; i++, bits = bits * 1664525 + 1013904223) {
+        float value;
+        char text[64], fewest[64];
+        memcpy(&value, &bits, sizeof value);
+        if (i % 2)
+            value = (float)bits / 4294967296.0f * (float)(i % 999);
+        if (!isfinite(value))
+            continue;
+        begin(&fixture, false);
+        json_float(&fixture.json, NULL, value);
+        json_newline(&fixture.json);
+        memcpy(text, fixture.json.data, fixture.json.size);
+        text[fixture.json.size - 1] = '\0';
+        json_finish(&fixture.json);
+        for (int digits = 1; digits <= 9; digits++) {
+            snprintf(fewest, sizeof fewest, "%.*g", digits, (double)value);
+            if (strtof(fewest, NULL) == value)
+                break;
+        }
+        bool is_short = strtod(text, NULL) == strtod(fewest, NULL) || strlen(text) == strlen(fewest) + 1;
+        if (strtof(text, NULL) != value || !is_short)
+            fail_msg("%.9g is %s, not %s", (double)value, text, fewest);
+    }
+}
+
+static void test_float_list(void **state)
+{
+    (void)state;
+    static const float values[] = {1, -0.5f, 3};
+    struct fixture fixture;
+    begin(&fixture, true);
+    json_object(&fixture.json, NULL);
+    json_floats(&fixture.json, "v", values, 3);
+    json_floats(&fixture.json, "none", values, 0);
+    json_object_end(&fixture.json);
+    expect(&fixture, "{\n  \"v\": [1,-0.5,3],\n  \"none\": []\n}");
+}
+
+static void test_clean_text(void **state)
+{
+    (void)state;
+    struct memory memory;
+    memory_init(&memory, UINT64_MAX);
+    char *clean = json_clean_text(&memory, "a\xff\xc3\xa4\xc3");
+    assert_string_equal(clean, "a\xef\xbf\xbd\xc3\xa4\xef\xbf\xbd");
+    memory_free(&memory, clean);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_compact),     cmocka_unit_test(test_lines),   cmocka_unit_test(test_texts),
+        cmocka_unit_test(test_compact),     cmocka_unit_test(test_floats),  cmocka_unit_test(test_float_list),
+        cmocka_unit_test(test_clean_text),  cmocka_unit_test(test_lines),   cmocka_unit_test(test_texts),
         cmocka_unit_test(test_broken_utf8), cmocka_unit_test(test_numbers), cmocka_unit_test(test_append),
         cmocka_unit_test(test_no_memory),
     };

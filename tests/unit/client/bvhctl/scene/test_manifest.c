@@ -5,7 +5,7 @@
 #include <unistd.h>
 
 #include "client/bvhctl/base/files.h"
-#include "client/bvhctl/scene/manifest.h"
+#include "client/bvhctl/scene/manifest_internal.h"
 #include "tests/support/scratch.h"
 
 static enum bvhd_status read_text(const char *text, struct memory *memory, struct manifest *ret_manifest,
@@ -190,34 +190,33 @@ static void test_missing_and_memory(void **state)
     }
 }
 
-static void check_file_name(char *scene, char *level_name, uint32_t index, const char *expected)
-{
-    struct memory memory;
-    memory_init(&memory, UINT64_MAX);
-    struct import_bottom bottoms[2] = {{.name = level_name}, {.name = level_name}};
-    struct import import = {.name = scene, .bottoms = bottoms, .bottom_count = 2, .memory = &memory};
-    char *file = manifest_file_name(&import, index);
-    assert_string_equal(file, expected);
-    memory_free(&memory, file);
-    assert_int_equal(memory.live, 0);
-}
-
-static void test_file_names(void **state)
+/* Nodes of the same key in other places of a manifest, and texts that look like them, stay. */
+static void test_nodes_are_dropped(void **state)
 {
     (void)state;
-    char dragon[] = "dragon", plain[] = "Wing.left", nothing[] = "", path[] = "../../etc/pass wd",
-         wide[] = "\xc3\xa4\xc3\xb6 b", hidden[] = ".x";
-    char endless[300];
-    memset(endless, 'e', sizeof endless - 1);
-    endless[sizeof endless - 1] = '\0';
-    check_file_name(dragon, plain, 0, "dragon.blas-0-Wing_left.as");
-    check_file_name(dragon, nothing, 1, "dragon.blas-1.as");
-    check_file_name(dragon, plain, 2, "dragon.tlas.as");
-    check_file_name(dragon, path, 0, "dragon.blas-0-_etc_pass_wd.as");
-    check_file_name(wide, wide, 0, "_b.blas-0-_b.as");
-    check_file_name(hidden, hidden, 1, "_x.blas-1-_x.as");
-    check_file_name(nothing, nothing, 2, "_.tlas.as");
-    check_file_name(dragon, endless, 0, "dragon.blas-0-eeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeeee.as");
+    static const char *const texts[][2] = {
+        {"{\"s\":[{\"nodes\":[{\"name\":\"]\\\"\"},[]],\"a\":1}]}", "{\"s\":[{\"nodes\":[],\"a\":1}]}"},
+        {"{\"s\":[{\"nodes\" : [1] },{\"nodes\":[2]}]}", "{\"s\":[{\"nodes\" : [] },{\"nodes\":[]}]}"},
+        {"{\"nodes\":[1],\"s\":[{\"n\":{\"nodes\":[2]}}]}", "{\"nodes\":[1],\"s\":[{\"n\":{\"nodes\":[2]}}]}"},
+        {"{\"s\":[{\"a\":\"nodes\",\"nodes\":7}]}", "{\"s\":[{\"a\":\"nodes\",\"nodes\":7}]}"},
+        {"{\"s\":[{\"nodes\":[1,2", "{\"s\":[{\"nodes\":[]"},
+        {"{\"s\":[{\"nodes", "{\"s\":[{\"nodes"},
+        {"{\"s\":[{\"nodes\"", "{\"s\":[{\"nodes\""},
+        {"{\"s\":[{\"nodes\":", "{\"s\":[{\"nodes\":"},
+        {"\"\\", "\"\\"},
+        {"]]]]", "]]]]"},
+        {"", ""},
+    };
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        uint64_t size = strlen(texts[i][0]);
+        char *text = malloc(size ? size : 1); /* without a zero byte behind it */
+        assert_non_null(text);
+        memcpy(text, texts[i][0], size);
+        uint64_t left = manifest_drop_nodes(text, size);
+        assert_int_equal(left, strlen(texts[i][1]));
+        assert_memory_equal(text, texts[i][1], left);
+        free(text);
+    }
 }
 
 int main(void)
@@ -230,7 +229,7 @@ int main(void)
         cmocka_unit_test(test_deep_nesting),
         cmocka_unit_test(test_every_cut),
         cmocka_unit_test(test_missing_and_memory),
-        cmocka_unit_test(test_file_names),
+        cmocka_unit_test(test_nodes_are_dropped),
     };
     return cmocka_run_group_tests_name("manifest", tests, scratch_make, scratch_remove);
 }
