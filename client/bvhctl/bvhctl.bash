@@ -1,27 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# Completion for bash: commands and options, as `bvhctl --help` lists them, and files.
+# Completion for bash. bvhctl itself says what may follow (`bvhctl --complete WORD...`).
 _bvhctl()
 {
-    local word=${COMP_WORDS[COMP_CWORD]} command='' i
+    local line endings='' word=${COMP_WORDS[COMP_CWORD]} path
     COMPREPLY=()
-    for ((i = 1; i < COMP_CWORD; i++)); do
-        case ${COMP_WORDS[i]} in
-        --socket | --connect-timeout)
-            ((i++))
-            [ "${COMP_WORDS[i]}" != = ] || ((i++))
-            ;;
-        -*) ;;
-        *)
-            command=${COMP_WORDS[i]}
-            break
-            ;;
+    while IFS= read -r line; do
+        case $line in
+        :files*) endings="${line#:files} " ;;
+        *) COMPREPLY+=("${line%%$'\t'*}") ;;
         esac
-    done
-    if [[ $word == -* ]]; then
-        mapfile -t COMPREPLY < <(compgen -W "$("$1" ${command:+"$command"} --help 2>/dev/null | sed -n 's/^  [-a-z, ]\{4\}\(--[-a-z]*\).*/\1/p')" -- "$word")
-    elif [[ -z $command && ${COMP_WORDS[COMP_CWORD - 1]} != --* ]]; then
-        mapfile -t COMPREPLY < <(compgen -W "$("$1" --help 2>/dev/null | sed -n '/^Commands:/,/^$/s/^  \([a-z][a-z]*\) .*/\1/p')" -- "$word")
-    fi
+    done < <("$1" --complete "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null)
+    [ -n "$endings" ] || return 0
+    compopt -o filenames 2>/dev/null
+    [ "$word" != = ] || word=
+    while IFS= read -r path; do
+        [[ ${path##*/} != .* || ${word##*/} == .* ]] || continue
+        # The endings are patterns such as *.as; without any, each file will do.
+        if [ -d "$path" ] || [[ -z ${endings// /} || $endings == *" *.${path##*.} "* ]]; then
+            COMPREPLY+=("$path")
+        fi
+    done < <(compgen -f -- "$word")
 }
 complete -o default -F _bvhctl bvhctl

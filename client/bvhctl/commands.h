@@ -20,4 +20,10 @@ enum exit_code command_stop(const struct options *options);
 enum exit_code command_devices(const struct options *options);
 enum exit_code command_probe(const struct options *options);
 
+/*
+ * Prints what may follow on a command line, whose last word is not complete, for the completions of shells. Devices are
+ * looked for only if one is to be named.
+ */
+enum exit_code command_complete(int count, char *const *words);
+
 #endif

@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "client/bvhctl/base/interrupt.h"
 #include "client/bvhctl/commands.h"
@@ -57,6 +58,8 @@ int main(int argc, char **argv)
     struct bvhd_error error;
     fill_standard_descriptors();
     signal(SIGPIPE, SIG_IGN); /* a closed pipe is reported as an error then, and does not end the process */
+    if (argc > 1 && !strcmp(argv[1], "--complete"))
+        return command_complete(argc - 2, argv + 2);
     if (options_parse(argc, argv, &options, &error) != BVHD_OK) {
         report_failure(options_want_json(argc, argv), "usage", &error);
         return EXIT_USAGE;

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # manuals.sh SOURCE BVHD BVHCTL - tests that the manual pages name the same options, commands and version as the
 # programs' help, all counters and all events of the log, and have no mistake that groff reports, if it is installed;
-# and that bash completes what the help lists. It prints each expectation that does not hold, and its status is 1 if
+# and that shells complete what bvhctl offers. It prints each expectation that does not hold, and its status is 1 if
 # there is one.
 set -u
 export LC_ALL=C
@@ -92,6 +92,27 @@ if command -v bash >/dev/null; then
     completes 'bvhctl build --ou' --output
     completes 'bvhctl build sc' ''
     completes 'bvhctl --socket p' ''
+    completes 'bvhctl build --target ' 'portable lavapipe'
+    completes 'bvhctl build --target = l' lavapipe
+    completes 'bvhctl build --flags low-memory,allow-d' low-memory,allow-data-access
+    completes 'bvhctl trace d --up ' 'auto x y z'
+    mkdir built
+    touch scene.ply sums.txt out.bvhd picture.png .hidden.ply
+    completes 'bvhctl build s' scene.ply
+    completes 'bvhctl build .h' .hidden.ply
+    completes 'bvhctl check o' out.bvhd
+    completes 'bvhctl check b' built
+    completes 'bvhctl trace out -o p' picture.png
+fi
+if command -v zsh >/dev/null; then
+    expect 'zsh reads its completion' zsh -n "$source/client/bvhctl/bvhctl.zsh"
+fi
+if command -v fish >/dev/null; then
+    mkdir bin
+    ln -s "$bvhctl" bin/bvhctl
+    offered=$(HOME=$scratch PATH=$scratch/bin:$PATH fish --no-config -c "source $source/client/bvhctl/bvhctl.fish
+        complete -C 'bvhctl build --target l'" | cut -f 1)
+    expect "fish completes a value: $offered" [ "$offered" = lavapipe ]
 fi
 
 echo "$checks expectations, $failures do not hold"

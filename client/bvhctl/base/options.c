@@ -145,8 +145,10 @@ static enum bvhd_status parse_size(const char *text, struct options *options, st
 
 static enum bvhd_status parse_up(const char *text, const char **ret_up, struct bvhd_error *error)
 {
-    if (strcmp(text, "x") && strcmp(text, "y") && strcmp(text, "z") && strcmp(text, "auto"))
-        return usage(error, "--up", "not an axis: '%s'", text);
+    uint32_t ignored;
+    enum bvhd_status status = parse_name("--up", axis_names, text, &ignored, error);
+    if (status != BVHD_OK)
+        return status;
     *ret_up = text;
     return BVHD_OK;
 }

@@ -111,3 +111,7 @@ const struct name_value target_names[] = {
     {"lavapipe", TARGET_LAVAPIPE},
     {NULL, 0},
 };
+
+const struct name_value axis_names[] = {{"auto", 0}, {"x", 'x'}, {"y", 'y'}, {"z", 'z'}, {NULL, 0}};
+
+const struct name_value device_names[] = {{"cpu", 0}, {"auto", 0}, {NULL, 0}};

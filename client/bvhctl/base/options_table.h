@@ -84,6 +84,9 @@ struct name_value {
 
 /* They end with a name that is NULL. */
 extern const struct name_value build_flag_names[], geometry_flag_names[], layout_flag_names[], quality_names[],
-    target_names[];
+    target_names[], axis_names[];
+
+/* The names of --device besides those of devices. The first is for pictures only. */
+extern const struct name_value device_names[];
 
 #endif
