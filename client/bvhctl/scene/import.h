@@ -3,10 +3,10 @@
  * import.h - reads a scene file, as the input of builds: PLY and glTF by readers of our own (ply.h, gltf.h), other
  * formats with assimp.
  *
- * Faces are triangulated. Nothing else is changed: axes and units stay, nothing is merged or dropped, and NaN and
- * degenerate triangles survive. What is left out is counted (import_counts.h). There is one bottom
- * level for each distinct list of meshes that some node has, with one geometry for each mesh. Nodes with meshes become
- * instances, in depth-first order.
+ * Faces are triangulated. Axes and units stay, nothing is dropped, and NaN and degenerate triangles survive. Vertices
+ * of what assimp reads are welded (weld.h); those of PLY and glTF stay as they are. What is left out is counted
+ * (import_counts.h). There is one bottom level for each distinct list of meshes that some node has, with one geometry
+ * for each mesh. Nodes with meshes become instances, in depth-first order.
  */
 #ifndef BVHCTL_IMPORT_H
 #define BVHCTL_IMPORT_H
@@ -75,9 +75,6 @@ struct import {
  * `scene` chooses one of the scenes of a glTF file, by name or else by number from 0. NULL takes all; files of other
  * formats have nothing to choose from.
  *
- * `scene` chooses one of the scenes of a file. NULL takes all; files of formats without scenes have nothing to choose
- * from.
- *
  * Assimp reads the file in a child process, because broken files make some of its importers abort, run for ever, take
  * all memory, or return what lies beside their arrays. The result is BVHD_UNSUPPORTED then. To find the last of these,
  * a second child reads the file with its memory laid out and filled in another way; both must find the same scene.
@@ -93,7 +90,10 @@ enum bvhd_status import_scene(const char *path, const char *scene, struct memory
 enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory, struct import *ret_import,
                                         struct bvhd_error *error);
 
-/* Does the same as import_scene in this process, which a broken file can crash. */
+/*
+ * Does the same as import_scene in this process, which a broken file can crash. Vertices of what assimp reads are not
+ * welded (weld.h).
+ */
 enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
 

@@ -24,6 +24,7 @@
 #include "client/bvhctl/scene/import_hash.h"
 #include "client/bvhctl/scene/import_limits.h"
 #include "client/bvhctl/scene/ply.h"
+#include "client/bvhctl/scene/weld.h"
 
 /*
  * The limits of the second child, in those of the first: it is slower, because it maps memory for each array, and its
@@ -118,6 +119,11 @@ __attribute__((noreturn)) static void read_in_child(const struct job *job, bool 
     outcome.error.status = status;
     if (!status && outcome.import.reader == IMPORT_BY_ASSIMP)
         outcome.hash = import_hash(&outcome.import);
+    if (!status && outcome.import.reader == IMPORT_BY_ASSIMP && !is_twin && !weld_import(&outcome.import)) {
+        status =
+            bvhd_error_no_memory(&outcome.error, job->path, "no memory for the scene, or more than --memory allows");
+        outcome.error.status = status;
+    }
     FILE *file = fdopen(descriptor, "w");
     if (!file)
         _exit(1);

@@ -65,6 +65,22 @@ static void test_faces(void **state)
     finish(&import, &memory);
 }
 
+/* Corners at the same place are one vertex, which assimp gives each triangle of an OBJ file for itself. */
+static void test_welded(void **state)
+{
+    (void)state;
+    static const uint32_t expected[9] = {0, 1, 2, 0, 2, 3, 3, 2, 4};
+    struct memory memory;
+    struct import import;
+    write_text("welded.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 2 0\nvn 0 0 1\nvn 0 1 0\n"
+                             "f 1//1 2//1 3//1\nf 1//2 3//2 4//2\nf 4//1 3//2 5//1\n");
+    import_good("welded.obj", &memory, &import);
+    assert_int_equal(import.meshes[0].vertex_count, 5);
+    assert_int_equal(import.meshes[0].triangle_count, 3);
+    assert_memory_equal(import.meshes[0].indices, expected, sizeof expected);
+    finish(&import, &memory);
+}
+
 /*
  * A binary PLY file with NaN, infinity, a repeated vertex and a face that names one vertex three times: everything must
  * be imported bit by bit.
@@ -305,10 +321,15 @@ static void test_names(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_faces),        cmocka_unit_test(test_nothing_is_dropped),
-        cmocka_unit_test(test_nodes),        cmocka_unit_test(test_oracle_meshes),
-        cmocka_unit_test(test_many_bottoms), cmocka_unit_test(test_failures),
-        cmocka_unit_test(test_no_memory),    cmocka_unit_test(test_importer_crash),
+        cmocka_unit_test(test_faces),
+        cmocka_unit_test(test_welded),
+        cmocka_unit_test(test_nothing_is_dropped),
+        cmocka_unit_test(test_nodes),
+        cmocka_unit_test(test_oracle_meshes),
+        cmocka_unit_test(test_many_bottoms),
+        cmocka_unit_test(test_failures),
+        cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_importer_crash),
         cmocka_unit_test(test_names),
     };
     return cmocka_run_group_tests_name("import", tests, scratch_enter, scratch_remove);
