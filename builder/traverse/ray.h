@@ -43,8 +43,8 @@ struct ray {
     uint32_t cull_mask; /* bits 7 .. 0: instances with mask & cull_mask == 0 are invisible */
 };
 
-/* A hit. */
-struct ray_hit {
+/* A hit. It may alias, so that the library fills hits of a program in their place. */
+struct __attribute__((may_alias)) ray_hit {
     float t; /* t, u, v are computed in double and rounded once */
     float u, v; /* barycentrics: position = (1-u-v) v0 + u v1 + v v2; 0 for AABBs */
     uint32_t instance; /* position in the TLAS request; RAY_NO_INSTANCE if there is no TLAS */

@@ -94,6 +94,8 @@ static inline bool is_one(uint32_t flags)
 
 static inline bool flags_are_sound(uint32_t flags)
 {
+    if (!(flags & ~(uint32_t)RAY_TERMINATE_ON_FIRST_HIT))
+        return true; /* as nearly always */
     return !(flags & ~(uint32_t)KNOWN_FLAGS) && is_one(flags & FACING_OR_TRIANGLES) && is_one(flags & OPACITY) &&
            is_one(flags & KINDS);
 }
@@ -184,15 +186,6 @@ static enum candidate_verdict ask(void *context, const struct ray *ray, const st
 
 /* ---- Tracing ---- */
 
-/* Copies as much of a hit as the program wants. The usual size is a constant, which needs no call. */
-static inline void put_hit(unsigned char *at, const struct ray_hit *hit, size_t size)
-{
-    if (size == sizeof *hit)
-        memcpy(at, hit, sizeof *hit);
-    else
-        memcpy(at, hit, size);
-}
-
 /* Traces all rays. Stops at one that is not sound, and returns its index; else ray_count. */
 static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace,
                            struct traverse_counters *counters)
@@ -203,6 +196,8 @@ static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd
     const size_t hit_size = trace->hit_size, hit_stride = trace->hit_stride ? trace->hit_stride : hit_size;
     const bool is_portable = scene->target == &cpu_portable;
     const uint32_t more_flags = trace->flags & BVHD_CPU_TRACE_ANY_HIT ? RAY_TERMINATE_ON_FIRST_HIT : 0;
+    const bool is_whole =
+        hit_size == sizeof(struct ray_hit) && ((uintptr_t)to | hit_stride) % _Alignof(struct ray_hit) == 0;
     struct candidate_ray asking = {.trace = trace};
     const struct traverse_options options = {
         .candidate = trace->candidate ? ask : NULL,
@@ -211,16 +206,19 @@ static uint64_t trace_rays(const struct bvhd_cpu_scene *scene, const struct bvhd
     };
     for (uint64_t i = 0; i < trace->ray_count; i++, from += ray_stride, to += hit_stride) {
         struct ray ray;
-        struct ray_hit hit;
+        struct ray_hit part, *hit = is_whole ? (struct ray_hit *)(void *)to : &part;
         memcpy(&ray, from, sizeof ray);
         if (!flags_are_sound(ray.flags) || !rest_is_sound(from, ray_size))
             return i;
         ray.flags |= more_flags;
         asking.at = from;
         asking.index = i;
-        bool is_hit = is_portable ? traverse(&scene->walk.portable, &ray, &options, &hit, counters)
-                                  : lavapipe_traverse(&scene->walk.lavapipe, &ray, &options, &hit, counters);
-        put_hit(to, is_hit ? &hit : &miss, hit_size);
+        bool is_hit = is_portable ? traverse(&scene->walk.portable, &ray, &options, hit, counters)
+                                  : lavapipe_traverse(&scene->walk.lavapipe, &ray, &options, hit, counters);
+        if (!is_hit)
+            *hit = miss;
+        if (!is_whole)
+            memcpy(to, &part, hit_size);
     }
     return trace->ray_count;
 }

@@ -9,6 +9,9 @@
  * (in the same order) diffuse rays and shadow rays to a light above, and random rays through the box. Shadow rays end
  * at any hit. Rates are those of the fastest of several alternating repetitions. In the end it prints the geometric
  * mean of the ratios, and the worst.
+ *
+ * The same rays go through libbvhd.so by bvhd_cpu.h as well, all in one call and one in each call. What that costs is
+ * given as the median, over the repetitions, of its time divided by that of the internal function called directly.
  */
 #include <float.h>
 #include <math.h>
@@ -17,13 +20,15 @@
 #include <string.h>
 #include <time.h>
 
+#include <bvhd/bvhd_cpu.h>
+
 #include "builder/batch.h"
 #include "tests/bench/embree_ray.h"
 #include "tests/support/scene/ply.h"
 #include "tests/support/random.h"
 #include "builder/traverse/traverse.h"
 
-enum { TILE = 8 };
+enum { TILE = 8, REPEATS_MIN = 15, REPEATS_MAX = 1000 };
 
 enum kind { PRIMARY, DIFFUSE, SHADOW, RANDOM, KINDS };
 
@@ -38,6 +43,7 @@ struct settings {
 
 struct totals {
     double log_ratio[KINDS], worst[KINDS];
+    double log_many[KINDS], log_one[KINDS], worst_many[KINDS], worst_one[KINDS]; /* time by the library / directly */
     int scenes;
 };
 
@@ -45,6 +51,7 @@ struct subject {
     const struct ply *ply;
     RTCScene embree;
     struct scene scene;
+    struct bvhd_cpu_scene *library;
     float bounds[6];
     double light[3];
 };
@@ -250,6 +257,129 @@ static uint32_t run_portable(const struct scene *scene, const struct ray *rays, 
     return hits;
 }
 
+/* The rays as a program has them, and room for their hits. */
+struct library_rays {
+    struct bvhd_cpu_ray *rays;
+    struct bvhd_cpu_hit *hits;
+    uint32_t count;
+};
+
+static struct library_rays make_library_rays(const struct ray *rays, uint32_t count)
+{
+    struct library_rays made = {need(count * sizeof *made.rays), need(count * sizeof *made.hits), count};
+    for (uint32_t i = 0; i < count; i++) {
+        struct bvhd_cpu_ray *to = &made.rays[i];
+        *to = (struct bvhd_cpu_ray){
+            .tmin = rays[i].tmin, .tmax = rays[i].tmax, .flags = rays[i].flags, .mask = rays[i].cull_mask};
+        memcpy(to->origin, rays[i].origin, sizeof to->origin);
+        memcpy(to->direction, rays[i].direction, sizeof to->direction);
+    }
+    return made;
+}
+
+static struct bvhd_cpu_trace trace_of(const struct library_rays *rays)
+{
+    return (struct bvhd_cpu_trace){.struct_size = sizeof(struct bvhd_cpu_trace),
+                                   .rays = rays->rays,
+                                   .ray_size = sizeof *rays->rays,
+                                   .hits = rays->hits,
+                                   .hit_size = sizeof *rays->hits,
+                                   .ray_count = rays->count};
+}
+
+static uint32_t count_hits(const struct library_rays *rays)
+{
+    uint32_t hits = 0;
+    for (uint32_t i = 0; i < rays->count; i++)
+        hits += rays->hits[i].blob != BVHD_CPU_NO_BLOB;
+    return hits;
+}
+
+/* The internal function, with the same result: a hit for each ray. */
+__attribute__((noinline)) static uint32_t run_direct(const struct scene *scene, const struct ray *rays,
+                                                     const struct library_rays *found)
+{
+    for (uint32_t i = 0; i < found->count; i++) {
+        struct ray_hit *hit = (struct ray_hit *)&found->hits[i];
+        if (!traverse(scene, &rays[i], NULL, hit, NULL))
+            hit->handle = RAY_NO_BOTTOM;
+    }
+    return count_hits(found);
+}
+
+static void must_trace(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_trace *trace)
+{
+    struct bvhd_error error;
+    if (bvhd_cpu_scene_trace(scene, trace, &error) == BVHD_OK)
+        return;
+    fprintf(stderr, "bench_trace: %s: %s\n", error.where, error.text);
+    exit(1);
+}
+
+__attribute__((noinline)) static uint32_t run_library(const struct bvhd_cpu_scene *scene,
+                                                      const struct library_rays *rays)
+{
+    const struct bvhd_cpu_trace trace = trace_of(rays);
+    must_trace(scene, &trace);
+    return count_hits(rays);
+}
+
+__attribute__((noinline)) static uint32_t run_library_singly(const struct bvhd_cpu_scene *scene,
+                                                             const struct library_rays *rays)
+{
+    struct bvhd_cpu_trace trace = trace_of(rays);
+    trace.ray_count = 1;
+    for (uint32_t i = 0; i < rays->count; i++) {
+        trace.rays = &rays->rays[i];
+        trace.hits = &rays->hits[i];
+        must_trace(scene, &trace);
+    }
+    return count_hits(rays);
+}
+
+static int compare_doubles(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Compares what the library costs with the internal function, in turns, each of which begins with another of them. */
+static void measure_library(const struct subject *subject, const struct settings *settings, enum kind kind,
+                            const struct ray *rays, uint32_t count, struct totals *totals)
+{
+    enum { DIRECT, MANY, ONE, WAYS };
+    static double many[REPEATS_MAX], one[REPEATS_MAX];
+    struct library_rays given = make_library_rays(rays, count);
+    uint32_t hits[WAYS];
+    int repeats = 0;
+    for (double start = now(); repeats < REPEATS_MIN || (repeats < REPEATS_MAX && now() - start < settings->seconds);
+         repeats++) {
+        double times[WAYS];
+        for (int turn = 0; turn < WAYS; turn++) {
+            int way = (turn + repeats) % WAYS;
+            double from = now();
+            hits[way] = way == DIRECT ? run_direct(&subject->scene, rays, &given)
+                        : way == MANY ? run_library(subject->library, &given)
+                                      : run_library_singly(subject->library, &given);
+            times[way] = now() - from;
+        }
+        many[repeats] = times[MANY] / times[DIRECT];
+        one[repeats] = times[ONE] / times[DIRECT];
+    }
+    qsort(many, (size_t)repeats, sizeof *many, compare_doubles);
+    qsort(one, (size_t)repeats, sizeof *one, compare_doubles);
+    double of_many = many[repeats / 2], of_one = one[repeats / 2];
+    printf(
+        "           bvhd_cpu.h / the internal function: time %.3f all in one call, %.3f one a call (medians of %d)%s\n",
+        of_many, of_one, repeats, hits[MANY] == hits[DIRECT] && hits[ONE] == hits[DIRECT] ? "" : "; HITS DIFFER");
+    totals->log_many[kind] += log(of_many);
+    totals->log_one[kind] += log(of_one);
+    totals->worst_many[kind] = fmax(totals->worst_many[kind], of_many);
+    totals->worst_one[kind] = fmax(totals->worst_one[kind], of_one);
+    free(given.rays);
+    free(given.hits);
+}
+
 static void measure(const struct subject *subject, const struct settings *settings, enum kind kind,
                     const struct ray *rays, uint32_t count, struct totals *totals)
 {
@@ -278,6 +408,7 @@ static void measure(const struct subject *subject, const struct settings *settin
            (double)counters.nodes / count, (double)counters.triangles / count);
     totals->log_ratio[kind] += log(ratio);
     totals->worst[kind] = fmin(totals->worst[kind], ratio);
+    measure_library(subject, settings, kind, rays, count, totals);
 }
 
 static void measure_all(struct subject *subject, const struct settings *settings, struct totals *totals)
@@ -336,7 +467,14 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
     memcpy(subject.bounds, view.header->bounds, sizeof subject.bounds);
     printf("%s: %u triangles, %.1f MiB, %s, SAH %.2f\n", path, ply->triangle_count, (double)item.size / 1048576,
            item.stats.method, item.stats.sah);
+    const struct bvhd_cpu_blob blob = {item.blob, item.size};
+    const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = &blob, .blob_count = 1};
+    if (bvhd_cpu_scene_create(&options, &subject.library, &error) != BVHD_OK) {
+        fprintf(stderr, "bench_trace: %s: %s\n", error.where, error.text);
+        exit(1);
+    }
     measure_all(&subject, settings, totals);
+    bvhd_cpu_scene_destroy(subject.library);
     rtcReleaseScene(subject.embree);
     batch_finish(&item, 1, &memory);
     ply_free(ply);
@@ -367,6 +505,11 @@ int main(int argc, char **argv)
     for (int kind = 0; kind < KINDS && totals.scenes > 0; kind++)
         printf("%-8s: geometric mean of portable / embree %.3f, worst %.3f\n", kind_names[kind],
                exp(totals.log_ratio[kind] / totals.scenes), totals.worst[kind]);
+    for (int kind = 0; kind < KINDS && totals.scenes > 0; kind++)
+        printf(
+            "%-8s: time by bvhd_cpu.h / directly: geometric mean %.3f, worst %.3f; one ray a call %.3f, worst %.3f\n",
+            kind_names[kind], exp(totals.log_many[kind] / totals.scenes), totals.worst_many[kind],
+            exp(totals.log_one[kind] / totals.scenes), totals.worst_one[kind]);
     rtcReleaseDevice(device);
     return 0;
 }

@@ -112,6 +112,19 @@ expect_quietly 'it links' $compiler -std=c99 example.c names.o -o example_names 
 expect_quietly 'shared, too' $compiler -std=c99 -rdynamic example.c names.o -o example_names_shared \
     $(pkg --cflags --libs)
 
+# The example of bvhd_cpu.h traces what bvhctl has built, without a daemon; a broken file is refused by its place.
+printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
+expect_quietly 'a structure' "$prefix/bin/bvhctl" --local build one.obj -o one
+for link in "$(pkg --libs)" "$static_flags"; do
+    expect_quietly "trace_cpu.c $link" $compiler -std=c99 -pedantic -Wall -Wextra -Wconversion -Werror \
+        "$source/client/examples/trace_cpu.c" -o trace_cpu $(pkg --cflags) $link
+    ./trace_cpu one/*.as >picture 2>&1
+    expect_quietly "a triangle: $(cat picture)" [ "$(tr -cd '#+' <picture | wc -c)" -eq 768 ]
+    head -c 200 one/*.as >short.as
+    ./trace_cpu short.as >picture 2>&1
+    expect_quietly "a refusal: $(cat picture)" grep -q '^CORRUPT: blobs\[0\]: header.serializedSize: ' picture
+done
+
 sed 's/printf("%lu bytes.*/fwrite(result->data, 1, result->size, stdout);/' example.c >bytes.c
 expect_quietly 'a variant of the example' grep -q 'fwrite(result->data' bytes.c
 expect_quietly 'it is compiled' $compiler -std=c99 bytes.c -o bytes $(pkg --cflags --libs)
