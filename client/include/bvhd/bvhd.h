@@ -62,10 +62,10 @@
 extern "C" {
 #endif
 
-struct bvhd_client;
-struct bvhd_batch;
-struct bvhd_blob;
-struct bvhd_counters;
+struct bvhd_client; /* A connection to the service, or a builder in this process. */
+struct bvhd_batch; /* Structures that were requested together, and their results. */
+struct bvhd_blob; /* The bytes of a result, whose references are counted. */
+struct bvhd_counters; /* The service's counters at one time. */
 
 /* The version of the library at run time, for example "0.1.0". A static string. */
 BVHD_API const char *bvhd_version(void);

@@ -35,6 +35,7 @@ extern "C" {
 
 /* ---- Scenes: one structure, or a top level with the bottom levels that it names ---- */
 
+/* One structure, or a top level with the bottom levels that it names, ready to be traced. */
 struct bvhd_cpu_scene;
 
 /* The bytes of one serialized structure. */

@@ -74,6 +74,7 @@ enum {
 
 /* ---- The tracer ---- */
 
+/* Compiled kernels for the rays of one scene. */
 struct bvhd_tracer;
 
 struct bvhd_tracer_options {

@@ -39,6 +39,7 @@ extern "C" {
 
 /* ---- The device ---- */
 
+/* A Vulkan device, as the library uses it. */
 struct bvhd_vulkan_device;
 
 /* The program's device, and the functions and features that the library may use. */
@@ -214,6 +215,7 @@ BVHD_API uint64_t bvhd_vulkan_address(struct bvhd_vulkan_device *device, VkAccel
 
 /* ---- Loading a whole scene in one call ---- */
 
+/* Structures in a device's memory. */
 struct bvhd_vulkan_scene;
 
 /* The bytes of one structure. */
