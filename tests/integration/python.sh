@@ -24,7 +24,7 @@ export BVHD_CFLAGS
 "$build/daemon/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
 daemon=$!
 expect_quietly "a daemon: $(cat daemon.log)" "$build/client/bvhctl/bvhctl" --connect-timeout 30 ping
-for name in test_structs test_client; do
+for name in test_structs test_client test_local; do
     # Warnings, such as those about files that are not closed, are errors.
     expect_quietly "tests/python/$name.py" env -C "$source/tests/python" "$python" -W error -m unittest $name
     expect "$name has tests" grep -q '^Ran [1-9]' log
@@ -40,6 +40,10 @@ expect 'it runs' sh -c "LD_LIBRARY_PATH='$build/client' ./bytes >triangle.c.as"
 expect_quietly 'the session' "$python" -W error::UserWarning session.py
 expect "it prints the size: $(cat log)" grep -qx '352 bytes' log
 expect 'its bytes are those of the C program' cmp triangle.as triangle.c.as
+mkdir alone
+expect_quietly 'the session without a daemon' env -C alone BVHD_SOCKET="$scratch/none" "$python" ../session.py
+expect 'it has the same triangle' cmp triangle.as alone/triangle.as
+expect 'it has the same scene' cmp scene.as alone/scene.as
 expect_quietly 'bvhctl reads its structure' "$build/client/bvhctl/bvhctl" inspect scene.as
 
 # Installed by pip, without a network and without a compiler.

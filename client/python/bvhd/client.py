@@ -271,12 +271,13 @@ class Client:
         lost_after: float = 0.0,
         pool_size: int = 0,
         local: Local = Local.IF_NO_DAEMON,
-        local_threads: int = 0,
+        local_threads: Optional[int] = None,
     ) -> None:
         """Times are in seconds; 0 stands for the defaults, which bvhd.h has.
 
-        Structures are built in this process as `local` says. The threads that wait build them,
-        unless the client may start local_threads of its own; Ctrl-C then ends waits at once.
+        Structures are built in this process as `local` says, by at most local_threads threads of
+        the library; by default one for each processor. With 0 the threads that wait build them, and
+        Ctrl-C ends a wait only between two structures.
         """
         options = s.ClientOptions(
             struct_size=c.sizeof(s.ClientOptions),
@@ -285,7 +286,7 @@ class Client:
             lost_after_ms=round(lost_after * 1000),
             pool_size=pool_size,
             local=local,
-            local_threads=local_threads,
+            local_threads=(os.cpu_count() or 1) if local_threads is None else local_threads,
         )
         pointer, error = c.c_void_p(), s.Error()
         check(lib.bvhd_client_create(options, pointer, error), error)
