@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "client/client.h"
 
+#include "client/argument.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
 #include "client/incoming.h"
@@ -38,9 +39,11 @@ static enum bvhd_status read_options(const struct bvhd_client_options *options, 
 {
     struct bvhd_client_options copy = {.struct_size = sizeof copy};
     size_t size = options ? options->struct_size : 0;
-    if (options && size < sizeof copy && size != OPTIONS_WITHOUT_LOCAL)
-        return bvhd_error_set(error, BVHD_INVALID, "options.struct_size",
-                              "%zu bytes instead of sizeof(struct bvhd_client_options)", size);
+    size_t least = size == OPTIONS_WITHOUT_LOCAL ? size : sizeof copy;
+    enum bvhd_status status =
+        options ? argument_check_size(options, least, sizeof copy, "options", "bvhd_client_options", error) : BVHD_OK;
+    if (status != BVHD_OK)
+        return status;
     if (options)
         memcpy(&copy, options, size < sizeof copy ? size : sizeof copy);
     if ((unsigned)copy.local > BVHD_LOCAL_ALWAYS)
@@ -54,7 +57,9 @@ enum bvhd_status bvhd_client_create(const struct bvhd_client_options *options, s
                                     struct bvhd_error *ret_error)
 {
     struct bvhd_client_options given = {0};
-    enum bvhd_status status = read_options(options, &given, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {ret_client, "ret_client"});
+    if (status == BVHD_OK)
+        status = read_options(options, &given, ret_error);
     if (status != BVHD_OK)
         return status;
     options = &given;
@@ -104,6 +109,8 @@ void bvhd_client_destroy(struct bvhd_client *client)
 int bvhd_client_descriptor(const struct bvhd_client *client)
 {
     struct bvhd_client *own = (struct bvhd_client *)(uintptr_t)client;
+    if (!client)
+        return -1;
     client_lock(own);
     if (!own->wakeups.has_loop)
         client_stir(own); /* changes before this moment were not signalled */
@@ -114,6 +121,8 @@ int bvhd_client_descriptor(const struct bvhd_client *client)
 
 void bvhd_client_dispatch(struct bvhd_client *client)
 {
+    if (!client)
+        return;
     client_lock(client);
     client_wait_heard(client);
     client_advance(client);

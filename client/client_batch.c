@@ -271,6 +271,8 @@ void bvhd_batch_destroy(struct bvhd_batch *batch)
 
 void bvhd_batch_cancel(struct bvhd_batch *batch)
 {
+    if (!batch)
+        return;
     client_lock(batch->client);
     cancel_all(batch);
     if (lookup_of(batch))
@@ -280,6 +282,8 @@ void bvhd_batch_cancel(struct bvhd_batch *batch)
 
 void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t index)
 {
+    if (!batch)
+        return;
     client_lock(batch->client);
     if (index < batch->count && batch->items[index].state != ITEM_DONE) {
         struct client_item *item = &batch->items[index];
@@ -295,7 +299,7 @@ void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t index)
 
 uint32_t bvhd_batch_count(const struct bvhd_batch *batch)
 {
-    return batch->count;
+    return batch ? batch->count : 0;
 }
 
 static bool is_copied(const void *context)
@@ -312,6 +316,8 @@ static bool is_done(const void *context)
 
 static int ask(struct bvhd_batch *batch, bool (*is_true)(const void *context))
 {
+    if (!batch)
+        return 1; /* all of its items, which are none */
     client_lock(batch->client);
     int result = is_true(batch);
     client_unlock(batch->client);
@@ -336,6 +342,8 @@ static bool build_one(struct bvhd_client *client, const void *context)
 static enum bvhd_status wait_for(struct bvhd_batch *batch, int timeout_ms, bool (*is_true)(const void *context))
 {
     struct client_wait wait = {.is_true = is_true, .context = batch, .work = build_one};
+    if (!batch)
+        return BVHD_INVALID;
     struct bvhd_client *client = batch->client; /* a callback may destroy the batch */
     client_lock(client);
     bool result = client_wait_until(client, library_after(clock_ns(), timeout_ms), &wait);
@@ -355,7 +363,7 @@ enum bvhd_status bvhd_batch_wait_copied(struct bvhd_batch *batch, int timeout_ms
 
 const struct bvhd_result *bvhd_batch_result(struct bvhd_batch *batch, uint32_t index)
 {
-    if (index >= batch->count)
+    if (!batch || index >= batch->count)
         return NULL;
     client_lock(batch->client);
     bool done = batch->items[index].state == ITEM_DONE;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* client_calls.c - the calls that wait for the daemon itself: connect, ping, counters. */
+#include "client/argument.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
 
@@ -50,9 +51,12 @@ static enum bvhd_status await_connection(struct waiting_call *call, uint64_t mom
 
 enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error)
 {
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {client, "client"});
+    if (status != BVHD_OK)
+        return status;
     client_lock(client);
     struct waiting_call call = {.client = client};
-    enum bvhd_status status = await_connection(&call, clock_ns() + client->connect_timeout, ret_error);
+    status = await_connection(&call, clock_ns() + client->connect_timeout, ret_error);
     client_unlock(client);
     return status;
 }
@@ -90,10 +94,13 @@ static enum bvhd_status ask(struct waiting_call *call, enum frame_type type, int
 enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms,
                                   struct bvhd_error *ret_error)
 {
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {client, "client"});
+    if (status != BVHD_OK)
+        return status;
     client_lock(client);
     struct waiting_call call = {.client = client};
     uint64_t start = clock_ns();
-    enum bvhd_status status = ask(&call, FRAME_PING, timeout_ms, ret_error);
+    status = ask(&call, FRAME_PING, timeout_ms, ret_error);
     uint64_t end = clock_ns();
     client_unlock(client);
     if (status == BVHD_OK && ret_ms)
@@ -104,9 +111,12 @@ enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, do
 enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms, struct bvhd_counters **ret_counters,
                                       struct bvhd_error *ret_error)
 {
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {client, "client"}, {ret_counters, "ret_counters"});
+    if (status != BVHD_OK)
+        return status;
     client_lock(client);
     struct waiting_call call = {.client = client};
-    enum bvhd_status status = ask(&call, FRAME_STATS, timeout_ms, ret_error);
+    status = ask(&call, FRAME_STATS, timeout_ms, ret_error);
     client_unlock(client);
     if (status == BVHD_OK && !call.waiter.counters)
         status = bvhd_error_set(ret_error, BVHD_CORRUPT, "counters", "the daemon sent an error that is none");

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include "client/argument.h"
 #include "client/client_batch.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
@@ -86,9 +87,10 @@ static enum bvhd_status check_build(const struct bvhd_build *build, struct build
                                     struct bvhd_error *error)
 {
     bool is_older = build->struct_size == FORMAT_BUILD_WITHOUT || build->struct_size == FORMAT_BUILD_RAYLESS;
-    if (build->struct_size < sizeof *build && !is_older)
-        return bvhd_error_set(error, BVHD_INVALID, "build.struct_size",
-                              "%zu bytes instead of sizeof(struct bvhd_build)", build->struct_size);
+    enum bvhd_status status = argument_check_size(build, is_older ? build->struct_size : sizeof *build, sizeof *build,
+                                                  "build", "bvhd_build", error);
+    if (status != BVHD_OK)
+        return status;
     if (build->info_count > 0 && !build->infos)
         return bvhd_error_set(error, BVHD_INVALID, "build.infos", "build.infos is NULL, but info_count is %u",
                               build->info_count);
@@ -136,24 +138,20 @@ static void fail_broken(struct submission *submission)
     client_unlock(submission->client);
 }
 
-static int32_t priority_of(const struct bvhd_build *build)
-{
-    return build->priority < BVHD_PRIORITY_LOW    ? PRIORITY_LOW
-           : build->priority > BVHD_PRIORITY_HIGH ? PRIORITY_HIGH
-                                                  : (int32_t)build->priority;
-}
-
 enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd_build *build,
                                    struct bvhd_batch **ret_batch, struct bvhd_error *ret_error)
 {
     struct submission submission = {.client = client, .build = build};
-    enum bvhd_status status = check_build(build, &submission.options, ret_error);
+    enum bvhd_status status =
+        ARGUMENTS_CHECK(ret_error, {client, "client"}, {build, "build"}, {ret_batch, "ret_batch"});
+    if (status == BVHD_OK)
+        status = check_build(build, &submission.options, ret_error);
     if (status != BVHD_OK)
         return status;
     status = reference_table_make(build, &library_memory, &submission.references, ret_error);
     if (status != BVHD_OK)
         return status;
-    submission.batch = client_batch_create(client, build->info_count, priority_of(build));
+    submission.batch = client_batch_create(client, build->info_count, (int32_t)build->priority);
     status = submission.batch ? describe(&submission) : BVHD_NO_MEMORY;
     if (status == BVHD_OK)
         fail_broken(&submission);
@@ -177,6 +175,11 @@ enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const struct bvhd
 enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,
                                   struct bvhd_batch **ret_batch, struct bvhd_error *ret_error)
 {
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {client, "client"}, {ret_batch, "ret_batch"});
+    if (status == BVHD_OK && key_count > 0 && !keys)
+        status = bvhd_error_set(ret_error, BVHD_INVALID, "keys", "keys is NULL, but key_count is %u", key_count);
+    if (status != BVHD_OK)
+        return status;
     struct bvhd_batch *batch = client_batch_create_keys(client, key_count, PRIORITY_NORMAL);
     if (!batch)
         return no_memory(ret_error);

@@ -62,7 +62,7 @@ static enum bvhd_status open_socket(const char *path, int *ret_socket, struct bv
 static enum bvhd_status say_hello(struct connection *connection, struct bvhd_error *error)
 {
     struct control_hello hello = {
-        .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "libbvhd " BVHD_VERSION};
+        .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "libbvhd " BVHD_VERSION_STRING};
     struct exchange *exchange = exchange_create(FRAME_HELLO, 0);
     if (!exchange)
         return bvhd_error_no_memory(error, "connection", "no memory for it");

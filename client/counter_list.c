@@ -19,17 +19,17 @@ struct bvhd_counters *counter_list_create(struct control_counters *message)
 
 uint32_t bvhd_counters_count(const struct bvhd_counters *counters)
 {
-    return counters->message->count;
+    return counters ? counters->message->count : 0;
 }
 
 const char *bvhd_counters_name(const struct bvhd_counters *counters, uint32_t index)
 {
-    return index < counters->message->count ? counters->message->counters[index].name : NULL;
+    return counters && index < counters->message->count ? counters->message->counters[index].name : NULL;
 }
 
 uint64_t bvhd_counters_value(const struct bvhd_counters *counters, uint32_t index)
 {
-    return index < counters->message->count ? counters->message->counters[index].value : 0;
+    return counters && index < counters->message->count ? counters->message->counters[index].value : 0;
 }
 
 void bvhd_counters_destroy(struct bvhd_counters *counters)

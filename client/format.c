@@ -4,6 +4,8 @@
 #include <string.h>
 
 #include "builder/format/layout.h"
+#include "client/argument.h"
+#include "proto/base/place.h"
 
 const char *bvhd_target_name(enum bvhd_target target)
 {
@@ -22,25 +24,57 @@ static bool is_native(enum target target)
     return layout && layout->variants > 0;
 }
 
-static const char *name_of(enum bvhd_target target)
+/* The name of a target, or its number. */
+static struct place name_of(enum bvhd_target target)
 {
     const char *name = bvhd_target_name(target);
-    return name ? name : "one that is not known";
+    return name ? place("%s", name) : place("%u", (unsigned)target);
 }
 
 static enum bvhd_status check_format(const struct bvhd_format *format, enum bvhd_target target,
                                      struct bvhd_error *error)
 {
+    const struct layout *layout = layout_find((enum target)target);
     if (!format)
         return is_native((enum target)target) ? bvhd_error_set(error, BVHD_INVALID, "build.format",
-                                                               "target %s needs the device's format", name_of(target))
+                                                               "build.format is NULL, but target %s needs the device's "
+                                                               "format",
+                                                               name_of(target).text)
                                               : BVHD_OK;
-    if (format->struct_size < sizeof *format)
-        return bvhd_error_set(error, BVHD_INVALID, "build.format",
-                              "struct_size is %zu instead of sizeof(struct bvhd_format)", format->struct_size);
+    enum bvhd_status status =
+        argument_check_size(format, sizeof *format, sizeof *format, "build.format", "bvhd_format", error);
+    if (status != BVHD_OK)
+        return status;
     if (format->target != target)
-        return bvhd_error_set(error, BVHD_INVALID, "build.format", "is of target %s, the build's is %s",
-                              name_of(format->target), name_of(target));
+        return bvhd_error_set(error, BVHD_INVALID, "build.format", "the format is of target %s, the build's is %s",
+                              name_of(format->target).text, name_of(target).text);
+    if (layout && layout->variants == 0)
+        return bvhd_error_set(error, BVHD_INVALID, "build.format",
+                              "target %s is that of no device, and takes no format", layout->name);
+    if (layout && (format->variant == 0 || format->variant > layout->variants))
+        return bvhd_error_set(error, BVHD_INVALID, "build.format.variant", "%s has no variant %u", layout->name,
+                              format->variant);
+    return BVHD_OK;
+}
+
+/* Refuses numbers that no version of this header has given a meaning. */
+static enum bvhd_status check_numbers(const struct bvhd_build *build, enum bvhd_target target, struct bvhd_error *error)
+{
+    const struct layout *layout = layout_find((enum target)target);
+    uint32_t unknown = layout ? build->layout_flags & ~layout->flags : 0;
+    float rays = build->struct_size > FORMAT_BUILD_RAYLESS ? build->rays_per_primitive : 0;
+    if ((unsigned)build->quality > BVHD_QUALITY_AUTO)
+        return bvhd_error_set(error, BVHD_INVALID, "build.quality", "%u is no value of enum bvhd_quality",
+                              (unsigned)build->quality);
+    if (build->priority < BVHD_PRIORITY_LOW || build->priority > BVHD_PRIORITY_HIGH)
+        return bvhd_error_set(error, BVHD_INVALID, "build.priority", "%d is no value of enum bvhd_priority",
+                              (int)build->priority);
+    if (unknown)
+        return bvhd_error_set(error, BVHD_INVALID, "build.layout_flags", "target %s has no bits 0x%x", layout->name,
+                              unknown);
+    if (!__builtin_isfinite(rays) || rays < 0)
+        return bvhd_error_set(error, BVHD_INVALID, "build.rays_per_primitive",
+                              "it is %g, not a finite number that is at least 0", (double)rays);
     return BVHD_OK;
 }
 
@@ -50,6 +84,8 @@ enum bvhd_status format_options(const struct bvhd_build *build, struct build_opt
     const struct bvhd_format *format = format_of(build);
     enum bvhd_target target = build->target ? build->target : format ? format->target : BVHD_TARGET_PORTABLE;
     enum bvhd_status status = check_format(format, target, error);
+    if (status == BVHD_OK)
+        status = check_numbers(build, target, error);
     if (status != BVHD_OK)
         return status;
     if (build->struct_size > FORMAT_BUILD_RAYLESS && build->reserved != 0)

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "client/argument.h"
 #include "client/library.h"
 #include "builder/format/probe.h"
 
@@ -12,7 +13,9 @@ enum bvhd_status bvhd_format_from_probe(const void *probe, uint64_t size, struct
     struct probe contents;
     enum target target;
     struct device_format device;
-    enum bvhd_status status = probe_unpack((struct bytes){probe, probe ? size : 0}, &contents, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {probe, "probe"}, {ret_format, "ret_format"});
+    if (status == BVHD_OK)
+        status = probe_unpack((struct bytes){probe, size}, &contents, ret_error);
     if (status == BVHD_OK)
         status = probe_match(&contents, &library_memory, &target, &device, ret_error);
     if (status != BVHD_OK)

@@ -29,12 +29,16 @@ int library_poll_ms(uint64_t now, uint64_t moment)
 
 const char *bvhd_version(void)
 {
-    return BVHD_VERSION;
+    return BVHD_VERSION_STRING;
 }
 
 void bvhd_key_to_text(const struct bvhd_key *key, char ret_text[BVHD_KEY_TEXT_SIZE])
 {
     struct key copy;
+    if (ret_text)
+        ret_text[0] = '\0';
+    if (!ret_text || !key)
+        return;
     memcpy(copy.bytes, key->bytes, sizeof copy.bytes);
     key_to_text(&copy, ret_text);
 }
@@ -42,7 +46,7 @@ void bvhd_key_to_text(const struct bvhd_key *key, char ret_text[BVHD_KEY_TEXT_SI
 enum bvhd_status bvhd_key_from_text(const char *text, struct bvhd_key *ret_key)
 {
     struct key key;
-    if (key_from_text(text, &key) != 0)
+    if (!text || !ret_key || key_from_text(text, &key) != 0)
         return BVHD_INVALID;
     memcpy(ret_key->bytes, key.bytes, sizeof key.bytes);
     return BVHD_OK;

@@ -10,6 +10,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include <bvhd/bvhd.h>
+
 #include "proto/base/status.h"
 
 /* Writes the path beside libbvhd; false where this code is part of the program, or the path is not absolute. */
@@ -61,9 +63,9 @@ static enum bvhd_status check_version(void *handle, const struct build_library *
     if (!entry)
         return bvhd_error_set(error, BVHD_INCOMPATIBLE, BUILD_LIBRARY_FILE, "has no function %s", BUILD_LIBRARY_ENTRY);
     const struct build_library *library = entry();
-    if (strcmp(library->version, BVHD_VERSION) != 0)
+    if (strcmp(library->version, BVHD_VERSION_STRING) != 0)
         return bvhd_error_set(error, BVHD_INCOMPATIBLE, BUILD_LIBRARY_FILE, "has version %.32s, but libbvhd %s",
-                              library->version, BVHD_VERSION);
+                              library->version, BVHD_VERSION_STRING);
     *ret_library = library;
     return BVHD_OK;
 }

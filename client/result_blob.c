@@ -88,7 +88,8 @@ enum bvhd_status result_blob_map(int descriptor, uint64_t size, struct bvhd_blob
 
 struct bvhd_blob *bvhd_blob_ref(struct bvhd_blob *blob)
 {
-    atomic_fetch_add_explicit(&blob->refs, 1, memory_order_relaxed);
+    if (blob)
+        atomic_fetch_add_explicit(&blob->refs, 1, memory_order_relaxed);
     return blob;
 }
 
@@ -105,10 +106,10 @@ void bvhd_blob_unref(struct bvhd_blob *blob)
 
 const void *bvhd_blob_data(const struct bvhd_blob *blob)
 {
-    return blob->data;
+    return blob ? blob->data : NULL;
 }
 
 uint64_t bvhd_blob_size(const struct bvhd_blob *blob)
 {
-    return blob->size;
+    return blob ? blob->size : 0;
 }

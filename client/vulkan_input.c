@@ -4,6 +4,7 @@
 #include "proto/base/handle_table.h"
 #include "proto/base/request_limits.h"
 #include "proto/base/place.h"
+#include "proto/base/vulkan_name.h"
 
 enum { RECORD_SIZE = sizeof(VkAccelerationStructureInstanceKHR), RECORD_REFERENCE = 56 };
 _Static_assert(RECORD_SIZE == 64, "instance records are read by offset");
@@ -75,9 +76,20 @@ static enum bvhd_status check_chain(const struct input_entry *entry, enum bvhd_v
     const VkBaseInStructure *first = chain;
     for (size_t i = 0; i < sizeof foreign_structs / sizeof foreign_structs[0]; i++)
         if ((uint32_t)first->sType == foreign_structs[i].type)
-            return bvhd_error_set(entry->error, BVHD_UNSUPPORTED, where.text, "%s", foreign_structs[i].name);
-    return bvhd_error_rule(entry->error, vuid, where.text, "a struct of type %u does not belong here",
-                           (unsigned)first->sType);
+            return bvhd_error_set(entry->error, BVHD_UNSUPPORTED, where.text, "%s is not supported",
+                                  foreign_structs[i].name);
+    return bvhd_error_rule(entry->error, vuid, where.text, "a struct whose sType is %s does not belong here",
+                           vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)first->sType).text);
+}
+
+static enum bvhd_status check_structure_type(const struct input_entry *entry, enum bvhd_vuid vuid, struct place where,
+                                             VkStructureType type, VkStructureType expected)
+{
+    if (type == expected)
+        return BVHD_OK;
+    return bvhd_error_rule(entry->error, vuid, where.text, "sType is %s, not %s",
+                           vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)type).text,
+                           vulkan_name(VULKAN_STRUCTURE_TYPE, (uint32_t)expected).text);
 }
 
 /* Checks sType and pNext of the data of geometry `index`. */
@@ -100,10 +112,11 @@ static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_
     if (type > GEOMETRY_INSTANCES)
         return BVHD_OK; /* validate_input reports it */
     const VkBaseInStructure *head = (const void *)&source->geometry;
-    if (head->sType != heads[type].type)
-        return bvhd_error_rule(entry->error, heads[type].type_rule,
-                               place("infos[%u].geometries[%u].%s.sType", entry->index, index, heads[type].name).text,
-                               "%u instead of %u", (unsigned)head->sType, (unsigned)heads[type].type);
+    enum bvhd_status status = check_structure_type(
+        entry, heads[type].type_rule, place("infos[%u].geometries[%u].%s.sType", entry->index, index, heads[type].name),
+        head->sType, heads[type].type);
+    if (status != BVHD_OK)
+        return status;
     return check_chain(entry, heads[type].chain_rule,
                        place("infos[%u].geometries[%u].%s.pNext", entry->index, index, heads[type].name), head->pNext);
 }
@@ -111,31 +124,37 @@ static enum bvhd_status check_data_head(const struct input_entry *entry, uint32_
 static enum bvhd_status check_geometry_head(const struct input_entry *entry, uint32_t index,
                                             const VkAccelerationStructureGeometryKHR *source)
 {
-    if (source->sType != VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR)
-        return bvhd_error_rule(entry->error, BVHD_VUID_Geometry_sType_sType,
-                               place("infos[%u].geometries[%u].sType", entry->index, index).text, "%u",
-                               (unsigned)source->sType);
-    enum bvhd_status status = check_chain(entry, BVHD_VUID_Geometry_pNext_pNext,
-                                          place("infos[%u].geometries[%u].pNext", entry->index, index), source->pNext);
+    enum bvhd_status status = check_structure_type(
+        entry, BVHD_VUID_Geometry_sType_sType, place("infos[%u].geometries[%u].sType", entry->index, index),
+        source->sType, VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR);
+    if (status == BVHD_OK)
+        status = check_chain(entry, BVHD_VUID_Geometry_pNext_pNext,
+                             place("infos[%u].geometries[%u].pNext", entry->index, index), source->pNext);
     return status == BVHD_OK ? check_data_head(entry, index, source) : status;
 }
 
 static enum bvhd_status check_head(const struct input_entry *entry)
 {
     const VkAccelerationStructureBuildGeometryInfoKHR *info = entry->info;
-    if (info->sType != VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR)
-        return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_sType_sType,
-                               place("infos[%u].sType", entry->index).text, "%u", (unsigned)info->sType);
-    enum bvhd_status status = check_chain(entry, BVHD_VUID_BuildGeometryInfo_pNext_pNext,
-                                          place("infos[%u].pNext", entry->index), info->pNext);
+    enum bvhd_status status =
+        check_structure_type(entry, BVHD_VUID_BuildGeometryInfo_sType_sType, place("infos[%u].sType", entry->index),
+                             info->sType, VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR);
+    if (status == BVHD_OK)
+        status = check_chain(entry, BVHD_VUID_BuildGeometryInfo_pNext_pNext, place("infos[%u].pNext", entry->index),
+                             info->pNext);
     if (status != BVHD_OK || info->geometryCount == 0)
         return status;
     if ((info->pGeometries != NULL) == (info->ppGeometries != NULL))
         return bvhd_error_rule(entry->error, BVHD_VUID_03788, place("infos[%u].pGeometries", entry->index).text,
-                               "%s of pGeometries and ppGeometries", info->pGeometries ? "both" : "none");
+                               info->pGeometries
+                                   ? "pGeometries and ppGeometries are both set"
+                                   : "pGeometries and ppGeometries are both NULL, but geometryCount is %u",
+                               info->geometryCount);
     if (!entry->call->ranges || !entry->call->ranges[entry->index])
         return bvhd_error_rule(entry->error, BVHD_VUID_11702, place("ranges[%u]", entry->index).text,
-                               "no ranges given");
+                               "%s is NULL, but geometryCount is %u",
+                               entry->call->ranges ? place("ranges[%u]", entry->index).text : "ranges",
+                               info->geometryCount);
     return BVHD_OK;
 }
 
@@ -234,7 +253,7 @@ static enum bvhd_status gather(const struct input_entry *entry, const unsigned c
         if (!record)
             return bvhd_error_rule(entry->error, BVHD_VUID_03778,
                                    place("infos[%u].geometries[0].instances[%u]", entry->index, i).text,
-                                   "no record at this pointer");
+                                   "the pointer to this instance is NULL");
         memcpy(records + (size_t)i * RECORD_SIZE, record, RECORD_SIZE);
     }
     geometry->range.primitive_offset = 0;
@@ -276,7 +295,7 @@ static enum bvhd_status convert_geometry(const struct input_entry *entry, uint32
     if (!source)
         return bvhd_error_rule(entry->error, BVHD_VUID_BuildGeometryInfo_ppGeometries_parameter,
                                place("infos[%u].ppGeometries[%u]", entry->index, index).text,
-                               "no geometry at this pointer");
+                               "ppGeometries[%u] is NULL, but geometryCount is %u", index, info->geometryCount);
     enum bvhd_status status = check_geometry_head(entry, index, source);
     if (status != BVHD_OK)
         return status;

@@ -42,7 +42,7 @@ int main(int argc, char **argv)
         return flush_output();
     }
     if (config.action == CONFIG_VERSION) {
-        printf("bvhd %s\n", BVHD_VERSION);
+        printf("bvhd %s\n", BVHD_DAEMON_VERSION);
         return flush_output();
     }
     log_set_level(config.log_level);

@@ -188,7 +188,7 @@ static void announce(const struct server *server)
     const char *path = server->listener.path;
     snprintf(status, sizeof status, "listening on %s", *path ? path : "the socket handed over");
     log_event(LOG_INFO, "listening", "socket=%s version=%s", log_quote(*path ? path : "(handed over)").text,
-              BVHD_VERSION);
+              BVHD_DAEMON_VERSION);
     if (*server->config->cache)
         log_event(LOG_WARNING, "no_disk_cache", "dir=%s why=%s", log_quote(server->config->cache).text,
                   log_quote("this version keeps results in memory only").text);

@@ -7,6 +7,7 @@
 #include "builder/format/layout.h"
 #include "proto/base/parallel.h"
 #include "proto/base/place.h"
+#include "proto/base/vulkan_name.h"
 #include "builder/input/vertex_format.h"
 
 /* The geometry that is being checked. */
@@ -57,11 +58,14 @@ static enum bvhd_status check_type(uint32_t type, uint32_t index, struct bvhd_er
     case STRUCTURE_BOTTOM:
         return BVHD_OK;
     case STRUCTURE_GENERIC:
-        return bvhd_error_rule(error, BVHD_VUID_03654, where.text, "GENERIC is no type to build");
+        return bvhd_error_rule(
+            error, BVHD_VUID_03654, where.text,
+            "GENERIC is the type of a structure to create, not to build: it is a top or a bottom level");
     case STRUCTURE_OPACITY_MICROMAP:
         return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "opacity micromaps are not built");
     default:
-        return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_type_parameter, where.text, "%u is no type", type);
+        return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_type_parameter, where.text,
+                               "type is %u, which is no VkAccelerationStructureTypeKHR", type);
     }
 }
 
@@ -77,7 +81,8 @@ static enum bvhd_status check_flags(uint32_t flags, uint32_t index, struct bvhd_
                                "PREFER_FAST_TRACE and PREFER_FAST_BUILD exclude each other");
     for (size_t i = 0; i < sizeof foreign_flags / sizeof foreign_flags[0]; i++)
         if (flags & foreign_flags[i].bit)
-            return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "flag %s", foreign_flags[i].name);
+            return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "flag %s is not supported",
+                                  foreign_flags[i].name);
     return BVHD_OK;
 }
 
@@ -87,10 +92,10 @@ static enum bvhd_status check_mode(const struct build_input *input, uint32_t ind
     if (input->mode == MODE_BUILD)
         return BVHD_OK;
     if (input->mode != MODE_UPDATE)
-        return bvhd_error_rule(error, BVHD_VUID_04628, where.text, "%u is neither BUILD nor UPDATE", input->mode);
+        return bvhd_error_rule(error, BVHD_VUID_04628, where.text, "mode is %u, neither BUILD nor UPDATE", input->mode);
     if (!input->source)
         return bvhd_error_rule(error, BVHD_VUID_04630, place("infos[%u].srcAccelerationStructure", index).text,
-                               "an update needs a source");
+                               "srcAccelerationStructure is NULL, but the mode is UPDATE");
     return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text, "this version does not update structures");
 }
 
@@ -103,7 +108,8 @@ static enum bvhd_status check_device(const struct layout *layout, const struct d
 {
     static const struct device_format none;
     if (layout->variants == 0 && memcmp(device, &none, sizeof none) != 0)
-        return bvhd_error_set(error, BVHD_INVALID, where, "target %s is of no device", layout->name);
+        return bvhd_error_set(error, BVHD_INVALID, where, "target %s is that of no device, and takes no format",
+                              layout->name);
     if (layout->variants > 0 && device->variant == 0)
         return bvhd_error_set(error, BVHD_INVALID, where, "target %s needs the device's format", layout->name);
     if (device->variant > layout->variants)
@@ -114,11 +120,11 @@ static enum bvhd_status check_device(const struct layout *layout, const struct d
 static enum bvhd_status check_options(const struct build_options *options, uint32_t index, struct bvhd_error *error)
 {
     if ((uint32_t)options->quality > QUALITY_AUTO)
-        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.quality", index).text, "%u is no quality",
-                              (unsigned)options->quality);
+        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.quality", index).text,
+                              "quality is %u, which is none of this version", (unsigned)options->quality);
     if (!isfinite(options->rays_per_primitive) || options->rays_per_primitive < 0)
-        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.raysPerPrimitive", index).text, "%g rays",
-                              (double)options->rays_per_primitive);
+        return bvhd_error_set(error, BVHD_INVALID, place("infos[%u].options.raysPerPrimitive", index).text,
+                              "it is %g, not a finite number that is at least 0", (double)options->rays_per_primitive);
     const struct layout *layout = layout_find(options->target);
     if (!layout)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, place("infos[%u].options.target", index).text,
@@ -143,7 +149,8 @@ static enum bvhd_status check_geometry_count(const struct build_input *input, ui
                                input->geometry_count, most);
     if (input->geometry_count > 0 && !input->geometries)
         return bvhd_error_rule(error, BVHD_VUID_BuildGeometryInfo_pGeometries_parameter,
-                               place("infos[%u].pGeometries", index).text, "no geometries given");
+                               place("infos[%u].pGeometries", index).text,
+                               "pGeometries is NULL, but geometryCount is %u", input->geometry_count);
     return BVHD_OK;
 }
 
@@ -155,11 +162,11 @@ static enum bvhd_status check_foreign_geometry(const struct subject *subject)
     case GEOMETRY_DENSE_TRIANGLES:
     case GEOMETRY_MICROMAP:
         return bvhd_error_set(subject->error, BVHD_UNSUPPORTED, GEOMETRY_PLACE(subject, "geometryType"),
-                              "geometry type %u is not built", subject->geometry->type);
+                              "%s is not supported", vulkan_name(VULKAN_GEOMETRY_TYPE, subject->geometry->type).text);
     default:
         return bvhd_error_rule(subject->error, BVHD_VUID_Geometry_geometryType_parameter,
-                               GEOMETRY_PLACE(subject, "geometryType"), "%u is no geometry type",
-                               subject->geometry->type);
+                               GEOMETRY_PLACE(subject, "geometryType"),
+                               "geometryType is %u, which is no VkGeometryTypeKHR", subject->geometry->type);
     }
 }
 
@@ -170,13 +177,14 @@ static enum bvhd_status check_geometry_type(const struct subject *subject, const
         return check_foreign_geometry(subject);
     if (input->type == STRUCTURE_TOP && type != GEOMETRY_INSTANCES)
         return bvhd_error_rule(subject->error, BVHD_VUID_03789, GEOMETRY_PLACE(subject, "geometryType"),
-                               "a top level is made of instances");
+                               "%s in a top level, which is made of instances", vulkan_geometry_noun(type).text);
     if (input->type == STRUCTURE_BOTTOM && type == GEOMETRY_INSTANCES)
         return bvhd_error_rule(subject->error, BVHD_VUID_03791, GEOMETRY_PLACE(subject, "geometryType"),
-                               "a bottom level has no instances");
+                               "instances in a bottom level, which is made of triangles or AABBs");
     if (type != input->geometries[0].type)
         return bvhd_error_rule(subject->error, BVHD_VUID_03792, GEOMETRY_PLACE(subject, "geometryType"),
-                               "type %u after geometries of type %u", type, input->geometries[0].type);
+                               "%s after %s: a bottom level has one type of geometry", vulkan_geometry_noun(type).text,
+                               vulkan_geometry_noun(input->geometries[0].type).text);
     return BVHD_OK;
 }
 
@@ -194,7 +202,8 @@ static enum bvhd_status check_triangle_fields(const struct subject *subject, con
     const struct geometry_triangles *triangles = &subject->geometry->triangles;
     if (!format)
         return bvhd_error_rule(subject->error, BVHD_VUID_03797, GEOMETRY_PLACE(subject, "triangles.vertexFormat"),
-                               "format %u is no vertex format", triangles->vertex_format);
+                               "vertexFormat is %s, which is no format of vertices",
+                               vulkan_name(VULKAN_FORMAT, triangles->vertex_format).text);
     if (triangles->vertex_stride % format->alignment != 0)
         return bvhd_error_rule(subject->error, BVHD_VUID_03735, GEOMETRY_PLACE(subject, "triangles.vertexStride"),
                                "%" PRIu64 " is no multiple of %u, as %s needs", triangles->vertex_stride,
@@ -205,7 +214,8 @@ static enum bvhd_status check_triangle_fields(const struct subject *subject, con
     if (triangles->index_type != INDEX_NONE && triangles->index_type != INDEX_UINT16 &&
         triangles->index_type != INDEX_UINT32)
         return bvhd_error_rule(subject->error, BVHD_VUID_03798, GEOMETRY_PLACE(subject, "triangles.indexType"),
-                               "%u is none of UINT16, UINT32, NONE", triangles->index_type);
+                               "indexType is %s, none of UINT16, UINT32 and NONE",
+                               vulkan_name(VULKAN_INDEX_TYPE, triangles->index_type).text);
     return BVHD_OK;
 }
 
@@ -230,6 +240,18 @@ static enum bvhd_status check_triangle_range(const struct subject *subject, cons
     return BVHD_OK;
 }
 
+/* Refuses memory that is not given, or does not hold what the range says. */
+static enum bvhd_status refuse_memory(const struct subject *subject, enum bvhd_vuid vuid, const char *field,
+                                      const struct bytes *memory, const char *contents)
+{
+    uint32_t count = subject->geometry->range.primitive_count;
+    if (!memory->data)
+        return bvhd_error_rule(subject->error, vuid, GEOMETRY_PLACE(subject, field),
+                               "%s is NULL, but primitiveCount is %u", field, count);
+    return bvhd_error_rule(subject->error, vuid, GEOMETRY_PLACE(subject, field),
+                           "%" PRIu64 " bytes do not hold the %s of %u primitives", memory->size, contents, count);
+}
+
 /*
  * Checks that the memory of a geometry is there. Vertices that are named by indices are checked once the indices are
  * known.
@@ -243,19 +265,14 @@ static enum bvhd_status check_triangle_memory(const struct subject *subject, con
     uint64_t index_size = triangles->index_type == INDEX_UINT16 ? 2 : 4;
     if (!triangles->vertices.data || (!indexed && !bytes_reach(triangles->vertices.size, range->primitive_offset,
                                                                triangles->vertex_stride, last, format->size)))
-        return bvhd_error_rule(subject->error, BVHD_VUID_03771, GEOMETRY_PLACE(subject, "triangles.vertexData"),
-                               "%" PRIu64 " bytes do not hold the vertices",
-                               triangles->vertices.data ? triangles->vertices.size : 0);
+        return refuse_memory(subject, BVHD_VUID_03771, "triangles.vertexData", &triangles->vertices, "vertices");
     if (indexed &&
         (!triangles->indices.data || !bytes_reach(triangles->indices.size, range->primitive_offset, 3 * index_size,
                                                   range->primitive_count - 1, 3 * index_size)))
-        return bvhd_error_rule(subject->error, BVHD_VUID_03772, GEOMETRY_PLACE(subject, "triangles.indexData"),
-                               "%" PRIu64 " bytes do not hold the indices",
-                               triangles->indices.data ? triangles->indices.size : 0);
+        return refuse_memory(subject, BVHD_VUID_03772, "triangles.indexData", &triangles->indices, "indices");
     if (triangles->transform.data &&
         !bytes_reach(triangles->transform.size, range->transform_offset, 0, 0, 12 * sizeof(float)))
-        return bvhd_error_rule(subject->error, BVHD_VUID_03773, GEOMETRY_PLACE(subject, "triangles.transformData"),
-                               "%" PRIu64 " bytes do not hold a matrix", triangles->transform.size);
+        return refuse_memory(subject, BVHD_VUID_03773, "triangles.transformData", &triangles->transform, "matrix");
     return BVHD_OK;
 }
 
@@ -286,8 +303,7 @@ static enum bvhd_status check_aabbs(const struct subject *subject)
     if (range->primitive_count > 0 &&
         (!aabbs->boxes.data || !bytes_reach(aabbs->boxes.size, range->primitive_offset, aabbs->stride,
                                             range->primitive_count - 1, 6 * sizeof(float))))
-        return bvhd_error_rule(subject->error, BVHD_VUID_03774, GEOMETRY_PLACE(subject, "aabbs.data"),
-                               "%" PRIu64 " bytes do not hold the boxes", aabbs->boxes.data ? aabbs->boxes.size : 0);
+        return refuse_memory(subject, BVHD_VUID_03774, "aabbs.data", &aabbs->boxes, "boxes");
     return BVHD_OK;
 }
 
@@ -300,8 +316,7 @@ static enum bvhd_status check_instances(const struct subject *subject)
                                "%u is no multiple of 16", range->primitive_offset);
     if (range->primitive_count > 0 &&
         (!records->data || !bytes_reach(records->size, range->primitive_offset, 64, range->primitive_count - 1, 64)))
-        return bvhd_error_rule(subject->error, BVHD_VUID_03778, GEOMETRY_PLACE(subject, "instances.data"),
-                               "%" PRIu64 " bytes do not hold the instances", records->data ? records->size : 0);
+        return refuse_memory(subject, BVHD_VUID_03778, "instances.data", records, "instances");
     return BVHD_OK;
 }
 

@@ -38,7 +38,7 @@ static enum bvhd_status build_copy(const struct build_library_copy *copy, const 
 const struct build_library *bvhd_build_library(void)
 {
     static const struct build_library library = {
-        .version = BVHD_VERSION,
+        .version = BVHD_BUILD_LIBRARY_VERSION,
         .workers_create = workers_create,
         .workers_destroy = workers_destroy,
         .workers_parallel = workers_parallel,

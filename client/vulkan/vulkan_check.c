@@ -4,6 +4,7 @@
 #include <stdio.h>
 
 #include "builder/format/lavapipe.h"
+#include "client/argument.h"
 #include "client/library.h"
 #include "builder/format/portable.h"
 #include "client/vulkan/vulkan_blob.h"
@@ -141,9 +142,10 @@ static enum bvhd_status check_format(const struct bvhd_format *format, struct bv
 {
     if (!format)
         return BVHD_OK;
-    if (format->struct_size < sizeof *format)
-        return bvhd_error_set(error, BVHD_INVALID, "format", "struct_size is %zu instead of sizeof(struct bvhd_format)",
-                              format->struct_size);
+    enum bvhd_status status =
+        argument_check_size(format, sizeof *format, sizeof *format, "format", "bvhd_format", error);
+    if (status != BVHD_OK)
+        return status;
     if (format->target == BVHD_TARGET_LAVAPIPE && (format->variant == 0 || format->variant > LAVAPIPE_VARIANTS))
         return bvhd_error_set(error, BVHD_INVALID, "format", "variant %" PRIu32 " of target lavapipe is not known",
                               format->variant);
@@ -165,9 +167,11 @@ enum bvhd_status bvhd_vulkan_check(struct bvhd_vulkan_device *device, const stru
                                    const void *data, uint64_t size, struct bvhd_error *ret_error)
 {
     struct check check = {.device = device, .format = format, .error = ret_error};
-    enum bvhd_status status = check_format(format, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {device, "device"}, {data, "data"});
+    if (status == BVHD_OK)
+        status = check_format(format, ret_error);
     if (status == BVHD_OK && (uintptr_t)data % 16 != 0)
-        status = bvhd_error_set(ret_error, BVHD_INVALID, "data", "not aligned to 16 bytes");
+        status = bvhd_error_set(ret_error, BVHD_INVALID, "data", "its address is no multiple of 16 bytes");
     if (status == BVHD_OK)
         status = vulkan_blob_read((struct bytes){data, size}, &check.blob, ret_error);
     if (status == BVHD_OK)
@@ -182,7 +186,10 @@ enum bvhd_status bvhd_vulkan_requirements(struct bvhd_vulkan_device *device, con
                                           struct bvhd_error *ret_error)
 {
     struct vulkan_blob blob;
-    enum bvhd_status status = vulkan_blob_read((struct bytes){data, size}, &blob, ret_error);
+    enum bvhd_status status =
+        ARGUMENTS_CHECK(ret_error, {device, "device"}, {data, "data"}, {ret_requirements, "ret_requirements"});
+    if (status == BVHD_OK)
+        status = vulkan_blob_read((struct bytes){data, size}, &blob, ret_error);
     if (status == BVHD_OK)
         *ret_requirements = vulkan_blob_requirements(&blob, device);
     return status;

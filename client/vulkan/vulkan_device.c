@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "client/argument.h"
 #include "client/library.h"
 
 /* The functions that are needed before there is a struct bvhd_vulkan_device. */
@@ -174,12 +175,15 @@ static void read_properties(const struct lookup *lookup, struct extensions exten
 
 static enum bvhd_status check_options(const struct bvhd_vulkan_device_options *options, struct bvhd_error *error)
 {
-    if (options->struct_size < sizeof *options)
-        return bvhd_error_set(error, BVHD_INVALID, "options.struct_size", "%zu bytes, but %zu are needed",
-                              options->struct_size, sizeof *options);
-    if (!options->get_instance_proc_addr || !options->instance || !options->physical_device || !options->device)
-        return bvhd_error_set(error, BVHD_INVALID, "options", "vkGetInstanceProcAddr and all three handles are needed");
-    return BVHD_OK;
+    enum bvhd_status status =
+        argument_check_size(options, sizeof *options, sizeof *options, "options", "bvhd_vulkan_device_options", error);
+    if (status != BVHD_OK)
+        return status;
+    if (!options->get_instance_proc_addr)
+        return bvhd_error_set(error, BVHD_INVALID, "options.get_instance_proc_addr",
+                              "options.get_instance_proc_addr is NULL");
+    return ARGUMENTS_CHECK(error, {options->instance, "options.instance"},
+                           {options->physical_device, "options.physical_device"}, {options->device, "options.device"});
 }
 
 static enum bvhd_status fill_device(const struct bvhd_vulkan_device_options *options, struct bvhd_vulkan_device *device,
@@ -207,7 +211,9 @@ static enum bvhd_status fill_device(const struct bvhd_vulkan_device_options *opt
 enum bvhd_status bvhd_vulkan_device_create(const struct bvhd_vulkan_device_options *options,
                                            struct bvhd_vulkan_device **ret_device, struct bvhd_error *ret_error)
 {
-    enum bvhd_status status = check_options(options, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {options, "options"}, {ret_device, "ret_device"});
+    if (status == BVHD_OK)
+        status = check_options(options, ret_error);
     if (status != BVHD_OK)
         return status;
     struct bvhd_vulkan_device *device = memory_alloc(&library_memory, sizeof *device);

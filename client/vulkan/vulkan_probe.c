@@ -2,6 +2,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 
+#include "client/argument.h"
 #include "client/library.h"
 #include "builder/format/probe.h"
 #include "builder/format/serialized.h"
@@ -364,10 +365,14 @@ enum bvhd_status bvhd_vulkan_probe(struct bvhd_vulkan_device *device, const stru
 {
     struct probing probing = {.device = device, .error = ret_error};
     unsigned char *data = NULL;
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {device, "device"}, {queue, "queue"}, {ret_probe, "ret_probe"},
+                                              {ret_size, "ret_size"});
+    if (status != BVHD_OK)
+        return status;
     if (!device->has_structures)
         return bvhd_error_set(ret_error, BVHD_UNSUPPORTED, "device",
                               "it has no acceleration structures: it needs target portable");
-    enum bvhd_status status = vulkan_work_init(&probing.work, device, queue, ret_error);
+    status = vulkan_work_init(&probing.work, device, queue, ret_error);
     if (status == BVHD_OK)
         status = create_objects(&probing);
     if (status == BVHD_OK)

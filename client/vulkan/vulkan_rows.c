@@ -5,6 +5,7 @@
 
 #include <bvhd/bvhd_vulkan.h>
 
+#include "client/argument.h"
 #include "proto/base/handle_table.h"
 #include "client/library.h"
 #include "proto/base/status.h"
@@ -49,14 +50,20 @@ enum bvhd_status bvhd_vulkan_rows(const struct bvhd_reference *references, uint3
                                   const VkAccelerationStructureInstanceKHR *instances, uint32_t instance_count,
                                   uint32_t *ret_rows, uint32_t *ret_row_count, struct bvhd_error *ret_error)
 {
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {ret_row_count, "ret_row_count"});
+    if (status == BVHD_OK && reference_count > 0)
+        status = ARGUMENTS_CHECK(ret_error, {references, "references"}, {ret_rows, "ret_rows"});
+    if (status == BVHD_OK && instance_count > 0)
+        status = ARGUMENTS_CHECK(ret_error, {instances, "instances"});
+    if (status != BVHD_OK)
+        return status;
     struct naming naming = {.references = references, .reference_count = reference_count, .error = ret_error};
     uint64_t room = reference_count > 0 ? reference_count : 1;
     naming.entries = memory_array(&library_memory, 2 * room, sizeof *naming.entries);
     naming.row_of = memory_array(&library_memory, room, sizeof *naming.row_of);
-    enum bvhd_status status =
-        naming.entries && naming.row_of
-            ? name_rows(&naming, instances, instance_count)
-            : bvhd_error_no_memory(ret_error, "references", "%" PRIu32 " references", reference_count);
+    status = naming.entries && naming.row_of
+                 ? name_rows(&naming, instances, instance_count)
+                 : bvhd_error_no_memory(ret_error, "references", "%" PRIu32 " references", reference_count);
     if (status == BVHD_OK) {
         if (reference_count > 0) /* otherwise there may be no array */
             memcpy(ret_rows, naming.row_of, reference_count * sizeof *ret_rows);

@@ -2,8 +2,10 @@
 #include <inttypes.h>
 #include <stdlib.h>
 
+#include "client/argument.h"
 #include "client/library.h"
 #include "client/vulkan/vulkan_scene_load.h"
+#include "proto/base/place.h"
 
 /* ---- The structures of a scene ---- */
 
@@ -43,7 +45,8 @@ static enum bvhd_status list_rows(struct vulkan_scene_loading *loading)
     qsort(scene->rows, count, sizeof *scene->rows, by_row);
     for (uint32_t i = 0; i < count; i++)
         if (scene->rows[i].size != scene->rows[scene->rows[i].leader].size)
-            return bvhd_error_set(loading->error, BVHD_INVALID, "blobs", "the same data with two sizes");
+            return bvhd_error_set(loading->error, BVHD_INVALID, place("blobs[%" PRIu32 "]", i).text,
+                                  "the data of blobs[%" PRIu32 "], with another size", scene->rows[i].leader);
     return BVHD_OK;
 }
 
@@ -123,13 +126,18 @@ static enum bvhd_status probe_device(const struct vulkan_scene_loading *loading,
 static enum bvhd_status check_options(const struct bvhd_vulkan_device *device,
                                       const struct bvhd_vulkan_scene_options *options, struct bvhd_error *error)
 {
-    if (options->struct_size < sizeof *options)
-        return bvhd_error_set(error, BVHD_INVALID, "options.struct_size", "%zu bytes, but %zu are needed",
-                              options->struct_size, sizeof *options);
-    if (options->blob_count == 0 || !options->blobs)
-        return bvhd_error_set(error, BVHD_INVALID, "blobs", "there is no structure");
+    enum bvhd_status status =
+        argument_check_size(options, sizeof *options, sizeof *options, "options", "bvhd_vulkan_scene_options", error);
+    if (status != BVHD_OK)
+        return status;
+    if (options->blob_count == 0)
+        return bvhd_error_set(error, BVHD_INVALID, "options.blob_count", "it is 0: there is no structure to load");
+    if (!options->blobs)
+        return bvhd_error_set(error, BVHD_INVALID, "options.blobs", "options.blobs is NULL, but blob_count is %" PRIu32,
+                              options->blob_count);
     if (options->flags & ~(uint32_t)BVHD_VULKAN_SCENE_ADDRESSES)
-        return bvhd_error_set(error, BVHD_INVALID, "options.flags", "0x%" PRIx32 " is not known", options->flags);
+        return bvhd_error_set(error, BVHD_INVALID, "options.flags",
+                              "0x%" PRIx32 " has bits that are no BVHD_VULKAN_SCENE_ flag", options->flags);
     if ((options->flags & BVHD_VULKAN_SCENE_ADDRESSES) && !device->has_addresses)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "options.flags", "the device has no buffer addresses");
     return BVHD_OK;
@@ -153,7 +161,10 @@ enum bvhd_status bvhd_vulkan_scene_create(struct bvhd_vulkan_device *device, con
                                           const struct bvhd_vulkan_scene_options *options,
                                           struct bvhd_vulkan_scene **ret_scene, struct bvhd_error *ret_error)
 {
-    enum bvhd_status status = check_options(device, options, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {device, "device"}, {queue, "queue"}, {options, "options"},
+                                              {ret_scene, "ret_scene"});
+    if (status == BVHD_OK)
+        status = check_options(device, options, ret_error);
     if (status != BVHD_OK)
         return status;
     struct bvhd_vulkan_scene *scene = memory_alloc(&library_memory, sizeof *scene);
@@ -192,12 +203,12 @@ void bvhd_vulkan_scene_destroy(struct bvhd_vulkan_scene *scene)
 
 static const struct vulkan_scene_row *row_at(const struct bvhd_vulkan_scene *scene, uint32_t index)
 {
-    return index < scene->row_count && scene->rows[index].data ? &scene->rows[index] : NULL;
+    return scene && index < scene->row_count && scene->rows[index].data ? &scene->rows[index] : NULL;
 }
 
 enum bvhd_target bvhd_vulkan_scene_target(const struct bvhd_vulkan_scene *scene)
 {
-    return scene->target;
+    return scene ? scene->target : 0;
 }
 
 VkAccelerationStructureKHR bvhd_vulkan_scene_structure(const struct bvhd_vulkan_scene *scene, uint32_t index)
@@ -210,6 +221,8 @@ enum bvhd_status bvhd_vulkan_scene_storage(const struct bvhd_vulkan_scene *scene
                                            struct bvhd_vulkan_span *ret_span, VkDeviceSize *ret_buffer_size)
 {
     const struct vulkan_scene_row *row = row_at(scene, index);
+    if (!scene || !ret_span || !ret_buffer_size)
+        return BVHD_INVALID;
     if (!row || scene->target != BVHD_TARGET_PORTABLE)
         return BVHD_NOT_FOUND;
     *ret_span = (struct bvhd_vulkan_span){scene->pages[0].buffer, row->offset, row->storage_size};

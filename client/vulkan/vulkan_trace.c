@@ -2,6 +2,7 @@
 #include <inttypes.h>
 #include <string.h>
 
+#include "client/argument.h"
 #include "client/library.h"
 #include "client/vulkan/vulkan_tracer.h"
 
@@ -31,6 +32,8 @@ struct bvhd_trace_binding {
 
 uint32_t bvhd_tracer_max_rays(const struct bvhd_tracer *tracer)
 {
+    if (!tracer)
+        return 0;
     const struct bvhd_vulkan_device *device = tracer->device;
     uint64_t groups = device->compute.max_groups, bound = device->limits.storage_range / sizeof(struct bvhd_ray);
     if (groups > bound / VULKAN_TRACE_GROUP)
@@ -42,7 +45,7 @@ uint32_t bvhd_tracer_max_rays(const struct bvhd_tracer *tracer)
 VkDeviceSize bvhd_tracer_scratch_size(const struct bvhd_tracer *tracer, uint32_t max_rays)
 {
     uint64_t rays = max_rays < MIN_SCRATCH_RAYS ? MIN_SCRATCH_RAYS : max_rays;
-    return tracer->has_closest ? VULKAN_TRACE_HEAD + rays * SCRATCH_EACH : 0;
+    return tracer && tracer->has_closest ? VULKAN_TRACE_HEAD + rays * SCRATCH_EACH : 0;
 }
 
 /* ---- bindings ---- */
@@ -52,7 +55,7 @@ static enum bvhd_status check_span(const struct bvhd_tracer *tracer, const char 
 {
     uint64_t alignment = tracer->device->limits.storage_alignment;
     if (!span->buffer)
-        return bvhd_error_set(error, BVHD_INVALID, name, "there is no buffer");
+        return bvhd_error_set(error, BVHD_INVALID, name, "its buffer is VK_NULL_HANDLE");
     if (alignment && span->offset % alignment)
         return bvhd_error_set(error, BVHD_INVALID, name, "its offset is no multiple of %" PRIu64, alignment);
     if (span->size < needed)
@@ -64,18 +67,18 @@ static enum bvhd_status check_span(const struct bvhd_tracer *tracer, const char 
 static enum bvhd_status check_buffers(const struct bvhd_tracer *tracer, const struct bvhd_trace_buffers *buffers,
                                       struct bvhd_error *error)
 {
+    enum bvhd_status status =
+        argument_check_size(buffers, sizeof *buffers, sizeof *buffers, "buffers", "bvhd_trace_buffers", error);
+    if (status != BVHD_OK)
+        return status;
     uint64_t count = buffers->max_rays;
-    if (buffers->struct_size < sizeof *buffers)
-        return bvhd_error_set(error, BVHD_INVALID, "buffers.struct_size", "%zu bytes, but %zu are needed",
-                              buffers->struct_size, sizeof *buffers);
     if (count == 0)
-        return bvhd_error_set(error, BVHD_INVALID, "buffers.max_rays", "there are no rays");
+        return bvhd_error_set(error, BVHD_INVALID, "buffers.max_rays", "it is 0: there are no rays");
     if (count > bvhd_tracer_max_rays(tracer))
         return bvhd_error_set(error, BVHD_TOO_LARGE, "buffers.max_rays",
                               "%" PRIu64 " rays, the device traces %" PRIu32 " at once", count,
                               bvhd_tracer_max_rays(tracer));
-    enum bvhd_status status =
-        check_span(tracer, "buffers.rays", &buffers->rays, count * sizeof(struct bvhd_ray), error);
+    status = check_span(tracer, "buffers.rays", &buffers->rays, count * sizeof(struct bvhd_ray), error);
     if (status == BVHD_OK)
         status = check_span(tracer, "buffers.hits", &buffers->hits, count * sizeof(struct bvhd_hit), error);
     if (status == BVHD_OK && buffers->scratch.buffer)
@@ -119,7 +122,10 @@ static void write_set(const struct bvhd_trace_binding *binding, const struct bvh
 enum bvhd_status bvhd_tracer_bind(const struct bvhd_tracer *tracer, const struct bvhd_trace_buffers *buffers,
                                   struct bvhd_trace_binding **ret_binding, struct bvhd_error *ret_error)
 {
-    enum bvhd_status status = check_buffers(tracer, buffers, ret_error);
+    enum bvhd_status status =
+        ARGUMENTS_CHECK(ret_error, {tracer, "tracer"}, {buffers, "buffers"}, {ret_binding, "ret_binding"});
+    if (status == BVHD_OK)
+        status = check_buffers(tracer, buffers, ret_error);
     if (status != BVHD_OK)
         return status;
     struct bvhd_trace_binding *binding = memory_alloc(&library_memory, sizeof *binding);
@@ -199,13 +205,15 @@ static void record_closest(const struct bvhd_trace_binding *binding, VkCommandBu
 static enum bvhd_status check_trace(const struct bvhd_trace_binding *binding, const struct bvhd_trace *trace,
                                     struct bvhd_error *error)
 {
-    if (trace->struct_size < sizeof *trace)
-        return bvhd_error_set(error, BVHD_INVALID, "trace.struct_size", "%zu bytes, but %zu are needed",
-                              trace->struct_size, sizeof *trace);
+    enum bvhd_status status = argument_check_size(trace, sizeof *trace, sizeof *trace, "trace", "bvhd_trace", error);
+    if (status != BVHD_OK)
+        return status;
     if (trace->flags & ~(uint32_t)(BVHD_TRACE_ANY_HIT | BVHD_TRACE_RAY_FLAGS))
-        return bvhd_error_set(error, BVHD_INVALID, "trace.flags", "0x%" PRIx32 " is not known", trace->flags);
+        return bvhd_error_set(error, BVHD_INVALID, "trace.flags", "0x%" PRIx32 " has bits that are no BVHD_TRACE_ flag",
+                              trace->flags);
     if ((uint32_t)trace->order > BVHD_RAYS_INCOHERENT)
-        return bvhd_error_set(error, BVHD_INVALID, "trace.order", "%" PRIu32 " is not known", (uint32_t)trace->order);
+        return bvhd_error_set(error, BVHD_INVALID, "trace.order", "%" PRIu32 " is no value of enum bvhd_ray_order",
+                              (uint32_t)trace->order);
     if (trace->ray_count > binding->max_rays)
         return bvhd_error_set(error, BVHD_INVALID, "trace.ray_count", "%" PRIu32 " rays, but the binding has %" PRIu32,
                               trace->ray_count, binding->max_rays);
@@ -215,7 +223,10 @@ static enum bvhd_status check_trace(const struct bvhd_trace_binding *binding, co
 enum bvhd_status bvhd_tracer_record(const struct bvhd_trace_binding *binding, VkCommandBuffer commands,
                                     const struct bvhd_trace *trace, struct bvhd_error *ret_error)
 {
-    enum bvhd_status status = check_trace(binding, trace, ret_error);
+    enum bvhd_status status =
+        ARGUMENTS_CHECK(ret_error, {binding, "binding"}, {commands, "commands"}, {trace, "trace"});
+    if (status == BVHD_OK)
+        status = check_trace(binding, trace, ret_error);
     if (status != BVHD_OK || trace->ray_count == 0)
         return status;
     const struct bvhd_tracer *tracer = binding->tracer;
@@ -264,6 +275,8 @@ static bool is_along(const float *a, const float *b)
 
 enum bvhd_ray_order bvhd_rays_order(const void *rays, uint64_t count, size_t stride)
 {
+    if (!rays || stride < offsetof(struct bvhd_ray, direction) + 3 * sizeof(float))
+        return BVHD_RAYS_UNKNOWN;
     uint64_t step = count / PLACES < NEIGHBOURS ? NEIGHBOURS : count / PLACES / NEIGHBOURS * NEIGHBOURS;
     uint64_t along = 0, all = 0;
     for (uint64_t at = 0; at < count; at += step) {

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "builder/format/portable.h"
+#include "client/argument.h"
 #include "client/library.h"
 #include "client/vulkan/vulkan_blob.h"
 #include "client/vulkan/vulkan_scene_load.h"
@@ -332,15 +333,19 @@ enum bvhd_status bvhd_tracer_create(struct bvhd_vulkan_device *device, const str
                                     struct bvhd_error *ret_error)
 {
     struct vulkan_trace_scene scene = {.buffer = VK_NULL_HANDLE};
-    if (options->struct_size < sizeof *options)
-        return bvhd_error_set(ret_error, BVHD_INVALID, "options.struct_size", "%zu bytes, but %zu are needed",
-                              options->struct_size, sizeof *options);
+    enum bvhd_status status =
+        ARGUMENTS_CHECK(ret_error, {device, "device"}, {options, "options"}, {ret_tracer, "ret_tracer"});
+    if (status == BVHD_OK)
+        status =
+            argument_check_size(options, sizeof *options, sizeof *options, "options", "bvhd_tracer_options", ret_error);
+    if (status != BVHD_OK)
+        return status;
     if (device->compute.api_version < VK_API_VERSION_1_1)
         return bvhd_error_set(ret_error, BVHD_UNSUPPORTED, "device", "the kernels need Vulkan 1.1, and it has %u.%u",
                               VK_VERSION_MAJOR(device->compute.api_version),
                               VK_VERSION_MINOR(device->compute.api_version));
-    enum bvhd_status status = options->scene ? describe_scene(options, &scene, ret_error)
-                                             : describe_buffer(device, options, &scene, ret_error);
+    status = options->scene ? describe_scene(options, &scene, ret_error)
+                            : describe_buffer(device, options, &scene, ret_error);
     if (status != BVHD_OK)
         return status;
     if (!scene.base && scene.size > device->limits.storage_range)

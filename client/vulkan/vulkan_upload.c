@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <inttypes.h>
 
+#include "client/argument.h"
 #include "client/vulkan/vulkan_blob.h"
 #include "client/vulkan/vulkan_device.h"
 
@@ -8,7 +9,7 @@ static enum bvhd_status check_span(const struct bvhd_vulkan_span *span, VkDevice
                                    const char *where, struct bvhd_error *error)
 {
     if (!span->buffer)
-        return bvhd_error_set(error, BVHD_INVALID, where, "there is no buffer");
+        return bvhd_error_set(error, BVHD_INVALID, where, "its buffer is VK_NULL_HANDLE");
     if (span->size < size)
         return bvhd_error_set(error, BVHD_INVALID, where, "%" PRIu64 " bytes, but %" PRIu64 " are needed",
                               (uint64_t)span->size, (uint64_t)size);
@@ -26,7 +27,7 @@ static enum bvhd_status check_upload(const struct bvhd_vulkan_device *device, co
         return bvhd_error_set(error, BVHD_UNSUPPORTED, "upload.data",
                               "a native structure, but the device has no acceleration structures");
     if (!upload->staging_mapped)
-        return bvhd_error_set(error, BVHD_INVALID, "upload.staging_mapped", "the staging memory is not mapped");
+        return bvhd_error_set(error, BVHD_INVALID, "upload.staging_mapped", "upload.staging_mapped is NULL");
     /* For native structures the device address has to be aligned, which record_native checks. */
     enum bvhd_status status = check_span(&upload->staging, needed.staging_size,
                                          is_native ? 1 : needed.staging_alignment, "upload.staging", error);
@@ -98,10 +99,14 @@ enum bvhd_status bvhd_vulkan_record_upload(struct bvhd_vulkan_device *device, Vk
                                            VkAccelerationStructureKHR *ret_structure, struct bvhd_error *ret_error)
 {
     struct vulkan_blob blob;
-    if (upload->struct_size < sizeof *upload)
-        return bvhd_error_set(ret_error, BVHD_INVALID, "upload.struct_size", "%zu bytes, but %zu are needed",
-                              upload->struct_size, sizeof *upload);
-    enum bvhd_status status = vulkan_blob_read((struct bytes){upload->data, upload->size}, &blob, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {device, "device"}, {commands, "commands"}, {upload, "upload"},
+                                              {ret_structure, "ret_structure"});
+    if (status == BVHD_OK)
+        status = argument_check_size(upload, sizeof *upload, sizeof *upload, "upload", "bvhd_vulkan_upload", ret_error);
+    if (status == BVHD_OK)
+        status = ARGUMENTS_CHECK(ret_error, {upload->data, "upload.data"});
+    if (status == BVHD_OK)
+        status = vulkan_blob_read((struct bytes){upload->data, upload->size}, &blob, ret_error);
     if (status == BVHD_OK)
         status = check_upload(device, upload, &blob, ret_error);
     if (status != BVHD_OK)
@@ -117,6 +122,8 @@ void bvhd_vulkan_record_barrier(struct bvhd_vulkan_device *device, VkCommandBuff
                                .srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT,
                                .dstAccessMask = VK_ACCESS_MEMORY_READ_BIT | VK_ACCESS_MEMORY_WRITE_BIT};
     VkPipelineStageFlags stages = VK_PIPELINE_STAGE_TRANSFER_BIT;
+    if (!device || !commands)
+        return;
     if (device->has_structures) {
         barrier.srcAccessMask |= VK_ACCESS_ACCELERATION_STRUCTURE_WRITE_BIT_KHR;
         stages |= VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR;
@@ -129,7 +136,7 @@ uint64_t bvhd_vulkan_address(struct bvhd_vulkan_device *device, VkAccelerationSt
 {
     const VkAccelerationStructureDeviceAddressInfoKHR which = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR, .accelerationStructure = structure};
-    return device->has_structures && structure
+    return device && device->has_structures && structure
                ? device->vk.GetAccelerationStructureDeviceAddressKHR(device->handle, &which)
                : 0;
 }

@@ -46,6 +46,25 @@
  * for its part, gives up a client that leaves results unread for 30 s: a program that requests much and then does other
  * work for a long time should call bvhd_client_dispatch meanwhile.
  *
+ * NULL: a pointer that a call needs is refused as BVHD_INVALID with its name as the place ("client is NULL"). Functions
+ * without a status do nothing for NULL, or return NULL, 0 or an empty text; a batch that is NULL has no items and is
+ * done.
+ *
+ * Versions: BVHD_VERSION is the version of this header, bvhd_version() that of the library. What was compiled with this
+ * header runs with every later library of the same soname (libbvhd.so.0): before 1.0 a release that increases the minor
+ * number may have another soname, from 1.0 on only one that increases the major number. Within a soname:
+ *
+ *   functions     are added, and never removed or changed in meaning;
+ *   structs       with a struct_size grow at their end, and 0 in a new field means what was before: set struct_size to
+ *                 sizeof, and all other fields, by an initialiser. The library takes the sizes of earlier versions. A
+ *                 field that is set and that it does not know yet is an error (BVHD_UNSUPPORTED), not ignored;
+ *   bvhd_result   and others that only the library makes grow at their end: read their fields through the pointer;
+ *   other structs do not change;
+ *   enums         get more values, also those that the library returns (a status, a target, an origin): treat unknown
+ *                 ones as numbers. Values and bits never change their meaning. An unknown one in an argument is an
+ *                 error;
+ *   texts         of errors may change. Programs decide by status, rule and place.
+ *
  * Processes: the process may fork, but the child must not use the parent's objects. The library raises and handles no
  * signals. Its descriptors are close-on-exec.
  */
@@ -67,6 +86,14 @@ struct bvhd_batch; /* Structures that were requested together, and their results
 struct bvhd_blob; /* The bytes of a result, whose references are counted. */
 struct bvhd_counters; /* The service's counters at one time. */
 
+/* The version of this header, as three numbers, as a text, and as one number that grows: for #if. */
+#define BVHD_VERSION_MAJOR 0
+#define BVHD_VERSION_MINOR 1
+#define BVHD_VERSION_PATCH 0
+#define BVHD_VERSION_STRING "0.1.0"
+#define BVHD_MAKE_VERSION(major, minor, patch) ((major)*1000000 + (minor)*1000 + (patch))
+#define BVHD_VERSION BVHD_MAKE_VERSION(BVHD_VERSION_MAJOR, BVHD_VERSION_MINOR, BVHD_VERSION_PATCH)
+
 /* The version of the library at run time, for example "0.1.0". A static string. */
 BVHD_API const char *bvhd_version(void);
 
@@ -82,7 +109,7 @@ struct bvhd_key {
     uint8_t bytes[BVHD_KEY_SIZE];
 };
 
-/* Writes a key as 64 lower-case hexadecimal digits and a NUL. */
+/* Writes a key as 64 lower-case hexadecimal digits and a NUL; an empty text if `key` is NULL. */
 BVHD_API void bvhd_key_to_text(const struct bvhd_key *key, char ret_text[BVHD_KEY_TEXT_SIZE]);
 
 /* Reads a key from text. Returns BVHD_INVALID unless the text is exactly 64 hexadecimal digits, of either case. */
@@ -298,7 +325,8 @@ BVHD_API enum bvhd_status bvhd_batch_submit(struct bvhd_client *client, const st
  * Requests results by key, without geometry: item i of the batch is keys[i]. The keys are copied. An item gets
  * BVHD_NOT_FOUND if the service does not have its key, or no longer has it; a structure that is still being built is
  * waited for. Structures that this client has built in the program's own process are found as long as a batch that has
- * them is not destroyed; where there is no daemon, no others are. The call itself fails with BVHD_NO_MEMORY.
+ * them is not destroyed; where there is no daemon, no others are. The call itself fails with BVHD_NO_MEMORY, or with
+ * BVHD_INVALID for a NULL pointer.
  */
 BVHD_API enum bvhd_status bvhd_batch_fetch(struct bvhd_client *client, uint32_t key_count, const struct bvhd_key *keys,
                                            struct bvhd_batch **ret_batch, struct bvhd_error *ret_error);

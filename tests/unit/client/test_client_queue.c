@@ -214,7 +214,7 @@ static void check_first(struct client_bed *bed, uint64_t destination, int32_t pr
 static void test_priority(void **state)
 {
     (void)state;
-    static const int32_t priorities[5] = {0, 0, -1, 5, 1};
+    static const int32_t priorities[5] = {0, 0, -1, 1, 1};
     static const struct {
         uint64_t destination;
         int32_t priority;

@@ -44,6 +44,7 @@ static void test_options(void **state)
     assert_int_equal(options.target, TARGET_PORTABLE);
     assert_memory_equal(&options.device, &none, sizeof none);
     build.format = &format;
+    build.layout_flags = 0;
     for (int named = 0; named < 2; named++) {
         build.target = named ? BVHD_TARGET_LAVAPIPE : (enum bvhd_target)0;
         memset(&options, 0xee, sizeof options);
@@ -92,11 +93,20 @@ static void test_wrong_formats(void **state)
     refuse(&build, "portable");
     format = lavapipe(1);
     format.struct_size = 0;
-    refuse(&build, "struct_size");
+    refuse_at(&build, "build.format.struct_size", "sizeof(struct bvhd_format)");
     format.struct_size = sizeof format - 1;
-    refuse(&build, "struct_size");
-    format.struct_size = sizeof format + 8; /* the struct of a newer program */
+    refuse_at(&build, "build.format.struct_size", "sizeof(struct bvhd_format)");
+    struct { /* the struct of a newer program */
+        struct bvhd_format format;
+        uint64_t more;
+    } newer = {lavapipe(1), 0};
+    newer.format.struct_size = sizeof newer;
+    build.format = &newer.format;
     assert_int_equal(format_options(&build, &(struct build_options){0}, NULL), BVHD_OK);
+    newer.more = 1;
+    struct bvhd_error error;
+    assert_int_equal(format_options(&build, &(struct build_options){0}, &error), BVHD_UNSUPPORTED);
+    assert_string_equal(error.where, "build.format.struct_size");
 }
 
 /* For programs that were compiled before there were formats, the bytes behind their struct are not read. */
@@ -116,6 +126,8 @@ static void test_older_programs(void **state)
     build.reserved = 1;
     assert_int_equal(format_options(&build, &options, NULL), BVHD_OK);
     build.struct_size = sizeof build;
+    refuse_at(&build, "build.rays_per_primitive", "nan");
+    build.rays_per_primitive = 0;
     refuse_at(&build, "build.reserved", "1 instead of 0");
     struct client_bed bed;
     struct bvhd_batch *batch;

@@ -67,6 +67,8 @@ static void missing_functions_are_named(void **state)
 static void options_are_checked(void **state)
 {
     (void)state;
+    static const char *const places[5] = {"options.struct_size", "options.get_instance_proc_addr", "options.instance",
+                                          "options.physical_device", "options.device"};
     fake_vulkan_reset();
     for (int i = 0; i < 5; i++) {
         struct bvhd_vulkan_device *device = NULL;
@@ -83,7 +85,7 @@ static void options_are_checked(void **state)
         else
             options.device = VK_NULL_HANDLE;
         assert_int_equal(bvhd_vulkan_device_create(&options, &device, &error), BVHD_INVALID);
-        assert_string_equal(error.where, i == 0 ? "options.struct_size" : "options");
+        assert_string_equal(error.where, places[i]);
         assert_null(device);
     }
 }

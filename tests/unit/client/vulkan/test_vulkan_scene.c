@@ -308,10 +308,10 @@ static void wrong_arguments_are_refused(void **state)
     refuse(&wrong, BVHD_INVALID, "options.flags");
     wrong = scene_options(0);
     wrong.blob_count = 0;
-    refuse(&wrong, BVHD_INVALID, "blobs");
+    refuse(&wrong, BVHD_INVALID, "options.blob_count");
     wrong.blob_count = 4;
     wrong.blobs = NULL;
-    refuse(&wrong, BVHD_INVALID, "blobs");
+    refuse(&wrong, BVHD_INVALID, "options.blobs");
     wrong = scene_options(0);
     wrong.blobs = world.bed.blobs + 1; /* row 2 is the top level itself */
     wrong.blob_count = 3;
@@ -368,7 +368,7 @@ static void scenes_that_do_not_fit_together_are_refused(void **state)
         refuse(&all, BVHD_CORRUPT, "blobs[1]: header.serializedSize");
         world.bed.blobs[1] = one;
         world.bed.blobs[0] = (struct bvhd_vulkan_bytes){one.data, one.size - 1};
-        refuse(&all, BVHD_INVALID, "blobs");
+        refuse(&all, BVHD_INVALID, "blobs[1]");
         world.bed.blobs[0] = one;
         world.bed.blobs[3] = (struct bvhd_vulkan_bytes){NULL, 0};
         refuse(&all, BVHD_INVALID, "blobs");

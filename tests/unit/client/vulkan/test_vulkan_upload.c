@@ -160,7 +160,7 @@ static void wrong_uploads_record_nothing(void **state)
         refuse(&world, BVHD_INVALID, "upload.struct_size");
         world.upload = good;
         world.upload.data = NULL;
-        refuse(&world, BVHD_INVALID, "data");
+        refuse(&world, BVHD_INVALID, "upload.data");
         world.upload = good;
         world.upload.size--;
         refuse(&world, BVHD_CORRUPT, "header.serializedSize");
