@@ -263,7 +263,7 @@ static void check(struct bench *bench, const struct contestant *one, const struc
     agreement_init(&agreement, &surfaces, count, bench->parallel, &bench->memory);
     agreement.camera_stride = agreement.other_stride = 1;
     must(agreement_watch(&agreement, true, rays, one->hits, count, &error), &error);
-    must(agreement_judge(&agreement, NULL, NULL, &error), &error);
+    must(agreement_judge(&agreement, INFINITY, NULL, NULL, &error), &error);
     printf("  %-8s %-20s against the CPU: %llu rays, %llu differ, %llu of them uncertain, %llu wrong\n", kind,
            one->name, (unsigned long long)agreement.checked, (unsigned long long)agreement.differing,
            (unsigned long long)agreement.uncertain, (unsigned long long)agreement.mismatches);

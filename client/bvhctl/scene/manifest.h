@@ -30,7 +30,8 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
                               const struct file_names *names, bool times);
 
 /*
- * Writes one element of "scenes", for a scene whose top level was built. The scene's files are read for their checksums.
+ * Writes one element of "scenes", for a scene whose top level was built. The scene's files are read for their
+ * checksums.
  */
 void manifest_write_scene(struct json *json, const struct assembly *assembly, const struct file_names *names);
 
