@@ -10,6 +10,7 @@
 #include "builder/format/layout.h"
 #include "client/bvhctl/service/local.h"
 #include "client/bvhctl/picture/picture.h"
+#include "client/bvhctl/picture/scene_source.h"
 
 /*
  * Limits for the camera rays of a picture by the CPU that are compared with brute force: the number of rays, on a
@@ -33,12 +34,15 @@ struct trace_command {
     tracer_chooser choose;
     struct local local;
     struct structures structures;
+    struct appearance appearance;
+    bool has_appearance;
     struct tracer_choice choice;
     struct surfaces surfaces;
     struct stage stage;
     struct camera camera;
-    struct picture picture;
     struct agreement agreement;
+    uint64_t rays; /* of all pictures, as the next two */
+    double seconds;
     double wall_ms;
     bool is_misnamed; /* no device has the name that the options give */
 };
@@ -56,22 +60,45 @@ static enum bvhd_status check_cost(const struct trace_command *run, struct bvhd_
                           "about %.0e triangle tests for this picture; a smaller --size may do", tests);
 }
 
+static bool is_gltf(const struct trace_command *run)
+{
+    return run->has_appearance && run->appearance.import.reader == IMPORT_BY_GLTF;
+}
+
+static struct vector vector_of(const double at[3])
+{
+    return vector_make(at[0], at[1], at[2]);
+}
+
 static enum bvhd_status choose_camera(struct trace_command *run, struct bvhd_error *error)
 {
     uint64_t rays;
-    struct camera_options options = {.aspect = (double)run->options->width / run->options->height};
+    const struct view_options *view = &run->options->view;
+    struct camera_options options = {.aspect = (double)run->options->width / run->options->height,
+                                     .fov = view->fov * 3.14159265358979323846 / 180,
+                                     .has_eye = view->has_eye,
+                                     .has_target = view->has_look_at,
+                                     .eye = vector_of(view->eye),
+                                     .target = vector_of(view->look_at),
+                                     .knows_front = is_gltf(run) && run->stage.up.y > 0,
+                                     .turns = view->turn > 0};
     return camera_choose(&run->stage, &options, run->local.parallel, &run->local.memory, &run->camera, &rays, error);
 }
 
-static enum bvhd_status render(struct trace_command *run, struct bvhd_error *error)
+/* Renders what a camera sees to a file. The exposure is that of the first picture, if it is not 0. */
+static enum bvhd_status render(struct trace_command *run, const struct camera *camera, const char *path,
+                               double *exposure, struct bvhd_error *error)
 {
     struct light light;
-    light_init(&light, &run->stage, &run->surfaces, &run->camera);
+    struct picture picture;
+    light_init(&light, &run->stage, &run->surfaces, run->has_appearance ? &run->appearance : NULL, camera,
+               run->options->height);
     struct picture_options options = {.light = &light,
                                       .tracer = run->choice.tracer,
                                       .parallel = run->local.parallel,
                                       .width = run->options->width,
                                       .height = run->options->height,
+                                      .exposure = *exposure,
                                       .batch = run->choice.is_cpu ? CPU_BATCH : DEVICE_BATCH,
                                       .watch = run->choice.is_cpu ? NULL : agreement_watch,
                                       .watch_context = &run->agreement,
@@ -79,10 +106,53 @@ static enum bvhd_status render(struct trace_command *run, struct bvhd_error *err
                                       .progress_context = &run->local.progress};
     double start = clock_ms();
     progress_begin(&run->local.progress, "tracing", run->structures.name);
-    enum bvhd_status status = picture_render(&options, &run->local.memory, &run->picture, error);
+    enum bvhd_status status = picture_render(&options, &run->local.memory, &picture, error);
     progress_end(&run->local.progress);
-    run->wall_ms = clock_ms() - start;
+    run->wall_ms += clock_ms() - start;
+    if (status != BVHD_OK)
+        return status;
+    run->rays += picture.rays;
+    run->seconds += picture.seconds;
+    *exposure = picture.exposure;
+    status = picture_write_png(&picture, path, error);
+    picture_finish(&picture);
     return status;
+}
+
+/* Returns the name of a picture of a turn: "car-0003.png" for "car.png". The caller frees it with memory_free. */
+static char *frame_name(const char *output, uint32_t frame, struct memory *memory)
+{
+    const char *slash = strrchr(output, '/'), *dot = strrchr(slash ? slash : output, '.');
+    size_t stem = dot && dot > output && dot[-1] != '/' ? (size_t)(dot - output) : strlen(output);
+    size_t size = strlen(output) + 16;
+    char *name = memory_alloc(memory, size);
+    if (name)
+        snprintf(name, size, "%.*s-%04u%s", (int)stem, output, frame, output + stem);
+    return name;
+}
+
+/* Renders all pictures of a turn, with the exposure of the first one. */
+static enum bvhd_status render_turn(struct trace_command *run, struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_OK;
+    double exposure = 0;
+    uint32_t count = run->options->view.turn;
+    for (uint32_t i = 0; i < count && status == BVHD_OK; i++) {
+        struct camera camera = camera_turn(&run->stage, &run->camera, 2 * 3.14159265358979323846 * i / count);
+        char *path = frame_name(run->options->output, i, &run->local.memory);
+        if (!path)
+            return bvhd_error_no_memory(error, "trace", "no memory for the names of the pictures");
+        status = render(run, &camera, path, &exposure, error);
+        memory_free(&run->local.memory, path);
+    }
+    return status;
+}
+
+static enum bvhd_status render_all(struct trace_command *run, struct bvhd_error *error)
+{
+    double exposure = 0;
+    return run->options->view.turn ? render_turn(run, error)
+                                   : render(run, &run->camera, run->options->output, &exposure, error);
 }
 
 /* Makes rays of the picture's camera that are spread over the picture. */
@@ -132,7 +202,31 @@ static enum bvhd_status check(struct trace_command *run, struct bvhd_error *erro
 
 static double mrays_s(const struct trace_command *run)
 {
-    return (double)run->picture.rays / run->picture.seconds / 1e6;
+    return (double)run->rays / run->seconds / 1e6;
+}
+
+static void print_point(struct json *json, const char *key, struct vector point)
+{
+    json_array(json, key);
+    json_number(json, NULL, point.x);
+    json_number(json, NULL, point.y);
+    json_number(json, NULL, point.z);
+    json_array_end(json);
+}
+
+/* Prints the camera in the terms of the options that would give it again. */
+static void print_camera(const struct trace_command *run, struct json *json)
+{
+    const struct camera *camera = &run->camera;
+    double distance = fmax(vector_length(vector_sub(camera->pivot, camera->origin)), run->stage.size);
+    json_object(json, "camera");
+    print_point(json, "eye", camera->origin);
+    print_point(json, "look_at", vector_mad(camera->origin, camera->forward, distance));
+    json_number(json, "fov", 2 * atan(camera->half_height) * 180 / 3.14159265358979323846);
+    json_text(json, "up", run->stage.up.x > 0 ? "x" : run->stage.up.y > 0 ? "y" : "z");
+    json_bool(json, "inside", camera->is_inside);
+    json_bool(json, "textures", run->has_appearance);
+    json_object_end(json);
 }
 
 static bool print_json(struct trace_command *run)
@@ -145,7 +239,9 @@ static bool print_json(struct trace_command *run)
     json_text(&json, "target", layout_find(run->structures.target)->name);
     json_text(&json, "scene", run->structures.name);
     json_text(&json, "picture", run->options->output);
-    json_integer(&json, "rays", run->picture.rays);
+    json_integer(&json, "pictures", run->options->view.turn ? run->options->view.turn : 1);
+    print_camera(run, &json);
+    json_integer(&json, "rays", run->rays);
     json_number(&json, "mrays_s", mrays_s(run));
     json_number(&json, "wall_ms", run->wall_ms);
     json_integer(&json, "checked", run->agreement.checked);
@@ -193,8 +289,8 @@ static bool print_text(const struct trace_command *run)
     const struct agreement *agreement = &run->agreement;
     if (report_volume() == REPORT_ERRORS)
         return true;
-    printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; ", run->options->output, run->picture.width,
-           run->picture.height, run->structures.name, (double)run->picture.rays / 1e6, run->choice.tracer->device,
+    printf("%s: %u x %u of %s, %.1f million rays on %s at %.2f Mray/s; ", run->options->output, run->options->width,
+           run->options->height, run->structures.name, (double)run->rays / 1e6, run->choice.tracer->device,
            mrays_s(run));
     if (run->choice.is_cpu)
         printf("%llu of them checked: ", (unsigned long long)agreement->checked);
@@ -204,6 +300,65 @@ static bool print_text(const struct trace_command *run)
            (unsigned long long)agreement->uncertain);
     print_unjudged(agreement);
     return report_flush();
+}
+
+/* Finds the number of the scene that was chosen when the structures were built. Returns false for all scenes. */
+static bool find_chosen_scene(struct trace_command *run, char ret_number[16])
+{
+    struct manifest manifest;
+    struct bvhd_error ignored;
+    const struct manifest_entry *chosen = NULL;
+    if (manifest_read(run->options->operands[0], &run->local.memory, &manifest, &ignored) != BVHD_OK)
+        return false;
+    for (uint32_t i = 0; i < manifest.count; i++)
+        if (manifest.entries[i].is_top && !strcmp(manifest.entries[i].scene, run->structures.name))
+            chosen = &manifest.entries[i];
+    bool has_source = chosen && chosen->has_source;
+    if (has_source)
+        snprintf(ret_number, 16, "%u", chosen->source_number);
+    manifest_finish(&manifest);
+    return has_source;
+}
+
+static void note_left_out(const struct import *import)
+{
+    if (import->looks_left_out)
+        report_note(import->name, "%llu images or attributes of the file are not shown; the first: %s: %s",
+                    (unsigned long long)import->looks_left_out, import->look_error.where, import->look_error.text);
+}
+
+/*
+ * Reads colours, textures and normals from the scene's file: the one that the user names, or else the one that is
+ * found. That one may be another, or broken, and then it is not an error but a remark.
+ */
+static enum bvhd_status open_appearance(struct trace_command *run, struct bvhd_error *error)
+{
+    struct memory *memory = &run->local.memory;
+    bool is_named = run->options->operand_count > 1;
+    char number[16], *found = NULL;
+    if (!is_named)
+        found = scene_source_find(run->options->operands[0], run->structures.name, memory);
+    const char *path = is_named ? run->options->operands[1] : found;
+    if (!path)
+        return BVHD_OK;
+    const char *scene = find_chosen_scene(run, number) ? number : NULL;
+    struct bvhd_error problem = {0};
+    enum bvhd_status status = appearance_open(&run->appearance, &run->structures, path, scene, memory, &problem);
+    run->has_appearance = status == BVHD_OK;
+    if (run->has_appearance)
+        note_left_out(&run->appearance.import);
+    else if (is_named)
+        *error = problem;
+    else
+        report_note(path, "textures are not shown: %s", problem.text);
+    memory_free(memory, found);
+    return is_named ? status : BVHD_OK;
+}
+
+/* The direction that the user names; else that of the file's format, if it has one. */
+static char find_up(const struct trace_command *run)
+{
+    return run->options->up[0] == 'a' && is_gltf(run) ? 'y' : run->options->up[0];
 }
 
 static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error *error)
@@ -216,7 +371,9 @@ static enum bvhd_status open_scene(struct trace_command *run, struct bvhd_error 
         run->is_misnamed = status == BVHD_NOT_FOUND;
     }
     if (status == BVHD_OK)
-        status = stage_init(&run->stage, &run->structures, options->up[0], memory, error);
+        status = open_appearance(run, error);
+    if (status == BVHD_OK)
+        status = stage_init(&run->stage, &run->structures, find_up(run), memory, error);
     if (status == BVHD_OK)
         status = check_cost(run, error);
     if (status == BVHD_OK)
@@ -232,26 +389,25 @@ static enum bvhd_status make_picture(struct trace_command *run, struct bvhd_erro
     if (status != BVHD_OK)
         return status;
     uint64_t pixels = (uint64_t)run->options->width * run->options->height;
+    pixels *= run->options->view.turn ? run->options->view.turn : 1;
     agreement_init(&run->agreement, &run->surfaces, pixels, run->local.parallel, &run->local.memory);
     progress_begin(&run->local.progress, "choosing a view of", run->structures.name);
     status = choose_camera(run, error);
     progress_end(&run->local.progress);
     if (status == BVHD_OK)
-        status = render(run, error);
+        status = render_all(run, error);
     if (status == BVHD_OK)
         status = check(run, error);
-    if (status == BVHD_OK)
-        status = picture_write_png(&run->picture, run->options->output, error);
     return status;
 }
 
 static void release(struct trace_command *run)
 {
-    picture_finish(&run->picture);
     agreement_finish(&run->agreement);
     surfaces_finish(&run->surfaces);
     stage_finish(&run->stage);
     tracer_choice_finish(&run->choice);
+    appearance_close(&run->appearance);
     structures_close(&run->structures);
     local_close(&run->local);
 }

@@ -84,6 +84,7 @@ doors()
 embree[0-9]/ tests/bench/
 openssl/ builder/content_key.c
 meshoptimizer.h client/bvhctl/scene/gltf_meshopt.c
+jpeglib.h client/bvhctl/scene/image_jpeg.c
 assimp/|png.h|cjson/|cJSON.h client/bvhctl/
 vulkan/ client/
 uv.h|uv/ daemon/
@@ -391,6 +392,7 @@ self_test()
     must_refuse "OpenSSL's door" builder/a.c '<openssl/evp.h>'
     must_refuse "Vulkan's door" builder/a.c '<vulkan/vulkan_core.h>'
     must_refuse "meshoptimizer's door" client/bvhctl/scene/a.c '<meshoptimizer.h>'
+    must_refuse "libjpeg's door" client/bvhctl/scene/a.c '<jpeglib.h>'
     must_refuse "libpng's door" client/a.c '<png.h>'
     must_refuse "libuv's door" client/a.c '<uv.h>'
     must_refuse "systemd's door" client/a.c '<systemd/sd-daemon.h>'

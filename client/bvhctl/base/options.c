@@ -168,6 +168,20 @@ static enum bvhd_status parse_build_choice(int value, const char *text, struct o
     return status;
 }
 
+static enum bvhd_status apply_view(int value, const char *text, struct view_options *view, struct bvhd_error *error)
+{
+    switch (value) {
+    case OPTION_EYE:
+        return options_view_eye(text, view, error);
+    case OPTION_LOOK_AT:
+        return options_view_look_at(text, view, error);
+    case OPTION_FOV:
+        return options_view_fov(text, view, error);
+    default:
+        return options_view_turn(text, view, error);
+    }
+}
+
 static enum bvhd_status apply_text(int value, const char *text, struct options *options)
 {
     switch (value) {
@@ -238,6 +252,11 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return parse_size(text, options, error);
     case OPTION_UP:
         return parse_up(text, &options->up, error);
+    case OPTION_EYE:
+    case OPTION_LOOK_AT:
+    case OPTION_FOV:
+    case OPTION_TURN:
+        return apply_view(value, text, &options->view, error);
     default:
         return apply_text(value, text, options);
     }

@@ -5,6 +5,7 @@
 
 #include <stdbool.h>
 
+#include "client/bvhctl/base/options_view.h"
 #include "proto/base/geometry.h"
 #include "proto/base/status.h"
 
@@ -63,6 +64,7 @@ struct options {
     const char *device; /* "cpu", "auto", a number or a part of a name; NULL: not given */
     uint32_t width, height; /* of the picture, in pixels */
     const char *up; /* "auto", "x", "y", "z" */
+    struct view_options view;
 };
 
 /*

@@ -52,6 +52,10 @@ enum {
     OPTION_DEVICE,
     OPTION_SIZE,
     OPTION_UP,
+    OPTION_EYE,
+    OPTION_LOOK_AT,
+    OPTION_FOV,
+    OPTION_TURN,
     OPTION_VERSION,
 };
 

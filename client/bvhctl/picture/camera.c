@@ -57,7 +57,8 @@ struct contest {
 static double front_bonus(const struct contest *contest, int index)
 {
     double away = fabs(view_azimuth(index)), ideal = pi / 6;
-    double facing = (1 + cos(fmax(away - ideal, 0))) / 2 - 0.05 * (away < ideal);
+    double steepness = contest->options.knows_front ? 2 : 1;
+    double facing = (1 + cos(fmin(steepness * fmax(away - ideal, 0), pi))) / 2 - 0.05 * (away < ideal);
     return facing * (contest->options.knows_front ? 1.5 : 0.2);
 }
 

@@ -28,11 +28,13 @@ static double smooth_step(double low, double high, double value)
 }
 
 void light_init(struct light *light, const struct stage *stage, const struct surfaces *surfaces,
-                const struct camera *camera)
+                const struct appearance *appearance, const struct camera *camera, uint32_t height)
 {
     *light = (struct light){.stage = stage,
                             .surfaces = surfaces,
+                            .appearance = appearance,
                             .camera = camera,
+                            .spread = 2 * camera->half_height / height,
                             .sun = camera_sun(stage, camera),
                             .has_floor = !camera->is_inside};
 }
@@ -58,27 +60,47 @@ static struct vector backdrop(const struct light *light, struct vector direction
 }
 
 /* Limits a colour, because no real surface absorbs or reflects all light. */
-static double reflectance(float colour)
+static struct vector reflectance(struct vector colour)
 {
-    return 0.03 + 0.82 * (double)colour;
+    return vector_make(0.03 + 0.82 * colour.x, 0.03 + 0.82 * colour.y, 0.03 + 0.82 * colour.z);
 }
 
-static struct vector surface_albedo(const struct light *light, const struct stage_hit *hit)
+/* Makes the colours of instances differ a little. */
+static struct vector tint(struct vector albedo, uint32_t instance)
 {
-    uint64_t state = hit->instance * UINT64_C(0x9e3779b97f4a7c15) + 1;
-    struct vector albedo = palette[(hit->handle + hit->geometry) % COLOURS];
+    uint64_t state = instance * UINT64_C(0x9e3779b97f4a7c15) + 1;
+    double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
+    return vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
+}
+
+/* Returns the colour of a geometry of which the scene's file, if it is there, says nothing more. */
+static struct vector plain_albedo(const struct light *light, const struct stage_hit *hit)
+{
     const float *colour = structures_colour(light->stage->structures, hit->handle, hit->geometry);
-    if (colour)
-        albedo = vector_make(reflectance(colour[0]), reflectance(colour[1]), reflectance(colour[2]));
-    if (light->surfaces->instance_count > 1) {
-        double brightness = 0.82 + 0.36 * rays_uniform(&state), warmth = 0.92 + 0.16 * rays_uniform(&state);
-        albedo = vector_mul(albedo, vector_make(brightness * warmth, brightness, brightness / warmth));
-    }
+    return colour ? reflectance(vector_from_floats(colour)) : palette[(hit->handle + hit->geometry) % COLOURS];
+}
+
+/* What a hit looks like, and from where rays leave it. */
+struct seen {
+    struct vector albedo, normal, position;
+};
+
+static struct seen look_at(const struct light *light, const struct stage_hit *hit, double spread)
+{
+    struct appearance_point point = {.normal = hit->normal, .position = hit->position};
+    struct stage_hit lifted = *hit;
+    if (light->appearance)
+        appearance_describe(light->appearance, hit, spread, &point);
+    lifted.position = point.position;
+    struct vector albedo = point.is_coloured ? reflectance(point.albedo) : plain_albedo(light, hit);
+    if (light->surfaces->instance_count > 1 && !point.is_textured)
+        albedo = tint(albedo, hit->instance);
     if (light->camera->is_inside) /* many bounces would make the colour too strong */
-        albedo = vector_mix(albedo, vector_make(0.62, 0.59, 0.55), 0.6);
+        albedo = vector_mix(albedo, vector_make(0.62, 0.59, 0.55), point.is_textured ? 0.2 : 0.6);
     /* The colour depends slightly on the normal, so that shapes are visible even in even light. */
-    struct vector n = hit->normal;
-    return vector_mul(albedo, vector_make(1 + 0.05 * n.x, 1 + 0.05 * n.y, 1 + 0.05 * n.z));
+    struct vector n = point.normal;
+    albedo = vector_mul(albedo, vector_make(1 + 0.05 * n.x, 1 + 0.05 * n.y, 1 + 0.05 * n.z));
+    return (struct seen){albedo, n, stage_leave(light->stage, &lifted)};
 }
 
 /*
@@ -151,9 +173,11 @@ void light_meet(const struct light *light, const struct ray *ray, const struct t
     struct stage_hit met = {.distance = INFINITY};
     bool is_hit = surfaces_meet(light->surfaces, ray, hit, &met);
     double to_floor = floor_distance(light, sample->direction);
-    if (is_hit && met.distance <= to_floor)
-        shade(light, stage_leave(light->stage, &met), met.normal, surface_albedo(light, &met), 1, sample);
-    else if (isfinite(to_floor))
+    if (is_hit && met.distance <= to_floor) {
+        struct seen seen = look_at(light, &met, light->spread);
+        shade(light, seen.position, seen.normal, seen.albedo, 1, sample);
+        sample->is_subject = true;
+    } else if (isfinite(to_floor))
         look_at_floor(light, to_floor, sample);
     else
         sample->backdrop = backdrop(light, sample->direction);
@@ -179,17 +203,19 @@ void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_B
 static struct vector arriving(const struct light *light, const struct ray *ray, const struct tracer_hit *hit,
                               uint64_t *state, struct light_shadow *ret_shadow)
 {
+    static const double wide = 0.25; /* the spread of a ray that stands for a part of the hemisphere */
     struct stage_hit met;
     *ret_shadow = (struct light_shadow){0};
     if (!surfaces_meet(light->surfaces, ray, hit, &met))
         return sky(light, vector_make((double)ray->direction[0], (double)ray->direction[1], (double)ray->direction[2]));
     double azimuth = rays_uniform(state), outward = rays_uniform(state);
-    struct vector albedo = surface_albedo(light, &met), fill = light->camera->is_inside ? inside_fill : outside_fill;
+    struct seen seen = look_at(light, &met, wide);
+    struct vector fill = light->camera->is_inside ? inside_fill : outside_fill;
     /* Corners receive less light that has bounced more than once. */
     double room = met.distance / (met.distance + 0.03 * light->stage->size);
-    *ret_shadow = sun_on(light, stage_leave(light->stage, &met), met.normal, azimuth, outward,
-                         vector_scale(albedo, 1.0 / LIGHT_BOUNCES));
-    return vector_mul(albedo, vector_scale(fill, 2 * room));
+    *ret_shadow =
+        sun_on(light, seen.position, seen.normal, azimuth, outward, vector_scale(seen.albedo, 1.0 / LIGHT_BOUNCES));
+    return vector_mul(seen.albedo, vector_scale(fill, 2 * room));
 }
 
 void light_reflect(const struct light *light, const struct ray rays[LIGHT_BOUNCES],
@@ -201,10 +227,22 @@ void light_reflect(const struct light *light, const struct ray rays[LIGHT_BOUNCE
     }
 }
 
-struct ray light_shadow_ray(const struct light_shadow *shadow)
+bool light_has_holes(const struct light *light)
+{
+    return light->appearance && light->appearance->has_holes;
+}
+
+bool light_is_hole(const struct light *light, bool is_camera, const struct ray *ray, const struct tracer_hit *hit)
+{
+    struct stage_hit met;
+    return surfaces_meet(light->surfaces, ray, hit, &met) &&
+           appearance_is_hole(light->appearance, &met, is_camera ? light->spread : 0);
+}
+
+struct ray light_shadow_ray(const struct light *light, const struct light_shadow *shadow)
 {
     struct ray ray = stage_ray(shadow->from, shadow->towards);
-    ray.flags = RAY_TERMINATE_ON_FIRST_HIT;
+    ray.flags = light_has_holes(light) ? 0 : RAY_TERMINATE_ON_FIRST_HIT;
     return ray;
 }
 

@@ -16,19 +16,29 @@
 #ifndef BVHCTL_LIGHT_H
 #define BVHCTL_LIGHT_H
 
+#include "client/bvhctl/picture/appearance.h"
 #include "client/bvhctl/picture/camera.h"
 #include "client/bvhctl/picture/surface.h"
 
 struct light {
     const struct stage *stage;
     const struct surfaces *surfaces; /* of the stage's structures */
+    const struct appearance *appearance; /* NULL: each geometry has one colour */
     const struct camera *camera;
+    double spread; /* the width of a pixel at distance 1 */
     struct vector sun; /* the unit direction towards it */
     bool has_floor;
 };
 
+/* `height` is that of the picture, in pixels. Everything must outlive the light. */
 void light_init(struct light *light, const struct stage *stage, const struct surfaces *surfaces,
-                const struct camera *camera);
+                const struct appearance *appearance, const struct camera *camera, uint32_t height);
+
+/* Returns whether there may be holes, for which light_is_hole has to be asked about every hit. */
+bool light_has_holes(const struct light *light);
+
+/* Returns whether the surface that a ray hit has a hole there, so that the ray goes on. */
+bool light_is_hole(const struct light *light, bool is_camera, const struct ray *ray, const struct tracer_hit *hit);
 
 enum {
     LIGHT_BOUNCES = 2, /* rays that look for ambient light at each sample's surface */
@@ -58,6 +68,7 @@ struct light_sample {
     struct vector ambient; /* light that arrives from everywhere else */
     struct vector position, normal; /* of the surface, a little above it */
     bool is_surface;
+    bool is_subject; /* the surface is not that of the floor */
 
     struct light_shadow shadow, bounced[LIGHT_BOUNCES];
 };
@@ -73,8 +84,8 @@ void light_ambient_rays(struct light_sample *sample, struct ray ret_rays[LIGHT_B
 void light_reflect(const struct light *light, const struct ray rays[LIGHT_BOUNCES],
                    const struct tracer_hit hits[LIGHT_BOUNCES], struct light_sample *sample);
 
-/* Returns the ray for a shadow that is needed. It ends at any hit. */
-struct ray light_shadow_ray(const struct light_shadow *shadow);
+/* Returns the ray for a shadow that is needed. It ends at any hit, unless there may be holes. */
+struct ray light_shadow_ray(const struct light *light, const struct light_shadow *shadow);
 
 /*
  * Converts a linear colour, in which 1 is a white wall in the sun, for display: 0 to 1 in the curve of sRGB, with

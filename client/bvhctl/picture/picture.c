@@ -6,6 +6,7 @@
 
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/oracle/rays.h"
+#include "client/bvhctl/picture/exposure.h"
 #include "client/bvhctl/picture/smooth.h"
 
 /* Each pixel has a grid of samples; pixels on edges have a second, finer one in addition. */
@@ -51,7 +52,7 @@ static void set_surface(const struct light *light, struct pixel *pixel, struct v
 /* The sums over a pixel's samples. */
 struct sums {
     struct vector backdrop, albedo, sun, direct, ambient, normal, position;
-    unsigned samples, surfaces;
+    unsigned samples, surfaces, subjects;
     double darkest, brightest; /* sample, without ambient light: they differ at edges of objects and of shadows */
 };
 
@@ -78,6 +79,7 @@ static void add_sample(struct sums *sums, const struct light_sample *sample)
     sums->normal = vector_add(sums->normal, sample->normal);
     sums->position = vector_add(sums->position, sample->position);
     sums->surfaces++;
+    sums->subjects += sample->is_subject;
 }
 
 static bool is_edge(const struct sums *sums)
@@ -91,6 +93,7 @@ static void finish_pixel(const struct light *light, const struct sums *sums, str
     put_floats(pixel.backdrop, vector_scale(sums->backdrop, 1.0 / sums->samples));
     put_floats(pixel.albedo, vector_scale(sums->albedo, 1.0 / sums->samples));
     put_floats(pixel.sun, vector_scale(sums->sun, 1.0 / sums->samples));
+    pixel.is_subject = 2 * sums->subjects > sums->samples;
     double sun = luminance(sums->sun);
     pixel.lit = sun > 0 ? (float)fmin(luminance(sums->direct) / sun, 1) : 0;
     if (sums->surfaces) {
@@ -218,28 +221,39 @@ static enum bvhd_status sample_pixels(struct rendering *rendering, struct bvhd_e
 
 /* ---- from light to colours ---- */
 
-static struct vector pixel_colour(const struct pixel *pixel)
+/* Returns the light that a pixel's surfaces reflect. */
+static struct vector reflected_light(const struct pixel *pixel)
 {
-    struct vector reflected = vector_mul(vector_from_floats(pixel->albedo), vector_from_floats(pixel->ambient));
-    return vector_add(vector_mad(reflected, vector_from_floats(pixel->sun), (double)pixel->lit),
-                      vector_from_floats(pixel->backdrop));
+    struct vector ambient = vector_mul(vector_from_floats(pixel->albedo), vector_from_floats(pixel->ambient));
+    return vector_mad(ambient, vector_from_floats(pixel->sun), (double)pixel->lit);
+}
+
+/* Returns the exposure that fits the subject, or without one the whole picture. */
+static double choose_exposure(const struct rendering *rendering)
+{
+    const struct picture_options *options = rendering->options;
+    uint64_t count = (uint64_t)options->width * options->height;
+    struct histogram subject = {{0}, 0}, all = {{0}, 0};
+    if (options->exposure > 0)
+        return options->exposure;
+    for (uint64_t i = 0; i < count; i++) {
+        double light = luminance(reflected_light(&rendering->pixels[i]));
+        histogram_add(&all, light);
+        if (rendering->pixels[i].is_subject)
+            histogram_add(&subject, light);
+    }
+    return exposure_choose(subject.count ? &subject : &all, options->light->camera->is_inside);
 }
 
 /*
- * Returns the factor for all colours. Outdoors the light is known, and the factor is constant. Inside, the light
- * depends on the windows, and the geometric mean of the picture becomes a middle grey.
+ * Returns the light of a pixel as it is developed. Outdoors the exposure is for the scene and its floor; the backdrop
+ * always has the same brightness.
  */
-static double choose_exposure(const struct rendering *rendering)
+static struct vector exposed_light(const struct rendering *rendering, const struct pixel *pixel)
 {
-    static const double middle_grey = 0.26;
-    uint64_t count = (uint64_t)rendering->options->width * rendering->options->height;
-    double sum = 0;
-    for (uint64_t i = 0; i < count; i++) {
-        struct vector colour = pixel_colour(&rendering->pixels[i]);
-        sum += log(fmax(luminance(colour), 1e-3));
-    }
-    double exposure = middle_grey / exp(sum / (double)count);
-    return rendering->options->light->camera->is_inside ? fmin(fmax(exposure, 0.5), 8) : 1;
+    double backdrop = rendering->options->light->camera->is_inside ? rendering->exposure : 1;
+    return vector_mad(vector_scale(vector_from_floats(pixel->backdrop), backdrop), reflected_light(pixel),
+                      rendering->exposure);
 }
 
 /* Makes the corners a little darker, as a lens does. */
@@ -254,7 +268,7 @@ static void develop_row(void *context, size_t row)
     const struct rendering *rendering = context;
     for (uint32_t x = 0; x < rendering->options->width; x++) {
         size_t index = row * rendering->options->width + x;
-        struct vector colour = vector_scale(pixel_colour(&rendering->pixels[index]), rendering->exposure);
+        struct vector colour = exposed_light(rendering, &rendering->pixels[index]);
         colour = light_display(vector_scale(colour, vignette(rendering, x, (uint32_t)row)));
         rendering->rgb[3 * index] = (uint8_t)lround(255 * colour.x);
         rendering->rgb[3 * index + 1] = (uint8_t)lround(255 * colour.y);
@@ -298,14 +312,19 @@ enum bvhd_status picture_render(const struct picture_options *options, struct me
     enum bvhd_status status = prepare(&rendering, memory, error);
     if (status == BVHD_OK)
         status = sample_pixels(&rendering, error);
-    struct picture picture = {options->width,         options->height,           rendering.rgb,
-                              rendering.sampler.rays, rendering.sampler.seconds, memory};
+    struct picture picture = {.width = options->width,
+                              .height = options->height,
+                              .rgb = rendering.rgb,
+                              .rays = rendering.sampler.rays,
+                              .seconds = rendering.sampler.seconds,
+                              .memory = memory};
     sampler_finish(&rendering.sampler);
     memory_free(memory, rendering.sums);
     memory_free(memory, rendering.edges);
     if (status == BVHD_OK)
         status = develop(&rendering, memory, error);
     memory_free(memory, rendering.pixels);
+    picture.exposure = rendering.exposure;
     if (status != BVHD_OK)
         memory_free(memory, rendering.rgb);
     else

@@ -10,6 +10,7 @@ struct picture {
     uint8_t *rgb; /* rows from the top, three bytes a pixel */
     uint64_t rays; /* that were traced for it */
     double seconds; /* that the tracer needed for them */
+    double exposure; /* the factor of its light */
     struct memory *memory;
 };
 
@@ -18,6 +19,7 @@ struct picture_options {
     struct tracer *tracer;
     const struct parallel *parallel;
     uint32_t width, height;
+    double exposure; /* the factor of the light; 0: by a histogram (exposure.h) */
     uint32_t batch; /* samples at once (sampler.h), at least PICTURE_LEAST_BATCH */
     sampler_watch watch; /* may be NULL */
     void *watch_context;

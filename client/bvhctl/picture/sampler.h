@@ -3,6 +3,8 @@
  * sampler.h - computes thousands of samples of light.h at once. Their rays go to the tracer in three waves; between the
  * waves the hits are evaluated in parallel.
  *
+ * Rays through holes of surfaces (light_is_hole) are traced again from behind the hole, in waves of their own.
+ *
  * The waves are: camera rays; shadow rays from their hits, then ambient rays; shadow rays from the hits of those. Rays
  * of one kind are next to each other, because a GPU traces neighbouring rays together and coherent ones faster.
  */
@@ -28,6 +30,7 @@ struct sampler_options {
 };
 
 struct sampler_counts; /* of a chunk of samples */
+struct sampler_hole;
 
 struct sampler {
     struct sampler_options options;
@@ -38,6 +41,10 @@ struct sampler {
     uint32_t count; /* samples */
     struct ray *wave;
     struct tracer_hit *hits; /* of the wave */
+    struct sampler_hole *holes; /* the rays of the wave that go on; these four are NULL if there are no holes */
+    struct ray *further; /* those rays, from behind the holes */
+    struct tracer_hit *further_hits;
+    bool *is_hole; /* of each ray of a wave */
     struct sampler_counts *chunks; /* where each chunk's rays begin in the wave */
     struct memory *memory;
 };

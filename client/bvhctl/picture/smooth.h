@@ -18,6 +18,7 @@ struct pixel {
     float ambient[3]; /* the mean of its samples with a surface */
     float normal[3]; /* unit, or 0 without a surface */
     float position[3]; /* relative to the camera, divided by the distance from it: its length is about 1 */
+    bool is_subject; /* it shows something of the scene, and not the floor or the sky */
     float depth; /* that distance, divided by the size of the stage */
 };
 

@@ -59,6 +59,11 @@ struct stage_hit {
     double distance;
     bool is_back; /* the corners of the triangle are in clockwise order as seen from the ray's origin */
     uint32_t instance, handle, geometry; /* instance 0 without a top level */
+    /* the rest is set by surfaces_meet only: */
+    uint32_t primitive;
+    double u, v; /* barycentrics: position = (1-u-v) corners[0] + u corners[1] + v corners[2] */
+    struct vector corners[3]; /* of the triangle, in world space */
+    bool is_box; /* there is no triangle */
 };
 
 /*

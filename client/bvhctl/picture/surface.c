@@ -197,19 +197,27 @@ bool surfaces_meet(const struct surfaces *surfaces, const struct ray *ray, const
 {
     if (!isfinite(hit->t))
         return false;
-    struct surface surface;
+    struct surface surface = {0};
     struct vector direction = vector_from_floats(ray->direction), normal = vector_scale(direction, -1);
-    if (surfaces_find(surfaces, hit, &surface))
+    bool is_triangle = surfaces_find(surfaces, hit, &surface);
+    if (is_triangle)
         normal = surface_normal(&surface);
     else if (!(hit->flags & TRACER_AABB) || !find_box(surfaces, hit, &surface.bottom))
         return false;
-    if (vector_dot(normal, direction) > 0)
+    bool is_back = vector_dot(normal, direction) > 0;
+    if (is_back)
         normal = vector_scale(normal, -1);
     *ret_hit = (struct stage_hit){.position = vector_mad(vector_from_floats(ray->origin), direction, (double)hit->t),
                                   .normal = normal,
                                   .distance = (double)hit->t,
+                                  .is_back = is_back,
                                   .instance = structures_top(surfaces->structures) ? hit->instance : 0,
                                   .handle = surface.bottom,
-                                  .geometry = hit->geometry};
+                                  .geometry = hit->geometry,
+                                  .primitive = hit->primitive,
+                                  .u = fmin(fmax((double)hit->u, 0), 1),
+                                  .v = fmin(fmax((double)hit->v, 0), 1),
+                                  .corners = {surface.corners[0], surface.corners[1], surface.corners[2]},
+                                  .is_box = !is_triangle};
     return true;
 }

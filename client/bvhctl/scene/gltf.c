@@ -8,6 +8,7 @@
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/scene/gltf_extensions.h"
 #include "client/bvhctl/scene/gltf_json.h"
+#include "client/bvhctl/scene/gltf_look.h"
 #include "client/bvhctl/scene/gltf_mesh.h"
 #include "client/bvhctl/scene/gltf_nodes.h"
 #include "client/bvhctl/scene/gltf_scenes.h"
@@ -78,6 +79,25 @@ static enum bvhd_status read_meshes(struct reader *reader)
         import_counts_add_mesh(&import->counts, &import->meshes[i].counts);
     }
     return status;
+}
+
+/* Reads what the meshes look like. */
+static enum bvhd_status read_looks(struct reader *reader)
+{
+    struct gltf_looks looks;
+    enum bvhd_status status = gltf_looks_init(&looks, &reader->file, reader->import);
+    if (status)
+        return status;
+    for (uint32_t i = 0; i < mesh_count(reader); i++) {
+        struct gltf_value mesh = gltf_item(&reader->file, GLTF_MESHES, i), list = gltf_member(&mesh, "primitives");
+        const cJSON *item = reader->counts[i] ? list.json->child : NULL;
+        for (uint32_t k = 0; k < reader->counts[i]; k++, item = item->next) {
+            struct gltf_value primitive = gltf_element(&list, item, k);
+            gltf_look_read(&looks, &primitive, reader->import->meshes + reader->first[i] + k);
+        }
+    }
+    gltf_looks_finish(&looks);
+    return BVHD_OK;
 }
 
 static bool has_triangles(const struct reader *reader, uint32_t mesh)
@@ -190,6 +210,8 @@ static enum bvhd_status read_scene(struct reader *reader, const char *scene)
         status = gltf_nodes_walk(&reader->file, chosen, reader->import, reader->uses);
     if (!status)
         status = read_meshes(reader);
+    if (!status && reader->import->wants_looks)
+        status = read_looks(reader);
     if (!status)
         status = make_bottoms(reader);
     if (!status && reader->import->triangle_count == 0)

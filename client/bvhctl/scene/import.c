@@ -243,12 +243,12 @@ static enum bvhd_status read_scene(const char *path, const char *scene, struct i
 }
 
 /* Reads a file by `read`, and completes the import. */
-static enum bvhd_status read_by(const char *path, const char *scene, struct memory *memory,
+static enum bvhd_status read_by(const char *path, const char *scene, bool wants_looks, struct memory *memory,
                                 enum bvhd_status (*read)(const char *, const char *, struct import_files *,
                                                          struct import *, struct bvhd_error *),
                                 struct import *ret_import, struct bvhd_error *error)
 {
-    struct import import = {.memory = memory, .name = import_name(path, memory)};
+    struct import import = {.memory = memory, .name = import_name(path, memory), .wants_looks = wants_looks};
     if (!import.name)
         return no_memory(path, error);
     struct import_files files;
@@ -268,13 +268,19 @@ static enum bvhd_status read_by(const char *path, const char *scene, struct memo
 enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error)
 {
-    return read_by(path, scene, memory, read_scene, ret_import, error);
+    return read_by(path, scene, false, memory, read_scene, ret_import, error);
+}
+
+enum bvhd_status import_read_with_looks(const char *path, const char *scene, struct memory *memory,
+                                        struct import *ret_import, struct bvhd_error *error)
+{
+    return read_by(path, scene, true, memory, read_scene, ret_import, error);
 }
 
 enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,
                                        struct import *ret_import, struct bvhd_error *error)
 {
-    return read_by(path, scene, memory, read_by_assimp, ret_import, error);
+    return read_by(path, scene, false, memory, read_by_assimp, ret_import, error);
 }
 
 static void finish_meshes(struct import *import)
@@ -284,6 +290,7 @@ static void finish_meshes(struct import *import)
         memory_free(import->memory, import->meshes[i].material);
         memory_free(import->memory, import->meshes[i].positions);
         memory_free(import->memory, import->meshes[i].indices);
+        import_look_finish(&import->meshes[i].look, import->memory);
     }
     memory_free(import->memory, import->meshes);
 }
@@ -298,6 +305,9 @@ void import_finish(struct import *import)
         return;
     }
     finish_meshes(import);
+    for (uint32_t i = 0; i < import->image_count; i++)
+        memory_free(import->memory, import->images[i].rgba);
+    memory_free(import->memory, import->images);
     for (uint32_t i = 0; i < import->bottom_count; i++) {
         memory_free(import->memory, import->bottoms[i].name);
         memory_free(import->memory, import->bottoms[i].meshes);

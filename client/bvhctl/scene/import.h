@@ -14,6 +14,7 @@
 #include "proto/base/memory.h"
 #include "client/bvhctl/oracle/oracle.h"
 #include "client/bvhctl/scene/import_counts.h"
+#include "client/bvhctl/scene/import_look.h"
 #include "client/bvhctl/scene/import_names.h"
 #include "proto/base/status.h"
 
@@ -24,6 +25,7 @@ struct import_mesh {
     float *positions; /* xyz each; never NULL */
     uint32_t *indices; /* three a triangle, each < vertex_count; never NULL */
     uint32_t vertex_count, triangle_count;
+    struct import_look look; /* all zero, unless it was asked for */
     struct import_counts counts; /* of its faces, bones and morph targets */
 };
 
@@ -58,6 +60,11 @@ struct import {
     uint64_t skipped_instances;
     uint64_t triangle_count; /* over all meshes */
     struct import_counts counts; /* those of all meshes, and those of the file */
+    bool wants_looks; /* the looks of meshes and the images are read, too: */
+    struct import_image *images;
+    uint32_t image_count;
+    uint64_t looks_left_out; /* images and attributes that could not be read */
+    struct bvhd_error look_error; /* why the first of them could not; its status is BVHD_OK if there is none */
     bool has_source; /* it is one chosen scene of the file: */
     uint32_t source_number; /* its number, from 0 */
     char *source_name; /* and its name, which may be ""; may be NULL without has_source */
@@ -83,6 +90,10 @@ struct import {
 enum bvhd_status import_scene(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                               struct bvhd_error *error);
 
+/* Does the same, and reads what the meshes look like. Only the reader of glTF does; looks of other files stay empty. */
+enum bvhd_status import_scene_with_looks(const char *path, const char *scene, struct memory *memory,
+                                         struct import *ret_import, struct bvhd_error *error);
+
 /*
  * Reads a file with assimp, also if there is a better reader, to compare. It is read in a child process, too. Not all
  * features of all formats are read right so.
@@ -96,6 +107,10 @@ enum bvhd_status import_scene_by_assimp(const char *path, struct memory *memory,
  */
 enum bvhd_status import_read(const char *path, const char *scene, struct memory *memory, struct import *ret_import,
                              struct bvhd_error *error);
+
+/* Does the same as import_scene_with_looks in this process. */
+enum bvhd_status import_read_with_looks(const char *path, const char *scene, struct memory *memory,
+                                        struct import *ret_import, struct bvhd_error *error);
 
 /* Does the same as import_scene_by_assimp in this process. `scene` is ignored. */
 enum bvhd_status import_read_by_assimp(const char *path, const char *scene, struct memory *memory,

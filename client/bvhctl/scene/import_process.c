@@ -74,6 +74,22 @@ static void put_text(struct file_writer *writer, const char *text)
     put(writer, text, size);
 }
 
+/* Puts the arrays of a look that are there. */
+static void put_look(struct file_writer *writer, const struct import_mesh *mesh)
+{
+    if (mesh->look.normals)
+        put_array(writer, mesh->look.normals, mesh->vertex_count * UINT64_C(12));
+    if (mesh->look.texcoords)
+        put_array(writer, mesh->look.texcoords, mesh->vertex_count * UINT64_C(8));
+    if (mesh->look.colours)
+        put_array(writer, mesh->look.colours, mesh->vertex_count * UINT64_C(16));
+}
+
+static uint64_t image_size(const struct import_image *image)
+{
+    return UINT64_C(4) * image->width * image->height;
+}
+
 static void put_import(struct file_writer *writer, const struct import *import)
 {
     put_text(writer, import->name);
@@ -85,7 +101,12 @@ static void put_import(struct file_writer *writer, const struct import *import)
         put_text(writer, mesh->material);
         put_array(writer, mesh->positions, mesh->vertex_count * UINT64_C(12));
         put_array(writer, mesh->indices, mesh->triangle_count * UINT64_C(12));
+        put_look(writer, mesh);
     }
+    put_array(writer, import->images, import->image_count * sizeof *import->images);
+    for (uint32_t i = 0; i < import->image_count; i++)
+        if (import->images[i].rgba)
+            put_array(writer, import->images[i].rgba, image_size(&import->images[i]));
     put_array(writer, import->bottoms, import->bottom_count * sizeof *import->bottoms);
     for (uint32_t i = 0; i < import->bottom_count; i++) {
         const struct import_bottom *bottom = &import->bottoms[i];
@@ -203,6 +224,16 @@ static char *take_text(struct file_cursor *cursor)
     return size ? take(cursor, bytes_get64(size)) : NULL;
 }
 
+static void take_look(struct file_cursor *cursor, struct import_mesh *mesh)
+{
+    if (mesh->look.normals)
+        mesh->look.normals = take_array(cursor, mesh->vertex_count * UINT64_C(12));
+    if (mesh->look.texcoords)
+        mesh->look.texcoords = take_array(cursor, mesh->vertex_count * UINT64_C(8));
+    if (mesh->look.colours)
+        mesh->look.colours = take_array(cursor, mesh->vertex_count * UINT64_C(16));
+}
+
 static void take_meshes(struct file_cursor *cursor, struct import *import)
 {
     import->meshes = take_array(cursor, import->mesh_count * sizeof *import->meshes);
@@ -212,7 +243,12 @@ static void take_meshes(struct file_cursor *cursor, struct import *import)
         mesh->material = take_text(cursor);
         mesh->positions = take_array(cursor, mesh->vertex_count * UINT64_C(12));
         mesh->indices = take_array(cursor, mesh->triangle_count * UINT64_C(12));
+        take_look(cursor, mesh);
     }
+    import->images = take_array(cursor, import->image_count * sizeof *import->images);
+    for (uint32_t i = 0; i < import->image_count && cursor->ok; i++)
+        if (import->images[i].rgba)
+            import->images[i].rgba = take_array(cursor, image_size(&import->images[i]));
 }
 
 static void take_bottoms(struct file_cursor *cursor, struct import *import)
@@ -428,4 +464,14 @@ enum bvhd_status import_scene(const char *path, const char *scene, struct memory
     bool is_gltf = gltf_is_file(path);
     const struct job job = {path, scene, is_gltf ? "the reader of glTF" : "assimp", import_read, memory, is_gltf};
     return import_in_children(&job, ret_import, error);
+}
+
+enum bvhd_status import_scene_with_looks(const char *path, const char *scene, struct memory *memory,
+                                         struct import *ret_import, struct bvhd_error *error)
+{
+    struct bvhd_error ignored;
+    if (!gltf_is_file(path))
+        return import_scene(path, scene, memory, ret_import, error);
+    const struct job job = {path, scene, "the reader of glTF", import_read_with_looks, memory, true};
+    return import_in_children(&job, ret_import, error ? error : &ignored);
 }

@@ -75,25 +75,24 @@ void test_world_init(struct test_world *world, uint32_t threads)
     test_world_init_for(world, threads, NULL);
 }
 
-void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format)
+/* Builds and opens the import of a world whose options are set. */
+static void build(struct test_world *world, uint32_t threads, const struct import *import)
 {
     struct bvhd_error error = {0};
-    *world =
-        (struct test_world){.options = {.build = {.target = format ? (enum target)format->target : TARGET_PORTABLE},
-                                        .format = format,
-                                        .geometry_flags = GEOMETRY_OPAQUE}};
     if (local_open(&world->local, threads, UINT64_MAX, &error) != BVHD_OK)
         end("open", &error);
     if (backend_local_open(&world->backend, threads, &world->local.memory, &world->local.progress, &error) != BVHD_OK)
         end("open", &error);
-    test_world_import(&world->import, &world->local.memory);
+    world->import = *import;
+    world->import.memory = &world->local.memory;
     if (assemble(&world->import, &world->options, &world->backend.backend, &world->assembly, &error) != BVHD_OK)
         end("assemble", &error);
     struct memory *memory = &world->local.memory;
-    struct structure_file *opened = memory_array(memory, TEST_WORLD_FILES, sizeof *opened);
+    uint32_t count = import->bottom_count + 1;
+    struct structure_file *opened = memory_array(memory, count, sizeof *opened);
     if (!opened)
         end("open", &error);
-    for (int i = 0; i < TEST_WORLD_FILES; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         const struct bvhd_result *item = &world->assembly.items[i];
         if (item->error.status != BVHD_OK)
             end("build", &item->error);
@@ -101,10 +100,26 @@ void test_world_init_for(struct test_world *world, uint32_t threads, const struc
         if (structure_open((struct bytes){item->data, item->size}, memory, &opened[i].structure, &error) != BVHD_OK)
             end("open", &error);
     }
-    world->structures =
-        (struct structures){.files = opened, .file_count = TEST_WORLD_FILES, .has_top = true, .memory = memory};
+    world->structures = (struct structures){.files = opened, .file_count = count, .has_top = true, .memory = memory};
     if (structures_join(&world->structures, &error) != BVHD_OK)
         end("join", &error);
+}
+
+void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format)
+{
+    struct import import;
+    *world =
+        (struct test_world){.options = {.build = {.target = format ? (enum target)format->target : TARGET_PORTABLE},
+                                        .format = format,
+                                        .geometry_flags = GEOMETRY_OPAQUE}};
+    test_world_import(&import, NULL);
+    build(world, threads, &import);
+}
+
+void test_world_init_from(struct test_world *world, uint32_t threads, const struct import *import)
+{
+    *world = (struct test_world){.options = {.build = {.target = TARGET_PORTABLE}, .geometry_flags = GEOMETRY_OPAQUE}};
+    build(world, threads, import);
 }
 
 void test_world_finish(struct test_world *world)

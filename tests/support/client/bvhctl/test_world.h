@@ -35,6 +35,8 @@ struct test_world {
 void test_world_init(struct test_world *world, uint32_t threads);
 /* Does the same for the format of a device, or, with NULL, for the portable target. `format` must outlive the world. */
 void test_world_init_for(struct test_world *world, uint32_t threads, const struct bvhd_format *format);
+/* Does the same for another import, whose arrays must outlive the world. */
+void test_world_init_from(struct test_world *world, uint32_t threads, const struct import *import);
 void test_world_finish(struct test_world *world);
 
 #endif

@@ -143,6 +143,11 @@ static void test_other_commands(void **state)
     assert_int_equal(options.command, COMMAND_TRACE);
     assert_true(options.width == 64 && options.height == 48);
     assert_string_equal(options.up, "z");
+    assert_false(options.view.has_eye || options.view.has_look_at || options.view.fov > 0 || options.view.turn);
+    options = parse_good("bvhctl trace d s.glb --device cpu -o p --eye -1,2.5,3e2 --look-at 0,0,-7 --fov 30 --turn 12");
+    assert_true(options.view.has_eye && options.view.eye[0] == -1 && options.view.eye[1] == 2.5);
+    assert_true(options.view.eye[2] == 300 && options.view.has_look_at && options.view.look_at[2] == -7);
+    assert_true(options.view.fov == 30 && options.view.turn == 12 && options.operand_count == 2);
     options = parse_good("bvhctl inspect x.as --memory 3M");
     assert_int_equal(options.command, COMMAND_INSPECT);
     assert_int_equal(options.memory, 3 << 20);
@@ -270,6 +275,16 @@ static void test_bad_values(void **state)
     expect_bad("bvhctl trace a --device cpu -o p --size 10x10x10", "--size");
     expect_bad("bvhctl trace a --device cpu -o p --size 99999x2", "--size");
     expect_bad("bvhctl trace a --device cpu -o p --up w", "--up");
+    expect_bad("bvhctl trace a --device cpu -o p --eye 1,2", "--eye");
+    expect_bad("bvhctl trace a --device cpu -o p --eye 1,2,3,4", "--eye");
+    expect_bad("bvhctl trace a --device cpu -o p --eye 1,nan,3", "--eye");
+    expect_bad("bvhctl trace a --device cpu -o p --look-at 1,inf,3", "--look-at");
+    expect_bad("bvhctl trace a --device cpu -o p --look-at here", "--look-at");
+    expect_bad("bvhctl trace a --device cpu -o p --fov 0", "--fov");
+    expect_bad("bvhctl trace a --device cpu -o p --fov 180", "--fov");
+    expect_bad("bvhctl trace a --device cpu -o p --fov 30deg", "--fov");
+    expect_bad("bvhctl trace a --device cpu -o p --turn 0", "--turn");
+    expect_bad("bvhctl check a b --eye 1,2,3", "--eye");
     expect_bad("bvhctl ping --connect-timeout -1", "--connect-timeout");
     expect_bad("bvhctl ping --connect-timeout nan", "--connect-timeout");
     expect_bad("bvhctl ping --connect-timeout 5s", "--connect-timeout");

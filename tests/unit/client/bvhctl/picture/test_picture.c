@@ -37,7 +37,7 @@ static void open_studio(struct studio *studio, uint32_t threads)
     assert_int_equal(surfaces_init(&studio->surfaces, &studio->world.structures, &local->memory, NULL), BVHD_OK);
     assert_int_equal(
         tracer_cpu_create(&studio->world.structures, local->parallel, &local->memory, &studio->tracer, NULL), BVHD_OK);
-    light_init(&studio->light, &studio->stage, &studio->surfaces, &studio->camera);
+    light_init(&studio->light, &studio->stage, &studio->surfaces, NULL, &studio->camera, HEIGHT);
 }
 
 static void close_studio(struct studio *studio)
