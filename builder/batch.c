@@ -86,11 +86,13 @@ static void run_item(const struct batch *batch, const struct build_input *input,
     double begin = clock_ms();
     item->status = prepare(input, index, batch->limits, &context, &canonical, &item->error);
     item->prepare_ms = clock_ms() - begin;
+    memory_explain(&memory, &item->error);
     if (item->status != BVHD_OK)
         return;
     struct build_options options = input->options;
     options.quality = tier_resolve(&canonical, &options);
     item->status = build_item(batch, &canonical, &options, &context, item);
+    memory_explain(&memory, &item->error);
     prepare_finish(&canonical, &memory);
     item->peak_bytes = atomic_load(&memory.peak);
 }

@@ -96,7 +96,7 @@ static enum bvhd_status digest_all(struct leaves *leaves, const struct root *roo
     if (count > 0) {
         leaves->digests = memory_array(context->memory, count, sizeof *leaves->digests);
         if (!leaves->digests)
-            return bvhd_error_no_memory(error, "key", "out of memory for %llu digests", (unsigned long long)count);
+            return bvhd_error_no_memory(error, "key", "no memory for %llu digests", (unsigned long long)count);
     }
     if (!parallel_for_until(context->parallel, context->cancel, count, digest_leaf, leaves))
         return bvhd_error_set(error, BVHD_CANCELLED, "key", "cancelled");

@@ -244,7 +244,7 @@ enum bvhd_status workers_create(unsigned threads, struct workers **ret_workers, 
         threads = processor_count() < WORKERS_MAX_THREADS ? processor_count() : WORKERS_MAX_THREADS;
     struct workers *workers = calloc(1, sizeof *workers + (threads - 1) * sizeof workers->threads[0]);
     if (!workers)
-        return bvhd_error_no_memory(error, "threads", "out of memory for %u threads", threads);
+        return bvhd_error_no_memory(error, "threads", "no memory for %u threads", threads);
     workers->face = (struct face){{.threads = threads, .for_each = workers_for_each}, workers};
     pthread_mutex_init(&workers->lock, NULL);
     pthread_cond_init(&workers->work, NULL);

@@ -47,7 +47,7 @@ static enum bvhd_status init_instances(struct lavapipe_leaves *leaves, const ato
         return BVHD_OK;
     leaves->places = memory_array(leaves->memory, all, sizeof *leaves->places);
     if (!leaves->places)
-        return bvhd_error_no_memory(error, "instances", "places of %" PRIu32, all);
+        return bvhd_error_no_memory(error, "instances", "no memory for the places of %" PRIu32 " instances", all);
     number_instances(leaves);
     return BVHD_OK;
 }

@@ -266,7 +266,7 @@ enum bvhd_status lavapipe_open(struct bytes blob, enum lavapipe_variant variant,
     uint32_t bitmap = (box_count(&view) + 7) / 8;
     walk.met = memory_alloc(memory, bitmap);
     if (!walk.met)
-        return bvhd_error_no_memory(error, "nodes", "%" PRIu32 " bytes", bitmap);
+        return bvhd_error_no_memory(error, "nodes", "no memory for %" PRIu32 " bytes", bitmap);
     memset(walk.met, 0, bitmap);
     status = walk_boxes(&walk);
     memory_free(memory, walk.met);

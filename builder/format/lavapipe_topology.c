@@ -165,7 +165,7 @@ enum bvhd_status lavapipe_topology_read(const struct lavapipe_view *view, const 
     if (topology.places)
         status = read_tree(&reading);
     else
-        status = bvhd_error_no_memory(error, "nodes", "places of %" PRIu32, boxes);
+        status = bvhd_error_no_memory(error, "nodes", "no memory for the places of %" PRIu32 " boxes", boxes);
     if (status == BVHD_OK)
         *ret_topology = topology;
     else

@@ -106,7 +106,7 @@ static enum bvhd_status allocate(struct lavapipe_writer *w, struct bvhd_error *e
     uint64_t total = w->body_offset + w->body_size;
     w->blob = output ? output->allocate(output, total) : memory_alloc(w->input->memory, total);
     if (!w->blob)
-        return bvhd_error_no_memory(error, "blob", "%" PRIu64 " bytes", total);
+        return bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", total);
     w->body = w->blob + w->body_offset;
     return BVHD_OK;
 }
@@ -302,7 +302,7 @@ static enum bvhd_status lavapipe_write(const struct layout_input *input, unsigne
         return lavapipe_write_at(input, NULL, ret_blob, ret_sizes, error);
     uint32_t *places = memory_array(input->memory, ir->node_count, sizeof *places);
     if (!places)
-        return bvhd_error_no_memory(error, "nodes", "places of %" PRIu32, ir->node_count);
+        return bvhd_error_no_memory(error, "nodes", "no memory for the places of %" PRIu32 " nodes", ir->node_count);
     enum bvhd_status status = BVHD_OK;
     if (!place_depth_first(ir, input->cancel, places))
         status = report_cancelled(error);

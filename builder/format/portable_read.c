@@ -287,7 +287,7 @@ static enum bvhd_status check_tree(struct portable_reader *r, struct memory *mem
         return BVHD_OK;
     r->levels = memory_alloc(memory, count);
     if (!r->levels)
-        return bvhd_error_no_memory(r->error, "nodes", "levels of %" PRIu32 " nodes", count);
+        return bvhd_error_no_memory(r->error, "nodes", "no memory for the levels of %" PRIu32 " nodes", count);
     memset(r->levels, 0, count);
     r->levels[0] = 1;
     enum bvhd_status status = check_nodes(r);

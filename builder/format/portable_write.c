@@ -282,7 +282,7 @@ static enum bvhd_status drop_vertices(struct portable_writer *w, uint32_t kept, 
     uint32_t all = w->header.vertex_count;
     w->remap = memory_array(w->input->memory, all, sizeof *w->remap);
     if (!w->remap)
-        return bvhd_error_no_memory(error, "vertices", "%" PRIu32 " new indices", all);
+        return bvhd_error_no_memory(error, "vertices", "no memory for %" PRIu32 " new indices", all);
     run_all(w, vertex_chunks(w), remap_chunk);
     w->records.remap = w->remap;
     w->header.vertex_count = kept;
@@ -298,7 +298,7 @@ static enum bvhd_status plan_vertices(struct portable_writer *w, struct bvhd_err
     w->used = memory_alloc(w->input->memory, all);
     w->first_kept = memory_array(w->input->memory, (uint64_t)chunks + 1, sizeof *w->first_kept);
     if (!w->used || !w->first_kept)
-        return bvhd_error_no_memory(error, "vertices", "a table of %" PRIu32, all);
+        return bvhd_error_no_memory(error, "vertices", "no memory for a table of %" PRIu32, all);
     memset(w->used, 0, all);
     run_all(w, parallel_chunks(MARK_CHUNK, names_to_mark(w)), mark_used);
     if (!run_all(w, chunks, count_kept))
@@ -314,7 +314,7 @@ static enum bvhd_status allocate(struct portable_writer *w, struct bvhd_error *e
     uint64_t total = w->body_offset + w->header.body_size;
     w->blob = output ? output->allocate(output, total) : memory_alloc(w->input->memory, total);
     if (!w->blob)
-        return bvhd_error_no_memory(error, "blob", "%" PRIu64 " bytes", total);
+        return bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", total);
     w->body = w->blob + w->body_offset;
     w->records.records = w->body + w->header.record_offset;
     return BVHD_OK;

@@ -41,7 +41,7 @@ enum bvhd_status probe_pack(const struct probe *probe, struct memory *memory, un
     }
     unsigned char *data = memory_alloc(memory, size);
     if (!data)
-        return bvhd_error_no_memory(error, "probe", "%" PRIu64 " bytes", size);
+        return bvhd_error_no_memory(error, "probe", "no memory for %" PRIu64 " bytes", size);
     memset(data, 0, size);
     memcpy(data, magic, sizeof magic);
     bytes_put32(data + 8, VERSION);

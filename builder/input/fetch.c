@@ -80,7 +80,8 @@ enum bvhd_status fetch_init(struct fetch *fetch, const struct build_input *input
     fetch_finish(fetch, memory);
     if (allocated)
         return bvhd_error_set(error, BVHD_CANCELLED, place("infos[%u]", index).text, "cancelled");
-    return bvhd_error_no_memory(error, place("infos[%u].pGeometries", index).text, "%u geometries", count);
+    return bvhd_error_no_memory(error, place("infos[%u].pGeometries", index).text, "no memory for %u geometries",
+                                count);
 }
 
 void fetch_finish(struct fetch *fetch, struct memory *memory)

@@ -33,7 +33,7 @@ static struct form_geometry *rows_of(const struct work *work)
 
 static enum bvhd_status no_memory(const struct work *work, uint64_t size)
 {
-    return bvhd_error_no_memory(work->error, place("infos[%u]", work->index).text, "%llu bytes",
+    return bvhd_error_no_memory(work->error, place("infos[%u]", work->index).text, "no memory for a copy of %llu bytes",
                                 (unsigned long long)size);
 }
 

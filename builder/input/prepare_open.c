@@ -228,7 +228,7 @@ static enum bvhd_status make_view(const struct block_reader *reader, struct cano
     view->geometries = memory_array(reader->memory, header->geometry_count, sizeof *view->geometries);
     view->references = memory_array(reader->memory, header->reference_count, sizeof *view->references);
     if ((header->geometry_count > 0 && !view->geometries) || (header->reference_count > 0 && !view->references))
-        return bvhd_error_no_memory(reader->error, "", "tables of a canonical copy");
+        return bvhd_error_no_memory(reader->error, "", "no memory for the tables of a canonical copy");
     form_view(reader->block.data, view);
     return check_contents(reader, view);
 }

@@ -77,7 +77,8 @@ enum bvhd_status reference_lookup_init(const struct build_input *input, uint32_t
     }
     struct handle_entry *entries = memory_array(context->memory, count, 2 * sizeof *entries);
     if (!entries)
-        return bvhd_error_no_memory(error, place("infos[%u].references", index).text, "%u references", count);
+        return bvhd_error_no_memory(error, place("infos[%u].references", index).text, "no memory for %u references",
+                                    count);
     bool listed = list_references(input, context->cancel, entries);
     status = listed ? check_unique(entries, count, index, error) : cancelled(index, error);
     if (status == BVHD_OK)
@@ -166,7 +167,7 @@ enum bvhd_status reference_rows_make(unsigned char *records, uint32_t record_cou
     enum bvhd_status status = BVHD_OK;
     if (reference_count > 0 && record_count > 0 &&
         !make(records, record_count, references, reference_count, context, &made))
-        status = bvhd_error_no_memory(error, "references", "%u references", reference_count);
+        status = bvhd_error_no_memory(error, "references", "no memory for %u references", reference_count);
     else if (context_cancelled(context))
         status = bvhd_error_set(error, BVHD_CANCELLED, "references", "cancelled");
     if (status == BVHD_OK)

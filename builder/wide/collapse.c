@@ -129,7 +129,7 @@ static enum bvhd_status decide(struct collapsing *c, struct memory *memory, cons
     const struct ir *ir = c->table.ir;
     size_t tasks = task_count(ir);
     if (!allocate(c, memory))
-        return bvhd_error_no_memory(error, "collapse", "costs of %" PRIu32 " nodes", ir->node_count);
+        return bvhd_error_no_memory(error, "collapse", "no memory for the costs of %" PRIu32 " nodes", ir->node_count);
     c->largest_leaf = ir->nodes[0].count;
     if (!parallel_for_until(parallel, c->cancel, tasks, make_rows, c))
         return report_cancelled(error);

@@ -198,6 +198,7 @@ static void build_scene(struct build_command *run, const char *path)
     progress_begin(&run->progress, "importing", path);
     enum bvhd_status status = import_scene(path, run->options->scene, &run->memory, &import, &error);
     progress_end(&run->progress);
+    memory_explain(&run->memory, &error);
     if (status) {
         fail(run, "build", &error);
         return;
@@ -209,6 +210,7 @@ static void build_scene(struct build_command *run, const char *path)
     for (uint32_t i = 0; i < import.file_count; i++)
         depfile_add(&run->depfile, import.files[i]);
     status = build_imported(run, &import, &error);
+    memory_explain(&run->memory, &error);
     if (status == BVHD_UNAVAILABLE)
         run->loss = error;
     else if (status)
@@ -411,6 +413,7 @@ enum exit_code command_build(const struct options *options)
         code = error.status == BVHD_INVALID ? EXIT_USAGE : EXIT_FAILED;
     } else if (find_format(&run, &error) || open_backend(&run, &error) ||
                output_open(&run.output, options->output, &run.notes, &error)) {
+        memory_explain(&run.memory, &error);
         code = report_failure(options->json, "build", &error);
     } else {
         code = build_scenes(&run);

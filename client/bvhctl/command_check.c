@@ -286,6 +286,8 @@ enum exit_code command_check(const struct options *options)
         note_readers(&run);
         status = ask_oracle(&run, &error);
     }
+    if (status)
+        memory_explain(&run.local.memory, &error);
     enum exit_code code = status ? report_failure(options->json, "check", &error) : judge(&run);
     release(&run);
     return run.is_damaged ? EXIT_WRONG : code;

@@ -264,8 +264,9 @@ static void print_file(const struct inspected *inspected)
     print_geometries(structure);
 }
 
-static void fail(struct inspect_command *run, const struct bvhd_error *error)
+static void fail(struct inspect_command *run, struct bvhd_error *error)
 {
+    memory_explain(&run->memory, error);
     if (run->code == EXIT_DONE)
         run->first_error = *error;
     report_line("inspect", error);

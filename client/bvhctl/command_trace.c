@@ -413,8 +413,9 @@ static void release(struct trace_command *run)
 }
 
 /* EXIT_NO_DAEMON is not for this command, which uses no daemon. */
-static enum exit_code fail(const struct trace_command *run, const struct bvhd_error *error)
+static enum exit_code fail(const struct trace_command *run, struct bvhd_error *error)
 {
+    memory_explain(&run->local.memory, error);
     report_failure(run->options->json, "trace", error);
     return run->is_misnamed ? EXIT_USAGE : EXIT_FAILED;
 }

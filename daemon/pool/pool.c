@@ -43,7 +43,7 @@ enum bvhd_status pool_create(unsigned threads, void (*wake)(void *context), void
         threads = processors < POOL_MAX_THREADS ? processors : POOL_MAX_THREADS;
     struct pool *pool = allocate(threads);
     if (!pool)
-        return bvhd_error_no_memory(error, "threads", "out of memory for %u threads", threads);
+        return bvhd_error_no_memory(error, "threads", "no memory for %u threads", threads);
     pool->wake = wake;
     pool->wake_context = wake_context;
     int failure = pool_threads_start(pool);

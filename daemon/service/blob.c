@@ -79,7 +79,8 @@ static enum bvhd_status map_file(struct blob_writer *writer, struct bvhd_error *
 static enum bvhd_status allocate_memory(struct blob_writer *writer, struct bvhd_error *error)
 {
     writer->bytes = memory_alloc(writer->account->memory, writer->size);
-    return writer->bytes ? BVHD_OK : bvhd_error_no_memory(error, "blob", "%" PRIu64 " bytes", writer->size);
+    return writer->bytes ? BVHD_OK
+                         : bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", writer->size);
 }
 
 static bool is_mapped(uint64_t size)
@@ -96,7 +97,7 @@ static bool needs_descriptor(uint64_t size)
 static enum bvhd_status take(struct blob_writer *writer, uint64_t size, struct bvhd_error *error)
 {
     if (size > INT64_MAX)
-        return bvhd_error_no_memory(error, "blob", "%" PRIu64 " bytes", size);
+        return bvhd_error_no_memory(error, "blob", "no memory for %" PRIu64 " bytes", size);
     if (needs_descriptor(size) && !descriptors_take(writer->account->descriptors, 1, DESCRIPTORS_RESERVE))
         return bvhd_error_set(error, BVHD_BUSY, "blob", "too many open descriptors");
     atomic_fetch_add_explicit(&writer->account->live_bytes, size, memory_order_relaxed);

@@ -181,6 +181,7 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
             flight->error = writer.error;
             status = writer.error.status;
         }
+        memory_explain(&memory, &flight->error);
         blob_writer_discard(&writer);
         return status;
     }

@@ -183,7 +183,7 @@ enum bvhd_status payload_copy(struct bytes bytes, struct memory *memory, struct 
     uint64_t total;
     unsigned char *block = bytes_add(bytes.size, COPY_OFFSET, &total) ? memory_alloc(memory, total) : NULL;
     if (!block)
-        return bvhd_error_no_memory(error, "payload", "%" PRIu64 " bytes", bytes.size);
+        return bvhd_error_no_memory(error, "payload", "no memory for %" PRIu64 " bytes", bytes.size);
     struct payload *payload = (struct payload *)(void *)block;
     *payload = (struct payload){.memory = memory, .bytes = {.data = block + COPY_OFFSET, .size = bytes.size}};
     atomic_init(&payload->refs, 1);

@@ -176,6 +176,7 @@ static enum bvhd_status prepare_input(struct preparation *preparation, const str
     enum bvhd_status status = check_references(preparation, input);
     if (status == BVHD_OK)
         status = prepare(input, preparation->index, preparation->limits, context, &preparation->canonical, error);
+    memory_explain(&preparation->memory, error);
     if (status != BVHD_OK)
         return status;
     preparation->options.quality = tier_resolve(&preparation->canonical, &input->options);

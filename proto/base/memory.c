@@ -3,6 +3,7 @@
 
 #include <assert.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #ifdef __GLIBC__
@@ -11,6 +12,7 @@
 
 #include "proto/base/bytes.h"
 #include "proto/base/mapping.h"
+#include "proto/base/status.h"
 
 /*
  * The header in front of each block. Large blocks are mappings that start on a huge page; all others come from malloc's
@@ -57,6 +59,8 @@ void memory_init(struct memory *memory, uint64_t limit)
     atomic_init(&memory->live, 0);
     atomic_init(&memory->peak, 0);
     atomic_init(&memory->fail_after, -1);
+    atomic_init(&memory->refused, 0);
+    atomic_init(&memory->refused_limit, 0);
 }
 
 void memory_init_within(struct memory *memory, struct memory *parent, uint64_t limit)
@@ -98,17 +102,33 @@ static void release_one(struct memory *memory, uint64_t size)
     (void)before;
 }
 
+static void note_refusal(struct memory *memory, uint64_t needed, uint64_t limit)
+{
+    atomic_store_explicit(&memory->refused, needed, memory_order_relaxed);
+    atomic_store_explicit(&memory->refused_limit, limit, memory_order_relaxed);
+}
+
+/* The machine has refused what the budgets allow. */
+static void note_shortage(struct memory *memory, uint64_t size)
+{
+    note_refusal(memory, atomic_load_explicit(&memory->live, memory_order_relaxed) + size, UINT64_MAX);
+}
+
 /* Takes `size` bytes off this budget and its parents. A refused allocation does not raise any peak. */
 static bool reserve(struct memory *memory, uint64_t size)
 {
     uint64_t live = atomic_load_explicit(&memory->live, memory_order_relaxed), sum;
     do {
-        if (!bytes_add(live, size, &sum) || sum > memory->limit)
+        if (!bytes_add(live, size, &sum) || sum > memory->limit) {
+            note_refusal(memory, bytes_add(live, size, &sum) ? sum : UINT64_MAX, memory->limit);
             return false;
+        }
     } while (
         !atomic_compare_exchange_weak_explicit(&memory->live, &live, sum, memory_order_relaxed, memory_order_relaxed));
     if (memory->parent && !reserve(memory->parent, size)) {
         release_one(memory, size);
+        note_refusal(memory, atomic_load_explicit(&memory->parent->refused, memory_order_relaxed),
+                     atomic_load_explicit(&memory->parent->refused_limit, memory_order_relaxed));
         return false;
     }
     raise_peak(memory, sum);
@@ -161,6 +181,7 @@ void *memory_alloc(struct memory *memory, uint64_t size)
     struct header *header = obtain(size);
     if (!header) {
         release(memory, size);
+        note_shortage(memory, size);
         return NULL;
     }
     return (unsigned char *)header + ALIGNMENT;
@@ -189,6 +210,7 @@ static void *resize_mapped(struct memory *memory, struct header *header, uint64_
     struct header *moved = remap(header, size);
     if (!moved) {
         release(memory, size > old_size ? size - old_size : 0);
+        note_shortage(memory, size - old_size);
         return NULL;
     }
     if (size < old_size)
@@ -228,4 +250,33 @@ void memory_free(struct memory *memory, void *block)
         mapping_release(header, header->mapped);
     else
         free(header);
+}
+
+static void format_bytes(uint64_t bytes, char ret_text[24])
+{
+    static const char *const units[] = {"bytes", "KiB", "MiB", "GiB", "TiB"};
+    double value = (double)bytes;
+    int unit = 0;
+    for (; value >= 1024 && unit < 4; unit++)
+        value /= 1024;
+    snprintf(ret_text, 24, unit ? "%.1f %s" : "%.0f %s", value, units[unit]);
+}
+
+void memory_explain(const struct memory *memory, struct bvhd_error *error)
+{
+    static const char words[] = "needs at least";
+    uint64_t refused = atomic_load_explicit(&memory->refused, memory_order_relaxed);
+    uint64_t limit = atomic_load_explicit(&memory->refused_limit, memory_order_relaxed);
+    if (!error || error->status != BVHD_NO_MEMORY || refused == 0 || strstr(error->text, words))
+        return;
+    char needed[24], allowed[24];
+    size_t used = strlen(error->text);
+    format_bytes(refused, needed);
+    format_bytes(limit, allowed);
+    if (limit == UINT64_MAX)
+        snprintf(error->text + used, sizeof error->text - used, "%sit %s %s, more than the machine has",
+                 used ? "; " : "", words, needed);
+    else
+        snprintf(error->text + used, sizeof error->text - used, "%sit %s %s, and the limit is %s", used ? "; " : "",
+                 words, needed, allowed);
 }

@@ -14,6 +14,8 @@
 #include <stdatomic.h>
 #include <stdint.h>
 
+struct bvhd_error;
+
 /* A budget. The counters may be read at any time. */
 struct memory {
     struct memory *parent; /* its allocations count there too; NULL for an independent budget */
@@ -22,6 +24,11 @@ struct memory {
     _Atomic uint64_t peak; /* the most bytes that were live at once */
     /* For tests. < 0: never; n >= 0: the allocation after n further successes fails, and all later ones succeed. */
     _Atomic int64_t fail_after;
+    /*
+     * The bytes that would have been live after the allocation that failed last, in this budget or in that of its
+     * parents which refused, and the limit there; 0: none has failed.
+     */
+    _Atomic uint64_t refused, refused_limit;
 };
 
 /* Starts a budget without a parent. It needs no clean-up. */
@@ -58,6 +65,12 @@ void *memory_resize(struct memory *memory, void *block, uint64_t size);
  * counts in `memory`. NULL is allowed.
  */
 void memory_hand_up(struct memory *memory, void *block);
+
+/*
+ * Appends to the text of a BVHD_NO_MEMORY error how many bytes were needed at least, and what the limit is, if an
+ * allocation of `memory` has failed and the text does not say so yet. Other errors, and NULL, are left alone.
+ */
+void memory_explain(const struct memory *memory, struct bvhd_error *error);
 
 /* Frees a block that came from the same struct memory. NULL is allowed. */
 void memory_free(struct memory *memory, void *block);

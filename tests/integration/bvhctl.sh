@@ -156,6 +156,12 @@ one_error_line
 run 1 --local build ball.ply -o stamp/inside
 one_error_line
 run 1 --local build ball.ply -o small --memory 1000
+one_error_line
+expect "it says what was needed: $(cat err)" \
+    grep -Eq '; it needs at least [0-9.]+ KiB, and the limit is 1000 bytes$' err
+run 1 --local build large.ply -o small --memory 24M
+expect "a builder says so, too: $(cat err)" \
+    grep -Eq '^bvhctl: large.blas-.*: no memory .*; it needs at least [0-9.]+ MiB, and the limit is 24.0 MiB$' err
 run 1 --local build ball.ply -o dep --depfile no/such/place.d
 
 # PLY files: what is left out is counted by kind and by mesh, and broken files are refused with the place.

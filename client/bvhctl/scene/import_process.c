@@ -138,6 +138,7 @@ __attribute__((noreturn)) static void read_in_child(const struct job *job, bool 
     struct outcome outcome = {0};
     enum bvhd_status status = job->read(job->path, job->scene, job->memory, &outcome.import, &outcome.error);
     outcome.error.status = status;
+    memory_explain(job->memory, &outcome.error);
     if (!status && outcome.import.reader == IMPORT_BY_ASSIMP)
         outcome.hash = import_hash(&outcome.import);
     if (!status && outcome.import.reader == IMPORT_BY_ASSIMP && !is_twin && !weld_import(&outcome.import)) {

@@ -8,6 +8,7 @@
 #include <sys/resource.h>
 
 #include "proto/base/memory.h"
+#include "proto/base/status.h"
 
 /*
  * Sizes on both sides of every boundary inside memory.c: a cache line, the 4 MiB from which blocks are mapped, a
@@ -445,6 +446,44 @@ static void a_kept_heap_asks_for_pages_once(void **state)
 #endif
 }
 
+static void a_shortage_is_explained(void **state)
+{
+    (void)state;
+    struct memory parent, child;
+    struct bvhd_error error, other = {.status = BVHD_IO, .text = "broken"};
+    memory_init(&parent, 3 << 20);
+    memory_init_within(&child, &parent, UINT64_MAX);
+    bvhd_error_no_memory(&error, "", "no memory for a tree");
+    memory_explain(&child, &error);
+    assert_string_equal(error.text, "no memory for a tree"); /* the budget is not the reason */
+    void *block = memory_alloc(&child, 2 << 20);
+    assert_null(memory_alloc(&child, 3 << 19));
+    memory_explain(&child, &other);
+    assert_string_equal(other.text, "broken");
+    for (int i = 0; i < 2; i++) {
+        memory_explain(&child, &error);
+        assert_string_equal(error.text, "no memory for a tree; it needs at least 3.5 MiB, and the limit is 3.0 MiB");
+    }
+    memory_free(&child, block);
+    assert_null(memory_alloc(&parent, UINT64_MAX));
+    bvhd_error_no_memory(&error, "", "%s", "");
+    memory_explain(&parent, &error);
+    assert_true(strncmp(error.text, "it needs at least ", 18) == 0);
+    memory_explain(&parent, NULL);
+}
+
+static void the_machine_is_explained(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct bvhd_error error;
+    memory_init(&memory, UINT64_MAX);
+    assert_null(memory_alloc(&memory, UINT64_MAX / 2));
+    bvhd_error_no_memory(&error, "", "no memory");
+    memory_explain(&memory, &error);
+    assert_non_null(strstr(error.text, ", more than the machine has"));
+}
+
 int main(void)
 {
     static const struct CMUnitTest tests[] = {
@@ -464,6 +503,8 @@ int main(void)
         cmocka_unit_test(failures_of_a_parent_reach_its_children),
         cmocka_unit_test(blocks_are_handed_up),
         cmocka_unit_test(children_share_a_parent),
+        cmocka_unit_test(a_shortage_is_explained),
+        cmocka_unit_test(the_machine_is_explained),
         cmocka_unit_test(a_kept_heap_asks_for_pages_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
