@@ -12,6 +12,7 @@
 #include "client/bvhctl/base/files.h"
 #include "client/bvhctl/scene/gltf.h"
 #include "client/bvhctl/scene/import_files.h"
+#include "client/bvhctl/scene/import_limits.h"
 #include "client/bvhctl/scene/import_nodes.h"
 
 /* The text is the same for every allocation, because all of them are for the scene as a whole. */
@@ -162,7 +163,11 @@ static enum bvhd_status copy_scene(const struct aiScene *scene, const uint64_t *
                               (unsigned long long)counts->lost);
     if (import->triangle_count == 0)
         return bvhd_error_set(error, BVHD_INVALID, path, "no triangles in it");
-    if (!import_nodes(scene, import))
+    import->counts.animations = scene->mNumAnimations;
+    status = import_nodes(scene, import);
+    if (status == BVHD_UNSUPPORTED)
+        return bvhd_error_set(error, status, path, "assimp made a node with a mesh that is not there");
+    if (status)
         return no_memory(path, error);
     if (import->instance_count == 0)
         return bvhd_error_set(error, BVHD_INVALID, path, "no node has triangles");
@@ -175,8 +180,12 @@ static enum bvhd_status refused(const char *path, struct bvhd_error *error)
     char text[BVHD_TEXT_SIZE];
     snprintf(text, sizeof text, "%s", aiGetErrorString());
     text[strcspn(text, "\r\n")] = '\0';
+    if (!strcmp(text, "std::bad_alloc") && import_limits_memory())
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path,
+                              "assimp needs more than %.0f MB, which is the limit for a file of its size",
+                              (double)import_limits_memory() / 1e6);
     if (!strcmp(text, "std::bad_alloc"))
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp takes more memory than a file of this size may");
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "assimp needs more memory than there is");
     return bvhd_error_set(error, BVHD_UNSUPPORTED, path, "%s", *text ? text : "assimp does not read it");
 }
 

@@ -35,6 +35,7 @@ enum {
 static const uint64_t memory_base = UINT64_C(512) << 20;
 
 static unsigned factor_of_process; /* 0: this process is not limited */
+static uint64_t bytes_allowed; /* beyond what it had when the limits were set */
 
 /* Returns the address space in use. Stacks of threads and heaps take much of it before anything is read. */
 static rlim_t used_memory(void)
@@ -54,7 +55,8 @@ static void limit_memory(void)
     rlim_t wanted = used_memory() + memory_base * factor_of_process;
     if (!HAS_SHADOW_MEMORY && getrlimit(RLIMIT_AS, &limit) == 0 && wanted < limit.rlim_cur) {
         limit.rlim_cur = wanted;
-        setrlimit(RLIMIT_AS, &limit);
+        if (setrlimit(RLIMIT_AS, &limit) == 0)
+            bytes_allowed = memory_base * factor_of_process;
     }
 }
 
@@ -64,7 +66,9 @@ static void allow_memory(uint64_t size)
     if (getrlimit(RLIMIT_AS, &limit) < 0 || limit.rlim_cur >= limit.rlim_max)
         return;
     rlim_t left = limit.rlim_max - limit.rlim_cur, each = (rlim_t)MEMORY_A_BYTE * factor_of_process;
-    limit.rlim_cur += size < left / each ? size * each : left;
+    rlim_t more = size < left / each ? size * each : left;
+    limit.rlim_cur += more;
+    bytes_allowed += more;
     setrlimit(RLIMIT_AS, &limit);
 }
 
@@ -97,4 +101,9 @@ void import_limits_allow(uint64_t size)
     uint64_t first = size < FIRST_BYTES ? size : FIRST_BYTES;
     allow_time(first * TIME_A_FIRST_BYTE_US * factor_of_process);
     allow_time((size < most ? size : most) * TIME_A_BYTE_US * factor_of_process);
+}
+
+uint64_t import_limits_memory(void)
+{
+    return bytes_allowed;
 }

@@ -20,4 +20,7 @@ void import_limits_set(unsigned factor);
 /* Raises the limits for a file of `size` bytes. Does nothing in a process that is not limited. */
 void import_limits_allow(uint64_t size);
 
+/* Returns how many bytes this process may allocate, for messages. 0: as many as the machine has. */
+uint64_t import_limits_memory(void);
+
 #endif

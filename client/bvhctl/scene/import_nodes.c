@@ -14,6 +14,8 @@ struct visit {
 };
 
 struct node_walk {
+    bool *is_reached; /* for each mesh: a node has it */
+    bool is_broken; /* a node has a mesh that is not there, which assimp never returns if it is right */
     struct visit *stack;
     uint64_t depth, capacity;
     uint32_t *slots; /* hash table of bottom levels by their list of meshes: index + 1, 0 for empty; power of two */
@@ -162,12 +164,14 @@ static bool add_instance(struct node_walk *walk, struct import *import, const st
 }
 
 /* Nodes with only points and lines are left out, because they would become a bottom level without a triangle. */
-static bool has_triangles(const struct import *import, const struct aiNode *node)
+static bool has_triangles(struct node_walk *walk, const struct import *import, const struct aiNode *node)
 {
     uint64_t triangles = 0;
     for (unsigned i = 0; i < node->mNumMeshes; i++) {
-        if (node->mMeshes[i] >= import->mesh_count)
-            return false; /* an error of assimp, which guarantees the range */
+        walk->is_broken |= node->mMeshes[i] >= import->mesh_count;
+        if (walk->is_broken)
+            return false;
+        walk->is_reached[node->mMeshes[i]] = true;
         triangles += import->meshes[node->mMeshes[i]].triangle_count;
     }
     return triangles > 0;
@@ -178,7 +182,7 @@ static bool visit_next(struct node_walk *walk, struct import *import)
     struct visit visit = walk->stack[--walk->depth];
     double world[12];
     multiply(visit.parent, &visit.node->mTransformation, world);
-    if (has_triangles(import, visit.node) && !add_instance(walk, import, visit.node, world))
+    if (has_triangles(walk, import, visit.node) && !add_instance(walk, import, visit.node, world))
         return false;
     for (unsigned i = visit.node->mNumChildren; i-- > 0;) /* the first child is on top */
         if (!push(walk, import->memory, visit.node->mChildren[i], world))
@@ -186,14 +190,19 @@ static bool visit_next(struct node_walk *walk, struct import *import)
     return true;
 }
 
-bool import_nodes(const struct aiScene *scene, struct import *import)
+enum bvhd_status import_nodes(const struct aiScene *scene, struct import *import)
 {
     static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    struct node_walk walk = {0};
-    bool ok = grow_slots(&walk, import) && push(&walk, import->memory, scene->mRootNode, identity);
-    while (ok && walk.depth)
+    struct node_walk walk = {.is_reached = memory_array(import->memory, import->mesh_count, sizeof *walk.is_reached)};
+    if (walk.is_reached)
+        memset(walk.is_reached, 0, import->mesh_count * sizeof *walk.is_reached);
+    bool ok = walk.is_reached && grow_slots(&walk, import) && push(&walk, import->memory, scene->mRootNode, identity);
+    while (ok && walk.depth && !walk.is_broken)
         ok = visit_next(&walk, import);
+    for (uint32_t i = 0; ok && i < import->mesh_count; i++)
+        import->counts.meshes += !walk.is_reached[i];
     memory_free(import->memory, walk.stack);
     memory_free(import->memory, walk.slots);
-    return ok;
+    memory_free(import->memory, walk.is_reached);
+    return !ok ? BVHD_NO_MEMORY : walk.is_broken ? BVHD_UNSUPPORTED : BVHD_OK;
 }

@@ -8,9 +8,9 @@
 #include "client/bvhctl/scene/import.h"
 
 /*
- * Adds the bottom levels and instances to an import that has its meshes. Returns false when there is no memory;
- * import_finish frees what was added.
+ * Adds the bottom levels and instances to an import that has its meshes, and counts the meshes that no node has.
+ * BVHD_NO_MEMORY, or BVHD_UNSUPPORTED: a node has a mesh that is not there. import_finish frees what was added.
  */
-bool import_nodes(const struct aiScene *scene, struct import *import);
+enum bvhd_status import_nodes(const struct aiScene *scene, struct import *import);
 
 #endif

@@ -14,6 +14,7 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -336,17 +337,27 @@ static enum bvhd_status child_start(const struct job *job, bool is_twin, struct 
     return BVHD_OK;
 }
 
+static double seconds(struct timeval time)
+{
+    return (double)time.tv_sec + (double)time.tv_usec * 1e-6;
+}
+
 /* Says why a child ended that was to end with status 0. */
-static enum bvhd_status child_failure(int status, const struct job *job, struct bvhd_error *error)
+static enum bvhd_status child_failure(int status, const struct rusage *used, const struct job *job,
+                                      struct bvhd_error *error)
 {
     int number = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
     if (number == SIGINT || number == SIGTERM || number == SIGHUP)
         raise(number); /* the terminal sends it to both processes, and the child was faster */
     if (number == SIGPROF)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s took too long for a file of this size", job->who);
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path,
+                              "%s took too long: it was ended after %.2f s of processor time, which is the limit for a "
+                              "file of this size",
+                              job->who, seconds(used->ru_utime) + seconds(used->ru_stime));
     if (number == SIGKILL)
-        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s was killed, as happens when memory is short",
-                              job->who);
+        return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path,
+                              "%s was killed, as happens when memory is short; it had %.0f MB", job->who,
+                              (double)used->ru_maxrss * 1024 / 1e6);
     if (number)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s crashed on it (%s)", job->who, strsignal(number));
     return bvhd_error_no_memory(error, job->path, "no memory to pass the scene on");
@@ -357,11 +368,12 @@ static enum bvhd_status child_wait(const struct child *child, const struct job *
                                    struct bvhd_error *error)
 {
     int status;
-    while (waitpid(child->pid, &status, 0) < 0)
+    struct rusage used;
+    while (wait4(child->pid, &status, 0, &used) < 0)
         if (errno != EINTR)
-            return bvhd_error_set(error, BVHD_IO, job->path, "waitpid: %s", strerror(errno));
+            return bvhd_error_set(error, BVHD_IO, job->path, "wait4: %s", strerror(errno));
     if (!WIFEXITED(status) || WEXITSTATUS(status) != 0)
-        return child_failure(status, job, error);
+        return child_failure(status, &used, job, error);
     bool is_read = pread(child->descriptor, ret_outcome, sizeof *ret_outcome, 0) == (ssize_t)sizeof *ret_outcome;
     if (!is_read || !ret_outcome->is_complete)
         return bvhd_error_set(error, BVHD_UNSUPPORTED, job->path, "%s ended the process that reads the file", job->who);

@@ -226,6 +226,28 @@ static void test_words(void **state)
     assert_non_null(strstr(error.text, "a scene"));
 }
 
+/* Messages about limits say what was needed, and what the limit is. */
+static void test_limits_in_words(void **state)
+{
+    (void)state;
+    struct memory memory;
+    struct import import;
+    struct bvhd_error error = {0};
+    memory_init(&memory, UINT64_MAX);
+    if (IS_SLOW)
+        return; /* there is no limit of memory then */
+    FILE *large = fopen("large.off", "wb"), *endless = fopen("endless.smd", "wb");
+    fputs("OFF\n200000000 9 9\n0 0 0\n", large);
+    fputs("version 1\n\nnodes", endless);
+    fclose(large);
+    fclose(endless);
+    assert_int_equal(import_scene("large.off", NULL, &memory, &import, &error), BVHD_UNSUPPORTED);
+    assert_string_equal(error.text, "assimp needs more than 537 MB, which is the limit for a file of its size");
+    assert_int_equal(import_scene("endless.smd", NULL, &memory, &import, &error), BVHD_UNSUPPORTED);
+    assert_non_null(strstr(error.text, "assimp took too long: it was ended after 0."));
+    assert_non_null(strstr(error.text, " s of processor time, which is the limit"));
+}
+
 /* Bones alone are no triangles: assimp could make a mesh of them, which is not in the file. */
 static void test_bones(void **state)
 {
@@ -246,8 +268,13 @@ static void test_bones(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_time),       cmocka_unit_test(test_memory),      cmocka_unit_test(test_unlimited),
-        cmocka_unit_test(test_tiny_files), cmocka_unit_test(test_large_files), cmocka_unit_test(test_words),
+        cmocka_unit_test(test_time),
+        cmocka_unit_test(test_memory),
+        cmocka_unit_test(test_unlimited),
+        cmocka_unit_test(test_tiny_files),
+        cmocka_unit_test(test_large_files),
+        cmocka_unit_test(test_words),
+        cmocka_unit_test(test_limits_in_words),
         cmocka_unit_test(test_bones),
     };
     return cmocka_run_group_tests_name("import_process", tests, enter_scratch, leave_scratch);
