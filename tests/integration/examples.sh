@@ -23,17 +23,10 @@ export LD_LIBRARY_PATH
 
 # Memory that the driver leaks is not the examples' fault.
 export ASAN_OPTIONS=detect_leaks=0
-cp "$source"/client/examples/* .
-for kind in native portable addresses; do
-    define=$(echo $kind | tr '[:lower:]' '[:upper:]')
-    glslangValidator --quiet -V --target-env vulkan1.2 -D$define -I"$shaders" --vn rays_$kind -o rays_$kind.h \
-        rays.comp >log 2>&1 || fail "rays.comp for $kind"
-done
-for name in load_native load_portable load_scene trace_rays; do
-    $compiler -std=c99 -pedantic -Wall -Wextra -Werror $name.c example_scene.c example_vulkan.c -o $name \
-        $(pkg --cflags --libs) -lvulkan >log 2>&1 ||
-        fail "$name does not compile"
-done
+# The installed Makefile compiles them, outside of the folder that it is in.
+PKG_CONFIG_PATH=$(dirname "$config") make -f "$prefix/share/doc/bvhd/examples/Makefile" CC="$compiler" \
+    CFLAGS='-pedantic -Wall -Wextra -Werror' PKG_CONFIG="pkg-config --define-variable=prefix=$prefix" >log 2>&1 ||
+    fail 'the installed examples do not compile'
 
 "$prefix/bin/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
 daemon=$!
@@ -68,8 +61,6 @@ for name in load_native load_portable load_scene trace_rays; do
     runs=$((runs + 1))
 done
 # One ray, straight down onto one triangle; each number is a little-endian float.
-$compiler -std=c99 -pedantic -Wall -Wextra -Werror trace_files.c -o trace_files $(pkg --cflags --libs) -lvulkan \
-    >log 2>&1 || fail 'trace_files does not compile'
 cat >triangle.ply <<'EOT'
 ply
 format ascii 1.0
