@@ -17,13 +17,15 @@ include=$(pkg --variable=includedir)
 libraries=$(pkg --variable=libdir)
 shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
-for path in "$include/bvhd/bvhd.h" "$include/bvhd/bvhd_cpu.h" "$include/bvhd/bvhd_scene.h" \
-    "$include/bvhd/bvhd_trace.h" "$include/bvhd/bvhd_vulkan.h" "$include/bvhd/status.h" "$include/bvhd/vuid.h" \
-    "$include/bvhd/vuid.def" "$shared" "$shared.0" "$static" "$libraries/libbvhd_build.so.0" "$prefix/bin/bvhctl" \
-    "$prefix/bin/bvhd"; do
-    expect_quietly "installed: $path" [ -e "$path" ]
-done
-expect_quietly 'no other header' [ "$(find "$include" -type f | wc -l)" -eq 10 ]
+# What is installed is what installed.list says, where PYTHON is the folder of Python's packages, and the manual pages of
+# section 3, which manuals3.sh tests.
+version=$(pkg --modversion)
+libdir=${libraries#"$prefix/"}
+(cd "$prefix" && find . ! -type d | sed -E "s|^[.]/||; s|^$libdir/|LIBDIR/|; s|[.]$version\$|.VERSION|
+    s|^lib/python3[.0-9]*/[a-z]*-packages/|PYTHON/|") | grep -v '^share/man/man3/' | sort >installed
+[ -d "$prefix/lib/systemd" ] && units=none || units='^lib/(systemd|sysusers.d|tmpfiles.d)/'
+grep -vE "$units" "$source/tests/integration/installed.list" | diff - installed >changed
+expect "installed, but not in installed.list (>), or the other way round (<): $(cat changed)" [ ! -s changed ]
 expect_quietly 'pkg-config asks for the headers' sh -c "echo '$(pkg --cflags)' | grep -q -- '-I$include'"
 expect_quietly 'pkg-config asks for the library alone' \
     sh -c "echo ' $(pkg --libs) ' | grep -Eq '^ *(-L[^ ]+ +)?-lbvhd *$'"
