@@ -16,6 +16,9 @@
 
 static enum bvhd_status refused(struct bvhd_error *error, const char *what)
 {
+    if (errno == EFAULT) /* the kernel finds it out when it copies geometry */
+        return bvhd_error_set(error, BVHD_INVALID, "memfd",
+                              "the geometry's memory ends before what ranges, strides and maxVertex say");
     enum bvhd_status status = errno == ENOMEM ? BVHD_NO_MEMORY : BVHD_IO;
     return bvhd_error_set(error, status, "memfd", "%s: %s", what, strerror(errno));
 }

@@ -99,11 +99,11 @@ enum bvhd_status bvhd_scene_open_bytes(const void *data, uint64_t size, uint32_t
                                        struct bvhd_error *ret_error)
 {
     if (!ret_scene)
-        return refuse(ret_error, "ret_scene", "it is NULL");
+        return refuse(ret_error, "ret_scene", "ret_scene is NULL");
     if (!data)
-        return refuse(ret_error, "data", "it is NULL");
+        return refuse(ret_error, "data", "data is NULL");
     if ((uintptr_t)data % CONTAINER_ALIGN != 0)
-        return refuse(ret_error, "data", "not aligned to 64 bytes");
+        return refuse(ret_error, "data", "its address is no multiple of 64 bytes");
     if (flags & ~(uint32_t)BVHD_SCENE_LAZY)
         return refuse(ret_error, "flags", "not a combination of BVHD_SCENE_ flags");
     return open_bytes((struct bytes){data, size}, NULL, flags, ret_scene, ret_error);
@@ -139,9 +139,9 @@ enum bvhd_status bvhd_scene_open(const char *path, uint32_t flags, struct bvhd_s
 {
     struct bytes file;
     if (!ret_scene)
-        return refuse(ret_error, "ret_scene", "it is NULL");
+        return refuse(ret_error, "ret_scene", "ret_scene is NULL");
     if (!path)
-        return refuse(ret_error, "path", "it is NULL");
+        return refuse(ret_error, "path", "path is NULL");
     if (flags & ~(uint32_t)BVHD_SCENE_LAZY)
         return refuse(ret_error, "flags", "not a combination of BVHD_SCENE_ flags");
     int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
@@ -167,17 +167,17 @@ void bvhd_scene_close(struct bvhd_scene *scene)
 
 uint32_t bvhd_scene_structure_count(const struct bvhd_scene *scene)
 {
-    return scene->container.count;
+    return scene ? scene->container.count : 0;
 }
 
 const struct bvhd_scene_structure *bvhd_scene_structure(const struct bvhd_scene *scene, uint32_t index)
 {
-    return index < scene->container.count ? &scene->structures[index] : NULL;
+    return index < bvhd_scene_structure_count(scene) ? &scene->structures[index] : NULL;
 }
 
 uint32_t bvhd_scene_find(const struct bvhd_scene *scene, const char *file)
 {
-    for (uint32_t i = 0; i < scene->container.count; i++)
+    for (uint32_t i = 0; file && i < bvhd_scene_structure_count(scene); i++)
         if (strcmp(scene->structures[i].file, file) == 0)
             return i;
     return UINT32_MAX;
@@ -185,17 +185,17 @@ uint32_t bvhd_scene_find(const struct bvhd_scene *scene, const char *file)
 
 uint32_t bvhd_scene_top_count(const struct bvhd_scene *scene)
 {
-    return scene->top_count;
+    return scene ? scene->top_count : 0;
 }
 
 uint32_t bvhd_scene_top(const struct bvhd_scene *scene, uint32_t index)
 {
-    return index < scene->top_count ? scene->tops[index] : UINT32_MAX;
+    return index < bvhd_scene_top_count(scene) ? scene->tops[index] : UINT32_MAX;
 }
 
 uint32_t bvhd_scene_find_top(const struct bvhd_scene *scene, const char *name)
 {
-    for (uint32_t i = 0; i < scene->top_count; i++)
+    for (uint32_t i = 0; name && i < bvhd_scene_top_count(scene); i++)
         if (strcmp(scene->structures[scene->tops[i]].scene, name) == 0)
             return scene->tops[i];
     return UINT32_MAX;
@@ -204,12 +204,14 @@ uint32_t bvhd_scene_find_top(const struct bvhd_scene *scene, const char *name)
 const char *bvhd_scene_manifest(const struct bvhd_scene *scene, uint64_t *ret_size)
 {
     if (ret_size)
-        *ret_size = scene->container.manifest.size;
-    return (const char *)scene->container.manifest.data;
+        *ret_size = scene ? scene->container.manifest.size : 0;
+    return scene ? (const char *)scene->container.manifest.data : NULL;
 }
 
 enum bvhd_status bvhd_scene_check(const struct bvhd_scene *scene, uint32_t index, struct bvhd_error *ret_error)
 {
+    if (!scene)
+        return refuse(ret_error, "scene", "scene is NULL");
     if (index >= scene->container.count)
         return bvhd_error_set(ret_error, BVHD_INVALID, "index", "%u, but there are %u structures", index,
                               scene->container.count);

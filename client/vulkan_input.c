@@ -161,7 +161,7 @@ static enum bvhd_status check_head(const struct input_entry *entry)
 /*
  * Returns offset + stride * (count - 1) + size: the bytes that `count` elements need. It returns 0 if there are no
  * elements, if the sum does not fit 64 bits, or if the stride breaks Vulkan's rules: the memory of a program that
- * passes nonsense must not be read at such lengths.
+ * passes nonsense must not be read at such lengths. is_countable does the same for numbers of primitives.
  */
 static uint64_t extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_t size)
 {
@@ -170,6 +170,12 @@ static uint64_t extent(uint64_t offset, uint64_t stride, uint64_t count, uint64_
         !bytes_add(bytes, offset, &bytes) || !bytes_add(bytes, size, &bytes))
         return 0;
     return bytes;
+}
+
+/* Returns whether a structure can have this many primitives; validate_input refuses others without their data. */
+static bool is_countable(const struct geometry_range *range)
+{
+    return range->primitive_count <= LIMIT_MAX_PRIMITIVES;
 }
 
 static struct bytes bytes_at(const void *address, uint64_t size)
@@ -198,7 +204,7 @@ static uint64_t vertex_bytes(const VkAccelerationStructureGeometryTrianglesDataK
                              const struct geometry_range *range)
 {
     uint64_t size = element_size((uint32_t)source->vertexFormat);
-    if (range->primitive_count == 0)
+    if (range->primitive_count == 0 || !is_countable(range))
         return 0;
     if (source->indexType != VK_INDEX_TYPE_NONE_KHR)
         return extent(0, source->vertexStride, (uint64_t)source->maxVertex + 1, size);
@@ -211,7 +217,8 @@ static uint64_t index_bytes(const VkAccelerationStructureGeometryTrianglesDataKH
                             const struct geometry_range *range)
 {
     uint64_t size = source->indexType == VK_INDEX_TYPE_UINT16 ? 2 : source->indexType == VK_INDEX_TYPE_UINT32 ? 4 : 0;
-    return size > 0 ? extent(range->primitive_offset, 3 * size, range->primitive_count, 3 * size) : 0;
+    return size > 0 && is_countable(range) ? extent(range->primitive_offset, 3 * size, range->primitive_count, 3 * size)
+                                           : 0;
 }
 
 static struct geometry_triangles convert_triangles(const VkAccelerationStructureGeometryTrianglesDataKHR *source,
@@ -233,7 +240,9 @@ static struct geometry_triangles convert_triangles(const VkAccelerationStructure
 static struct geometry_aabbs convert_aabbs(const VkAccelerationStructureGeometryAabbsDataKHR *source,
                                            const struct geometry_range *range)
 {
-    uint64_t size = extent(range->primitive_offset, source->stride, range->primitive_count, sizeof(VkAabbPositionsKHR));
+    uint64_t size = is_countable(range) ? extent(range->primitive_offset, source->stride, range->primitive_count,
+                                                 sizeof(VkAabbPositionsKHR))
+                                        : 0;
     return (struct geometry_aabbs){source->stride, bytes_at(source->data.hostAddress, size)};
 }
 
@@ -278,7 +287,8 @@ static enum bvhd_status convert_instances(const struct input_entry *entry,
                                           struct geometry *geometry)
 {
     const struct geometry_range *range = &geometry->range;
-    uint64_t size = extent(range->primitive_offset, RECORD_SIZE, range->primitive_count, RECORD_SIZE);
+    bool is_possible = range->primitive_count <= LIMIT_MAX_INSTANCES;
+    uint64_t size = is_possible ? extent(range->primitive_offset, RECORD_SIZE, range->primitive_count, RECORD_SIZE) : 0;
     /* An array of pointers has no records to read. */
     geometry->instances.records = bytes_at(source->data.hostAddress, source->arrayOfPointers ? 0 : size);
     if (!source->arrayOfPointers || !source->data.hostAddress || !are_readable(entry, geometry))

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "builder/format/serialized.h"
+#include "client/argument.h"
 #include "client/library.h"
 #include "proto/base/handle_table.h"
 #include "proto/base/place.h"
@@ -30,15 +31,14 @@ static enum bvhd_status refuse(const struct opening *opening, const char *where,
 
 static enum bvhd_status check_options(const struct bvhd_cpu_scene_options *options, struct bvhd_error *error)
 {
-    if (!options)
-        return bvhd_error_set(error, BVHD_INVALID, "options", "NULL");
-    if (options->struct_size < sizeof *options)
-        return bvhd_error_set(error, BVHD_INVALID, "options.struct_size",
-                              "%zu bytes instead of sizeof(struct bvhd_cpu_scene_options)", options->struct_size);
+    enum bvhd_status status =
+        argument_check_size(options, sizeof *options, sizeof *options, "options", "bvhd_cpu_scene_options", error);
+    if (status != BVHD_OK)
+        return status;
     if (options->blob_count == 0)
         return bvhd_error_set(error, BVHD_INVALID, "options.blob_count", "0: there is no structure");
     if (!options->blobs)
-        return bvhd_error_set(error, BVHD_INVALID, "options.blobs", "NULL, but blob_count is %" PRIu32,
+        return bvhd_error_set(error, BVHD_INVALID, "options.blobs", "options.blobs is NULL, but blob_count is %" PRIu32,
                               options->blob_count);
     if (options->flags != 0)
         return bvhd_error_set(error, BVHD_INVALID, "options.flags", "0x%" PRIx32 " is not known", options->flags);
@@ -211,7 +211,9 @@ static enum bvhd_status open_scene(struct opening *opening)
 enum bvhd_status bvhd_cpu_scene_create(const struct bvhd_cpu_scene_options *options, struct bvhd_cpu_scene **ret_scene,
                                        struct bvhd_error *ret_error)
 {
-    enum bvhd_status status = check_options(options, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {options, "options"}, {ret_scene, "ret_scene"});
+    if (status == BVHD_OK)
+        status = check_options(options, ret_error);
     if (status != BVHD_OK)
         return status;
     struct opening opening = {
@@ -240,6 +242,8 @@ void bvhd_cpu_scene_destroy(struct bvhd_cpu_scene *scene)
 
 void bvhd_cpu_scene_bounds(const struct bvhd_cpu_scene *scene, float ret_bounds[6])
 {
+    if (!scene || !ret_bounds)
+        return;
     scene->target->bounds(&scene->structures[scene->structure_count - 1], ret_bounds);
     if (!(ret_bounds[0] <= ret_bounds[3]))
         memset(ret_bounds, 0, 6 * sizeof *ret_bounds);
@@ -253,7 +257,7 @@ static enum bvhd_status check_hit(const struct bvhd_cpu_scene *scene, const stru
 {
     const struct cpu_structure *top = scene ? cpu_scene_top(scene) : NULL;
     if (!scene || !hit)
-        return bvhd_error_set(error, BVHD_INVALID, scene ? "hit" : "scene", "NULL");
+        return ARGUMENTS_CHECK(error, {scene, "scene"}, {hit, "hit"});
     if (hit->blob == BVHD_CPU_NO_BLOB)
         return bvhd_error_set(error, BVHD_INVALID, "hit.blob", "none: the ray has hit nothing");
     if (hit->blob >= scene->bottom_count || !scene->structures[hit->blob].blob.data)
@@ -268,7 +272,9 @@ static enum bvhd_status check_hit(const struct bvhd_cpu_scene *scene, const stru
 enum bvhd_status bvhd_cpu_scene_corners(const struct bvhd_cpu_scene *scene, const struct bvhd_cpu_hit *hit,
                                         float ret_corners[3][3], struct bvhd_error *ret_error)
 {
-    enum bvhd_status status = check_hit(scene, hit, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {ret_corners, "ret_corners"});
+    if (status == BVHD_OK)
+        status = check_hit(scene, hit, ret_error);
     if (status != BVHD_OK)
         return status;
     const struct ray_hit inner = {.handle = hit->blob, .record = hit->record};
@@ -281,7 +287,9 @@ enum bvhd_status bvhd_cpu_scene_object_to_world(const struct bvhd_cpu_scene *sce
                                                 float ret_matrix[12], struct bvhd_error *ret_error)
 {
     static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-    enum bvhd_status status = check_hit(scene, hit, ret_error);
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {ret_matrix, "ret_matrix"});
+    if (status == BVHD_OK)
+        status = check_hit(scene, hit, ret_error);
     if (status != BVHD_OK)
         return status;
     const struct cpu_structure *top = cpu_scene_top(scene);

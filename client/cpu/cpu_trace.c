@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "client/cpu/cpu_scene.h"
+#include "client/argument.h"
 #include "proto/base/place.h"
 
 /* Rays and hits of a program are those of the traversal, field for field, so that they are copied as bytes. */
@@ -60,9 +61,11 @@ static enum bvhd_status check_arrays(const struct bvhd_cpu_trace *trace, struct 
         return bvhd_error_set(error, BVHD_INVALID, "trace.hit_stride", "%zu, which is less than hit_size",
                               trace->hit_stride);
     if (trace->ray_count > 0 && !trace->rays)
-        return bvhd_error_set(error, BVHD_INVALID, "trace.rays", "NULL, but ray_count is %" PRIu64, trace->ray_count);
+        return bvhd_error_set(error, BVHD_INVALID, "trace.rays", "trace.rays is NULL, but ray_count is %" PRIu64,
+                              trace->ray_count);
     if (trace->ray_count > 0 && !trace->hits)
-        return bvhd_error_set(error, BVHD_INVALID, "trace.hits", "NULL, but ray_count is %" PRIu64, trace->ray_count);
+        return bvhd_error_set(error, BVHD_INVALID, "trace.hits", "trace.hits is NULL, but ray_count is %" PRIu64,
+                              trace->ray_count);
     return BVHD_OK;
 }
 
@@ -70,18 +73,19 @@ static enum bvhd_status check_trace(const struct bvhd_cpu_scene *scene, const st
                                     struct bvhd_error *error)
 {
     if (!scene || !trace)
-        return bvhd_error_set(error, BVHD_INVALID, scene ? "trace" : "scene", "NULL");
-    if (trace->struct_size < sizeof *trace)
-        return bvhd_error_set(error, BVHD_INVALID, "trace.struct_size",
-                              "%zu bytes instead of sizeof(struct bvhd_cpu_trace)", trace->struct_size);
+        return ARGUMENTS_CHECK(error, {scene, "scene"}, {trace, "trace"});
+    enum bvhd_status status =
+        argument_check_size(trace, sizeof *trace, sizeof *trace, "trace", "bvhd_cpu_trace", error);
+    if (status != BVHD_OK)
+        return status;
     if (trace->flags & ~(uint32_t)(BVHD_CPU_TRACE_ANY_HIT | BVHD_CPU_TRACE_FLIP_ORDER))
         return bvhd_error_set(error, BVHD_INVALID, "trace.flags", "0x%" PRIx32 " is not known", trace->flags);
     if (trace->reserved != 0)
         return bvhd_error_set(error, BVHD_INVALID, "trace.reserved", "not 0");
-    if (trace->counters && trace->counters->struct_size < sizeof *trace->counters)
-        return bvhd_error_set(error, BVHD_INVALID, "trace.counters.struct_size",
-                              "%zu bytes instead of sizeof(struct bvhd_cpu_counters)", trace->counters->struct_size);
-    return check_arrays(trace, error);
+    if (trace->counters)
+        status = argument_check_size(trace->counters, sizeof *trace->counters, sizeof *trace->counters,
+                                     "trace.counters", "bvhd_cpu_counters", error);
+    return status == BVHD_OK ? check_arrays(trace, error) : status;
 }
 
 /* ---- Rays ---- */
