@@ -17,8 +17,8 @@ include=$(pkg --variable=includedir)
 libraries=$(pkg --variable=libdir)
 shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
-# What is installed is what installed.list says, where PYTHON is the folder of Python's packages, and the manual pages of
-# section 3, which manuals3.sh tests.
+# What is installed is what installed.list says, where PYTHON is the folder of Python's packages, and the manual pages
+# of section 3, which manuals3.sh tests.
 version=$(pkg --modversion)
 libdir=${libraries#"$prefix/"}
 (cd "$prefix" && find . ! -type d | sed -E "s|^[.]/||; s|^$libdir/|LIBDIR/|; s|[.]$version\$|.VERSION|

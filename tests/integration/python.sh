@@ -24,7 +24,19 @@ export BVHD_CFLAGS
 "$build/daemon/bvhd" --socket "$scratch/s.sock" >daemon.log 2>&1 &
 daemon=$!
 expect_quietly "a daemon: $(cat daemon.log)" "$build/client/bvhctl/bvhctl" --connect-timeout 30 ping
-for name in test_structs test_client test_local; do
+cat >two.gltf <<'END'
+{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
+ "nodes": [{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}],
+ "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+ "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0],
+                "max": [1, 1, 0]}],
+ "bufferViews": [{"buffer": 0, "byteLength": 36}],
+ "buffers": [{"byteLength": 36,
+              "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]}
+END
+export BVHD_CONTAINER="$scratch/two.bvhd"
+expect_quietly 'a container' "$build/client/bvhctl/bvhctl" build two.gltf -o "$BVHD_CONTAINER"
+for name in test_structs test_client test_local test_cpu; do
     # Warnings, such as those about files that are not closed, are errors.
     expect_quietly "tests/python/$name.py" env -C "$source/tests/python" "$python" -W error -m unittest $name
     expect "$name has tests" grep -q '^Ran [1-9]' log

@@ -14,7 +14,7 @@ import unittest
 import bvhd
 from bvhd import _library, _structs
 
-HEADERS = ["bvhd/bvhd.h"]
+HEADERS = ["bvhd/bvhd.h", "bvhd/bvhd_cpu.h", "bvhd/bvhd_scene.h"]
 
 # The C names of the package's structs, and the prefixes of its enumerators.
 STRUCTS = {
@@ -25,6 +25,10 @@ STRUCTS = {
     _structs.Reference: "struct bvhd_reference",
     _structs.Build: "struct bvhd_build",
     _structs.Result: "struct bvhd_result",
+    _structs.CpuBlob: "struct bvhd_cpu_blob",
+    _structs.CpuSceneOptions: "struct bvhd_cpu_scene_options",
+    _structs.CpuTrace: "struct bvhd_cpu_trace",
+    _structs.SceneStructure: "struct bvhd_scene_structure",
     _structs.TrianglesData: "VkAccelerationStructureGeometryTrianglesDataKHR",
     _structs.AabbsData: "VkAccelerationStructureGeometryAabbsDataKHR",
     _structs.InstancesData: "VkAccelerationStructureGeometryInstancesDataKHR",
@@ -44,6 +48,8 @@ ENUMS = {
     bvhd.BuildFlags: "VK_BUILD_ACCELERATION_STRUCTURE_{}_BIT_KHR",
     bvhd.GeometryFlags: "VK_GEOMETRY_{}_BIT_KHR",
     bvhd.InstanceFlags: "VK_GEOMETRY_INSTANCE_{}_BIT_KHR",
+    bvhd.RayFlags: "BVHD_CPU_RAY_{}",
+    bvhd.HitFlags: "BVHD_CPU_HIT_{}",
     bvhd.VertexFormat: "VK_FORMAT_{}",
 }
 
@@ -59,6 +65,13 @@ def rows():
         for field, *_ in struct._fields_:
             yield f"offsetof({name}, {field})", getattr(struct, field).offset
             yield f"sizeof((({name} *)0)->{field})", getattr(struct, field).size
+    for dtype, name in (
+        (_structs.RAY, "struct bvhd_cpu_ray"),
+        (_structs.HIT, "struct bvhd_cpu_hit"),
+    ):
+        yield f"sizeof({name})", dtype.itemsize
+        for field, (_, offset) in dtype.fields.items():
+            yield f"offsetof({name}, {field})", offset
     for kind, pattern in ENUMS.items():
         for member in kind:
             if has_c_name(member):

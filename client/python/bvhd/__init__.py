@@ -9,15 +9,18 @@
 
 It needs the library libbvhd, which exists for Linux only.
 """
+from . import cpu
 from ._enums import (
     BuildFlags,
     GeometryFlags,
+    HitFlags,
     InstanceFlags,
     LayoutFlags,
     Local,
     Origin,
     Priority,
     Quality,
+    RayFlags,
     Status,
     Target,
     VertexFormat,
@@ -25,6 +28,7 @@ from ._enums import (
 from ._errors import Error
 from ._library import lib as _lib
 from .client import Batch, Client, Format, Result
+from .container import Container
 from .geometry import Aabbs, BottomLevel, Reference, TopLevel, Triangles
 
 #: The version of the library.
@@ -36,15 +40,18 @@ __all__ = [
     "BottomLevel",
     "BuildFlags",
     "Client",
+    "Container",
     "Error",
     "Format",
     "GeometryFlags",
+    "HitFlags",
     "InstanceFlags",
     "LayoutFlags",
     "Local",
     "Origin",
     "Priority",
     "Quality",
+    "RayFlags",
     "Reference",
     "Result",
     "Status",
@@ -52,4 +59,5 @@ __all__ = [
     "TopLevel",
     "Triangles",
     "VertexFormat",
+    "cpu",
 ]

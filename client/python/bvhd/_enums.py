@@ -108,6 +108,29 @@ class InstanceFlags(enum.IntFlag):
     FORCE_NO_OPAQUE = 0x8
 
 
+class RayFlags(enum.IntFlag):
+    """SPIR-V's flags of a ray."""
+
+    NONE = 0
+    OPAQUE = 0x1
+    NO_OPAQUE = 0x2
+    TERMINATE_ON_FIRST_HIT = 0x4
+    CULL_BACK_FACING = 0x10
+    CULL_FRONT_FACING = 0x20
+    CULL_OPAQUE = 0x40
+    CULL_NO_OPAQUE = 0x80
+    SKIP_TRIANGLES = 0x100
+    SKIP_AABBS = 0x200
+
+
+class HitFlags(enum.IntFlag):
+    """What a hit is."""
+
+    NONE = 0
+    FRONT_FACE = 0x1
+    AABB = 0x2
+
+
 class VertexFormat(enum.IntEnum):
     """The VkFormats in which positions may come."""
 

@@ -205,6 +205,95 @@ class Result(c.Structure):
     ]
 
 
+class CpuBlob(c.Structure):
+    """struct bvhd_cpu_blob"""
+
+    _fields_ = [("data", c.c_void_p), ("size", c.c_uint64)]
+
+
+class CpuSceneOptions(c.Structure):
+    """struct bvhd_cpu_scene_options"""
+
+    _fields_ = [
+        ("struct_size", c.c_size_t),
+        ("blobs", c.POINTER(CpuBlob)),
+        ("blob_count", c.c_uint32),
+        ("flags", c.c_uint32),
+        ("handles", c.POINTER(c.c_uint64)),
+    ]
+
+
+class CpuTrace(c.Structure):
+    """struct bvhd_cpu_trace"""
+
+    _fields_ = [
+        ("struct_size", c.c_size_t),
+        ("rays", c.c_void_p),
+        ("ray_size", c.c_size_t),
+        ("ray_stride", c.c_size_t),
+        ("hits", c.c_void_p),
+        ("hit_size", c.c_size_t),
+        ("hit_stride", c.c_size_t),
+        ("ray_count", c.c_uint64),
+        ("flags", c.c_uint32),
+        ("reserved", c.c_uint32),
+        ("candidate", c.c_void_p),
+        ("context", c.c_void_p),
+        ("counters", c.c_void_p),
+    ]
+
+
+class SceneStructure(c.Structure):
+    """struct bvhd_scene_structure"""
+
+    _fields_ = [
+        ("data", c.c_void_p),
+        ("size", c.c_uint64),
+        ("key", Key),
+        ("target", c.c_int),
+        ("type", c.c_int),
+        ("file", c.c_char_p),
+        ("name", c.c_char_p),
+        ("scene", c.c_char_p),
+        ("bounds", c.c_float * 6),
+        ("slabs", c.c_float * 20),
+        ("bottoms", c.POINTER(c.c_uint32)),
+        ("bottom_count", c.c_uint32),
+    ]
+
+
+# struct bvhd_cpu_ray
+RAY = np.dtype(
+    [
+        ("origin", "<f4", 3),
+        ("tmin", "<f4"),
+        ("direction", "<f4", 3),
+        ("tmax", "<f4"),
+        ("flags", "<u4"),
+        ("mask", "<u4"),
+        ("time", "<f4"),
+        ("reserved", "<u4"),
+    ]
+)
+
+# struct bvhd_cpu_hit
+HIT = np.dtype(
+    [
+        ("t", "<f4"),
+        ("u", "<f4"),
+        ("v", "<f4"),
+        ("instance", "<u4"),
+        ("custom_index", "<u4"),
+        ("geometry", "<u4"),
+        ("primitive", "<u4"),
+        ("flags", "<u4"),
+        ("sbt_offset", "<u4"),
+        ("blob", "<u4"),
+        ("record", "<u4"),
+        ("instance_record", "<u4"),
+    ]
+)
+
 # VkAccelerationStructureInstanceKHR, whose bit fields share words: the lower 24 bits are the index
 # or the offset, the upper 8 the mask or the flags.
 INSTANCE = np.dtype(
