@@ -45,7 +45,26 @@ struct batch {
     const struct build_context *context;
     struct batch_item *items;
     struct built built;
+    uint64_t done, weight, total; /* primitives: of the items before, of the item that is built, and of all */
 };
+
+/* A structure of nothing counts, too. */
+static uint64_t weight_of(const struct build_input *input)
+{
+    uint64_t weight = 1;
+    for (uint32_t i = 0; i < input->geometry_count; i++)
+        weight += input->geometries[i].range.primitive_count;
+    return weight;
+}
+
+/* Passes on the progress of one item as that of the batch. */
+static void report(void *context, uint64_t done, uint64_t total)
+{
+    const struct batch *batch = context;
+    double share = total && done < total ? (double)done / (double)total : 1;
+    batch->context->progress(batch->context->progress_context, batch->done + (uint64_t)(share * (double)batch->weight),
+                             batch->total);
+}
 
 static enum bvhd_status build_item(const struct batch *batch, const struct canonical *canonical,
                                    const struct build_options *options, const struct build_context *context,
@@ -75,7 +94,7 @@ static enum bvhd_status build_item(const struct batch *batch, const struct canon
 }
 
 /* Prepares and builds one item in a memory budget of its own, whose peak is then the item's. */
-static void run_item(const struct batch *batch, const struct build_input *input, uint32_t index)
+static void run_item(struct batch *batch, const struct build_input *input, uint32_t index)
 {
     struct batch_item *item = &batch->items[index];
     struct build_context context = *batch->context;
@@ -83,6 +102,8 @@ static void run_item(const struct batch *batch, const struct build_input *input,
     struct canonical canonical;
     memory_init_within(&memory, batch->context->memory, UINT64_MAX);
     context.memory = &memory;
+    context.progress = context.progress ? report : NULL;
+    context.progress_context = batch;
     double begin = clock_ms();
     item->status = prepare(input, index, batch->limits, &context, &canonical, &item->error);
     item->prepare_ms = clock_ms() - begin;
@@ -98,15 +119,19 @@ static void run_item(const struct batch *batch, const struct build_input *input,
 }
 
 /* `errors`: for each entry, what validate_batch found about the rules between entries. */
-static void run_items(const struct batch *batch, const struct build_input *inputs, uint32_t count,
+static void run_items(struct batch *batch, const struct build_input *inputs, uint32_t count,
                       const struct bvhd_error *errors)
 {
     memset(batch->items, 0, count * sizeof *batch->items);
+    for (uint32_t i = 0; i < count; i++)
+        batch->total += weight_of(&inputs[i]);
     for (uint32_t i = 0; i < count; i++) {
         batch->items[i].status = errors[i].status;
         batch->items[i].error = errors[i];
+        batch->weight = weight_of(&inputs[i]);
         if (errors[i].status == BVHD_OK)
             run_item(batch, &inputs[i], i);
+        batch->done += batch->weight;
     }
 }
 
@@ -116,7 +141,7 @@ enum bvhd_status batch_build(const struct build_input *inputs, uint32_t count, c
 {
     if (count == 0)
         return BVHD_OK;
-    struct batch batch = {limits, context, ret_items, {0}};
+    struct batch batch = {.limits = limits, .context = context, .items = ret_items};
     struct memory *memory = context->memory;
     struct bvhd_error *errors = memory_array(memory, count, sizeof *errors);
     enum bvhd_status status = errors ? built_init(&batch.built, count, memory) : BVHD_NO_MEMORY;

@@ -159,6 +159,31 @@ static void peaks_are_of_one_item(void **state)
     assert_int_equal(f.memory.live, 0);
 }
 
+static uint64_t last_done, last_total;
+
+static void watch(void *context, uint64_t done, uint64_t total)
+{
+    (void)context;
+    assert_true(done >= last_done && done <= total);
+    assert_true(last_total == 0 || total == last_total);
+    last_done = done;
+    last_total = total;
+}
+
+/* Progress is that of the batch: it never goes back, and its total stays. */
+static void progress_counts_all_items(void **state)
+{
+    (void)state;
+    struct fixture f;
+    fill(&f);
+    f.context.progress = watch;
+    last_done = last_total = 0;
+    assert_int_equal(batch_build(f.inputs, ITEMS, &f.limits, &f.context, f.items, NULL), BVHD_OK);
+    assert_true(last_total > ITEMS);
+    assert_true(last_done > last_total / 2);
+    batch_finish(f.items, ITEMS, &f.memory);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -166,6 +191,7 @@ int main(void)
         cmocka_unit_test(rules_between_entries_are_applied),
         cmocka_unit_test(nothing_to_do),
         cmocka_unit_test(failing_allocations_hit_one_item),
+        cmocka_unit_test(progress_counts_all_items),
         cmocka_unit_test(peaks_are_of_one_item),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
