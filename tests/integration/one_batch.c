@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * one_batch.c - tests that a top level has the same key and bytes whether its bottom levels are built in the same
- * batch, are described by their results, or are looked up by their keys.
+ * batch, are described by their results, or are looked up by their keys: by a daemon, and in the program's own process.
  *
  *     one_batch BVHD
  */
@@ -153,10 +153,14 @@ int main(int argc, char **argv)
     if (argc != 2)
         return 2;
     service_process_start(&service, argv[1], NULL);
-    struct bvhd_client_options options = {
-        .struct_size = sizeof options, .socket_path = service.socket, .local = BVHD_LOCAL_NEVER};
-    expect(bvhd_client_create(&options, &client, NULL) == BVHD_OK, "a client");
-    run(client);
-    bvhd_client_destroy(client);
+    for (uint32_t threads = 0; threads <= 2; threads++) { /* in this process; by the daemon; here on two threads */
+        struct bvhd_client_options options = {.struct_size = sizeof options,
+                                              .socket_path = service.socket,
+                                              .local = threads == 1 ? BVHD_LOCAL_NEVER : BVHD_LOCAL_ALWAYS,
+                                              .local_threads = threads};
+        expect(bvhd_client_create(&options, &client, NULL) == BVHD_OK, "a client");
+        run(client);
+        bvhd_client_destroy(client);
+    }
     return service_process_stop(&service) ? 0 : 1;
 }

@@ -316,6 +316,74 @@ static void test_calls(void **state)
     assert_int_equal(bvhd_client_create(&options, &client, &error), BVHD_INVALID);
 }
 
+enum { THREADS = 6, ROUNDS = 25 };
+
+/* One of several threads that do everything at the same time. */
+struct worker {
+    struct local_bed *bed;
+    pthread_t thread;
+    unsigned seed;
+    bool failed;
+};
+
+static void work_once(struct worker *worker)
+{
+    struct local_bed *bed = worker->bed;
+    uint32_t first = (uint32_t)rand_r(&worker->seed) % LOCAL_BED_MESHES;
+    uint32_t count = 1 + (uint32_t)rand_r(&worker->seed) % (LOCAL_BED_MESHES - first);
+    enum bvhd_priority priority = (enum bvhd_priority)(rand_r(&worker->seed) % 3 - 1);
+    struct bvhd_batch *batch = local_bed_submit(bed->client, bed->meshes + first, count, priority), *fetched;
+    int what = rand_r(&worker->seed) % 8;
+    if (what == 0)
+        bvhd_batch_cancel(batch);
+    if (what == 1)
+        bvhd_batch_cancel_item(batch, 0);
+    if (what == 2)
+        bvhd_client_dispatch(bed->client);
+    if (what == 3)
+        bvhd_batch_wait(batch, 1);
+    else
+        worker->failed = worker->failed || bvhd_batch_wait(batch, -1) != BVHD_OK;
+    const struct bvhd_result *result = bvhd_batch_result(batch, count - 1);
+    if (what > 3) {
+        worker->failed = worker->failed || result->error.status != BVHD_OK;
+        bvhd_batch_fetch(bed->client, 1, &result->key, &fetched, NULL);
+        worker->failed = worker->failed || bvhd_batch_result(fetched, 0)->error.status != BVHD_OK;
+        bvhd_batch_destroy(what == 4 ? batch : fetched);
+        bvhd_batch_destroy(what == 4 ? fetched : batch);
+    } else {
+        bvhd_batch_destroy(batch);
+    }
+}
+
+static void *work(void *argument)
+{
+    for (int i = 0; i < ROUNDS; i++)
+        work_once(argument);
+    return NULL;
+}
+
+/* Threads submit, wait, cancel, fetch and destroy at the same time, while none or two threads of the client build. */
+static void test_many_threads(void **state)
+{
+    (void)state;
+    for (uint32_t threads = 0; threads <= 2; threads += 2) {
+        struct local_bed bed;
+        struct worker workers[THREADS];
+        local_bed_start_with(&bed, (struct bvhd_client_options){
+                                       .local = BVHD_LOCAL_ALWAYS, .local_threads = threads, .pool_size = 256 << 10});
+        for (uint32_t i = 0; i < THREADS; i++) {
+            workers[i] = (struct worker){.bed = &bed, .seed = i + 1};
+            assert_int_equal(pthread_create(&workers[i].thread, NULL, work, &workers[i]), 0);
+        }
+        for (uint32_t i = 0; i < THREADS; i++) {
+            pthread_join(workers[i].thread, NULL);
+            assert_false(workers[i].failed);
+        }
+        local_bed_stop(&bed);
+    }
+}
+
 /* Every allocation fails once, and nothing is left. */
 static void test_no_memory(void **state)
 {
@@ -352,10 +420,10 @@ static void test_no_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_result),     cmocka_unit_test(test_fetch),      cmocka_unit_test(test_order),
-        cmocka_unit_test(test_small_pool), cmocka_unit_test(test_cancel),     cmocka_unit_test(test_destroy),
-        cmocka_unit_test(test_joined),     cmocka_unit_test(test_event_loop), cmocka_unit_test(test_calls),
-        cmocka_unit_test(test_no_memory),
+        cmocka_unit_test(test_result),     cmocka_unit_test(test_fetch),        cmocka_unit_test(test_order),
+        cmocka_unit_test(test_small_pool), cmocka_unit_test(test_cancel),       cmocka_unit_test(test_destroy),
+        cmocka_unit_test(test_joined),     cmocka_unit_test(test_event_loop),   cmocka_unit_test(test_calls),
+        cmocka_unit_test(test_no_memory),  cmocka_unit_test(test_many_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

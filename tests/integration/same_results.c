@@ -1,0 +1,386 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * same_results.c - tests that a client gets the same from a daemon and from builds in its own process: every field of
+ * every result except times, for batches that are built and for batches that are refused.
+ *
+ *     same_results BVHD
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <bvhd/bvhd.h>
+
+#include "tests/support/daemon/service_process.h"
+
+/* Info 0 is what a case changes; info 1 is a mesh, 2 boxes, 3 a top level over info 1. */
+enum { INFOS = 4, VERTICES = 30, INSTANCES = 5 };
+
+/* A batch, which a case changes before it is submitted. */
+struct request {
+    float vertices[VERTICES * 3];
+    uint32_t indices[VERTICES];
+    float transform[12];
+    float boxes[4 * 6];
+    VkAccelerationStructureInstanceKHR instances[INSTANCES];
+    VkAccelerationStructureGeometryKHR geometries[INFOS][2];
+    VkAccelerationStructureBuildRangeInfoKHR ranges[INFOS][2];
+    const VkAccelerationStructureBuildRangeInfoKHR *range_pointers[INFOS];
+    VkAccelerationStructureBuildGeometryInfoKHR infos[INFOS];
+    struct bvhd_reference reference;
+    struct bvhd_format format;
+    struct bvhd_build build;
+};
+
+static uint32_t failures;
+
+static void expect(bool good, const char *name, const char *what)
+{
+    if (good)
+        return;
+    printf("%s: differs: %s\n", name, what);
+    failures++;
+}
+
+/* ---- the batch ---- */
+
+static VkAccelerationStructureGeometryTrianglesDataKHR *triangles(struct request *request)
+{
+    return &request->geometries[0][0].geometry.triangles;
+}
+
+static void set_mesh(struct request *request, uint32_t info, const float *vertices)
+{
+    VkAccelerationStructureGeometryKHR *geometry = &request->geometries[info][0];
+    geometry->geometryType = VK_GEOMETRY_TYPE_TRIANGLES_KHR;
+    geometry->geometry.triangles = (VkAccelerationStructureGeometryTrianglesDataKHR){
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_TRIANGLES_DATA_KHR,
+        .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT,
+        .vertexData.hostAddress = vertices,
+        .vertexStride = 12,
+        .maxVertex = 14,
+        .indexType = VK_INDEX_TYPE_NONE_KHR};
+    request->ranges[info][0].primitiveCount = 5;
+}
+
+static void set_boxes(struct request *request, uint32_t info, uint32_t geometry)
+{
+    request->geometries[info][geometry].geometryType = VK_GEOMETRY_TYPE_AABBS_KHR;
+    request->geometries[info][geometry].geometry.aabbs = (VkAccelerationStructureGeometryAabbsDataKHR){
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_AABBS_DATA_KHR,
+        .data.hostAddress = request->boxes,
+        .stride = 24};
+    request->ranges[info][geometry].primitiveCount = 4;
+}
+
+static void set_instances(struct request *request, uint32_t info)
+{
+    request->geometries[info][0].geometryType = VK_GEOMETRY_TYPE_INSTANCES_KHR;
+    request->geometries[info][0].geometry.instances = (VkAccelerationStructureGeometryInstancesDataKHR){
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_INSTANCES_DATA_KHR,
+        .data.hostAddress = request->instances};
+    request->ranges[info][0].primitiveCount = INSTANCES;
+    request->infos[info].type = VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
+}
+
+static void fill(struct request *request)
+{
+    for (uint32_t i = 0; i < VERTICES * 3; i++)
+        request->vertices[i] = (float)(i * i % 23) - 7.5f * (float)(i % 4);
+    for (uint32_t i = 0; i < VERTICES; i++)
+        request->indices[i] = i * 7 % 15;
+    for (uint32_t i = 0; i < 24; i++)
+        request->boxes[i] = (float)(i % 6 < 3 ? i : i * 2);
+    for (uint32_t i = 0; i < 12; i++)
+        request->transform[i] = i % 5 == 0 ? 2 : (float)i / 16;
+    for (uint32_t i = 0; i < INSTANCES; i++)
+        request->instances[i] = (VkAccelerationStructureInstanceKHR){
+            .transform = {{{1, 0.5f, 0, (float)i}, {-0.5f, 1, 0, 2}, {0, 0.25f, 1, -1}}},
+            .mask = 255,
+            .accelerationStructureReference = 2};
+}
+
+/* Info 0 is set to another mesh, with indices. */
+static void describe(struct request *request)
+{
+    memset(request, 0, sizeof *request);
+    fill(request);
+    for (uint32_t i = 0; i < INFOS; i++) {
+        for (uint32_t k = 0; k < 2; k++)
+            request->geometries[i][k].sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR;
+        request->range_pointers[i] = request->ranges[i];
+        request->infos[i] = (VkAccelerationStructureBuildGeometryInfoKHR){
+            .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
+            .type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+            .dstAccelerationStructure = (VkAccelerationStructureKHR)(uintptr_t)(i + 1),
+            .geometryCount = 1,
+            .pGeometries = request->geometries[i]};
+    }
+    set_mesh(request, 0, request->vertices);
+    triangles(request)->indexType = VK_INDEX_TYPE_UINT32;
+    triangles(request)->indexData.hostAddress = request->indices;
+    request->ranges[0][0].primitiveCount = 10;
+    set_mesh(request, 1, request->vertices + VERTICES);
+    set_boxes(request, 2, 0);
+    set_instances(request, 3);
+    request->build = (struct bvhd_build){.struct_size = sizeof request->build,
+                                         .info_count = INFOS,
+                                         .infos = request->infos,
+                                         .ranges = request->range_pointers,
+                                         .quality = BVHD_QUALITY_BALANCED};
+}
+
+/* ---- the cases: each changes a batch that is good ---- */
+
+#define CASE(name, change)                                                                                             \
+    static void name(struct request *r)                                                                                \
+    {                                                                                                                  \
+        change;                                                                                                        \
+    }
+
+CASE(as_it_is, (void)r)
+CASE(short_indices, triangles(r)->indexType = VK_INDEX_TYPE_UINT16)
+CASE(no_indices, triangles(r)->indexType = VK_INDEX_TYPE_NONE_KHR; r->ranges[0][0].primitiveCount = 5)
+CASE(other_stride, triangles(r)->vertexStride = 4; triangles(r)->maxVertex = 29)
+CASE(halves, triangles(r)->vertexFormat = VK_FORMAT_R16G16B16A16_SFLOAT; triangles(r)->vertexStride = 8)
+CASE(normalized, triangles(r)->vertexFormat = VK_FORMAT_R8G8B8A8_SNORM; triangles(r)->vertexStride = 4)
+CASE(transformed, triangles(r)->transformData.hostAddress = r->transform)
+CASE(no_primitives, r->ranges[0][0].primitiveCount = 0)
+CASE(no_geometries, r->infos[0].geometryCount = 0)
+CASE(inactive, r->vertices[0] = r->vertices[3] = NAN)
+CASE(degenerate, memset(r->indices, 0, 12))
+CASE(infinite, r->vertices[4] = INFINITY)
+CASE(opaque, r->geometries[0][0].flags = VK_GEOMETRY_OPAQUE_BIT_KHR)
+CASE(two_geometries, r->infos[0].geometryCount = 2; r->geometries[0][1] = r->geometries[1][0];
+     r->ranges[0][1] = r->ranges[1][0])
+CASE(equal_infos, r->geometries[0][0] = r->geometries[1][0]; r->ranges[0][0] = r->ranges[1][0])
+CASE(fast_triangles, r->build.layout_flags = BVHD_PORTABLE_FAST_TRIANGLES)
+CASE(fast, r->build.quality = BVHD_QUALITY_FAST)
+CASE(high, r->build.quality = BVHD_QUALITY_HIGH)
+CASE(automatic, r->build.quality = BVHD_QUALITY_AUTO; r->build.rays_per_primitive = 1000)
+CASE(preferred, r->build.quality = 0; r->infos[0].flags = VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR)
+CASE(hint_unused, r->build.rays_per_primitive = NAN)
+
+CASE(bad_hint, r->build.quality = BVHD_QUALITY_AUTO; r->build.rays_per_primitive = -1)
+CASE(nan_hint, r->build.quality = BVHD_QUALITY_AUTO; r->build.rays_per_primitive = NAN)
+CASE(bad_quality, r->build.quality = (enum bvhd_quality)9)
+CASE(bad_target, r->build.target = (enum bvhd_target)99)
+CASE(bad_layout_flags, r->build.layout_flags = 0xff0)
+CASE(no_format, r->build.target = BVHD_TARGET_LAVAPIPE)
+CASE(bad_variant, r->format = ((struct bvhd_format){sizeof r->format, BVHD_TARGET_LAVAPIPE, 77, {1}, {2}});
+     r->build.format = &r->format)
+CASE(bad_type, r->infos[0].type = VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR)
+CASE(unknown_type, r->infos[0].type = (VkAccelerationStructureTypeKHR)9)
+CASE(bad_stype, r->infos[0].sType = VK_STRUCTURE_TYPE_APPLICATION_INFO)
+CASE(bad_flags, r->infos[0].flags = 3 << 2)
+CASE(unknown_flags, r->infos[0].flags = 1 << 20)
+CASE(update, r->infos[0].mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR)
+CASE(no_pointers, r->infos[0].pGeometries = NULL)
+CASE(no_ranges, r->range_pointers[0] = NULL)
+CASE(bad_geometry, r->geometries[0][0].geometryType = (VkGeometryTypeKHR)7)
+CASE(bad_geometry_flags, r->geometries[0][0].flags = 64)
+CASE(mixed, r->infos[0].geometryCount = 2; set_boxes(r, 0, 1))
+CASE(no_vertices, triangles(r)->vertexData.hostAddress = NULL)
+CASE(no_index_data, triangles(r)->indexData.hostAddress = NULL)
+CASE(bad_vertex_format, triangles(r)->vertexFormat = VK_FORMAT_BC1_RGB_UNORM_BLOCK)
+CASE(bad_stride, triangles(r)->vertexStride = 13)
+CASE(bad_index_type, triangles(r)->indexType = (VkIndexType)5)
+CASE(bad_index, r->indices[17] = 15)
+CASE(bad_offset, r->ranges[0][0].primitiveOffset = 2)
+CASE(bad_first_vertex, r->ranges[0][0].firstVertex = 0xffffffff)
+CASE(too_many, r->ranges[0][0].primitiveCount = 1u << 29; triangles(r)->indexType = VK_INDEX_TYPE_NONE_KHR;
+     triangles(r)->vertexStride = 0)
+CASE(bad_matrix, r->transform[0] = NAN; triangles(r)->transformData.hostAddress = r->transform)
+CASE(bad_transform_offset, triangles(r)->transformData.hostAddress = r->transform; r->ranges[0][0].transformOffset = 8)
+CASE(bad_box, r->boxes[3] = r->boxes[0] - 1)
+CASE(bad_box_stride, r->geometries[2][0].geometry.aabbs.stride = 20)
+CASE(bad_instance_flags, r->instances[3].flags = 0xc)
+CASE(singular, memset(r->instances[2].transform.matrix, 0, 48))
+CASE(unknown_bottom, r->instances[4].accelerationStructureReference = 77)
+CASE(instances_below, r->infos[3].type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR)
+CASE(bottom_fails, r->ranges[1][0].primitiveOffset = 1)
+CASE(same_destination, r->infos[0].dstAccelerationStructure = r->infos[2].dstAccelerationStructure)
+CASE(unknown_key, r->reference.handle = 5; r->reference.has_key = 1; r->instances[1].accelerationStructureReference = 5)
+CASE(bad_reference, r->reference.handle = 5; r->reference.bounds[0] = NAN)
+
+#define ENTRY(name)                                                                                                    \
+    {                                                                                                                  \
+#name, name                                                                                                    \
+    }
+
+static const struct {
+    const char *name;
+    void (*change)(struct request *request);
+} cases[] = {
+    ENTRY(as_it_is),
+    ENTRY(short_indices),
+    ENTRY(no_indices),
+    ENTRY(other_stride),
+    ENTRY(halves),
+    ENTRY(normalized),
+    ENTRY(transformed),
+    ENTRY(no_primitives),
+    ENTRY(no_geometries),
+    ENTRY(inactive),
+    ENTRY(degenerate),
+    ENTRY(infinite),
+    ENTRY(opaque),
+    ENTRY(two_geometries),
+    ENTRY(equal_infos),
+    ENTRY(fast_triangles),
+    ENTRY(fast),
+    ENTRY(high),
+    ENTRY(automatic),
+    ENTRY(preferred),
+    ENTRY(hint_unused),
+    ENTRY(bad_hint),
+    ENTRY(nan_hint),
+    ENTRY(bad_quality),
+    ENTRY(bad_target),
+    ENTRY(bad_layout_flags),
+    ENTRY(no_format),
+    ENTRY(bad_variant),
+    ENTRY(bad_type),
+    ENTRY(unknown_type),
+    ENTRY(bad_stype),
+    ENTRY(bad_flags),
+    ENTRY(unknown_flags),
+    ENTRY(update),
+    ENTRY(no_pointers),
+    ENTRY(no_ranges),
+    ENTRY(bad_geometry),
+    ENTRY(bad_geometry_flags),
+    ENTRY(mixed),
+    ENTRY(no_vertices),
+    ENTRY(no_index_data),
+    ENTRY(bad_vertex_format),
+    ENTRY(bad_stride),
+    ENTRY(bad_index_type),
+    ENTRY(bad_index),
+    ENTRY(bad_offset),
+    ENTRY(bad_first_vertex),
+    ENTRY(too_many),
+    ENTRY(bad_matrix),
+    ENTRY(bad_transform_offset),
+    ENTRY(bad_box),
+    ENTRY(bad_box_stride),
+    ENTRY(bad_instance_flags),
+    ENTRY(singular),
+    ENTRY(unknown_bottom),
+    ENTRY(instances_below),
+    ENTRY(bottom_fails),
+    ENTRY(same_destination),
+    ENTRY(unknown_key),
+    ENTRY(bad_reference),
+};
+
+enum { CASES = sizeof cases / sizeof cases[0], GOOD = 21 };
+
+/* ---- the comparison ---- */
+
+/* What a client made of a case: a batch, or the error of the submission. */
+struct outcome {
+    struct bvhd_batch *batch;
+    struct bvhd_error error;
+};
+
+static struct outcome submit(struct bvhd_client *client, uint32_t number)
+{
+    struct request *request = malloc(sizeof *request);
+    struct outcome outcome = {.error = {.status = BVHD_OK}};
+    if (!request)
+        exit(1);
+    describe(request);
+    cases[number].change(request);
+    if (request->reference.handle) {
+        request->build.references = &request->reference;
+        request->build.reference_count = 1;
+    }
+    if (bvhd_batch_submit(client, &request->build, &outcome.batch, &outcome.error) == BVHD_OK)
+        bvhd_batch_wait(outcome.batch, -1);
+    free(request);
+    return outcome;
+}
+
+static bool same_error(const struct bvhd_error *a, const struct bvhd_error *b)
+{
+    bool same =
+        a->status == b->status && a->vuid == b->vuid && !strcmp(a->where, b->where) && !strcmp(a->text, b->text);
+    if (!same)
+        printf("%s: %s: %s\n%s: %s: %s\n", bvhd_status_name(a->status), a->where, a->text, bvhd_status_name(b->status),
+               b->where, b->text);
+    return same;
+}
+
+/* Whether both were built for this request. An equal structure may be joined or found, depending on the time. */
+static bool same_origin(enum bvhd_origin a, enum bvhd_origin b)
+{
+    return (a == BVHD_ORIGIN_BUILT) == (b == BVHD_ORIGIN_BUILT);
+}
+
+static void compare_results(const char *name, const struct bvhd_result *a, const struct bvhd_result *b)
+{
+    expect(same_error(&a->error, &b->error), name, "error");
+    if (a->error.status != BVHD_OK || b->error.status != BVHD_OK)
+        return;
+    expect(!memcmp(&a->key, &b->key, sizeof a->key), name, "key");
+    expect(a->size == b->size && !memcmp(a->data, b->data, a->size), name, "bytes");
+    expect(same_origin(a->origin, b->origin), name, "origin");
+    expect(a->primitives == b->primitives && a->triangles == b->triangles && a->instances == b->instances, name,
+           "primitives");
+    expect(a->inactive == b->inactive && a->degenerate == b->degenerate && a->skipped == b->skipped, name,
+           "inactive primitives");
+    expect(a->refs == b->refs && a->depth == b->depth && a->sah == b->sah, name, "statistics");
+    expect(a->peak_bytes == b->peak_bytes, name, "peak_bytes");
+    expect(!strcmp(a->method, b->method), name, "method");
+    expect(!memcmp(a->bounds, b->bounds, sizeof a->bounds), name, "bounds");
+    expect(!memcmp(a->slabs, b->slabs, sizeof a->slabs), name, "slabs");
+    expect(a->target == b->target && a->quality == b->quality, name, "target and quality");
+}
+
+static void compare(uint32_t number, const struct outcome *a, const struct outcome *b)
+{
+    const char *name = cases[number].name;
+    bool good = a->error.status == BVHD_OK;
+    expect(same_error(&a->error, &b->error), name, "error of the call");
+    expect(!a->batch == !b->batch, name, "whether there is a batch");
+    for (uint32_t i = 0; a->batch && b->batch && i < INFOS; i++) {
+        const struct bvhd_result *result = bvhd_batch_result(a->batch, i);
+        good = good && result->error.status == BVHD_OK;
+        compare_results(name, result, bvhd_batch_result(b->batch, i));
+    }
+    expect(good == (number < GOOD), name, number < GOOD ? "it fails" : "it does not fail");
+}
+
+static struct bvhd_client *make_client(const char *socket, enum bvhd_local local)
+{
+    struct bvhd_client_options options = {.struct_size = sizeof options, .socket_path = socket, .local = local};
+    struct bvhd_client *client = NULL;
+    if (bvhd_client_create(&options, &client, NULL) != BVHD_OK)
+        exit(1);
+    return client;
+}
+
+int main(int argc, char **argv)
+{
+    static const char *const one_thread[] = {"--workers", "1", NULL}; /* as the builds here: peaks depend on it */
+    static struct outcome outcomes[CASES][2];
+    struct service_process service;
+    if (argc != 2)
+        return 2;
+    service_process_start(&service, argv[1], one_thread);
+    struct bvhd_client *clients[2] = {make_client(service.socket, BVHD_LOCAL_NEVER),
+                                      make_client(NULL, BVHD_LOCAL_ALWAYS)};
+    for (uint32_t i = 0; i < CASES; i++) { /* batches are kept, as the daemon keeps results */
+        for (int k = 0; k < 2; k++)
+            outcomes[i][k] = submit(clients[k], i);
+        compare(i, &outcomes[i][0], &outcomes[i][1]);
+    }
+    for (uint32_t i = 0; i < 2 * CASES; i++)
+        bvhd_batch_destroy(outcomes[i / 2][i % 2].batch);
+    for (int k = 0; k < 2; k++)
+        bvhd_client_destroy(clients[k]);
+    printf("%d cases, %u differences\n", (int)CASES, failures);
+    return service_process_stop(&service) && failures == 0 ? 0 : 1;
+}
