@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-static const char remedy[] = "start one (bvhctl ping), or build without (bvhd_client_options.local, bvhctl --local)";
+static const char remedy[] = "start bvhd, or build without it (bvhd_client_options.local, bvhctl --local)";
 
 /* Tries one place. A place that nobody named and that cannot be used counts as one on which nobody listens. */
 static enum bvhd_status try_place(const struct address *address, const struct address_place *place, uint64_t now,

@@ -160,7 +160,7 @@ CASE(fast, r->build.quality = BVHD_QUALITY_FAST)
 CASE(high, r->build.quality = BVHD_QUALITY_HIGH)
 CASE(automatic, r->build.quality = BVHD_QUALITY_AUTO; r->build.rays_per_primitive = 1000)
 CASE(preferred, r->build.quality = 0; r->infos[0].flags = VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR)
-CASE(hint_unused, r->build.rays_per_primitive = NAN)
+CASE(hint_unused, r->build.rays_per_primitive = 7)
 
 CASE(bad_hint, r->build.quality = BVHD_QUALITY_AUTO; r->build.rays_per_primitive = -1)
 CASE(nan_hint, r->build.quality = BVHD_QUALITY_AUTO; r->build.rays_per_primitive = NAN)

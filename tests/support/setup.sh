@@ -9,8 +9,8 @@
 export LC_ALL=C
 
 setup_client_packages="gcc libc6-dev meson ninja-build pkg-config libvulkan-dev glslang-tools \
-libprotobuf-c-dev protobuf-c-compiler"
-setup_build_packages="$setup_client_packages libassimp-dev libcjson-dev libmeshoptimizer-dev libssl-dev \
+libprotobuf-c-dev protobuf-c-compiler libssl-dev"
+setup_build_packages="$setup_client_packages libassimp-dev libcjson-dev libmeshoptimizer-dev \
 libjpeg-dev libpng-dev libuv1-dev libsystemd-dev"
 setup_bench_packages="cmake libembree-dev gnuplot-nox"
 setup_check_packages="$setup_build_packages $setup_bench_packages g++ clang libclang-rt-dev libcmocka-dev systemd \

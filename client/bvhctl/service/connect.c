@@ -14,7 +14,7 @@
 #include "client/bvhctl/service/private_daemon.h"
 #include "client/bvhctl/base/report.h"
 
-const char connect_system_socket[] = "/run/bvhd/bvhd.sock";
+const char connect_system_socket[] = ADDRESS_SYSTEM_SOCKET;
 
 /*
  * Limits for one attempt to connect. They are short, because the daemon may exit after it was found; then bvhctl

@@ -24,7 +24,7 @@ static void test_nobody(void **state)
     start = bed_now();
     assert_int_equal(bvhd_client_connect(bed.client, &error), BVHD_UNAVAILABLE);
     assert_in_range((int)(bed_now() - start), BED_CONNECT_MS - 1, BED_LATE_MS);
-    assert_non_null(strstr(error.text, "No such file or directory; start one"));
+    assert_non_null(strstr(error.text, "No such file or directory; start bvhd, or build"));
     assert_true(bed_stop(&bed));
 }
 
