@@ -81,11 +81,7 @@ static void write_scene(struct build_command *run, const struct import *import, 
     json_integer(json, "triangles", import->triangle_count);
     json_integer(json, "instances", import->instance_count);
     json_integer(json, "skipped_instances", import->skipped_instances);
-    json_object(json, "not_geometry");
-    for (int i = 0; i < IMPORT_COUNT_KINDS; i++)
-        if (i < 4 || import_counts_get(&import->counts, i))
-            json_integer(json, import_count_kinds[i].name, import_counts_get(&import->counts, i));
-    json_object_end(json);
+    manifest_write_left_out(json, &import->counts);
     json_object_end(json);
 }
 

@@ -175,7 +175,7 @@ printf '0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n2 0 1\n1 3\n0\n' | ply_text 4 fac
 run 0 --local build scraps.ply -o scraps --json
 one_json_object
 expect 'a quad is two triangles' grep -q '"meshes":1,"triangles":2,' out
-expect 'kinds are counted' grep -q '"not_geometry":{"points":1,"lines":1,"skins":0,"morphs":0,"empty_faces":1}' out
+expect 'kinds are counted' grep -q '"skipped_instances":0,"left_out":{"points":1,"lines":1,"empty_faces":1}' out
 expect 'kinds are counted by mesh' grep -q '"primitives":2,"left_out":{"points":1,"lines":1,"empty_faces":1}' out
 expect 'the manifest has them, too' grep -q '"empty_faces": 1' scraps/manifest.json
 says 'bvhctl: scraps: 1 point is left out'
@@ -257,7 +257,7 @@ run 0 --local build two.gltf -o all --json
 one_json_object
 expect 'all scenes are built' grep -q '"instances":3,"skipped_instances":0' out
 expect 'by mesh, too' grep -q '"primitives":0,"left_out":{"points":3}' out
-expect 'what is left out is counted' grep -q '"not_geometry":{"points":3,"lines":0,"skins":0,"morphs":0,"meshes":1}' out
+expect 'what is left out is counted' grep -q '"skipped_instances":0,"left_out":{"points":3,"meshes":1}' out
 expect 'and told' grep -q '^bvhctl: two: 1 mesh is left out, because no node has it' err
 says "bvhctl: two: 3 points are left out (mesh 'meshes[0]-1': 3)"
 tr -d ' \n' <all/manifest.json >flat

@@ -2,12 +2,14 @@
 #include "client/bvhctl/base/options_table.h"
 
 const struct option_row option_rows[] = {
-    {"output", 'o', "PATH", ON_BUILD, "the directory for manifest.json and one .as file for each structure"},
+    {"output", 'o', "PATH", ON_BUILD,
+     "a directory, for manifest.json and one .as file for each structure; or, if it ends with .bvhd, one file with all "
+     "of it"},
     {"output", 'o', "PNG", ON_TRACE, "the picture to write"},
     {"output", 'o', "FILE", ON_GET, "the file to write"},
     {"output", 'o', "FILE", ON_PROBE, "the file to write, for 'bvhctl build --probe'"},
     {"depfile", OPTION_DEPFILE, "FILE", ON_BUILD,
-     "also write a make rule for manifest.json, with the files that the scenes were read from"},
+     "also write a make rule for manifest.json or the .bvhd file, with the files that the scenes were read from"},
     {"target", OPTION_TARGET, "NAME", ON_BUILD,
      "portable (default): for shaders on any device; lavapipe: for ray queries of that driver, in the version of this "
      "machine or in that of --probe"},

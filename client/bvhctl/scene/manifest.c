@@ -15,8 +15,7 @@ static void write_colour(struct json *json, const float colour[3])
     json_array_end(json);
 }
 
-/* Writes the kinds of which there is some. */
-static void write_counts(struct json *json, const struct import_counts *counts)
+void manifest_write_left_out(struct json *json, const struct import_counts *counts)
 {
     if (!import_counts_any(counts))
         return;
@@ -37,7 +36,7 @@ static void write_losses(struct json *json, const struct import_mesh *mesh, bool
         json_integer(json, "degenerate", activity.degenerate);
     if (activity.infinite)
         json_integer(json, "infinite", activity.infinite);
-    write_counts(json, &mesh->counts);
+    manifest_write_left_out(json, &mesh->counts);
 }
 
 static void write_geometries(struct json *json, const struct import *import, uint32_t index,
@@ -94,7 +93,7 @@ static void write_meshes_left_out(struct json *json, const struct import *import
         any = true;
         json_object(json, NULL);
         json_text(json, "name", mesh->name);
-        write_counts(json, &mesh->counts);
+        manifest_write_left_out(json, &mesh->counts);
         json_object_end(json);
     }
     if (any)
@@ -111,7 +110,7 @@ static void write_source(struct json *json, const struct import *import)
         json_text(json, "name", import->source_name);
         json_object_end(json);
     }
-    write_counts(json, &import->counts);
+    manifest_write_left_out(json, &import->counts);
     write_meshes_left_out(json, import);
 }
 

@@ -35,6 +35,9 @@ void manifest_write_structure(struct json *json, const struct assembly *assembly
  */
 void manifest_write_scene(struct json *json, const struct assembly *assembly, const struct file_names *names);
 
+/* Writes the member "left_out", with the kinds of which there is some; nothing if there is none. */
+void manifest_write_left_out(struct json *json, const struct import_counts *counts);
+
 /* Ends a manifest, with the elements of "scenes". */
 void manifest_end(struct json *json, const struct json *scenes);
 
