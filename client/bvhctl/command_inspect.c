@@ -82,7 +82,7 @@ static void write_header(struct json *json, const struct inspected *inspected)
     json_text(json, "content", survey_content_name(structure));
     write_bounds(json, inspected);
     json_integer(json, "levels", inspected->survey.depth);
-    json_integer(json, "nodes", inspected->survey.nodes);
+    json_integer(json, "node_count", inspected->survey.nodes);
     json_integer(json, "records", structure->record_count);
     json_integer(json, "primitives", structure->primitive_count);
 }

@@ -245,8 +245,6 @@ static bool print_json(struct trace_command *run)
     json_number(&json, "mrays_s", mrays_s(run));
     json_number(&json, "wall_ms", run->wall_ms);
     json_integer(&json, "checked", run->agreement.checked);
-    if (!run->choice.is_cpu)
-        json_integer(&json, "differing", run->agreement.differing);
     json_integer(&json, "mismatches", run->agreement.mismatches);
     json_integer(&json, "uncertain", run->agreement.uncertain);
     if (!run->choice.is_cpu)

@@ -92,8 +92,10 @@ static void write_native(struct json *json, const struct inspect_probe *probe)
 
 void inspect_probe_write(const char *path, const struct inspect_probe *probe, struct json *json)
 {
+    const char *slash = strrchr(path, '/');
     json_object(json, NULL);
-    json_text(json, "file", path);
+    json_text(json, "file", slash ? slash + 1 : path);
+    json_text(json, "path", path);
     json_text(json, "content", "probe");
     json_text(json, "device", probe->probe.device);
     json_text(json, "driver", probe->probe.driver);

@@ -1,0 +1,71 @@
+#!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
+# members.sh SOURCE MAKE_SCENE MAKE_PROBE BVHCTL - tests that the members of JSON output are those that docs/json.md and
+# docs/manifest.md list, and no others. It runs the commands so that each member is printed at least once. It prints
+# each expectation that does not hold, and its status is 1 if there is one.
+set -u
+# shellcheck source=tests/support/expect.sh
+. "$(dirname "$0")/../support/expect.sh"
+source=$(realpath "$1")
+make_scene=$(realpath "$2")
+make_probe=$(realpath "$3")
+bvhctl=$(realpath "$4")
+here=$(realpath "$(dirname "$0")")
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+cd "$scratch" || exit 1
+mkdir printed
+
+# printed COMMAND ARGUMENT... - keeps the output of bvhctl with these arguments as one of that command, whatever its
+# status is.
+number=0
+printed()
+{
+    command=$1
+    shift
+    number=$((number + 1))
+    "$bvhctl" "$@" --json >"printed/$command.$number" 2>/dev/null
+    expect "an object from: bvhctl $*" grep -q '^{"schema":1,' "printed/$command.$number"
+}
+
+"$make_scene" sphere --size 100 -o ball.ply >/dev/null
+"$make_probe" 1 10 device >/dev/null
+"$make_probe" 1 10 unknown >/dev/null
+# Another byte in a structure of the probe makes it one of a device that loads nothing native.
+size=$(wc -c <unknown)
+{ head -c $((size - 100)) device && printf XYZ && tail -c 97 device; } >unknown
+cat >yard.gltf <<'END'
+{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]},{"name":"night","nodes":[1,2,3]}],
+"nodes":[{"mesh":0},{"mesh":0},{"name":"flat","mesh":0,"scale":[0,0,0]},{"mesh":1}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0},"material":0},{"attributes":{"POSITION":0},"mode":0}]},
+{"name":"dots","primitives":[{"attributes":{"POSITION":0},"mode":0}]}],
+"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[1,0,0,1]}}],
+"bufferViews":[{"buffer":0,"byteLength":36}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,2,0]}],
+"buffers":[{"byteLength":36,"uri":"data:;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAAEAAAAAA"}]}
+END
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n'
+    printf 'element face 6\nproperty list uchar int vertex_indices\nend_header\n'
+    printf '0 0 0\n1 0 0\n0 1 0\nnan 0 0\n1e999 0 0\n2 0 0\n3 0 1 2\n3 0 1 3\n3 0 1 4\n3 0 1 5\n2 0 1\n1 0\n'
+} >odd.ply
+
+printed build --local build yard.gltf odd.ply missing.ply -o out --scene night
+printed build --local build yard.gltf ball.ply odd.ply missing.ply -o all --flags allow-update \
+    --layout fast-triangles
+printed build --local build ball.ply odd.ply -o native --probe device
+printed build --local build ball.ply -o ball.bvhd
+cp out/manifest.json printed/manifest.1
+cp all/manifest.json printed/manifest.2
+cp native/manifest.json printed/manifest.3
+for path in all native ball.bvhd device unknown; do
+    printed inspect inspect $path
+done
+printed check check ball.bvhd ball.ply --rays 20
+printed trace trace ball.bvhd --device cpu -o ball.png --size 16x16
+printed Errors inspect missing
+expect_quietly 'the members that are printed are those that are documented' python3 "$here/members.py" \
+    "$source/docs" printed
+
+echo "$checks expectations, $failures of them do not hold"
+[ $failures -eq 0 ]
