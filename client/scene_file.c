@@ -170,7 +170,7 @@ uint32_t bvhd_scene_structure_count(const struct bvhd_scene *scene)
     return scene ? scene->container.count : 0;
 }
 
-const struct bvhd_scene_structure *bvhd_scene_structure(const struct bvhd_scene *scene, uint32_t index)
+const struct bvhd_scene_structure *bvhd_scene_get_structure(const struct bvhd_scene *scene, uint32_t index)
 {
     return index < bvhd_scene_structure_count(scene) ? &scene->structures[index] : NULL;
 }

@@ -4,6 +4,8 @@
  * with exceptions and without.
  */
 #include <bvhd/bvhd.hpp>
+#include <bvhd/bvhd_cpu.hpp>
+#include <bvhd/bvhd_scene.hpp>
 
 #include <array>
 #include <cstdio>
@@ -131,6 +133,41 @@ void test_service(const bvhd::Client &client)
     client.dispatch();
 }
 
+void test_cpu(const bvhd::Blob &blob)
+{
+    const bvhd_cpu_blob bytes = {blob.data(), blob.size()};
+    auto scene = bvhd::CpuScene::create({&bytes, 1}).value();
+    const std::array<bvhd_cpu_ray, 2> rays = {bvhd::make_ray({0.25f, 0.25f, 2}, {0, 0, -1}),
+                                              bvhd::make_ray({0.75f, 0.75f, 2}, {0, 0, -1})};
+    std::array<bvhd_cpu_hit, 2> hits = {};
+    expect("rays", scene.trace(rays, hits).has_value());
+    expect("a hit and a miss", bvhd::is_hit(hits[0]) && hits[0].t > 1.99f && !bvhd::is_hit(hits[1]));
+    expect("any hit", scene.trace(rays, hits, BVHD_CPU_TRACE_ANY_HIT).has_value() && bvhd::is_hit(hits[0]));
+    expect("one ray", scene.closest_hit(rays[0]).value().primitive == 0);
+    int asked = 0;
+    const auto ignore = [&asked](bvhd_cpu_candidate &candidate) {
+        asked += candidate.ray_index == 0;
+        return BVHD_CPU_IGNORE;
+    };
+    expect("candidates", scene.trace(rays, hits, ignore).has_value() && asked == 1 && !bvhd::is_hit(hits[0]));
+    expect("fewer hits than rays", scene.trace(rays, {hits.data(), 1}).error().status == BVHD_INVALID);
+    const bvhd_cpu_blob half = {blob.data(), blob.size() / 2};
+    expect("half a structure", bvhd::CpuScene::create({&half, 1}).error().status == BVHD_CORRUPT);
+}
+
+void test_container(const char *path)
+{
+    auto container = bvhd::Container::open(path).value();
+    expect("structures", container.size() == 2 && container.top_count() == 1);
+    const auto &top = container[container.top(0)];
+    const auto bottoms = bvhd::Container::bottoms(top);
+    expect("a bottom level", bottoms.size() == 1 && container[bottoms[0]].size > 0);
+    expect("its name", container.find(top.file) == container.top(0));
+    expect("a manifest", container.manifest().find("\"schema\"") != std::string_view::npos);
+    expect("its checksum", container.check(0).has_value() && !container.check(2));
+    expect("no file", bvhd::Container::open("/no/such/file").error().status == BVHD_NOT_FOUND);
+}
+
 void test_lifetimes()
 {
     Scene scene;
@@ -151,7 +188,7 @@ void test_lifetimes()
 
 } // namespace
 
-int main()
+int main(int argc, char **argv)
 {
     bvhd::Blob blob;
     expect("no bytes yet", !blob && blob.data() == nullptr && blob.size() == 0);
@@ -162,6 +199,9 @@ int main()
         test_service(client);
     }
     test_lifetimes();
+    test_cpu(blob);
+    if (argc > 1)
+        test_container(argv[1]);
     expect("the bytes are there", std::memcmp(blob.data(), "bvhd", 4) == 0);
     if (failures == 0)
         std::printf("%d expectations hold\n", checks);

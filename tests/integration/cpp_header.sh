@@ -18,6 +18,23 @@ export LD_LIBRARY_PATH BVHD_SOCKET="$scratch/s.sock"
 daemon=$!
 expect_quietly "a daemon: $(cat daemon.log)" "$build/client/bvhctl/bvhctl" --connect-timeout 30 ping
 
+cat >triangle.ply <<'END'
+ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+END
+expect_quietly 'a container' "$build/client/bvhctl/bvhctl" build triangle.ply -o triangle.bvhd
+
 for cxx in g++ clang++; do
     command -v $cxx >/dev/null || { echo "skipped: 6 expectations of $cxx, which is missing"; continue; }
     # Each header compiles alone.
@@ -28,7 +45,7 @@ for cxx in g++ clang++; do
     for kind in '' '-fno-exceptions -fno-rtti'; do
         expect_quietly "$cxx $kind" $cxx -std=c++17 $flags $kind "$source/tests/integration/cpp_header.cpp" -o program \
             -L"$build/client" -lbvhd
-        expect_quietly "the program of $cxx $kind" ./program
+        expect_quietly "the program of $cxx $kind" ./program triangle.bvhd
         expect "it says what it did: $(cat log)" grep -qE '^[1-9][0-9]* expectations hold$' log
     done
 done

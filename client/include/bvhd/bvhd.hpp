@@ -28,13 +28,53 @@
 #include <bvhd/bvhd_values.hpp>
 
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 
 namespace bvhd
 {
+
+/* The name of immutable bytes. Keep it as secret as the bytes. */
+class Key : public bvhd_key
+{
+  public:
+    Key() : bvhd_key{}
+    {
+    }
+    Key(const bvhd_key &key) : bvhd_key(key)
+    {
+    }
+    static std::optional<Key> from_text(const char *text)
+    {
+        Key key;
+        if (bvhd_key_from_text(text, &key) != BVHD_OK)
+            return std::nullopt;
+        return key;
+    }
+    std::string text() const
+    {
+        char text[BVHD_KEY_TEXT_SIZE];
+        bvhd_key_to_text(this, text);
+        return text;
+    }
+    friend bool operator==(const Key &a, const Key &b)
+    {
+        return std::memcmp(a.bytes, b.bytes, sizeof a.bytes) == 0;
+    }
+    friend bool operator!=(const Key &a, const Key &b)
+    {
+        return !(a == b);
+    }
+    friend bool operator<(const Key &a, const Key &b)
+    {
+        return std::memcmp(a.bytes, b.bytes, sizeof a.bytes) < 0;
+    }
+};
 
 /* The bytes of a result: a counted reference, or none. */
 class Blob

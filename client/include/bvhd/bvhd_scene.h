@@ -6,9 +6,9 @@
  *
  *     struct bvhd_scene *scene;
  *     if (bvhd_scene_open("city.bvhd", 0, &scene, &error) == BVHD_OK) {
- *         const struct bvhd_scene_structure *top = bvhd_scene_structure(scene, bvhd_scene_top(scene, 0));
+ *         const struct bvhd_scene_structure *top = bvhd_scene_get_structure(scene, bvhd_scene_top(scene, 0));
  *         for (uint32_t r = 0; r < top->bottom_count; r++)
- *             blobs[r] = the data and size of bvhd_scene_structure(scene, top->bottoms[r]);
+ *             blobs[r] = the data and size of bvhd_scene_get_structure(scene, top->bottoms[r]);
  *         blobs[top->bottom_count] = top->data, top->size;           what bvhd_vulkan_scene_create takes
  *         bvhd_scene_close(scene);
  *     }
@@ -87,7 +87,7 @@ BVHD_API uint32_t bvhd_scene_structure_count(const struct bvhd_scene *scene);
 
 /* Returns structure `index`, counted from 0, or NULL if there is none. A bottom level has a lower number than the top
  * levels that name it. */
-BVHD_API const struct bvhd_scene_structure *bvhd_scene_structure(const struct bvhd_scene *scene, uint32_t index);
+BVHD_API const struct bvhd_scene_structure *bvhd_scene_get_structure(const struct bvhd_scene *scene, uint32_t index);
 
 /* Returns the number of the structure with this `file`, or UINT32_MAX if there is none. */
 BVHD_API uint32_t bvhd_scene_find(const struct bvhd_scene *scene, const char *file);

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * bvhd_values.hpp - what the C++ headers of libbvhd share: arrays by pointer and count, errors, outcomes, keys.
+ * bvhd_values.hpp - what the C++ headers of libbvhd share: arrays by pointer and count, errors, outcomes.
  */
 #ifndef BVHD_BVHD_VALUES_HPP
 #define BVHD_BVHD_VALUES_HPP
 
-#include <bvhd/bvhd.h>
+#include <bvhd/status.h>
 
 #include <cstdio>
+#include <cstddef>
 #include <cstdlib>
-#include <cstring>
 #include <exception>
 #include <optional>
 #include <string>
@@ -208,43 +208,6 @@ template <> class [[nodiscard]] Expected<void>
 
   private:
     Error error_;
-};
-
-/* The name of immutable bytes. Keep it as secret as the bytes. */
-class Key : public bvhd_key
-{
-  public:
-    Key() : bvhd_key{}
-    {
-    }
-    Key(const bvhd_key &key) : bvhd_key(key)
-    {
-    }
-    static std::optional<Key> from_text(const char *text)
-    {
-        Key key;
-        if (bvhd_key_from_text(text, &key) != BVHD_OK)
-            return std::nullopt;
-        return key;
-    }
-    std::string text() const
-    {
-        char text[BVHD_KEY_TEXT_SIZE];
-        bvhd_key_to_text(this, text);
-        return text;
-    }
-    friend bool operator==(const Key &a, const Key &b)
-    {
-        return std::memcmp(a.bytes, b.bytes, sizeof a.bytes) == 0;
-    }
-    friend bool operator!=(const Key &a, const Key &b)
-    {
-        return !(a == b);
-    }
-    friend bool operator<(const Key &a, const Key &b)
-    {
-        return std::memcmp(a.bytes, b.bytes, sizeof a.bytes) < 0;
-    }
 };
 
 } /* namespace bvhd */

@@ -52,7 +52,7 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "bvhd_scene_close": (None, _HANDLE),
     "bvhd_scene_manifest": (c.c_void_p, _HANDLE, c.POINTER(c.c_uint64)),
     "bvhd_scene_open": (c.c_int, c.c_char_p, c.c_uint32, _RET_HANDLE, _ERROR),
-    "bvhd_scene_structure": (c.POINTER(s.SceneStructure), _HANDLE, c.c_uint32),
+    "bvhd_scene_get_structure": (c.POINTER(s.SceneStructure), _HANDLE, c.c_uint32),
     "bvhd_scene_structure_count": (c.c_uint32, _HANDLE),
     "bvhd_scene_top": (c.c_uint32, _HANDLE, c.c_uint32),
     "bvhd_scene_top_count": (c.c_uint32, _HANDLE),

@@ -73,7 +73,7 @@ class Container:
         self._handle = Handle(pointer, lib.bvhd_scene_close)
         with self._handle as scene:
             self.structures = [
-                Structure(self, lib.bvhd_scene_structure(scene, index).contents)
+                Structure(self, lib.bvhd_scene_get_structure(scene, index).contents)
                 for index in range(lib.bvhd_scene_structure_count(scene))
             ]
             #: The numbers of the top levels, one for each scene.

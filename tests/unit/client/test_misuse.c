@@ -414,7 +414,8 @@ static void scenes(void)
     CALL(bvhd_scene_open_bytes(garbage, sizeof garbage, 0, &scene, &world.error), BVHD_CORRUPT, NULL, "");
     CALL(bvhd_scene_check(NULL, 0, &world.error), BVHD_INVALID, "scene", "scene is NULL");
     QUIET((bvhd_scene_close(NULL), true));
-    QUIET(bvhd_scene_structure_count(NULL) == 0 && !bvhd_scene_structure(NULL, 0) && bvhd_scene_top_count(NULL) == 0);
+    QUIET(bvhd_scene_structure_count(NULL) == 0 && !bvhd_scene_get_structure(NULL, 0) &&
+          bvhd_scene_top_count(NULL) == 0);
     QUIET(bvhd_scene_find(NULL, "x") == UINT32_MAX && bvhd_scene_find_top(NULL, "x") == UINT32_MAX);
     QUIET(bvhd_scene_top(NULL, 0) == UINT32_MAX && !bvhd_scene_manifest(NULL, &size));
     assert_null(scene);

@@ -43,11 +43,11 @@ static void expect_content(const struct bvhd_scene *scene)
     assert_int_equal(bvhd_scene_find_top(scene, "three"), UINT32_MAX);
     assert_int_equal(bvhd_scene_find(scene, "one.2.as"), 2);
     assert_int_equal(bvhd_scene_find(scene, "one.5.as"), UINT32_MAX);
-    assert_null(bvhd_scene_structure(scene, TEST_CONTAINER_ROWS));
+    assert_null(bvhd_scene_get_structure(scene, TEST_CONTAINER_ROWS));
     assert_string_equal(bvhd_scene_manifest(scene, &size), TEST_CONTAINER_MANIFEST);
     assert_int_equal(size, strlen(TEST_CONTAINER_MANIFEST));
     assert_non_null(bvhd_scene_manifest(scene, NULL));
-    const struct bvhd_scene_structure *top = bvhd_scene_structure(scene, 3);
+    const struct bvhd_scene_structure *top = bvhd_scene_get_structure(scene, 3);
     assert_int_equal(top->type, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR);
     assert_int_equal(top->target, BVHD_TARGET_PORTABLE);
     assert_int_equal(top->bottom_count, 2);
