@@ -40,6 +40,17 @@ static void check_instances(const struct import *import)
     }
 }
 
+/* Puts the input into a file in memory, which stays open: a new one for each input takes a third of the time. */
+static void write_input(const uint8_t *data, size_t size, char ret_path[64])
+{
+    static int descriptor = -1;
+    if (descriptor < 0)
+        descriptor = memfd_create("fuzz", MFD_CLOEXEC);
+    FUZZ_CHECK(descriptor >= 0 && ftruncate(descriptor, 0) == 0);
+    FUZZ_CHECK(pwrite(descriptor, data, size, 0) == (ssize_t)size);
+    snprintf(ret_path, 64, "/proc/self/fd/%d", descriptor);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     char path[64];
@@ -47,9 +58,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct memory memory;
     struct import_files files;
     struct bvhd_error error = {0};
-    int descriptor = memfd_create("fuzz", MFD_CLOEXEC);
-    FUZZ_CHECK(descriptor >= 0 && write(descriptor, data, size) == (ssize_t)size);
-    snprintf(path, sizeof path, "/proc/self/fd/%d", descriptor);
+    write_input(data, size, path);
     memory_init(&memory, UINT64_C(1) << 26);
     import_files_init(&files, &memory);
     struct import import = {.memory = &memory};
@@ -64,7 +73,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     import.file_count = files.count;
     import_finish(&import);
     FUZZ_CHECK(memory.live == 0);
-    close(descriptor);
     return 0;
 }
 

@@ -28,9 +28,9 @@ struct found {
 
 static int usage(void)
 {
-    fputs("usage: reader_table [--write DIR] [BVHCTL]\n"
+    fputs("usage: reader_table [--write DIR | --soon] [BVHCTL]\n"
           "Prints a table of what is read of each generated scene file. --write writes the files into folders of DIR,\n"
-          "one for each reader, and reads nothing.\n",
+          "one for each reader, and reads nothing. --soon leaves out files whose limit of time sanitizers raise.\n",
           stderr);
     return 2;
 }
@@ -207,15 +207,18 @@ static int write_all(const char *folder)
 }
 
 /* Reads all files in a scratch folder, which is removed again. */
-static int run_all(const char *bvhctl)
+static int run_all(const char *bvhctl, bool soon)
 {
     static struct scene_case scene_case;
     char folder[] = "/tmp/bvhd-reader-table-XXXXXX", command[64];
-    uint32_t right = 0, refused = 0, count = scene_case_count();
+    uint32_t right = 0, refused = 0, count = 0;
     if (!mkdtemp(folder) || chdir(folder) != 0)
         fail(folder);
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < scene_case_count(); i++) {
         scene_case_make(i, &scene_case);
+        if (soon && scene_case.is_endless)
+            continue;
+        count++;
         bool ok = run_case(&scene_case, bvhctl);
         right += ok && !scene_case.status;
         refused += ok && scene_case.status;
@@ -231,9 +234,12 @@ int main(int argc, char **argv)
     static char bvhctl[4096];
     if (argc == 3 && !strcmp(argv[1], "--write"))
         return write_all(argv[2]);
+    bool soon = argc > 1 && !strcmp(argv[1], "--soon");
+    argc -= soon;
+    argv += soon;
     if (argc > 2 || (argc == 2 && argv[1][0] == '-'))
         return usage();
     if (argc == 2 && !realpath(argv[1], bvhctl))
         fail(argv[1]);
-    return run_all(argc == 2 ? bvhctl : NULL);
+    return run_all(argc == 2 ? bvhctl : NULL, soon);
 }

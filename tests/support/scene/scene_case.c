@@ -93,6 +93,7 @@ static void make_text(const struct scene_text *source, struct scene_case *ret_ca
     ret_case->second = source->second;
     ret_case->second_bytes = source->second_bytes;
     ret_case->second_size = source->second_size;
+    ret_case->is_endless = source->is_endless;
     ret_case->status = source->status;
     ret_case->text = source->error;
     ret_case->expected = (struct scene_expected){.triangles = source->triangles,
