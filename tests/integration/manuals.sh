@@ -104,7 +104,13 @@ if command -v bash >/dev/null; then
     completes 'bvhctl check b' built
     completes 'bvhctl trace out -o p' picture.png
 fi
+if command -v bash >/dev/null; then
+    offered=$(bash -c '. "$1"; COMP_WORDS=(bvhd --con); COMP_CWORD=1; _bvhd "$2"; echo "${COMPREPLY[*]}"' \
+        bash "$source/daemon/bvhd.bash" "$bvhd")
+    expect "the options of bvhd are completed: $offered" [ "$offered" = --config ]
+fi
 if command -v zsh >/dev/null; then
+    expect 'zsh reads its completion of bvhd' zsh -n "$source/daemon/bvhd.zsh"
     expect 'zsh reads its completion' zsh -n "$source/client/bvhctl/bvhctl.zsh"
 fi
 if command -v fish >/dev/null; then
