@@ -12,6 +12,7 @@
 #include <math.h>
 #include <unistd.h>
 
+#include <bvhd/bvhd_cpu.h>
 #include <bvhd/bvhd_scene.h>
 
 #include "client/bvhctl/scene/structures.h"
@@ -117,6 +118,34 @@ static void describe(const struct structures *structures, struct memory *memory)
     }
 }
 
+/* Makes a scene for the CPU of a top level, as a program does: of the structures in place, in the order of rows. */
+static void trace_in_place(const char *path, const struct bvhd_scene *scene, uint32_t top_number)
+{
+    const struct bvhd_scene_structure *top = bvhd_scene_structure(scene, top_number);
+    struct bvhd_cpu_blob *blobs = calloc((size_t)top->bottom_count + 1, sizeof *blobs);
+    struct bvhd_cpu_scene *traced;
+    struct bvhd_error error;
+    float bounds[6];
+    assert_non_null(blobs);
+    for (uint32_t r = 0; r < top->bottom_count; r++) {
+        const struct bvhd_scene_structure *bottom = bvhd_scene_structure(scene, top->bottoms[r]);
+        blobs[r] = (struct bvhd_cpu_blob){bottom->data, bottom->size};
+    }
+    blobs[top->bottom_count] = (struct bvhd_cpu_blob){top->data, top->size};
+    const struct bvhd_cpu_scene_options options = {
+        .struct_size = sizeof options, .blobs = blobs, .blob_count = top->bottom_count + 1};
+    if (bvhd_cpu_scene_create(&options, &traced, &error) != BVHD_OK)
+        fail_msg("%s: %s: %s", path, error.where, error.text);
+    bvhd_cpu_scene_bounds(traced, bounds);
+    for (int axis = 0; axis < 3; axis++) {
+        float size = top->bounds[axis + 3] - top->bounds[axis];
+        assert_true(fabsf(bounds[axis] - top->bounds[axis]) <= 1e-4f * (1 + size));
+        assert_true(fabsf(bounds[axis + 3] - top->bounds[axis + 3]) <= 1e-4f * (1 + size));
+    }
+    bvhd_cpu_scene_destroy(traced);
+    free(blobs);
+}
+
 static void read_by_library(const char *path)
 {
     struct bvhd_scene *scene;
@@ -124,6 +153,8 @@ static void read_by_library(const char *path)
     if (bvhd_scene_open(path, 0, &scene, &error) != BVHD_OK)
         fail_msg("%s: %s: %s", path, error.where, error.text);
     assert_true(bvhd_scene_structure_count(scene) > 1 && bvhd_scene_top_count(scene) > 0);
+    for (uint32_t i = 0; i < bvhd_scene_top_count(scene); i++)
+        trace_in_place(path, scene, bvhd_scene_top(scene, i));
     bvhd_scene_close(scene);
 }
 
