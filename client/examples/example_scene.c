@@ -3,7 +3,6 @@
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 enum { INSTANCES = 4 };
 
@@ -94,13 +93,8 @@ static struct bvhd_batch *build_top(struct bvhd_client *client, const struct bvh
                                .reference_count = EXAMPLE_BOTTOMS,
                                .format = format};
     uint32_t i;
-    for (i = 0; i < EXAMPLE_BOTTOMS; i++) {
-        const struct bvhd_result *result = bvhd_batch_result(bottoms, i);
-        const struct bvhd_reference reference = {.handle = i + 1, .has_key = 1, .key = result->key};
-        references[i] = reference;
-        memcpy(references[i].bounds, result->bounds, sizeof result->bounds);
-        memcpy(references[i].slabs, result->slabs, sizeof result->slabs);
-    }
+    for (i = 0; i < EXAMPLE_BOTTOMS; i++)
+        bvhd_reference_from_result(bvhd_batch_result(bottoms, i), i + 1, &references[i]);
     /* Alternates between the square and the triangle, at (0, 0, 0), (2, 0, 1), (0, 2, 2), (2, 2, 3). */
     for (i = 0; i < INSTANCES; i++) {
         const VkAccelerationStructureInstanceKHR instance = {

@@ -232,6 +232,31 @@ void bvhd_vulkan_device_destroy(struct bvhd_vulkan_device *device)
     memory_free(&library_memory, device);
 }
 
+/* Returns the name of a result that these functions return, or NULL. */
+static const char *result_name(VkResult result)
+{
+    static const struct {
+        VkResult result;
+        const char *name;
+    } names[] = {
+        {VK_NOT_READY, "VK_NOT_READY"},
+        {VK_TIMEOUT, "VK_TIMEOUT"},
+        {VK_ERROR_INITIALIZATION_FAILED, "VK_ERROR_INITIALIZATION_FAILED"},
+        {VK_ERROR_MEMORY_MAP_FAILED, "VK_ERROR_MEMORY_MAP_FAILED"},
+        {VK_ERROR_EXTENSION_NOT_PRESENT, "VK_ERROR_EXTENSION_NOT_PRESENT"},
+        {VK_ERROR_FEATURE_NOT_PRESENT, "VK_ERROR_FEATURE_NOT_PRESENT"},
+        {VK_ERROR_INCOMPATIBLE_DRIVER, "VK_ERROR_INCOMPATIBLE_DRIVER"},
+        {VK_ERROR_FRAGMENTED_POOL, "VK_ERROR_FRAGMENTED_POOL"},
+        {VK_ERROR_UNKNOWN, "VK_ERROR_UNKNOWN"},
+        {VK_ERROR_OUT_OF_POOL_MEMORY, "VK_ERROR_OUT_OF_POOL_MEMORY"},
+        {VK_ERROR_INVALID_SHADER_NV, "VK_ERROR_INVALID_SHADER_NV"},
+    };
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+        if (names[i].result == result)
+            return names[i].name;
+    return NULL;
+}
+
 enum bvhd_status vulkan_device_result(const char *call, VkResult result, struct bvhd_error *error)
 {
     switch (result) {
@@ -246,6 +271,7 @@ enum bvhd_status vulkan_device_result(const char *call, VkResult result, struct 
     case VK_ERROR_DEVICE_LOST:
         return bvhd_error_set(error, BVHD_UNAVAILABLE, call, "the device is lost");
     default:
-        return bvhd_error_set(error, BVHD_INTERNAL, call, "VkResult %d", (int)result);
+        return result_name(result) ? bvhd_error_set(error, BVHD_INTERNAL, call, "%s", result_name(result))
+                                   : bvhd_error_set(error, BVHD_INTERNAL, call, "VkResult %d", (int)result);
     }
 }
