@@ -121,14 +121,14 @@ static void describe(const struct structures *structures, struct memory *memory)
 /* Makes a scene for the CPU of a top level, as a program does: of the structures in place, in the order of rows. */
 static void trace_in_place(const char *path, const struct bvhd_scene *scene, uint32_t top_number)
 {
-    const struct bvhd_scene_structure *top = bvhd_scene_structure(scene, top_number);
+    const struct bvhd_scene_structure *top = bvhd_scene_get_structure(scene, top_number);
     struct bvhd_cpu_blob *blobs = calloc((size_t)top->bottom_count + 1, sizeof *blobs);
     struct bvhd_cpu_scene *traced;
     struct bvhd_error error;
     float bounds[6];
     assert_non_null(blobs);
     for (uint32_t r = 0; r < top->bottom_count; r++) {
-        const struct bvhd_scene_structure *bottom = bvhd_scene_structure(scene, top->bottoms[r]);
+        const struct bvhd_scene_structure *bottom = bvhd_scene_get_structure(scene, top->bottoms[r]);
         blobs[r] = (struct bvhd_cpu_blob){bottom->data, bottom->size};
     }
     blobs[top->bottom_count] = (struct bvhd_cpu_blob){top->data, top->size};
