@@ -1,16 +1,39 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * interrupts.c - `interrupts SIGNAL MILLISECONDS COMMAND...` runs a command, sends it the signal (INT or TERM) after
- * that time, and prints how it ended: "signal 2", "exit 0". A shell cannot tell a process that a signal has ended from
- * one that exits with 128 and more.
+ * interrupts.c - `interrupts SIGNAL MILLISECONDS COMMAND...` runs a command, waits until it handles the signal (INT or
+ * TERM) and that time more, sends it, and prints how the command ended: "signal 2", "exit 0". A shell cannot tell a
+ * process that a signal has ended from one that exits with 128 and more.
  */
 #include <signal.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
+
+enum { PATIENCE_MS = 60000 };
+
+static void nap(long ms)
+{
+    nanosleep(&(struct timespec){ms / 1000, ms % 1000 * 1000000}, NULL);
+}
+
+/* Returns whether the process has a handler for the signal, or has ended. */
+static bool handles(pid_t process, int number)
+{
+    char path[64], line[256];
+    unsigned long long caught = 0;
+    bool is_there = false;
+    snprintf(path, sizeof path, "/proc/%d/status", (int)process);
+    FILE *file = fopen(path, "re");
+    while (file && fgets(line, sizeof line, file))
+        is_there |= sscanf(line, "SigCgt: %llx", &caught) == 1;
+    if (file)
+        fclose(file);
+    return !is_there || caught >> (number - 1) & 1;
+}
 
 int main(int argc, char **argv)
 {
@@ -26,7 +49,9 @@ int main(int argc, char **argv)
     }
     if (child < 0)
         return 1;
-    nanosleep(&(struct timespec){ms / 1000, ms % 1000 * 1000000}, NULL);
+    for (int waited = 0; waited < PATIENCE_MS && !handles(child, number); waited++)
+        nap(1);
+    nap(ms);
     kill(child, number);
     if (waitpid(child, &status, 0) != child)
         return 1;
