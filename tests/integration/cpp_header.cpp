@@ -73,8 +73,12 @@ void test_build(const bvhd::Client &client, bvhd::Blob &ret_blob)
     Scene scene;
     auto batch = submit(client, scene);
     expect("a batch", batch.has_value() && batch->size() == 1);
+    int called = 0;
+    batch->on_done([&called] { called = called + 1; });
     batch->wait();
     expect("it is done", batch->is_done() && batch->is_copied());
+    client.dispatch();
+    expect("it says so once", called == 1);
     expect("it is in time", batch->wait_for(std::chrono::milliseconds(0)));
     auto result = batch->result(0);
     expect("a result", static_cast<bool>(result));

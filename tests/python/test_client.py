@@ -320,6 +320,26 @@ class ClientTest(unittest.TestCase):
                 self.client.dispatch()
             self.assertEqual(batch.result().statistics["triangles"], 200)
 
+    def test_callback(self):
+        called = []
+
+        def done(batch):
+            called.append(batch.result().statistics["triangles"])
+            batch.close()  # which destroys it after this call
+
+        batch = self.client.submit([waves(4)])
+        batch.set_callback(done)
+        batch.wait()
+        self.client.ping(30)
+        self.assertEqual(called, [32])
+        with self.assertRaises(ValueError):
+            batch.wait()
+        dropped = self.client.submit([waves(5)])
+        dropped.set_callback(done)
+        dropped.close()
+        self.client.ping(30)
+        self.assertEqual(called, [32])
+
     def test_service(self):
         self.client.connect()
         self.assertGreater(self.client.ping(30), 0)

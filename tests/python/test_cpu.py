@@ -109,6 +109,9 @@ class ContainerTest(unittest.TestCase):
             container.check(index)
         del container
         gc.collect()
+        with bvhd.Client(local=bvhd.Local.ALWAYS) as client:
+            top = client.build(bvhd.TopLevel(rows[:1], [0, 0]))
+        self.assertEqual(top.statistics["instances"], 2)
         scene = bvhd.cpu.Scene(rows)
         low, high = np.split(scene.bounds, 2)
         np.testing.assert_allclose(scene.bounds, rows[-1].bounds, rtol=1e-4, atol=1e-4)

@@ -31,6 +31,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -181,6 +182,15 @@ class Batch
         : client_(std::move(client)), batch_(batch)
     {
     }
+    Batch(Batch &&) = default;
+    /* The batch that this object had ends before the client that it keeps. */
+    Batch &operator=(Batch &&other) noexcept
+    {
+        batch_ = std::move(other.batch_);
+        done_ = std::move(other.done_);
+        client_ = std::move(other.client_);
+        return *this;
+    }
     std::uint32_t size() const
     {
         return bvhd_batch_count(batch_.get());
@@ -211,6 +221,18 @@ class Batch
     bool wait_copied_for(std::chrono::milliseconds time) const
     {
         return bvhd_batch_wait_copied(batch_.get(), milliseconds(time)) == BVHD_OK;
+    }
+    /*
+     * Has `call` called once when every item has its result, from Client::dispatch and from calls that wait. It must
+     * not throw, and not end this Batch. A second call replaces the first.
+     */
+    void on_done(std::function<void()> call)
+    {
+        auto next = std::make_unique<std::function<void()>>(std::move(call));
+        bvhd_batch_set_callback(
+            batch_.get(), [](bvhd_batch *, void *user) noexcept { (*static_cast<std::function<void()> *>(user))(); },
+            next.get());
+        done_ = std::move(next);
     }
     void cancel() const
     {
@@ -253,8 +275,9 @@ class Batch
             bvhd_batch_destroy(batch);
         }
     };
-    /* Members end in the opposite order: the batch before its client. */
+    /* Members end in the opposite order: the batch before its callback and its client. */
     std::shared_ptr<bvhd_client> client_;
+    std::unique_ptr<std::function<void()>> done_;
     std::unique_ptr<bvhd_batch, Destroy> batch_;
 };
 

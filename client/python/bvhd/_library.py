@@ -15,6 +15,8 @@ _ERROR = c.POINTER(s.Error)
 _HANDLE = c.c_void_p
 _RET_HANDLE = c.POINTER(c.c_void_p)
 
+CALLBACK = c.CFUNCTYPE(None, c.c_void_p, c.c_void_p)
+
 # The functions: their results, then their arguments.
 FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "bvhd_batch_cancel": (None, _HANDLE),
@@ -25,6 +27,7 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "bvhd_batch_is_copied": (c.c_int, _HANDLE),
     "bvhd_batch_is_done": (c.c_int, _HANDLE),
     "bvhd_batch_result": (c.POINTER(s.Result), _HANDLE, c.c_uint32),
+    "bvhd_batch_set_callback": (None, _HANDLE, CALLBACK, c.c_void_p),
     "bvhd_batch_submit": (c.c_int, _HANDLE, c.POINTER(s.Build), _RET_HANDLE, _ERROR),
     "bvhd_batch_wait": (c.c_int, _HANDLE, c.c_int),
     "bvhd_batch_wait_copied": (c.c_int, _HANDLE, c.c_int),

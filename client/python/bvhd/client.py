@@ -6,7 +6,7 @@ import ctypes as c
 import os
 import time
 import weakref
-from typing import Any, Iterator, Optional, Sequence, Union, overload
+from typing import Any, Callable, Iterator, Optional, Sequence, Union, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from . import _structs as s
 from ._enums import LayoutFlags, Local, Origin, Priority, Quality, Status, Target
 from ._errors import Error, check, error_from
 from ._handle import Handle
-from ._library import lib
+from ._library import CALLBACK, lib
 from .geometry import (
     _STYPE_BUILD,
     _STYPE_GEOMETRY,
@@ -155,7 +155,7 @@ class _Request:
                         if below.handle not in own:
                             raise ValueError("a top level names a bottom level of another batch")
                         continue
-                    reference = below.reference() if isinstance(below, Result) else below
+                    reference = below if isinstance(below, Reference) else below.reference()
                     named[reference.handle] = reference
         references = (s.Reference * len(named))()
         for struct, reference in zip(references, named.values()):
@@ -167,9 +167,13 @@ class Batch:
     """Structures that were requested together. Leaving it as a context cancels what is not done."""
 
     def __init__(self, client: Client, pointer: c.c_void_p, arrays: list[Array]) -> None:
+        self._callbacks: list[Any] = []
+        callbacks = self._callbacks
+
         def destroy(batch: c.c_void_p) -> None:
             lib.bvhd_batch_destroy(batch)
             arrays.clear()  # which lived until now, whoever held the call off
+            callbacks.clear()
 
         self._handle = Handle(pointer, destroy, client._handle)
         self._arrays = arrays
@@ -230,6 +234,24 @@ class Batch:
                     return True
             if left == 0:
                 return False
+
+    def set_callback(self, callback: Callable[[Batch], object]) -> None:
+        """Has callback(batch) called once, when every item has its result, by cancelling too.
+
+        It is called by `Client.dispatch` and by calls that wait, on their threads. Its exceptions
+        go to sys.unraisablehook. If the batch is closed before, or is gone, it is not called.
+        """
+        own = weakref.ref(self)
+
+        def call(_batch: Optional[int], _user: Optional[int]) -> None:
+            batch = own()
+            if batch is not None:
+                callback(batch)
+
+        function = CALLBACK(call)
+        self._callbacks.append(function)
+        with self._handle as pointer:
+            lib.bvhd_batch_set_callback(pointer, function, None)
 
     def error(self, item: int) -> Optional[Error]:
         """Returns the error of an item, PENDING if it is not done, or None if it has a result."""

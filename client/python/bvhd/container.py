@@ -48,6 +48,7 @@ class Structure:
         self.scene: str = struct.scene.decode()
         self.bounds = np.array(struct.bounds, np.float32)
         self.slabs = np.array(struct.slabs, np.float32)
+        self._reference = Reference(self.key, self.bounds, self.slabs)
         #: Of a top level: the numbers of the structures that it names, by rows.
         self.bottoms: list[int] = struct.bottoms[: struct.bottom_count]
 
@@ -55,9 +56,14 @@ class Structure:
     def data(self) -> memoryview:
         return self.array.data
 
+    @property
+    def handle(self) -> int:
+        """The number by which instances name the structure."""
+        return self._reference.handle
+
     def reference(self) -> Reference:
         """Returns what a top level needs of this structure."""
-        return Reference(self.key, self.bounds, self.slabs)
+        return self._reference
 
 
 class Container:
