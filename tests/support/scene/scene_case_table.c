@@ -62,6 +62,14 @@ const struct scene_text scene_texts[] = {
      .high = {2, 3, 0}},
     {.format = "glTF", .name = "Draco, indices of 32 bits", .file = "case.gltf", .text = DRACO("5125"),
      .status = BVHD_UNSUPPORTED, .error = "KHR_draco_mesh_compression with indices of 32 bits, which assimp does not"},
+    {.format = "glTF", .name = "version 1, by assimp", .file = "case.gltf", ONE,
+     .text = "{'asset':{'version':'1.0'},'scene':'s','scenes':{'s':{'nodes':['n']}},'nodes':{'n':{'meshes':['m']}},"
+     "'meshes':{'m':{'primitives':[{'attributes':{'POSITION':'a'},'indices':'i','mode':4}]}},'accessors':{"
+     "'a':{'bufferView':'v','byteOffset':0,'byteStride':0,'componentType':5126,'count':3,'type':'VEC3'},"
+     "'i':{'bufferView':'w','byteOffset':0,'byteStride':0,'componentType':5123,'count':3,'type':'SCALAR'}},"
+     "'bufferViews':{'v':{'buffer':'b','byteOffset':0,'byteLength':36},'w':{'buffer':'b','byteOffset':36,"
+     "'byteLength':6}},'buffers':{'b':{'byteLength':44,'type':'arraybuffer',"
+     "'uri':'data:application/octet-stream;base64," BASE64 "AAABAAIAAAA='}}}"},
     {.format = "glTF", .name = "version 3", .file = "case.gltf", .text = "{'asset':{'version':'3.0'}}",
      .status = BVHD_UNSUPPORTED, .error = "asset.version: '3.0', but only 2.0"},
     {.format = "glTF", .name = "no version", .file = "case.gltf", .text = "{'meshes':[]}", .status = BVHD_UNSUPPORTED,
