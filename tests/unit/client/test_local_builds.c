@@ -7,6 +7,7 @@
 
 #include <poll.h>
 #include <pthread.h>
+#include <signal.h>
 #include <unistd.h>
 
 #include "builder/batch.h"
@@ -292,6 +293,52 @@ static void test_event_loop(void **state)
     local_bed_stop(&bed);
 }
 
+/* Counts the threads of this process, and returns in *ret_open how many but this one take SIGINT or SIGTERM. */
+static uint32_t count_threads(uint32_t *ret_open)
+{
+    const unsigned long long wanted = 1ull << (SIGINT - 1) | 1ull << (SIGTERM - 1);
+    DIR *folder = opendir("/proc/self/task");
+    uint32_t count = 0;
+    *ret_open = 0;
+    for (const struct dirent *entry; (entry = readdir(folder));) {
+        char path[300], line[200];
+        unsigned long long blocked = 0;
+        if (entry->d_name[0] == '.')
+            continue;
+        snprintf(path, sizeof path, "/proc/self/task/%s/status", entry->d_name);
+        FILE *file = fopen(path, "re");
+        while (file && fgets(line, sizeof line, file))
+            sscanf(line, "SigBlk: %llx", &blocked);
+        if (file)
+            fclose(file);
+        count++;
+        *ret_open += atoi(entry->d_name) != getpid() && (blocked & wanted) != wanted;
+    }
+    closedir(folder);
+    return count;
+}
+
+/* The client starts the threads that it is allowed, when there is something to build, and they block signals. */
+static void test_threads(void **state)
+{
+    (void)state;
+    uint32_t open, before = count_threads(&open), open_before = open;
+    for (uint32_t threads = 0; threads <= 1; threads++) {
+        struct local_bed bed;
+        local_bed_start(&bed, threads);
+        assert_int_equal(count_threads(&open), before);
+        struct bvhd_batch *batch = local_bed_submit(bed.client, bed.meshes, 2, BVHD_PRIORITY_NORMAL);
+        assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
+        local_bed_expect_ok(batch);
+        assert_int_equal(count_threads(&open), before + threads);
+        assert_int_equal(open, open_before);
+        bvhd_batch_destroy(batch);
+        local_bed_stop(&bed);
+        while (count_threads(&open) > before) /* a thread that was joined may be listed for a moment */
+            usleep(1000);
+    }
+}
+
 /* There is no daemon to talk to. */
 static void test_calls(void **state)
 {
@@ -420,10 +467,10 @@ static void test_no_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_result),     cmocka_unit_test(test_fetch),        cmocka_unit_test(test_order),
-        cmocka_unit_test(test_small_pool), cmocka_unit_test(test_cancel),       cmocka_unit_test(test_destroy),
-        cmocka_unit_test(test_joined),     cmocka_unit_test(test_event_loop),   cmocka_unit_test(test_calls),
-        cmocka_unit_test(test_no_memory),  cmocka_unit_test(test_many_threads),
+        cmocka_unit_test(test_result),     cmocka_unit_test(test_fetch),      cmocka_unit_test(test_order),
+        cmocka_unit_test(test_small_pool), cmocka_unit_test(test_cancel),     cmocka_unit_test(test_destroy),
+        cmocka_unit_test(test_joined),     cmocka_unit_test(test_event_loop), cmocka_unit_test(test_calls),
+        cmocka_unit_test(test_threads),    cmocka_unit_test(test_no_memory),  cmocka_unit_test(test_many_threads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
