@@ -230,8 +230,8 @@ def _floats(name: str, values: npt.ArrayLike, count: int) -> list[float]:
 class TopLevel:
     """A structure over instances of other structures.
 
-    structures: what the instances may name: results, structures of containers, references, or bottom
-        levels of the same batch.
+    structures: what the instances may name: results, references, structures of containers, or
+        bottom levels of the same batch.
     which: for each instance, the index of its structure. By default every structure has one.
     transforms: float32 of shape (n, 3, 4), from the structure's space to this one's; by default the
         identity.
