@@ -49,7 +49,7 @@ static const struct {
     [COMMAND_BUILD] = {scene_endings, scene_endings},
     [COMMAND_CHECK] = {built_endings, scene_endings},
     [COMMAND_INSPECT] = {"*.as *.bvhd *.probe", NULL},
-    [COMMAND_TRACE] = {built_endings, NULL},
+    [COMMAND_TRACE] = {built_endings, scene_endings},
 };
 
 const struct completion_row *completion_of(const struct option_row *option)

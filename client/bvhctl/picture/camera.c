@@ -78,7 +78,8 @@ static double score_inside(const struct contest *contest, const struct camera *c
     double coverage = (double)probe->hits / (PROBE_WIDTH * PROBE_HEIGHT);
     if (probe->nearest < 0.03 * contest->stage->size || coverage < 0.8)
         return -1;
-    return coverage + 0.3 * probe_facing(probe) + 2 * probe_outlines(probe) + 0.3 * probe_depth(probe) +
+    double room = fmin(probe->nearest / (0.15 * contest->stage->size), 1); /* what is too near hides the rest */
+    return coverage + 0.8 * room + 0.3 * probe_facing(probe) + 2 * probe_outlines(probe) + 0.3 * probe_depth(probe) +
            3 * fmin(probe_sunlit(contest->stage, camera, probe), 0.3);
 }
 
@@ -113,6 +114,7 @@ static int judge(struct contest *contest, const struct parallel *parallel, int f
 /* What is seen from random positions in the bulk that have room around them. */
 struct openness {
     uint32_t stands, walls; /* such positions, and those that are between walls */
+    double distance; /* the sum, over the latter, of the mean distances of what is seen */
     uint32_t points; /* of what is seen from between walls: */
     struct vector seen[OPENNESS_STANDS * OPENNESS_KEPT];
 };
@@ -126,7 +128,7 @@ static void look_around(const struct stage *stage, struct vector stand, struct o
 {
     uint32_t hits = 0, backs = 0;
     struct vector seen[OPENNESS_RAYS];
-    double nearest = INFINITY;
+    double nearest = INFINITY, distance = 0;
     for (int k = 0; k < OPENNESS_RAYS; k++) {
         double height = 2 * (k + 0.5) / OPENNESS_RAYS - 1, azimuth = 2 * pi * 0.618034 * k;
         struct stage_hit hit;
@@ -134,6 +136,7 @@ static void look_around(const struct stage *stage, struct vector stand, struct o
             continue;
         seen[hits++] = hit.position;
         backs += hit.is_back;
+        distance += hit.distance;
         nearest = fmin(nearest, hit.distance);
     }
     if (nearest < 0.04 * stage->size)
@@ -142,11 +145,15 @@ static void look_around(const struct stage *stage, struct vector stand, struct o
     if (hits < OPENNESS_RAYS * 7 / 10 || 2 * backs > hits)
         return;
     openness->walls++;
+    openness->distance += distance / hits;
     for (int i = 0; i < OPENNESS_KEPT; i++)
         openness->seen[openness->points++] = seen[(size_t)i * hits / OPENNESS_KEPT];
 }
 
-/* Returns whether the stage has an inside: most positions in the bulk that have room around them are between walls. */
+/*
+ * Returns whether the stage has an inside: most positions in the bulk that have room around them are between walls,
+ * there are many of them, and the walls are far away. In a body with many holes they are few and near.
+ */
 static bool has_inside(const struct stage *stage, struct openness *openness)
 {
     uint64_t state = 0xca3e7a;
@@ -155,7 +162,9 @@ static bool has_inside(const struct stage *stage, struct openness *openness)
         struct vector fractions = vector_make(rays_uniform(&state), rays_uniform(&state), rays_uniform(&state) * 0.7);
         look_around(stage, stage_to_world(stage, vector_add(stage->low, vector_mul(extent, fractions))), openness);
     }
-    return openness->stands >= OPENNESS_STANDS / 16 && openness->walls * 2 > openness->stands;
+    static const double least_room = 0.05; /* the part of positions that have room, times the distance of walls there */
+    double room = openness->distance / (OPENNESS_STANDS * fmin(extent.x, fmin(extent.y, extent.z)));
+    return openness->stands >= OPENNESS_STANDS / 16 && openness->walls * 2 > openness->stands && room > least_room;
 }
 
 /* Returns whether a view from outside shows most of the inside, as that of a room whose front is left out does. */
@@ -185,7 +194,7 @@ static bool is_worth_showing(const struct stage *stage, const struct camera *cam
  */
 static struct camera search_outside(struct contest *contest, const struct parallel *parallel, uint64_t *ret_rays)
 {
-    enum { FEWEST_HITS = 4, CLOSER = 3, MOST_TIMES = 12 };
+    enum { FEWEST_HITS = 8, CLOSER = 3, MOST_TIMES = 12 };
     struct camera camera = view_make(contest->stage, &contest->options, DEFAULT_VIEW);
     struct view_probe probe = {.hits = 0};
     for (int i = 0; i < MOST_TIMES && probe.subject_hits < FEWEST_HITS; i++) {

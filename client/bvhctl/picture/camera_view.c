@@ -168,17 +168,17 @@ int view_level(int index)
 
 static struct camera inside_view(const struct stage *stage, const struct camera_options *options, int index)
 {
-    static const double heights[VIEW_HEIGHTS] = {0.14, 0.4};
+    static const double heights[VIEW_HEIGHTS] = {0.2, 0.48}, elevations[VIEW_HEIGHTS] = {0.04, -0.06};
     int azimuth = index % VIEW_INSIDE_AZIMUTHS, stand = index / VIEW_INSIDE_AZIMUTHS, column = stand % VIEW_GRID,
         row = stand / VIEW_GRID % VIEW_GRID;
-    double height = heights[stand / (VIEW_GRID * VIEW_GRID)];
+    int level = stand / (VIEW_GRID * VIEW_GRID);
     struct vector extent = vector_sub(stage->high, stage->low);
     struct vector local =
         vector_make(stage->low.x + extent.x * (column + 0.5) / VIEW_GRID,
-                    stage->low.y + extent.y * (row + 0.5) / VIEW_GRID, stage->low.z + extent.z * height);
+                    stage->low.y + extent.y * (row + 0.5) / VIEW_GRID, stage->low.z + extent.z * heights[level]);
     struct camera camera = {.is_inside = true, .origin = stage_to_world(stage, local)};
     camera.pivot = camera.origin;
-    view_aim(&camera, stage, view_towards(stage, 2 * pi * azimuth / VIEW_INSIDE_AZIMUTHS, 0.04), options);
+    view_aim(&camera, stage, view_towards(stage, 2 * pi * azimuth / VIEW_INSIDE_AZIMUTHS, elevations[level]), options);
     return camera;
 }
 

@@ -96,7 +96,7 @@ static struct seen look_at(const struct light *light, const struct stage_hit *hi
     if (light->surfaces->instance_count > 1 && !point.is_textured)
         albedo = tint(albedo, hit->instance);
     if (light->camera->is_inside) /* many bounces would make the colour too strong */
-        albedo = vector_mix(albedo, vector_make(0.62, 0.59, 0.55), point.is_textured ? 0.2 : 0.6);
+        albedo = vector_mix(albedo, vector_make(0.62, 0.59, 0.55), point.is_coloured ? 0.25 : 0.6);
     /* The colour depends slightly on the normal, so that shapes are visible even in even light. */
     struct vector n = point.normal;
     albedo = vector_mul(albedo, vector_make(1 + 0.05 * n.x, 1 + 0.05 * n.y, 1 + 0.05 * n.z));

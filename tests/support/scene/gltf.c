@@ -2,6 +2,8 @@
 #include "tests/support/scene/gltf.h"
 
 #include <errno.h>
+#include <math.h>
+#include <png.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +21,8 @@ void gltf_finish(struct gltf *gltf)
     for (int i = 0; i < gltf->mesh_count; i++)
         for (int part = 0; part < gltf->meshes[i].part_count; part++)
             mesh_finish(&gltf->meshes[i].parts[part]);
+    for (int i = 0; i < gltf->image_count; i++)
+        free(gltf->images[i].pixels);
     free(gltf->nodes);
     memset(gltf, 0, sizeof *gltf);
 }
@@ -27,7 +31,8 @@ int gltf_add_material(struct gltf *gltf, const char *name, double red, double gr
 {
     if (gltf->material_count == GLTF_MAX_MATERIALS)
         end("too many materials");
-    gltf->materials[gltf->material_count] = (struct gltf_material){name, {(float)red, (float)green, (float)blue}};
+    gltf->materials[gltf->material_count] =
+        (struct gltf_material){.name = name, .colour = {(float)red, (float)green, (float)blue}, .scale = 1};
     return gltf->material_count++;
 }
 
@@ -73,20 +78,53 @@ uint64_t gltf_triangles(const struct gltf *gltf)
     return total;
 }
 
+int gltf_add_image(struct gltf *gltf, unsigned width, unsigned height,
+                   void (*paint)(double u, double v, unsigned char ret_rgba[4]))
+{
+    if (gltf->image_count == GLTF_MAX_IMAGES)
+        end("too many images");
+    unsigned char *pixels = malloc((size_t)width * height * 4);
+    if (!pixels)
+        end("no memory");
+    for (unsigned i = 0; i < width * height; i++)
+        paint((i % width + 0.5) / width, (i / width + 0.5) / height, pixels + 4 * (size_t)i);
+    gltf->images[gltf->image_count] = (struct gltf_image){width, height, pixels};
+    return gltf->image_count++;
+}
+
+static void write_images(const struct gltf *gltf, const char *stem, FILE *file)
+{
+    if (gltf->image_count == 0)
+        return;
+    fprintf(file, "\"textures\":[");
+    for (int i = 0; i < gltf->image_count; i++)
+        fprintf(file, "%s{\"source\":%d}", i ? "," : "", i);
+    fprintf(file, "],\n\"images\":[");
+    for (int i = 0; i < gltf->image_count; i++)
+        fprintf(file, "%s{\"uri\":\"%s.%d.png\"}", i ? "," : "", stem, i);
+    fprintf(file, "],\n");
+}
+
 static void write_materials(const struct gltf *gltf, FILE *file)
 {
     fprintf(file, "\"materials\":[");
     for (int i = 0; i < gltf->material_count; i++) {
-        const float *colour = gltf->materials[i].colour;
-        fprintf(file,
-                "%s\n{\"name\":\"%s\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[%.9g,%.9g,%.9g,1],"
-                "\"metallicFactor\":0}}",
-                i ? "," : "", gltf->materials[i].name, colour[0], colour[1], colour[2]);
+        const struct gltf_material *material = &gltf->materials[i];
+        fprintf(file, "%s\n{\"name\":\"%s\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[%.9g,%.9g,%.9g,1],",
+                i ? "," : "", material->name, material->colour[0], material->colour[1], material->colour[2]);
+        if (material->image)
+            fprintf(file, "\"baseColorTexture\":{\"index\":%d},", material->image - 1);
+        fprintf(file, "\"metallicFactor\":0}%s}", material->has_holes ? ",\"alphaMode\":\"MASK\"" : "");
     }
     fprintf(file, "],\n");
 }
 
-/* Accessors are numbered in the order of parts: positions, then indices. */
+static const struct gltf_material *material_of(const struct gltf *gltf, const struct gltf_mesh *mesh, int part)
+{
+    return &gltf->materials[mesh->materials[part]];
+}
+
+/* Accessors are numbered in the order of parts: positions, indices, then normals and texture coordinates, if any. */
 static void write_meshes(const struct gltf *gltf, FILE *file)
 {
     int accessor = 0;
@@ -94,9 +132,17 @@ static void write_meshes(const struct gltf *gltf, FILE *file)
     for (int i = 0; i < gltf->mesh_count; i++) {
         const struct gltf_mesh *mesh = &gltf->meshes[i];
         fprintf(file, "%s\n{\"name\":\"%s\",\"primitives\":[", i ? "," : "", mesh->name);
-        for (int part = 0; part < mesh->part_count; part++, accessor += 2)
-            fprintf(file, "%s{\"attributes\":{\"POSITION\":%d},\"indices\":%d,\"material\":%d}", part ? "," : "",
-                    accessor, accessor + 1, mesh->materials[part]);
+        for (int part = 0; part < mesh->part_count; part++) {
+            const struct gltf_material *material = material_of(gltf, mesh, part);
+            fprintf(file, "%s{\"attributes\":{\"POSITION\":%d", part ? "," : "", accessor);
+            int next = accessor + 2;
+            if (material->is_smooth)
+                fprintf(file, ",\"NORMAL\":%d", next++);
+            if (material->image)
+                fprintf(file, ",\"TEXCOORD_0\":%d", next++);
+            fprintf(file, "},\"indices\":%d,\"material\":%d}", accessor + 1, mesh->materials[part]);
+            accessor = next;
+        }
         fprintf(file, "]}");
     }
     fprintf(file, "],\n");
@@ -117,38 +163,54 @@ static void write_bounds(const struct mesh *mesh, FILE *file)
             high[2]);
 }
 
-static void write_part_accessors(const struct mesh *mesh, int view, FILE *file)
+static int write_part_accessors(const struct gltf_material *material, const struct mesh *mesh, int view, FILE *file)
 {
     fprintf(file, "%s\n{\"bufferView\":%d,\"componentType\":5126,\"count\":%u,\"type\":\"VEC3\",", view ? "," : "",
             view, mesh->vertex_count);
     write_bounds(mesh, file);
     fprintf(file, "},\n{\"bufferView\":%d,\"componentType\":5125,\"count\":%u,\"type\":\"SCALAR\"}", view + 1,
             mesh->triangle_count * 3);
+    view += 2;
+    if (material->is_smooth)
+        fprintf(file, ",\n{\"bufferView\":%d,\"componentType\":5126,\"count\":%u,\"type\":\"VEC3\"}", view++,
+                mesh->vertex_count);
+    if (material->image)
+        fprintf(file, ",\n{\"bufferView\":%d,\"componentType\":5126,\"count\":%u,\"type\":\"VEC2\"}", view++,
+                mesh->vertex_count);
+    return view;
 }
 
-static size_t write_part_views(const struct mesh *mesh, size_t offset, FILE *file)
+static size_t write_view(size_t offset, size_t size, int target, FILE *file)
 {
-    size_t vertices = (size_t)mesh->vertex_count * 12, indices = (size_t)mesh->triangle_count * 12;
-    fprintf(file, "%s\n{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":34962},", offset ? "," : "",
-            offset, vertices);
-    fprintf(file, "\n{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":34963}", offset + vertices,
-            indices);
-    return offset + vertices + indices;
+    fprintf(file, "%s\n{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":%d}", offset ? "," : "", offset,
+            size, target);
+    return offset + size;
 }
 
-static void write_buffers(const struct gltf *gltf, const char *name, FILE *file)
+static size_t write_part_views(const struct gltf_material *material, const struct mesh *mesh, size_t offset, FILE *file)
+{
+    offset = write_view(offset, (size_t)mesh->vertex_count * 12, 34962, file);
+    offset = write_view(offset, (size_t)mesh->triangle_count * 12, 34963, file);
+    if (material->is_smooth)
+        offset = write_view(offset, (size_t)mesh->vertex_count * 12, 34962, file);
+    return material->image ? write_view(offset, (size_t)mesh->vertex_count * 8, 34962, file) : offset;
+}
+
+static void write_buffers(const struct gltf *gltf, const char *stem, FILE *file)
 {
     int view = 0;
     size_t offset = 0;
     fprintf(file, "\"accessors\":[");
     for (int i = 0; i < gltf->mesh_count; i++)
-        for (int part = 0; part < gltf->meshes[i].part_count; part++, view += 2)
-            write_part_accessors(&gltf->meshes[i].parts[part], view, file);
+        for (int part = 0; part < gltf->meshes[i].part_count; part++)
+            view = write_part_accessors(material_of(gltf, &gltf->meshes[i], part), &gltf->meshes[i].parts[part], view,
+                                        file);
     fprintf(file, "],\n\"bufferViews\":[");
     for (int i = 0; i < gltf->mesh_count; i++)
         for (int part = 0; part < gltf->meshes[i].part_count; part++)
-            offset = write_part_views(&gltf->meshes[i].parts[part], offset, file);
-    fprintf(file, "],\n\"buffers\":[{\"uri\":\"%s\",\"byteLength\":%zu}],\n", name, offset);
+            offset =
+                write_part_views(material_of(gltf, &gltf->meshes[i], part), &gltf->meshes[i].parts[part], offset, file);
+    fprintf(file, "],\n\"buffers\":[{\"uri\":\"%s.bin\",\"byteLength\":%zu}],\n", stem, offset);
 }
 
 static void write_children(const struct gltf *gltf, int parent, const char *label, FILE *file)
@@ -179,12 +241,13 @@ static void write_node(const struct gltf *gltf, int index, FILE *file)
     fprintf(file, "}");
 }
 
-static int write_json(const struct gltf *gltf, const char *bin_name, FILE *file)
+static int write_json(const struct gltf *gltf, const char *stem, FILE *file)
 {
     fprintf(file, "{\"asset\":{\"version\":\"2.0\"},\n");
+    write_images(gltf, stem, file);
     write_materials(gltf, file);
     write_meshes(gltf, file);
-    write_buffers(gltf, bin_name, file);
+    write_buffers(gltf, stem, file);
     fprintf(file, "\"nodes\":[");
     for (int i = 0; i < gltf->node_count; i++)
         write_node(gltf, i, file);
@@ -194,33 +257,97 @@ static int write_json(const struct gltf *gltf, const char *bin_name, FILE *file)
     return ferror(file) ? -1 : 0;
 }
 
+/* Returns the normals of the vertices, each the mean of those of its triangles by area, xyz each. */
+static float (*find_normals(const struct mesh *mesh))[3]
+{
+    float(*normals)[3] = calloc(mesh->vertex_count + 1, sizeof *normals);
+    if (!normals)
+        end("no memory");
+    for (uint32_t i = 0; i < mesh->triangle_count; i++) {
+        const uint32_t *corners = mesh->triangles[i];
+        const float *a = mesh->vertices[corners[0]], *b = mesh->vertices[corners[1]], *c = mesh->vertices[corners[2]];
+        for (int axis = 0; axis < 3; axis++) {
+            int y = (axis + 1) % 3, z = (axis + 2) % 3;
+            float area = (b[y] - a[y]) * (c[z] - a[z]) - (b[z] - a[z]) * (c[y] - a[y]);
+            for (int k = 0; k < 3; k++)
+                normals[corners[k]][axis] += area;
+        }
+    }
+    for (uint32_t i = 0; i < mesh->vertex_count; i++) {
+        float *n = normals[i], length = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        for (int axis = 0; axis < 3; axis++)
+            n[axis] = length > 0 ? n[axis] / length : axis == 1;
+    }
+    return normals;
+}
+
+static void map_vertex(const struct gltf_material *material, const float at[3], const float normal[3], float ret_uv[2])
+{
+    double length = sqrt((double)(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]));
+    if (material->mapping == GLTF_BY_SPHERE) { /* the seam is at the back */
+        ret_uv[0] = (float)(0.5 + atan2(at[0], at[2]) / (2 * M_PI));
+        ret_uv[1] = (float)(0.5 - asin(length > 0 ? at[1] / length : 0) / M_PI);
+        return;
+    }
+    float x = fabsf(normal[0]), y = fabsf(normal[1]), z = fabsf(normal[2]);
+    bool is_side = x > y && x > z, is_level = !is_side && y > z;
+    ret_uv[0] = (float)(material->scale * (double)(is_side ? -at[2] * (normal[0] > 0 ? 1 : -1) : at[0]));
+    ret_uv[1] = (float)(material->scale * (double)(is_level ? at[2] : -at[1]));
+}
+
+static void write_part_bytes(const struct gltf_material *material, const struct mesh *mesh, FILE *file)
+{
+    fwrite(mesh->vertices, sizeof *mesh->vertices, mesh->vertex_count, file);
+    fwrite(mesh->triangles, sizeof *mesh->triangles, mesh->triangle_count, file);
+    float(*normals)[3] = find_normals(mesh);
+    if (material->is_smooth)
+        fwrite(normals, sizeof *normals, mesh->vertex_count, file);
+    for (uint32_t i = 0; i < mesh->vertex_count && material->image; i++) {
+        float uv[2];
+        map_vertex(material, mesh->vertices[i], normals[i], uv);
+        fwrite(uv, sizeof uv, 1, file);
+    }
+    free(normals);
+}
+
 static int write_bin(const struct gltf *gltf, FILE *file)
 {
     for (int i = 0; i < gltf->mesh_count; i++)
-        for (int part = 0; part < gltf->meshes[i].part_count; part++) {
-            const struct mesh *mesh = &gltf->meshes[i].parts[part];
-            fwrite(mesh->vertices, sizeof *mesh->vertices, mesh->vertex_count, file);
-            fwrite(mesh->triangles, sizeof *mesh->triangles, mesh->triangle_count, file);
-        }
+        for (int part = 0; part < gltf->meshes[i].part_count; part++)
+            write_part_bytes(material_of(gltf, &gltf->meshes[i], part), &gltf->meshes[i].parts[part], file);
     return ferror(file) ? -1 : 0;
+}
+
+static int write_png(const struct gltf_image *image, const char *path)
+{
+    png_image png = {
+        .version = PNG_IMAGE_VERSION, .width = image->width, .height = image->height, .format = PNG_FORMAT_RGBA};
+    int ok = png_image_write_to_file(&png, path, 0, image->pixels, 0, NULL);
+    png_image_free(&png);
+    return ok ? 0 : -1;
 }
 
 int gltf_write(const struct gltf *gltf, const char *path)
 {
     size_t length = strlen(path);
-    if (length < 6 || length >= 4096 || strcmp(path + length - 5, ".gltf") != 0) {
+    if (length < 6 || length >= 4000 || strcmp(path + length - 5, ".gltf") != 0) {
         errno = EINVAL;
         return -1;
     }
-    char bin_path[4096];
-    snprintf(bin_path, sizeof bin_path, "%.*s.bin", (int)length - 5, path);
-    const char *slash = strrchr(bin_path, '/');
-    FILE *json = fopen(path, "w"), *bin = fopen(bin_path, "wb");
+    char stem[4096], other[4200];
+    snprintf(stem, sizeof stem, "%.*s", (int)length - 5, path);
+    const char *slash = strrchr(stem, '/');
+    snprintf(other, sizeof other, "%s.bin", stem);
+    FILE *json = fopen(path, "w"), *bin = fopen(other, "wb");
     int result =
-        json && bin && write_json(gltf, slash ? slash + 1 : bin_path, json) == 0 && write_bin(gltf, bin) == 0 ? 0 : -1;
+        json && bin && write_json(gltf, slash ? slash + 1 : stem, json) == 0 && write_bin(gltf, bin) == 0 ? 0 : -1;
     if (json && fclose(json) != 0)
         result = -1;
     if (bin && fclose(bin) != 0)
         result = -1;
+    for (int i = 0; i < gltf->image_count && result == 0; i++) {
+        snprintf(other, sizeof other, "%s.%d.png", stem, i);
+        result = write_png(&gltf->images[i], other);
+    }
     return result;
 }

@@ -8,13 +8,29 @@
 #ifndef BVHD_GLTF_H
 #define BVHD_GLTF_H
 
+#include <stdbool.h>
+
 #include "tests/support/scene/mesh.h"
 
-enum { GLTF_MAX_MATERIALS = 32, GLTF_MAX_PARTS = 4, GLTF_MAX_MESHES = 64, GLTF_NONE = -1 };
+enum { GLTF_MAX_MATERIALS = 32, GLTF_MAX_PARTS = 4, GLTF_MAX_MESHES = 64, GLTF_MAX_IMAGES = 4, GLTF_NONE = -1 };
+
+/* How texture coordinates follow from a vertex: by the two axes across its normal, or by longitude and latitude. */
+enum gltf_mapping { GLTF_BY_FACES, GLTF_BY_SPHERE };
 
 struct gltf_material {
     const char *name;
     float colour[3]; /* linear */
+    bool is_smooth; /* its meshes have normals */
+    int image; /* its texture + 1; 0: none */
+    enum gltf_mapping mapping;
+    double scale; /* of the coordinates of GLTF_BY_FACES: images on a side of length 1 */
+    bool has_holes; /* where the image is transparent */
+};
+
+/* An image, rgba, in the curve of sRGB. */
+struct gltf_image {
+    unsigned width, height;
+    unsigned char *pixels; /* owned by the scene */
 };
 
 struct gltf_mesh {
@@ -35,6 +51,8 @@ struct gltf_node {
 struct gltf {
     struct gltf_material materials[GLTF_MAX_MATERIALS];
     int material_count;
+    struct gltf_image images[GLTF_MAX_IMAGES];
+    int image_count;
     struct gltf_mesh meshes[GLTF_MAX_MESHES];
     int mesh_count;
     struct gltf_node *nodes;
@@ -49,6 +67,10 @@ int gltf_add_material(struct gltf *gltf, const char *name, double red, double gr
 int gltf_add_mesh(struct gltf *gltf, const char *name);
 int gltf_add_node(struct gltf *gltf, const struct gltf_node *node);
 
+/* Adds an image that `paint` paints, pixel by pixel: u and v go from 0 to 1, from the upper left. */
+int gltf_add_image(struct gltf *gltf, unsigned width, unsigned height,
+                   void (*paint)(double u, double v, unsigned char ret_rgba[4]));
+
 /* Adds an empty part to a mesh and returns it, to be filled. It is valid until gltf_finish. */
 struct mesh *gltf_add_part(struct gltf *gltf, int mesh, int material);
 
@@ -56,8 +78,8 @@ struct mesh *gltf_add_part(struct gltf *gltf, int mesh, int material);
 uint64_t gltf_triangles(const struct gltf *gltf);
 
 /*
- * Writes PATH, which must end in .gltf, and a file of the same name with .bin beside it. Returns 0, or -1 with errno
- * set.
+ * Writes PATH, which must end in .gltf, and beside it a file of the same name with .bin, and images with .0.png and so
+ * on. Returns 0, or -1 with errno set.
  */
 int gltf_write(const struct gltf *gltf, const char *path);
 

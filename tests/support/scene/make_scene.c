@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "tests/support/scene/adversarial.h"
+#include "tests/support/scene/gallery.h"
 #include "tests/support/scene/park.h"
 
 enum { PARK_SIZE = 90000, ADVERSARIAL_SIZE = 20000, MOST = 20000000, EXIT_USAGE = 2 };
@@ -17,13 +18,16 @@ static void print_usage(FILE *file)
     fprintf(
         file,
         "usage: make_scene NAME [--size N] [--seed N] -o FILE\n"
-        "       make_scene --list\n"
+        "       make_scene --list | --gallery\n"
         "\n"
         "Writes a scene that depends only on the arguments. --seed is any number, 1 by default.\n"
         "\n"
         "park: a garden with a temple and woods, most of it instances; FILE ends in .gltf, and a .bin is written "
         "beside it.\n"
         "  --size is the approximate number of triangles of the ground (%d by default).\n"
+        "\n"
+        "gallery-NAME: one of the scenes of the contact sheet, as glTF, of a fixed size; --gallery prints their "
+        "names.\n"
         "\n"
         "Each other scene is one mesh in a binary little-endian PLY. --size is the approximate number of triangles\n"
         "(%d by default). --list prints the names, one on each line. What they test:\n",
@@ -38,6 +42,15 @@ static int print_list(void)
     const struct adversarial *scenes = adversarial_scenes(&count);
     for (uint32_t i = 0; i < count; i++)
         puts(scenes[i].name);
+    return 0;
+}
+
+static int print_gallery(void)
+{
+    uint32_t count;
+    const struct gallery_scene *scenes = gallery_scenes(&count);
+    for (uint32_t i = 0; i < count; i++)
+        printf("gallery-%s\n", scenes[i].name);
     return 0;
 }
 
@@ -77,11 +90,15 @@ static int parse(int argc, char **argv, struct options *ret_options)
     return options.name && options.path ? 0 : -1;
 }
 
-static int make_park(const struct options *options)
+/* `scene` is NULL for the park. */
+static int make_gltf(const struct gallery_scene *scene, const struct options *options)
 {
     struct gltf gltf = {0};
     struct random random = {options->seed};
-    park_make(&gltf, (uint32_t)(options->size ? options->size : PARK_SIZE), &random);
+    if (scene)
+        scene->make(&gltf, &random);
+    else
+        park_make(&gltf, (uint32_t)(options->size ? options->size : PARK_SIZE), &random);
     int result = gltf_write(&gltf, options->path);
     if (result == 0)
         printf("%s: %llu triangles, %d nodes, %d meshes\n", options->path, (unsigned long long)gltf_triangles(&gltf),
@@ -107,6 +124,8 @@ int main(int argc, char **argv)
     struct options options;
     if (argc == 2 && strcmp(argv[1], "--list") == 0)
         return print_list();
+    if (argc == 2 && strcmp(argv[1], "--gallery") == 0)
+        return print_gallery();
     if (argc == 2 && strcmp(argv[1], "--help") == 0) {
         print_usage(stdout);
         return 0;
@@ -116,11 +135,13 @@ int main(int argc, char **argv)
         return EXIT_USAGE;
     }
     const struct adversarial *scene = adversarial_find(options.name);
-    if (!scene && strcmp(options.name, "park") != 0) {
-        fprintf(stderr, "make_scene: %s: no such scene; --list prints the names\n", options.name);
+    const struct gallery_scene *in_gallery =
+        strncmp(options.name, "gallery-", 8) == 0 ? gallery_find(options.name + 8) : NULL;
+    if (!scene && !in_gallery && strcmp(options.name, "park") != 0) {
+        fprintf(stderr, "make_scene: %s: no such scene; --list and --gallery print the names\n", options.name);
         return EXIT_USAGE;
     }
-    if ((scene ? make_adversarial(scene, &options) : make_park(&options)) != 0) {
+    if ((scene ? make_adversarial(scene, &options) : make_gltf(in_gallery, &options)) != 0) {
         fprintf(stderr, "make_scene: %s: %s\n", options.path, strerror(errno));
         return 1;
     }
