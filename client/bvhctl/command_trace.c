@@ -34,6 +34,7 @@ struct trace_command {
     tracer_chooser choose;
     struct local local;
     struct structures structures;
+    struct scene_source source;
     struct appearance appearance;
     bool has_appearance;
     struct tracer_choice choice;
@@ -62,7 +63,7 @@ static enum bvhd_status check_cost(const struct trace_command *run, struct bvhd_
 
 static bool is_gltf(const struct trace_command *run)
 {
-    return run->has_appearance && run->appearance.import.reader == IMPORT_BY_GLTF;
+    return run->source.is_gltf || (run->has_appearance && run->appearance.import.reader == IMPORT_BY_GLTF);
 }
 
 static struct vector vector_of(const double at[3])
@@ -300,29 +301,20 @@ static bool print_text(const struct trace_command *run)
     return report_flush();
 }
 
-/* Finds the number of the scene that was chosen when the structures were built. Returns false for all scenes. */
-static bool find_chosen_scene(struct trace_command *run, char ret_number[16])
-{
-    struct manifest manifest;
-    struct bvhd_error ignored;
-    const struct manifest_entry *chosen = NULL;
-    if (manifest_read(run->options->operands[0], &run->local.memory, &manifest, &ignored) != BVHD_OK)
-        return false;
-    for (uint32_t i = 0; i < manifest.count; i++)
-        if (manifest.entries[i].is_top && !strcmp(manifest.entries[i].scene, run->structures.name))
-            chosen = &manifest.entries[i];
-    bool has_source = chosen && chosen->has_source;
-    if (has_source)
-        snprintf(ret_number, 16, "%u", chosen->source_number);
-    manifest_finish(&manifest);
-    return has_source;
-}
-
 static void note_left_out(const struct import *import)
 {
     if (import->looks_left_out)
-        report_note(import->name, "%llu images or attributes of the file are not shown; the first: %s: %s",
+        report_note(import->name, "images and attributes of vertices that are not shown: %llu; the first: %s: %s",
                     (unsigned long long)import->looks_left_out, import->look_error.where, import->look_error.text);
+}
+
+static void note_absence(const struct trace_command *run)
+{
+    if (run->source.is_gltf)
+        report_note(run->source.file,
+                    "its textures and normals are not shown, because it is neither beside the structures nor here; "
+                    "bvhctl trace %s SCENE can name it",
+                    run->options->operands[0]);
 }
 
 /*
@@ -333,22 +325,24 @@ static enum bvhd_status open_appearance(struct trace_command *run, struct bvhd_e
 {
     struct memory *memory = &run->local.memory;
     bool is_named = run->options->operand_count > 1;
-    char number[16], *found = NULL;
-    if (!is_named)
-        found = scene_source_find(run->options->operands[0], run->structures.name, memory);
+    scene_source_read(&run->source, run->options->operands[0], run->structures.name, memory);
+    char *found = is_named ? NULL : scene_source_find(&run->source, run->options->operands[0], memory);
     const char *path = is_named ? run->options->operands[1] : found;
-    if (!path)
+    if (!path || (found && !run->source.is_gltf)) {
+        note_absence(run);
+        memory_free(memory, found);
         return BVHD_OK;
-    const char *scene = find_chosen_scene(run, number) ? number : NULL;
+    }
     struct bvhd_error problem = {0};
-    enum bvhd_status status = appearance_open(&run->appearance, &run->structures, path, scene, memory, &problem);
+    enum bvhd_status status = appearance_open(&run->appearance, &run->structures, path,
+                                              run->source.has_scene ? run->source.scene : NULL, memory, &problem);
     run->has_appearance = status == BVHD_OK;
     if (run->has_appearance)
         note_left_out(&run->appearance.import);
     else if (is_named)
         *error = problem;
     else
-        report_note(path, "textures are not shown: %s", problem.text);
+        report_note(path, "its textures and normals are not shown: %s", problem.text);
     memory_free(memory, found);
     return is_named ? status : BVHD_OK;
 }
@@ -406,6 +400,7 @@ static void release(struct trace_command *run)
     stage_finish(&run->stage);
     tracer_choice_finish(&run->choice);
     appearance_close(&run->appearance);
+    scene_source_finish(&run->source);
     structures_close(&run->structures);
     local_close(&run->local);
 }

@@ -7,10 +7,25 @@
 
 #include "proto/base/memory.h"
 
+/* What a manifest says about the file of a scene. */
+struct scene_source {
+    char *file; /* its name without its folder; NULL: it is not known */
+    bool is_gltf; /* by that name */
+    bool has_scene; /* one scene of the file was chosen: */
+    char scene[16]; /* its number */
+    struct memory *memory;
+};
+
+/* Reads it from the manifest of a directory or container; nothing is known without a manifest. */
+void scene_source_read(struct scene_source *source, const char *built, const char *scene, struct memory *memory);
+
+/* NULL-safe, idempotent. */
+void scene_source_finish(struct scene_source *source);
+
 /*
- * Looks for the glTF file of a scene: in the directory of its structures, in the folder of that, and in the current
- * one, by the scene's name. Returns its path, which the caller frees with memory_free, or NULL.
+ * Looks for the file: in the directory of the structures, in the folder that this or a container is in, and in the
+ * current one. Returns its path, which the caller frees with memory_free, or NULL.
  */
-char *scene_source_find(const char *directory, const char *scene, struct memory *memory);
+char *scene_source_find(const struct scene_source *source, const char *built, struct memory *memory);
 
 #endif

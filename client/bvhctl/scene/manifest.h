@@ -58,6 +58,7 @@ struct manifest_entry {
     bool has_source; /* it was built from one chosen scene of its file: */
     uint32_t source_number; /* its number, from 0 */
     char *source_name; /* and its name; NULL if it has none */
+    char *source_file; /* of a top level: the name of the scene's file, without its folder; NULL if it is not known */
     char **handles; /* of a top level: files, in the order of its handles */
     uint32_t handle_count;
     struct manifest_colour *colours; /* one for each geometry */

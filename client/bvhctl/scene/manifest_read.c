@@ -165,6 +165,28 @@ static enum bvhd_status read_entry(const struct manifest_reader *reader, const c
     return entry->is_top ? read_handles(reader, object, entry) : BVHD_OK;
 }
 
+/* Finds the names of the scenes' files. Manifests of revision 1 do not have them. */
+static enum bvhd_status read_source_files(const struct manifest_reader *reader, const cJSON *root,
+                                          struct manifest *manifest)
+{
+    const cJSON *scenes = cJSON_GetObjectItemCaseSensitive(root, "scenes"), *object;
+    cJSON_ArrayForEach(object, scenes)
+    {
+        const cJSON *top = cJSON_GetObjectItemCaseSensitive(object, "file");
+        const cJSON *file = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(object, "files"), 0);
+        const cJSON *path = cJSON_GetObjectItemCaseSensitive(file, "path");
+        for (uint32_t i = 0; i < manifest->count && cJSON_IsString(top) && cJSON_IsString(path); i++) {
+            struct manifest_entry *entry = &manifest->entries[i];
+            if (strcmp(entry->file, top->valuestring) || entry->source_file || !is_plain_name(path->valuestring))
+                continue;
+            entry->source_file = files_copy_text(reader->memory, path->valuestring);
+            if (!entry->source_file)
+                return no_memory(reader);
+        }
+    }
+    return BVHD_OK;
+}
+
 static enum bvhd_status read_entries(struct manifest_reader *reader, const cJSON *root, struct manifest *manifest)
 {
     const cJSON *schema = cJSON_GetObjectItemCaseSensitive(root, "schema"), *object;
@@ -183,7 +205,7 @@ static enum bvhd_status read_entries(struct manifest_reader *reader, const cJSON
         if (status)
             return status;
     }
-    return BVHD_OK;
+    return read_source_files(reader, root, manifest);
 }
 
 /* Parses a text that has no zero byte in it. */
@@ -276,6 +298,7 @@ static void finish_entry(struct manifest_entry *entry, struct memory *memory)
     memory_free(memory, entry->name);
     memory_free(memory, entry->key);
     memory_free(memory, entry->source_name);
+    memory_free(memory, entry->source_file);
     for (uint32_t i = 0; i < entry->handle_count; i++)
         memory_free(memory, entry->handles[i]);
     memory_free(memory, entry->handles);
