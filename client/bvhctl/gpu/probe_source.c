@@ -24,7 +24,8 @@ static enum bvhd_status read_file(const struct probe_source *source, struct memo
     enum bvhd_status status = files_read(source->file, LARGEST_FILE, memory, &data, &size, error);
     if (status != BVHD_OK)
         return status;
-    status = bvhd_format_from_probe(data, size, &format, &inner);
+    /* An empty file has no block of bytes, but its error is that of any other file which is not a probe. */
+    status = bvhd_format_from_probe(size > 0 ? (const void *)data : "", size, &format, &inner);
     memory_free(memory, data);
     if (status != BVHD_OK)
         return bvhd_error_set(error, status, source->file, "%s%s%s", inner.where, *inner.where ? ": " : "", inner.text);
