@@ -192,37 +192,46 @@ static uint32_t *make_references(const struct output *output, const struct assem
     return references;
 }
 
+/* Adds a row with these texts and references, which are copied. */
+static enum bvhd_status add_row(struct output *output, const struct assembly *assembly, uint32_t index,
+                                const struct container_structure *source, struct bvhd_error *error)
+{
+    const struct bvhd_result *item = &assembly->items[index];
+    struct container_structure structure = *source;
+    structure.blob = (struct bytes){item->data, item->size};
+    structure.type = index == assembly->import->bottom_count ? STRUCTURE_TOP : STRUCTURE_BOTTOM;
+    structure.target = (enum target)item->target;
+    memcpy(&structure.key, &item->key, sizeof structure.key);
+    memcpy(structure.bounds, item->bounds, sizeof structure.bounds);
+    memcpy(structure.slabs, item->slabs, sizeof structure.slabs);
+    output->rows[index] = output->writer.count;
+    enum bvhd_status status = container_writer_add(&output->writer, &structure, error);
+    if (output->stream.failure)
+        bvhd_error_set(error, status, output->path, "%s", strerror(output->stream.failure));
+    return status;
+}
+
 static enum bvhd_status put_row(struct output *output, const struct assembly *assembly, uint32_t index,
                                 const struct file_names *names, struct bvhd_error *error)
 {
-    const struct bvhd_result *item = &assembly->items[index];
     bool is_top = index == assembly->import->bottom_count;
-    char *texts[2] = {json_clean_text(output->memory, manifest_structure_name(assembly->import, index)),
-                      json_clean_text(output->memory, assembly->import->name)};
+    char *name = json_clean_text(output->memory, manifest_structure_name(assembly->import, index));
+    char *scene = json_clean_text(output->memory, assembly->import->name);
     uint32_t *references = is_top ? make_references(output, assembly, names) : NULL;
-    enum bvhd_status status = BVHD_OK;
-    if (!make_rows(output, names->count) || !texts[0] || !texts[1] || (is_top && !references))
+    enum bvhd_status status;
+    if (!make_rows(output, names->count) || !name || !scene || (is_top && !references))
         status = no_memory(names->files[index], error);
-    if (status == BVHD_OK) {
-        struct container_structure structure = {.blob = {item->data, item->size},
-                                                .type = is_top ? STRUCTURE_TOP : STRUCTURE_BOTTOM,
-                                                .target = (enum target)item->target,
-                                                .file = names->files[index],
-                                                .name = texts[0],
-                                                .scene = texts[1],
-                                                .references = references,
-                                                .reference_count = is_top ? assembly->row_count : 0};
-        memcpy(&structure.key, &item->key, sizeof structure.key);
-        memcpy(structure.bounds, item->bounds, sizeof structure.bounds);
-        memcpy(structure.slabs, item->slabs, sizeof structure.slabs);
-        output->rows[index] = output->writer.count;
-        status = container_writer_add(&output->writer, &structure, error);
-        if (output->stream.failure)
-            bvhd_error_set(error, status, output->path, "%s", strerror(output->stream.failure));
-    }
+    else
+        status = add_row(output, assembly, index,
+                         &(struct container_structure){.file = names->files[index],
+                                                       .name = name,
+                                                       .scene = scene,
+                                                       .references = references,
+                                                       .reference_count = is_top ? assembly->row_count : 0},
+                         error);
     memory_free(output->memory, references);
-    memory_free(output->memory, texts[0]);
-    memory_free(output->memory, texts[1]);
+    memory_free(output->memory, name);
+    memory_free(output->memory, scene);
     return status;
 }
 
