@@ -3,6 +3,7 @@
 
 #include "client/client_wait.h"
 #include "client/dependency.h"
+#include "client/local_job.h"
 #include "client/outgoing.h"
 #include "client/result_blob.h"
 
@@ -46,6 +47,12 @@ void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item)
     batch->items[item].state = ITEM_COPIED;
     if (!batch->items[item].is_private && --batch->uncopied == 0)
         client_stir(batch->client);
+}
+
+void client_batch_set_progress(struct bvhd_batch *batch, uint32_t index, uint32_t thousandths)
+{
+    struct client_item *item = &batch->items[index];
+    item->thousandths = thousandths > item->thousandths ? thousandths : item->thousandths;
 }
 
 static void finish_item(struct bvhd_batch *batch, uint32_t index)
@@ -300,6 +307,23 @@ void bvhd_batch_cancel_item(struct bvhd_batch *batch, uint32_t index)
 uint32_t bvhd_batch_count(const struct bvhd_batch *batch)
 {
     return batch ? batch->count : 0;
+}
+
+float bvhd_batch_progress(struct bvhd_batch *batch, uint32_t item)
+{
+    float progress = 0;
+    if (item >= batch->count)
+        return 0;
+    client_lock(batch->client);
+    const struct client_item *asked = &batch->items[item];
+    if (asked->state == ITEM_BUILDING)
+        client_batch_set_progress(batch, item, local_job_thousandths(asked->local.job));
+    if (asked->state == ITEM_DONE)
+        progress = 1;
+    else
+        progress = (float)asked->thousandths / CONTROL_DONE;
+    client_unlock(batch->client);
+    return progress;
 }
 
 static bool is_copied(const void *context)

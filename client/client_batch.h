@@ -25,6 +25,7 @@ struct client_item {
     struct held held; /* ITEM_COPIED: where the payload is */
     struct exchange *exchange; /* ITEM_SENT: the exchange that will bring the answer */
     uint32_t entry; /* ITEM_SENT: the item's position in that exchange */
+    uint32_t thousandths; /* ITEM_SENT: how far its build is */
     struct bvhd_result result; /* ITEM_DONE: the result */
     char method[CONTROL_NAME_SIZE];
     struct local_item local;
@@ -78,6 +79,9 @@ void client_batch_complete_item(struct bvhd_batch *batch, uint32_t item, const s
 
 /* Ends an item that is not done, with the result of another one that holds the same structure. */
 void client_batch_share_item(struct bvhd_batch *batch, uint32_t item, const struct client_item *other);
+
+/* Records how far the build of an item is, in thousandths. A number that is less than the last one is old. */
+void client_batch_set_progress(struct bvhd_batch *batch, uint32_t item, uint32_t thousandths);
 
 /* Records that the payload of an item is in the client's memory. */
 void client_batch_set_copied(struct bvhd_batch *batch, uint32_t item);

@@ -59,10 +59,17 @@ static enum bvhd_status open_socket(const char *path, int *ret_socket, struct bv
     return BVHD_OK;
 }
 
+/* How often the daemon tells how far builds are, at most. */
+enum { PROGRESS_MS = 200 };
+
 static enum bvhd_status say_hello(struct connection *connection, struct bvhd_error *error)
 {
     struct control_hello hello = {
-        .version_min = CONTROL_VERSION, .version_max = CONTROL_VERSION, .software = "libbvhd " BVHD_VERSION_STRING};
+        .version_min = CONTROL_VERSION,
+        .version_max = CONTROL_VERSION,
+        .software = "libbvhd " BVHD_VERSION_STRING,
+        .progress_ms = PROGRESS_MS,
+    };
     struct exchange *exchange = exchange_create(FRAME_HELLO, 0);
     if (!exchange)
         return bvhd_error_no_memory(error, "connection", "no memory for it");

@@ -195,6 +195,33 @@ static enum bvhd_status take_prepared(const struct incoming_frame *arrival)
     return status;
 }
 
+static enum bvhd_status note_progress(const struct incoming_frame *arrival, const struct control_progress *progress)
+{
+    struct exchange *exchange = arrival->exchange;
+    for (uint32_t i = 0; i < progress->count; i++) {
+        if (progress->items[i] >= exchange->count)
+            return violation(arrival, "progress of no item");
+        const struct exchange_entry *entry = &exchange->entries[progress->items[i]];
+        if (exchange->batch && !entry->cancelled && !entry->answered)
+            client_batch_set_progress(exchange->batch, entry->item, progress->thousandths[i]);
+    }
+    return BVHD_OK;
+}
+
+static enum bvhd_status take_progress(const struct incoming_frame *arrival)
+{
+    struct control_progress *progress;
+    if (arrival->exchange->count == 0)
+        return violation(arrival, "progress of what has no items");
+    enum bvhd_status status =
+        control_unpack_progress(arrival->frame->control, &library_memory, &progress, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    status = note_progress(arrival, progress);
+    memory_free(&library_memory, progress);
+    return status;
+}
+
 static void answer_waiter(struct exchange *exchange, const struct bvhd_error *error, struct bvhd_counters *counters)
 {
     if (!exchange->waiter) {
@@ -335,6 +362,8 @@ static enum bvhd_status take_answer(struct incoming_frame *arrival)
         return take_counters(arrival);
     case FRAME_PONG:
         return take_pong(arrival);
+    case FRAME_PROGRESS:
+        return take_progress(arrival);
     default:
         return violation(arrival, "it answers nothing");
     }
@@ -348,7 +377,7 @@ static enum bvhd_status handle(void *context, struct connection *connection, str
     uint16_t type = frame->header.type;
     if (type < FRAME_WELCOME)
         status = violation(&arrival, "only clients send it");
-    else if (type <= FRAME_GOODBYE) /* unknown types are ignored: later versions may send them */
+    else if (type <= FRAME_PROGRESS) /* unknown types are ignored: later versions may send them */
         status = frame->header.request == 0 ? take_connection_frame(&arrival) : take_answer(&arrival);
     for (uint32_t i = 0; i < frame->header.descriptors; i++)
         if (frame->descriptors[i] >= 0)

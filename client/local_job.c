@@ -121,6 +121,20 @@ static void discard(struct build_output *output, unsigned char *bytes)
     memory->bytes = NULL;
 }
 
+/* Runs on any thread of the build. Calls may overtake each other; who reads keeps the highest number. */
+static void note_progress(void *context, uint64_t done, uint64_t total)
+{
+    struct local_job *job = context;
+    uint32_t thousandths = total > 0 ? (uint32_t)((double)done / (double)total * CONTROL_DONE) : CONTROL_DONE;
+    atomic_store_explicit(&job->thousandths, thousandths, memory_order_relaxed);
+}
+
+uint32_t local_job_thousandths(const struct local_job *job)
+{
+    uint32_t thousandths = atomic_load_explicit(&job->thousandths, memory_order_relaxed);
+    return thousandths < CONTROL_DONE ? thousandths : CONTROL_DONE;
+}
+
 void local_job_build(struct local_job *job, const struct parallel *parallel)
 {
     struct blob_memory blob = {.output = {allocate, discard}};
@@ -129,6 +143,8 @@ void local_job_build(struct local_job *job, const struct parallel *parallel)
     memory_init_within(&memory, &library_memory, UINT64_MAX);
     context.memory = &memory;
     context.output = &blob.output;
+    context.progress = note_progress;
+    context.progress_context = job;
     double begin = clock_ms();
     job->status = job->library->build(&job->copy, &context, &job->stats, &job->error);
     job->build_ms = clock_ms() - begin;

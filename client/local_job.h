@@ -33,6 +33,7 @@ struct local_job {
     struct build_stats stats;
     uint64_t peak_bytes;
     double prepare_ms, build_ms;
+    _Atomic uint32_t thousandths; /* of the build that are done */
 };
 
 /* Creates a job without items, which takes over *payload. Returns NULL without memory. */
@@ -47,6 +48,9 @@ void local_job_prepare(struct local_job *job, const struct parallel *parallel);
 
 /* Builds the structure of a copy that was made. Sets `status`, `error`, `blob` and the statistics. */
 void local_job_build(struct local_job *job, const struct parallel *parallel);
+
+/* Returns how far the build is, in thousandths. Any thread. */
+uint32_t local_job_thousandths(const struct local_job *job);
 
 /* Describes the result of a job that has succeeded, as a daemon does. `is_own`: not for an item that has joined. */
 void local_job_describe(const struct local_job *job, bool is_own, struct control_result *ret_result);

@@ -24,7 +24,8 @@ struct flight {
     uint64_t started; /* the value of flights->started after the build started */
     bool accompanied; /* other builds ran when it started */
     struct pool_job job;
-    /* written by the worker */
+    /* written by workers */
+    _Atomic uint32_t thousandths; /* of the build that are done */
     enum bvhd_status status;
     struct bvhd_error error;
     struct blob *blob;
@@ -162,6 +163,26 @@ static struct admission *admission_of(const struct flight *flight)
     return flight->flights->waiting.admission;
 }
 
+/* Runs on any worker. Calls may overtake each other, so a number that is less than the last one is old. */
+static void note_progress(void *context, uint64_t done, uint64_t total)
+{
+    struct flight *flight = context;
+    uint32_t thousandths = total > 0 ? (uint32_t)((double)done / (double)total * CONTROL_DONE) : CONTROL_DONE;
+    uint32_t before = atomic_load_explicit(&flight->thousandths, memory_order_relaxed);
+    while (before < thousandths && !atomic_compare_exchange_weak_explicit(&flight->thousandths, &before, thousandths,
+                                                                          memory_order_relaxed, memory_order_relaxed)) {
+    }
+}
+
+uint32_t flight_thousandths(const struct flight_waiter *waiter)
+{
+    const struct flight *flight = waiter->flight;
+    if (!flight || flight->state != FLIGHT_BUILDING)
+        return 0;
+    uint32_t thousandths = atomic_load_explicit(&flight->thousandths, memory_order_relaxed);
+    return thousandths < CONTROL_DONE ? thousandths : CONTROL_DONE;
+}
+
 /* Runs on a worker. */
 static enum bvhd_status build_blob(struct flight *flight, const struct parallel *parallel)
 {
@@ -173,7 +194,13 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     memory_init_within(&memory, admission_of(flight)->memory[flight->memory.claim.class], UINT64_MAX);
     blob_writer_init(&writer, flight->flights->account);
     const struct build_context context = {
-        .memory = &memory, .parallel = parallel, .cancel = &flight->job.cancel, .output = &writer.output};
+        .memory = &memory,
+        .parallel = parallel,
+        .cancel = &flight->job.cancel,
+        .progress = note_progress,
+        .progress_context = flight,
+        .output = &writer.output,
+    };
     enum bvhd_status status =
         build(&preparation->canonical, &preparation->options, &context, &bytes, &stats, &flight->error);
     if (status != BVHD_OK) {

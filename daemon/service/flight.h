@@ -92,6 +92,12 @@ void flight_join(struct flight *flight, struct flight_waiter *waiter);
 /* Removes a waiter, and abandons a flight that has none left. Does nothing if the waiter waits for no flight. */
 void flight_leave(struct flights *flights, struct flight_waiter *waiter);
 
+/*
+ * Returns how far the build is that a waiter waits for, in thousandths: 0 while it waits for memory, or if there is
+ * none.
+ */
+uint32_t flight_thousandths(const struct flight_waiter *waiter);
+
 /* Gives waiting flights to the pool as memory allows. */
 void flights_pump(struct flights *flights);
 

@@ -188,6 +188,11 @@ struct pool *service_pool(struct service *service)
     return service->pool;
 }
 
+bool service_is_building(const struct service *service)
+{
+    return service->flights.running > 0;
+}
+
 void service_count_connections(struct service *service, uint32_t open)
 {
     service->connections = open;

@@ -64,6 +64,9 @@ struct descriptors *service_descriptors(struct service *service);
 /* The worker threads, for jobs beside those of requests. Such jobs have to be done before service_destroy. */
 struct pool *service_pool(struct service *service);
 
+/* Returns whether workers build anything, so that there is progress to report. */
+bool service_is_building(const struct service *service);
+
 /* Sets the number of open connections, for the counters. */
 void service_count_connections(struct service *service, uint32_t open);
 

@@ -66,6 +66,7 @@ struct item {
     uint64_t started_bytes; /* what this item adds to client->started_bytes: its claim, or 0 */
     struct pool_job job; /* prepares it on a worker, while PREPARING and LEAVING */
     struct flight_waiter waiter; /* waits for a flight while JOINED */
+    uint32_t told_thousandths; /* the last progress that the client was sent */
     struct key key;
     double prepare_ms;
 };

@@ -224,6 +224,7 @@ void session_sent(struct session *session, const struct reply *reply)
     session->service->sessions.items -= reply->credits;
     if (reply->blob)
         session_backlog_take(session, reply->blob->size);
+    session->progress_unsent -= reply->header.type == FRAME_PROGRESS;
 }
 
 void session_goodbye(struct session *session)

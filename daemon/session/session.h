@@ -51,6 +51,12 @@ enum bvhd_status session_frame(struct session *session, const struct frame *fram
  */
 void session_sent(struct session *session, const struct reply *reply);
 
+/*
+ * Sends PROGRESS of requests whose builds have got on, if the client has asked for it. A client that has not read the
+ * last one yet gets no other, so that a slow client is sent little. `now_ms` is a clock of any origin.
+ */
+void session_report_progress(struct session *session, uint64_t now_ms);
+
 /* Sends GOODBYE, once, because the daemon drains. */
 void session_goodbye(struct session *session);
 

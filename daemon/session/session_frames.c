@@ -51,6 +51,7 @@ static enum bvhd_status take_hello(struct session *session, const struct frame *
     if (hello->version_min <= CONTROL_VERSION && CONTROL_VERSION <= hello->version_max) {
         log_event(LOG_DEBUG, "hello", "uid=%u pid=%d software=%s", session->peer.uid, (int)session->peer.pid,
                   log_quote(hello->software).text);
+        session->progress_ms = hello->progress_ms;
         welcome(session, frame->header.request);
     } else {
         status = bvhd_error_set(error, BVHD_INCOMPATIBLE, "hello.version",

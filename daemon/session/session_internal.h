@@ -3,7 +3,8 @@
  * session_internal.h - the inside of a session, for the files that it is made of.
  *
  * session.c: opening, closing, replies, requests by number, quotas. session_frames.c: one function for each type of
- * frame. session_build.c: FRAME_BUILD. session_backlog.c: results that the client has not read.
+ * frame. session_build.c: FRAME_BUILD. session_backlog.c: results that the client has not read. session_progress.c:
+ * how far builds are.
  */
 #ifndef BVHD_SESSION_INTERNAL_H
 #define BVHD_SESSION_INTERNAL_H
@@ -37,6 +38,9 @@ struct session {
     uint32_t under_way; /* items whose result has not been sent or dropped: the credits that are in use */
     uint32_t attachments; /* memfds that came with requests that have not ended */
     struct session_backlog backlog;
+    uint32_t progress_ms; /* the shortest time between two reports of progress; 0: the client wants none */
+    uint64_t progress_at; /* when the last one was made */
+    uint32_t progress_unsent; /* PROGRESS frames that have not been sent or dropped */
 };
 
 /* Returns the account that messages and replies are allocated from. */

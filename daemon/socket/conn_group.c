@@ -29,6 +29,9 @@ struct conn_limits conn_limits_default(void)
  */
 enum { COSTLY_NS = 300 * 1000, COSTLY_SHARE_NS = 2 * 1000 * 1000, LIGHT_NS = 50 * 1000, DUE_SHARE_NS = 1000 * 1000 };
 
+/* Between two looks at how far builds are. Sessions report as often as their clients want, but not more often. */
+enum { PROGRESS_MS = 100 };
+
 static struct conn *member(struct list_link *link)
 {
     return container_of(link, struct conn, link);
@@ -76,6 +79,24 @@ static void work(struct conn_group *group, struct conn *conn)
     conn->cost_ns = (3 * conn->cost_ns + uv_hrtime() - begin) / 4;
 }
 
+static void report_progress(uv_timer_t *timer)
+{
+    struct conn_group *group = timer->data;
+    for (struct list_link *link = group->all.first; link; link = link->next)
+        if (member(link)->session)
+            session_report_progress(member(link)->session, uv_now(group->loop));
+}
+
+/* The timer stops with the last build, so that an idle daemon sleeps. */
+static void watch_builds(struct conn_group *group)
+{
+    bool is_building = service_is_building(group->service);
+    if (!is_building)
+        uv_timer_stop(&group->progress);
+    else if (!uv_is_active((const uv_handle_t *)&group->progress))
+        uv_timer_start(&group->progress, report_progress, PROGRESS_MS, PROGRESS_MS);
+}
+
 static void work_off_due(uv_prepare_t *prepare)
 {
     struct conn_group *group = prepare->data;
@@ -89,6 +110,7 @@ static void work_off_due(uv_prepare_t *prepare)
     for (uint64_t end = uv_hrtime() + COSTLY_SHARE_NS; uv_hrtime() < end && (conn = take_first(&group->costly));)
         work(group, conn);
     prepare_next_iteration(group);
+    watch_builds(group);
     if (group->changed)
         group->changed(group->context);
 }
@@ -99,7 +121,8 @@ void conn_group_init(struct conn_group *group, uv_loop_t *loop, struct service *
     *group = (struct conn_group){.loop = loop, .service = service, .limits = *limits};
     uv_prepare_init(loop, &group->prepare);
     uv_idle_init(loop, &group->again);
-    group->prepare.data = group;
+    uv_timer_init(loop, &group->progress);
+    group->prepare.data = group->progress.data = group;
     uv_prepare_start(&group->prepare, work_off_due);
 }
 
@@ -108,6 +131,7 @@ void conn_group_finish(struct conn_group *group)
     assert(!group->all.first);
     uv_close((uv_handle_t *)&group->prepare, NULL);
     uv_close((uv_handle_t *)&group->again, NULL);
+    uv_close((uv_handle_t *)&group->progress, NULL);
 }
 
 uint32_t conn_group_count_uid(const struct conn_group *group, uint32_t uid)

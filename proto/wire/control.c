@@ -12,6 +12,7 @@ enum bvhd_status control_pack_hello(const struct control_hello *hello, struct me
     message.version_min = hello->version_min;
     message.version_max = hello->version_max;
     message.software = control_constant(hello->software);
+    message.progress_ms = hello->progress_ms;
     return control_encode(&message.base, memory, ret_bytes, error);
 }
 
@@ -22,6 +23,7 @@ static void fill_hello(const void *from, void *ret_plain)
     hello->version_min = message->version_min;
     hello->version_max = message->version_max;
     control_copy_text(message->software, sizeof hello->software, hello->software);
+    hello->progress_ms = message->progress_ms;
 }
 
 static const struct control_kind hello_kind = {"hello", &bvhd__hello__descriptor, sizeof(struct control_hello), NULL,

@@ -29,7 +29,8 @@
 
 enum {
     CONTROL_VERSION = 1,
-    CONTROL_MAX_ITEMS = 4096, /* items of BUILD, CANCEL and PREPARED, keys of GET */
+    CONTROL_MAX_ITEMS = 4096, /* items of BUILD, CANCEL, PREPARED and PROGRESS, keys of GET */
+    CONTROL_DONE = 1000, /* thousandths of a build that is done */
     CONTROL_MAX_MEMFDS = 4, /* in one BUILD */
     CONTROL_MAX_COUNTERS = 128,
     CONTROL_NAME_SIZE = 64,
@@ -41,6 +42,7 @@ enum {
 struct control_hello {
     uint32_t version_min, version_max;
     char software[CONTROL_NAME_SIZE]; /* for logs: "libbvhd 0.1.0" */
+    uint32_t progress_ms; /* how often the client wants PROGRESS of a request, at most; 0: never */
 };
 
 /*
@@ -107,6 +109,13 @@ struct control_items {
     uint32_t *items;
 };
 
+/* FRAME_PROGRESS: how far the builds of some items of a request are. */
+struct control_progress {
+    uint32_t count;
+    uint32_t *items;
+    uint32_t *thousandths; /* of each item: 0 .. CONTROL_DONE */
+};
+
 /* Where a result came from. */
 enum result_origin { ORIGIN_NONE = 0, ORIGIN_BUILT = 1, ORIGIN_COALESCED = 2, ORIGIN_MEMORY = 3, ORIGIN_DISK = 4 };
 
@@ -165,6 +174,7 @@ CONTROL_MESSAGE(pool, struct control_pool)
 CONTROL_MESSAGE(build, struct control_build)
 CONTROL_MESSAGE(get, struct control_get)
 CONTROL_MESSAGE(items, struct control_items)
+CONTROL_MESSAGE(progress, struct control_progress)
 CONTROL_MESSAGE(result, struct control_result)
 CONTROL_MESSAGE(error, struct bvhd_error)
 CONTROL_MESSAGE(busy, struct control_busy)

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The control messages that request or name items: BUILD, GET, CANCEL, PREPARED. */
+/* The control messages that request or name items: BUILD, GET, CANCEL, PREPARED, PROGRESS. */
+#include <inttypes.h>
+
 #include "proto/wire/control_codec.h"
 
 #include "proto/wire/bvhd.pb-c.h"
@@ -242,3 +244,49 @@ static void fill_list(const void *from, void *ret_plain)
 static const struct control_kind items_kind = {"items", &bvhd__items__descriptor, sizeof(struct control_items),
                                                check_list, fill_list};
 CONTROL_UNPACK(items, struct control_items)
+
+enum bvhd_status control_pack_progress(const struct control_progress *progress, struct memory *memory,
+                                       struct bytes *ret_bytes, struct bvhd_error *error)
+{
+    if (progress->count > CONTROL_MAX_ITEMS)
+        return too_many("progress.items", progress->count, CONTROL_MAX_ITEMS, error);
+    Bvhd__Progress message;
+    bvhd__progress__init(&message);
+    message.n_items = message.n_thousandths = progress->count;
+    message.items = progress->items;
+    message.thousandths = progress->thousandths;
+    return control_encode(&message.base, memory, ret_bytes, error);
+}
+
+static enum bvhd_status check_progress(const void *from, uint64_t *ret_extra, struct bvhd_error *error)
+{
+    const Bvhd__Progress *message = from;
+    if (message->n_items > CONTROL_MAX_ITEMS)
+        return too_many("progress.items", message->n_items, CONTROL_MAX_ITEMS, error);
+    if (message->n_thousandths != message->n_items)
+        return bvhd_error_set(error, BVHD_CORRUPT, "progress.thousandths", "%zu numbers for %zu items",
+                              message->n_thousandths, message->n_items);
+    for (size_t i = 0; i < message->n_thousandths; i++)
+        if (message->thousandths[i] > CONTROL_DONE)
+            return bvhd_error_set(error, BVHD_CORRUPT, "progress.thousandths", "%" PRIu32 " of %d",
+                                  message->thousandths[i], CONTROL_DONE);
+    *ret_extra = 2 * message->n_items * sizeof *message->items;
+    return BVHD_OK;
+}
+
+static void fill_progress(const void *from, void *ret_plain)
+{
+    const Bvhd__Progress *message = from;
+    struct control_progress *progress = ret_plain;
+    progress->count = (uint32_t)message->n_items;
+    progress->items = (uint32_t *)(progress + 1);
+    progress->thousandths = progress->items + progress->count;
+    if (progress->count == 0)
+        return;
+    memcpy(progress->items, message->items, progress->count * sizeof *progress->items);
+    memcpy(progress->thousandths, message->thousandths, progress->count * sizeof *progress->thousandths);
+}
+
+static const struct control_kind progress_kind = {"progress", &bvhd__progress__descriptor,
+                                                  sizeof(struct control_progress), check_progress, fill_progress};
+CONTROL_UNPACK(progress, struct control_progress)

@@ -45,6 +45,7 @@ enum frame_type {
     FRAME_COUNTERS = 70, /* answers STATS */
     FRAME_PONG = 71, /* answers PING */
     FRAME_GOODBYE = 72, /* the daemon takes no new requests and finishes those that it has */
+    FRAME_PROGRESS = 73, /* how far builds of items are, for clients that have asked for it in HELLO */
 };
 
 /* The fields of a frame's header. */

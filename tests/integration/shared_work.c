@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * shared_work.c - tests that the daemon does equal work only once for all clients: with many client processes at the
- * same time, and with clients that leave while others wait for the same result.
+ * same time, and with clients that leave while others wait for the same result; and that clients are told how far it
+ * is.
  *
  *     shared_work BVHD
  */
@@ -218,6 +219,40 @@ static uint32_t long_build(void)
     return size ? 10 * (uint32_t)atoi(size) : 300000;
 }
 
+/* Returns whether a client that waits was told of a part of the build. What it is told never decreases. */
+static bool is_told_of_parts(struct bvhd_client *client, const struct terrain *terrain)
+{
+    struct bvhd_batch *batch = submit(client, terrain, 1);
+    float last = 0;
+    bool is_part = false;
+    while (bvhd_batch_wait(batch, 20) == BVHD_PENDING) {
+        float progress = bvhd_batch_progress(batch, 0);
+        expect(progress >= last && progress <= 1, "progress of %g after %g", (double)progress, (double)last);
+        is_part = is_part || (progress > 0 && progress < 1);
+        last = progress;
+    }
+    expect(bvhd_batch_progress(batch, 0) == 1, "a result whose progress is not 1");
+    expect(bvhd_batch_result(batch, 0)->error.status == BVHD_OK, "no result");
+    bvhd_batch_destroy(batch);
+    return is_part;
+}
+
+/* A fast machine may be done before the daemon tells anything, so the builds become longer. */
+static void progress_is_told(void)
+{
+    struct bvhd_client *client = connect_client();
+    bool is_told = false;
+    uint32_t seed = 900;
+    for (uint32_t triangles = long_build(); !is_told && seed < 905; triangles *= 2) {
+        struct terrain terrain;
+        terrain_init(&terrain, triangles, ++seed);
+        is_told = is_told_of_parts(client, &terrain);
+        terrain_finish(&terrain);
+    }
+    expect(is_told, "no progress of a long build");
+    bvhd_client_destroy(client);
+}
+
 int main(int argc, char **argv)
 {
     struct terrain terrain;
@@ -235,6 +270,7 @@ int main(int argc, char **argv)
             first_leaves(&terrain, (enum way)way, moments[i]);
             terrain_finish(&terrain);
         }
+    progress_is_told();
     expect(service_process_stop(&service), "the daemon did not exit cleanly");
     return failures ? 1 : 0;
 }

@@ -19,19 +19,20 @@ static uint64_t count_primitives(const struct bvhd_build *build, uint32_t info)
     return count;
 }
 
-/* Counts primitives and not structures, because the sizes of structures differ too much. */
+/* Structures count by their primitives, because their sizes differ too much, and those under way by their progress. */
 static void show_progress(const struct backend_service *service, struct bvhd_batch *batch,
                           const struct bvhd_build *build)
 {
-    uint64_t done = 0, total = 0;
+    double done = 0;
+    uint64_t total = 0;
     if (!service->progress->shown)
         return;
     for (uint32_t i = 0; i < build->info_count; i++) {
         uint64_t count = count_primitives(build, i);
         total += count;
-        done += bvhd_batch_result(batch, i)->error.status == BVHD_PENDING ? 0 : count;
+        done += (double)bvhd_batch_progress(batch, i) * (double)count;
     }
-    progress_update(service->progress, done, total);
+    progress_update(service->progress, (uint64_t)done, total);
 }
 
 static void wait_until_done(const struct backend_service *service, struct bvhd_batch *batch,

@@ -344,6 +344,14 @@ BVHD_API int bvhd_batch_is_copied(struct bvhd_batch *batch);
 BVHD_API int bvhd_batch_is_done(struct bvhd_batch *batch);
 
 /*
+ * Returns how far an item is, from 0 to 1: the part of its build that is done, as far as it is known; 1 for an item
+ * that has its result, whatever that is, so that results found in the cache go from 0 to 1 at once; 0 if there is no
+ * such item. It never decreases. A daemon tells a few times a second, which the calls of dispatch and wait receive; one
+ * that does not know of progress tells nothing. Where this process builds, the number is that of this moment.
+ */
+BVHD_API float bvhd_batch_progress(struct bvhd_batch *batch, uint32_t item);
+
+/*
  * Waits until every item has its result, for at most `timeout_ms`; < 0 sets no limit, but the client's own timeouts end
  * the wait when the daemon is lost. Returns BVHD_OK, or BVHD_PENDING if time ran out.
  *

@@ -39,6 +39,12 @@ void service_count_connections(struct service *service, uint32_t open)
     fake(service)->connections = open;
 }
 
+bool service_is_building(const struct service *service)
+{
+    (void)service;
+    return false;
+}
+
 enum bvhd_status session_open(struct service *service, const struct session_peer *peer, const struct session_link *link,
                               struct session **ret_session, struct bvhd_error *error)
 {
@@ -154,6 +160,12 @@ void session_sent(struct session *session, const struct reply *reply)
 void session_goodbye(struct session *session)
 {
     answer(session, FRAME_GOODBYE, 0, NULL);
+}
+
+void session_report_progress(struct session *session, uint64_t now_ms)
+{
+    (void)session;
+    (void)now_ms;
 }
 
 bool session_is_open(const struct session *session)

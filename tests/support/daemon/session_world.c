@@ -62,6 +62,8 @@ static void record(struct world_client *client, const struct reply *reply)
         status = control_unpack_result(reply->control, memory, &event.result, NULL);
     if (event.type == FRAME_PREPARED)
         status = control_unpack_items(reply->control, memory, &event.prepared, NULL);
+    if (event.type == FRAME_PROGRESS)
+        status = control_unpack_progress(reply->control, memory, &event.progress, NULL);
     if (event.type == FRAME_COUNTERS)
         status = control_unpack_counters(reply->control, memory, &event.counters, NULL);
     if (event.type == FRAME_BUSY)
@@ -206,8 +208,8 @@ void world_finish(struct session_world *world)
         struct world_client *client = &world->clients[i];
         for (uint32_t k = 0; k < client->event_count; k++) {
             struct world_event *event = &client->events[k];
-            void *const blocks[] = {event->welcome, event->result, event->prepared, event->counters,
-                                    event->busy,    event->error,  event->bytes};
+            void *const blocks[] = {event->welcome,  event->result, event->prepared, event->progress,
+                                    event->counters, event->busy,   event->error,    event->bytes};
             for (size_t j = 0; j < sizeof blocks / sizeof *blocks; j++)
                 memory_free(&client->memory, blocks[j]);
         }
@@ -314,7 +316,7 @@ enum bvhd_status world_say(struct world_client *client, enum frame_type type, ui
                            struct bvhd_error *error)
 {
     struct frame frame = {.header = {.type = (uint16_t)type, .request = request}};
-    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "a test"};
+    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "a test", 250};
     enum bvhd_status packed = BVHD_OK;
     if (type == FRAME_HELLO)
         packed = control_pack_hello(&hello, &client->memory, &frame.control, NULL);

@@ -24,6 +24,7 @@ struct world_event {
     struct control_welcome *welcome;
     struct control_result *result;
     struct control_items *prepared;
+    struct control_progress *progress;
     struct control_counters *counters;
     struct control_busy *busy;
     struct bvhd_error *error;

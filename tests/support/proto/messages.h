@@ -19,6 +19,8 @@ struct messages {
     struct key keys[MESSAGES_ITEMS];
     struct control_items items;
     uint32_t numbers[MESSAGES_ITEMS];
+    struct control_progress progress;
+    uint32_t thousandths[MESSAGES_ITEMS];
     struct control_result result;
     struct bvhd_error error;
     struct control_busy busy;
@@ -30,7 +32,7 @@ struct messages {
 static inline void messages_fill(struct messages *all)
 {
     memset(all, 0, sizeof *all);
-    all->hello = (struct control_hello){1, 7, "libbvhd 0.1.0"};
+    all->hello = (struct control_hello){1, 7, "libbvhd 0.1.0", 200};
     all->welcome =
         (struct control_welcome){3, "bvhd 0.1.0", 64, 4096, 1 << 20, 1 << 16, UINT64_C(64) << 20, UINT64_MAX};
     all->pool.size = UINT64_C(1) << 40;
@@ -46,9 +48,11 @@ static inline void messages_fill(struct messages *all)
         all->build_items[i].device.variant = UINT32_MAX - n - 19;
         memset(&all->keys[i], (int)(0x11 * i), sizeof all->keys[i]);
         all->numbers[i] = i * 1000003;
+        all->thousandths[i] = i * CONTROL_DONE / (MESSAGES_ITEMS - 1);
     }
     all->get = (struct control_get){MESSAGES_ITEMS, all->keys};
     all->items = (struct control_items){MESSAGES_ITEMS, all->numbers};
+    all->progress = (struct control_progress){MESSAGES_ITEMS, all->numbers, all->thousandths};
     bvhd_error_rule(&all->error, BVHD_VUID_03774, "infos[2].geometries[3].aabbs.data", "%d bytes do not hold the boxes",
                     17);
     all->result = (struct control_result){
@@ -104,6 +108,7 @@ MESSAGES_KIND(pool)
 MESSAGES_KIND(build)
 MESSAGES_KIND(get)
 MESSAGES_KIND(items)
+MESSAGES_KIND(progress)
 MESSAGES_KIND(result)
 MESSAGES_KIND(error)
 MESSAGES_KIND(busy)
@@ -114,8 +119,9 @@ MESSAGES_KIND(counters)
 #name, offsetof(struct messages, name), messages_pack_##name, messages_unpack_##name                           \
     }
 static const struct messages_kind messages_kinds[] = {
-    MESSAGES_ROW(hello), MESSAGES_ROW(welcome), MESSAGES_ROW(pool),  MESSAGES_ROW(build), MESSAGES_ROW(get),
-    MESSAGES_ROW(items), MESSAGES_ROW(result),  MESSAGES_ROW(error), MESSAGES_ROW(busy),  MESSAGES_ROW(counters),
+    MESSAGES_ROW(hello), MESSAGES_ROW(welcome), MESSAGES_ROW(pool),     MESSAGES_ROW(build),
+    MESSAGES_ROW(get),   MESSAGES_ROW(items),   MESSAGES_ROW(progress), MESSAGES_ROW(result),
+    MESSAGES_ROW(error), MESSAGES_ROW(busy),    MESSAGES_ROW(counters),
 };
 enum { MESSAGES_KINDS = sizeof messages_kinds / sizeof messages_kinds[0] };
 

@@ -251,6 +251,56 @@ static void test_calls(void **state)
     assert_true(bed_stop(&bed));
 }
 
+static void send_progress(struct client_bed *bed, uint64_t request, uint32_t item, uint32_t thousandths)
+{
+    const struct control_progress progress = {1, &item, &thousandths};
+    struct bytes control;
+    assert_int_equal(control_pack_progress(&progress, &bed->fake.peer.memory, &control, NULL), BVHD_OK);
+    fake_send(&bed->fake, FRAME_PROGRESS, request, control);
+    fake_free(&bed->fake, (void *)(uintptr_t)control.data);
+    bvhd_client_dispatch(bed->client);
+}
+
+/* Progress goes from 0 to what the daemon tells, never back, and to 1 with the result. */
+static void test_progress(void **state)
+{
+    (void)state;
+    struct client_bed bed;
+    struct frame frame;
+    struct control_hello *hello;
+    bed_start(&bed);
+    struct bvhd_batch *batch = bed_submit(&bed, 2, 1);
+    assert_true(fake_accept(&bed.fake, NULL) && fake_expect(&bed.fake, FRAME_HELLO, &frame));
+    assert_int_equal(control_unpack_hello(frame.control, &bed.fake.peer.memory, &hello, NULL), BVHD_OK);
+    assert_in_range(hello->progress_ms, 100, 1000);
+    fake_free(&bed.fake, hello);
+    fake_send_welcome(&bed.fake);
+    bvhd_client_dispatch(bed.client);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame));
+    const uint64_t request = frame.header.request;
+    assert_true(bvhd_batch_progress(batch, 0) == 0 && bvhd_batch_progress(batch, 2) == 0);
+    send_progress(&bed, request, 1, 250);
+    assert_true(bvhd_batch_progress(batch, 0) == 0 && bvhd_batch_progress(batch, 1) == 0.25f);
+    send_progress(&bed, request, 1, 100);
+    assert_true(bvhd_batch_progress(batch, 1) == 0.25f);
+    assert_int_equal(bed_status(batch, 1), BVHD_PENDING);
+    fake_send_result(&bed.fake, request, 0, 10);
+    bvhd_client_dispatch(bed.client);
+    assert_true(bvhd_batch_progress(batch, 0) == 1);
+    send_progress(&bed, request, 0, 500); /* an item with its result */
+    bvhd_batch_cancel_item(batch, 1);
+    assert_true(bvhd_batch_progress(batch, 0) == 1 && bvhd_batch_progress(batch, 1) == 1);
+    send_progress(&bed, request, 1, 600); /* an item that was cancelled */
+    assert_int_equal(bed_status(batch, 1), BVHD_CANCELLED);
+    bvhd_batch_destroy(batch);
+    send_progress(&bed, request, 1, 700); /* a batch that is gone */
+    assert_true(fake_expect(&bed.fake, FRAME_CANCEL, &frame));
+    batch = bed_submit(&bed, 1, 1);
+    assert_true(fake_expect(&bed.fake, FRAME_BUILD, &frame)); /* on the same connection */
+    bvhd_batch_destroy(batch);
+    assert_true(bed_stop(&bed));
+}
+
 static void test_keys(void **state)
 {
     (void)state;
@@ -334,17 +384,12 @@ static void test_failing_allocations(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_result),
-        cmocka_unit_test(test_blob_outlives),
-        cmocka_unit_test(test_fetch),
-        cmocka_unit_test(test_empty),
-        cmocka_unit_test(test_broken_infos),
-        cmocka_unit_test(test_error),
-        cmocka_unit_test(test_renumbered),
-        cmocka_unit_test(test_calls),
-        cmocka_unit_test(test_keys),
-        cmocka_unit_test(test_version),
-        cmocka_unit_test(test_failing_allocations),
+        cmocka_unit_test(test_result),       cmocka_unit_test(test_blob_outlives),
+        cmocka_unit_test(test_fetch),        cmocka_unit_test(test_empty),
+        cmocka_unit_test(test_broken_infos), cmocka_unit_test(test_error),
+        cmocka_unit_test(test_renumbered),   cmocka_unit_test(test_calls),
+        cmocka_unit_test(test_progress),     cmocka_unit_test(test_keys),
+        cmocka_unit_test(test_version),      cmocka_unit_test(test_failing_allocations),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -171,6 +171,8 @@ enum wrong {
     CLIENT_FRAME,
     RESULT_OF_CONNECTION,
     ANSWER_WITHOUT_QUESTION,
+    PROGRESS_OF_NO_ITEM,
+    PROGRESS_BEYOND_THE_END,
     BAD_CONTROL,
     WRONG_COUNT
 };
@@ -227,6 +229,14 @@ static void send_wrong(struct client_bed *bed, enum wrong wrong, uint64_t reques
         break;
     case ANSWER_WITHOUT_QUESTION:
         fake_send(fake, FRAME_PONG, 1, nothing);
+        break;
+    case PROGRESS_OF_NO_ITEM: /* item 2 */
+        fake_send(fake, FRAME_PROGRESS, request,
+                  (struct bytes){(const unsigned char *)"\x0a\x04\x02\0\0\0\x12\x04\x01\0\0\0", 12});
+        break;
+    case PROGRESS_BEYOND_THE_END: /* 1001 thousandths */
+        fake_send(fake, FRAME_PROGRESS, request,
+                  (struct bytes){(const unsigned char *)"\x0a\x04\0\0\0\0\x12\x04\xe9\x03\0\0", 12});
         break;
     default:
         fake_send(fake, FRAME_RESULT, request, (struct bytes){(const unsigned char *)"\xff\xff\xff\xff", 4});

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_session.c - tests the frames of a session: versions, errors, pools, credits, queues, draining. */
+/* test_session.c - tests the frames of a session: versions, errors, pools, credits, queues, draining, progress. */
 #include "tests/support/unit.h"
+
+#include <sched.h>
 
 #include "tests/support/daemon/session_world.h"
 
@@ -25,7 +27,7 @@ static int tear_down(void **state)
 
 static enum bvhd_status say_hello(struct world_client *client, uint32_t least, uint32_t most, struct bvhd_error *error)
 {
-    struct control_hello hello = {least, most, "versions"};
+    struct control_hello hello = {least, most, "versions", 0};
     struct frame frame = {.header = {.type = FRAME_HELLO, .request = 5}};
     assert_int_equal(control_pack_hello(&hello, &client->memory, &frame.control, NULL), BVHD_OK);
     enum bvhd_status status = world_send(client, &frame, error);
@@ -410,6 +412,63 @@ static void test_full_queues_are_busy(void **state)
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
+/* ---- progress ---- */
+
+static uint32_t thousandths_of(const struct world_client *client, uint64_t request)
+{
+    const struct request *found = session_find(client->session, request);
+    return found ? flight_thousandths(&found->items[0].waiter) : 0;
+}
+
+/*
+ * The build's end is not noticed before the next iteration of the loop, so that the flight is under way however fast
+ * the worker is.
+ */
+static void progress_is_reported(void **state)
+{
+    struct world_client *client = world_join(&world), *slow = world_join(&world), *plain = world_join(&world);
+    struct world_mesh mesh;
+    (void)state;
+    world_mesh_init(&mesh, 1000, 77);
+    plain->session->progress_ms = 0;
+    world_build_mesh(client, 1, &mesh);
+    world_await_state(client, 1, 0, ITEM_JOINED);
+    const struct flight_waiter *waiter = &session_find(client->session, 1)->items[0].waiter;
+    session_report_progress(client->session, 1000);
+    while (flight_thousandths(waiter) == 0)
+        sched_yield();
+    assert_in_range(thousandths_of(client, 1), 1, CONTROL_DONE);
+    session_report_progress(client->session, 1249); /* too early */
+    assert_null(world_find(client, FRAME_PROGRESS, 1, 1));
+    while (flight_thousandths(waiter) < CONTROL_DONE)
+        sched_yield();
+    client->hold = true;
+    session_report_progress(client->session, 1250);
+    session_report_progress(client->session, 9000); /* the last one has not been sent */
+    session_report_progress(plain->session, 1250);
+    session_report_progress(slow->session, 1250);
+    client->hold = false;
+    world_settle(&world);
+    session_report_progress(client->session, 20000); /* there is nothing new */
+    world_iterate(&world);
+    uint32_t count = 0, last = 0;
+    for (const struct world_event *event; (event = world_find(client, FRAME_PROGRESS, 1, count)); count++) {
+        assert_int_equal(event->progress->count, 1);
+        assert_int_equal(event->progress->items[0], 0);
+        assert_true(event->progress->thousandths[0] > last);
+        last = event->progress->thousandths[0];
+    }
+    assert_in_range(count, 1, 2);
+    assert_int_equal(last, CONTROL_DONE);
+    assert_null(world_find(plain, FRAME_PROGRESS, 1, 0));
+    assert_null(world_find(slow, FRAME_PROGRESS, 1, 0));
+    world_build_mesh(client, 2, &mesh); /* from the cache */
+    world_settle(&world);
+    assert_null(world_find(client, FRAME_PROGRESS, 2, 0));
+    assert_int_equal(world_status(client, 2, 0), BVHD_OK);
+    world_mesh_finish(&mesh);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -430,6 +489,7 @@ int main(void)
         TEST(test_pools_together_have_a_limit),
         TEST(test_credits_are_kept),
         TEST(test_full_queues_are_busy),
+        TEST(progress_is_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

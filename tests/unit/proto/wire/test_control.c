@@ -101,6 +101,11 @@ static void lists_come_back(void **state)
     assert_int_equal(items->count, MESSAGES_ITEMS);
     assert_memory_equal(items->items, all.numbers, sizeof all.numbers);
     memory_free(&memory, items);
+    struct control_progress *progress = there_and_back("progress", &all.progress);
+    assert_int_equal(progress->count, MESSAGES_ITEMS);
+    assert_memory_equal(progress->items, all.numbers, sizeof all.numbers);
+    assert_memory_equal(progress->thousandths, all.thousandths, sizeof all.thousandths);
+    memory_free(&memory, progress);
     struct control_counters *counters = there_and_back("counters", &all.counters);
     assert_int_equal(counters->count, MESSAGES_COUNTERS);
     assert_memory_equal(counters->counters, all.rows, sizeof all.rows);
@@ -356,6 +361,18 @@ static void counts_and_sizes_are_checked(void **state)
     refuse("items", &writing, BVHD_OK, "");
     put_block(&writing, 1, (CONTROL_MAX_ITEMS + 1) * 4, 0);
     refuse("items", &writing, BVHD_TOO_LARGE, "items");
+    put_block(&writing, 1, CONTROL_MAX_ITEMS * 4, 1);
+    put_block(&writing, 2, CONTROL_MAX_ITEMS * 4, 0);
+    refuse("progress", &writing, BVHD_OK, "");
+    put_block(&writing, 1, (CONTROL_MAX_ITEMS + 1) * 4, 1);
+    put_block(&writing, 2, (CONTROL_MAX_ITEMS + 1) * 4, 0);
+    refuse("progress", &writing, BVHD_TOO_LARGE, "progress.items");
+    put_block(&writing, 1, 8, 0);
+    put_block(&writing, 2, 4, 0);
+    refuse("progress", &writing, BVHD_CORRUPT, "progress.thousandths");
+    put_block(&writing, 1, 4, 0);
+    put_block(&writing, 2, 4, 4);
+    refuse("progress", &writing, BVHD_CORRUPT, "progress.thousandths");
     for (int i = 0; i < CONTROL_MAX_COUNTERS; i++)
         put_block(&writing, 1, 0, 0);
     refuse("counters", &writing, BVHD_OK, "");

@@ -98,7 +98,7 @@ static void compare(const char *title, const unsigned char *bytes, size_t size)
 static void the_hello_is_what_is_sent(void **state)
 {
     (void)state;
-    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "demo 1"};
+    struct control_hello hello = {CONTROL_VERSION, CONTROL_VERSION, "demo 1", 0};
     struct bytes control;
     unsigned char frame[MOST];
     assert_int_equal(control_pack_hello(&hello, &memory, &control, NULL), BVHD_OK);
@@ -145,11 +145,12 @@ static void numbers_are_those_of_the_headers(void **state)
     static const struct {
         int number;
         const char *name;
-    } types[] = {
-        {FRAME_HELLO, "HELLO"},   {FRAME_POOL, "POOL"},         {FRAME_BUILD, "BUILD"}, {FRAME_GET, "GET"},
-        {FRAME_CANCEL, "CANCEL"}, {FRAME_STATS, "STATS"},       {FRAME_PING, "PING"},   {FRAME_WELCOME, "WELCOME"},
-        {FRAME_DONE, "DONE"},     {FRAME_ERROR, "ERROR"},       {FRAME_BUSY, "BUSY"},   {FRAME_PREPARED, "PREPARED"},
-        {FRAME_RESULT, "RESULT"}, {FRAME_COUNTERS, "COUNTERS"}, {FRAME_PONG, "PONG"},   {FRAME_GOODBYE, "GOODBYE"}};
+    } types[] = {{FRAME_HELLO, "HELLO"},     {FRAME_POOL, "POOL"},         {FRAME_BUILD, "BUILD"},
+                 {FRAME_GET, "GET"},         {FRAME_CANCEL, "CANCEL"},     {FRAME_STATS, "STATS"},
+                 {FRAME_PING, "PING"},       {FRAME_WELCOME, "WELCOME"},   {FRAME_DONE, "DONE"},
+                 {FRAME_ERROR, "ERROR"},     {FRAME_BUSY, "BUSY"},         {FRAME_PREPARED, "PREPARED"},
+                 {FRAME_RESULT, "RESULT"},   {FRAME_COUNTERS, "COUNTERS"}, {FRAME_PONG, "PONG"},
+                 {FRAME_GOODBYE, "GOODBYE"}, {FRAME_PROGRESS, "PROGRESS"}};
     char line[100];
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
         snprintf(line, sizeof line, "\n| %d | %s |", types[i].number, types[i].name);

@@ -7,9 +7,9 @@
 #include "proto/wire/bvhd.pb-c.h"
 
 static const ProtobufCMessageDescriptor *const messages[] = {
-    &bvhd__hello__descriptor, &bvhd__welcome__descriptor, &bvhd__pool__descriptor,     &bvhd__build__descriptor,
-    &bvhd__get__descriptor,   &bvhd__items__descriptor,   &bvhd__error__descriptor,    &bvhd__result__descriptor,
-    &bvhd__busy__descriptor,  &bvhd__counter__descriptor, &bvhd__counters__descriptor,
+    &bvhd__hello__descriptor,  &bvhd__welcome__descriptor, &bvhd__pool__descriptor,     &bvhd__build__descriptor,
+    &bvhd__get__descriptor,    &bvhd__items__descriptor,   &bvhd__progress__descriptor, &bvhd__error__descriptor,
+    &bvhd__result__descriptor, &bvhd__busy__descriptor,    &bvhd__counter__descriptor,  &bvhd__counters__descriptor,
 };
 enum { MESSAGES = sizeof messages / sizeof messages[0], DEEPEST = 2, LINE = 100 };
 
@@ -21,6 +21,7 @@ static const char *const fields[] = {
     "Hello.version_min 1 uint32",
     "Hello.version_max 2 uint32",
     "Hello.software 3 string",
+    "Hello.progress_ms 4 uint32",
     "Welcome.version 1 uint32",
     "Welcome.software 2 string",
     "Welcome.credits 3 uint32",
@@ -36,6 +37,8 @@ static const char *const fields[] = {
     "Build.items 4 bytes",
     "Get.keys 1 bytes",
     "Items.items 1 repeated fixed32",
+    "Progress.items 1 repeated fixed32",
+    "Progress.thousandths 2 repeated fixed32",
     "Error.status 1 uint32",
     "Error.rule 2 uint32",
     "Error.where 3 string",
