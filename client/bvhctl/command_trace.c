@@ -57,8 +57,10 @@ static enum bvhd_status check_cost(const struct trace_command *run, struct bvhd_
     double tests = stage_cost(&run->stage) * RAYS_A_PIXEL * run->options->width * run->options->height;
     if (tests <= affordable_tests)
         return BVHD_OK;
-    return bvhd_error_set(error, BVHD_TOO_LARGE, run->structures.name,
-                          "about %.0e triangle tests for this picture; a smaller --size may do", tests);
+    return bvhd_error_set(
+        error, BVHD_TOO_LARGE, run->structures.name,
+        "this picture needs about %.0e triangle tests, and the limit is %.0e; a smaller --size may do", tests,
+        affordable_tests);
 }
 
 static bool is_gltf(const struct trace_command *run)
