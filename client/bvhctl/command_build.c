@@ -101,10 +101,11 @@ static const char *origin_note(enum bvhd_origin origin)
 static void print_structure(const struct bvhd_result *item, const char *file, bool is_top)
 {
     uint64_t count = is_top ? item->instances : item->primitives;
+    const char *unit = is_top ? (count == 1 ? "instance" : "instances") : count == 1 ? "triangle" : "triangles";
     printf("%-40s %9llu %-9s %8.2f MB  %5.1f B each  SAH %6.2f  depth %2u  %8.1f ms  %s %s%s\n", file,
-           (unsigned long long)count, is_top ? "instances" : "triangles", (double)item->size / 1e6,
-           count ? (double)item->size / (double)count : 0.0, item->sah, item->depth, item->prepare_ms + item->build_ms,
-           manifest_quality_name(item->quality), item->method ? item->method : "", origin_note(item->origin));
+           (unsigned long long)count, unit, (double)item->size / 1e6, count ? (double)item->size / (double)count : 0.0,
+           item->sah, item->depth, item->prepare_ms + item->build_ms, manifest_quality_name(item->quality),
+           item->method ? item->method : "", origin_note(item->origin));
 }
 
 /* Writes a structure, and its entries in the manifest and the report. */

@@ -149,8 +149,8 @@ const struct scene_text scene_texts[] = {
      .error = "no triangles in it",
      .text = "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\nEnd Site\n{\nOFFSET 0 5 "
      "0\n}\n}\nMOTION\nFrames: 1\nFrame Time: 0.1\n0 0 0\n"},
-    {.format = "SMD", .name = "16 bytes that keep assimp busy", .file = "case.smd", .text = "version 1\n\nnodes",
-     .status = BVHD_UNSUPPORTED, .error = "assimp took too long: it was ended after ", .is_endless = true},
+    {.format = "SMD", .name = "16 bytes that keep assimp 5.2 busy", .file = "case.smd", .text = "version 1\n\nnodes",
+     .status = BVHD_UNSUPPORTED, .error = "", .is_endless = true},
     {.format = "?", .name = "unknown ending", .file = "case.unknown", .text = "???", .status = BVHD_UNSUPPORTED,
      .error = ""},
 };
