@@ -224,6 +224,7 @@ static void test_destroy(void **state)
         pthread_join(waiting.thread, NULL);
         local_bed_expect_ok(batch);
         bvhd_batch_destroy(batch);
+        terrain_finish(&mesh);
         urgent = submit_long(bed.client, &mesh, BVHD_PRIORITY_NORMAL);
         usleep(threads > 0 ? 20000 : 0);
         bvhd_batch_destroy(urgent);
