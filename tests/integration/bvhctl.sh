@@ -415,6 +415,31 @@ sed -i "s/^\( *\)\"twins.blas-c-.*.as\"/\1\"$first\"/" twins/manifest.json
 rm twins/twins.blas-c-*.as
 run 0 trace twins --device cpu -o twins.png --size 16x16
 
+# Pictures with what only the scene's file has: a texture with holes, and smooth normals.
+"$make_scene" gallery-fence -o fence.gltf >/dev/null
+run 0 --local build fence.gltf -o fence
+run 0 trace fence --device cpu -o fence.png --size 48x32 --json
+expect 'textures of the file that is here' grep -q '"textures":true' out
+mkdir away && mv fence.gltf fence.bin fence.0.png away
+run 0 trace fence --device cpu -o plain.png --size 48x32 --json
+expect 'a remark about the file that is not here' grep -q 'fence.gltf: its textures and normals are not shown' err
+expect 'no textures' grep -q '"textures":false' out
+expect 'another picture' sh -c '! cmp -s fence.png plain.png'
+run 0 trace fence away/fence.gltf --device cpu -o named.png --size 48x32
+expect 'the same picture by the file that is named' cmp fence.png named.png
+rm away/fence.0.png
+run 0 trace fence away/fence.gltf --device cpu -o holes.png --size 48x32
+expect 'a remark about the image' grep -q 'not shown: 1; the first: away/fence.0.png' err
+"$make_scene" gallery-crate -o crate.gltf >/dev/null
+run 1 trace fence crate.gltf --device cpu -o other.png --size 48x32
+one_error_line
+run 0 trace good --device cpu -o turn.png --size 24x16 --turn 3 --fov 40
+expect 'three pictures' [ -s turn-0000.png -a -s turn-0002.png -a ! -e turn-0003.png -a ! -e turn.png ]
+run 0 trace good --device cpu -o eye.png --size 24x16 --eye 9,0,0 --look-at 0,0,0 --json
+expect 'the camera that was asked for' grep -q '"eye":\[9,0,0\]' out
+run 2 trace good --device cpu -o eye.png --eye 9,0
+one_error_line
+
 # Pictures.
 run 0 trace good --device cpu -o a.png --size 48x32 --json --threads 1
 one_json_object
