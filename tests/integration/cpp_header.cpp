@@ -78,6 +78,7 @@ void test_build(const bvhd::Client &client, bvhd::Blob &ret_blob)
     batch->wait();
     expect("it is done", batch->is_done() && batch->is_copied());
     client.dispatch();
+    expect("all of it", batch->progress(0) >= 1 && batch->progress(1) <= 0);
     expect("it says so once", called == 1);
     expect("it is in time", batch->wait_for(std::chrono::milliseconds(0)));
     auto result = batch->result(0);

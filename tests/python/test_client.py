@@ -269,8 +269,10 @@ class ClientTest(unittest.TestCase):
         batch = self.client.submit([waves(40)])
         self.assertTrue(batch.wait_copied(60))
         self.assertTrue(batch.is_copied)
+        self.assertTrue(0 <= batch.progress() <= 1)
         self.assertEqual(batch._arrays, [])
         self.assertEqual(batch.results()[0].statistics["triangles"], 3200)
+        self.assertEqual([batch.progress(0), batch.progress(1)], [1, 0])
 
     def test_waits_end(self):
         batch = self.client.submit([waves(400)], quality=bvhd.Quality.HIGH)

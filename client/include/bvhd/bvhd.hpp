@@ -204,6 +204,11 @@ class Batch
     {
         return bvhd_batch_is_done(batch_.get()) != 0;
     }
+    /* How far an item is, from 0 to 1, as far as it is known. */
+    float progress(std::uint32_t item) const
+    {
+        return bvhd_batch_progress(batch_.get(), item);
+    }
     /* Waits until every item has its result. */
     void wait() const
     {

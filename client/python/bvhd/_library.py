@@ -26,6 +26,7 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "bvhd_batch_fetch": (c.c_int, _HANDLE, c.c_uint32, c.POINTER(s.Key), _RET_HANDLE, _ERROR),
     "bvhd_batch_is_copied": (c.c_int, _HANDLE),
     "bvhd_batch_is_done": (c.c_int, _HANDLE),
+    "bvhd_batch_progress": (c.c_float, _HANDLE, c.c_uint32),
     "bvhd_batch_result": (c.POINTER(s.Result), _HANDLE, c.c_uint32),
     "bvhd_batch_set_callback": (None, _HANDLE, CALLBACK, c.c_void_p),
     "bvhd_batch_submit": (c.c_int, _HANDLE, c.POINTER(s.Build), _RET_HANDLE, _ERROR),

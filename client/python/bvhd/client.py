@@ -217,6 +217,11 @@ class Batch:
         with self._handle as batch:
             return bool(lib.bvhd_batch_is_done(batch))
 
+    def progress(self, item: int = 0) -> float:
+        """Returns how far an item is, from 0 to 1, as far as it is known."""
+        with self._handle as batch:
+            return float(lib.bvhd_batch_progress(batch, item))
+
     def wait(self, timeout: Optional[float] = None) -> bool:
         """Waits at most `timeout` seconds, and returns whether every item has its result."""
         return self._wait(lib.bvhd_batch_wait, timeout)
