@@ -99,7 +99,7 @@ prints '"target":"lavapipe"'
 prints "\"device\":\"$device\""
 run 0 probe --device 0 -o first.probe
 expect 'one device, one probe' cmp -s a.probe first.probe
-run 1 probe --device 'of tomorrow' -o c.probe
+run 2 probe --device 'of tomorrow' -o c.probe
 one_error_line
 says "$device"
 missing c.probe
@@ -135,7 +135,7 @@ for other in 'another version' 'another layout'; do
     says lavapipe
     missing other.png
 done
-run 1 trace native --device 'of tomorrow' -o other.png
+run 2 trace native --device 'of tomorrow' -o other.png
 one_error_line
 says "$device"
 missing other.png
