@@ -9,7 +9,7 @@ enum {
     OPENNESS_STANDS = 256,
     OPENNESS_RAYS = 24,
     OPENNESS_KEPT = 4, /* of the points that are seen from each stand */
-    COSTLY = 500, /* triangle tests a ray from which on views are not compared */
+    COSTLY = 1000, /* triangle tests a ray from which on views are not compared */
     DEFAULT_VIEW = VIEW_AZIMUTHS + 2, /* the one that is taken then: somewhat from the side, and from above */
 };
 
