@@ -312,7 +312,7 @@ uint32_t bvhd_batch_count(const struct bvhd_batch *batch)
 float bvhd_batch_progress(struct bvhd_batch *batch, uint32_t item)
 {
     float progress = 0;
-    if (item >= batch->count)
+    if (!batch || item >= batch->count)
         return 0;
     client_lock(batch->client);
     const struct client_item *asked = &batch->items[item];

@@ -40,6 +40,10 @@ nm -g --defined-only "$static" | awk 'NF == 3 { print $3 }' | grep -v '^_*asan\|
 expect_quietly 'functions are declared' [ "$(wc -l <declared)" -gt 25 ]
 expect_quietly 'the shared library exports what is declared' diff declared exported
 expect_quietly 'so does the static one' diff declared exported_static
+# Unit tests have tables of wrong calls, which have every function.
+cat "$source"/tests/unit/client/test_misuse.c "$source"/tests/unit/client/vulkan/test_vulkan_misuse.c |
+    grep -o 'bvhd_[a-z_0-9]*(' | tr -d '(' | sort -u | comm -23 declared - >unmisused
+expect "functions that no wrong call is made of: $(tr '\n' ' ' <unmisused)" [ ! -s unmisused ]
 expect_quietly 'its name' sh -c "readelf -d '$shared' | grep -q 'SONAME.*\\[libbvhd.so.0\\]'"
 nm -D --defined-only "$libraries/libbvhd_build.so.0" | awk '$2 != "A" { sub(/@.*/, "", $3); print $3 }' |
     grep -v '^_*asan\|^__odr' >exported_build

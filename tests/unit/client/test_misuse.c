@@ -230,6 +230,7 @@ static void batches(void)
     reset();
     assert_int_equal(bvhd_batch_fetch(world.client, 1, &key, &batch, NULL), BVHD_OK);
     QUIET(!bvhd_batch_result(batch, 1) && !bvhd_batch_result(batch, UINT32_MAX));
+    QUIET(!(bvhd_batch_progress(NULL, 0) > 0) && !(bvhd_batch_progress(batch, 1) > 0));
     QUIET((bvhd_batch_cancel_item(batch, 1), bvhd_batch_cancel_item(batch, UINT32_MAX), true));
     assert_int_equal(bvhd_batch_wait(batch, -1), BVHD_OK);
     CALL((world.error = bvhd_batch_result(batch, 0)->error).status, BVHD_NOT_FOUND, "keys[0]", "key");
@@ -253,6 +254,7 @@ static void values(void)
     CALL(bvhd_key_from_text(good, &key), BVHD_INVALID, NULL, "");
     QUIET(strcmp(bvhd_status_name((enum bvhd_status)99), "UNKNOWN") == 0);
     QUIET(!bvhd_target_name((enum bvhd_target)99));
+    QUIET(strcmp(bvhd_vuid_string((enum bvhd_vuid)999999), "") == 0);
     QUIET(!bvhd_blob_ref(NULL) && !bvhd_blob_data(NULL) && bvhd_blob_size(NULL) == 0);
     QUIET((bvhd_blob_unref(NULL), true));
     CALL(bvhd_reference_from_result(NULL, 1, &reference), BVHD_INVALID, NULL, "");
@@ -532,6 +534,7 @@ static void test_misuses(void **state)
     assert_int_equal(library_memory.live, live);
     assert_int_equal(failures, 0);
     assert_true(rows >= MISUSES_LEAST);
+    assert_non_null(bvhd_version());
     printf("%d misuses\n", rows);
 }
 
