@@ -117,8 +117,7 @@ static void write_glb(const char *path, uint32_t meshes)
     write_meshes(text, &square, meshes);
     fputs("}", text);
     fflush(text);
-    for (; length % 4; fflush(text))
-        fputc(' ', text);
+    fprintf(text, "%*s", (int)((4 - length % 4) % 4), "");
     fclose(text);
     uint32_t bytes = square.vertex_count * 12 + square.index_count * 4, bin = meshes * bytes;
     put(file, "glTF", 4);
