@@ -216,7 +216,7 @@ static void portable_blobs_are_aligned(void **state)
 {
     (void)state;
     const struct bvhd_cpu_blob whole = beds[0].blobs[0];
-    unsigned char *shifted = malloc(whole.size + 64);
+    unsigned char *shifted = malloc(whole.size + 128);
     assert_non_null(shifted);
     unsigned char *at = shifted + (64 - (uintptr_t)shifted % 64) + 8;
     memcpy(at, whole.data, whole.size);
