@@ -48,11 +48,12 @@ struct batch {
     uint64_t done, weight, total; /* primitives: of the items before, of the item that is built, and of all */
 };
 
-/* A structure of nothing counts, too. */
-static uint64_t weight_of(const struct build_input *input)
+/* Counts the primitives of an item, and one more for the item. It is called before the item has been validated. */
+static uint64_t weight_of(const struct build_input *input, const struct limits *limits)
 {
     uint64_t weight = 1;
-    for (uint32_t i = 0; i < input->geometry_count; i++)
+    for (uint32_t i = 0;
+         input->geometries && input->geometry_count <= limits->max_geometries && i < input->geometry_count; i++)
         weight += input->geometries[i].range.primitive_count;
     return weight;
 }
@@ -124,11 +125,11 @@ static void run_items(struct batch *batch, const struct build_input *inputs, uin
 {
     memset(batch->items, 0, count * sizeof *batch->items);
     for (uint32_t i = 0; i < count; i++)
-        batch->total += weight_of(&inputs[i]);
+        batch->total += weight_of(&inputs[i], batch->limits);
     for (uint32_t i = 0; i < count; i++) {
         batch->items[i].status = errors[i].status;
         batch->items[i].error = errors[i];
-        batch->weight = weight_of(&inputs[i]);
+        batch->weight = weight_of(&inputs[i], batch->limits);
         if (errors[i].status == BVHD_OK)
             run_item(batch, &inputs[i], i);
         batch->done += batch->weight;
