@@ -17,12 +17,13 @@ include=$(pkg --variable=includedir)
 libraries=$(pkg --variable=libdir)
 shared=$libraries/libbvhd.so
 static=$libraries/libbvhd.a
-# What is installed is what installed.list says, where PYTHON is the folder of Python's packages, and the manual pages
-# of section 3, which manuals3.sh tests.
+# The installed files are those of installed.list, where PYTHON is the folder of Python's packages, the manual pages of
+# section 3, which manuals3.sh tests, and byte code, which newer versions of meson compile.
 version=$(pkg --modversion)
 libdir=${libraries#"$prefix/"}
 (cd "$prefix" && find . ! -type d | sed -E "s|^[.]/||; s|^$libdir/|LIBDIR/|; s|[.]$version\$|.VERSION|
-    s|^lib/python3[.0-9]*/[a-z]*-packages/|PYTHON/|") | grep -v '^share/man/man3/' | sort >installed
+    s|^lib/python3[.0-9]*/[a-z]*-packages/|PYTHON/|") |
+    grep -vE '^share/man/man3/|/__pycache__/' | sort >installed
 [ -d "$prefix/lib/systemd" ] && units=none || units='^lib/(systemd|sysusers.d|tmpfiles.d)/'
 grep -vE "$units" "$source/tests/integration/installed.list" | diff - installed >changed
 expect "installed, but not in installed.list (>), or the other way round (<): $(cat changed)" [ ! -s changed ]

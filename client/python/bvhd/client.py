@@ -70,9 +70,9 @@ class Result:
         self.slabs = np.array(result.slabs, np.float32)
         #: Numbers about the build, by the names of their fields in bvhd.h.
         self.statistics: dict[str, float] = {
-            name: getattr(result, name)
-            for name, kind in s.Result._fields_
-            if kind in (c.c_uint64, c.c_double, c.c_uint32) and name != "size"
+            field[0]: getattr(result, field[0])
+            for field in s.Result._fields_
+            if field[1] in (c.c_uint64, c.c_double, c.c_uint32) and field[0] != "size"
         }
         self._reference = Reference(self.key, self.bounds, self.slabs)
 
