@@ -49,7 +49,8 @@ int main(int argc, char **argv)
     must(bvhd_cpu_scene_create(&options, &scene, &error), &error);
     bvhd_cpu_scene_bounds(scene, bounds);
     for (i = 0; i < WIDTH * HEIGHT; i++) { /* parallel rays towards -z, over the scene's bounds */
-        const float x = ((float)(i % WIDTH) + 0.5f) / WIDTH, y = 1 - ((float)(i / WIDTH) + 0.5f) / HEIGHT;
+        const float x = ((float)(i % WIDTH) + 0.5f) / (float)WIDTH;
+        const float y = 1 - ((float)(i / WIDTH) + 0.5f) / (float)HEIGHT;
         const float origin[] = {bounds[0] + x * (bounds[3] - bounds[0]), bounds[1] + y * (bounds[4] - bounds[1])};
         rays[i] = (struct bvhd_cpu_ray){.origin = {origin[0], origin[1], bounds[5] + 1},
                                         .direction = {0, 0, -1},

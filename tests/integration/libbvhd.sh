@@ -172,11 +172,14 @@ expect_quietly "it names the library and the places: $(cat out)" \
     grep -q "^UNSUPPORTED: $scratch/lone/libbvhd_build.so.0: .*No such file.*libbvhd_build.so.0: cannot open" out
 expect_quietly "status 1 without the library ($got)" [ $got -eq 1 ]
 cat >other.c <<'END'
-const char *const *bvhd_build_library(void);
-const char *const *bvhd_build_library(void)
+struct build_library {
+    const char *version;
+};
+const struct build_library *bvhd_build_library(void);
+const struct build_library *bvhd_build_library(void)
 {
-    static const char *const version = "0.0.7";
-    return &version;
+    static const struct build_library library = {"0.0.7"};
+    return &library;
 }
 END
 expect_quietly 'another version' $compiler -shared -fPIC other.c -o lone/libbvhd_build.so.0
