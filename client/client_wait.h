@@ -24,7 +24,7 @@ void client_unlock(struct bvhd_client *client);
 /* Drops the lock at the end of a call from the program's event loop, which needs no wake-up itself. */
 void client_unlock_dispatched(struct bvhd_client *client);
 
-/* What a thread waits for, and what it may do meanwhile. */
+/* The event that a thread waits for, and the work that it may do meanwhile. */
 struct client_wait {
     bool (*is_true)(const void *context);
     /* Does a piece of work, and returns whether there was any. It may drop the lock meanwhile. NULL: there is none. */

@@ -16,7 +16,7 @@ void local_threads_init(struct local_threads *threads, unsigned allowed)
     pthread_cond_init(&threads->work, NULL);
 }
 
-/* What the threads of one round share. */
+/* The state that the threads of one round share. */
 struct round {
     struct bvhd_client *client;
     const struct parallel *parallel;

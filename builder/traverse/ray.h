@@ -25,7 +25,7 @@ enum {
     RAY_SKIP_AABBS = 0x200,
 };
 
-/* What stands for an instance, or for a bottom level, where there is none. */
+/* The indices of an instance and of a bottom level that are not there. */
 #define RAY_NO_INSTANCE UINT32_C(0xffffffff)
 #define RAY_NO_BOTTOM UINT32_C(0xffffffff)
 

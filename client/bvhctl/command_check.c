@@ -35,7 +35,7 @@ struct tally {
     double t_rel_err_max;
 };
 
-/* What of a directory and of a file is compared. */
+/* The scene of a directory and the scene of a file that are compared. */
 struct choice {
     char *file; /* the name of the file without its ending */
     char *name; /* the scene's name in the manifest; NULL: what --scene says, which the manifest may not have */

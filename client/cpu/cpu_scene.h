@@ -25,7 +25,7 @@ struct cpu_structure {
 
 struct cpu_target;
 
-/* What a structure can be in a scene. An empty one of a native target does not say. */
+/* The levels of a scene. An empty structure of a native target does not tell its level. */
 enum cpu_level { CPU_BOTTOM, CPU_TOP, CPU_EITHER };
 
 struct bvhd_cpu_scene {
@@ -41,7 +41,7 @@ struct bvhd_cpu_scene {
     } walk; /* by target: what the traversal runs over */
 };
 
-/* What differs between targets. A hit that is passed to these functions names a bottom level that is there. */
+/* The functions of one target. A hit that is passed to them names a bottom level that is there. */
 struct cpu_target {
     enum target target;
     /* Opens a hostile blob, of which structure->blob is set. */

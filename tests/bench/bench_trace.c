@@ -51,7 +51,7 @@ struct subject {
     const struct ply *ply;
     RTCScene embree;
     struct scene scene;
-    struct bvhd_cpu_scene *library;
+    struct bvhd_cpu_scene *opened;
     float bounds[6];
     double light[3];
 };
@@ -359,8 +359,8 @@ static void measure_library(const struct subject *subject, const struct settings
             int way = (turn + repeats) % WAYS;
             double from = now();
             hits[way] = way == DIRECT ? run_direct(&subject->scene, rays, &given)
-                        : way == MANY ? run_library(subject->library, &given)
-                                      : run_library_singly(subject->library, &given);
+                        : way == MANY ? run_library(subject->opened, &given)
+                                      : run_library_singly(subject->opened, &given);
             times[way] = now() - from;
         }
         many[repeats] = times[MANY] / times[DIRECT];
@@ -469,12 +469,12 @@ static void run_scene(const char *path, const struct settings *settings, RTCDevi
            item.stats.method, item.stats.sah);
     const struct bvhd_cpu_blob blob = {item.blob, item.size};
     const struct bvhd_cpu_scene_options options = {.struct_size = sizeof options, .blobs = &blob, .blob_count = 1};
-    if (bvhd_cpu_scene_create(&options, &subject.library, &error) != BVHD_OK) {
+    if (bvhd_cpu_scene_create(&options, &subject.opened, &error) != BVHD_OK) {
         fprintf(stderr, "bench_trace: %s: %s\n", error.where, error.text);
         exit(1);
     }
     measure_all(&subject, settings, totals);
-    bvhd_cpu_scene_destroy(subject.library);
+    bvhd_cpu_scene_destroy(subject.opened);
     rtcReleaseScene(subject.embree);
     batch_finish(&item, 1, &memory);
     ply_free(ply);

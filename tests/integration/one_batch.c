@@ -19,7 +19,7 @@ enum { BOTTOMS = 4, INSTANCES = 9 };
 static const float meshes[BOTTOMS][9] = {
     {0, 0, 0, 1, 0, 0, 0, 1, 0}, {-3, 0, 1, 1, 5, 0, 0, 1, 2}, {0}, {0, 0, 0, 0, 0, 0, 0, 0, 0}};
 
-/* What a batch of the bottom levels and the top level over them consists of; the top level is the last info. */
+/* The infos of a batch of bottom levels and the top level over them; the top level is the last info. */
 struct scene {
     VkAccelerationStructureInstanceKHR instances[INSTANCES];
     VkAccelerationStructureGeometryKHR geometries[BOTTOMS + 1];

@@ -17,7 +17,7 @@
 
 enum { RESULT_SIZE = 256, OUTPUT_SIZE = 1 << 16 };
 
-/* What a reader has made of a file. */
+/* The result of reading a file. */
 struct found {
     enum bvhd_status status;
     char error[RESULT_SIZE * 2]; /* "where: text" */

@@ -279,7 +279,7 @@ enum { CASES = sizeof cases / sizeof cases[0], GOOD = 21 };
 
 /* ---- the comparison ---- */
 
-/* What a client made of a case: a batch, or the error of the submission. */
+/* A client's answer to a case: a batch, or the error of the submission. */
 struct outcome {
     struct bvhd_batch *batch;
     struct bvhd_error error;

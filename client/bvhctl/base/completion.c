@@ -60,7 +60,7 @@ const struct completion_row *completion_of(const struct option_row *option)
     return NULL;
 }
 
-/* What the words before the last one have said. */
+/* The meaning of the words before the last one. */
 struct line {
     unsigned command; /* ON_ */
     const struct option_row *option; /* whose value comes next; NULL: none */

@@ -10,7 +10,7 @@
 
 #include "client/bvhctl/base/options_table.h"
 
-/* What a value or an operand is. */
+/* The kinds of values and operands. */
 enum completion_kind {
     COMPLETION_TEXT, /* free text, such as a number: nothing can be offered */
     COMPLETION_NAME, /* one of some names */

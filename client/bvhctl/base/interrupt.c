@@ -12,7 +12,7 @@
 static const char object[] = "{\"schema\":1,\"error\":{\"status\":\"CANCELLED\",\"vuid\":\"\",\"where\":\"signal\","
                              "\"text\":\"interrupted\"}}\n";
 
-/* What the handler needs. All but the atomic members are written before it is installed. */
+/* The state that the handler reads. All but the atomic members are written before it is installed. */
 static struct {
     pthread_t main_thread;
     pid_t process;

@@ -140,7 +140,7 @@ void progress_begin(struct progress *progress, const char *verb, const char *nam
 void progress_update(void *context, uint64_t done, uint64_t total)
 {
     struct progress *progress = context;
-    /* Of the calls of several threads, the one that says more counts. */
+    /* Several threads report at once: the largest figure is kept. */
     if (atomic_exchange(&progress->total, total) != total || done > atomic_load(&progress->done))
         atomic_store(&progress->done, done);
 }

@@ -7,7 +7,7 @@
 
 #include "client/bvhctl/oracle/oracle.h"
 
-/* What oracle_trace needs besides rays. */
+/* The arguments of oracle_trace, except for its rays. */
 struct oracle_work {
     const struct oracle_mesh *meshes;
     uint32_t mesh_count;

@@ -31,7 +31,7 @@ enum bvhd_status appearance_open(struct appearance *appearance, const struct str
 /* NULL-safe, idempotent. */
 void appearance_close(struct appearance *appearance);
 
-/* What a hit looks like. */
+/* The look of the surface at a hit. */
 struct appearance_point {
     bool is_coloured, is_textured;
     struct vector albedo; /* linear, 0 to 1, if it is coloured */

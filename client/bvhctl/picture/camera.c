@@ -111,7 +111,7 @@ static int judge(struct contest *contest, const struct parallel *parallel, int f
 
 /* ---- whether there is an inside ---- */
 
-/* What is seen from random positions in the bulk that have room around them. */
+/* The view from random positions in the bulk that have room around them. */
 struct openness {
     uint32_t stands, walls; /* such positions, and those that are between walls */
     double distance; /* the sum, over the latter, of the mean distances of what is seen */

@@ -13,7 +13,7 @@ struct camera {
     bool is_inside; /* the camera is inside the scene: in a room, in a street */
 };
 
-/* What a user wants of a view; everything else is chosen. */
+/* The user's choices of a view; everything else is found. */
 struct camera_options {
     double aspect; /* the width of the picture divided by its height */
     double fov; /* the vertical angle of view in radians; 0: it is chosen */

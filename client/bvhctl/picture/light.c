@@ -80,7 +80,7 @@ static struct vector plain_albedo(const struct light *light, const struct stage_
     return colour ? reflectance(vector_from_floats(colour)) : palette[(hit->handle + hit->geometry) % COLOURS];
 }
 
-/* What a hit looks like, and from where rays leave it. */
+/* The look of the surface at a hit, and the place from which rays leave it. */
 struct seen {
     struct vector albedo, normal, position;
 };

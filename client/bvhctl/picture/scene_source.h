@@ -7,7 +7,7 @@
 
 #include "proto/base/memory.h"
 
-/* What a manifest says about the file of a scene. */
+/* A manifest's record of the file of a scene. */
 struct scene_source {
     char *file; /* its name without its folder; NULL: it is not known */
     bool is_gltf; /* by that name */

@@ -194,7 +194,7 @@ static struct extents spread_of_instances(const struct stage *stage)
     return box;
 }
 
-/* What speaks for an axis as the one that points up: fractions of the surface, by samples. */
+/* The evidence that an axis points up: fractions of the surface, by samples. */
 struct evidence {
     double level; /* surfaces that are perpendicular to it: floors and roofs */
     double base, lid; /* of those, the ones at the lower and at the upper end */

@@ -48,7 +48,7 @@ static enum bvhd_status push(struct walk *walk, const struct gltf_value *place, 
     return BVHD_OK;
 }
 
-/* What all instances at one node have in common. */
+/* The values that all instances at one node share. */
 struct node_use {
     uint32_t mesh, name;
 };

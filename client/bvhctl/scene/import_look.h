@@ -11,7 +11,7 @@
 
 #include "proto/base/memory.h"
 
-/* What is outside of a texture. The values are those of glTF. */
+/* How a texture continues outside of its image. The values are those of glTF. */
 enum import_wrap { IMPORT_CLAMP = 33071, IMPORT_MIRROR = 33648, IMPORT_REPEAT = 10497 };
 
 /* An image, in the curve of sRGB. It may be smaller than in its file. */

@@ -94,7 +94,7 @@ void notes_left_out(const struct import *import)
                     bvhd_vuid_string(BVHD_VUID_03799));
 }
 
-/* What can be wrong with a triangle, in the order of struct activity. */
+/* The defects of triangles, in the order of struct activity. */
 enum defect { INACTIVE, DEGENERATE, INFINITE };
 
 static void note_defect(const struct import *import, enum defect defect, uint64_t count)

@@ -155,7 +155,7 @@ class Result
     {
         return &info_;
     }
-    /* What instances need that name the structure by this handle. */
+    /* The reference for instances that name the structure by this handle. */
     Expected<bvhd_reference> reference(std::uint64_t handle) const
     {
         bvhd_reference reference;

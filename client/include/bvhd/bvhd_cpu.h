@@ -125,7 +125,7 @@ struct bvhd_cpu_ray {
     uint32_t reserved; /* 0 */
 };
 
-/* What stands for an instance, or for a blob, where there is none. */
+/* The indices of an instance and of a blob that are not there. */
 #define BVHD_CPU_NO_INSTANCE UINT32_C(0xffffffff)
 #define BVHD_CPU_NO_BLOB UINT32_C(0xffffffff)
 
@@ -154,7 +154,7 @@ enum {
 
 /* ---- Candidates: decisions during the traversal ---- */
 
-/* What becomes of a candidate. Both bits together confirm it and end the ray with it. */
+/* The decision about a candidate. Both bits together confirm it and end the ray with it. */
 enum {
     BVHD_CPU_IGNORE = 0x0,
     BVHD_CPU_CONFIRM = 0x1, /* it is a hit: the answer, unless a closer one is found */

@@ -66,7 +66,7 @@ template <class T> class Span
     std::size_t size_ = 0;
 };
 
-/* What failed: the status, the broken rule, the place and the reason. */
+/* An error: the status, the broken rule, the place and the reason. */
 class Error : public bvhd_error
 {
   public:
@@ -97,7 +97,7 @@ class Error : public bvhd_error
 };
 
 #if defined(__cpp_exceptions)
-/* What value() throws: an error as an exception. */
+/* An error as an exception, which value() throws. */
 class Exception : public std::exception
 {
   public:

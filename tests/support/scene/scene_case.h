@@ -16,7 +16,7 @@
 
 enum { SCENE_CASE_ROOM = 16 * 1024 };
 
-/* What a reader has to find in a file that can be built. */
+/* The contents that a reader has to find in a file that can be built. */
 struct scene_expected {
     uint32_t triangles, instances;
     uint32_t skipped; /* instances */

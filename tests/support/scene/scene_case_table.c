@@ -121,7 +121,7 @@ const struct scene_text scene_texts[] = {
     UNSUPPORTED("faces without vertices", HEAD POINTS "element face 1\nproperty list uchar int corners\n" END,
                 "'vertex_indices'"),
 
-    /* What assimp reads. */
+    /* Files that assimp reads. */
     {.format = "OBJ", .name = "quad", .file = "case.obj", .text = QUAD "f 1 2 3 4\n", .triangles = 2,
      .high = {2, 3, 0}},
     {.format = "OBJ", .name = "concave polygon", .file = "case.obj", .triangles = 3, .high = {4, 4, 0},

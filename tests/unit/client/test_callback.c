@@ -9,7 +9,7 @@
 
 #include "tests/support/client/client_bed.h"
 
-/* What a callback has seen and what it is to do. */
+/* The record of a callback, and its orders. */
 struct seen {
     struct client_bed *bed;
     atomic_int calls;

@@ -73,7 +73,7 @@ static void test_connect(void **state)
     assert_true(bed_stop(&bed));
 }
 
-/* What is under way when the connection is lost is not continued here; later submissions are. */
+/* Items that are under way when the connection is lost fail; later submissions are built in this process. */
 static void test_lost(void **state)
 {
     (void)state;

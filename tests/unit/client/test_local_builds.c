@@ -74,7 +74,7 @@ static void test_result(void **state)
     }
 }
 
-/* What a batch of the client holds is found by its key, and nothing else. */
+/* A fetch finds the results that a batch of the client holds, and nothing else. */
 static void test_fetch(void **state)
 {
     (void)state;

@@ -15,7 +15,10 @@
 
 enum { INSTANCES = 2, MISUSES_LEAST = 80 };
 
-/* What the calls of a row change: a right build of a bottom level of triangles, one of boxes, and a top level. */
+/*
+ * The objects that the calls of a row change: a right build of a bottom level of triangles, one of boxes, and a top
+ * level.
+ */
 struct world {
     struct bvhd_client *client;
     struct bvhd_error error;

@@ -15,7 +15,7 @@ enum { RAYS = 1000 };
 
 static const VkAllocationCallbacks callbacks; /* never called: only its address matters here */
 
-/* What the calls use: a device, and a scene of two bottom levels and a top level. */
+/* The objects that the calls use: a device, and a scene of two bottom levels and a top level. */
 struct world {
     struct bvhd_error error;
     struct vulkan_bed bed;

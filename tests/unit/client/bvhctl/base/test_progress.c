@@ -12,7 +12,7 @@
 
 enum { PATIENCE_MS = 60000, COLUMNS = 60 };
 
-/* What is written to stderr comes to `from` instead. */
+/* Text for stderr comes to `from` instead. */
 struct redirection {
     int from, stderr_copy;
 };

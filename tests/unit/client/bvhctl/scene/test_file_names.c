@@ -114,7 +114,7 @@ static void neighbours_do_not_matter(void **state)
     finish(&among);
 }
 
-/* What decides the bytes or the manifest's words about a mesh decides its name. */
+/* A mesh's name depends on all that decides its bytes and its words in the manifest. */
 static void contents_matter(void **state)
 {
     struct fixture f;

@@ -74,7 +74,7 @@ static void check_counts(const struct gltf_case *gltf_case, const struct import_
     }
 }
 
-/* What meshes have is counted for the mesh, too: everything but what the file as a whole has. */
+/* Everything that belongs to a mesh, and not to the file as a whole, is counted for the mesh, too. */
 static void check_mesh_counts(const struct import *import)
 {
     static const char *const of_file[] = {"animations", "meshes", "nodes", "scenes", "extensions"};
