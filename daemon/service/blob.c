@@ -152,7 +152,7 @@ void blob_writer_discard(struct blob_writer *writer)
         close(writer->descriptor);
     give(writer->account, writer->size);
     writer->descriptor = -1;
-    writer->size = 0;
+    writer->size = writer->filled = 0;
 }
 
 static void discard(struct build_output *output, unsigned char *bytes)
@@ -168,15 +168,37 @@ void blob_writer_init(struct blob_writer *writer, struct blob_account *account)
         .output = {.allocate = allocate, .discard = discard}, .account = account, .descriptor = -1};
 }
 
-static enum bvhd_status write_file(struct blob_writer *writer, struct bvhd_error *error)
+static enum bvhd_status write_file(struct blob_writer *writer, const unsigned char *bytes, uint64_t size,
+                                   struct bvhd_error *error)
 {
-    for (uint64_t written = 0; written < writer->size;) {
-        ssize_t count = write(writer->descriptor, writer->bytes + written, writer->size - written);
+    for (uint64_t written = 0; written < size;) {
+        ssize_t count = write(writer->descriptor, bytes + written, size - written);
         if (count > 0)
             written += (uint64_t)count;
         else if (count == 0 || errno != EINTR)
             return refused(error, "write");
     }
+    return BVHD_OK;
+}
+
+enum bvhd_status blob_writer_begin(struct blob_writer *writer, uint64_t size, struct bvhd_error *error)
+{
+    assert(writer->size == 0);
+    enum bvhd_status status = take(writer, size, error);
+    if (status != BVHD_OK)
+        return status;
+    return needs_descriptor(size) ? create_file(writer, error) : allocate_memory(writer, error);
+}
+
+enum bvhd_status blob_writer_append(struct blob_writer *writer, const void *bytes, uint64_t size,
+                                    struct bvhd_error *error)
+{
+    assert(size <= writer->size - writer->filled);
+    if (writer->bytes)
+        memcpy(writer->bytes + writer->filled, bytes, size);
+    else if (write_file(writer, bytes, size, error) != BVHD_OK)
+        return error->status;
+    writer->filled += size;
     return BVHD_OK;
 }
 
@@ -187,10 +209,10 @@ static enum bvhd_status write_file(struct blob_writer *writer, struct bvhd_error
 static enum bvhd_status seal(struct blob_writer *writer, struct bvhd_error *error)
 {
     enum bvhd_status status = BVHD_OK;
-    if (!is_mapped(writer->size)) {
+    if (writer->descriptor < 0) {
         status = create_file(writer, error);
         if (status == BVHD_OK)
-            status = write_file(writer, error);
+            status = write_file(writer, writer->bytes, writer->size, error);
     }
     if (status != BVHD_OK)
         return status;
@@ -200,7 +222,7 @@ static enum bvhd_status seal(struct blob_writer *writer, struct bvhd_error *erro
 
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error)
 {
-    assert(writer->bytes);
+    assert(writer->size > 0 && (writer->filled == 0 || writer->filled == writer->size));
     struct blob_account *account = writer->account;
     struct blob *blob = memory_alloc(account->memory, sizeof *blob);
     enum bvhd_status status = blob ? BVHD_OK : bvhd_error_no_memory(error, "blob", "no memory to keep it");

@@ -8,10 +8,14 @@
  * them may move, so readers map the memfd or use pread. They map it with MAP_PRIVATE: before Linux 6.7 a shared mapping
  * of a write-sealed memfd is refused.
  *
- * A blob_writer is the build_output of one build. Below BLOB_MAPPED_MIN bytes the build writes memory whose pages are
+ * A blob_writer makes a blob, either as the build_output of one build or of bytes that come in pieces.
+ *
+ * Of a build: below BLOB_MAPPED_MIN bytes the build writes memory whose pages are
  * warm, and the memfd is written in one go at the end: faults on fresh pages of a memfd cost more than the copy. From
  * that size on, the build writes the mapped pages of the memfd. That is as quick, since pages of memory would be fresh
  * too; it takes half the memory, and the threads that write share the faults.
+ *
+ * Of pieces: each is written to the memfd as it comes, so that a large blob is copied once.
  */
 #ifndef BVHD_BLOB_H
 #define BVHD_BLOB_H
@@ -51,16 +55,17 @@ struct blob *blob_ref(struct blob *blob);
 void blob_unref(struct blob *blob);
 
 /*
- * The output of one build, used on a worker: blob_writer_init, then build() with context.output = &writer.output, then
- * blob_writer_finish if the build succeeded, else blob_writer_discard. If the blob will need a descriptor, it is taken
- * from the account when the bytes are allocated, provided that DESCRIPTORS_RESERVE stay free.
+ * Used on one thread: blob_writer_init; then build() with context.output = &writer.output, or blob_writer_begin and
+ * blob_writer_append; then blob_writer_finish after success, else blob_writer_discard. If the blob will need a
+ * descriptor, it is taken from the account when the bytes are allocated, provided that DESCRIPTORS_RESERVE stay free.
  */
 struct blob_writer {
     struct build_output output;
     struct blob_account *account;
-    unsigned char *bytes; /* NULL while none are allocated */
-    uint64_t size;
-    int descriptor; /* of the memfd whose pages the build writes; -1: it writes memory */
+    unsigned char *bytes; /* where the build or the pieces are written; NULL: nowhere yet, or to the descriptor */
+    uint64_t size; /* of the blob; 0 while nothing is allocated */
+    uint64_t filled; /* bytes that came in pieces */
+    int descriptor; /* of the memfd, once there is one; else -1 */
     /* why the build got no bytes: BVHD_NO_MEMORY, BVHD_BUSY without free descriptors, BVHD_IO */
     struct bvhd_error error;
 };
@@ -68,7 +73,15 @@ struct blob_writer {
 void blob_writer_init(struct blob_writer *writer, struct blob_account *account);
 
 /*
- * Makes a blob with one ref of what the build wrote, and seals it. The caller fills key, target, stats, build_ms and
+ * Allocates a blob of `size` bytes; then adds its bytes in order and in pieces, `size` in all. The
+ * statuses of failures are those of `error` above; the writer must then be discarded.
+ */
+enum bvhd_status blob_writer_begin(struct blob_writer *writer, uint64_t size, struct bvhd_error *error);
+enum bvhd_status blob_writer_append(struct blob_writer *writer, const void *bytes, uint64_t size,
+                                    struct bvhd_error *error);
+
+/*
+ * Makes a blob with one ref of what was written, and seals it. The caller fills key, target, stats, build_ms and
  * peak_bytes before it shares the blob. On failure, with a status as above, the writer holds nothing.
  */
 enum bvhd_status blob_writer_finish(struct blob_writer *writer, struct blob **ret_blob, struct bvhd_error *error);
