@@ -91,6 +91,14 @@ void pool_flow_end(struct pool *pool, struct pool_flow *flow)
     free_if_unused(flow);
 }
 
+struct pool_flow_load pool_flow_load(struct pool *pool, const struct pool_flow *flow)
+{
+    pool_lock(pool);
+    struct pool_flow_load load = {(uint32_t)flow->busy.threads, pool_time_at(&flow->busy, clock_ns())};
+    pool_unlock(pool);
+    return load;
+}
+
 void pool_submit(struct pool *pool, struct pool_job *job)
 {
     job->flow->jobs++;

@@ -89,6 +89,14 @@ struct pool_flow *pool_flow_create(struct pool *pool);
  */
 void pool_flow_end(struct pool *pool, struct pool_flow *flow);
 
+/* What the jobs of one flow have had, and have. */
+struct pool_flow_load {
+    uint32_t threads; /* that work for it now */
+    uint64_t busy_ns; /* as in pool_load, of its jobs and tasks alone */
+};
+
+struct pool_flow_load pool_flow_load(struct pool *pool, const struct pool_flow *flow);
+
 /* Queues a job. A job whose done() has been called can be submitted again; its `cancel` keeps its value. */
 void pool_submit(struct pool *pool, struct pool_job *job);
 

@@ -43,7 +43,7 @@ static inline uint64_t pool_time_at(const struct pool_time *time, uint64_t now)
  * The fields that are read in every flow whenever a thread looks for work come first, so that they share a cache line.
  */
 struct pool_flow {
-    struct pool_time time;
+    struct pool_time time; /* for the order of flows */
     struct list_link link; /* in pool.flows */
     /* open calls, by priority of their jobs, then by age of their jobs, then by their own age */
     struct pool_call *calls;
@@ -51,6 +51,7 @@ struct pool_flow {
     uint32_t jobs; /* jobs submitted and not done; only the loop thread uses it, without the lock */
     bool ended; /* by pool_flow_end; only the loop thread uses it, without the lock */
     struct pool_queue queue;
+    struct pool_time busy; /* what its jobs have really had */
 };
 
 /* A running job, on the stack of the thread that runs it. `parallel` is the job's interface to the pool. */

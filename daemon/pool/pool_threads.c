@@ -45,8 +45,8 @@ void pool_threads_sleep(struct pool *pool, struct pool_thread *self)
 
 void pool_threads_resume(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
-    struct pool_time *times[] = {&pool->busy, &flow->time};
-    for (int i = 0; i < 2; i++) {
+    struct pool_time *times[] = {&pool->busy, &flow->time, &flow->busy};
+    for (int i = 0; i < 3; i++) {
         times[i]->base -= now;
         times[i]->threads++;
     }
@@ -54,8 +54,8 @@ void pool_threads_resume(struct pool *pool, struct pool_flow *flow, uint64_t now
 
 void pool_threads_pause(struct pool *pool, struct pool_flow *flow, uint64_t now)
 {
-    struct pool_time *times[] = {&pool->busy, &flow->time};
-    for (int i = 0; i < 2; i++) {
+    struct pool_time *times[] = {&pool->busy, &flow->time, &flow->busy};
+    for (int i = 0; i < 3; i++) {
         times[i]->base += now;
         times[i]->threads--;
     }

@@ -23,6 +23,6 @@ enum bvhd_status counters_pack(const struct counters *counters, struct memory *m
     memcpy(values, counters, sizeof values);
     for (int i = 0; i < COUNT; i++)
         list[i].value = values[i];
-    struct control_counters message = {COUNT, list};
+    struct control_counters message = {COUNT, list, BVHD_DAEMON_VERSION};
     return control_pack_counters(&message, memory, ret_bytes, error);
 }

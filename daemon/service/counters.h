@@ -41,6 +41,7 @@
     X(active_ns) /* wall time with jobs queued or running, short pauses included */                                    \
     X(cache_evicted) /* entries */                                                                                     \
     /* levels */                                                                                                       \
+    X(pid)                                                                                                             \
     X(uptime_ms)                                                                                                       \
     X(workers)                                                                                                         \
     X(connections)                                                                                                     \

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <assert.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 #include "proto/base/clock.h"
 #include "daemon/system/machine.h"
@@ -232,6 +233,7 @@ struct counters service_counters(const struct service *service)
     counters.jobs_queued = load.queued;
     counters.jobs_running = load.running;
     counters.workers = pool_threads(service->pool);
+    counters.pid = (uint64_t)getpid();
     counters.uptime_ms = (clock_ns() - service->started_ns) / 1000000;
     counters.connections = service->connections;
     counters.sessions = service->sessions.open + service->sessions.closing;

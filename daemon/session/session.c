@@ -5,6 +5,7 @@
 #include "daemon/system/log.h"
 #include "daemon/system/release.h"
 #include "daemon/session/session_internal.h"
+#include "proto/base/clock.h"
 #include "proto/base/container_of.h"
 
 /* How long BUSY asks a client to wait: 5 ms, and 1 ms for each 16 items that are under way, up to 1 s. */
@@ -22,8 +23,7 @@ void session_end(struct session *session, enum bvhd_status status, const char *t
     if (session->failure.status != BVHD_OK)
         return;
     bvhd_error_set(&session->failure, status, "", "%s", text);
-    log_event(LOG_WARNING, "session_ended", "uid=%u pid=%d why=%s", session->peer.uid, (int)session->peer.pid,
-              log_quote(text).text);
+    log_event(LOG_WARNING, "session_ended", PEER_FORMAT " why=%s", PEER_VALUES(&session->peer), log_quote(text).text);
     if (session->link.fail)
         session->link.fail(session->link.context, &session->failure);
 }
@@ -209,7 +209,7 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
         memory_free(&service->memory, session);
         return bvhd_error_no_memory(error, "", "no memory for another session");
     }
-    *session = (struct session){.service = service, .peer = *peer, .link = *link};
+    *session = (struct session){.service = service, .peer = *peer, .link = *link, .opened_ns = clock_ns()};
     session->client = (struct request_client){.service = service, .events = &events, .flights = {.flow = flow}};
     list_prepend(&service->sessions.all, &session->in_service);
     service->sessions.open++;

@@ -9,6 +9,7 @@
 #define BVHD_SESSION_H
 
 #include "proto/wire/frame.h"
+#include "daemon/session/peer.h"
 #include "daemon/session/reply.h"
 #include "daemon/service/service.h"
 
@@ -25,12 +26,8 @@ struct session_link {
      */
     void (*fail)(void *context, const struct bvhd_error *error);
     void *context;
-};
-
-/* Identifies the client in log lines. */
-struct session_peer {
-    uint32_t uid;
-    int32_t pid;
+    /* Returns how many descriptors the connection itself holds for the client, its socket included. May be NULL. */
+    uint32_t (*descriptors)(const void *context);
 };
 
 /* Opens a session. `link` is copied; what it points to, and `service`, must outlive the session. BVHD_NO_MEMORY. */

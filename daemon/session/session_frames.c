@@ -49,9 +49,10 @@ static enum bvhd_status take_hello(struct session *session, const struct frame *
     if (status != BVHD_OK)
         return status;
     if (hello->version_min <= CONTROL_VERSION && CONTROL_VERSION <= hello->version_max) {
-        log_event(LOG_DEBUG, "hello", "uid=%u pid=%d software=%s", session->peer.uid, (int)session->peer.pid,
+        log_event(LOG_DEBUG, "hello", PEER_FORMAT " software=%s", PEER_VALUES(&session->peer),
                   log_quote(hello->software).text);
         session->progress_ms = hello->progress_ms;
+        memcpy(session->software, hello->software, sizeof session->software);
         welcome(session, frame->header.request);
     } else {
         status = bvhd_error_set(error, BVHD_INCOMPATIBLE, "hello.version",
@@ -209,7 +210,7 @@ static void refuse_type(struct session *session, const struct frame *frame)
 /* Whether a frame of this type may come with descriptors. Frames of unknown types may: they are refused as a whole. */
 static bool may_carry(const struct frame_header *header)
 {
-    bool known = header->type >= FRAME_HELLO && header->type <= FRAME_PING;
+    bool known = header->type >= FRAME_HELLO && header->type <= FRAME_CLIENTS;
     return !known || header->type == FRAME_POOL || header->type == FRAME_BUILD || header->descriptors == 0;
 }
 
@@ -253,6 +254,8 @@ static enum bvhd_status dispatch(struct session *session, const struct frame *fr
     case FRAME_PING:
         session_send_plain(session, FRAME_PONG, request);
         return BVHD_OK;
+    case FRAME_CLIENTS:
+        return session_list_clients(session, frame, error);
     default:
         refuse_type(session, frame);
         return BVHD_OK;

@@ -3,8 +3,8 @@
  * session_internal.h - the inside of a session, for the files that it is made of.
  *
  * session.c: opening, closing, replies, requests by number, quotas. session_frames.c: one function for each type of
- * frame. session_build.c: FRAME_BUILD. session_backlog.c: results that the client has not read. session_progress.c:
- * how far builds are.
+ * frame. session_build.c: FRAME_BUILD. session_clients.c: FRAME_CLIENTS. session_backlog.c: results that the client
+ * has not read. session_progress.c: how far builds are.
  */
 #ifndef BVHD_SESSION_INTERNAL_H
 #define BVHD_SESSION_INTERNAL_H
@@ -25,6 +25,8 @@ struct session {
     struct service *service;
     struct session_peer peer;
     struct session_link link;
+    uint64_t opened_ns;
+    char software[CONTROL_NAME_SIZE]; /* as in HELLO; "" before it */
     struct list_link in_service; /* in the list of all sessions */
     bool open; /* HELLO was answered with WELCOME */
     bool goodbye; /* GOODBYE was sent */
@@ -94,6 +96,9 @@ void session_drop_descriptors(struct session *session, const struct frame *frame
 
 /* Handles FRAME_BUILD, and takes the frame's descriptors. Any other result than BVHD_OK breaks the protocol. */
 enum bvhd_status session_build(struct session *session, const struct frame *frame, struct bvhd_error *error);
+
+/* Handles FRAME_CLIENTS. Any other result than BVHD_OK breaks the protocol. */
+enum bvhd_status session_list_clients(struct session *session, const struct frame *frame, struct bvhd_error *error);
 
 /*
  * ---- backpressure ----

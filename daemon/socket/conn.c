@@ -26,6 +26,13 @@ static void send_reply(void *context, struct reply *reply)
     conn_group_due(conn->group, conn);
 }
 
+/* Counts the client's socket, descriptors that belong to no complete frame yet, and those that it has not read. */
+static uint32_t count_descriptors(const void *context)
+{
+    const struct conn *conn = context;
+    return 1 + conn->inlet.parser.descriptor_count + conn->outbox.unread;
+}
+
 static void note_failure(void *context, const struct bvhd_error *error)
 {
     struct conn *conn = context;
@@ -89,7 +96,7 @@ void conn_close(struct conn *conn)
 /* Ends the connection of a client that is gone or was given up. While descriptors are unread, the struct stays. */
 static void leave(struct conn *conn)
 {
-    log_event(LOG_DEBUG, "disconnected", "uid=%u pid=%d", conn->peer.uid, conn->peer.pid);
+    log_event(LOG_DEBUG, "disconnected", PEER_FORMAT, PEER_VALUES(&conn->peer));
     if (!outbox_is_unread(&conn->outbox)) {
         conn_close(conn);
         return;
@@ -109,8 +116,8 @@ static void fail(struct conn *conn, const struct bvhd_error *error)
 {
     uint32_t suppressed;
     if (log_limit_pass(&conn->group->broken_log, &suppressed))
-        log_event(LOG_INFO, "connection_failed", "uid=%u pid=%d status=%s where=%s why=%s suppressed=%u",
-                  conn->peer.uid, conn->peer.pid, bvhd_status_name(error->status), log_quote(error->where).text,
+        log_event(LOG_INFO, "connection_failed", PEER_FORMAT " status=%s where=%s why=%s suppressed=%u",
+                  PEER_VALUES(&conn->peer), bvhd_status_name(error->status), log_quote(error->where).text,
                   log_quote(error->text).text, suppressed);
     end_session(conn);
     struct reply *reply = reply_error(0, error, service_frame_memory(conn->group->service));
@@ -244,7 +251,7 @@ static void check_deadlines(struct conn *conn)
         write_replies(conn);
     }
     if (has_passed(conn, conn->read_by) || has_passed(conn, conn->write_by)) {
-        log_event(LOG_INFO, "client_stalled", "uid=%u pid=%d replies=%u", conn->peer.uid, conn->peer.pid,
+        log_event(LOG_INFO, "client_stalled", PEER_FORMAT " replies=%u", PEER_VALUES(&conn->peer),
                   conn->outbox.replies);
         conn->lost = true;
     }
@@ -347,8 +354,10 @@ enum bvhd_status conn_open(struct conn_group *group, int socket, const struct se
     if (status == BVHD_OK) {
         conn->group = group;
         conn->peer = *peer;
-        const struct session_link link = {.send = send_reply, .fail = note_failure, .context = conn};
-        status = session_open(group->service, peer, &link, &conn->session, error);
+        conn->peer.connection = ++group->opened;
+        const struct session_link link = {
+            .send = send_reply, .fail = note_failure, .context = conn, .descriptors = count_descriptors};
+        status = session_open(group->service, &conn->peer, &link, &conn->session, error);
     }
     if (status == BVHD_OK && uv_poll_init(group->loop, &conn->poll, socket)) {
         session_close(conn->session);
@@ -361,6 +370,6 @@ enum bvhd_status conn_open(struct conn_group *group, int socket, const struct se
         return status;
     }
     init(conn, socket);
-    log_event(LOG_DEBUG, "connected", "uid=%u pid=%d", peer->uid, peer->pid);
+    log_event(LOG_DEBUG, "connected", PEER_FORMAT, PEER_VALUES(&conn->peer));
     return BVHD_OK;
 }

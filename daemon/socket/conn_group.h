@@ -46,6 +46,7 @@ struct conn_group {
     uv_idle_t again; /* runs while work is left for the next iteration, so that the loop does not wait */
     struct list all;
     uint32_t count; /* of connections in `all` */
+    uint64_t opened; /* connections so far: the number of the newest */
     struct conn *working; /* the connection in conn_work now, else NULL */
     struct list due; /* for this iteration */
     struct list costly; /* for this iteration after `due`, and the next ones, as time allows */

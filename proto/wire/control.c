@@ -121,6 +121,7 @@ enum bvhd_status control_pack_counters(const struct control_counters *counters, 
     bvhd__counters__init(&message);
     message.n_counters = counters->count;
     message.counters = pointers;
+    message.version = control_constant(counters->version);
     return control_encode(&message.base, memory, ret_bytes, error);
 }
 
@@ -139,6 +140,7 @@ static void fill_counters(const void *from, void *ret_plain)
     struct control_counters *counters = ret_plain;
     counters->count = (uint32_t)message->n_counters;
     counters->counters = (struct control_counter *)(counters + 1);
+    control_copy_text(message->version, sizeof counters->version, counters->version);
     for (uint32_t i = 0; i < counters->count; i++) {
         struct control_counter *counter = &counters->counters[i];
         memset(counter, 0, sizeof *counter);

@@ -33,6 +33,7 @@ enum {
     CONTROL_DONE = 1000, /* thousandths of a build that is done */
     CONTROL_MAX_MEMFDS = 4, /* in one BUILD */
     CONTROL_MAX_COUNTERS = 128,
+    CONTROL_MAX_CLIENTS = 4096, /* in one CLIENT_LIST */
     CONTROL_NAME_SIZE = 64,
     CONTROL_HEAP_RATIO = 4,
     CONTROL_HEAP_FIXED = 32 * 1024,
@@ -158,6 +159,37 @@ struct control_counter {
 struct control_counters {
     uint32_t count;
     struct control_counter *counters;
+    char version[CONTROL_NAME_SIZE]; /* of the daemon: "0.1.0"; "": an older daemon, which does not say */
+};
+
+/* FRAME_CLIENTS: requests the list of the clients that the sender may see. */
+struct control_clients {
+    bool all; /* refuse the request if the sender may not see all of them */
+};
+
+/* One connection of the daemon, and what it holds there. */
+struct control_client {
+    uint64_t connection; /* its number, as in log lines */
+    uint32_t uid;
+    int32_t pid;
+    uint64_t connected_ms; /* since it was accepted */
+    uint64_t busy_ms; /* time that threads have worked for it */
+    uint64_t memory_bytes; /* promised to its items under way */
+    uint64_t unread_bytes; /* of results that it has not read */
+    uint64_t pool_bytes; /* of its pool */
+    uint32_t requests, items; /* under way */
+    uint32_t waiting; /* those of its items, and of the builds for them, that wait for memory */
+    uint32_t threads; /* that work for it now */
+    uint32_t descriptors; /* that the daemon holds for it */
+    char software[CONTROL_NAME_SIZE]; /* as in its HELLO; "": it has sent none */
+};
+
+/* FRAME_CLIENT_LIST: the clients that the receiver may see, at most CONTROL_MAX_CLIENTS of them. */
+struct control_client_list {
+    uint32_t total; /* connections of the daemon */
+    uint32_t hidden; /* those that belong to users whose connections the receiver may not see */
+    uint32_t count;
+    struct control_client *clients;
 };
 
 /* The control messages of FRAME_DONE, PING, PONG, STATS and GOODBYE are empty; FRAME_ERROR has a struct bvhd_error. */
@@ -179,5 +211,7 @@ CONTROL_MESSAGE(result, struct control_result)
 CONTROL_MESSAGE(error, struct bvhd_error)
 CONTROL_MESSAGE(busy, struct control_busy)
 CONTROL_MESSAGE(counters, struct control_counters)
+CONTROL_MESSAGE(clients, struct control_clients)
+CONTROL_MESSAGE(client_list, struct control_client_list)
 
 #endif

@@ -298,7 +298,7 @@ static void answer_get(struct fake_daemon *fake, const struct frame *frame)
 static void answer_stats(struct fake_daemon *fake, uint64_t request)
 {
     struct control_counter all[2] = {{"builds_started", 7}, {"hits_memory", 8}};
-    struct control_counters counters = {2, all};
+    struct control_counters counters = {2, all, "9.8.7"};
     struct bytes control = {NULL, 0};
     enum bvhd_status status = control_pack_counters(&counters, &fake->peer.memory, &control, NULL);
     send_packed(fake, FRAME_COUNTERS, request, status, control);

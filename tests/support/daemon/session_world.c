@@ -66,6 +66,8 @@ static void record(struct world_client *client, const struct reply *reply)
         status = control_unpack_progress(reply->control, memory, &event.progress, NULL);
     if (event.type == FRAME_COUNTERS)
         status = control_unpack_counters(reply->control, memory, &event.counters, NULL);
+    if (event.type == FRAME_CLIENT_LIST)
+        status = control_unpack_client_list(reply->control, memory, &event.clients, NULL);
     if (event.type == FRAME_BUSY)
         status = control_unpack_busy(reply->control, memory, &event.busy, NULL);
     if (event.type == FRAME_ERROR)
@@ -208,8 +210,8 @@ void world_finish(struct session_world *world)
         struct world_client *client = &world->clients[i];
         for (uint32_t k = 0; k < client->event_count; k++) {
             struct world_event *event = &client->events[k];
-            void *const blocks[] = {event->welcome,  event->result, event->prepared, event->progress,
-                                    event->counters, event->busy,   event->error,    event->bytes};
+            void *const blocks[] = {event->welcome, event->result, event->prepared, event->progress, event->counters,
+                                    event->clients, event->busy,   event->error,    event->bytes};
             for (size_t j = 0; j < sizeof blocks / sizeof *blocks; j++)
                 memory_free(&client->memory, blocks[j]);
         }
@@ -254,7 +256,7 @@ void world_open(struct world_gate *gate)
     sem_post(&gate->opened);
 }
 
-struct world_client *world_join_silent(struct session_world *world)
+static struct world_client *connect_as(struct session_world *world, uint32_t uid)
 {
     struct bvhd_error error;
     assert_true(world->client_count < WORLD_CLIENTS);
@@ -262,8 +264,8 @@ struct world_client *world_join_silent(struct session_world *world)
     *client = (struct world_client){.world = world};
     client->end_held = &client->first_held;
     memory_init(&client->memory, UINT64_MAX);
-    const struct session_link link = {keep, note_failure, client};
-    const struct session_peer peer = {1000, 4711};
+    const struct session_link link = {.send = keep, .fail = note_failure, .context = client};
+    const struct session_peer peer = {uid, 4711, world->client_count};
     if (session_open(world->service, &peer, &link, &client->session, &error) != BVHD_OK) {
         world->client_count--;
         return NULL;
@@ -281,9 +283,19 @@ void world_leave(struct world_client *client)
     session_close(session);
 }
 
+struct world_client *world_join_silent(struct session_world *world)
+{
+    return connect_as(world, 1000);
+}
+
 struct world_client *world_join(struct session_world *world)
 {
-    struct world_client *client = world_join_silent(world);
+    return world_join_as(world, 1000);
+}
+
+struct world_client *world_join_as(struct session_world *world, uint32_t uid)
+{
+    struct world_client *client = connect_as(world, uid);
     assert_non_null(client);
     assert_int_equal(world_say(client, FRAME_HELLO, 0, NULL), BVHD_OK);
     assert_true(session_is_open(client->session));

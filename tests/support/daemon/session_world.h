@@ -26,6 +26,7 @@ struct world_event {
     struct control_items *prepared;
     struct control_progress *progress;
     struct control_counters *counters;
+    struct control_client_list *clients;
     struct control_busy *busy;
     struct bvhd_error *error;
     unsigned char *bytes; /* of a result */
@@ -82,8 +83,12 @@ struct world_gate *world_shut(struct session_world *world);
 /* Releases the worker. */
 void world_open(struct world_gate *gate);
 
-/* Adds a client. world_join also says HELLO; world_join_silent does not, and may return NULL. */
+/*
+ * Adds a client. world_join and world_join_as also say HELLO; world_join_silent does not, and may return NULL. The user
+ * is 1000, except for world_join_as.
+ */
 struct world_client *world_join(struct session_world *world);
+struct world_client *world_join_as(struct session_world *world, uint32_t uid);
 struct world_client *world_join_silent(struct session_world *world);
 void world_leave(struct world_client *client);
 

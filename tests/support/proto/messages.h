@@ -7,7 +7,7 @@
 
 #include "proto/wire/control.h"
 
-enum { MESSAGES_ITEMS = 5, MESSAGES_COUNTERS = 3 };
+enum { MESSAGES_ITEMS = 5, MESSAGES_COUNTERS = 3, MESSAGES_CLIENTS = 2 };
 
 struct messages {
     struct control_hello hello;
@@ -26,6 +26,9 @@ struct messages {
     struct control_busy busy;
     struct control_counters counters;
     struct control_counter rows[MESSAGES_COUNTERS];
+    struct control_clients clients;
+    struct control_client_list client_list;
+    struct control_client client_rows[MESSAGES_CLIENTS];
 };
 
 /* Fills every field with a unique value. */
@@ -70,11 +73,19 @@ static inline void messages_fill(struct messages *all)
     for (int i = 0; i < 20; i++)
         all->result.summary.slabs[i] = (float)i - 7.5f;
     all->busy.retry_ms = 250;
-    all->counters = (struct control_counters){MESSAGES_COUNTERS, all->rows};
+    all->counters = (struct control_counters){MESSAGES_COUNTERS, all->rows, "0.1.0"};
     all->rows[0] = (struct control_counter){"builds_started", 1};
     all->rows[1] = (struct control_counter){"hits_memory", 0};
     all->rows[2] =
         (struct control_counter){"a name that is as long as a name can be without losing its end", UINT64_MAX};
+    all->clients.all = true;
+    all->client_list = (struct control_client_list){5, 3, MESSAGES_CLIENTS, all->client_rows};
+    for (uint32_t i = 0; i < MESSAGES_CLIENTS; i++) {
+        uint32_t n = 100 * i;
+        all->client_rows[i] = (struct control_client){
+            UINT64_MAX - n, UINT32_MAX - n, -1 - (int32_t)i, n + 1, n + 2, n + 3,  n + 4,
+            n + 5,          n + 6,          n + 7,           n + 8, n + 9, n + 10, "bvhctl 0.1.0"};
+    }
 }
 
 /* One kind of message, with untyped members of struct messages. */
@@ -113,15 +124,17 @@ MESSAGES_KIND(result)
 MESSAGES_KIND(error)
 MESSAGES_KIND(busy)
 MESSAGES_KIND(counters)
+MESSAGES_KIND(clients)
+MESSAGES_KIND(client_list)
 
 #define MESSAGES_ROW(name)                                                                                             \
     {                                                                                                                  \
 #name, offsetof(struct messages, name), messages_pack_##name, messages_unpack_##name                           \
     }
 static const struct messages_kind messages_kinds[] = {
-    MESSAGES_ROW(hello), MESSAGES_ROW(welcome), MESSAGES_ROW(pool),     MESSAGES_ROW(build),
-    MESSAGES_ROW(get),   MESSAGES_ROW(items),   MESSAGES_ROW(progress), MESSAGES_ROW(result),
-    MESSAGES_ROW(error), MESSAGES_ROW(busy),    MESSAGES_ROW(counters),
+    MESSAGES_ROW(hello),    MESSAGES_ROW(welcome),  MESSAGES_ROW(pool),        MESSAGES_ROW(build), MESSAGES_ROW(get),
+    MESSAGES_ROW(items),    MESSAGES_ROW(progress), MESSAGES_ROW(result),      MESSAGES_ROW(error), MESSAGES_ROW(busy),
+    MESSAGES_ROW(counters), MESSAGES_ROW(clients),  MESSAGES_ROW(client_list),
 };
 enum { MESSAGES_KINDS = sizeof messages_kinds / sizeof messages_kinds[0] };
 

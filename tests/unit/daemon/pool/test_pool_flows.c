@@ -31,6 +31,35 @@ static void priority_then_age_within_a_flow(void **state)
     loop_finish(&loop);
 }
 
+/* What a flow has had is its jobs' own time, also when its place among others was moved up to theirs. */
+static void the_load_of_a_flow_is_its_own(void **state)
+{
+    (void)state;
+    struct loop loop;
+    struct step holder, step;
+    loop_init(&loop, 1);
+    struct pool_flow *flow = loop_flow(&loop), *late = loop_flow(&loop);
+    assert_int_equal(pool_flow_load(loop.pool, flow).threads, 0);
+    assert_int_equal(pool_flow_load(loop.pool, flow).busy_ns, 0);
+    step_hold_thread(&holder, &loop, flow, 10);
+    assert_int_equal(pool_flow_load(loop.pool, flow).threads, 1);
+    step_let_go(&holder);
+    step_await(&loop, &holder);
+    step_init(&step, &loop, late, 10);
+    step_submit(&step);
+    step_await(&loop, &step);
+    const struct step *steps[] = {&holder, &step};
+    const struct pool_flow *flows[] = {flow, late};
+    for (int i = 0; i < 2; i++) {
+        struct pool_flow_load load = pool_flow_load(loop.pool, flows[i]);
+        assert_int_equal(load.threads, 0);
+        assert_in_range(load.busy_ns, 1, steps[i]->job.ended_ns - steps[i]->job.submitted_ns);
+    }
+    pool_flow_end(loop.pool, flow);
+    pool_flow_end(loop.pool, late);
+    loop_finish(&loop);
+}
+
 enum { EACH = 12, RIVALS = 3 };
 
 struct rivalry {
@@ -446,6 +475,7 @@ int main(void)
 {
     static const struct CMUnitTest tests[] = {
         cmocka_unit_test(priority_then_age_within_a_flow),
+        cmocka_unit_test(the_load_of_a_flow_is_its_own),
         cmocka_unit_test(a_flow_that_submits_one_by_one_gets_only_its_share),
         cmocka_unit_test(time_had_alone_is_forgiven),
         cmocka_unit_test(the_least_served_flow_is_next),

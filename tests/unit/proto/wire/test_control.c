@@ -59,6 +59,7 @@ static void plain_messages_come_back(void **state)
     compare_plain("pool", &all.pool, sizeof all.pool);
     compare_plain("error", &all.error, sizeof all.error);
     compare_plain("busy", &all.busy, sizeof all.busy);
+    compare_plain("clients", &all.clients, sizeof all.clients);
 }
 
 static void builds_come_back(void **state)
@@ -109,7 +110,29 @@ static void lists_come_back(void **state)
     struct control_counters *counters = there_and_back("counters", &all.counters);
     assert_int_equal(counters->count, MESSAGES_COUNTERS);
     assert_memory_equal(counters->counters, all.rows, sizeof all.rows);
+    assert_string_equal(counters->version, all.counters.version);
     memory_free(&memory, counters);
+    assert_int_equal(memory.live, 0);
+}
+
+static void clients_come_back(void **state)
+{
+    (void)state;
+    messages_fill(&all);
+    struct control_client_list *list = there_and_back("client_list", &all.client_list);
+    assert_int_equal(list->total, all.client_list.total);
+    assert_int_equal(list->hidden, all.client_list.hidden);
+    assert_int_equal(list->count, MESSAGES_CLIENTS);
+    for (uint32_t i = 0; i < MESSAGES_CLIENTS; i++) {
+        const struct control_client *a = &list->clients[i], *b = &all.client_rows[i];
+        assert_true(a->connection == b->connection && a->uid == b->uid && a->pid == b->pid);
+        assert_true(a->connected_ms == b->connected_ms && a->busy_ms == b->busy_ms);
+        assert_true(a->memory_bytes == b->memory_bytes && a->unread_bytes == b->unread_bytes);
+        assert_true(a->pool_bytes == b->pool_bytes && a->requests == b->requests && a->items == b->items);
+        assert_true(a->waiting == b->waiting && a->threads == b->threads && a->descriptors == b->descriptors);
+        assert_string_equal(a->software, b->software);
+    }
+    memory_free(&memory, list);
     assert_int_equal(memory.live, 0);
 }
 
@@ -395,6 +418,43 @@ static void counts_and_sizes_are_checked(void **state)
     free(writing.bytes);
 }
 
+static void put_clients(struct writing *writing, uint32_t client_size, uint64_t bytes, int fill)
+{
+    put_varint(writing, 1 << 3);
+    put_varint(writing, client_size);
+    put_block(writing, 2, bytes, fill);
+}
+
+/* Rows of a newer daemon are longer. A software that does not end in NUL is cut, and takes no bytes from the next row. */
+static void client_rows_are_checked(void **state)
+{
+    (void)state;
+    struct writing writing = {malloc(4 << 20), 0};
+    put_clients(&writing, 144, 144 * CONTROL_MAX_CLIENTS, 7);
+    refuse("client_list", &writing, BVHD_OK, "");
+    put_clients(&writing, 144, 144 * (CONTROL_MAX_CLIENTS + 1), 7);
+    refuse("client_list", &writing, BVHD_TOO_LARGE, "client_list.clients");
+    put_clients(&writing, 144, 145, 7);
+    refuse("client_list", &writing, BVHD_CORRUPT, "client_list.clients");
+    put_clients(&writing, 143, 143, 7);
+    refuse("client_list", &writing, BVHD_CORRUPT, "client_list.clients");
+    put_clients(&writing, 4097, 4097, 7);
+    refuse("client_list", &writing, BVHD_TOO_LARGE, "client_list.clients");
+    put_block(&writing, 2, 144, 7); /* the size of the rows is not declared */
+    refuse("client_list", &writing, BVHD_CORRUPT, "client_list.clients");
+    put_clients(&writing, 160, 3 * 160, 'a');
+    struct control_client_list *list = unpack(kind_of("client_list"), (struct bytes){writing.bytes, writing.size});
+    assert_int_equal(list->count, 3);
+    for (uint32_t i = 0; i < list->count; i++)
+        assert_int_equal(strlen(list->clients[i].software), CONTROL_NAME_SIZE - 1);
+    memory_free(&memory, list);
+    struct control_client_list many = {.count = CONTROL_MAX_CLIENTS + 1};
+    struct bytes packed;
+    assert_int_equal(control_pack_client_list(&many, &memory, &packed, NULL), BVHD_TOO_LARGE);
+    assert_int_equal(memory.live, 0);
+    free(writing.bytes);
+}
+
 /*
  * Item rows of every size that some version may send: the fields that they have are read, those that they lack are 0,
  * and no row takes bytes from the next one.
@@ -443,7 +503,8 @@ static void the_largest_messages_fit(void **state)
     for (size_t length = 1; length < CONTROL_NAME_SIZE; length += 2) {
         for (int i = 0; i <= CONTROL_MAX_COUNTERS; i++)
             rows[i].name[length] = '\0';
-        struct control_counters counters = {CONTROL_MAX_COUNTERS, rows}, *back = there_and_back("counters", &counters);
+        struct control_counters counters = {.count = CONTROL_MAX_COUNTERS, .counters = rows},
+                                *back = there_and_back("counters", &counters);
         for (int i = 0; i < CONTROL_MAX_COUNTERS; i++) {
             assert_string_equal(back->counters[i].name, rows[i].name);
             assert_true(back->counters[i].value == UINT64_MAX);
@@ -453,7 +514,8 @@ static void the_largest_messages_fit(void **state)
             rows[i].name[length] = 'x';
     }
     struct bytes packed;
-    assert_int_equal(PACK(counters, (&(struct control_counters){CONTROL_MAX_COUNTERS + 1, rows})), BVHD_TOO_LARGE);
+    assert_int_equal(PACK(counters, (&(struct control_counters){.count = CONTROL_MAX_COUNTERS + 1, .counters = rows})),
+                     BVHD_TOO_LARGE);
     struct control_item *items = calloc(CONTROL_MAX_ITEMS + 1, sizeof *items);
     struct control_build build = {.item_count = CONTROL_MAX_ITEMS, .items = items};
     memory_free(&memory, there_and_back("build", &build));
@@ -472,6 +534,8 @@ static void failing_allocations_hold_nothing(void **state)
     (void)state;
     for (int i = 0; i < MESSAGES_KINDS; i++) {
         const struct messages_kind *kind = &messages_kinds[i];
+        /* The bytes, and two blocks to unpack them; lists of structs are rows first. */
+        int needed = 3 + (strcmp(kind->name, "build") == 0 || strcmp(kind->name, "client_list") == 0);
         enum bvhd_status status = BVHD_NO_MEMORY;
         messages_fill(&all);
         for (int failures = 0; status == BVHD_NO_MEMORY; failures++) {
@@ -482,7 +546,7 @@ static void failing_allocations_hold_nothing(void **state)
             if (status == BVHD_OK)
                 status = kind->unpack(packed, &memory, &message, NULL);
             assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
-            assert_int_equal(status == BVHD_OK, failures >= 3 + (strcmp(kind->name, "build") == 0));
+            assert_int_equal(status == BVHD_OK, failures >= needed);
             memory_free(&memory, message);
             messages_free(packed, &memory);
             assert_int_equal(memory.live, 0);
@@ -497,6 +561,8 @@ int main(void)
         cmocka_unit_test(plain_messages_come_back),
         cmocka_unit_test(builds_come_back),
         cmocka_unit_test(lists_come_back),
+        cmocka_unit_test(clients_come_back),
+        cmocka_unit_test(client_rows_are_checked),
         cmocka_unit_test(results_come_back),
         cmocka_unit_test(empty_messages_have_no_bytes),
         cmocka_unit_test(texts_are_cut_and_cleaned),

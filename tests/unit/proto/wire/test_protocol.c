@@ -145,12 +145,25 @@ static void numbers_are_those_of_the_headers(void **state)
     static const struct {
         int number;
         const char *name;
-    } types[] = {{FRAME_HELLO, "HELLO"},     {FRAME_POOL, "POOL"},         {FRAME_BUILD, "BUILD"},
-                 {FRAME_GET, "GET"},         {FRAME_CANCEL, "CANCEL"},     {FRAME_STATS, "STATS"},
-                 {FRAME_PING, "PING"},       {FRAME_WELCOME, "WELCOME"},   {FRAME_DONE, "DONE"},
-                 {FRAME_ERROR, "ERROR"},     {FRAME_BUSY, "BUSY"},         {FRAME_PREPARED, "PREPARED"},
-                 {FRAME_RESULT, "RESULT"},   {FRAME_COUNTERS, "COUNTERS"}, {FRAME_PONG, "PONG"},
-                 {FRAME_GOODBYE, "GOODBYE"}, {FRAME_PROGRESS, "PROGRESS"}};
+    } types[] = {{FRAME_HELLO, "HELLO"},
+                 {FRAME_POOL, "POOL"},
+                 {FRAME_BUILD, "BUILD"},
+                 {FRAME_GET, "GET"},
+                 {FRAME_CANCEL, "CANCEL"},
+                 {FRAME_STATS, "STATS"},
+                 {FRAME_PING, "PING"},
+                 {FRAME_WELCOME, "WELCOME"},
+                 {FRAME_DONE, "DONE"},
+                 {FRAME_ERROR, "ERROR"},
+                 {FRAME_BUSY, "BUSY"},
+                 {FRAME_PREPARED, "PREPARED"},
+                 {FRAME_RESULT, "RESULT"},
+                 {FRAME_COUNTERS, "COUNTERS"},
+                 {FRAME_PONG, "PONG"},
+                 {FRAME_GOODBYE, "GOODBYE"},
+                 {FRAME_PROGRESS, "PROGRESS"},
+                 {FRAME_CLIENTS, "CLIENTS"},
+                 {FRAME_CLIENT_LIST, "CLIENT_LIST"}};
     char line[100];
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
         snprintf(line, sizeof line, "\n| %d | %s |", types[i].number, types[i].name);

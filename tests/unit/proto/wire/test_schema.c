@@ -7,9 +7,11 @@
 #include "proto/wire/bvhd.pb-c.h"
 
 static const ProtobufCMessageDescriptor *const messages[] = {
-    &bvhd__hello__descriptor,  &bvhd__welcome__descriptor, &bvhd__pool__descriptor,     &bvhd__build__descriptor,
-    &bvhd__get__descriptor,    &bvhd__items__descriptor,   &bvhd__progress__descriptor, &bvhd__error__descriptor,
-    &bvhd__result__descriptor, &bvhd__busy__descriptor,    &bvhd__counter__descriptor,  &bvhd__counters__descriptor,
+    &bvhd__hello__descriptor,    &bvhd__welcome__descriptor,     &bvhd__pool__descriptor,
+    &bvhd__build__descriptor,    &bvhd__get__descriptor,         &bvhd__items__descriptor,
+    &bvhd__progress__descriptor, &bvhd__error__descriptor,       &bvhd__result__descriptor,
+    &bvhd__busy__descriptor,     &bvhd__counter__descriptor,     &bvhd__counters__descriptor,
+    &bvhd__clients__descriptor,  &bvhd__client_list__descriptor,
 };
 enum { MESSAGES = sizeof messages / sizeof messages[0], DEEPEST = 2, LINE = 100 };
 
@@ -74,6 +76,12 @@ static const char *const fields[] = {
     "Counter.name 1 string",
     "Counter.value 2 uint64",
     "Counters.counters 1 repeated Counter",
+    "Counters.version 2 string",
+    "Clients.all 1 uint32",
+    "ClientList.client_size 1 uint32",
+    "ClientList.clients 2 bytes",
+    "ClientList.total 3 uint32",
+    "ClientList.hidden 4 uint32",
 };
 enum { FIELDS = sizeof fields / sizeof fields[0] };
 
