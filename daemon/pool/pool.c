@@ -60,7 +60,7 @@ void pool_destroy(struct pool *pool)
     if (!pool)
         return;
     pool_threads_stop(pool);
-    assert(!pool->flows.first && !pool->ended);
+    assert(!pool->root.flows.first && !pool->ended);
     pthread_mutex_destroy(&pool->lock);
     free(pool);
 }
@@ -70,16 +70,24 @@ unsigned pool_threads(const struct pool *pool)
     return pool->threads;
 }
 
-struct pool_flow *pool_flow_create(struct pool *pool)
+struct pool_flow *pool_flow_create(struct pool *pool, struct pool_flow *within)
 {
-    (void)pool;
-    return calloc(1, sizeof(struct pool_flow));
+    struct pool_flow *flow = calloc(1, sizeof *flow);
+    if (!flow)
+        return NULL;
+    flow->parent = within ? within : &pool->root;
+    flow->parent->jobs++;
+    return flow;
 }
 
 static void free_if_unused(struct pool_flow *flow)
 {
-    if (flow->ended && flow->jobs == 0)
+    while (flow->ended && flow->jobs == 0) {
+        struct pool_flow *parent = flow->parent;
         free(flow);
+        parent->jobs--;
+        flow = parent;
+    }
 }
 
 void pool_flow_end(struct pool *pool, struct pool_flow *flow)
@@ -135,6 +143,32 @@ void pool_cancel(struct pool *pool, struct pool_job *job)
     pool_unlock(pool);
 }
 
+static void change_flow(struct pool *pool, struct pool_job *job, struct pool_flow *flow, int priority, bool always)
+{
+    struct pool_flow *old = job->flow;
+    pool_lock(pool);
+    uint64_t now = clock_ns();
+    if ((job->state == POOL_JOB_QUEUED || job->state == POOL_JOB_RUNNING) &&
+        (always || pool_flows_is_earlier(flow, priority, job, now)))
+        pool_flows_move_job(pool, job, flow, priority, now);
+    pool_unlock(pool);
+    if (job->flow == old)
+        return;
+    job->flow->jobs++;
+    old->jobs--;
+    free_if_unused(old);
+}
+
+void pool_favour(struct pool *pool, struct pool_job *job, struct pool_flow *flow, int priority)
+{
+    change_flow(pool, job, flow, priority, false);
+}
+
+void pool_move(struct pool *pool, struct pool_job *job, struct pool_flow *flow, int priority)
+{
+    change_flow(pool, job, flow, priority, true);
+}
+
 /* Takes the jobs that ended first, POOL_COLLECT_MOST at most. If any are left, the loop is woken again. */
 static struct pool_job *take_ended(struct pool *pool, bool *ret_more)
 {
@@ -172,7 +206,7 @@ struct pool_load pool_load(struct pool *pool)
     struct pool_load load = {
         .queued = pool->queued,
         .running = pool->running,
-        .busy_ns = pool_time_at(&pool->busy, now),
+        .busy_ns = pool_time_at(&pool->root.busy, now),
         .jobs_done = pool->jobs_done,
         .active_ns = pool_time_at(&pool->open, now),
     };

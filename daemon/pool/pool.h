@@ -3,11 +3,13 @@
  * pool.h - the worker threads of the service, and the order in which they take jobs.
  *
  * A job is one call of run() on a worker. The tasks that run() passes to its struct parallel are distributed over the
- * workers that are free. A flow is one client's account with the pool: the time that the client's jobs have had. After
- * each task or job a worker chooses its next work:
+ * workers that are free. A flow is an account with the pool: the time that the jobs of one connection have had, and in
+ * a flow around those of a user's connections the time of all of them. After each task or job a worker chooses its next
+ * work:
  *
  * * among flows, it takes the one that has had the least time so far (a flow that returns after a pause starts level
- *   with the others);
+ *   with the others), and among the flows within that one it does the same, so that a user with many connections has
+ *   the time of one user;
  * * within a flow, it takes the highest priority; among equal priorities the unfinished tasks of a running job come
  *   before a queued job, and older jobs before newer ones.
  *
@@ -80,12 +82,15 @@ void pool_destroy(struct pool *pool);
 /* Returns the number of workers, without the spare threads. */
 unsigned pool_threads(const struct pool *pool);
 
-/* Creates the flow of one client. Returns NULL without memory. */
-struct pool_flow *pool_flow_create(struct pool *pool);
+/*
+ * Creates a flow: for jobs, or as an account around other flows. `within` is NULL, or a flow that has no jobs of its
+ * own and is not within another one. Returns NULL without memory.
+ */
+struct pool_flow *pool_flow_create(struct pool *pool, struct pool_flow *within);
 
 /*
- * Gives the flow up. Its jobs may still be queued or running; it is freed when the last of them is done. `flow` may be
- * NULL.
+ * Gives the flow up. Its jobs may still be queued or running, and flows within it may exist; it is freed when the last
+ * of them is done. `flow` may be NULL.
  */
 void pool_flow_end(struct pool *pool, struct pool_flow *flow);
 
@@ -105,6 +110,16 @@ void pool_submit(struct pool *pool, struct pool_job *job);
  * may be repeated, and is allowed after the job has ended, as long as the job's memory is valid.
  */
 void pool_cancel(struct pool *pool, struct pool_job *job);
+
+/*
+ * Another client wants the job, too: if its turn in `flow`, with that priority, is earlier than where the job is now,
+ * the job goes on there, whether it is queued or running. The time that it has had so far stays with the flow that it
+ * leaves. Does nothing if the job has ended.
+ */
+void pool_favour(struct pool *pool, struct pool_job *job, struct pool_flow *flow, int priority);
+
+/* Works like pool_favour, but moves the job in any case: nobody in its old flow wants it any more. */
+void pool_move(struct pool *pool, struct pool_job *job, struct pool_flow *flow, int priority);
 
 /*
  * Calls done() of the jobs that have ended, in the order in which they ended, for at most POOL_COLLECT_MOST jobs.

@@ -107,11 +107,10 @@ static void spin_for_helpers(const struct pool_call *call)
  */
 static void sleep_as_caller(struct pool *pool, struct pool_call *call, struct pool_thread *self)
 {
-    struct pool_flow *flow = call->run->job->flow;
     call->sleeper = self;
-    pool_threads_pause(pool, flow, clock_ns());
+    pool_threads_pause(call->run, clock_ns());
     pool_threads_sleep(pool, self);
-    pool_threads_resume(pool, flow, clock_ns());
+    pool_threads_resume(call->run, clock_ns());
 }
 
 /*
@@ -150,7 +149,7 @@ static void close_call(struct pool *pool, struct pool_call *call, struct pool_th
 
 void pool_calls_for_each(const struct parallel *parallel, size_t count, parallel_task task, void *context)
 {
-    const struct pool_run *run = (const struct pool_run *)parallel;
+    struct pool_run *run = (struct pool_run *)(uintptr_t)parallel;
     struct pool_thread *self = pool_threads_self();
     if (count <= 1 || run->pool->threads == 1 || !self || self->pool != run->pool) {
         parallel_serial.for_each(&parallel_serial, count, task, context);

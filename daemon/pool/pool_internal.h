@@ -39,19 +39,36 @@ static inline uint64_t pool_time_at(const struct pool_time *time, uint64_t now)
     return time->base + time->threads * now;
 }
 
+/* From `now` on, that many more threads, or fewer, are busy with it. */
+static inline void pool_time_add(struct pool_time *time, uint64_t threads, uint64_t now)
+{
+    time->base -= threads * now;
+    time->threads += threads;
+}
+
+static inline void pool_time_remove(struct pool_time *time, uint64_t threads, uint64_t now)
+{
+    time->base += threads * now;
+    time->threads -= threads;
+}
+
 /*
  * The fields that are read in every flow whenever a thread looks for work come first, so that they share a cache line.
  */
 struct pool_flow {
     struct pool_time time; /* for the order of flows */
-    struct list_link link; /* in pool.flows */
+    struct list_link link; /* in parent->flows */
+    struct list flows; /* those within it that have open jobs; it then has no jobs of its own */
+    struct pool_flow *parent; /* constant; only the pool's root has none */
+    uint64_t level; /* the time of the flow within it that was served last; a new flow starts there */
     /* open calls, by priority of their jobs, then by age of their jobs, then by their own age */
     struct pool_call *calls;
-    uint32_t open; /* jobs queued or running; the flow is in pool.flows while there are any */
-    uint32_t jobs; /* jobs submitted and not done; only the loop thread uses it, without the lock */
+    uint32_t open; /* jobs queued or running, in flows within it, too; it is in parent->flows while there are any */
+    uint32_t
+        jobs; /* jobs submitted and not done, and flows within it; only the loop thread uses it, without the lock */
     bool ended; /* by pool_flow_end; only the loop thread uses it, without the lock */
     struct pool_queue queue;
-    struct pool_time busy; /* what its jobs have really had */
+    struct pool_time busy; /* what its jobs, and those of the flows within it, have really had */
 };
 
 /* A running job, on the stack of the thread that runs it. `parallel` is the job's interface to the pool. */
@@ -60,6 +77,7 @@ struct pool_run {
     struct pool *pool;
     struct pool_job *job;
     struct list_link link; /* in pool.runs */
+    unsigned threads; /* whose time counts for the job's flow now */
 };
 
 /* One call of for_each, on the stack of its caller. Its fields are constant unless a comment says otherwise. */
@@ -67,7 +85,7 @@ struct pool_call {
     parallel_task task;
     void *context;
     size_t count;
-    const struct pool_run *run;
+    struct pool_run *run;
     struct pool_call *parent; /* the call whose task made this one, or NULL */
     atomic_size_t next; /* the first task that no thread has taken; may exceed count */
     atomic_uint helpers; /* threads besides the caller that work on the call; changed under the lock */
@@ -88,15 +106,13 @@ struct pool {
     void (*wake)(void *context); /* constant */
     void *wake_context; /* constant */
 
-    struct list flows; /* flows with open jobs */
+    struct pool_flow root; /* around the flows that are within no other */
     struct list runs; /* running jobs */
     uint32_t queued, running; /* jobs */
     uint32_t queued_of[POOL_QUEUE_CLASSES]; /* queued jobs by class of size */
     uint64_t queued_classes; /* bit i is set while class i has queued jobs */
     unsigned active; /* threads that are in jobs and calls, also while they wait there for helpers */
     uint64_t orders; /* jobs submitted so far */
-    uint64_t level; /* the time of the flow that was served last; a new flow starts there */
-    struct pool_time busy; /* of all threads in jobs and tasks */
     struct pool_time open; /* counts one thread while there are jobs */
     uint64_t closed_ns; /* when the last job ended, while there are none */
     uint64_t jobs_done;
@@ -159,11 +175,28 @@ void pool_threads_sleep(struct pool *pool, struct pool_thread *self);
  */
 void pool_threads_call(struct pool *pool, size_t count, uint64_t now);
 
-/* From `now` on, the calling thread's time counts for the flow. */
-void pool_threads_resume(struct pool *pool, struct pool_flow *flow, uint64_t now);
+/* From `now` on, that many more threads, or fewer, work for the flow and for those around it. */
+static inline void pool_flow_add_threads(struct pool_flow *flow, uint64_t threads, uint64_t now)
+{
+    for (; flow; flow = flow->parent) {
+        pool_time_add(&flow->time, threads, now);
+        pool_time_add(&flow->busy, threads, now);
+    }
+}
 
-/* From `now` on, the calling thread's time does not count for the flow. */
-void pool_threads_pause(struct pool *pool, struct pool_flow *flow, uint64_t now);
+static inline void pool_flow_remove_threads(struct pool_flow *flow, uint64_t threads, uint64_t now)
+{
+    for (; flow; flow = flow->parent) {
+        pool_time_remove(&flow->time, threads, now);
+        pool_time_remove(&flow->busy, threads, now);
+    }
+}
+
+/* From `now` on, the calling thread's time counts for the flow of the job. */
+void pool_threads_resume(struct pool_run *run, uint64_t now);
+
+/* From `now` on, the calling thread's time does not count for the flow of the job. */
+void pool_threads_pause(struct pool_run *run, uint64_t now);
 
 /* pool_flows.c */
 
@@ -181,6 +214,12 @@ void pool_flows_take_job(struct pool *pool, struct pool_job *job);
 
 /* A job that was taken has ended at `now`. */
 void pool_flows_close_job(struct pool *pool, const struct pool_job *job, uint64_t now);
+
+/* Returns whether a job of that priority would have its turn earlier in `flow` than this job has it where it is. */
+bool pool_flows_is_earlier(const struct pool_flow *flow, int priority, const struct pool_job *job, uint64_t now);
+
+/* Moves a job that is queued or running to another flow, with its calls and the threads that work for it. */
+void pool_flows_move_job(struct pool *pool, struct pool_job *job, struct pool_flow *flow, int priority, uint64_t now);
 
 /* Puts a call into the list of its flow, and takes it out. */
 void pool_flows_add_call(struct pool *pool, struct pool_call *call, uint64_t now);

@@ -43,22 +43,16 @@ void pool_threads_sleep(struct pool *pool, struct pool_thread *self)
     pool_lock(pool);
 }
 
-void pool_threads_resume(struct pool *pool, struct pool_flow *flow, uint64_t now)
+void pool_threads_resume(struct pool_run *run, uint64_t now)
 {
-    struct pool_time *times[] = {&pool->busy, &flow->time, &flow->busy};
-    for (int i = 0; i < 3; i++) {
-        times[i]->base -= now;
-        times[i]->threads++;
-    }
+    run->threads++;
+    pool_flow_add_threads(run->job->flow, 1, now);
 }
 
-void pool_threads_pause(struct pool *pool, struct pool_flow *flow, uint64_t now)
+void pool_threads_pause(struct pool_run *run, uint64_t now)
 {
-    struct pool_time *times[] = {&pool->busy, &flow->time, &flow->busy};
-    for (int i = 0; i < 3; i++) {
-        times[i]->base += now;
-        times[i]->threads--;
-    }
+    run->threads--;
+    pool_flow_remove_threads(run->job->flow, 1, now);
 }
 
 /* Makes all spinning threads check for work. */
@@ -101,17 +95,17 @@ void pool_threads_call(struct pool *pool, size_t count, uint64_t now)
         call_spare(pool, now);
 }
 
-static void begin(struct pool *pool, struct pool_flow *flow, uint64_t now)
+static void begin(struct pool *pool, struct pool_run *run, uint64_t now)
 {
     pool->active++;
-    pool_threads_resume(pool, flow, now);
+    pool_threads_resume(run, now);
     call_spare(pool, now);
 }
 
-static void end(struct pool *pool, struct pool_flow *flow, uint64_t now)
+static void end(struct pool *pool, struct pool_run *run, uint64_t now)
 {
     pool->active--;
-    pool_threads_pause(pool, flow, now);
+    pool_threads_pause(run, now);
 }
 
 static void link_run(struct pool *pool, struct pool_run *run)
@@ -137,29 +131,29 @@ static void mark_running(struct pool *pool, struct pool_job *job, uint64_t now)
 static void run_job(struct pool *pool, struct pool_job *job, uint64_t now)
 {
     struct pool_run run = {.parallel = {pool->threads, pool_calls_for_each}, .pool = pool, .job = job};
-    struct pool_flow *flow = job->flow;
     mark_running(pool, job, now);
     link_run(pool, &run);
-    begin(pool, flow, now);
+    begin(pool, &run, now);
     pool_unlock(pool);
 
     job->run(job, &run.parallel);
 
     pool_lock(pool);
     job->ended_ns = clock_ns();
-    end(pool, flow, job->ended_ns);
+    end(pool, &run, job->ended_ns);
     unlink_run(pool, &run);
     pool->jobs_done++;
     pool_flows_close_job(pool, job, job->ended_ns);
     pool_append_ended(pool, job);
 }
 
+/* The run outlives the help: its job cannot go on before the lock is open. */
 static void help_call(struct pool *pool, struct pool_call *call, uint64_t now)
 {
-    struct pool_flow *flow = call->run->job->flow;
-    begin(pool, flow, now);
+    struct pool_run *run = call->run;
+    begin(pool, run, now);
     pool_calls_help(pool, call, now);
-    end(pool, flow, clock_ns());
+    end(pool, run, clock_ns());
 }
 
 static struct pool_work find_work(struct pool *pool, uint64_t now)

@@ -24,7 +24,7 @@ static void probe_done(struct pool_job *job)
 enum bvhd_status watchdog_init(struct watchdog *watchdog, struct pool *pool, uint64_t patience_ms,
                                struct bvhd_error *error)
 {
-    struct pool_flow *flow = pool_flow_create(pool);
+    struct pool_flow *flow = pool_flow_create(pool, NULL);
     if (!flow)
         return bvhd_error_no_memory(error, "watchdog", "no memory for its flow");
     *watchdog = (struct watchdog){.pool = pool, .patience_ms = patience_ms, .probe.flow = flow};

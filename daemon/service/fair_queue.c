@@ -5,30 +5,55 @@
 
 #include "proto/base/container_of.h"
 
-/* Inserts a lane at the end of the ring, level with the others at least. */
-static void join_ring(struct fair_queue *queue, struct fair_lane *lane)
+static struct fair_node *parent_of(struct fair_queue *queue, const struct fair_node *node)
 {
-    if (lane->given < queue->level)
-        lane->given = queue->level;
-    struct fair_lane *first = queue->ring;
-    if (!first) {
-        lane->previous = lane->next = lane;
-        queue->ring = lane;
-        return;
-    }
-    lane->next = first;
-    lane->previous = first->previous;
-    first->previous->next = lane;
-    first->previous = lane;
+    return node->parent ? node->parent : &queue->root;
 }
 
-static void leave_ring(struct fair_queue *queue, struct fair_lane *lane)
+/* Inserts a node at the end of its parent's ring, level with its siblings at least. */
+static void join_ring(struct fair_node *parent, struct fair_node *node)
 {
-    if (queue->ring == lane)
-        queue->ring = lane->next == lane ? NULL : lane->next;
-    lane->previous->next = lane->next;
-    lane->next->previous = lane->previous;
-    lane->previous = lane->next = NULL;
+    if (node->given < parent->level)
+        node->given = parent->level;
+    struct fair_node *first = parent->ring;
+    if (!first) {
+        node->previous = node->next = node;
+        parent->ring = node;
+        return;
+    }
+    node->next = first;
+    node->previous = first->previous;
+    first->previous->next = node;
+    first->previous = node;
+}
+
+static void leave_ring(struct fair_node *parent, struct fair_node *node)
+{
+    if (parent->ring == node)
+        parent->ring = node->next == node ? NULL : node->next;
+    node->previous->next = node->next;
+    node->next->previous = node->previous;
+    node->previous = node->next = NULL;
+}
+
+/* A lane has something that can be taken now, and so have the nodes above it. */
+static void begin_turns(struct fair_queue *queue, struct fair_node *node)
+{
+    for (bool is_first = true; is_first && node != &queue->root; node = parent_of(queue, node)) {
+        struct fair_node *parent = parent_of(queue, node);
+        is_first = !parent->ring;
+        join_ring(parent, node);
+    }
+}
+
+/* A lane has nothing more that can be taken now; the same is true for a node above it whose ring becomes empty. */
+static void end_turns(struct fair_queue *queue, struct fair_node *node)
+{
+    for (bool is_last = true; is_last && node != &queue->root; node = parent_of(queue, node)) {
+        struct fair_node *parent = parent_of(queue, node);
+        leave_ring(parent, node);
+        is_last = !parent->ring;
+    }
 }
 
 void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fair_entry *entry, uint32_t priority)
@@ -38,7 +63,7 @@ void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fai
     entry->priority = priority;
     list_append(&lane->lists[priority], &entry->link);
     if (lane->count++ == 0 && !lane->held)
-        join_ring(queue, lane);
+        begin_turns(queue, &lane->node);
     queue->count++;
 }
 
@@ -50,22 +75,24 @@ void fair_queue_hold(struct fair_queue *queue, struct fair_lane *lane, bool held
     if (lane->count == 0)
         return;
     if (held)
-        leave_ring(queue, lane);
+        end_turns(queue, &lane->node);
     else
-        join_ring(queue, lane);
+        begin_turns(queue, &lane->node);
 }
 
-static struct fair_lane *next_lane(const struct fair_queue *queue)
+/* There must be a child below which something waits. */
+static struct fair_node *next_child(const struct fair_node *parent)
 {
-    struct fair_lane *least = queue->ring;
-    for (struct fair_lane *lane = least ? least->next : NULL; lane && lane != queue->ring; lane = lane->next)
-        if (lane->given < least->given)
-            least = lane;
+    struct fair_node *least = parent->ring;
+    for (struct fair_node *node = least->next; node != parent->ring; node = node->next)
+        if (node->given < least->given)
+            least = node;
     return least;
 }
 
-static struct fair_entry *first_of(const struct fair_lane *lane)
+static struct fair_entry *first_of(struct fair_node *node)
 {
+    const struct fair_lane *lane = container_of(node, struct fair_lane, node);
     int i = 0;
     while (!lane->lists[i].first)
         i++;
@@ -74,8 +101,10 @@ static struct fair_entry *first_of(const struct fair_lane *lane)
 
 struct fair_entry *fair_queue_peek(const struct fair_queue *queue)
 {
-    const struct fair_lane *lane = next_lane(queue);
-    return lane ? first_of(lane) : NULL;
+    struct fair_node *node = queue->root.ring ? next_child(&queue->root) : NULL;
+    while (node && node->ring)
+        node = next_child(node);
+    return node ? first_of(node) : NULL;
 }
 
 void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
@@ -87,14 +116,35 @@ void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
     *entry = (struct fair_entry){0};
     queue->count--;
     if (--lane->count == 0 && !lane->held)
-        leave_ring(queue, lane);
+        end_turns(queue, &lane->node);
 }
 
 void fair_queue_pop(struct fair_queue *queue, uint64_t cost)
 {
-    struct fair_lane *lane = next_lane(queue);
-    queue->ring = lane->next;
-    queue->level = lane->given;
-    lane->given += cost;
-    fair_queue_remove(queue, first_of(lane));
+    struct fair_node *node = &queue->root;
+    while (node->ring) {
+        struct fair_node *child = next_child(node);
+        node->ring = child->next;
+        node->level = child->given;
+        child->given += cost;
+        node = child;
+    }
+    fair_queue_remove(queue, first_of(node));
+}
+
+/* What a node would have been given if it came now. */
+static uint64_t claim_of(const struct fair_node *parent, const struct fair_node *node)
+{
+    return node->next || node->given > parent->level ? node->given : parent->level;
+}
+
+bool fair_queue_is_earlier(const struct fair_queue *queue, const struct fair_lane *lane, const struct fair_lane *other)
+{
+    const struct fair_node *a = &lane->node, *b = &other->node;
+    if (a->parent != b->parent) {
+        a = a->parent ? a->parent : a;
+        b = b->parent ? b->parent : b;
+    }
+    const struct fair_node *parent = a->parent ? a->parent : &queue->root;
+    return claim_of(parent, a) < claim_of(parent, b);
 }

@@ -29,6 +29,12 @@ void memory_queue_hold(struct memory_queue *queue, struct memory_lanes *lanes, b
         fair_queue_hold(&queue->waiting[class], &lanes->lanes[class], held);
 }
 
+bool memory_queue_is_earlier(const struct memory_queue *queue, enum admission_class class,
+                             const struct memory_lanes *lanes, const struct memory_lanes *other)
+{
+    return fair_queue_is_earlier(&queue->waiting[class], &lanes->lanes[class], &other->lanes[class]);
+}
+
 uint32_t memory_queue_count(const struct memory_queue *queue)
 {
     return queue->waiting[ADMISSION_SMALL].count + queue->waiting[ADMISSION_LARGE].count;

@@ -3,9 +3,9 @@
  * memory_queue.h - the steps of one kind (prepares or builds) that wait until memory can be promised to them.
  *
  * Each admission class has a queue of its own, so that a small step never waits behind a large one. Within a class,
- * clients get memory in fair shares (fair_queue.h): the step that is next keeps its place until its claim can be
- * promised. The queue owns nothing and never fails: waiters and lanes are members of their owners' structs. For the
- * loop thread only.
+ * users get memory in fair shares, and so do the connections of each user (fair_queue.h): the step that is next keeps
+ * its place until its claim can be promised. The queue owns nothing and never fails: waiters, lanes and turns are
+ * members of their owners' structs. For the loop thread only.
  */
 #ifndef BVHD_MEMORY_QUEUE_H
 #define BVHD_MEMORY_QUEUE_H
@@ -13,10 +13,28 @@
 #include "daemon/service/admission.h"
 #include "daemon/service/fair_queue.h"
 
-/* One client's lanes in a queue, one for each admission class. Zeroed means empty; it may be freed when it is empty. */
+/*
+ * One user's turns in a queue, which all connections of the user share: a node for each admission class. Zeroed means
+ * that nothing waits.
+ */
+struct memory_turns {
+    struct fair_node nodes[ADMISSION_CLASSES];
+};
+
+/*
+ * One connection's lanes in a queue, one for each admission class. Zeroed means empty; it may be freed when it is
+ * empty.
+ */
 struct memory_lanes {
     struct fair_lane lanes[ADMISSION_CLASSES];
 };
+
+/* Makes empty lanes share the turns of a user, which has to outlive them. Lanes without turns count as users. */
+static inline void memory_lanes_share(struct memory_lanes *lanes, struct memory_turns *turns)
+{
+    for (int class = 0; class < ADMISSION_CLASSES; class ++)
+        lanes->lanes[class].node.parent = &turns->nodes[class];
+}
 
 static inline bool memory_lanes_are_held(const struct memory_lanes *lanes)
 {
@@ -51,6 +69,10 @@ void memory_queue_remove(struct memory_queue *queue, struct memory_waiter *waite
 
 /* Holds a client, or releases it: while a client is held, none of its waiters starts. They keep their places. */
 void memory_queue_hold(struct memory_queue *queue, struct memory_lanes *lanes, bool held);
+
+/* Returns whether a step of that class has its turn earlier in `lanes` than in `other` (fair_queue_is_earlier). */
+bool memory_queue_is_earlier(const struct memory_queue *queue, enum admission_class class,
+                             const struct memory_lanes *lanes, const struct memory_lanes *other);
 
 /* The number of waiters, including held ones. */
 uint32_t memory_queue_count(const struct memory_queue *queue);

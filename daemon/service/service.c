@@ -68,7 +68,7 @@ static enum bvhd_status create_modules(struct service *service, void (*wake)(voi
     service->cache = cache_create(service->options.cache, &service->unlimited);
     service->disposals = (struct disposals){
         .pool = service->pool,
-        .flow = pool_flow_create(service->pool),
+        .flow = pool_flow_create(service->pool, NULL),
         .memory = &service->memory,
         .admission = &service->admission,
     };

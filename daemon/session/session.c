@@ -204,7 +204,7 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
                               struct session **ret_session, struct bvhd_error *error)
 {
     struct session *session = memory_alloc(&service->memory, sizeof *session);
-    struct pool_flow *flow = session ? pool_flow_create(service->pool) : NULL;
+    struct pool_flow *flow = session ? pool_flow_create(service->pool, NULL) : NULL;
     if (!flow) {
         memory_free(&service->memory, session);
         return bvhd_error_no_memory(error, "", "no memory for another session");

@@ -103,8 +103,8 @@ static void start(struct bench *bench, unsigned threads)
     bench->woken = eventfd(0, EFD_CLOEXEC);
     if (pool_create(threads, pass_on, &bench->woken, &bench->pool, &error) != BVHD_OK)
         fail(error.text);
-    bench->flow = pool_flow_create(bench->pool);
-    bench->other_flow = pool_flow_create(bench->pool);
+    bench->flow = pool_flow_create(bench->pool, NULL);
+    bench->other_flow = pool_flow_create(bench->pool, NULL);
     if (!bench->flow || !bench->other_flow)
         fail("no memory");
 }

@@ -115,7 +115,7 @@ void step_init(struct step *step, struct loop *loop, struct pool_flow *flow, uin
 
 struct pool_flow *loop_flow(struct loop *loop)
 {
-    struct pool_flow *flow = pool_flow_create(loop->pool);
+    struct pool_flow *flow = pool_flow_create(loop->pool, NULL);
     assert_non_null(flow);
     return flow;
 }

@@ -79,7 +79,7 @@ static void test_stuck_pool(void **state)
     (void)state;
     assert_int_equal(pool_create(1, no_wake, NULL, &pool, NULL), BVHD_OK);
     assert_int_equal(watchdog_init(&watchdog, pool, 100, NULL), BVHD_OK);
-    struct pool_flow *flow = pool_flow_create(pool);
+    struct pool_flow *flow = pool_flow_create(pool, NULL);
     pthread_mutex_lock(&gate);
     uint64_t size = UINT64_C(1) << 40; /* each small enough beside the one before for a spare thread */
     for (int i = 0; i < MAX_STUCK; i++, size /= 2 * POOL_SPARE_RATIO) {

@@ -118,6 +118,61 @@ static void test_a_held_lane_is_passed_over(void **state)
     assert_int_equal(queue.count, 0);
 }
 
+/* A user with ten lanes is given as much as one with one, whichever lane's turn it is; lanes of a user alternate. */
+static void test_users_share_before_their_lanes(void **state)
+{
+    (void)state;
+    enum { LANES = 10, EACH = 6 };
+    struct fair_queue queue = {0};
+    struct fair_node crowd = {0}, single = {0};
+    struct fair_lane lanes[LANES] = {0}, lane = {.node.parent = &single};
+    struct fair_entry entries[LANES][EACH] = {0}, own[LANES * EACH] = {0};
+    uint64_t given[2] = {0};
+    for (int i = 0; i < LANES; i++) {
+        lanes[i].node.parent = &crowd;
+        for (int k = 0; k < EACH; k++)
+            fair_queue_add(&queue, &lanes[i], &entries[i][k], 1);
+    }
+    for (int i = 0; i < LANES * EACH; i++)
+        fair_queue_add(&queue, &lane, &own[i], 1);
+    for (int i = 0; i < LANES * EACH; i++) {
+        struct fair_lane *next = fair_queue_peek(&queue)->lane;
+        if (next != &lane)
+            assert_ptr_equal(next, &lanes[given[1] % LANES]);
+        given[next != &lane]++;
+        fair_queue_pop(&queue, 10);
+    }
+    assert_int_equal(given[0], given[1]);
+    fair_queue_hold(&queue, &lane, true);
+    while (fair_queue_peek(&queue))
+        fair_queue_pop(&queue, 10);
+    assert_int_equal(queue.count, lane.count);
+    assert_null(crowd.ring);
+    for (int i = 0; i < LANES * EACH; i++)
+        fair_queue_remove(&queue, &own[i]);
+    assert_null(single.ring);
+}
+
+static void test_the_earlier_of_two_lanes_is_known(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_node users[2] = {0};
+    struct fair_lane lanes[3] = {{.node.parent = &users[0]}, {.node.parent = &users[0]}, {.node.parent = &users[1]}};
+    struct fair_entry entries[3] = {0}, more = {0};
+    assert_false(fair_queue_is_earlier(&queue, &lanes[0], &lanes[2]));
+    fair_queue_add(&queue, &lanes[0], &entries[0], 1);
+    fair_queue_add(&queue, &lanes[0], &more, 1);
+    fair_queue_pop(&queue, 10); /* lane 0 and its user have been given something */
+    for (int i = 0; i < 3; i++) {
+        bool is_behind = i == 0;
+        assert_int_equal(fair_queue_is_earlier(&queue, &lanes[i], &lanes[0]), !is_behind);
+        assert_false(fair_queue_is_earlier(&queue, &lanes[0], &lanes[i]));
+    }
+    assert_true(fair_queue_is_earlier(&queue, &lanes[2], &lanes[1]));
+    fair_queue_remove(&queue, &more);
+}
+
 /* Each entry that is next is compared with a list in the order of arrival. */
 static void test_random_operations_match_a_list(void **state)
 {
@@ -166,6 +221,8 @@ int main(void)
         cmocka_unit_test(test_lanes_are_given_equally_much),
         cmocka_unit_test(test_priority_goes_before_age_within_a_lane),
         cmocka_unit_test(test_a_held_lane_is_passed_over),
+        cmocka_unit_test(test_users_share_before_their_lanes),
+        cmocka_unit_test(test_the_earlier_of_two_lanes_is_known),
         cmocka_unit_test(test_random_operations_match_a_list),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
