@@ -140,8 +140,9 @@ static void a_later_turn_changes_nothing_unless_nobody_else_wants_the_job(void *
     pool_move(crowd.loop.pool, &crowd.again.job, crowd.busy, -1);
     assert_ptr_equal(crowd.again.job.flow, crowd.busy);
     pool_favour(crowd.loop.pool, &crowd.wanted.job, crowd.busy, 1); /* the same flow with a higher priority */
-    crowd_finish(&crowd);
+    step_let_go(&crowd.holder);
     step_await(&crowd.loop, &crowd.again);
+    crowd_finish(&crowd);
     assert_ptr_equal(crowd.log.steps[0], &crowd.wanted);
 }
 
