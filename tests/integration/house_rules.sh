@@ -50,9 +50,11 @@ builder/top                 proto/base builder/format builder/kernel builder/inp
 builder                     proto/base builder/format builder/kernel builder/input builder/piece builder/wide
                             builder/top
 builder/local               proto/base builder/format builder/input builder
+builder/store               proto/base
 daemon/system               proto/base
 daemon/pool                 proto/base
-daemon/service              proto/base proto/wire builder/format builder/input builder daemon/system daemon/pool
+daemon/service              proto/base proto/wire builder/format builder/input builder builder/store daemon/system
+                            daemon/pool
 daemon/session              proto/base proto/wire builder/input builder daemon/system daemon/service
 daemon/socket               proto/base proto/wire daemon/system daemon/service daemon/session
 daemon                      proto/base daemon/system daemon/pool daemon/service daemon/socket
@@ -64,7 +66,7 @@ client/examples             client
 client/bvhctl/kernels
 client/bvhctl/base          proto/base
 client/bvhctl/oracle        proto/base builder/traverse/ray.h client/bvhctl/base
-client/bvhctl/service       proto/base builder client client/bvhctl/base
+client/bvhctl/service       proto/base builder builder/store client client/bvhctl/base
 client/bvhctl/gpu           proto/base builder/format client/vulkan client/bvhctl/base
 client/bvhctl/scene         proto/base builder/format builder/traverse/ray.h builder/input client/bvhctl/base
                             client/bvhctl/oracle client/bvhctl/service
@@ -89,6 +91,7 @@ assimp/|png.h|cjson/|cJSON.h client/bvhctl/
 vulkan/ client/
 uv.h|uv/ daemon/
 systemd/ daemon/
+xxhash[.]h builder/store/
 protobuf-c/|[a-z_/]*[.]pb-c[.]h proto/wire/control
 END
 }

@@ -1,0 +1,176 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "builder/store/store_internal.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "builder/store/entry_header.h"
+
+/* A file that is being read. */
+struct reading {
+    struct store *store;
+    struct store_sink *sink;
+    char name[KEY_TEXT_SIZE];
+    int shard, file; /* -1: not open */
+    struct stat about;
+    unsigned char *piece; /* STORE_PIECE bytes */
+};
+
+static enum bvhd_status missing(const struct reading *reading, struct bvhd_error *error)
+{
+    return bvhd_error_set(error, BVHD_NOT_FOUND, reading->name, "is not in the cache on disk");
+}
+
+/* Whether it is a file that the store may have written, and nobody else has. */
+static bool is_ours(const struct reading *reading)
+{
+    const struct stat *about = &reading->about;
+    return S_ISREG(about->st_mode) && about->st_uid == reading->store->owner &&
+           (about->st_mode & (S_IWGRP | S_IWOTH)) == 0;
+}
+
+/* O_NONBLOCK is for a name that leads to a FIFO or a device instead of a file. */
+static enum bvhd_status open_file(struct reading *reading, const struct key *key, struct bvhd_error *error)
+{
+    const int flags = O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC;
+    reading->shard = store_shard_open(reading->store, key, false, reading->name);
+    if (reading->shard < 0 && store_is_absent(errno))
+        return missing(reading, error);
+    if (reading->shard >= 0)
+        reading->file = openat(reading->shard, reading->name, flags);
+    if (reading->file < 0 && errno == ENOENT)
+        return missing(reading, error);
+    bool is_known = reading->file >= 0 || errno == ELOOP || errno == ENXIO; /* a link, or a socket */
+    if (!is_known || fstatat(reading->shard, reading->name, &reading->about, AT_SYMLINK_NOFOLLOW) != 0 ||
+        (reading->file >= 0 && fstat(reading->file, &reading->about) != 0))
+        return errno == ENOENT ? missing(reading, error)
+                               : store_failed(reading->store, reading->name, "opening", error);
+    if (reading->file < 0 || !is_ours(reading))
+        return bvhd_error_set(error, BVHD_CORRUPT, reading->name, "is no file that only its owner may write");
+    return BVHD_OK;
+}
+
+/* Reads as many bytes of the file as are there, at most `size`. Unreadable bytes of a disk are damage. */
+static enum bvhd_status read_piece(const struct reading *reading, uint64_t offset, uint64_t size, uint64_t *ret_size,
+                                   struct bvhd_error *error)
+{
+    uint64_t done = 0;
+    while (done < size) {
+        ssize_t count = pread(reading->file, reading->piece + done, size - done, (off_t)(offset + done));
+        if (count == 0)
+            break;
+        if (count > 0)
+            done += (uint64_t)count;
+        else if (errno == EIO)
+            return bvhd_error_set(error, BVHD_CORRUPT, reading->name, "the disk cannot read it");
+        else if (errno != EINTR)
+            return store_failed(reading->store, reading->name, "reading", error);
+    }
+    *ret_size = done;
+    return BVHD_OK;
+}
+
+static uint64_t smaller(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* Hashes and passes on what follows the first piece, of which `at` bytes have been read. */
+static enum bvhd_status copy_rest(const struct reading *reading, struct entry_hash *hash, uint64_t at,
+                                  struct bvhd_error *error)
+{
+    uint64_t end = (uint64_t)reading->about.st_size, size;
+    for (; at < end; at += size) {
+        enum bvhd_status status = read_piece(reading, at, smaller(STORE_PIECE, end - at), &size, error);
+        if (status == BVHD_OK && size == 0)
+            status = bvhd_error_set(error, BVHD_CORRUPT, reading->name, "the file has become shorter");
+        if (status != BVHD_OK)
+            return status;
+        entry_hash_add(hash, (struct bytes){reading->piece, size});
+        status = reading->sink->write(reading->sink, reading->piece, size, error);
+        if (status != BVHD_OK)
+            return status;
+    }
+    return BVHD_OK;
+}
+
+/* Passes on the entry, whose first `head` bytes have been read, and compares its checksum at the end. */
+static enum bvhd_status copy(const struct reading *reading, const struct store_entry *entry, uint64_t head,
+                             struct entry_hash *hash, struct bvhd_error *error)
+{
+    struct store_sink *sink = reading->sink;
+    const struct entry_checksum wanted = entry_header_checksum(reading->piece);
+    uint64_t begin = ENTRY_HEADER + entry->summary.size;
+    entry_hash_add(hash, (struct bytes){reading->piece + ENTRY_HEADER, head - ENTRY_HEADER});
+    enum bvhd_status status = sink->begin(sink, entry, error);
+    if (status == BVHD_OK && head > begin)
+        status = sink->write(sink, reading->piece + begin, head - begin, error);
+    if (status == BVHD_OK)
+        status = copy_rest(reading, hash, head, error);
+    if (status != BVHD_OK)
+        return status;
+    struct entry_checksum sum = entry_hash_get(hash);
+    if (sum.low != wanted.low || sum.high != wanted.high)
+        return bvhd_error_set(error, BVHD_CORRUPT, reading->name, "the checksum does not agree with the bytes");
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_entry(struct reading *reading, const struct key *key, struct bvhd_error *error)
+{
+    struct store_entry entry;
+    struct entry_hash hash;
+    uint64_t size = (uint64_t)reading->about.st_size, head;
+    reading->piece = memory_alloc(reading->store->memory, STORE_PIECE);
+    if (!reading->piece)
+        return bvhd_error_no_memory(error, reading->name, "no memory to read the cache on disk");
+    enum bvhd_status status = read_piece(reading, 0, smaller(STORE_PIECE, size), &head, error);
+    if (status == BVHD_OK)
+        status = entry_header_read((struct bytes){reading->piece, head}, size, key, &entry, error);
+    if (status != BVHD_OK)
+        return status;
+    if (!entry_hash_begin(&hash, reading->piece))
+        return bvhd_error_no_memory(error, reading->name, "no memory to check the cache on disk");
+    status = copy(reading, &entry, head, &hash, error);
+    entry_hash_finish(&hash);
+    return status;
+}
+
+/* Notes that the entry was used now. A time in the future, by a clock that jumped, counts as old, too. */
+static void refresh(const struct reading *reading)
+{
+    time_t now = time(NULL), used = reading->about.st_mtime;
+    if (used > now || now - used >= STORE_REFRESH_SECONDS)
+        futimens(reading->file, NULL);
+}
+
+static enum bvhd_status finish(struct reading *reading, enum bvhd_status status, struct bvhd_error *error)
+{
+    if (status == BVHD_CORRUPT) {
+        store_set_aside(reading->store, reading->shard, reading->name, &reading->about);
+        status = bvhd_error_set(error, BVHD_NOT_FOUND, reading->name, "was damaged in the cache on disk: %s",
+                                error ? error->text : "");
+    } else if (status == BVHD_OK) {
+        refresh(reading);
+        atomic_fetch_add_explicit(&reading->store->read, 1, memory_order_relaxed);
+    }
+    memory_free(reading->store->memory, reading->piece);
+    if (reading->file >= 0)
+        close(reading->file);
+    if (reading->shard >= 0)
+        close(reading->shard);
+    return status;
+}
+
+enum bvhd_status store_get(struct store *store, const struct key *key, struct store_sink *sink,
+                           struct bvhd_error *error)
+{
+    struct reading reading = {.store = store, .sink = sink, .shard = -1, .file = -1};
+    enum bvhd_status status = open_file(&reading, key, error);
+    if (status == BVHD_OK)
+        status = read_entry(&reading, key, error);
+    return finish(&reading, status, error);
+}
