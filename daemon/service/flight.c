@@ -18,7 +18,8 @@ struct flight {
     struct flights *flights;
     struct flight *next; /* in its bucket */
     enum flight_state state;
-    struct preparation *preparation;
+    struct key key;
+    struct preparation *preparation; /* what is built */
     struct list waiters; /* empty while ABANDONED */
     struct memory_waiter memory; /* waits while WAITING; its claim is exclusive when the build is tried again */
     uint64_t started; /* the value of flights->started after the build started */
@@ -69,14 +70,14 @@ static struct flight **bucket_of(const struct flights *flights, const struct key
 struct flight *flights_find(const struct flights *flights, const struct key *key)
 {
     struct flight *flight = *bucket_of(flights, key);
-    while (flight && !key_equal(&flight->preparation->key, key))
+    while (flight && !key_equal(&flight->key, key))
         flight = flight->next;
     return flight;
 }
 
 static void leave_table(struct flight *flight)
 {
-    struct flight **at = bucket_of(flight->flights, &flight->preparation->key);
+    struct flight **at = bucket_of(flight->flights, &flight->key);
     while (*at != flight)
         at = &(*at)->next;
     *at = flight->next;
@@ -118,11 +119,29 @@ static void wait_for_memory(struct flight *flight)
     memory_queue_add(&flight->flights->waiting, &first->client->lanes, &flight->memory);
 }
 
-void flight_join(struct flight *flight, struct flight_waiter *waiter)
+/* Goes on to the build of its preparation. */
+static void prepare_to_build(struct flight *flight)
+{
+    const struct preparation *preparation = flight->preparation;
+    flight->memory.claim = (struct admission_claim){flights_build_bytes(preparation), preparation->class, false};
+    wait_for_memory(flight);
+}
+
+static void add_waiter(struct flight *flight, struct preparation *preparation, struct flight_waiter *waiter)
 {
     waiter->flight = flight;
-    waiter->own = false;
+    waiter->own = preparation && !flight->preparation;
+    if (waiter->own)
+        flight->preparation = preparation;
+    else
+        disposals_add(flight->flights->disposals, preparation);
     list_append(&flight->waiters, &waiter->link);
+}
+
+void flight_join(struct flight *flight, struct preparation *preparation, struct flight_waiter *waiter)
+{
+    flight->flights->counters->coalesced++;
+    add_waiter(flight, preparation, waiter);
 }
 
 static void remove_waiter(struct flight *flight, struct flight_waiter *waiter)
@@ -135,7 +154,7 @@ static void remove_waiter(struct flight *flight, struct flight_waiter *waiter)
 static void abandon(struct flight *flight)
 {
     leave_table(flight);
-    if (flight->state == FLIGHT_BUILDING) {
+    if (flight->state != FLIGHT_WAITING) {
         flight->state = FLIGHT_ABANDONED;
         pool_cancel(flight->flights->pool, &flight->job);
     } else {
@@ -215,7 +234,7 @@ static enum bvhd_status build_blob(struct flight *flight, const struct parallel 
     status = blob_writer_finish(&writer, &flight->blob, &flight->error);
     if (status != BVHD_OK)
         return status;
-    flight->blob->key = preparation->key;
+    flight->blob->key = flight->key;
     flight->blob->target = preparation->options.target;
     flight->blob->stats = stats;
     flight->blob->peak_bytes = atomic_load_explicit(&memory.peak, memory_order_relaxed);
@@ -252,7 +271,7 @@ static void count_end(struct flight *flight)
 static void log_end(const struct flight *flight, double ms)
 {
     char key[KEY_TEXT_SIZE];
-    key_to_text(&flight->preparation->key, key);
+    key_to_text(&flight->key, key);
     if (flight->status == BVHD_OK)
         log_event(LOG_DEBUG, "build_done", "key=%.8s ms=%.3f bytes=%llu peak=%llu", key, ms,
                   (unsigned long long)flight->blob->size, (unsigned long long)flight->blob->peak_bytes);
@@ -267,12 +286,16 @@ static void log_end(const struct flight *flight, double ms)
  */
 static void complete(struct flight *flight, double ms)
 {
-    struct flight_completion completion = {.blob = flight->blob, .error = &flight->error, .build_ms = ms};
     leave_table(flight);
     while (flight->waiters.first) {
         struct flight_waiter *waiter = first_waiter(flight);
+        const struct flight_completion completion = {
+            .blob = flight->blob,
+            .error = &flight->error,
+            .origin = waiter->own ? ORIGIN_BUILT : ORIGIN_COALESCED,
+            .build_ms = waiter->own ? ms : 0,
+        };
         remove_waiter(flight, waiter);
-        completion.own = waiter->own;
         waiter->completed(waiter, &completion);
     }
 }
@@ -348,25 +371,23 @@ static void start_build(struct memory_waiter *waiter)
     pool_submit(flights->pool, &flight->job);
 }
 
-enum bvhd_status flights_start(struct flights *flights, struct preparation *preparation, struct flight_waiter *waiter,
-                               struct bvhd_error *error)
+/* ---- the start ---- */
+
+enum bvhd_status flights_start(struct flights *flights, const struct key *key, struct preparation *preparation,
+                               struct flight_waiter *waiter, struct bvhd_error *error)
 {
     struct flight *flight = memory_alloc(flights->memory, sizeof *flight);
     if (!flight) {
         disposals_add(flights->disposals, preparation);
         return bvhd_error_no_memory(error, "", "no memory for another build");
     }
-    *flight = (struct flight){
-        .flights = flights,
-        .preparation = preparation,
-        .memory = {.start = start_build, .claim = {flights_build_bytes(preparation), preparation->class, false}},
-    };
-    struct flight **bucket = bucket_of(flights, &preparation->key);
+    *flight = (struct flight){.flights = flights, .key = *key, .memory = {.start = start_build}};
+    struct flight **bucket = bucket_of(flights, key);
     flight->next = *bucket;
     *bucket = flight;
-    flight_join(flight, waiter);
-    waiter->own = true;
-    wait_for_memory(flight);
+    add_waiter(flight, preparation, waiter);
+    flights->counters->misses++;
+    prepare_to_build(flight);
     return BVHD_OK;
 }
 

@@ -28,10 +28,10 @@ struct flight_client {
 };
 
 struct flight_completion {
-    struct blob *blob; /* borrowed; NULL when the build failed */
-    const struct bvhd_error *error; /* set if the build failed; borrowed */
-    bool own; /* this waiter started the flight */
-    double build_ms; /* how long the build took */
+    struct blob *blob; /* borrowed; NULL after a failure */
+    const struct bvhd_error *error; /* set after a failure; borrowed */
+    enum result_origin origin; /* BUILT for the waiter whose preparation was built, else COALESCED */
+    double build_ms; /* how long the build took; 0 unless the origin is BUILT */
 };
 
 /*
@@ -46,7 +46,7 @@ struct flight_waiter {
     /* ---- belongs to the flight ---- */
     struct flight *flight; /* NULL: waits for none */
     struct list_link link;
-    bool own;
+    bool own; /* the flight has its preparation from this waiter */
 };
 
 struct flights {
@@ -77,23 +77,26 @@ void flights_finish(struct flights *flights);
 struct flight *flights_find(const struct flights *flights, const struct key *key);
 
 /*
- * Starts a flight for the key of `preparation`, which must have none; `waiter` is the first to wait for it. It takes
- * over the preparation, also when it fails. The only error is BVHD_NO_MEMORY.
+ * Starts a flight for a key that must have none; `waiter` is the first to wait for it. `preparation`, which has that
+ * key, is taken over, also on failure. The only error is BVHD_NO_MEMORY.
  */
-enum bvhd_status flights_start(struct flights *flights, struct preparation *preparation, struct flight_waiter *waiter,
-                               struct bvhd_error *error);
+enum bvhd_status flights_start(struct flights *flights, const struct key *key, struct preparation *preparation,
+                               struct flight_waiter *waiter, struct bvhd_error *error);
 
 /* The number of flights that wait for memory. */
 uint32_t flights_waiting(const struct flights *flights);
 
-/* Adds a waiter, which waits for no flight yet. */
-void flight_join(struct flight *flight, struct flight_waiter *waiter);
+/*
+ * Adds a waiter, which waits for no flight yet. Takes over its preparation, which has the flight's key and may be NULL:
+ * the flight uses it if it has none.
+ */
+void flight_join(struct flight *flight, struct preparation *preparation, struct flight_waiter *waiter);
 
 /* Removes a waiter, and abandons a flight that has none left. Does nothing if the waiter waits for no flight. */
 void flight_leave(struct flights *flights, struct flight_waiter *waiter);
 
 /*
- * Returns how far the build is that a waiter waits for, in thousandths: 0 while it waits for memory, or if there is
+ * Returns how far the build is that a waiter waits for, in thousandths: 0 while it has not started, or if there is
  * none.
  */
 uint32_t flight_thousandths(const struct flight_waiter *waiter);

@@ -94,6 +94,13 @@ static struct control_summary summary_of(const struct blob *blob)
     return summary;
 }
 
+static void answer_unknown(struct item *item)
+{
+    struct bvhd_error error;
+    bvhd_error_set(&error, BVHD_NOT_FOUND, place("keys[%u]", item->index).text, "no structure of this key is known");
+    answer_error(item, &error);
+}
+
 static void answer_blob(struct item *item, struct blob *blob, enum result_origin origin, double build_ms)
 {
     struct control_result result = {
@@ -137,8 +144,7 @@ static void completed(struct flight_waiter *waiter, const struct flight_completi
     struct item *item = item_of_waiter(waiter);
     item_enter(item, ITEM_ANSWERED);
     if (completion->blob)
-        answer_blob(item, completion->blob, completion->own ? ORIGIN_BUILT : ORIGIN_COALESCED,
-                    completion->own ? completion->build_ms : 0);
+        answer_blob(item, completion->blob, completion->origin, completion->build_ms);
     else
         answer_error(item, completion->error);
     request_settle(item->request);
@@ -152,34 +158,47 @@ static struct flight_waiter *waiter_of(struct item *item)
     return &item->waiter;
 }
 
-/* Answers with the blob that the cache had (NULL: none), or joins the flight of the key. False if there is neither. */
-static bool join_or_answer(struct item *item, struct blob *blob)
+/*
+ * Answers with the blob that the cache had, or joins the flight of the key, which takes over the preparation of an item
+ * of BUILD. Returns false if there is neither.
+ */
+static bool answer_or_join(struct item *item, struct blob *blob)
 {
     struct service *service = item_service(item);
     struct flight *flight = blob ? NULL : flights_find(&service->flights, &item->key);
     if (blob) {
         item_enter(item, ITEM_ANSWERED);
         service->counters.hits_memory++;
+        disposals_add(&service->disposals, item_take_preparation(item));
         answer_blob(item, blob, ORIGIN_MEMORY, 0);
     } else if (flight) {
         item_enter(item, ITEM_JOINED);
-        service->counters.coalesced++;
-        flight_join(flight, waiter_of(item));
-    } else {
-        service->counters.misses++;
-        return false;
+        flight_join(flight, item_take_preparation(item), waiter_of(item));
     }
-    return true;
+    return blob || flight;
+}
+
+static void start_flight(struct item *item)
+{
+    struct service *service = item_service(item);
+    struct bvhd_error error;
+    enum bvhd_status status =
+        flights_start(&service->flights, &item->key, item_take_preparation(item), waiter_of(item), &error);
+    if (status == BVHD_OK)
+        item_enter(item, ITEM_JOINED);
+    else
+        item_fail(item, &error);
 }
 
 static void get_was_looked_up(void *context, struct blob *blob)
 {
     struct item *item = context;
-    struct bvhd_error error;
-    if (join_or_answer(item, blob))
+    struct service *service = item_service(item);
+    if (answer_or_join(item, blob))
         return;
-    bvhd_error_set(&error, BVHD_NOT_FOUND, place("keys[%u]", item->index).text, "no structure of this key is known");
-    item_refuse(item, &error);
+    service->counters.misses++;
+    item_enter(item, ITEM_ANSWERED);
+    answer_unknown(item);
 }
 
 void item_get(struct item *item, const struct key *key)
@@ -188,23 +207,10 @@ void item_get(struct item *item, const struct key *key)
     cache_get(item_service(item)->cache, key, get_was_looked_up, item);
 }
 
-static void start_flight(struct item *item)
-{
-    struct service *service = item_service(item);
-    struct bvhd_error error;
-    enum bvhd_status status = flights_start(&service->flights, item_take_preparation(item), waiter_of(item), &error);
-    if (status == BVHD_OK)
-        item_enter(item, ITEM_JOINED);
-    else
-        item_fail(item, &error);
-}
-
 static void build_was_looked_up(void *context, struct blob *blob)
 {
     struct item *item = context;
-    if (join_or_answer(item, blob))
-        disposals_add(&item_service(item)->disposals, item_take_preparation(item));
-    else
+    if (!answer_or_join(item, blob))
         start_flight(item);
 }
 
