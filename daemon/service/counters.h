@@ -4,7 +4,7 @@
  *
  * Sums count from the start of the service, where the work is done (service->counters.NAME++); levels describe the
  * moment in which STATS is answered. service_counters (service.c) fills in the levels, and the sums that the pool and
- * the cache keep. Names that end in _ms, _ns or _bytes are in these units; memory_* and cache_budget are bytes; all
+ * the cache keep. Names that end in _ms, _us, _ns or _bytes are in these units; memory_* and cache_budget are bytes; all
  * others are numbers of things. For the loop thread only.
  */
 #ifndef BVHD_COUNTERS_H
@@ -63,7 +63,16 @@
     X(memory_promised) /* to prepares and builds under way (admission.h) */                                            \
     X(pool_bytes) /* of clients' pools */                                                                              \
     X(descriptors_used)                                                                                                \
-    X(descriptors_limit)
+    X(descriptors_limit)                                                                                               \
+    /* how long items took lately, by stage (latency.h) */                                                             \
+    COUNTERS_OF_LATENCY(X, waiting)                                                                                    \
+    COUNTERS_OF_LATENCY(X, prepare)                                                                                    \
+    COUNTERS_OF_LATENCY(X, build)                                                                                      \
+    COUNTERS_OF_LATENCY(X, total)
+
+#define COUNTERS_OF_LATENCY(X, stage)                                                                                  \
+    X(latency_##stage##_items)                                                                                         \
+    X(latency_##stage##_p50_us) X(latency_##stage##_p90_us) X(latency_##stage##_p99_us) X(latency_##stage##_max_us)
 
 struct counters {
 #define COUNTER(name) uint64_t name;

@@ -6,6 +6,7 @@
 #include "builder/build.h"
 #include "daemon/system/log.h"
 #include "builder/input/prepare.h"
+#include "proto/base/clock.h"
 #include "proto/base/container_of.h"
 
 /*
@@ -24,6 +25,8 @@ struct flight {
     struct memory_waiter memory; /* waits while WAITING; its claim is exclusive when the build is tried again */
     uint64_t started; /* the value of flights->started after the build started */
     bool accompanied; /* other builds ran when it started */
+    uint64_t queued_ns; /* when it began to wait for memory */
+    struct flight_times times;
     struct pool_job job;
     /* written by workers */
     _Atomic uint32_t thousandths; /* of the build that are done */
@@ -124,6 +127,7 @@ static void prepare_to_build(struct flight *flight)
 {
     const struct preparation *preparation = flight->preparation;
     flight->memory.claim = (struct admission_claim){flights_build_bytes(preparation), preparation->class, false};
+    flight->queued_ns = clock_ns();
     wait_for_memory(flight);
 }
 
@@ -284,19 +288,19 @@ static void log_end(const struct flight *flight, double ms)
 /*
  * Tells the waiters one by one. Each may do anything then; none can join this flight, since it has left the table.
  */
-static void complete(struct flight *flight, double ms)
+static void complete(struct flight *flight)
 {
+    struct flight_completion completion = {
+        .blob = flight->blob, .error = &flight->error, .times = flight->times, .first = true};
     leave_table(flight);
+    for (struct list_link *link = flight->waiters.first; link; link = link->next)
+        completion.waiters++;
     while (flight->waiters.first) {
         struct flight_waiter *waiter = first_waiter(flight);
-        const struct flight_completion completion = {
-            .blob = flight->blob,
-            .error = &flight->error,
-            .origin = waiter->own ? ORIGIN_BUILT : ORIGIN_COALESCED,
-            .build_ms = waiter->own ? ms : 0,
-        };
+        completion.origin = waiter->own ? ORIGIN_BUILT : ORIGIN_COALESCED;
         remove_waiter(flight, waiter);
         waiter->completed(waiter, &completion);
+        completion.first = false;
     }
 }
 
@@ -320,7 +324,9 @@ static void build_done(struct pool_job *job)
 {
     struct flight *flight = flight_of_job(job);
     struct flights *flights = flight->flights;
+    struct flight_times *times = &flight->times;
     double ms = job->ran ? (double)(job->ended_ns - job->started_ns) * 1e-6 : 0;
+    times->threads_ms += job->ran ? (double)(job->started_ns - job->submitted_ns) * 1e-6 : 0;
     if (!job->ran)
         flight->status = bvhd_error_set(&flight->error, BVHD_CANCELLED, "", "cancelled");
     flights->running--;
@@ -329,9 +335,12 @@ static void build_done(struct pool_job *job)
         flight->memory.claim.class = ADMISSION_LARGE;
         flight->memory.claim.exclusive = true;
         flights->counters->builds_retried++;
+        times->repeated_ms = ms;
+        flight->queued_ns = clock_ns();
         wait_for_memory(flight);
         return;
     }
+    times->build_ms = ms;
     count_end(flight);
     log_end(flight, ms);
     if (flight->blob) {
@@ -339,7 +348,7 @@ static void build_done(struct pool_job *job)
         cache_put(flights->cache, flight->blob);
     }
     if (flight->state == FLIGHT_BUILDING)
-        complete(flight, ms);
+        complete(flight);
     flight_destroy(flight);
 }
 
@@ -354,6 +363,7 @@ static void start_build(struct memory_waiter *waiter)
     struct flights *flights = flight->flights;
     struct flight_waiter *first = first_waiter(flight);
     struct admission *admission = admission_of(flight);
+    flight->times.memory_ms += (double)(clock_ns() - flight->queued_ns) * 1e-6;
     /* One of the promises is its own. */
     flight->accompanied = admission->builds[ADMISSION_SMALL].count + admission->builds[ADMISSION_LARGE].count > 1;
     flight->started = ++flights->started;

@@ -27,11 +27,20 @@ struct flight_client {
     struct pool_flow *flow; /* for threads */
 };
 
+/* Where the time of a flight went, in milliseconds. */
+struct flight_times {
+    double memory_ms, threads_ms; /* that it waited for them */
+    double build_ms; /* of the build that completed it */
+    double repeated_ms; /* of a build before, which ran short of memory; 0: there was none */
+};
+
 struct flight_completion {
     struct blob *blob; /* borrowed; NULL after a failure */
     const struct bvhd_error *error; /* set after a failure; borrowed */
     enum result_origin origin; /* BUILT for the waiter whose preparation was built, else COALESCED */
-    double build_ms; /* how long the build took; 0 unless the origin is BUILT */
+    struct flight_times times; /* of the flight; a waiter with another origin than BUILT may have joined it later */
+    uint32_t waiters; /* how many there were */
+    bool first; /* this waiter is the first that is told */
 };
 
 /*

@@ -7,7 +7,13 @@
 #include "daemon/system/machine.h"
 #include "daemon/service/service_internal.h"
 
-enum { DEFAULT_CREDITS = 1024, DEFAULT_QUEUE = 16384, DEFAULT_POOL = 64 << 20, DEFAULT_CACHE = 1 << 30 };
+enum {
+    DEFAULT_CREDITS = 1024,
+    DEFAULT_QUEUE = 16384,
+    DEFAULT_POOL = 64 << 20,
+    DEFAULT_CACHE = 1 << 30,
+    DEFAULT_SLOW_MS = 10000
+};
 
 /*
  * Inline payloads may take up to the budget divided by INLINE_DIVISOR. Clients' pools are not part of the budget;
@@ -23,6 +29,7 @@ struct service_options service_options_default(void)
         .limits = limits_default(),
         .credits = DEFAULT_CREDITS,
         .max_pool = DEFAULT_POOL,
+        .slow_ms = DEFAULT_SLOW_MS,
         .max_queue = DEFAULT_QUEUE,
     };
 }
@@ -224,6 +231,20 @@ static void count_memory(const struct service *service, struct counters *counter
     counters->descriptors_used = service->descriptors.limit - descriptors_left(&service->descriptors);
 }
 
+static void count_latencies(const struct service *service, struct counters *counters)
+{
+    uint64_t now = clock_ns();
+#define COUNT(stage)                                                                                                   \
+    const struct latency_summary stage = latency_summary(&service->latencies[LATENCY_##stage], now);                   \
+    counters->latency_##stage##_items = stage.count;                                                                   \
+    counters->latency_##stage##_p50_us = stage.p50_us;                                                                 \
+    counters->latency_##stage##_p90_us = stage.p90_us;                                                                 \
+    counters->latency_##stage##_p99_us = stage.p99_us;                                                                 \
+    counters->latency_##stage##_max_us = stage.most_us;
+    LATENCY_STAGES(COUNT)
+#undef COUNT
+}
+
 struct counters service_counters(const struct service *service)
 {
     struct counters counters = service->counters;
@@ -242,5 +263,6 @@ struct counters service_counters(const struct service *service)
     counters.builds_waiting = flights_waiting(&service->flights);
     counters.builds_running = service->flights.running;
     count_memory(service, &counters);
+    count_latencies(service, &counters);
     return counters;
 }

@@ -23,6 +23,7 @@ struct service_options {
     struct limits limits;
     uint32_t credits; /* the most items under way on one connection */
     uint64_t max_pool; /* the most bytes of one connection's pool */
+    uint64_t slow_ms; /* structures that take as long are logged, with the reason; 0: none are */
     uint32_t max_queue; /* the most items under way in all; beyond it, requests are answered with BUSY */
 };
 

@@ -12,8 +12,10 @@
 #include "daemon/service/deferred.h"
 #include "daemon/service/disposal.h"
 #include "daemon/service/flight.h"
+#include "daemon/service/latency.h"
 #include "daemon/service/memory_queue.h"
 #include "daemon/service/service.h"
+#include "daemon/system/log.h"
 #include "proto/base/list.h"
 
 /*
@@ -54,6 +56,8 @@ struct service {
     struct flights flights;
     struct deferred_calls deferred; /* run by service_pump */
     struct counters counters; /* only the sums are kept here; service_counters fills in the levels */
+    struct latency latencies[LATENCY_STAGE_COUNT];
+    struct log_limit slow_log, refused_log; /* for log lines about slow items, and about requests that are refused */
 
     /* kept by others */
     struct session_totals sessions;

@@ -54,18 +54,23 @@ static void answer(struct item *item, struct control_result *result, struct blob
     if (request->client->gone)
         return;
     double total = (double)(clock_ns() - request->arrived_ns) * 1e-6;
-    double rest = total - item->prepare_ms - result->build_ms;
+    double rest = total - item->times.prepare_ms - item->times.build_ms;
     result->item = item->index;
-    result->prepare_ms = item->prepare_ms;
+    result->prepare_ms = item->times.prepare_ms;
+    result->build_ms = item->times.build_ms;
     result->queued_ms = rest > 0 ? rest : 0;
+    item_report(item, result);
     request->client->events->result(request->client, request, result, blob);
 }
 
 static void answer_error(struct item *item, const struct bvhd_error *error)
 {
+    const struct request *request = item->request;
     if (error->status == BVHD_INTERNAL || error->status == BVHD_IO)
-        log_event(error->status == BVHD_INTERNAL ? LOG_ERROR : LOG_WARNING, "item_failed", "status=%s why=%s",
-                  bvhd_status_name(error->status), log_quote(error->text).text);
+        log_event(error->status == BVHD_INTERNAL ? LOG_ERROR : LOG_WARNING, "item_failed",
+                  PEER_FORMAT " request=%llu item=%u status=%s why=%s", PEER_VALUES(&request->client->peer),
+                  (unsigned long long)request->number, item->index, bvhd_status_name(error->status),
+                  log_quote(error->text).text);
     struct control_result result = {.error = *error};
     answer(item, &result, NULL);
 }
@@ -101,10 +106,10 @@ static void answer_unknown(struct item *item)
     answer_error(item, &error);
 }
 
-static void answer_blob(struct item *item, struct blob *blob, enum result_origin origin, double build_ms)
+static void answer_blob(struct item *item, struct blob *blob, enum result_origin origin)
 {
     struct control_result result = {
-        .key = blob->key, .size = blob->size, .origin = origin, .build_ms = build_ms, .summary = summary_of(blob)};
+        .key = blob->key, .size = blob->size, .origin = origin, .summary = summary_of(blob)};
     answer(item, &result, blob);
 }
 
@@ -139,12 +144,26 @@ static struct item *item_of_waiter(struct flight_waiter *waiter)
     return container_of(waiter, struct item, waiter);
 }
 
+static void add_times(struct item *item, const struct flight_completion *completion)
+{
+    const struct flight_times *flight = &completion->times;
+    struct item_times *times = &item->times;
+    times->waiters = completion->first ? completion->waiters : 0;
+    if (completion->origin != ORIGIN_BUILT)
+        return;
+    times->memory_ms += flight->memory_ms;
+    times->threads_ms += flight->threads_ms;
+    times->build_ms = flight->build_ms;
+    times->repeated_ms = flight->repeated_ms;
+}
+
 static void completed(struct flight_waiter *waiter, const struct flight_completion *completion)
 {
     struct item *item = item_of_waiter(waiter);
     item_enter(item, ITEM_ANSWERED);
+    add_times(item, completion);
     if (completion->blob)
-        answer_blob(item, completion->blob, completion->origin, completion->build_ms);
+        answer_blob(item, completion->blob, completion->origin);
     else
         answer_error(item, completion->error);
     request_settle(item->request);
@@ -170,7 +189,7 @@ static bool answer_or_join(struct item *item, struct blob *blob)
         item_enter(item, ITEM_ANSWERED);
         service->counters.hits_memory++;
         disposals_add(&service->disposals, item_take_preparation(item));
-        answer_blob(item, blob, ORIGIN_MEMORY, 0);
+        answer_blob(item, blob, ORIGIN_MEMORY);
     } else if (flight) {
         item_enter(item, ITEM_JOINED);
         flight_join(flight, item_take_preparation(item), waiter_of(item));

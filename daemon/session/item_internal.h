@@ -3,8 +3,8 @@
  * item_internal.h - what request.c, item.c and item_prepare.c share.
  *
  * request.c: a request as a whole, and its reports of prepared payloads. item.c: the states of an item, its result, the
- * cache and flights. item_prepare.c: the way of an item of BUILD from the queue for memory
- * to its canonical copy and key.
+ * cache and flights. item_report.c: its latencies, and why it was slow. item_prepare.c: the way of an item of BUILD
+ * from the queue for memory to its canonical copy and key.
  */
 #ifndef BVHD_ITEM_INTERNAL_H
 #define BVHD_ITEM_INTERNAL_H
@@ -26,6 +26,11 @@ void item_note_prepared(struct item *item);
  * Changes the item's state, and updates what follows from it: request->open and the started_bytes of item and client.
  */
 void item_enter(struct item *item, enum item_state state);
+
+/*
+ * Counts how long an item took, and logs it if it was slow. `result` is complete. It is in item_report.c.
+ */
+void item_report(const struct item *item, const struct control_result *result);
 
 /* Answers an item with an error. No worker may still use its preparation. */
 void item_fail(struct item *item, const struct bvhd_error *error);

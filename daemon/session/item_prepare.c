@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "daemon/session/item_internal.h"
 
+#include "proto/base/clock.h"
 #include "proto/base/container_of.h"
 #include "proto/base/place.h"
 
@@ -21,6 +22,7 @@ static void wait_for_memory(struct item *item)
 {
     struct service *service = item_service(item);
     item_enter(item, ITEM_WAITING);
+    item->times.queued_ns = clock_ns();
     item->memory.claim.class = admission_class_of(&service->admission, item->memory.claim.bytes);
     memory_queue_add(&service->preparing, &item->request->client->lanes, &item->memory);
 }
@@ -93,8 +95,10 @@ static void prepare_done(struct pool_job *job)
 {
     struct item *item = item_of_job(job);
     struct request *request = item->request;
-    if (job->ran)
-        item->prepare_ms += (double)(job->ended_ns - job->started_ns) * 1e-6;
+    if (job->ran) {
+        item->times.threads_ms += (double)(job->started_ns - job->submitted_ns) * 1e-6;
+        item->times.prepare_ms += (double)(job->ended_ns - job->started_ns) * 1e-6;
+    }
     if (item->state == ITEM_LEAVING)
         leave_worker(item);
     else if (item->preparation->needed > 0)
@@ -156,6 +160,7 @@ static struct item *item_of_memory(struct memory_waiter *waiter)
 static void start_preparing(struct memory_waiter *waiter)
 {
     struct item *item = item_of_memory(waiter);
+    item->times.memory_ms += (double)(clock_ns() - item->times.queued_ns) * 1e-6;
     if (!make_preparation(item)) {
         fail_to_start(item);
         return;

@@ -12,7 +12,8 @@
 
 static void log_end(const struct request *request)
 {
-    log_event(LOG_DEBUG, "request_done", "request=%llu kind=%s items=%u ms=%.3f", (unsigned long long)request->number,
+    log_event(LOG_DEBUG, "request_done", PEER_FORMAT " request=%llu kind=%s items=%u ms=%.3f",
+              PEER_VALUES(&request->client->peer), (unsigned long long)request->number,
               request->is_build ? "build" : "get", request->count, (double)(clock_ns() - request->arrived_ns) * 1e-6);
 }
 

@@ -19,6 +19,7 @@
 #define BVHD_REQUEST_H
 
 #include "daemon/service/flight.h"
+#include "daemon/session/peer.h"
 #include "daemon/service/service_internal.h"
 
 enum item_state { ITEM_NEW, ITEM_WAITING, ITEM_PREPARING, ITEM_JOINED, ITEM_LEAVING, ITEM_ANSWERED, ITEM_STATES };
@@ -44,12 +45,22 @@ struct request_events {
 /* The side of a session that its requests use. */
 struct request_client {
     struct service *service;
+    struct session_peer peer;
     const struct request_events *events;
     struct memory_lanes lanes; /* for preparing */
     struct flight_client flights;
     /* claims of the items that have started and are not answered: an estimate of what their results take */
     uint64_t started_bytes;
     bool gone; /* nothing is reported any more, except the end of requests */
+};
+
+/* Where the time of an item has gone, in milliseconds; what it has not waited for, or not done, is 0. */
+struct item_times {
+    uint64_t queued_ns; /* when it began to wait for memory to be prepared */
+    double memory_ms, threads_ms; /* waited for them, to be prepared and to be built */
+    double prepare_ms;
+    double build_ms, repeated_ms; /* of its own build (flight_times) */
+    uint32_t waiters; /* items that its flight completed, told to the first of them; 0 for the others */
 };
 
 struct item {
@@ -68,7 +79,7 @@ struct item {
     struct flight_waiter waiter; /* waits for a flight while JOINED */
     uint32_t told_thousandths; /* the last progress that the client was sent */
     struct key key;
-    double prepare_ms;
+    struct item_times times;
 };
 
 struct request {

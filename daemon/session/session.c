@@ -210,7 +210,8 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
         return bvhd_error_no_memory(error, "", "no memory for another session");
     }
     *session = (struct session){.service = service, .peer = *peer, .link = *link, .opened_ns = clock_ns()};
-    session->client = (struct request_client){.service = service, .events = &events, .flights = {.flow = flow}};
+    session->client =
+        (struct request_client){.service = service, .peer = *peer, .events = &events, .flights = {.flow = flow}};
     list_prepend(&service->sessions.all, &session->in_service);
     service->sessions.open++;
     *ret_session = session;

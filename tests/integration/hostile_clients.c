@@ -93,7 +93,7 @@ static void send_flood(enum frame_type type, struct bytes control, const char *w
 static void case_floods(void)
 {
     static const enum frame_type types[] = {FRAME_HELLO,  FRAME_POOL,  FRAME_BUILD, FRAME_GET,
-                                            FRAME_CANCEL, FRAME_STATS, FRAME_PING};
+                                            FRAME_CANCEL, FRAME_STATS, FRAME_PING,  FRAME_CLIENTS};
     unsigned char *control = calloc(1, FRAME_MAX_CONTROL);
     uint64_t before = service_process_resident(&hostile.service);
     for (size_t t = 0; t < sizeof types / sizeof *types; t++) {

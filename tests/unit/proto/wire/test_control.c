@@ -425,7 +425,7 @@ static void put_clients(struct writing *writing, uint32_t client_size, uint64_t 
     put_block(writing, 2, bytes, fill);
 }
 
-/* Rows of a newer daemon are longer. A software that does not end in NUL is cut, and takes no bytes from the next row. */
+/* Rows of a newer daemon are longer. A software without a NUL is cut, and takes no bytes from the next row. */
 static void client_rows_are_checked(void **state)
 {
     (void)state;
