@@ -4,8 +4,8 @@
  *
  * Sums count from the start of the service, where the work is done (service->counters.NAME++); levels describe the
  * moment in which STATS is answered. service_counters (service.c) fills in the levels, and the sums that the pool and
- * the cache keep. Names that end in _ms, _us, _ns or _bytes are in these units; memory_* and cache_budget are bytes; all
- * others are numbers of things. For the loop thread only.
+ * the cache keep. Names that end in _ms, _us, _ns or _bytes are in these units; memory_* and cache_budget are bytes;
+ * all others are numbers of things. For the loop thread only.
  */
 #ifndef BVHD_COUNTERS_H
 #define BVHD_COUNTERS_H

@@ -46,24 +46,33 @@ void session_send_plain(struct session *session, enum frame_type type, uint64_t 
     session_send(session, reply_create(type, request, (struct bytes){0}, session_memory(session)));
 }
 
+/* Clients can cause refusals at will, so that only some of them are logged. */
+static void log_refusal(struct session *session, uint64_t request, enum bvhd_status status, const char *why)
+{
+    uint32_t suppressed;
+    if (log_limit_pass(&session->service->refused_log, &suppressed))
+        log_event(LOG_INFO, "request_refused", PEER_FORMAT " request=%" PRIu64 " status=%s why=%s suppressed=%u",
+                  PEER_VALUES(&session->peer), request, bvhd_status_name(status), log_quote(why).text, suppressed);
+}
+
 void session_send_error(struct session *session, uint64_t request, const struct bvhd_error *error)
 {
     if (error->status == BVHD_UNAVAILABLE)
         session->service->counters.refused++;
     else
         session->service->counters.request_errors++;
-    log_event(LOG_DEBUG, "request_refused", "request=%" PRIu64 " status=%s why=%s", request,
-              bvhd_status_name(error->status), log_quote(error->text).text);
+    log_refusal(session, request, error->status, error->text);
     session_send(session, reply_error(request, error, session_memory(session)));
 }
 
-void session_send_busy(struct session *session, uint64_t request)
+void session_send_busy(struct session *session, uint64_t request, const char *why)
 {
     struct service *service = session->service;
     uint32_t wait = RETRY_BASE_MS + service->sessions.items / RETRY_ITEMS_PER_MS;
     struct control_busy busy = {wait < RETRY_MAX_MS ? wait : RETRY_MAX_MS};
     struct bytes control;
     service->counters.refused++;
+    log_refusal(session, request, BVHD_BUSY, why);
     if (control_pack_busy(&busy, session_memory(session), &control, NULL) == BVHD_OK)
         session_send(session, reply_create(FRAME_BUSY, request, control, session_memory(session)));
     else
@@ -192,9 +201,11 @@ bool session_admits(struct session *session, uint64_t request, uint32_t items)
         session_send_error(session, request, &error);
         return false;
     }
-    if (!is_crowded(session, items) && !session_backlog_is_long(session))
+    bool crowded = is_crowded(session, items);
+    if (!crowded && !session_backlog_is_long(session))
         return true;
-    session_send_busy(session, request);
+    session_send_busy(session, request,
+                      crowded ? "the queue has no room beyond its share" : "it has not read its results");
     return false;
 }
 

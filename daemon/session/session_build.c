@@ -226,8 +226,10 @@ static void take_message(struct session *session, const struct frame *frame, con
     uint64_t number = frame->header.request;
     if (session_admits(session, number, message->item_count)) {
         bool crowded = session->attachments + message->memfd_count > MAX_ATTACHMENTS;
-        if (crowded || !start_request(&intake))
-            session_send_busy(session, number);
+        if (crowded)
+            session_send_busy(session, number, "too many memfds of its requests are under way");
+        else if (!start_request(&intake))
+            session_send_busy(session, number, "there is no memory for the request");
     }
     intake_finish(&intake);
 }

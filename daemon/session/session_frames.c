@@ -130,7 +130,7 @@ static enum bvhd_status take_pool(struct session *session, const struct frame *f
     if (status == BVHD_OK)
         session_send_plain(session, FRAME_DONE, request);
     else if (status == BVHD_BUSY || status == BVHD_NO_MEMORY)
-        session_send_busy(session, request);
+        session_send_busy(session, request, refusal.text);
     else
         session_send_error(session, request, &refusal);
     return BVHD_OK;
@@ -143,7 +143,7 @@ static void get_keys(struct session *session, uint64_t number, const struct cont
         return;
     struct request *request = request_create(&session->client, &head);
     if (!request) {
-        session_send_busy(session, number);
+        session_send_busy(session, number, "there is no memory for the request");
         return;
     }
     session_add(session, request);

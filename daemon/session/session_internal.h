@@ -62,8 +62,8 @@ void session_send_plain(struct session *session, enum frame_type type, uint64_t 
 /* Answers a request with ERROR, and counts it. */
 void session_send_error(struct session *session, uint64_t request, const struct bvhd_error *error);
 
-/* Answers a request with BUSY, and counts it. */
-void session_send_busy(struct session *session, uint64_t request);
+/* Answers a request with BUSY, and counts it. `why` is for the log. */
+void session_send_busy(struct session *session, uint64_t request, const char *why);
 
 /* Ends the connection, and tells the client why. Only the first call has an effect. */
 void session_end(struct session *session, enum bvhd_status status, const char *text);

@@ -1,28 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* test_log.c - tests that log lines have the documented form, whatever text they contain, and that levels apply. */
-#include <fcntl.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include "tests/support/unit.h"
 
 #include "daemon/system/log.h"
+#include "tests/support/daemon/capture_log.h"
 
-static char text[8192];
+static char text[CAPTURE_SIZE];
 
-/* Runs `event` with stderr redirected to a file, and copies what was written into `text`. */
 static void capture(void (*event)(void))
 {
-    int file = memfd_create("log", MFD_CLOEXEC), kept = dup(STDERR_FILENO);
-    assert_true(file >= 0 && kept >= 0 && dup2(file, STDERR_FILENO) >= 0);
+    struct capture capture = capture_begin();
     event();
-    dup2(kept, STDERR_FILENO);
-    ssize_t size = pread(file, text, sizeof text - 1, 0);
-    assert_true(size >= 0);
-    text[size] = 0;
-    close(file);
-    close(kept);
+    capture_end(&capture, text);
 }
 
 static void plain(void)
