@@ -66,6 +66,21 @@ static enum bvhd_status check_directory(const char *path, uid_t *ret_owner, stru
     return BVHD_OK;
 }
 
+/* Says to programs that make backups that this is a cache, by the convention of https://bford.info/cachedir/. */
+static void tag_directory(const char *path)
+{
+    static const char text[] = "Signature: 8a477f597d28d172789f06886806bc55\n"
+                               "# This directory is the cache of bvhd; see https://bford.info/cachedir/\n";
+    char name[PATH_MAX + 16];
+    snprintf(name, sizeof name, "%s/CACHEDIR.TAG", path);
+    int file = open(name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (file < 0)
+        return;
+    if (write(file, text, sizeof text - 1) < 0)
+        unlink(name);
+    close(file);
+}
+
 static uint64_t free_by_default(const char *path)
 {
     struct statvfs system;
@@ -114,6 +129,8 @@ enum bvhd_status store_open(const struct store_options *options, struct memory *
     struct store *store = make_store(options, path, memory);
     if (!store)
         return bvhd_error_no_memory(error, path, "no memory for the cache on disk");
+    if (owner == geteuid())
+        tag_directory(path);
     store->owner = owner;
     *ret_store = store;
     return BVHD_OK;

@@ -45,7 +45,7 @@ struct store;
 
 struct store_options {
     const char *directory; /* created if it is missing; it must belong to the user, and nobody else may write it */
-    const char *generation; /* which entries are one's own: store_generation(), or another file name without a dot */
+    const char *generation; /* which entries are one's own: store_generation(), or another name of that form */
     uint64_t budget; /* bytes of files in whole pages of 4 KiB, damaged ones included */
     uint64_t keep_free; /* bytes of the file system that stay free: entries leave until they are */
     /* Ends scans, trims and the trims of store_put soon, with BVHD_CANCELLED; NULL: they are never cancelled. */

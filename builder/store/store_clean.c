@@ -8,6 +8,7 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "builder/store/victims.h"
@@ -29,8 +30,22 @@ static void remove_left_over(const struct walk_file *file)
 struct counting {
     struct walk walk;
     struct victims *victims; /* NULL: none are collected */
+    int64_t now_ns; /* since the epoch */
     uint64_t entries, bytes;
 };
+
+/*
+ * Collects a file. A time in the future comes from a clock that was wrong: such files would stay for as long as the
+ * clock was ahead, so they count as older than all others. The ones that are used get a new time anyway.
+ */
+static void collect(struct counting *counting, const struct walk_file *file)
+{
+    const int64_t hour_ns = INT64_C(3600) * 1000000000;
+    struct walk_file collected = *file;
+    if (file->used_ns > counting->now_ns + hour_ns)
+        collected.used_ns -= INT64_C(1) << 62;
+    victims_offer(counting->victims, &collected);
+}
 
 static enum bvhd_status count_file(struct walk *walk, const struct walk_file *file, struct bvhd_error *error)
 {
@@ -43,14 +58,17 @@ static enum bvhd_status count_file(struct walk *walk, const struct walk_file *fi
     counting->entries += file->kind == WALK_ENTRY;
     counting->bytes += file->bytes;
     if (counting->victims)
-        victims_offer(counting->victims, file);
+        collect(counting, file);
     return BVHD_OK;
 }
 
 /* Replaces the estimates by what is counted, and adds what other threads have changed in the meantime. */
 static enum bvhd_status count(struct store *store, struct victims *victims, struct bvhd_error *error)
 {
-    struct counting counting = {.walk = {.visit = count_file}, .victims = victims};
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    struct counting counting = {
+        .walk = {.visit = count_file}, .victims = victims, .now_ns = now.tv_sec * INT64_C(1000000000) + now.tv_nsec};
     uint64_t entries = atomic_load(&store->entries), bytes = atomic_load(&store->bytes);
     atomic_store(&store->written_since, 0);
     enum bvhd_status status = walk_run(&counting.walk, store, error);

@@ -50,12 +50,18 @@ static struct damaged look(DIR *folder)
     return damaged;
 }
 
+/* Removes a file, or what somebody has put into its place. */
+static bool remove_file(int folder, const char *name)
+{
+    return unlinkat(folder, name, 0) == 0 || unlinkat(folder, name, AT_REMOVEDIR) == 0;
+}
+
 /* Removes the oldest ones of too many. */
 static void bound(struct store *store, DIR *folder)
 {
     struct damaged damaged = look(folder);
     while (damaged.count > DAMAGED_MOST || damaged.bytes > store->budget / DAMAGED_SHARE) {
-        if (unlinkat(dirfd(folder), damaged.oldest, 0) != 0)
+        if (!remove_file(dirfd(folder), damaged.oldest))
             return;
         store_estimate(&store->bytes, -(int64_t)damaged.oldest_bytes);
         damaged = look(folder);
@@ -87,6 +93,6 @@ void store_set_aside(struct store *store, int shard, const char *name, const str
         now.st_dev != about->st_dev)
         return;
     store_estimate(&store->entries, -1);
-    if (!move(store, shard, name) && unlinkat(shard, name, 0) == 0)
+    if (!move(store, shard, name) && remove_file(shard, name))
         store_estimate(&store->bytes, -(int64_t)store_bytes_of((uint64_t)now.st_size));
 }

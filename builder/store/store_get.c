@@ -33,23 +33,28 @@ static bool is_ours(const struct reading *reading)
            (about->st_mode & (S_IWGRP | S_IWOTH)) == 0;
 }
 
-/* O_NONBLOCK is for a name that leads to a FIFO or a device instead of a file. */
+/* Looks at the file; what cannot be opened as one, such as a symbolic link or a socket, is looked at by its name. */
+static bool look(struct reading *reading)
+{
+    if (reading->file >= 0)
+        return fstat(reading->file, &reading->about) == 0;
+    return (errno == ELOOP || errno == ENXIO) &&
+           fstatat(reading->shard, reading->name, &reading->about, AT_SYMLINK_NOFOLLOW) == 0;
+}
+
+/* O_NONBLOCK is for a name that leads to a FIFO or a device. */
 static enum bvhd_status open_file(struct reading *reading, const struct key *key, struct bvhd_error *error)
 {
     const int flags = O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC;
     reading->shard = store_shard_open(reading->store, key, false, reading->name);
-    if (reading->shard < 0 && store_is_absent(errno))
-        return missing(reading, error);
-    if (reading->shard >= 0)
-        reading->file = openat(reading->shard, reading->name, flags);
-    if (reading->file < 0 && errno == ENOENT)
-        return missing(reading, error);
-    bool is_known = reading->file >= 0 || errno == ELOOP || errno == ENXIO; /* a link, or a socket */
-    if (!is_known || fstatat(reading->shard, reading->name, &reading->about, AT_SYMLINK_NOFOLLOW) != 0 ||
-        (reading->file >= 0 && fstat(reading->file, &reading->about) != 0))
+    if (reading->shard < 0)
+        return store_is_absent(errno) ? missing(reading, error)
+                                      : store_failed(reading->store, reading->name, "opening the folder", error);
+    reading->file = openat(reading->shard, reading->name, flags);
+    if (!look(reading))
         return errno == ENOENT ? missing(reading, error)
                                : store_failed(reading->store, reading->name, "opening", error);
-    if (reading->file < 0 || !is_ours(reading))
+    if (!is_ours(reading))
         return bvhd_error_set(error, BVHD_CORRUPT, reading->name, "is no file that only its owner may write");
     return BVHD_OK;
 }

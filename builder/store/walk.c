@@ -23,10 +23,15 @@ static bool is_hexadecimal(const char *name, size_t count)
 
 bool walk_is_generation(const char *name)
 {
-    static const char first[] = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
-    size_t size = strlen(name);
-    return size > 0 && size < STORE_GENERATION_SIZE && strchr(first, name[0]) &&
-           strspn(name, "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ-_+~.") == size;
+    static const char *const beginnings[] = {"release-", "development-"};
+    for (int i = 0; i < 2; i++) {
+        size_t size = strlen(beginnings[i]);
+        const char *rest = name + size;
+        if (strncmp(name, beginnings[i], size) == 0)
+            return *rest && strlen(name) < STORE_GENERATION_SIZE &&
+                   rest[strspn(rest, "0123456789abcdefghijklmnopqrstuvwxyz")] == '\0';
+    }
+    return false;
 }
 
 static bool is_folder(const char *name)
@@ -53,6 +58,14 @@ static bool is_cancelled(const struct store *store)
     return store->cancel && atomic_load_explicit(store->cancel, memory_order_relaxed);
 }
 
+/* A time that no clock had before 1970 or after 2096 counts as the nearest one that a clock may have. */
+static int64_t used_ns(const struct stat *about)
+{
+    const int64_t last = INT64_C(4000000000);
+    int64_t seconds = about->st_mtim.tv_sec;
+    return (seconds < 0 ? 0 : seconds > last ? last : seconds) * 1000000000 + about->st_mtim.tv_nsec;
+}
+
 static enum bvhd_status visit_file(const struct level *level, int folder, const char *name, struct bvhd_error *error)
 {
     struct stat about;
@@ -68,7 +81,7 @@ static enum bvhd_status visit_file(const struct level *level, int folder, const 
                              .name = name,
                              .descriptor = folder,
                              .bytes = store_bytes_of((uint64_t)about.st_size),
-                             .used_ns = about.st_mtim.tv_sec * INT64_C(1000000000) + about.st_mtim.tv_nsec};
+                             .used_ns = used_ns(&about)};
     return level->walk->visit(level->walk, &file, error);
 }
 

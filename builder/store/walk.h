@@ -30,7 +30,7 @@ struct walk {
  */
 enum bvhd_status walk_run(struct walk *walk, const struct store *store, struct bvhd_error *error);
 
-/* Returns whether this may be a generation's name: letters, digits and "-_+~.", the first one a letter or a digit. */
+/* Returns whether this may be a generation's name: "release-" or "development-", then lower-case letters and digits. */
 bool walk_is_generation(const char *name);
 
 #endif

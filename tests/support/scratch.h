@@ -15,6 +15,15 @@ static inline int scratch_make(void **state)
     return mkdtemp(scratch_folder) ? 0 : -1;
 }
 
+/* Set-up: makes the folder in memory, if this machine has /dev/shm, so that syncing files does not take long. */
+static inline int scratch_make_in_memory(void **state)
+{
+    if (access("/dev/shm", W_OK) != 0)
+        return scratch_make(state);
+    strcpy(scratch_folder, "/dev/shm/bvhd-test-XXXXXX");
+    return mkdtemp(scratch_folder) ? 0 : -1;
+}
+
 /* Group set-up: makes the folder and enters it. */
 static inline int scratch_enter(void **state)
 {

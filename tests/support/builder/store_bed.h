@@ -6,10 +6,15 @@
 #ifndef BVHD_STORE_BED_H
 #define BVHD_STORE_BED_H
 
-#include <stdlib.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <sys/stat.h>
+#include <time.h>
 
 #include "builder/store/store_internal.h"
 #include "tests/support/random.h"
+
+#define BED_GENERATION "development-test1"
 
 static struct memory bed_memory;
 static struct store *bed_store;
@@ -27,7 +32,7 @@ static inline void bed_open(uint64_t budget)
 {
     char path[96];
     snprintf(path, sizeof path, "%s/cache", scratch_folder);
-    bed_open_with(path, "test-1", budget, 0);
+    bed_open_with(path, BED_GENERATION, budget, 0);
 }
 
 static inline void bed_close(void)
@@ -40,7 +45,7 @@ static inline void bed_close(void)
 /* Test set-up and tear-down: a scratch folder with an open store of 1 GiB. */
 static inline int bed_begin(void **state)
 {
-    if (scratch_make(state) != 0)
+    if (scratch_make_in_memory(state) != 0)
         return -1;
     memory_init(&bed_memory, UINT64_MAX);
     atomic_store(&bed_cancel, false);
@@ -149,36 +154,59 @@ static inline bool bed_has(uint32_t number)
     return status == BVHD_OK;
 }
 
-/* Writes the path of an entry's file, in a generation. */
-static inline void bed_path_in(const char *generation, uint32_t number, char ret_path[PATH_MAX])
+/* The path of an entry's file below the store's directory. */
+struct bed_name {
+    char text[STORE_PATH_SIZE];
+};
+
+static inline struct bed_name bed_name(uint32_t number)
 {
-    char name[KEY_TEXT_SIZE];
+    struct bed_name name;
+    char text[KEY_TEXT_SIZE];
     struct key key = bed_key(number);
-    key_to_text(&key, name);
-    snprintf(ret_path, PATH_MAX, "%s/%s/%.2s/%s", store_directory(bed_store), generation, name, name);
+    key_to_text(&key, text);
+    snprintf(name.text, sizeof name.text, BED_GENERATION "/%.2s/%s", text, text);
+    return name;
 }
 
-static inline void bed_path(uint32_t number, char ret_path[PATH_MAX])
+/* Runs a shell command in the store's directory, where $E is the file of an entry. Returns the number it prints. */
+static inline long bed_shell(uint32_t number, const char *command)
 {
-    bed_path_in("test-1", number, ret_path);
-}
-
-/* Runs a shell command in the store's directory, and returns the number that it prints. */
-static inline long bed_number(const char *command)
-{
-    char line[PATH_MAX + 512], answer[64] = "";
-    snprintf(line, sizeof line, "cd '%s' && %s", store_directory(bed_store), command);
+    char line[4096], answer[64] = "";
+    int size = snprintf(line, sizeof line, "cd '%s' && E=%s && { %s; }", store_directory(bed_store),
+                        bed_name(number).text, command);
+    assert_true(size > 0 && size < (int)sizeof line);
     FILE *output = popen(line, "r");
     assert_non_null(output);
-    assert_non_null(fgets(answer, sizeof answer, output));
+    bool printed = fgets(answer, sizeof answer, output) != NULL;
     assert_int_equal(pclose(output), 0);
-    return strtol(answer, NULL, 10);
+    return printed ? strtol(answer, NULL, 10) : 0;
 }
 
-/* How many files there are, of any kind. */
+/* How many files there are, except for the tag. */
 static inline long bed_files(void)
 {
-    return bed_number("find . -type f | wc -l");
+    return bed_shell(0, "find . -type f ! -name CACHEDIR.TAG | wc -l");
+}
+
+/* Opens an entry's file. */
+static inline int bed_file(uint32_t number, int flags)
+{
+    char path[PATH_MAX];
+    int size = snprintf(path, sizeof path, "%s/%s", store_directory(bed_store), bed_name(number).text);
+    assert_true(size < (int)sizeof path);
+    int file = open(path, flags, S_IRUSR | S_IWUSR);
+    assert_true(file >= 0);
+    return file;
+}
+
+/* Says that an entry was used so many seconds ago. */
+static inline void bed_age(uint32_t number, int64_t age)
+{
+    int file = bed_file(number, O_RDONLY);
+    const struct timespec time_of[2] = {{.tv_nsec = UTIME_OMIT}, {.tv_sec = (time_t)(time(NULL) - age)}};
+    assert_int_equal(futimens(file, time_of), 0);
+    close(file);
 }
 
 #endif

@@ -2,9 +2,6 @@
 /* test_store.c - tests that entries come back as they were written, and which directories are opened. */
 #include "tests/support/unit.h"
 
-#include <limits.h>
-#include <sys/stat.h>
-
 #include "tests/support/scratch.h"
 
 #include "tests/support/builder/store_bed.h"
@@ -57,7 +54,7 @@ static void every_allocation_may_fail(void **state)
     bed_close();
     enum bvhd_status status = BVHD_NO_MEMORY;
     for (int64_t after = 0; status != BVHD_OK; after++) {
-        struct store_options options = {scratch_folder, "test-1", 1000000, 0, NULL};
+        struct store_options options = {scratch_folder, "development-test1", 1000000, 0, NULL};
         atomic_store(&bed_memory.fail_after, after);
         status = store_open(&options, &bed_memory, &bed_store, &error);
         assert_true(status == BVHD_OK || status == BVHD_NO_MEMORY);
