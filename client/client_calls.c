@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* client_calls.c - the calls that wait for the daemon itself: connect, ping, counters. */
+/* client_calls.c - the calls that wait for the daemon itself: connect, ping, counters, connections. */
 #include "client/argument.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
@@ -71,16 +71,22 @@ static void forget(struct waiting_call *call)
                 connections[c]->table.slots[i]->waiter = NULL;
 }
 
-/* Sends an empty request and waits for its answer, both within the timeout. */
-static enum bvhd_status ask(struct waiting_call *call, enum frame_type type, int timeout_ms, struct bvhd_error *error)
+/*
+ * Sends a request that consists of a control message, which is taken over, and waits for its answer, both within the
+ * timeout.
+ */
+static enum bvhd_status ask(struct waiting_call *call, enum frame_type type, struct bytes control, int timeout_ms,
+                            struct bvhd_error *error)
 {
     struct bvhd_client *client = call->client;
     uint64_t now = clock_ns(), moment = library_after(now, timeout_ms), hope = now + client->connect_timeout;
     enum bvhd_status status = await_connection(call, moment < hope ? moment : hope, error);
-    if (status != BVHD_OK)
+    if (status != BVHD_OK) {
+        memory_free(&library_memory, (void *)(uintptr_t)control.data);
         return status;
+    }
     struct client_wait wait = {.is_true = is_answered, .context = call};
-    if (!connection_send_empty(client_link_open(client), type, &call->waiter, clock_ns()))
+    if (!connection_ask(client_link_open(client), type, control, &call->waiter, clock_ns()))
         return bvhd_error_no_memory(error, "client", "no memory for a request");
     if (!client_wait_until(client, moment, &wait)) {
         forget(call);
@@ -91,6 +97,8 @@ static enum bvhd_status ask(struct waiting_call *call, enum frame_type type, int
                                      : bvhd_error_set(error, result->status, result->where, "%s", result->text);
 }
 
+static const struct bytes nothing;
+
 enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, double *ret_ms,
                                   struct bvhd_error *ret_error)
 {
@@ -100,7 +108,7 @@ enum bvhd_status bvhd_client_ping(struct bvhd_client *client, int timeout_ms, do
     client_lock(client);
     struct waiting_call call = {.client = client};
     uint64_t start = clock_ns();
-    status = ask(&call, FRAME_PING, timeout_ms, ret_error);
+    status = ask(&call, FRAME_PING, nothing, timeout_ms, ret_error);
     uint64_t end = clock_ns();
     client_unlock(client);
     if (status == BVHD_OK && ret_ms)
@@ -116,11 +124,34 @@ enum bvhd_status bvhd_client_counters(struct bvhd_client *client, int timeout_ms
         return status;
     client_lock(client);
     struct waiting_call call = {.client = client};
-    status = ask(&call, FRAME_STATS, timeout_ms, ret_error);
+    status = ask(&call, FRAME_STATS, nothing, timeout_ms, ret_error);
     client_unlock(client);
     if (status == BVHD_OK && !call.waiter.counters)
         status = bvhd_error_set(ret_error, BVHD_CORRUPT, "counters", "the daemon sent an error that is none");
     if (status == BVHD_OK)
         *ret_counters = call.waiter.counters;
+    return status;
+}
+
+enum bvhd_status bvhd_client_connections(struct bvhd_client *client, uint32_t flags, int timeout_ms,
+                                         struct bvhd_connections **ret_connections, struct bvhd_error *ret_error)
+{
+    const struct control_clients message = {.all = flags & BVHD_CONNECTIONS_ALL};
+    struct bytes control;
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {client, "client"}, {ret_connections, "ret_connections"});
+    if (status == BVHD_OK && (flags & ~(uint32_t)BVHD_CONNECTIONS_ALL) != 0)
+        status = bvhd_error_set(ret_error, BVHD_INVALID, "flags", "%#x has bits that mean nothing", flags);
+    if (status == BVHD_OK)
+        status = control_pack_clients(&message, &library_memory, &control, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    client_lock(client);
+    struct waiting_call call = {.client = client};
+    status = ask(&call, FRAME_CLIENTS, control, timeout_ms, ret_error);
+    client_unlock(client);
+    if (status == BVHD_OK && !call.waiter.connections)
+        status = bvhd_error_set(ret_error, BVHD_CORRUPT, "connections", "the daemon sent an error that is none");
+    if (status == BVHD_OK)
+        *ret_connections = call.waiter.connections;
     return status;
 }

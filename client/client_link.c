@@ -181,7 +181,7 @@ static void check_silence(struct bvhd_client *client, struct connection *connect
         if (now - connection->opened_at >= client->connect_timeout)
             lose_silent(client, connection, "the daemon does not answer HELLO");
     } else if (connection->table.count > 0 && connection->pinged_at == 0 && now - connection->heard_at >= quiet) {
-        connection_send_empty(connection, FRAME_PING, NULL, now);
+        connection_ask(connection, FRAME_PING, (struct bytes){NULL, 0}, NULL, now);
         connection->pinged_at = now;
     } else if (connection->table.count > 0 && connection->pinged_at > 0 &&
                now - connection->pinged_at >= client->lost_after - quiet) {

@@ -148,13 +148,16 @@ bool connection_send(struct connection *connection, struct exchange *exchange, u
     return true;
 }
 
-bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter,
-                           uint64_t now)
+bool connection_ask(struct connection *connection, enum frame_type type, struct bytes control,
+                    struct exchange_waiter *waiter, uint64_t now)
 {
     struct exchange *exchange = exchange_create(type, 0);
-    if (!exchange)
+    if (!exchange) {
+        memory_free(&library_memory, (void *)(uintptr_t)control.data);
         return false;
+    }
     exchange->waiter = waiter;
+    exchange->control = control;
     bool sent = connection_send(connection, exchange, now);
     if (!sent)
         exchange_destroy(exchange);

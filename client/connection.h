@@ -78,9 +78,12 @@ void connection_destroy(struct connection *connection);
  */
 bool connection_send(struct connection *connection, struct exchange *exchange, uint64_t now);
 
-/* Sends a frame with an empty control message. Returns false without memory. */
-bool connection_send_empty(struct connection *connection, enum frame_type type, struct exchange_waiter *waiter,
-                           uint64_t now);
+/*
+ * Sends a frame that consists of a control message, from library_memory, which may be empty and is taken over. Returns
+ * false without memory.
+ */
+bool connection_ask(struct connection *connection, enum frame_type type, struct bytes control,
+                    struct exchange_waiter *waiter, uint64_t now);
 
 /*
  * Sends CANCEL for these entries of the exchange with the number `request`; count 0 means all. Without memory nothing

@@ -32,6 +32,11 @@ uint64_t bvhd_counters_value(const struct bvhd_counters *counters, uint32_t inde
     return counters && index < counters->message->count ? counters->message->counters[index].value : 0;
 }
 
+const char *bvhd_counters_version(const struct bvhd_counters *counters)
+{
+    return counters ? counters->message->version : "";
+}
+
 void bvhd_counters_destroy(struct bvhd_counters *counters)
 {
     if (!counters)

@@ -11,6 +11,7 @@
 
 #include <bvhd/bvhd.h>
 
+#include "client/connection_list.h"
 #include "client/counter_list.h"
 #include "proto/wire/frame.h"
 #include "client/placement.h"
@@ -23,11 +24,12 @@ struct exchange_entry {
     struct held held;
 };
 
-/* A thread that waits for PONG or COUNTERS; on that thread's stack. */
+/* A thread that waits for PONG, COUNTERS or CLIENT_LIST; on that thread's stack. */
 struct exchange_waiter {
     bool done;
     struct bvhd_error error;
-    struct bvhd_counters *counters;
+    struct bvhd_counters *counters; /* these two are the thread's, if they came */
+    struct bvhd_connections *connections;
 };
 
 /* One frame and its answers. */

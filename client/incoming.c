@@ -222,14 +222,11 @@ static enum bvhd_status take_progress(const struct incoming_frame *arrival)
     return status;
 }
 
-static void answer_waiter(struct exchange *exchange, const struct bvhd_error *error, struct bvhd_counters *counters)
+static void answer_waiter(const struct exchange *exchange, const struct bvhd_error *error)
 {
-    if (!exchange->waiter) {
-        bvhd_counters_destroy(counters);
+    if (!exchange->waiter)
         return;
-    }
     exchange->waiter->error = *error;
-    exchange->waiter->counters = counters;
     exchange->waiter->done = true;
 }
 
@@ -246,7 +243,7 @@ static enum bvhd_status take_error(const struct incoming_frame *arrival)
             fail_entry(exchange, i, said);
     if (exchange->type == FRAME_POOL)
         refuse_pool(arrival, arrival->now + POOL_AGAIN_MS * LIBRARY_MS);
-    answer_waiter(exchange, said, NULL);
+    answer_waiter(exchange, said);
     memory_free(&library_memory, said);
     arrival->connection->credits += exchange->unanswered;
     client_link_end(arrival->client, arrival->connection, exchange);
@@ -291,19 +288,25 @@ static enum bvhd_status take_done(const struct incoming_frame *arrival)
     return BVHD_OK;
 }
 
+/* Ends an exchange that a thread waits for. */
+static void end_call(const struct incoming_frame *arrival, const struct bvhd_error *error)
+{
+    answer_waiter(arrival->exchange, error);
+    client_link_end(arrival->client, arrival->connection, arrival->exchange);
+    client_stir(arrival->client);
+}
+
 static enum bvhd_status take_pong(const struct incoming_frame *arrival)
 {
     if (arrival->exchange->type != FRAME_PING)
         return violation(arrival, "PONG for what is no PING");
-    struct bvhd_error ok = {.status = BVHD_OK};
-    answer_waiter(arrival->exchange, &ok, NULL);
-    client_link_end(arrival->client, arrival->connection, arrival->exchange);
-    client_stir(arrival->client);
+    end_call(arrival, &(struct bvhd_error){.status = BVHD_OK});
     return BVHD_OK;
 }
 
 static enum bvhd_status take_counters(const struct incoming_frame *arrival)
 {
+    struct exchange_waiter *waiter = arrival->exchange->waiter;
     if (arrival->exchange->type != FRAME_STATS)
         return violation(arrival, "counters that nobody asked for");
     struct control_counters *message;
@@ -315,9 +318,33 @@ static enum bvhd_status take_counters(const struct incoming_frame *arrival)
     struct bvhd_error result = {.status = BVHD_OK};
     if (!counters)
         bvhd_error_no_memory(&result, "counters", "no memory for them");
-    answer_waiter(arrival->exchange, &result, counters);
-    client_link_end(arrival->client, arrival->connection, arrival->exchange);
-    client_stir(arrival->client);
+    if (waiter)
+        waiter->counters = counters;
+    else
+        bvhd_counters_destroy(counters);
+    end_call(arrival, &result);
+    return BVHD_OK;
+}
+
+static enum bvhd_status take_client_list(const struct incoming_frame *arrival)
+{
+    struct exchange_waiter *waiter = arrival->exchange->waiter;
+    if (arrival->exchange->type != FRAME_CLIENTS)
+        return violation(arrival, "a list of clients that nobody asked for");
+    struct control_client_list *message;
+    enum bvhd_status status =
+        control_unpack_client_list(arrival->frame->control, &library_memory, &message, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    struct bvhd_connections *connections = connection_list_create(message);
+    struct bvhd_error result = {.status = BVHD_OK};
+    if (!connections)
+        bvhd_error_no_memory(&result, "connections", "no memory for them");
+    if (waiter)
+        waiter->connections = connections;
+    else
+        bvhd_connections_destroy(connections);
+    end_call(arrival, &result);
     return BVHD_OK;
 }
 
@@ -364,6 +391,8 @@ static enum bvhd_status take_answer(struct incoming_frame *arrival)
         return take_pong(arrival);
     case FRAME_PROGRESS:
         return take_progress(arrival);
+    case FRAME_CLIENT_LIST:
+        return take_client_list(arrival);
     default:
         return violation(arrival, "it answers nothing");
     }
@@ -377,7 +406,7 @@ static enum bvhd_status handle(void *context, struct connection *connection, str
     uint16_t type = frame->header.type;
     if (type < FRAME_WELCOME)
         status = violation(&arrival, "only clients send it");
-    else if (type <= FRAME_PROGRESS) /* unknown types are ignored: later versions may send them */
+    else if (type <= FRAME_CLIENT_LIST) /* unknown types are ignored: later versions may send them */
         status = frame->header.request == 0 ? take_connection_frame(&arrival) : take_answer(&arrival);
     for (uint32_t i = 0; i < frame->header.descriptors; i++)
         if (frame->descriptors[i] >= 0)

@@ -12,6 +12,8 @@
 #include <cstring>
 #include <vector>
 
+#include <unistd.h>
+
 namespace
 {
 
@@ -134,6 +136,10 @@ void test_service(const bvhd::Client &client)
     expect("it answers", client.ping(std::chrono::seconds(30)).value() > 0);
     auto counters = client.counters().value();
     expect("counters", counters.size() > 10 && counters.name(0) && !counters.name(counters.size()));
+    expect("a version", counters.version()[0] != 0);
+    auto connections = client.connections(BVHD_CONNECTIONS_ALL).value();
+    expect("its own connection", connections.size() > 0 && connections.total() >= connections.size() &&
+                                     connections.hidden() == 0 && connections[0].pid == getpid());
     expect("a descriptor", client.descriptor() >= 0);
     client.dispatch();
 }

@@ -346,6 +346,10 @@ class ClientTest(unittest.TestCase):
         self.client.connect()
         self.assertGreater(self.client.ping(30), 0)
         self.assertIn("misses", self.client.counters(30))
+        self.assertRegex(self.client.daemon_version(30), r"^\d+\.\d+\.\d+$")
+        (own,) = (row for row in self.client.connections(True, 30) if row["pid"] == os.getpid())
+        self.assertEqual(own["uid"], os.getuid())
+        self.assertIn("libbvhd", own["software"])
 
     def test_formats(self):
         with self.assertRaises(bvhd.Error) as raised:

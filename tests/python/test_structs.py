@@ -21,6 +21,7 @@ STRUCTS = {
     _structs.Error: "struct bvhd_error",
     _structs.Key: "struct bvhd_key",
     _structs.ClientOptions: "struct bvhd_client_options",
+    _structs.Connection: "struct bvhd_connection",
     _structs.Format: "struct bvhd_format",
     _structs.Reference: "struct bvhd_reference",
     _structs.Build: "struct bvhd_build",

@@ -18,8 +18,8 @@
  * Threads: every function may be called from any thread, on any object, at any time, with one exception: the call that
  * destroys an object must be the last call on it. Several threads may wait at once. The library starts no threads,
  * except those that `local_threads` allows: it makes progress only inside its own calls (wait, dispatch, submit, ...).
- * Only the functions named "wait", "connect", "ping" and "counters" block. Submit, dispatch and wait copy geometry,
- * which takes time in proportion to its size.
+ * Only the functions named "wait", "connect", "ping", "counters" and "connections" block. Submit, dispatch and wait
+ * copy geometry, which takes time in proportion to its size.
  *
  * Errors: a function that can fail returns a status, and fills *ret_error (which may be NULL) with the broken rule, the
  * place and the reason. A function that fails leaves its other results untouched and keeps no resources.
@@ -85,6 +85,7 @@ struct bvhd_client; /* A connection to the service, or a builder in this process
 struct bvhd_batch; /* Structures that were requested together, and their results. */
 struct bvhd_blob; /* The bytes of a result, whose references are counted. */
 struct bvhd_counters; /* The service's counters at one time. */
+struct bvhd_connections; /* The service's connections at one time. */
 
 /* The version of this header, as three numbers, as a text, and as one number that grows: for #if. */
 #define BVHD_VERSION_MAJOR 0
@@ -164,7 +165,7 @@ BVHD_API enum bvhd_status bvhd_client_create(const struct bvhd_client_options *o
 
 /*
  * Closes the connection and frees the client. All its batches must have been destroyed before, and no other thread may
- * be in a call on it; blobs and counters live on. NULL is allowed and does nothing.
+ * be in a call on it; blobs, counters and lists of connections live on. NULL is allowed and does nothing.
  */
 BVHD_API void bvhd_client_destroy(struct bvhd_client *client);
 
@@ -172,7 +173,7 @@ BVHD_API void bvhd_client_destroy(struct bvhd_client *client);
  * Connects, and waits until the daemon has answered. This call is not needed before a submission. Returns
  * BVHD_UNAVAILABLE when no daemon answers within `connect_timeout_ms`, or at once when nobody listens and no socket was
  * named, and BVHD_INCOMPATIBLE when the daemon speaks no common version of the protocol. With BVHD_LOCAL_ALWAYS there
- * is no daemon: this call, bvhd_client_ping and bvhd_client_counters return BVHD_UNAVAILABLE.
+ * is no daemon: this call, bvhd_client_ping, bvhd_client_counters and bvhd_client_connections return BVHD_UNAVAILABLE.
  */
 BVHD_API enum bvhd_status bvhd_client_connect(struct bvhd_client *client, struct bvhd_error *ret_error);
 
@@ -369,9 +370,9 @@ typedef void (*bvhd_batch_callback)(struct bvhd_batch *batch, void *user);
 
 /*
  * Has `callback` called, exactly once, when every item of the batch has its result, by cancelling too. It is called
- * from bvhd_client_dispatch and from the calls that block (wait, connect, ping, counters), on the thread that makes
- * such a call on any object of the client; never from this call or another one, and never with a lock held. If the
- * batch is done already, the next such call calls it, and bvhd_client_descriptor becomes readable.
+ * from bvhd_client_dispatch and from the calls that block (wait, connect, ping, counters, connections), on the thread
+ * that makes such a call on any object of the client; never from this call or another one, and never with a lock held.
+ * If the batch is done already, the next such call calls it, and bvhd_client_descriptor becomes readable.
  *
  * The callback may call every function of the library, bvhd_batch_submit and the destruction of its own batch included,
  * except bvhd_client_destroy. bvhd_batch_destroy drops a callback that was not called, and waits for one that another
@@ -486,6 +487,48 @@ BVHD_API uint32_t bvhd_counters_count(const struct bvhd_counters *counters);
 BVHD_API const char *bvhd_counters_name(const struct bvhd_counters *counters, uint32_t index);
 BVHD_API uint64_t bvhd_counters_value(const struct bvhd_counters *counters, uint32_t index);
 BVHD_API void bvhd_counters_destroy(struct bvhd_counters *counters);
+
+/*
+ * Returns the version of the daemon that sent the counters, such as "0.1.0", or "". It lives as long as the counters.
+ */
+BVHD_API const char *bvhd_counters_version(const struct bvhd_counters *counters);
+
+/* One connection of the service, and what it holds there now. Later versions of the library may append members. */
+struct bvhd_connection {
+    uint64_t number; /* as in the daemon's log */
+    uint32_t uid; /* of the process that has connected */
+    int32_t pid; /* of that process, which may have passed the connection on */
+    uint64_t connected_ms; /* since it has connected */
+    uint64_t busy_ms; /* that threads have worked for it, in sum */
+    uint64_t memory_bytes; /* that are promised to its structures under way */
+    uint64_t unread_bytes; /* of results that it has not read */
+    uint64_t pool_bytes; /* of the memory that it shares with the daemon */
+    uint32_t requests, items; /* under way: requests, and structures in them */
+    uint32_t waiting; /* of its structures, and of the builds for them: they wait for memory */
+    uint32_t threads; /* that work for it now */
+    uint32_t descriptors; /* that the daemon holds for it */
+    const char *software; /* what it calls itself, such as "libbvhd 0.1.0"; "": it has not said */
+};
+
+/* What bvhd_client_connections does if the caller may not see all connections: by default it lists the others. */
+enum bvhd_connections_flags { BVHD_CONNECTIONS_ALL = 1 /* it fails with BVHD_UNSUPPORTED, and the rule as the text */ };
+
+/*
+ * Waits for the list of the service's connections, the newest first, at most 4,096. Root and the user who runs the
+ * daemon see all of them, other users those of their own user. `flags` are BVHD_CONNECTIONS_. Fails as
+ * bvhd_client_counters does, and with BVHD_UNSUPPORTED when the daemon is of a version without such a list. The caller
+ * destroys the list with bvhd_connections_destroy, which allows NULL.
+ */
+BVHD_API enum bvhd_status bvhd_client_connections(struct bvhd_client *client, uint32_t flags, int timeout_ms,
+                                                  struct bvhd_connections **ret_connections,
+                                                  struct bvhd_error *ret_error);
+BVHD_API uint32_t bvhd_connections_count(const struct bvhd_connections *connections);
+/* Returns one connection, which lives as long as the list; NULL if there is no such index. */
+BVHD_API const struct bvhd_connection *bvhd_connections_get(const struct bvhd_connections *connections, uint32_t index);
+/* Return how many connections the daemon has in all, and how many are not listed because they are another user's. */
+BVHD_API uint32_t bvhd_connections_total(const struct bvhd_connections *connections);
+BVHD_API uint32_t bvhd_connections_hidden(const struct bvhd_connections *connections);
+BVHD_API void bvhd_connections_destroy(struct bvhd_connections *connections);
 
 #ifdef __cplusplus
 }

@@ -305,6 +305,11 @@ class Counters
     {
         return bvhd_counters_value(counters_.get(), index);
     }
+    /* The daemon's version; it lives as long as the counters. */
+    const char *version() const
+    {
+        return bvhd_counters_version(counters_.get());
+    }
 
   private:
     struct Destroy {
@@ -314,6 +319,41 @@ class Counters
         }
     };
     std::unique_ptr<bvhd_counters, Destroy> counters_;
+};
+
+/* The service's connections that this program may see, and what each of them holds. */
+class Connections
+{
+  public:
+    explicit Connections(bvhd_connections *connections) : connections_(connections)
+    {
+    }
+    std::uint32_t size() const
+    {
+        return bvhd_connections_count(connections_.get());
+    }
+    /* One connection, which lives as long as the list; `index` is below size(). */
+    const bvhd_connection &operator[](std::uint32_t index) const
+    {
+        return *bvhd_connections_get(connections_.get(), index);
+    }
+    std::uint32_t total() const
+    {
+        return bvhd_connections_total(connections_.get());
+    }
+    std::uint32_t hidden() const
+    {
+        return bvhd_connections_hidden(connections_.get());
+    }
+
+  private:
+    struct Destroy {
+        void operator()(bvhd_connections *connections) const
+        {
+            bvhd_connections_destroy(connections);
+        }
+    };
+    std::unique_ptr<bvhd_connections, Destroy> connections_;
 };
 
 /* How structures are built. The fields are those of bvhd_build. */
@@ -368,6 +408,15 @@ class Client
         if (bvhd_client_counters(client_.get(), limit(time), &counters, &error) != BVHD_OK)
             return error;
         return Counters(counters);
+    }
+    /* `flags` are BVHD_CONNECTIONS_. */
+    Expected<Connections> connections(std::uint32_t flags = 0, std::optional<Milliseconds> time = std::nullopt) const
+    {
+        Error error;
+        bvhd_connections *connections = nullptr;
+        if (bvhd_client_connections(client_.get(), flags, limit(time), &connections, &error) != BVHD_OK)
+            return error;
+        return Connections(connections);
     }
     /* A descriptor for event loops: when it is readable, call dispatch. */
     int descriptor() const

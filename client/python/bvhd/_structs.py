@@ -40,6 +40,27 @@ class ClientOptions(c.Structure):
     ]
 
 
+class Connection(c.Structure):
+    """struct bvhd_connection"""
+
+    _fields_ = [
+        ("number", c.c_uint64),
+        ("uid", c.c_uint32),
+        ("pid", c.c_int32),
+        ("connected_ms", c.c_uint64),
+        ("busy_ms", c.c_uint64),
+        ("memory_bytes", c.c_uint64),
+        ("unread_bytes", c.c_uint64),
+        ("pool_bytes", c.c_uint64),
+        ("requests", c.c_uint32),
+        ("items", c.c_uint32),
+        ("waiting", c.c_uint32),
+        ("threads", c.c_uint32),
+        ("descriptors", c.c_uint32),
+        ("software", c.c_char_p),
+    ]
+
+
 class Format(c.Structure):
     """struct bvhd_format"""
 

@@ -345,18 +345,43 @@ class Client:
             check(lib.bvhd_client_ping(client, _milliseconds(timeout), milliseconds, error), error)
         return milliseconds.value / 1000
 
-    def counters(self, timeout: Optional[float] = None) -> dict[str, int]:
-        """Returns the service's counters by name."""
+    def _counters(self, timeout: Optional[float]) -> Handle:
         error, counters = s.Error(), c.c_void_p()
         with self._handle as client:
             check(lib.bvhd_client_counters(client, _milliseconds(timeout), counters, error), error)
-        try:
+        return Handle(counters, lib.bvhd_counters_destroy)
+
+    def counters(self, timeout: Optional[float] = None) -> dict[str, int]:
+        """Returns the service's counters by name."""
+        with self._counters(timeout) as counters:
             return {
                 lib.bvhd_counters_name(counters, i).decode(): lib.bvhd_counters_value(counters, i)
                 for i in range(lib.bvhd_counters_count(counters))
             }
-        finally:
-            lib.bvhd_counters_destroy(counters)
+
+    def daemon_version(self, timeout: Optional[float] = None) -> str:
+        """Returns the version of the daemon, such as "0.1.0"; "" if it does not say."""
+        with self._counters(timeout) as counters:
+            version: bytes = lib.bvhd_counters_version(counters)
+            return version.decode()
+
+    def connections(
+        self, everyone: bool = False, timeout: Optional[float] = None
+    ) -> list[dict[str, Union[int, str]]]:
+        """Returns the service's connections, by the names of struct bvhd_connection's members.
+
+        Root and the user who runs the daemon see all of them, others those of their own user. With
+        `everyone`, UNSUPPORTED is raised if that leaves some out.
+        """
+        error, pointer = s.Error(), c.c_void_p()
+        with self._handle as client:
+            wait = _milliseconds(timeout)
+            check(lib.bvhd_client_connections(client, everyone, wait, pointer, error), error)
+        with Handle(pointer, lib.bvhd_connections_destroy) as connections:
+            count = lib.bvhd_connections_count(connections)
+            rows = [lib.bvhd_connections_get(connections, i).contents for i in range(count)]
+            values = [{name: getattr(row, name) for name, _ in row._fields_} for row in rows]
+        return [{**value, "software": value["software"].decode()} for value in values]
 
     def fileno(self) -> int:
         """Returns a descriptor for event loops: when it is readable, call `dispatch`."""

@@ -304,6 +304,23 @@ static void answer_stats(struct fake_daemon *fake, uint64_t request)
     send_packed(fake, FRAME_COUNTERS, request, status, control);
 }
 
+/* Answers as a daemon does to a client that may not see everybody. */
+static void answer_clients(struct fake_daemon *fake, const struct frame *frame)
+{
+    struct control_client row = {.connection = 3, .uid = 4, .pid = 5, .busy_ms = 6, .software = "a fake"};
+    struct control_client_list list = {.total = 9, .hidden = 8, .count = 1, .clients = &row};
+    struct bytes control = {NULL, 0};
+    struct control_clients *asked;
+    struct bvhd_error error;
+    if (control_unpack_clients(frame->control, &fake->peer.memory, &asked, NULL) != BVHD_OK)
+        return;
+    bvhd_error_set(&error, BVHD_UNSUPPORTED, "clients", "not everybody");
+    enum bvhd_status status = asked->all ? control_pack_error(&error, &fake->peer.memory, &control, NULL)
+                                         : control_pack_client_list(&list, &fake->peer.memory, &control, NULL);
+    send_packed(fake, asked->all ? FRAME_ERROR : FRAME_CLIENT_LIST, frame->header.request, status, control);
+    fake_free(fake, asked);
+}
+
 static void answer(struct fake_daemon *fake, const struct frame *frame)
 {
     switch (frame->header.type) {
@@ -321,6 +338,9 @@ static void answer(struct fake_daemon *fake, const struct frame *frame)
         break;
     case FRAME_STATS:
         answer_stats(fake, frame->header.request);
+        break;
+    case FRAME_CLIENTS:
+        answer_clients(fake, frame);
         break;
     case FRAME_PING:
         fake_send(fake, FRAME_PONG, frame->header.request, (struct bytes){NULL, 0});

@@ -228,6 +228,23 @@ static void test_renumbered(void **state)
     assert_true(bed_stop(&bed));
 }
 
+static void check_connections(struct bvhd_client *client)
+{
+    struct bvhd_connections *connections;
+    struct bvhd_error error;
+    assert_int_equal(bvhd_client_connections(client, 0, -1, &connections, NULL), BVHD_OK);
+    assert_int_equal(bvhd_connections_count(connections), 1);
+    assert_int_equal(bvhd_connections_total(connections), 9);
+    assert_int_equal(bvhd_connections_hidden(connections), 8);
+    const struct bvhd_connection *row = bvhd_connections_get(connections, 0);
+    assert_true(row->number == 3 && row->uid == 4 && row->pid == 5 && row->busy_ms == 6);
+    assert_string_equal(row->software, "a fake");
+    assert_null(bvhd_connections_get(connections, 1));
+    bvhd_connections_destroy(connections);
+    assert_int_equal(bvhd_client_connections(client, BVHD_CONNECTIONS_ALL, -1, &connections, &error), BVHD_UNSUPPORTED);
+    assert_string_equal(error.text, "not everybody");
+}
+
 static void test_calls(void **state)
 {
     (void)state;
@@ -245,7 +262,9 @@ static void test_calls(void **state)
     assert_int_equal(bvhd_counters_value(counters, 1), 8);
     assert_null(bvhd_counters_name(counters, 2));
     assert_int_equal(bvhd_counters_value(counters, 2), 0);
+    assert_string_equal(bvhd_counters_version(counters), "9.8.7");
     bvhd_counters_destroy(counters);
+    check_connections(bed.client);
     fake_serve_end(&bed.fake);
     assert_int_equal(bvhd_client_ping(bed.client, 10, NULL, NULL), BVHD_UNAVAILABLE);
     assert_true(bed_stop(&bed));

@@ -182,6 +182,7 @@ static void clients(void)
 {
     struct bvhd_client *client = NULL;
     struct bvhd_counters *counters = NULL;
+    struct bvhd_connections *connections = NULL;
     struct bvhd_client_options options = {.struct_size = sizeof options};
     char bytes[sizeof options + 16] = {0};
     CALL(bvhd_client_create(NULL, NULL, &world.error), BVHD_INVALID, "ret_client", "ret_client is NULL");
@@ -204,10 +205,18 @@ static void clients(void)
     CALL(bvhd_client_counters(NULL, 1, &counters, &world.error), BVHD_INVALID, "client", "client is NULL");
     CALL(bvhd_client_counters(world.client, 1, NULL, &world.error), BVHD_INVALID, "ret_counters",
          "ret_counters is NULL");
+    CALL(bvhd_client_connections(NULL, 0, 1, &connections, &world.error), BVHD_INVALID, "client", "client is NULL");
+    CALL(bvhd_client_connections(world.client, 0, 1, NULL, &world.error), BVHD_INVALID, "ret_connections",
+         "ret_connections is NULL");
+    CALL(bvhd_client_connections(world.client, 6, 1, &connections, &world.error), BVHD_INVALID, "flags",
+         "0x6 has bits that mean nothing");
     QUIET(bvhd_client_descriptor(NULL) == -1);
     QUIET((bvhd_client_dispatch(NULL), bvhd_client_destroy(NULL), true));
     QUIET(bvhd_counters_count(NULL) == 0 && !bvhd_counters_name(NULL, 0) && bvhd_counters_value(NULL, 0) == 0);
-    QUIET((bvhd_counters_destroy(NULL), true));
+    QUIET((bvhd_counters_destroy(NULL), true) && *bvhd_counters_version(NULL) == 0);
+    QUIET(bvhd_connections_count(NULL) == 0 && !bvhd_connections_get(NULL, 0));
+    QUIET(bvhd_connections_total(NULL) == 0 && bvhd_connections_hidden(NULL) == 0);
+    QUIET((bvhd_connections_destroy(NULL), true));
     assert_null(client);
 }
 
