@@ -25,7 +25,10 @@ static struct pool_call *open_call(const struct pool_flow *flow)
     return NULL;
 }
 
-/* Returns the first work of a flow with jobs of its own: tasks of its first open call, unless a queued job has a higher priority. */
+/*
+ * Returns the first work of a flow with jobs of its own: tasks of its first open call, unless a queued job has a higher
+ * priority.
+ */
 static struct pool_work work_of(const struct pool_flow *flow)
 {
     struct pool_call *call = open_call(flow);

@@ -36,23 +36,27 @@ static void leave_ring(struct fair_node *parent, struct fair_node *node)
     node->previous = node->next = NULL;
 }
 
-/* A lane has something that can be taken now, and so have the nodes above it. */
+/* A node that is not held has become ready, or a ready one is released: it takes turns, and so do those above it. */
 static void begin_turns(struct fair_queue *queue, struct fair_node *node)
 {
-    for (bool is_first = true; is_first && node != &queue->root; node = parent_of(queue, node)) {
-        struct fair_node *parent = parent_of(queue, node);
-        is_first = !parent->ring;
+    for (struct fair_node *parent; node != &queue->root && !node->held; node = parent) {
+        parent = parent_of(queue, node);
         join_ring(parent, node);
+        if (parent->ready)
+            return;
+        parent->ready = true;
     }
 }
 
-/* A lane has nothing more that can be taken now; the same is true for a node above it whose ring becomes empty. */
+/* The opposite of begin_turns. */
 static void end_turns(struct fair_queue *queue, struct fair_node *node)
 {
-    for (bool is_last = true; is_last && node != &queue->root; node = parent_of(queue, node)) {
-        struct fair_node *parent = parent_of(queue, node);
+    for (struct fair_node *parent; node != &queue->root && node->next; node = parent) {
+        parent = parent_of(queue, node);
         leave_ring(parent, node);
-        is_last = !parent->ring;
+        if (parent->ring)
+            return;
+        parent->ready = false;
     }
 }
 
@@ -62,22 +66,22 @@ void fair_queue_add(struct fair_queue *queue, struct fair_lane *lane, struct fai
     entry->lane = lane;
     entry->priority = priority;
     list_append(&lane->lists[priority], &entry->link);
-    if (lane->count++ == 0 && !lane->held)
-        begin_turns(queue, &lane->node);
     queue->count++;
+    if (lane->count++ > 0)
+        return;
+    lane->node.ready = true;
+    begin_turns(queue, &lane->node);
 }
 
-void fair_queue_hold(struct fair_queue *queue, struct fair_lane *lane, bool held)
+void fair_queue_hold(struct fair_queue *queue, struct fair_node *node, bool held)
 {
-    if (lane->held == held)
+    if (node->held == held)
         return;
-    lane->held = held;
-    if (lane->count == 0)
-        return;
+    node->held = held;
     if (held)
-        end_turns(queue, &lane->node);
-    else
-        begin_turns(queue, &lane->node);
+        end_turns(queue, node);
+    else if (node->ready)
+        begin_turns(queue, node);
 }
 
 /* There must be a child below which something waits. */
@@ -115,8 +119,10 @@ void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry)
     list_remove(&lane->lists[entry->priority], &entry->link);
     *entry = (struct fair_entry){0};
     queue->count--;
-    if (--lane->count == 0 && !lane->held)
-        end_turns(queue, &lane->node);
+    if (--lane->count > 0)
+        return;
+    lane->node.ready = false;
+    end_turns(queue, &lane->node);
 }
 
 void fair_queue_pop(struct fair_queue *queue, uint64_t cost)

@@ -39,7 +39,9 @@ struct fair_node {
     struct fair_node *ring;
     uint64_t level; /* `given` of the child that was served last, before that entry: where a new child starts */
     uint64_t given; /* the costs of its entries so far; raised to the parent's level when it comes back */
-    struct fair_node *previous, *next; /* the ring of siblings below which something waits and is not held */
+    struct fair_node *previous, *next; /* the ring of siblings that are ready and not held */
+    bool ready; /* something waits below it that is not held there */
+    bool held; /* the queue takes nothing that is below it */
 };
 
 /* One connection's entries. Zeroed means empty; an empty lane may be freed. */
@@ -47,7 +49,6 @@ struct fair_lane {
     struct fair_node node; /* without children */
     struct list lists[FAIR_PRIORITIES];
     uint32_t count;
-    bool held; /* the queue takes nothing from it */
 };
 
 /* Zeroed means empty. */
@@ -68,8 +69,8 @@ struct fair_entry *fair_queue_peek(const struct fair_queue *queue);
  */
 void fair_queue_pop(struct fair_queue *queue, uint64_t cost);
 
-/* Holds a lane, or releases it: nothing is taken from a lane that is held. */
-void fair_queue_hold(struct fair_queue *queue, struct fair_lane *lane, bool held);
+/* Holds a lane or a user, or releases it: nothing that waits below it is taken while it is held. */
+void fair_queue_hold(struct fair_queue *queue, struct fair_node *node, bool held);
 
 /* Removes an entry. Does nothing if it is not queued. */
 void fair_queue_remove(struct fair_queue *queue, struct fair_entry *entry);

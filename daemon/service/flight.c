@@ -119,7 +119,7 @@ static void wait_for_memory(struct flight *flight)
     struct flight_waiter *first = first_waiter(flight);
     flight->state = FLIGHT_WAITING;
     flight->memory.priority = first->priority;
-    memory_queue_add(&flight->flights->waiting, &first->client->lanes, &flight->memory);
+    memory_queue_add(&flight->flights->waiting, &first->client->building, &flight->memory);
 }
 
 /* Goes on to the build of its preparation. */

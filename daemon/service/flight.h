@@ -17,15 +17,10 @@
 #include "daemon/service/memory_queue.h"
 #include "daemon/pool/pool.h"
 #include "daemon/service/preparation.h"
+#include "daemon/service/user.h"
 #include "proto/base/list.h"
 
 struct flight;
-
-/* How one client's builds compete with those of others. */
-struct flight_client {
-    struct memory_lanes lanes; /* for memory */
-    struct pool_flow *flow; /* for threads */
-};
 
 /* Where the time of a flight went, in milliseconds. */
 struct flight_times {
@@ -50,7 +45,7 @@ struct flight_completion {
 struct flight_waiter {
     /* Called after the waiter has left the flight. */
     void (*completed)(struct flight_waiter *waiter, const struct flight_completion *completion);
-    struct flight_client *client;
+    struct user_member *client; /* in whose turn the build may go on */
     int priority; /* PRIORITY_ */
     /* ---- belongs to the flight ---- */
     struct flight *flight; /* NULL: waits for none */

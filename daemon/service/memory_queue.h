@@ -38,7 +38,7 @@ static inline void memory_lanes_share(struct memory_lanes *lanes, struct memory_
 
 static inline bool memory_lanes_are_held(const struct memory_lanes *lanes)
 {
-    return lanes->lanes[ADMISSION_LARGE].held;
+    return lanes->lanes[ADMISSION_LARGE].node.held;
 }
 
 /* A step that can wait. It is a member of its owner's struct; zeroed means that it does not wait. */
@@ -67,8 +67,11 @@ void memory_queue_add(struct memory_queue *queue, struct memory_lanes *lanes, st
 /* Removes a waiter from the queue. Does nothing if it does not wait. */
 void memory_queue_remove(struct memory_queue *queue, struct memory_waiter *waiter);
 
-/* Holds a client, or releases it: while a client is held, none of its waiters starts. They keep their places. */
+/*
+ * Hold a connection or a user, or release it: while it is held, none of its waiters starts. They keep their places.
+ */
 void memory_queue_hold(struct memory_queue *queue, struct memory_lanes *lanes, bool held);
+void memory_queue_hold_turns(struct memory_queue *queue, struct memory_turns *turns, bool held);
 
 /* Returns whether a step of that class has its turn earlier in `lanes` than in `other` (fair_queue_is_earlier). */
 bool memory_queue_is_earlier(const struct memory_queue *queue, enum admission_class class,

@@ -16,11 +16,19 @@ enum {
 };
 
 /*
- * Inline payloads may take up to the budget divided by INLINE_DIVISOR. Clients' pools are not part of the budget;
- * session_frames.c limits them. Large steps leave the budget divided by SMALL_DIVISOR free, even if they need more than
- * was promised to them.
+ * Inline payloads may take up to the budget divided by INLINE_DIVISOR. Large steps leave the budget divided by
+ * SMALL_DIVISOR free, even if they need more than was promised to them. What all users share beside the budget is
+ * bounded by parts of it: clients' pools, of which one has an eighth of the budget at most (share.h: one connection of
+ * one user gets nine sixteenths of what there is), results that were not read or released, and unsent replies.
  */
-enum { INLINE_DIVISOR = 8, SMALL_DIVISOR = 4 };
+enum {
+    INLINE_DIVISOR = 8,
+    SMALL_DIVISOR = 4,
+    POOLS_DIVISOR = 4,
+    POOL_DIVISOR = 8,
+    RESULTS_DIVISOR = 2,
+    REPLIES_DIVISOR = 16
+};
 
 struct service_options service_options_default(void)
 {
@@ -41,8 +49,8 @@ static struct service_options complete(const struct service_options *options)
         result.memory = machine_memory() / 2;
     if (result.memory < SERVICE_LEAST_MEMORY)
         result.memory = SERVICE_LEAST_MEMORY;
-    if (result.max_pool > result.memory / 4)
-        result.max_pool = result.memory / 4;
+    if (result.max_pool > result.memory / POOL_DIVISOR)
+        result.max_pool = result.memory / POOL_DIVISOR;
     return result;
 }
 
@@ -66,12 +74,30 @@ static void init_accounts(struct service *service)
     service->started_ns = clock_ns();
 }
 
+static void init_users(struct service *service)
+{
+    const struct service_options *options = &service->options;
+    service->users = (struct users){
+        .root.limit = {[SHARE_ITEMS] = options->max_queue,
+                       [SHARE_INLINE] = options->memory / INLINE_DIVISOR,
+                       [SHARE_POOL] = options->memory / POOLS_DIVISOR,
+                       [SHARE_MEMFDS] = service->descriptors.limit / 2,
+                       [SHARE_RESULTS] = options->memory / RESULTS_DIVISOR,
+                       [SHARE_AHEAD] = options->memory / RESULTS_DIVISOR,
+                       [SHARE_REPLIES] = options->memory / REPLIES_DIVISOR},
+        .memory = &service->memory,
+        .pool = service->pool,
+        .preparing = &service->preparing,
+    };
+}
+
 static enum bvhd_status create_modules(struct service *service, void (*wake)(void *context), void *wake_context,
                                        struct bvhd_error *error)
 {
     enum bvhd_status status = pool_create(service->options.workers, wake, wake_context, &service->pool, error);
     if (status != BVHD_OK)
         return status;
+    init_users(service);
     service->cache = cache_create(service->options.cache, &service->unlimited);
     service->disposals = (struct disposals){
         .pool = service->pool,
@@ -152,6 +178,7 @@ void service_destroy(struct service *service)
 
 void service_pump(struct service *service)
 {
+    users_review(&service->users);
     memory_queue_start(&service->preparing);
     flights_pump(&service->flights);
     deferred_run(&service->deferred);
@@ -178,7 +205,7 @@ void service_drain(struct service *service)
 
 uint32_t service_pending(const struct service *service)
 {
-    return service->sessions.items;
+    return (uint32_t)service_uses(service, SHARE_ITEMS);
 }
 
 struct memory *service_frame_memory(struct service *service)
@@ -206,13 +233,6 @@ void service_count_connections(struct service *service, uint32_t open)
     service->connections = open;
 }
 
-uint64_t service_uncached_bytes(const struct service *service)
-{
-    uint64_t live = atomic_load_explicit(&service->account.live_bytes, memory_order_relaxed),
-             kept = cache_load(service->cache).bytes;
-    return live > kept ? live - kept : 0;
-}
-
 static void count_memory(const struct service *service, struct counters *counters)
 {
     struct cache_load cache = cache_load(service->cache);
@@ -226,7 +246,7 @@ static void count_memory(const struct service *service, struct counters *counter
     counters->memory_peak = atomic_load_explicit(&service->memory.peak, memory_order_relaxed);
     counters->memory_limit = service->memory.limit;
     counters->memory_promised = admission_promised(&service->admission);
-    counters->pool_bytes = service->sessions.pool_bytes;
+    counters->pool_bytes = service_uses(service, SHARE_POOL);
     counters->descriptors_limit = service->descriptors.limit;
     counters->descriptors_used = service->descriptors.limit - descriptors_left(&service->descriptors);
 }
@@ -258,7 +278,7 @@ struct counters service_counters(const struct service *service)
     counters.uptime_ms = (clock_ns() - service->started_ns) / 1000000;
     counters.connections = service->connections;
     counters.sessions = service->sessions.open + service->sessions.closing;
-    counters.queue_depth = service->sessions.items;
+    counters.queue_depth = service_uses(service, SHARE_ITEMS);
     counters.prepares_waiting = memory_queue_count(&service->preparing);
     counters.builds_waiting = flights_waiting(&service->flights);
     counters.builds_running = service->flights.running;

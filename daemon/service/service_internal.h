@@ -15,6 +15,7 @@
 #include "daemon/service/latency.h"
 #include "daemon/service/memory_queue.h"
 #include "daemon/service/service.h"
+#include "daemon/service/user.h"
 #include "daemon/system/log.h"
 #include "proto/base/list.h"
 
@@ -26,9 +27,6 @@ struct session_totals {
     struct list all; /* every session that exists */
     uint32_t open; /* sessions that are not closed */
     uint32_t closing; /* closed sessions whose items a worker still prepares */
-    uint32_t items; /* under way, of sessions that are not closed */
-    uint64_t pool_bytes; /* of the clients' pools */
-    uint64_t backlog_bytes; /* of results that have not been sent */
 };
 
 struct service {
@@ -52,6 +50,7 @@ struct service {
     struct cache *cache;
     struct admission admission;
     struct memory_queue preparing; /* items that wait for memory to be prepared */
+    struct users users; /* the shares of all sessions */
     struct disposals disposals;
     struct flights flights;
     struct deferred_calls deferred; /* run by service_pump */
@@ -71,8 +70,11 @@ struct service {
  */
 void service_pump(struct service *service);
 
-/* Returns the bytes of results that exist outside the cache: replies hold them, or they are being written. */
-uint64_t service_uncached_bytes(const struct service *service);
+/* Returns what all sessions together use. */
+static inline uint64_t service_uses(const struct service *service, enum share_kind kind)
+{
+    return service->users.root.used[kind];
+}
 
 /* Returns the counters, sums and levels. */
 struct counters service_counters(const struct service *service);

@@ -26,9 +26,9 @@ static void set_started(struct item *item, uint64_t bytes)
     if (item->started_bytes == bytes)
         return;
     client->started_bytes += bytes - item->started_bytes;
+    user_take(&client->member, SHARE_AHEAD, bytes);
+    user_give(&client->member, SHARE_AHEAD, item->started_bytes);
     item->started_bytes = bytes;
-    if (!client->gone)
-        client->events->started_changed(client);
 }
 
 void item_enter(struct item *item, enum item_state state)
@@ -173,7 +173,7 @@ static struct flight_waiter *waiter_of(struct item *item)
 {
     struct request *request = item->request;
     item->waiter = (struct flight_waiter){
-        .completed = completed, .client = &request->client->flights, .priority = request->priority};
+        .completed = completed, .client = &request->client->member, .priority = request->priority};
     return &item->waiter;
 }
 

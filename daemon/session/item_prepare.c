@@ -24,7 +24,7 @@ static void wait_for_memory(struct item *item)
     item_enter(item, ITEM_WAITING);
     item->times.queued_ns = clock_ns();
     item->memory.claim.class = admission_class_of(&service->admission, item->memory.claim.bytes);
-    memory_queue_add(&service->preparing, &item->request->client->lanes, &item->memory);
+    memory_queue_add(&service->preparing, &item->request->client->member.preparing, &item->memory);
 }
 
 /* ---- the end of a prepare ---- */
@@ -144,7 +144,7 @@ static void submit_prepare(struct item *item)
     item->job = (struct pool_job){
         .run = prepare_run,
         .done = prepare_done,
-        .flow = item->request->client->flights.flow,
+        .flow = item->request->client->member.flow,
         .size = item->memory.claim.bytes / BYTES_PER_PRIMITIVE,
         .priority = 2 * item->request->priority,
     };

@@ -46,6 +46,8 @@ void item_note_prepared(struct item *item)
     struct request_client *client = request->client;
     assert(!item->is_prepared);
     item->is_prepared = true;
+    if (--request->unprepared == 0)
+        user_give(&client->member, SHARE_INLINE, request->inline_bytes);
     if (item->pooled)
         client->events->pool_released(client);
     if (request->to_report++ == 0)
@@ -107,7 +109,7 @@ struct request *request_create(struct request_client *client, const struct reque
     request->is_build = head->is_build;
     request->arrived_ns = clock_ns();
     request->count = request->open = head->count;
-    request->unreported = head->is_build ? head->count : 0;
+    request->unreported = request->unprepared = head->is_build ? head->count : 0;
     request->report.run = report_prepared;
     for (uint32_t i = 0; i < head->count; i++) {
         request->items[i].request = request;

@@ -36,8 +36,6 @@ struct request_events {
     void (*prepared)(struct request_client *client, const struct request *request, const struct control_items *items);
     /* One payload in the client's pool is not needed any more. */
     void (*pool_released)(struct request_client *client);
-    /* client->started_bytes has changed. */
-    void (*started_changed)(struct request_client *client);
     /* The request is about to be freed. */
     void (*ended)(struct request_client *client, struct request *request);
 };
@@ -47,8 +45,7 @@ struct request_client {
     struct service *service;
     struct session_peer peer;
     const struct request_events *events;
-    struct memory_lanes lanes; /* for preparing */
-    struct flight_client flights;
+    struct user_member member; /* the connection's shares */
     /* claims of the items that have started and are not answered: an estimate of what their results take */
     uint64_t started_bytes;
     bool gone; /* nothing is reported any more, except the end of requests */
@@ -97,6 +94,8 @@ struct request {
     struct deferred_call report; /* deferred while `to_report` is not 0 */
     struct request *next; /* in the session's hash table: the next request in the same bucket */
     uint32_t attachments; /* how many descriptors came with it */
+    uint64_t inline_bytes; /* of its frame, while payloads in it are needed; counted in the client's share */
+    uint32_t unprepared; /* items whose payload is still needed */
     uint32_t count; /* of items */
     struct item items[];
 };

@@ -68,7 +68,7 @@ void session_send_error(struct session *session, uint64_t request, const struct 
 void session_send_busy(struct session *session, uint64_t request, const char *why)
 {
     struct service *service = session->service;
-    uint32_t wait = RETRY_BASE_MS + service->sessions.items / RETRY_ITEMS_PER_MS;
+    uint32_t wait = RETRY_BASE_MS + (uint32_t)service_uses(service, SHARE_ITEMS) / RETRY_ITEMS_PER_MS;
     struct control_busy busy = {wait < RETRY_MAX_MS ? wait : RETRY_MAX_MS};
     struct bytes control;
     service->counters.refused++;
@@ -88,7 +88,7 @@ static void report_result(struct request_client *client, const struct request *r
     struct reply *reply = reply_result(request->number, result, blob, session_memory(session));
     session->service->counters.result_bytes += blob ? blob->size : 0;
     if (reply && blob)
-        session_backlog_add(session, blob->size);
+        session_add_result(session, blob->size);
     session_send(session, reply);
 }
 
@@ -118,6 +118,7 @@ static void destroy(struct session *session)
 {
     struct service *service = session->service;
     list_remove(&service->sessions.all, &session->in_service);
+    user_leave(&session->client.member);
     service->sessions.closing--;
     memory_free(&service->memory, session);
 }
@@ -130,21 +131,15 @@ static void report_ended(struct request_client *client, struct request *request)
         at = &(*at)->next;
     *at = request->next;
     session->request_count--;
-    session->attachments -= request->attachments;
+    user_give(&client->member, SHARE_MEMFDS, request->attachments);
     if (session->closed && session->request_count == 0)
         destroy(session);
-}
-
-static void report_started_changed(struct request_client *client)
-{
-    session_backlog_review(session_of(client));
 }
 
 static const struct request_events events = {
     .result = report_result,
     .prepared = report_prepared,
     .pool_released = report_pool_released,
-    .started_changed = report_started_changed,
     .ended = report_ended,
 };
 
@@ -163,46 +158,35 @@ void session_add(struct session *session, struct request *request)
     request->next = *bucket;
     *bucket = request;
     session->request_count++;
-    session->attachments += request->attachments;
-    session->under_way += request->count;
-    service->sessions.items += request->count;
+    user_take(&session->client.member, SHARE_MEMFDS, request->attachments);
+    user_take(&session->client.member, SHARE_INLINE, request->inline_bytes);
+    user_take(&session->client.member, SHARE_ITEMS, request->count);
+    user_review(&session->client.member);
     service->counters.requests++;
     service->counters.items += request->count;
 }
 
 /* ---- quotas ---- */
 
-/*
- * A session may always have its fair share of the queue, max_queue items divided by the number of open sessions. It may
- * have more while at most half of the queue is taken, or if it has nothing under way and the request still fits.
- */
-static bool is_crowded(const struct session *session, uint32_t items)
-{
-    const struct service *service = session->service;
-    uint64_t most = service->options.max_queue, sum = (uint64_t)service->sessions.items + items;
-    uint64_t share = most / (service->sessions.open > 0 ? service->sessions.open : 1);
-    bool within_share = (uint64_t)session->under_way + items <= share;
-    return !within_share && (sum > most || (sum > most / 2 && session->under_way > 0));
-}
-
 bool session_admits(struct session *session, uint64_t request, uint32_t items)
 {
     const struct service_options *options = &session->service->options;
+    uint64_t under_way = session_uses(session, SHARE_ITEMS);
     struct bvhd_error error = {0};
     if (session->service->draining)
         bvhd_error_set(&error, BVHD_UNAVAILABLE, "", "the service is about to end");
     else if (items == 0)
         bvhd_error_set(&error, BVHD_INVALID, "items", "the request has no items");
-    else if (items > options->credits - (session->under_way < options->credits ? session->under_way : options->credits))
+    else if (under_way + items > options->credits)
         bvhd_error_set(&error, BVHD_TOO_LARGE, "items",
-                       "%u items beside %u under way: the connection has credits for %u", items, session->under_way,
+                       "%u items beside %" PRIu64 " under way: the connection has credits for %u", items, under_way,
                        options->credits);
     if (error.status != BVHD_OK) {
         session_send_error(session, request, &error);
         return false;
     }
-    bool crowded = is_crowded(session, items);
-    if (!crowded && !session_backlog_is_long(session))
+    bool crowded = !user_fits(&session->client.member, SHARE_ITEMS, items);
+    if (!crowded && !session_is_behind(session))
         return true;
     session_send_busy(session, request,
                       crowded ? "the queue has no room beyond its share" : "it has not read its results");
@@ -215,14 +199,15 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
                               struct session **ret_session, struct bvhd_error *error)
 {
     struct session *session = memory_alloc(&service->memory, sizeof *session);
-    struct pool_flow *flow = session ? pool_flow_create(service->pool, NULL) : NULL;
-    if (!flow) {
-        memory_free(&service->memory, session);
+    if (!session)
         return bvhd_error_no_memory(error, "", "no memory for another session");
-    }
     *session = (struct session){.service = service, .peer = *peer, .link = *link, .opened_ns = clock_ns()};
-    session->client =
-        (struct request_client){.service = service, .peer = *peer, .events = &events, .flights = {.flow = flow}};
+    session->client = (struct request_client){.service = service, .peer = *peer, .events = &events};
+    enum bvhd_status status = user_join(&service->users, peer->uid, &session->client.member, error);
+    if (status != BVHD_OK) {
+        memory_free(&service->memory, session);
+        return status;
+    }
     list_prepend(&service->sessions.all, &session->in_service);
     service->sessions.open++;
     *ret_session = session;
@@ -231,12 +216,17 @@ enum bvhd_status session_open(struct service *service, const struct session_peer
 
 void session_sent(struct session *session, const struct reply *reply)
 {
-    assert(reply->credits <= session->under_way);
-    session->under_way -= reply->credits;
-    session->service->sessions.items -= reply->credits;
-    if (reply->blob)
-        session_backlog_take(session, reply->blob->size);
+    user_give(&session->client.member, SHARE_ITEMS, reply->credits);
+    if (reply->blob && reply->header.descriptors == 0)
+        session_read(session, reply->blob->size);
     session->progress_unsent -= reply->header.type == FRAME_PROGRESS;
+}
+
+void session_read(struct session *session, uint64_t bytes)
+{
+    session_take_result(session, bytes);
+    if (memory_queue_count(&session->service->preparing) > 0)
+        service_pump(session->service);
 }
 
 void session_goodbye(struct session *session)
@@ -255,14 +245,15 @@ bool session_is_open(const struct session *session)
 static void give_back(struct session *session)
 {
     struct service *service = session->service;
-    service->sessions.items -= session->under_way;
-    service->sessions.pool_bytes -= session->pool_size;
-    session_backlog_drop(session);
+    struct user_member *member = &session->client.member;
+    user_give(member, SHARE_ITEMS, session_uses(session, SHARE_ITEMS));
+    user_give(member, SHARE_POOL, session_uses(session, SHARE_POOL));
+    session_take_result(session, session_uses(session, SHARE_RESULTS));
     service->sessions.open--;
     service->sessions.closing++;
     payload_unref(session->pool);
     session->pool = NULL;
-    pool_flow_end(service->pool, session->client.flights.flow);
+    user_end_flow(member);
 }
 
 void session_close(struct session *session)

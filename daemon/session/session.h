@@ -49,6 +49,15 @@ enum bvhd_status session_frame(struct session *session, const struct frame *fram
 void session_sent(struct session *session, const struct reply *reply);
 
 /*
+ * Tells the session that the client has read the descriptors of results that have that many bytes. Results that come inside a
+ * frame count as read when they are sent.
+ */
+void session_read(struct session *session, uint64_t bytes);
+
+/* Returns whether results that the client has not read or released keep it, or others of its user, from more. */
+bool session_is_behind(const struct session *session);
+
+/*
  * Sends PROGRESS of requests whose builds have got on, if the client has asked for it. A client that has not read the
  * last one yet gets no other, so that a slow client is sent little. `now_ms` is a clock of any origin.
  */

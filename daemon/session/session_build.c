@@ -138,7 +138,7 @@ static enum bvhd_status find_payload(const struct intake *intake, const struct c
     case SOURCE_POOL:
         if (!session->pool)
             return bvhd_error_set(error, BVHD_INVALID, where, "the connection has no pool");
-        *ret_place = (struct payload_place){session->pool, NULL, session->pool_size};
+        *ret_place = (struct payload_place){session->pool, NULL, session_uses(session, SHARE_POOL)};
         return BVHD_OK;
     case SOURCE_MEMFD:
         if (item->memfd >= intake->message->memfd_count)
@@ -205,10 +205,24 @@ static bool start_request(struct intake *intake)
     if (!request)
         return false;
     request->attachments = intake->message->memfd_count;
+    request->inline_bytes = intake->inlined ? intake->frame->inline_bytes.size : 0;
     session_add(intake->session, request);
     start_items(intake, request);
     request_settle(request);
     return true;
+}
+
+/* Returns why what came with the request exceeds the client's shares for now, or NULL. */
+static const char *refusal_of(const struct intake *intake)
+{
+    const struct user_member *member = &intake->session->client.member;
+    uint32_t memfds = intake->message->memfd_count;
+    if (session_uses(intake->session, SHARE_MEMFDS) + memfds > MAX_ATTACHMENTS ||
+        !user_fits(member, SHARE_MEMFDS, memfds))
+        return "too many memfds of its requests are under way";
+    if (!user_fits(member, SHARE_INLINE, intake->frame->inline_bytes.size))
+        return "its payloads inside frames take all of its share";
+    return NULL;
 }
 
 static void intake_finish(struct intake *intake)
@@ -225,11 +239,11 @@ static void take_message(struct session *session, const struct frame *frame, con
     struct intake intake = {.session = session, .frame = frame, .message = message};
     uint64_t number = frame->header.request;
     if (session_admits(session, number, message->item_count)) {
-        bool crowded = session->attachments + message->memfd_count > MAX_ATTACHMENTS;
-        if (crowded)
-            session_send_busy(session, number, "too many memfds of its requests are under way");
-        else if (!start_request(&intake))
-            session_send_busy(session, number, "there is no memory for the request");
+        const char *why = refusal_of(&intake);
+        if (!why && !start_request(&intake))
+            why = "there is no memory for the request";
+        if (why)
+            session_send_busy(session, number, why);
     }
     intake_finish(&intake);
 }

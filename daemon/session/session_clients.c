@@ -15,13 +15,13 @@ static uint32_t waiting_in(const struct memory_lanes *lanes)
 static uint32_t descriptors_of(const struct session *session)
 {
     const struct session_link *link = &session->link;
-    return session->attachments + (link->descriptors ? link->descriptors(link->context) : 0);
+    return (uint32_t)session_uses(session, SHARE_MEMFDS) + (link->descriptors ? link->descriptors(link->context) : 0);
 }
 
 static struct control_client describe(const struct session *session, uint64_t now)
 {
     const struct request_client *requests = &session->client;
-    struct pool_flow_load load = pool_flow_load(session->service->pool, requests->flights.flow);
+    struct pool_flow_load load = pool_flow_load(session->service->pool, requests->member.flow);
     struct control_client client = {
         .connection = session->peer.connection,
         .uid = session->peer.uid,
@@ -29,11 +29,11 @@ static struct control_client describe(const struct session *session, uint64_t no
         .connected_ms = (now - session->opened_ns) / 1000000,
         .busy_ms = load.busy_ns / 1000000,
         .memory_bytes = requests->started_bytes,
-        .unread_bytes = session->backlog.bytes,
-        .pool_bytes = session->pool_size,
+        .unread_bytes = session_uses(session, SHARE_RESULTS),
+        .pool_bytes = session_uses(session, SHARE_POOL),
         .requests = session->request_count,
-        .items = session->under_way,
-        .waiting = waiting_in(&requests->lanes) + waiting_in(&requests->flights.lanes),
+        .items = (uint32_t)session_uses(session, SHARE_ITEMS),
+        .waiting = waiting_in(&requests->member.preparing) + waiting_in(&requests->member.building),
         .threads = load.threads,
         .descriptors = descriptors_of(session),
     };

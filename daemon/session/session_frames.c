@@ -75,7 +75,8 @@ static enum bvhd_status check_pool(const struct session *session, uint64_t size,
     if (size > service->options.max_pool)
         return bvhd_error_set(error, BVHD_TOO_LARGE, "pool", "%" PRIu64 " bytes, at most %" PRIu64, size,
                               service->options.max_pool);
-    if (service->sessions.pool_bytes - session->pool_size + size > service->options.memory / 4)
+    uint64_t old = session_uses(session, SHARE_POOL);
+    if (size > old && !user_fits(&session->client.member, SHARE_POOL, size - old))
         return bvhd_error_set(error, BVHD_BUSY, "pool", "other clients' pools leave no room");
     return BVHD_OK;
 }
@@ -91,9 +92,9 @@ static enum bvhd_status replace_pool(struct session *session, int descriptor, ui
     if (status != BVHD_OK)
         return status;
     payload_unref(session->pool);
-    service->sessions.pool_bytes += size - session->pool_size;
+    user_give(&session->client.member, SHARE_POOL, session_uses(session, SHARE_POOL));
+    user_take(&session->client.member, SHARE_POOL, size);
     session->pool = pool;
-    session->pool_size = size;
     return BVHD_OK;
 }
 

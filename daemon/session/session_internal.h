@@ -14,12 +14,6 @@
 
 enum { SESSION_BUCKETS = 64 };
 
-/* Results whose reply has been made, but neither sent nor dropped. */
-struct session_backlog {
-    uint64_t bytes; /* of their blobs */
-    bool dropped; /* the session is about to end, and the service's sum does not include it any more */
-};
-
 struct session {
     struct request_client client;
     struct service *service;
@@ -33,17 +27,19 @@ struct session {
     bool closed;
     struct bvhd_error failure; /* why the connection has to end; BVHD_OK: it does not */
     struct payload *pool; /* the client's shared memory; NULL: none */
-    uint64_t pool_size; /* in bytes */
     uint32_t pool_users; /* items whose payload lies in the pool and is still needed */
     struct request *requests[SESSION_BUCKETS]; /* a hash table by request number, linked by request->next */
     uint32_t request_count;
-    uint32_t under_way; /* items whose result has not been sent or dropped: the credits that are in use */
-    uint32_t attachments; /* memfds that came with requests that have not ended */
-    struct session_backlog backlog;
     uint32_t progress_ms; /* the shortest time between two reports of progress; 0: the client wants none */
     uint64_t progress_at; /* when the last one was made */
     uint32_t progress_unsent; /* PROGRESS frames that have not been sent or dropped */
 };
+
+/* Returns what the session uses of its share: for SHARE_ITEMS, the credits that are in use. */
+static inline uint64_t session_uses(const struct session *session, enum share_kind kind)
+{
+    return session->client.member.share.used[kind];
+}
 
 /* Returns the account that messages and replies are allocated from. */
 static inline struct memory *session_memory(const struct session *session)
@@ -104,30 +100,14 @@ enum bvhd_status session_list_clients(struct session *session, const struct fram
  * ---- backpressure ----
  *
  * Results that clients have not read are in memory that no budget counts, so a session must not get far ahead of its
- * client. A session is ahead by its backlog (results that have not been sent) and by what the items that have started
- * will probably add to it (client.started_bytes). The share of one session is an eighth of the budget, that of all
- * sessions together half of it. A backlog is long if it exceeds the session's share or, while the backlogs of all
- * sessions together exceed theirs, if it is not empty.
- *
- * * While a session is ahead by more than its share, or its backlog is long, none of its items starts.
- * * While its backlog is long, its new requests are answered with BUSY.
- * * If that does not help, because many sessions have a little each and the results outside the cache exceed the whole
- *   budget, the session with the longest backlog is ended.
+ * client. All sessions together may be ahead by half of the budget: by results that clients have not read or still
+ * hold, and by what the items that have started will probably add. Users and their connections have shares of that
+ * (share.h). While a session or its user is ahead by more than its share, none of its items starts (user.h). While the
+ * results alone exceed the share, its new requests are answered with BUSY.
  */
 
-/* Decides again whether the session's items may start. To be called after client.started_bytes has changed. */
-void session_backlog_review(struct session *session);
-
-/*
- * Add a result when its reply is made, and take it away when the reply was sent or dropped. `bytes` is the blob's size.
- */
-void session_backlog_add(struct session *session, uint64_t bytes);
-void session_backlog_take(struct session *session, uint64_t bytes);
-
-/* Subtracts the session's backlog from the service's sum, before the session ends. */
-void session_backlog_drop(struct session *session);
-
-/* Returns whether the backlog is long, as defined above. */
-bool session_backlog_is_long(const struct session *session);
+/* Count a result when its reply is made, and when the client has read it. `bytes` is the blob's size. */
+void session_add_result(struct session *session, uint64_t bytes);
+void session_take_result(struct session *session, uint64_t bytes);
 
 #endif

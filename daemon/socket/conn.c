@@ -49,6 +49,13 @@ static void reply_done(void *context, struct reply *reply)
     reply_destroy(reply);
 }
 
+static void result_read(void *context, uint64_t bytes)
+{
+    struct conn *conn = context;
+    if (conn->session)
+        session_read(conn->session, bytes);
+}
+
 static void on_poll(uv_poll_t *poll, int status, int events)
 {
     struct conn *conn = poll->data;
@@ -217,6 +224,12 @@ static void read_frames(struct conn *conn)
         conn->pause_ms = 0;
 }
 
+/* Whether the client keeps others of its user waiting by results that were sent and not read. */
+static bool presses(const struct conn *conn)
+{
+    return conn->outbox.unread > 0 && conn->session && session_is_behind(conn->session);
+}
+
 static void write_replies(struct conn *conn)
 {
     bool progress;
@@ -225,7 +238,7 @@ static void write_replies(struct conn *conn)
     conn->hint_failed = !progress && (conn->hint_failed || conn->writable);
     conn->writable = false;
     conn->writing = state;
-    if (state == OUTBOX_EMPTY)
+    if (state == OUTBOX_EMPTY && !presses(conn))
         conn->write_by = 0;
     else if (progress || !conn->write_by)
         conn->write_by = now_of(conn) + conn->group->limits.stall_ms;
@@ -270,9 +283,12 @@ static void watch_socket(struct conn *conn)
 
 static void set_timer(struct conn *conn)
 {
+    const struct conn_limits *limits = &conn->group->limits;
+    bool waits = conn->reading_waits || conn->writing == OUTBOX_UNREAD || conn->writing == OUTBOX_WAITING;
     conn->retry_at = 0;
-    if (conn->reading_waits || conn->writing == OUTBOX_UNREAD || conn->writing == OUTBOX_WAITING) {
-        uint32_t doubled = conn->pause_ms ? 2 * conn->pause_ms : 1, longest = conn->group->limits.retry_ms;
+    if (waits || conn->outbox.unread > 0) {
+        uint32_t doubled = conn->pause_ms ? 2 * conn->pause_ms : 1,
+                 longest = waits ? limits->retry_ms : limits->held_ms;
         conn->pause_ms = doubled < longest ? doubled : longest;
         conn->retry_at = now_of(conn) + conn->pause_ms;
     }
@@ -335,9 +351,10 @@ bool conn_is_flushed(const struct conn *conn)
 
 static void init(struct conn *conn, int socket)
 {
+    static const struct outbox_events events = {.done = reply_done, .read = result_read};
     conn->socket = socket;
     inlet_init(&conn->inlet, socket, descriptors_of(conn), service_frame_memory(conn->group->service));
-    outbox_init(&conn->outbox, socket, descriptors_of(conn), reply_done, conn);
+    outbox_init(&conn->outbox, socket, descriptors_of(conn), &events, conn);
     uv_timer_init(conn->group->loop, &conn->timer);
     conn->poll.data = conn->timer.data = conn;
     conn->handles = 2;

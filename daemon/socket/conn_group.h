@@ -25,7 +25,8 @@ struct conn_limits {
     uint32_t hello_ms; /* from connecting until HELLO is answered */
     uint32_t stall_ms; /* how long a client may leave replies unread, or a frame incomplete, without any progress */
     uint32_t linger_ms; /* how long a client has to read an error */
-    uint32_t held_ms; /* between two checks whether a client that was dropped has read or closed its descriptors */
+    /* the longest pause between two checks whether a client has read its descriptors, or, once dropped, closed them */
+    uint32_t held_ms;
     uint32_t retry_ms; /* the longest pause before descriptors or memory are requested again */
     uint32_t share_bytes, share_frames; /* that are taken from one connection in one iteration of the loop */
     uint32_t share_us; /* time in an iteration after which a connection's next frame is put off */

@@ -14,10 +14,10 @@ enum {
     LEAST_MESSAGE = 512, /* bytes that the kernel counts for any message at least: its own structs are larger */
 };
 
-void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors,
-                 void (*done)(void *context, struct reply *reply), void *context)
+void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors, const struct outbox_events *events,
+                 void *context)
 {
-    *outbox = (struct outbox){.socket = socket, .descriptors = descriptors, .done = done, .context = context};
+    *outbox = (struct outbox){.socket = socket, .descriptors = descriptors, .events = *events, .context = context};
     outbox->end = &outbox->first;
 }
 
@@ -49,7 +49,7 @@ static void remove_first(struct outbox *outbox)
     outbox->replies--;
     outbox->bytes -= frame_size(reply);
     outbox->written = 0;
-    outbox->done(outbox->context, reply);
+    outbox->events.done(outbox->context, reply);
 }
 
 void outbox_drop(struct outbox *outbox)
@@ -58,13 +58,19 @@ void outbox_drop(struct outbox *outbox)
         remove_first(outbox);
 }
 
-/* Lowers the count of unread descriptors to `unread`, if it is higher. */
+/* Lowers the count of unread descriptors to `unread`, if it is higher. The oldest are read first. */
 static void limit_unread(struct outbox *outbox, uint32_t unread)
 {
     if (unread >= outbox->unread)
         return;
-    descriptors_read(outbox->descriptors, outbox->unread - unread);
+    uint32_t read = outbox->unread - unread;
+    uint64_t bytes = 0;
+    for (uint32_t i = 0; i < read; i++)
+        bytes += outbox->unread_sizes[i];
+    memmove(outbox->unread_sizes, outbox->unread_sizes + read, unread * sizeof *outbox->unread_sizes);
+    descriptors_read(outbox->descriptors, read);
     outbox->unread = unread;
+    outbox->events.read(outbox->context, bytes);
 }
 
 void outbox_finish(struct outbox *outbox)
@@ -181,7 +187,7 @@ static enum outbox_state begin_descriptor(struct outbox *outbox, bool *progress)
     }
     if (!descriptors_send(outbox->descriptors, 1))
         return OUTBOX_WAITING;
-    outbox->unread++;
+    outbox->unread_sizes[outbox->unread++] = outbox->first->blob->size;
     return OUTBOX_EMPTY;
 }
 
@@ -229,8 +235,8 @@ enum outbox_state outbox_flush(struct outbox *outbox, bool *ret_progress)
         state = write_some(outbox, &progress);
     if (!state)
         restore_buffer(outbox);
-    if (state && !progress)
-        progress = check_unread(outbox);
+    if ((state && !progress) || (!state && outbox->unread))
+        progress |= check_unread(outbox);
     *ret_progress = progress;
     return state;
 }

@@ -18,16 +18,23 @@
 
 enum { OUTBOX_MAX_UNREAD = 4 };
 
+/* How an outbox reports. */
+struct outbox_events {
+    void (*done)(void *context, struct reply *reply); /* a reply was written or dropped; the callee now owns it */
+    void (*read)(void *context, uint64_t bytes); /* the client has read the descriptor of a result of that size */
+};
+
 struct outbox {
     int socket; /* non-blocking; it belongs to the caller of outbox_init */
     struct descriptors *descriptors; /* where unread descriptors are counted */
-    void (*done)(void *context, struct reply *reply); /* a reply was written or dropped; the callee now owns it */
+    struct outbox_events events;
     void *context;
     struct reply *first, **end;
     uint64_t written; /* bytes of the first reply's frame */
     uint64_t bytes; /* of all frames in the queue, with their inline bytes */
     uint32_t replies; /* in the queue */
     uint32_t unread; /* descriptors sent that the client may not have read: an upper bound */
+    uint64_t unread_sizes[OUTBOX_MAX_UNREAD]; /* the bytes behind them, oldest first */
     int outstanding; /* what the client had not read at the last check, in bytes as the kernel counts them */
     int send_buffer; /* the size of the socket's send buffer before it was made small; 0: it was not */
 };
@@ -42,8 +49,8 @@ enum outbox_state {
 };
 
 /* Makes an empty queue. `socket` and `descriptors` have to outlive it. */
-void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors,
-                 void (*done)(void *context, struct reply *reply), void *context);
+void outbox_init(struct outbox *outbox, int socket, struct descriptors *descriptors, const struct outbox_events *events,
+                 void *context);
 
 /* Drops all replies, and no longer counts unread descriptors. `outbox` may be NULL. */
 void outbox_finish(struct outbox *outbox);

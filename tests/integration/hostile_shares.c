@@ -160,7 +160,7 @@ static void case_unfinished(void)
         raw_close(&clients[i]);
 }
 
-/* The queue is filled with as many items as the service accepts at all, none of which is done soon. */
+/* The queue is filled with as many items as it takes of one user, none of which is done soon. */
 static void case_crowd(void)
 {
     static struct raw_client clients[CROWD];
@@ -168,7 +168,7 @@ static void case_crowd(void)
         connect_well(&clients[i]);
         ask_for_boxes(&clients[i], 300000, 1000 + i, 1024);
     }
-    hostile_expect(wait_for("queue_depth", 16000), "the queue is not full");
+    hostile_expect(wait_for("queue_depth", 11000), "the queue is not full");
     for (int i = 0; i < 10; i++)
         hostile_serves(&hostile, "the queue is full", SOON_MS);
     printf("%llu items are under way\n", (unsigned long long)hostile_counter(&hostile, "queue_depth"));

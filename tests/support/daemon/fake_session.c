@@ -157,6 +157,16 @@ void session_sent(struct session *session, const struct reply *reply)
     session->fails_when_sent = false;
 }
 
+void session_read(struct session *session, uint64_t bytes)
+{
+    session->service->read_bytes += bytes;
+}
+
+bool session_is_behind(const struct session *session)
+{
+    return session->service->is_behind;
+}
+
 void session_goodbye(struct session *session)
 {
     answer(session, FRAME_GOODBYE, 0, NULL);

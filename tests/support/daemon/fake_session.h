@@ -25,7 +25,9 @@ struct fake_service {
     uint32_t connections; /* as reported last */
     uint32_t opened, closed; /* numbers of sessions */
     uint32_t frames, sent; /* frames received; replies that have been sent */
+    uint64_t read_bytes; /* of results whose descriptors clients have read */
     bool refuse; /* session_open fails */
+    bool is_behind; /* the answer of session_is_behind */
 };
 
 /* Initialises the service. Its limit of descriptors is the number that are free now. */

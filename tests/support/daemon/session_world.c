@@ -115,6 +115,8 @@ static void let_replies_leave(struct world_client *client)
         client->first_held = reply->next;
         if (client->session)
             session_sent(client->session, reply);
+        if (client->session && reply->header.descriptors > 0)
+            session_read(client->session, reply->blob->size);
         reply_destroy(reply);
     }
     client->end_held = &client->first_held;
@@ -194,7 +196,7 @@ void world_finish(struct session_world *world)
     for (uint32_t i = 0; i < world->client_count; i++)
         world_leave(&world->clients[i]);
     world_await(world, is_idle, world);
-    assert_int_equal(service->sessions.items, 0);
+    assert_int_equal(service_uses(service, SHARE_ITEMS), 0);
     for (int class = 0; class < ADMISSION_CLASSES; class ++) {
         assert_int_equal(service->admission.prepares[class].count, 0);
         assert_int_equal(service->admission.prepares[class].bytes, 0);
@@ -202,8 +204,8 @@ void world_finish(struct session_world *world)
         assert_int_equal(service->admission.builds[class].bytes, 0);
     }
     assert_int_equal(atomic_load(&service->large.live), 0);
-    assert_int_equal(service->sessions.pool_bytes, 0);
-    assert_int_equal(service->sessions.backlog_bytes, 0);
+    assert_int_equal(service_uses(service, SHARE_POOL), 0);
+    assert_int_equal(service_uses(service, SHARE_AHEAD), 0);
     assert_int_equal(atomic_load(&service->inlines.live), 0);
     service_destroy(service); /* asserts that no memory is left */
     for (uint32_t i = 0; i < world->client_count; i++) {

@@ -101,19 +101,19 @@ static void test_a_held_lane_is_passed_over(void **state)
     struct fair_entry entries[2][2] = {0};
     for (int lane = 0; lane < 2; lane++)
         fair_queue_add(&queue, &lanes[lane], &entries[lane][0], 1);
-    fair_queue_hold(&queue, &lanes[0], true);
-    fair_queue_hold(&queue, &lanes[0], true);
+    fair_queue_hold(&queue, &lanes[0].node, true);
+    fair_queue_hold(&queue, &lanes[0].node, true);
     fair_queue_add(&queue, &lanes[0], &entries[0][1], 1);
     assert_ptr_equal(fair_queue_peek(&queue), &entries[1][0]);
     fair_queue_pop(&queue, 1);
     assert_null(fair_queue_peek(&queue));
     assert_int_equal(queue.count, 2);
     fair_queue_remove(&queue, &entries[0][0]);
-    fair_queue_hold(&queue, &lanes[0], false);
+    fair_queue_hold(&queue, &lanes[0].node, false);
     assert_ptr_equal(fair_queue_peek(&queue), &entries[0][1]);
-    fair_queue_hold(&queue, &lanes[0], true);
+    fair_queue_hold(&queue, &lanes[0].node, true);
     fair_queue_remove(&queue, &entries[0][1]);
-    fair_queue_hold(&queue, &lanes[0], false);
+    fair_queue_hold(&queue, &lanes[0].node, false);
     assert_null(fair_queue_peek(&queue));
     assert_int_equal(queue.count, 0);
 }
@@ -143,7 +143,7 @@ static void test_users_share_before_their_lanes(void **state)
         fair_queue_pop(&queue, 10);
     }
     assert_int_equal(given[0], given[1]);
-    fair_queue_hold(&queue, &lane, true);
+    fair_queue_hold(&queue, &lane.node, true);
     while (fair_queue_peek(&queue))
         fair_queue_pop(&queue, 10);
     assert_int_equal(queue.count, lane.count);
@@ -151,6 +151,36 @@ static void test_users_share_before_their_lanes(void **state)
     for (int i = 0; i < LANES * EACH; i++)
         fair_queue_remove(&queue, &own[i]);
     assert_null(single.ring);
+}
+
+/* A user is held as a whole; lanes below it may be held and released, filled and emptied meanwhile. */
+static void test_a_held_user_is_passed_over(void **state)
+{
+    (void)state;
+    struct fair_queue queue = {0};
+    struct fair_node user = {0};
+    struct fair_lane lanes[2] = {{.node.parent = &user}, {.node.parent = &user}}, other = {0};
+    struct fair_entry entries[2] = {0}, free = {0};
+    fair_queue_hold(&queue, &user, true);
+    fair_queue_add(&queue, &lanes[0], &entries[0], 1);
+    assert_null(fair_queue_peek(&queue));
+    fair_queue_add(&queue, &other, &free, 1);
+    assert_ptr_equal(fair_queue_peek(&queue), &free);
+    fair_queue_hold(&queue, &lanes[0].node, true);
+    fair_queue_hold(&queue, &user, false);
+    fair_queue_remove(&queue, &free);
+    assert_null(fair_queue_peek(&queue));
+    fair_queue_add(&queue, &lanes[1], &entries[1], 1);
+    assert_ptr_equal(fair_queue_peek(&queue), &entries[1]);
+    fair_queue_hold(&queue, &user, true);
+    fair_queue_remove(&queue, &entries[1]);
+    fair_queue_hold(&queue, &lanes[0].node, false);
+    assert_null(fair_queue_peek(&queue));
+    fair_queue_hold(&queue, &user, false);
+    assert_ptr_equal(fair_queue_peek(&queue), &entries[0]);
+    fair_queue_pop(&queue, 1);
+    assert_int_equal(queue.count, 0);
+    assert_false(user.ready || queue.root.ready);
 }
 
 static void test_the_earlier_of_two_lanes_is_known(void **state)
@@ -222,6 +252,7 @@ int main(void)
         cmocka_unit_test(test_priority_goes_before_age_within_a_lane),
         cmocka_unit_test(test_a_held_lane_is_passed_over),
         cmocka_unit_test(test_users_share_before_their_lanes),
+        cmocka_unit_test(test_a_held_user_is_passed_over),
         cmocka_unit_test(test_the_earlier_of_two_lanes_is_known),
         cmocka_unit_test(test_random_operations_match_a_list),
     };

@@ -44,7 +44,7 @@ static void test_little_memory_is_raised(void **state)
     options.max_pool = UINT64_MAX;
     struct service *service = create(&options);
     assert_int_equal(service->memory.limit, 16 << 20);
-    assert_int_equal(service->options.max_pool, 4 << 20);
+    assert_int_equal(service->options.max_pool, 2 << 20);
     service_destroy(service);
 }
 

@@ -329,14 +329,20 @@ static void test_pools_together_have_a_limit(void **state)
     world_finish(&world);
     options.memory = 16 << 20;
     world_init(&world, &options);
-    struct world_client *first = world_join(&world), *second = world_join(&world);
-    world_pool(first, 1, pool_of(3 << 20), 3 << 20);
-    world_pool(second, 1, pool_of(2 << 20), 2 << 20);
+    struct world_client *first = world_join_as(&world, 1), *second = world_join_as(&world, 1);
+    struct world_client *other = world_join_as(&world, 2);
+    world_pool(first, 1, pool_of(2 << 20), 2 << 20);
+    world_pool(second, 1, pool_of(2 << 20), 2 << 20); /* of 3 MiB that the user may have */
+    world_pool(other, 1, pool_of(1 << 20), 1 << 20);
     assert_non_null(world_find(first, FRAME_DONE, 1, 0));
     assert_non_null(world_find(second, FRAME_BUSY, 1, 0));
+    assert_non_null(world_find(other, FRAME_DONE, 1, 0));
     world_leave(first);
+    world_leave(other);
     world_pool(second, 2, pool_of(2 << 20), 2 << 20);
     assert_non_null(world_find(second, FRAME_DONE, 2, 0));
+    world_pool(second, 3, pool_of(4096), 4096); /* in place of the other one, which is not counted any more */
+    assert_int_equal(world_counters(&world).pool_bytes, 4096);
 }
 
 /* ---- credits and queues ---- */
@@ -363,50 +369,56 @@ static void test_credits_are_kept(void **state)
     build_many(client, 2, &mesh, 60);
     for (uint32_t i = 0; i < 60; i++)
         world_await_result(client, 2, i);
-    assert_int_equal(client->session->under_way, 60);
+    assert_int_equal(session_uses(client->session, SHARE_ITEMS), 60);
     build_many(client, 3, &mesh, 5);
     assert_int_equal(world_find(client, FRAME_ERROR, 3, 0)->error->status, BVHD_TOO_LARGE);
     build_many(client, 4, &mesh, 4);
     assert_null(world_find(client, FRAME_ERROR, 4, 0));
     client->hold = false;
     world_settle(&world);
-    assert_int_equal(client->session->under_way, 0);
+    assert_int_equal(session_uses(client->session, SHARE_ITEMS), 0);
     build_many(client, 5, &mesh, 64);
     world_settle(&world);
     assert_int_equal(world_status(client, 5, 63), BVHD_OK);
     world_mesh_finish(&mesh);
 }
 
+static bool is_busy(struct world_client *client, uint64_t request, const struct world_mesh *mesh, uint32_t count)
+{
+    client->hold = true;
+    build_many(client, request, mesh, count);
+    return world_find(client, FRAME_BUSY, request, 0) != NULL;
+}
+
+/* The queue has 64 places: a user alone gets three quarters of them, and a connection of it three quarters of that. */
 static void test_full_queues_are_busy(void **state)
 {
     (void)state;
     struct service_options options = world_options();
     struct world_mesh mesh;
     world_finish(&world);
-    options.max_queue = 40;
+    options.max_queue = 64;
     world_init(&world, &options);
     world_mesh_init(&mesh, 20, 5);
-    struct world_client *greedy = world_join(&world), *modest = world_join(&world);
-    greedy->hold = modest->hold = true;
-    build_many(greedy, 1, &mesh, 18);
-    build_many(greedy, 2, &mesh, 4); /* more than its share, and the queue is half full */
-    assert_int_equal(world_find(greedy, FRAME_BUSY, 2, 0)->busy->retry_ms > 0, 1);
-    build_many(modest, 1, &mesh, 20);
-    assert_null(world_find(modest, FRAME_BUSY, 1, 0));
-    build_many(modest, 2, &mesh, 3); /* more than the queue holds */
-    assert_non_null(world_find(modest, FRAME_BUSY, 2, 0));
-    assert_int_equal(world_counters(&world).refused, 2);
-    struct world_client *late = world_join(&world);
-    late->hold = true;
-    build_many(late, 1, &mesh, 13); /* its share, although the others leave less */
-    assert_null(world_find(late, FRAME_BUSY, 1, 0));
-    build_many(late, 2, &mesh, 1);
-    assert_non_null(world_find(late, FRAME_BUSY, 2, 0));
-    greedy->hold = modest->hold = late->hold = false;
+    struct world_client *greedy = world_join_as(&world, 1);
+    assert_true(is_busy(greedy, 1, &mesh, 37));
+    assert_true(world_find(greedy, FRAME_BUSY, 1, 0)->busy->retry_ms > 0);
+    assert_false(is_busy(greedy, 2, &mesh, 36));
+    struct world_client *second = world_join_as(&world, 1); /* an equal part of what the user may have, of 48 */
+    assert_true(is_busy(second, 1, &mesh, 17));
+    assert_false(is_busy(second, 2, &mesh, 16));
+    assert_true(is_busy(second, 3, &mesh, 1));
+    assert_true(is_busy(greedy, 3, &mesh, 1));
+    assert_int_equal(world_counters(&world).refused, 4);
+    struct world_client *other = world_join_as(&world, 2); /* a part of the whole, whatever the first user has */
+    assert_false(is_busy(other, 1, &mesh, 12));
+    assert_true(is_busy(other, 2, &mesh, 8));
+    greedy->hold = second->hold = other->hold = false;
     world_settle(&world);
-    build_many(greedy, 2, &mesh, 4);
+    assert_false(is_busy(other, 3, &mesh, 36));
+    other->hold = false;
     world_settle(&world);
-    assert_int_equal(world_status(greedy, 2, 3), BVHD_OK);
+    assert_int_equal(world_status(other, 3, 35), BVHD_OK);
     world_mesh_finish(&mesh);
 }
 

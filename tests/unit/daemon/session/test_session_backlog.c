@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * test_session_backlog.c - tests backpressure: clients that do not read their results are held, and in the end dropped.
+ * test_session_backlog.c - tests backpressure: clients that do not read their results are held, and so is their user.
  */
 #include "tests/support/unit.h"
 
 #include "tests/support/daemon/session_world.h"
 
-/* The share of one session is an eighth of MEMORY, that of all sessions together a half. */
-enum { MEMORY = 32 << 20, LONG = MEMORY / 8 + 1 };
+/* All sessions together may be ahead by a half of MEMORY. A user gets three quarters of what others leave of that. */
+enum { MEMORY = 32 << 20, ALL = MEMORY / 2, LONG = ALL };
 
 static struct session_world world;
 static struct world_mesh mesh;
@@ -37,12 +37,12 @@ static void test_results_count_until_they_leave(void **state)
     client->hold = true;
     world_build_mesh(client, 1, &mesh);
     world_await_result(client, 1, 0);
-    assert_true(client->session->backlog.bytes > 1000);
-    assert_int_equal(world.service->sessions.backlog_bytes, client->session->backlog.bytes);
+    assert_true(session_uses(client->session, SHARE_RESULTS) > 1000);
+    assert_int_equal(service_uses(world.service, SHARE_RESULTS), session_uses(client->session, SHARE_RESULTS));
     client->hold = false;
     world_iterate(&world);
-    assert_int_equal(client->session->backlog.bytes, 0);
-    assert_int_equal(world.service->sessions.backlog_bytes, 0);
+    assert_int_equal(session_uses(client->session, SHARE_AHEAD), 0);
+    assert_int_equal(service_uses(world.service, SHARE_RESULTS), 0);
 }
 
 static void prepares_stop(void)
@@ -61,11 +61,11 @@ static void prepares_go(void)
 static void test_who_does_not_read_gets_nothing_more_to_do(void **state)
 {
     (void)state;
-    struct world_client *client = world_join(&world), *other = world_join(&world);
+    struct world_client *client = world_join_as(&world, 1), *other = world_join_as(&world, 2);
     prepares_stop();
     world_build_mesh(client, 1, &mesh);
     world_await_state(client, 1, 0, ITEM_WAITING);
-    session_backlog_add(client->session, LONG);
+    session_add_result(client->session, LONG);
     prepares_go();
     world_build_mesh(client, 2, &mesh);
     world_get(client, 3, &(struct key){{1}}, 1);
@@ -76,7 +76,7 @@ static void test_who_does_not_read_gets_nothing_more_to_do(void **state)
     world_check_bytes(world_await_result(other, 1, 0), &mesh.input);
     world_await_state(client, 1, 0, ITEM_WAITING);
     assert_null(world_result(client, 1, 0));
-    session_backlog_take(client->session, LONG);
+    session_take_result(client->session, LONG);
     world_check_bytes(world_await_result(client, 1, 0), &mesh.input);
     world_build_mesh(client, 2, &mesh);
     world_check_bytes(world_await_result(client, 2, 0), &mesh.input);
@@ -90,21 +90,26 @@ static void test_who_is_held_can_cancel_and_leave(void **state)
     prepares_stop();
     for (int i = 0; i < 2; i++) {
         world_build_mesh(both[i], 1, &mesh);
-        session_backlog_add(both[i]->session, LONG);
+        session_add_result(both[i]->session, LONG);
     }
     prepares_go();
     assert_int_equal(world_cancel(client, 1, NULL, 0), BVHD_OK);
     assert_int_equal(world_status(client, 1, 0), BVHD_CANCELLED);
     world_leave(other);
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
-    assert_int_equal(world.service->sessions.backlog_bytes, LONG);
+    assert_int_equal(service_uses(world.service, SHARE_RESULTS), LONG);
+}
+
+static uint64_t room_of(const struct world_client *client)
+{
+    return share_room(&client->session->client.member.share, SHARE_AHEAD);
 }
 
 /* Items that have started count as the results that they will have. */
 static void test_nobody_starts_more_than_its_share(void **state)
 {
     (void)state;
-    struct world_client *client = world_join(&world), *other = world_join(&world);
+    struct world_client *client = world_join_as(&world, 1), *other = world_join_as(&world, 2);
     struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
     struct world_mesh meshes[6];
     for (uint32_t i = 0; i < 6; i++) {
@@ -112,8 +117,8 @@ static void test_nobody_starts_more_than_its_share(void **state)
         world_build_mesh(client, i + 1, &meshes[i]);
     }
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
-    session_backlog_add(client->session,
-                        MEMORY / 8 - client->session->client.started_bytes); /* as much as is allowed */
+    assert_int_equal(session_uses(client->session, SHARE_AHEAD), client->session->client.started_bytes);
+    session_add_result(client->session, room_of(client) - client->session->client.started_bytes); /* all it may have */
     world_build_mesh(client, 7, &mesh);
     assert_int_equal(world_counters(&world).prepares_waiting, 0);
     world_build_mesh(client, 8, &mesh);
@@ -122,63 +127,60 @@ static void test_nobody_starts_more_than_its_share(void **state)
     assert_int_equal(world_counters(&world).prepares_waiting, 1);
     for (int i = 0; i < 2; i++)
         world_open(gates[i]);
-    for (uint32_t i = 1; i <= 8; i++)
+    for (uint32_t i = 1; i <= 7; i++)
         world_check_bytes(world_await_result(client, i, 0), i > 6 ? &mesh.input : &meshes[i - 1].input);
     world_iterate(&world);
-    session_backlog_take(client->session, client->session->backlog.bytes);
+    session_take_result(client->session, session_uses(client->session, SHARE_RESULTS));
+    world_check_bytes(world_await_result(client, 8, 0), &mesh.input);
+    world_iterate(&world);
     assert_int_equal(client->session->client.started_bytes, 0);
     for (uint32_t i = 0; i < 6; i++)
         world_mesh_finish(&meshes[i]);
 }
 
-/* While all sessions together exceed their share, any backlog is too long. */
-static void test_a_crowd_is_held(void **state)
+/*
+ * Connections of one user that read nothing hold the user's other connections, but no other user, however many they
+ * are. As soon as one of them reads, the others go on, without anything that they do themselves.
+ */
+static void test_a_user_is_held_as_a_whole(void **state)
 {
     (void)state;
-    struct world_client *clients[6];
-    for (int i = 0; i < 6; i++)
-        clients[i] = world_join(&world);
-    session_backlog_add(clients[0]->session, 1);
-    assert_false(session_backlog_is_long(clients[0]->session));
+    enum { CROWD = 8 };
+    struct world_client *crowd[CROWD], *same = world_join_as(&world, 1), *other = world_join_as(&world, 2);
+    for (int i = 0; i < CROWD; i++) {
+        crowd[i] = world_join_as(&world, 1);
+        session_add_result(crowd[i]->session, ALL / CROWD);
+    }
+    assert_true(session_is_behind(crowd[0]->session));
+    assert_false(session_is_behind(same->session)); /* it has read everything */
+    world_build_mesh(same, 1, &mesh);
+    world_build_mesh(other, 1, &mesh);
+    world_check_bytes(world_await_result(other, 1, 0), &mesh.input);
+    world_await_state(same, 1, 0, ITEM_WAITING);
+    session_read(crowd[0]->session, ALL / CROWD);
+    world_await_state(same, 1, 0, ITEM_WAITING);
     for (int i = 1; i < 5; i++)
-        session_backlog_add(clients[i]->session, MEMORY / 8);
-    assert_true(session_backlog_is_long(clients[0]->session));
-    assert_true(session_backlog_is_long(clients[4]->session));
-    assert_false(session_backlog_is_long(clients[5]->session));
-    world_leave(clients[4]);
-    assert_false(session_backlog_is_long(clients[0]->session));
-    assert_false(session_backlog_is_long(clients[3]->session));
+        session_read(crowd[i]->session, ALL / CROWD);
+    world_check_bytes(world_await_result(same, 1, 0), &mesh.input);
+    assert_false(session_is_behind(crowd[7]->session));
 }
 
-static void test_the_one_furthest_behind_has_to_go(void **state)
+/* Nobody is dropped for what others leave unread, and a user that reads has room while others fill theirs. */
+static void test_users_that_read_nothing_leave_room_for_others(void **state)
 {
     (void)state;
     struct world_client *clients[9];
-    atomic_fetch_add(&world.service->account.live_bytes, MEMORY + 1); /* as if all results were different */
-    for (int i = 0; i < 9; i++) {
-        clients[i] = world_join(&world);
-        session_backlog_add(clients[i]->session, i == 3 ? MEMORY / 8 : MEMORY / 8 - 100);
-        for (int k = 0; k <= i; k++)
-            assert_int_equal(clients[k]->failed, i == 8 && k == 3);
+    for (uint32_t i = 0; i < 9; i++) {
+        clients[i] = world_join_as(&world, 10 + i);
+        uint64_t room = room_of(clients[i]);
+        assert_true(room > 0);
+        session_add_result(clients[i]->session, room + 1);
+        assert_true(session_is_behind(clients[i]->session));
     }
-    assert_int_equal(clients[3]->session->failure.status, BVHD_TOO_LARGE);
-    assert_true(world.service->sessions.backlog_bytes <= MEMORY);
-    session_backlog_take(clients[3]->session, 1); /* it does not count any more */
-    assert_int_equal(world.service->sessions.backlog_bytes, 8 * (MEMORY / 8 - 100));
-    atomic_fetch_sub(&world.service->account.live_bytes, MEMORY + 1);
-}
-
-/* One result that all clients wait for lies in memory once. */
-static void test_nobody_has_to_go_for_the_same_result(void **state)
-{
-    (void)state;
-    struct world_client *clients[12];
-    for (int i = 0; i < 12; i++) {
-        clients[i] = world_join(&world);
-        session_backlog_add(clients[i]->session, MEMORY / 8);
-    }
-    assert_true(world.service->sessions.backlog_bytes > MEMORY);
-    for (int i = 0; i < 12; i++)
+    struct world_client *reader = world_join_as(&world, 1);
+    world_build_mesh(reader, 1, &mesh);
+    world_check_bytes(world_await_result(reader, 1, 0), &mesh.input);
+    for (uint32_t i = 0; i < 9; i++)
         assert_false(clients[i]->failed);
 }
 
@@ -189,9 +191,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_who_does_not_read_gets_nothing_more_to_do, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_who_is_held_can_cancel_and_leave, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_nobody_starts_more_than_its_share, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_a_crowd_is_held, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_the_one_furthest_behind_has_to_go, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_nobody_has_to_go_for_the_same_result, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_a_user_is_held_as_a_whole, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_users_that_read_nothing_leave_room_for_others, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
