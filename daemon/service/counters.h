@@ -54,6 +54,7 @@
     X(jobs_running)                                                                                                    \
     X(live_results) /* results in memory, whether the cache or a reply holds them */                                   \
     X(live_result_bytes)                                                                                               \
+    X(results_held_bytes) /* of results that clients have not read or have not released, for each that holds them */   \
     X(cache_entries)                                                                                                   \
     X(cache_bytes)                                                                                                     \
     X(cache_budget)                                                                                                    \

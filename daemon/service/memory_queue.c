@@ -29,10 +29,10 @@ void memory_queue_hold(struct memory_queue *queue, struct memory_lanes *lanes, b
         fair_queue_hold(&queue->waiting[class], &lanes->lanes[class].node, held);
 }
 
-void memory_queue_hold_turns(struct memory_queue *queue, struct memory_turns *turns, bool held)
+void memory_queue_hold_turns(struct memory_queue *queue, enum admission_class class, struct memory_turns *turns,
+                             bool held)
 {
-    for (int class = 0; class < ADMISSION_CLASSES; class ++)
-        fair_queue_hold(&queue->waiting[class], &turns->nodes[class], held);
+    fair_queue_hold(&queue->waiting[class], &turns->nodes[class], held);
 }
 
 bool memory_queue_is_earlier(const struct memory_queue *queue, enum admission_class class,

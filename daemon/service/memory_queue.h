@@ -68,10 +68,12 @@ void memory_queue_add(struct memory_queue *queue, struct memory_lanes *lanes, st
 void memory_queue_remove(struct memory_queue *queue, struct memory_waiter *waiter);
 
 /*
- * Hold a connection or a user, or release it: while it is held, none of its waiters starts. They keep their places.
+ * Hold a connection, or a user's steps of one class, or release them: while they are held none of them starts. They
+ * keep their places.
  */
 void memory_queue_hold(struct memory_queue *queue, struct memory_lanes *lanes, bool held);
-void memory_queue_hold_turns(struct memory_queue *queue, struct memory_turns *turns, bool held);
+void memory_queue_hold_turns(struct memory_queue *queue, enum admission_class class, struct memory_turns *turns,
+                             bool held);
 
 /* Returns whether a step of that class has its turn earlier in `lanes` than in `other` (fair_queue_is_earlier). */
 bool memory_queue_is_earlier(const struct memory_queue *queue, enum admission_class class,

@@ -246,6 +246,7 @@ static void count_memory(const struct service *service, struct counters *counter
     counters->memory_peak = atomic_load_explicit(&service->memory.peak, memory_order_relaxed);
     counters->memory_limit = service->memory.limit;
     counters->memory_promised = admission_promised(&service->admission);
+    counters->results_held_bytes = service_uses(service, SHARE_RESULTS);
     counters->pool_bytes = service_uses(service, SHARE_POOL);
     counters->descriptors_limit = service->descriptors.limit;
     counters->descriptors_used = service->descriptors.limit - descriptors_left(&service->descriptors);

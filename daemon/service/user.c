@@ -90,19 +90,21 @@ bool user_fits(const struct user_member *member, enum share_kind kind, uint64_t 
     return share_fits(&member->share, kind, amount);
 }
 
-static bool uses_too_much(const struct share *share)
-{
-    return share->used[SHARE_AHEAD] > share_room(share, SHARE_AHEAD);
-}
-
+/*
+ * Small steps of a user start even while its large results are too far ahead, up to a half more: a connection that
+ * reads what it gets is not stopped at once by others of its user that do not.
+ */
 static void review_user(struct users *users, struct user *user)
 {
-    memory_queue_hold_turns(users->preparing, &user->preparing, uses_too_much(&user->share));
+    uint64_t used = user->share.used[SHARE_AHEAD], room = share_room(&user->share, SHARE_AHEAD);
+    memory_queue_hold_turns(users->preparing, ADMISSION_LARGE, &user->preparing, used > room);
+    memory_queue_hold_turns(users->preparing, ADMISSION_SMALL, &user->preparing, used > room + room / 2);
 }
 
 void user_review(struct user_member *member)
 {
-    hold_member(member, uses_too_much(&member->share));
+    const struct share *share = &member->share;
+    hold_member(member, share->used[SHARE_AHEAD] > share_room(share, SHARE_AHEAD));
     review_user(member->users, member->user);
 }
 

@@ -4,8 +4,9 @@
  * (share.h), turns in the queues for memory (fair_queue.h), threads' time (pool.h).
  *
  * A user is a uid, as the kernel reports it. One exists while a session of that uid does. A member is one connection of
- * a user. Members whose results are too far ahead of what their clients read are held: none of their items starts. So
- * is a user whose members are that together. For the loop thread only.
+ * a user. Members whose results are too far ahead of what their clients read are held: none of their items starts. If
+ * the members of a user are that together, none of its large items starts, and further ahead none at all. For the loop
+ * thread only.
  */
 #ifndef BVHD_USER_H
 #define BVHD_USER_H

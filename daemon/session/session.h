@@ -49,8 +49,8 @@ enum bvhd_status session_frame(struct session *session, const struct frame *fram
 void session_sent(struct session *session, const struct reply *reply);
 
 /*
- * Tells the session that the client has read the descriptors of results that have that many bytes. Results that come inside a
- * frame count as read when they are sent.
+ * Tells the session that the client has read the descriptors of results that have that many bytes. Results that come
+ * inside a frame count as read when they are sent.
  */
 void session_read(struct session *session, uint64_t bytes);
 

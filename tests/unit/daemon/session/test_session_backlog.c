@@ -140,29 +140,37 @@ static void test_nobody_starts_more_than_its_share(void **state)
 
 /*
  * Connections of one user that read nothing hold the user's other connections, but no other user, however many they
- * are. As soon as one of them reads, the others go on, without anything that they do themselves.
+ * are. As they read, the others go on, without anything that they do themselves: small items before large ones.
  */
 static void test_a_user_is_held_as_a_whole(void **state)
 {
     (void)state;
-    enum { CROWD = 8 };
+    enum { CROWD = 8, EACH = ALL / 4 }; /* the user's room is three quarters of ALL */
     struct world_client *crowd[CROWD], *same = world_join_as(&world, 1), *other = world_join_as(&world, 2);
+    struct world_mesh large;
+    world_mesh_init(&large, 1500, 3);
     for (int i = 0; i < CROWD; i++) {
         crowd[i] = world_join_as(&world, 1);
-        session_add_result(crowd[i]->session, ALL / CROWD);
+        session_add_result(crowd[i]->session, EACH);
     }
     assert_true(session_is_behind(crowd[0]->session));
     assert_false(session_is_behind(same->session)); /* it has read everything */
     world_build_mesh(same, 1, &mesh);
+    world_build_mesh(same, 2, &large);
     world_build_mesh(other, 1, &mesh);
     world_check_bytes(world_await_result(other, 1, 0), &mesh.input);
+    for (int i = 0; i < 3; i++)
+        session_read(crowd[i]->session, EACH);
     world_await_state(same, 1, 0, ITEM_WAITING);
-    session_read(crowd[0]->session, ALL / CROWD);
-    world_await_state(same, 1, 0, ITEM_WAITING);
-    for (int i = 1; i < 5; i++)
-        session_read(crowd[i]->session, ALL / CROWD);
+    session_read(crowd[3]->session, EACH);
     world_check_bytes(world_await_result(same, 1, 0), &mesh.input);
+    world_await_state(same, 2, 0, ITEM_WAITING);
+    session_read(crowd[4]->session, EACH);
+    world_check_bytes(world_await_result(same, 2, 0), &large.input);
+    assert_true(session_is_behind(crowd[7]->session)); /* it has more than what two others leave it */
+    session_read(crowd[5]->session, EACH);
     assert_false(session_is_behind(crowd[7]->session));
+    world_mesh_finish(&large);
 }
 
 /* Nobody is dropped for what others leave unread, and a user that reads has room while others fill theirs. */
