@@ -1,69 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <stdio.h>
-#include <string.h>
 
 #include "client/bvhctl/commands.h"
 #include "client/bvhctl/service/connect.h"
-
-static void write_counters(const struct bvhd_counters *counters, struct json *json)
-{
-    json_object(json, NULL);
-    json_integer(json, "schema", 1);
-    for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
-        json_integer(json, bvhd_counters_name(counters, i), bvhd_counters_value(counters, i));
-    json_object_end(json);
-}
-
-/* Returns the value of a counter, or 0 if this daemon does not have it. */
-static uint64_t value_of(const struct bvhd_counters *counters, const char *name)
-{
-    for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
-        if (!strcmp(bvhd_counters_name(counters, i), name))
-            return bvhd_counters_value(counters, i);
-    return 0;
-}
-
-static double megabytes(const struct bvhd_counters *counters, const char *name)
-{
-    return (double)value_of(counters, name) / 1e6;
-}
-
-static const char *plural(uint64_t count)
-{
-    return count == 1 ? "" : "s";
-}
-
-/* Prints the figures that matter most. */
-static void print_summary(const struct bvhd_counters *counters)
-{
-    uint64_t hits = value_of(counters, "hits_memory") + value_of(counters, "hits_disk");
-    uint64_t coalesced = value_of(counters, "coalesced"), misses = value_of(counters, "misses"),
-             all = hits + coalesced + misses;
-    uint64_t running = value_of(counters, "builds_running"), workers = value_of(counters, "workers"),
-             connections = value_of(counters, "connections");
-    printf("hits     %.1f %% of %llu structure%s; %llu waited for another's build, %llu %s new\n",
-           all ? 100 * (double)hits / (double)all : 0, (unsigned long long)all, plural(all),
-           (unsigned long long)coalesced, (unsigned long long)misses, misses == 1 ? "was" : "were");
-    printf("queue    %llu under way, %llu build%s running, %llu worker%s, %llu connection%s\n",
-           (unsigned long long)value_of(counters, "queue_depth"), (unsigned long long)running, plural(running),
-           (unsigned long long)workers, plural(workers), (unsigned long long)connections, plural(connections));
-    printf("memory   %.1f of %.1f MB; kept results %.1f of %.1f MB\n\n", megabytes(counters, "memory_live"),
-           megabytes(counters, "memory_limit"), megabytes(counters, "cache_bytes"),
-           megabytes(counters, "cache_budget"));
-}
+#include "client/bvhctl/service/counters_view.h"
 
 static bool print_counters(const struct options *options, const struct bvhd_counters *counters, struct memory *memory)
 {
     struct json json;
     if (!options->json) {
-        print_summary(counters);
+        counters_view_print(counters);
+        printf("\n");
         for (uint32_t i = 0; i < bvhd_counters_count(counters); i++)
             printf("%-24s %llu\n", bvhd_counters_name(counters, i),
                    (unsigned long long)bvhd_counters_value(counters, i));
         return report_flush();
     }
     json_init(&json, memory, false);
-    write_counters(counters, &json);
+    json_object(&json, NULL);
+    json_integer(&json, "schema", 1);
+    counters_view_write(counters, &json);
+    json_object_end(&json);
     bool ok = report_print(&json);
     json_finish(&json);
     return ok;

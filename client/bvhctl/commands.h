@@ -15,6 +15,8 @@ enum exit_code command_inspect(const struct options *options);
 enum exit_code command_trace(const struct options *options);
 enum exit_code command_get(const struct options *options);
 enum exit_code command_stats(const struct options *options);
+enum exit_code command_clients(const struct options *options);
+enum exit_code command_top(const struct options *options);
 enum exit_code command_ping(const struct options *options);
 enum exit_code command_stop(const struct options *options);
 enum exit_code command_devices(const struct options *options);

@@ -35,6 +35,10 @@ static enum exit_code run(const struct options *options)
         return command_get(options);
     case COMMAND_STATS:
         return command_stats(options);
+    case COMMAND_CLIENTS:
+        return command_clients(options);
+    case COMMAND_TOP:
+        return command_top(options);
     case COMMAND_PING:
         return command_ping(options);
     case COMMAND_STOP:

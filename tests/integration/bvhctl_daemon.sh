@@ -113,7 +113,7 @@ printf 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n' >one.obj
 s=$scratch/s.sock
 
 # There is no daemon: bvhctl waits for an explicit socket, and starts nothing on it.
-for command in 'build one.obj -o d' stats ping "get $(printf '%064d' 0) -o f.as"; do
+for command in 'build one.obj -o d' stats clients top ping "get $(printf '%064d' 0) -o f.as"; do
     # shellcheck disable=SC2086 # a list of words
     run 4 --socket "$s" --connect-timeout 0.1 $command
     one_error_line
@@ -245,12 +245,29 @@ for field in builds_started builds_done hits_memory hits_disk misses coalesced r
 done
 within 10 counter_is "$s" queue_depth 0
 run 0 --socket "$s" stats
-for line in 'hits +[0-9.]+ % of [1-9][0-9]* structures; ' 'queue +0 under way, 0 builds running, [1-9]' \
-    'memory +[0-9.]+ of [0-9.]+ MB; '; do
-    expect "the summary: $(head -n 4 out)" grep -Eq "^$line" out
+for line in "bvhd +[0-9.]+, process $daemon, up 0 d 0:[0-9:]+, [1-9][0-9]* workers?, [1-9]" \
+    'hits +[0-9.]+ % of [1-9][0-9]* structures; [1-9][0-9]* from memory, 0 from disk; ' \
+    'queue +0 under way, 0 builds running; ' 'memory +[0-9.]+ of [0-9.]+ MB; ' 'refused +[0-9]+ for lack of room, ' \
+    '  (waiting|prepare|build|total) +[1-9][0-9]*( +[0-9]+\.[0-9]{3}){4}$'; do
+    expect "the summary: $(head -n 14 out)" grep -Eq "^$line" out
 done
+expect 'all stages' [ "$(grep -Ec '^  (waiting|prepare|build|total) ' out)" -eq 4 ]
+expect 'its process' counter_is "$s" pid "$daemon"
 expect 'only the connection that asks' within 10 counter_is "$s" connections 1
 expect 'nothing under way' within 10 counter_is "$s" queue_depth 0
+
+# The commands clients and top.
+run 0 --socket "$s" clients
+expect "a heading and the asker: $(cat out)" grep -Eq "^ +[0-9]+  $(id -un | cut -c 1-10) .*libbvhd [0-9.]+$" out
+run 0 --socket "$s" clients --all --json
+one_json_object
+expect "the asker: $(cat out)" grep -q '"total":1,"hidden":0,"clients":\[{"connection":' out
+run 0 --socket "$s" top --count 3 --interval 0.05
+expect 'three pages' [ "$(grep -c '^bvhd  ' out)" -eq 3 ]
+expect 'two of them have rates' [ "$(grep -c '^rates  ' out)" -eq 2 ]
+expect 'no codes for terminals in a file' [ -z "$(tr -dc '\033' <out)" ]
+run 0 --socket "$s" top --count 2 --interval 0.05 --json
+expect 'an object for each page' [ "$(grep -c '^{"schema":1,"stats":{"version":' out)" -eq 2 ]
 run 0 --socket "$s" ping --json
 one_json_object
 for field in socket ms; do
@@ -338,7 +355,7 @@ expect 'it is gone' gone "$private"
 expect 'with its socket' [ ! -e run/bvhd.sock ]
 
 # Without a daemon the commands that ask one say where none is, and start none. Only build starts one.
-for command in stop stats ping "get $(printf '%064d' 0) -o f.as"; do
+for command in stop stats clients top ping "get $(printf '%064d' 0) -o f.as"; do
     # shellcheck disable=SC2086
     run 4 $command
     one_error_line

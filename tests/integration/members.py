@@ -49,8 +49,11 @@ def flatten(value, path, members):
         members.add(path)
 
 
-def normalise(path):
-    """Kinds of what is left out are documented elsewhere; boxes are documented as a whole."""
+def normalise(command, path):
+    """Counters and what is left out are documented elsewhere; boxes are documented as a whole."""
+    if command == "stats" and path not in ("schema", "version", "hit_ratio"):
+        return "*"
+    path = re.sub(r"^stats\.\w+$", "stats.*", path)
     path = re.sub(r"left_out\.\w+$", "left_out.*", path)
     return re.sub(r"bounds\[\]$", "bounds", path)
 
@@ -63,7 +66,7 @@ def printed(folder):
             value = json.load(file)
         flatten(value, "", paths)
         command = "Errors" if "error" in value else name.split(".")[0]
-        members[command] |= {normalise(path) for path in paths}
+        members[command] |= {normalise(command, path) for path in paths}
     return {(command, member) for command, paths in members.items() for member in paths}
 
 

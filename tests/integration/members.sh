@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# members.sh SOURCE MAKE_SCENE MAKE_PROBE BVHCTL - tests that the members of JSON output are those that docs/json.md and
+# members.sh SOURCE MAKE_SCENE MAKE_PROBE BVHCTL BVHD - tests that the members of JSON output are those that docs/json.md and
 # docs/manifest.md list, and no others. It runs the commands so that each member is printed at least once. It prints
 # each expectation that does not hold, and its status is 1 if there is one.
 set -u
@@ -10,9 +10,11 @@ source=$(realpath "$1")
 make_scene=$(realpath "$2")
 make_probe=$(realpath "$3")
 bvhctl=$(realpath "$4")
+bvhd=$(realpath "$5")
 here=$(realpath "$(dirname "$0")")
 scratch=$(mktemp -d)
-trap 'rm -rf "$scratch"' EXIT
+daemon=
+trap '[ -z "$daemon" ] || kill "$daemon"; rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
 mkdir printed
 
@@ -63,6 +65,12 @@ for path in all native ball.bvhd device unknown; do
 done
 printed check check ball.bvhd ball.ply --rays 20
 printed trace trace ball.bvhd --device cpu -o ball.png --size 16x16
+"$bvhd" --socket s 2>log &
+daemon=$!
+expect "a daemon: $(cat log)" "$bvhctl" --socket s --connect-timeout 30 --quiet ping --json >/dev/null
+printed stats stats --socket s
+printed clients clients --socket s
+printed top top --socket s --count 1
 printed Errors inspect missing
 expect_quietly 'the members that are printed are those that are documented' python3 "$here/members.py" \
     "$source/docs" printed

@@ -128,6 +128,20 @@ static enum bvhd_status parse_time(const char *text, double *ret_seconds, struct
     return status;
 }
 
+/* A daemon that is asked all the time would have little else to do. */
+static const double least_interval = 0.05;
+
+static enum bvhd_status parse_interval(const char *text, double *ret_seconds, struct bvhd_error *error)
+{
+    double seconds = 0;
+    enum bvhd_status status = parse_seconds("--interval", text, &seconds, error);
+    if (status == BVHD_OK && seconds < least_interval)
+        status = bvhd_error_set(error, BVHD_INVALID, "--interval", "at least %g seconds: '%s'", least_interval, text);
+    if (status == BVHD_OK)
+        *ret_seconds = seconds;
+    return status;
+}
+
 enum { LARGEST_SIDE = 16384 };
 
 static enum bvhd_status parse_size(const char *text, struct options *options, struct bvhd_error *error)
@@ -215,6 +229,9 @@ static enum bvhd_status apply_text(int value, const char *text, struct options *
     case OPTION_LOCAL:
         options->local = true;
         break;
+    case OPTION_ALL:
+        options->all = true;
+        break;
     case OPTION_FLIP_ORDER:
         options->flip_order = true;
         break;
@@ -244,6 +261,10 @@ static enum bvhd_status apply(int value, const char *text, struct options *optio
         return number_read("--memory", text, (struct number_range){1, UINT64_MAX, true}, &options->memory, error);
     case OPTION_TIME:
         return parse_time(text, &options->seconds, error);
+    case OPTION_COUNT:
+        return number_read32("--count", text, (struct number_range){1, UINT32_MAX, false}, &options->count, error);
+    case OPTION_INTERVAL:
+        return parse_interval(text, &options->interval, error);
     case OPTION_SEED:
         return number_read("--seed", text, (struct number_range){0, UINT64_MAX, false}, &options->seed, error);
     case OPTION_CONNECT_TIMEOUT:
@@ -362,6 +383,7 @@ enum bvhd_status options_parse(int argc, char **argv, struct options *ret_option
         .memory = UINT64_MAX,
         .connect_timeout_ms = 5000,
         .volume = REPORT_RESULTS,
+        .interval = 2,
         .seed = 1,
         .width = 1280,
         .height = 720,

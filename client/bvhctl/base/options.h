@@ -16,6 +16,8 @@ enum command {
     COMMAND_TRACE,
     COMMAND_GET,
     COMMAND_STATS,
+    COMMAND_CLIENTS,
+    COMMAND_TOP,
     COMMAND_PING,
     COMMAND_STOP,
     COMMAND_DEVICES,
@@ -56,6 +58,10 @@ struct options {
     uint64_t memory; /* budget in bytes */
     double rays; /* build: expected rays a primitive; check: number of rays to trace; 0: not given */
     double seconds; /* check: limit of time; 0: not given */
+
+    bool all; /* clients: refuse rather than leave out what this user may not see */
+    uint32_t count; /* top: how often to look; 0: until it is interrupted */
+    double interval; /* top: seconds between two looks */
 
     uint64_t seed;
     bool flip_order;

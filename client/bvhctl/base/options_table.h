@@ -18,10 +18,12 @@ enum {
     ON_TRACE = 1 << COMMAND_TRACE
 };
 enum { ON_GET = 1 << COMMAND_GET, ON_STATS = 1 << COMMAND_STATS, ON_PING = 1 << COMMAND_PING };
+enum { ON_CLIENTS = 1 << COMMAND_CLIENTS, ON_TOP = 1 << COMMAND_TOP };
 enum { ON_STOP = 1 << COMMAND_STOP, ON_DEVICES = 1 << COMMAND_DEVICES, ON_PROBE = 1 << COMMAND_PROBE };
 enum {
     ON_SCENES = ON_BUILD | ON_CHECK | ON_INSPECT | ON_TRACE,
-    ON_QUERIES = ON_GET | ON_STATS | ON_PING | ON_STOP, /* commands that need a daemon, and never start one */
+    ON_QUERIES = ON_GET | ON_STATS | ON_CLIENTS | ON_TOP | ON_PING |
+                 ON_STOP, /* commands that need a daemon, and never start one */
     ON_ALL = ON_SCENES | ON_QUERIES | ON_DEVICES | ON_PROBE,
     ON_SERVICE = ON_BUILD | ON_QUERIES, /* commands that may connect to a daemon */
     ON_ALONE = ON_CHECK | ON_INSPECT | ON_TRACE | ON_DEVICES | ON_PROBE, /* commands that never do */
@@ -35,6 +37,9 @@ enum {
     OPTION_LOCAL,
     OPTION_SOCKET,
     OPTION_CONNECT_TIMEOUT,
+    OPTION_ALL,
+    OPTION_COUNT,
+    OPTION_INTERVAL,
     OPTION_DEPFILE,
     OPTION_TARGET,
     OPTION_PROBE,

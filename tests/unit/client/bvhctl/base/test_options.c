@@ -166,6 +166,16 @@ static void test_service(void **state)
     assert_string_equal(options.socket, "s");
     assert_int_equal(options.connect_timeout_ms, 1); /* 0 would be the library's default */
     assert_int_equal(parse_good("bvhctl ping").command, COMMAND_PING);
+    assert_int_equal(parse_good("bvhctl clients").command, COMMAND_CLIENTS);
+    assert_false(parse_good("bvhctl clients").all);
+    assert_true(parse_good("bvhctl clients --all --json").all);
+    options = parse_good("bvhctl top");
+    assert_int_equal(options.command, COMMAND_TOP);
+    assert_int_equal(options.count, 0);
+    assert_true(options.interval == 2);
+    options = parse_good("bvhctl top --count 3 --interval 0.5");
+    assert_int_equal(options.count, 3);
+    assert_true(options.interval == 0.5);
     assert_int_equal(parse_good("bvhctl build a -o b --connect-timeout 86400").connect_timeout_ms, 86400000);
 }
 
@@ -251,6 +261,11 @@ static void test_bad_lines(void **state)
     expect_bad("bvhctl ping --local", "--local");
     expect_bad("bvhctl --local ping --socket s", "--socket");
     expect_bad("bvhctl stats all", "all");
+    expect_bad("bvhctl stats --all", "--all");
+    expect_bad("bvhctl clients me", "me");
+    expect_bad("bvhctl top --count 0", "--count");
+    expect_bad("bvhctl top --interval 0", "--interval");
+    expect_bad("bvhctl top --interval x", "--interval");
     expect_bad("bvhctl stats -o f", "-o");
     expect_bad("bvhctl check a b --connect-timeout 5", "--connect-timeout");
 }
