@@ -95,7 +95,7 @@ refused 2 --memory lots
 timeout 20 "$bvhd" --help >out 2>err
 expect 'help is no failure' [ $? -eq 0 ]
 for name in socket workers cache cache-size memory config help version log-level idle-exit drain-timeout \
-    max-connections; do
+    max-connections slow-build; do
     expect "the help names --$name" has "--$name" out
 done
 timeout 20 "$bvhd" --version >out 2>err

@@ -74,6 +74,7 @@ static void test_defaults(void **state)
     assert_int_equal(config.log_level, LOG_INFO);
     assert_int_equal(config.idle_exit_ms, 0);
     assert_int_equal(config.drain_ms, 20000);
+    assert_int_equal(config.service.slow_ms, 10000);
     assert_int_equal(config.max_connections, 1024);
     assert_int_equal(config.service.cache, service_options_default().cache);
 }
@@ -85,7 +86,7 @@ static void test_command_line(void **state)
     (void)state;
     assert_int_equal(parse(&config, &error, "--socket", "/tmp/s", "--workers=3", "--memory", "2G", "--cache-size",
                            "64M", "--idle-exit", "1.5", "--drain-timeout", "0", "--max-connections", "7", "--log-level",
-                           "debug", NULL),
+                           "debug", "--slow-build", "0.25", NULL),
                      BVHD_OK);
     assert_string_equal(config.socket, "/tmp/s");
     assert_true(config.socket_given);
@@ -96,6 +97,9 @@ static void test_command_line(void **state)
     assert_int_equal(config.drain_ms, 0);
     assert_int_equal(config.max_connections, 7);
     assert_int_equal(config.log_level, LOG_DEBUG);
+    assert_int_equal(config.service.slow_ms, 250);
+    assert_int_equal(parse(&config, &error, "--slow-build", "0", NULL), BVHD_OK);
+    assert_int_equal(config.service.slow_ms, 0);
     assert_int_equal(parse(&config, &error, "--cache-size", "0", NULL), BVHD_OK);
     assert_int_equal(config.service.cache, 0);
     assert_string_equal(config.cache, "");
@@ -134,6 +138,7 @@ static void test_usage(void **state)
     REFUSED(BVHD_INVALID, "--idle-exit", "--idle-exit", "1e9");
     REFUSED(BVHD_INVALID, "--drain-timeout", "--drain-timeout", "2000000");
     REFUSED(BVHD_INVALID, "--drain-timeout", "--drain-timeout", "1.2.3");
+    REFUSED(BVHD_INVALID, "--slow-build", "--slow-build", "never");
     REFUSED(BVHD_INVALID, "--max-connections", "--max-connections", "0");
     REFUSED(BVHD_INVALID, "--log-level", "--log-level", "loud");
     REFUSED(BVHD_INVALID, "--socket", "--socket", "");
