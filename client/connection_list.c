@@ -17,7 +17,7 @@ static struct bvhd_connection row_of(const struct control_client *client)
         .connected_ms = client->connected_ms,
         .busy_ms = client->busy_ms,
         .memory_bytes = client->memory_bytes,
-        .unread_bytes = client->unread_bytes,
+        .result_bytes = client->result_bytes,
         .pool_bytes = client->pool_bytes,
         .requests = client->requests,
         .items = client->items,

@@ -48,8 +48,7 @@ static const struct config_option option_rows[] = {
      "clients at once (default: 1024), of one user at most\nthree quarters of them"},
     {"idle-exit", "SECONDS", KIND_IDLE, "exit after that time without clients (default: 0, never)"},
     {"drain-timeout", "SECONDS", KIND_DRAIN, "time to finish what is under way after SIGTERM\n(default: 20)"},
-    {"slow-build", "SECONDS", KIND_SLOW,
-     "log structures that take as long, with the reason\n(default: 10; 0: none)"},
+    {"slow-build", "SECONDS", KIND_SLOW, "log structures that take as long, with the reason\n(default: 10; 0: none)"},
     {"log-level", "LEVEL", KIND_LEVEL, "error, warning, info (default) or debug"},
     {"config", "FILE", KIND_CONFIG,
      "read lines of the form \"name = value\", with the names above;\nlines that begin with # are comments; the "

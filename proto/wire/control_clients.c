@@ -14,7 +14,7 @@ struct client_row {
     uint32_t uid;
     int32_t pid;
     uint64_t connected_ms, busy_ms;
-    uint64_t memory_bytes, unread_bytes, pool_bytes;
+    uint64_t memory_bytes, result_bytes, pool_bytes;
     uint32_t requests, items, waiting, threads, descriptors;
     uint32_t reserved;
     char software[CONTROL_NAME_SIZE]; /* ends in NUL */
@@ -51,7 +51,7 @@ static struct client_row client_to_row(const struct control_client *client)
         .connected_ms = client->connected_ms,
         .busy_ms = client->busy_ms,
         .memory_bytes = client->memory_bytes,
-        .unread_bytes = client->unread_bytes,
+        .result_bytes = client->result_bytes,
         .pool_bytes = client->pool_bytes,
         .requests = client->requests,
         .items = client->items,
@@ -72,7 +72,7 @@ static struct control_client row_to_client(struct client_row *row)
         .connected_ms = row->connected_ms,
         .busy_ms = row->busy_ms,
         .memory_bytes = row->memory_bytes,
-        .unread_bytes = row->unread_bytes,
+        .result_bytes = row->result_bytes,
         .pool_bytes = row->pool_bytes,
         .requests = row->requests,
         .items = row->items,

@@ -69,7 +69,7 @@ static void print_row(const struct bvhd_connection *row)
     printf("%8llu  %-10.10s %8d %7s %5u %6u %6u %4u %8s %7s %7s %7s %5u  %s\n", (unsigned long long)row->number,
            user_cell(row->uid).text, (int)row->pid, time_cell(row->connected_ms).text, row->requests, row->items,
            row->waiting, row->threads, time_cell(row->busy_ms).text, bytes_cell(row->memory_bytes).text,
-           bytes_cell(row->unread_bytes).text, bytes_cell(row->pool_bytes).text, row->descriptors,
+           bytes_cell(row->result_bytes).text, bytes_cell(row->pool_bytes).text, row->descriptors,
            text_cell(row->software).text);
 }
 
@@ -78,8 +78,8 @@ static int compare(const void *a, const void *b)
 {
     const struct bvhd_connection *left = *(const struct bvhd_connection *const *)a;
     const struct bvhd_connection *right = *(const struct bvhd_connection *const *)b;
-    const uint64_t lefts[] = {left->threads, left->items, left->memory_bytes + left->unread_bytes, left->number};
-    const uint64_t rights[] = {right->threads, right->items, right->memory_bytes + right->unread_bytes, right->number};
+    const uint64_t lefts[] = {left->threads, left->items, left->memory_bytes + left->result_bytes, left->number};
+    const uint64_t rights[] = {right->threads, right->items, right->memory_bytes + right->result_bytes, right->number};
     for (size_t i = 0; i < sizeof lefts / sizeof *lefts; i++)
         if (lefts[i] != rights[i])
             return lefts[i] > rights[i] ? -1 : 1;
@@ -101,7 +101,7 @@ void connections_view_print(const struct bvhd_connections *connections, uint32_t
     uint32_t count = bvhd_connections_count(connections);
     count = count < MOST_ROWS ? count : MOST_ROWS;
     printf("%8s  %-10s %8s %7s %5s %6s %6s %4s %8s %7s %7s %7s %5s  %s\n", "CLIENT", "USER", "PID", "AGE", "REQS",
-           "ITEMS", "WAIT", "THR", "TIME", "MEMORY", "UNREAD", "POOL", "FDS", "SOFTWARE");
+           "ITEMS", "WAIT", "THR", "TIME", "MEMORY", "RESULTS", "POOL", "FDS", "SOFTWARE");
     for (uint32_t i = 0; i < count; i++)
         rows[i] = bvhd_connections_get(connections, i);
     qsort(rows, count, sizeof *rows, compare);
@@ -120,7 +120,7 @@ static void write_row(const struct bvhd_connection *row, struct json *json)
     json_integer(json, "connected_ms", row->connected_ms);
     json_integer(json, "busy_ms", row->busy_ms);
     json_integer(json, "memory_bytes", row->memory_bytes);
-    json_integer(json, "unread_bytes", row->unread_bytes);
+    json_integer(json, "result_bytes", row->result_bytes);
     json_integer(json, "pool_bytes", row->pool_bytes);
     json_integer(json, "requests", row->requests);
     json_integer(json, "items", row->items);

@@ -500,8 +500,8 @@ struct bvhd_connection {
     int32_t pid; /* of that process, which may have passed the connection on */
     uint64_t connected_ms; /* since it has connected */
     uint64_t busy_ms; /* that threads have worked for it, in sum */
-    uint64_t memory_bytes; /* that are promised to its structures under way */
-    uint64_t unread_bytes; /* of results that it has not read */
+    uint64_t memory_bytes; /* for its structures under way, as promised */
+    uint64_t result_bytes; /* of results that it has not read, or still holds */
     uint64_t pool_bytes; /* of the memory that it shares with the daemon */
     uint32_t requests, items; /* under way: requests, and structures in them */
     uint32_t waiting; /* of its structures, and of the builds for them: they wait for memory */

@@ -50,7 +50,7 @@ class Connection(c.Structure):
         ("connected_ms", c.c_uint64),
         ("busy_ms", c.c_uint64),
         ("memory_bytes", c.c_uint64),
-        ("unread_bytes", c.c_uint64),
+        ("result_bytes", c.c_uint64),
         ("pool_bytes", c.c_uint64),
         ("requests", c.c_uint32),
         ("items", c.c_uint32),

@@ -128,14 +128,14 @@ static void rows_say_what_a_client_holds(void **state)
         world_open(gates[i]);
     uint64_t size = world_await_result(busy, 7, 0)->result->size;
     row = &list(owner, 2)->clients[0];
-    assert_int_equal(row->unread_bytes, size);
+    assert_int_equal(row->result_bytes, size);
     assert_int_equal(row->memory_bytes, 0);
     assert_int_equal(row->requests, 0);
     assert_int_equal(row->items, 1); /* until its result has left */
     busy->hold = false;
     world_settle(&world);
     row = &list(owner, 3)->clients[0];
-    assert_int_equal(row->unread_bytes + row->items, 0);
+    assert_int_equal(row->result_bytes + row->items, 0);
     world_mesh_finish(&mesh);
 }
 

@@ -127,7 +127,7 @@ static void clients_come_back(void **state)
         const struct control_client *a = &list->clients[i], *b = &all.client_rows[i];
         assert_true(a->connection == b->connection && a->uid == b->uid && a->pid == b->pid);
         assert_true(a->connected_ms == b->connected_ms && a->busy_ms == b->busy_ms);
-        assert_true(a->memory_bytes == b->memory_bytes && a->unread_bytes == b->unread_bytes);
+        assert_true(a->memory_bytes == b->memory_bytes && a->result_bytes == b->result_bytes);
         assert_true(a->pool_bytes == b->pool_bytes && a->requests == b->requests && a->items == b->items);
         assert_true(a->waiting == b->waiting && a->threads == b->threads && a->descriptors == b->descriptors);
         assert_string_equal(a->software, b->software);
