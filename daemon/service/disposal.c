@@ -5,7 +5,7 @@ struct disposal {
     struct pool_job job;
     struct disposals *disposals;
     struct preparation *preparation;
-    uint64_t promised;
+    uint64_t promised, promised_build;
     enum admission_class class;
 };
 
@@ -25,6 +25,7 @@ static void copy_is_freed(struct pool_job *job)
     struct disposals *disposals = disposal->disposals;
     disposals->running--;
     admission_end(&disposals->admission->prepares[disposal->class], disposal->promised);
+    admission_expect_end(disposals->admission, disposal->class, disposal->promised_build);
     memory_free(disposals->memory, disposal);
 }
 
@@ -37,6 +38,7 @@ void disposals_add(struct disposals *disposals, struct preparation *preparation)
         disposal = memory_alloc(disposals->memory, sizeof *disposal);
     if (!disposal) {
         admission_end(&disposals->admission->prepares[preparation->class], preparation->promised);
+        admission_expect_end(disposals->admission, preparation->class, preparation->promised_build);
         preparation_destroy(preparation);
         return;
     }
@@ -44,6 +46,7 @@ void disposals_add(struct disposals *disposals, struct preparation *preparation)
                                   .disposals = disposals,
                                   .preparation = preparation,
                                   .promised = preparation->promised,
+                                  .promised_build = preparation->promised_build,
                                   .class = preparation->class};
     disposals->running++;
     pool_submit(disposals->pool, &disposal->job);

@@ -22,9 +22,11 @@ struct flight {
     struct key key;
     struct preparation *preparation; /* what is built */
     struct list waiters; /* empty while ABANDONED */
-    struct memory_waiter memory; /* waits while WAITING; its claim is exclusive when the build is tried again */
-    uint64_t started; /* the value of flights->started after the build started */
-    bool accompanied; /* other builds ran when it started */
+    struct flight_waiter *turn; /* the waiter in whose client's turn it goes on: one whose turn is earliest */
+    struct memory_waiter memory; /* waits while WAITING; its class is ADMISSION_ALONE when the build is tried again */
+    uint64_t admitted; /* admission_given when the build started */
+    bool had_company; /* other builds ran, or copies of others existed, when it started */
+    uint32_t attempts; /* builds that have run short of memory */
     uint64_t queued_ns; /* when it began to wait for memory */
     struct flight_times times;
     struct pool_job job;
@@ -48,7 +50,6 @@ enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct adm
     flights->mask = size - 1;
     memory_queue_init(&flights->waiting, admission, ADMISSION_BUILD);
     flights->running = 0;
-    flights->started = 0;
     return BVHD_OK;
 }
 
@@ -88,20 +89,28 @@ static void leave_table(struct flight *flight)
 
 uint64_t flights_build_bytes(const struct preparation *preparation)
 {
-    /*
-     * Peak bytes per primitive, without its vertices, for as many threads as there are pieces, so that all pieces are
-     * built at once. A ref and its scratch take 64 bytes. The trees take up to 177 beside them: clusters
-     * (cluster_tree.h) do so when ploc.h gives up at once and binned.h takes over. Quality high has 1.4 refs per
-     * primitive, each of which takes 180 more during reinsertion. Top levels are never split.
-     */
-    enum { CLUSTERS = 248, HIGH = 344, VERTEX = 12, FIXED = 16 * 1024 };
     const struct canonical *canonical = &preparation->canonical;
-    const uint64_t each = preparation->options.quality == QUALITY_HIGH ? HIGH : CLUSTERS;
-    return canonical->primitive_count * each + (uint64_t)canonical->vertex_count * VERTEX + FIXED;
+    return preparation_build_bytes(canonical->primitive_count, canonical->vertex_count,
+                                   preparation->options.quality == QUALITY_HIGH);
+}
+
+static struct admission *admission_of(const struct flight *flight)
+{
+    return flight->flights->waiting.admission;
+}
+
+/* Called when the build begins to wait until it is alone, and when that is over. */
+static void count_alone(struct flight *flight, int by)
+{
+    struct admission *admission = admission_of(flight);
+    admission->alone += (uint32_t)by;
+    admission->alone_copies += flight->preparation->class == ADMISSION_LARGE ? (uint32_t)by : 0;
 }
 
 static void flight_destroy(struct flight *flight)
 {
+    if (flight->memory.claim.class == ADMISSION_ALONE)
+        count_alone(flight, -1);
     disposals_add(flight->flights->disposals, flight->preparation);
     blob_unref(flight->blob);
     memory_free(flight->flights->memory, flight);
@@ -113,20 +122,76 @@ static struct flight_waiter *first_waiter(const struct flight *flight)
     return container_of(flight->waiters.first, struct flight_waiter, link);
 }
 
-/* Queues the flight on behalf of its first waiter. */
+/* Queues the flight in the turn of one of its waiters. */
 static void wait_for_memory(struct flight *flight)
 {
-    struct flight_waiter *first = first_waiter(flight);
     flight->state = FLIGHT_WAITING;
-    flight->memory.priority = first->priority;
-    memory_queue_add(&flight->flights->waiting, &first->client->building, &flight->memory);
+    flight->memory.priority = flight->turn->priority;
+    memory_queue_add(&flight->flights->waiting, &flight->turn->client->building, &flight->memory);
+}
+
+/* The priority of its jobs in the pool. */
+static int job_priority(const struct flight_waiter *waiter)
+{
+    return 2 * waiter->priority + 1;
+}
+
+static bool waits_less(const struct flight *flight, const struct flight_waiter *waiter)
+{
+    const struct flight_waiter *turn = flight->turn;
+    if (waiter->client == turn->client)
+        return waiter->priority > turn->priority;
+    return memory_queue_is_earlier(&flight->flights->waiting, flight->memory.claim.class, &waiter->client->building,
+                                   &turn->client->building);
+}
+
+static void wait_in_turn_of(struct flight *flight, struct flight_waiter *waiter)
+{
+    memory_queue_remove(&flight->flights->waiting, &flight->memory);
+    flight->turn = waiter;
+    wait_for_memory(flight);
+}
+
+/* The flight goes on in this waiter's turn if that is earlier than its own so far. */
+static void favour(struct flight *flight, struct flight_waiter *waiter)
+{
+    struct pool_flow *flow = waiter->client->flow;
+    if (flight->state == FLIGHT_WAITING && waits_less(flight, waiter))
+        wait_in_turn_of(flight, waiter);
+    if (flight->state == FLIGHT_WAITING)
+        return;
+    pool_favour(flight->flights->pool, &flight->job, flow, job_priority(waiter));
+    if (flight->job.flow == flow)
+        flight->turn = waiter;
+}
+
+/* Finds the earliest turn among the first of the waiters: there may be thousands. */
+static void find_turn(struct flight *flight)
+{
+    enum { LOOKED_AT = 64 };
+    struct list_link *link = flight->waiters.first;
+    for (int i = 0; i < LOOKED_AT && link; i++, link = link->next)
+        if (link != &flight->turn->link)
+            favour(flight, container_of(link, struct flight_waiter, link));
+}
+
+/* The waiter in whose turn it went on has left. */
+static void change_turn(struct flight *flight)
+{
+    flight->turn = first_waiter(flight);
+    if (flight->state == FLIGHT_WAITING)
+        wait_in_turn_of(flight, flight->turn);
+    else
+        pool_move(flight->flights->pool, &flight->job, flight->turn->client->flow, job_priority(flight->turn));
+    find_turn(flight);
 }
 
 /* Goes on to the build of its preparation. */
 static void prepare_to_build(struct flight *flight)
 {
     const struct preparation *preparation = flight->preparation;
-    flight->memory.claim = (struct admission_claim){flights_build_bytes(preparation), preparation->class, false};
+    flight->memory.claim =
+        (struct admission_claim){.bytes = flights_build_bytes(preparation), .class = preparation->class};
     flight->queued_ns = clock_ns();
     wait_for_memory(flight);
 }
@@ -140,6 +205,10 @@ static void add_waiter(struct flight *flight, struct preparation *preparation, s
     else
         disposals_add(flight->flights->disposals, preparation);
     list_append(&flight->waiters, &waiter->link);
+    if (flight->turn)
+        favour(flight, waiter);
+    else
+        flight->turn = waiter;
 }
 
 void flight_join(struct flight *flight, struct preparation *preparation, struct flight_waiter *waiter)
@@ -171,19 +240,24 @@ void flight_leave(struct flights *flights, struct flight_waiter *waiter)
     struct flight *flight = waiter->flight;
     if (!flight)
         return;
-    bool was_first = first_waiter(flight) == waiter;
+    bool had_the_turn = flight->turn == waiter;
     remove_waiter(flight, waiter);
-    if (was_first)
+    if (had_the_turn)
         memory_queue_remove(&flights->waiting, &flight->memory);
     if (!flight->waiters.first)
         abandon(flight);
-    else if (was_first && flight->state == FLIGHT_WAITING)
-        wait_for_memory(flight);
+    else if (had_the_turn)
+        change_turn(flight);
 }
 
-static struct admission *admission_of(const struct flight *flight)
+struct pool_flow *flight_flow(const struct flight_waiter *waiter)
 {
-    return flight->flights->waiting.admission;
+    return waiter->flight->job.flow ? waiter->flight->job.flow : waiter->flight->turn->client->flow;
+}
+
+int flight_priority(const struct flight_waiter *waiter)
+{
+    return waiter->flight->turn->priority;
 }
 
 /* Runs on any worker. Calls may overtake each other, so a number that is less than the last one is old. */
@@ -308,16 +382,32 @@ static void end_promise(struct flight *flight)
 {
     const struct admission_claim *claim = &flight->memory.claim;
     struct admission *admission = admission_of(flight);
-    if (claim->class == ADMISSION_LARGE)
-        admission->exclusive = false;
     admission_end(&admission->builds[claim->class], claim->bytes);
 }
 
-/* True after a shortage that other builds may have caused. */
+/*
+ * True after a shortage that other builds, or copies of others, may have caused. Builds that are tried again wait for
+ * each other, but their copies stay; so that all of them come to an end, none is tried more often than MOST_ATTEMPTS.
+ */
 static bool may_be_retried(const struct flight *flight)
 {
-    bool alone = !flight->accompanied && flight->started == flight->flights->started;
-    return is_shortage(flight->status) && flight->state == FLIGHT_BUILDING && !alone && !flight->memory.claim.exclusive;
+    enum { MOST_ATTEMPTS = 4 };
+    const struct admission *admission = admission_of(flight);
+    bool was_alone = flight->memory.claim.class == ADMISSION_ALONE
+                         ? admission->alone_copies <= 1
+                         : !flight->had_company && flight->admitted == admission_given(admission);
+    return is_shortage(flight->status) && flight->state == FLIGHT_BUILDING && !was_alone &&
+           flight->attempts < MOST_ATTEMPTS;
+}
+
+static void try_again_alone(struct flight *flight)
+{
+    if (flight->memory.claim.class != ADMISSION_ALONE)
+        count_alone(flight, 1);
+    flight->memory.claim.class = ADMISSION_ALONE;
+    flight->attempts++;
+    flight->flights->counters->builds_retried++;
+    wait_for_memory(flight);
 }
 
 static void build_done(struct pool_job *job)
@@ -332,12 +422,9 @@ static void build_done(struct pool_job *job)
     flights->running--;
     end_promise(flight);
     if (may_be_retried(flight)) {
-        flight->memory.claim.class = ADMISSION_LARGE;
-        flight->memory.claim.exclusive = true;
-        flights->counters->builds_retried++;
         times->repeated_ms = ms;
         flight->queued_ns = clock_ns();
-        wait_for_memory(flight);
+        try_again_alone(flight);
         return;
     }
     times->build_ms = ms;
@@ -361,24 +448,22 @@ static void start_build(struct memory_waiter *waiter)
 {
     struct flight *flight = flight_of_memory(waiter);
     struct flights *flights = flight->flights;
-    struct flight_waiter *first = first_waiter(flight);
-    struct admission *admission = admission_of(flight);
+    const struct admission *admission = admission_of(flight);
     flight->times.memory_ms += (double)(clock_ns() - flight->queued_ns) * 1e-6;
-    /* One of the promises is its own. */
-    flight->accompanied = admission->builds[ADMISSION_SMALL].count + admission->builds[ADMISSION_LARGE].count > 1;
-    flight->started = ++flights->started;
-    admission->exclusive = admission->exclusive || waiter->claim.exclusive;
+    flight->had_company = admission_has_company(admission, flight->preparation->class == ADMISSION_LARGE);
+    flight->admitted = admission_given(admission);
     flight->state = FLIGHT_BUILDING;
     flight->job = (struct pool_job){
         .run = build_run,
         .done = build_done,
-        .flow = first->client->flow,
+        .flow = flight->turn->client->flow,
         .size = flight->preparation->canonical.primitive_count,
-        .priority = 2 * first->priority + 1,
+        .priority = job_priority(flight->turn),
     };
     flights->running++;
     flights->counters->builds_started++;
     pool_submit(flights->pool, &flight->job);
+    find_turn(flight);
 }
 
 /* ---- the start ---- */

@@ -4,8 +4,9 @@
  *
  * A flight waits for memory, then for threads; it is then built, and completes: its blob goes to the cache and to every
  * waiter. Waiters may join at any time before the completion, and leave at any time. When the last one leaves, the
- * build is told to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A build that
- * ran short of memory while other builds were running is tried once more, alone. For the loop thread only.
+ * build is told to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A flight goes
+ * on in the turn of the client that is served earliest among those that wait for it. A build that ran short of memory
+ * beside others is tried again, alone (admission.h). For the loop thread only.
  */
 #ifndef BVHD_FLIGHT_H
 #define BVHD_FLIGHT_H
@@ -67,7 +68,6 @@ struct flights {
     struct memory_queue waiting; /* for memory */
     uint32_t
         running; /* jobs that are with the pool, including those of abandoned flights, which have no waiters left */
-    uint64_t started; /* builds so far */
 };
 
 /* Creates the table. `most` is roughly how many flights there may be at once. Fails with BVHD_NO_MEMORY only. */
@@ -104,6 +104,10 @@ void flight_leave(struct flights *flights, struct flight_waiter *waiter);
  * none.
  */
 uint32_t flight_thousandths(const struct flight_waiter *waiter);
+
+/* For tests: where the flight of a waiter is in the order of builds. The waiter must wait for one. */
+struct pool_flow *flight_flow(const struct flight_waiter *waiter);
+int flight_priority(const struct flight_waiter *waiter);
 
 /* Gives waiting flights to the pool as memory allows. */
 void flights_pump(struct flights *flights);

@@ -43,7 +43,10 @@ bool memory_queue_is_earlier(const struct memory_queue *queue, enum admission_cl
 
 uint32_t memory_queue_count(const struct memory_queue *queue)
 {
-    return queue->waiting[ADMISSION_SMALL].count + queue->waiting[ADMISSION_LARGE].count;
+    uint32_t count = 0;
+    for (int class = 0; class < ADMISSION_CLASSES; class ++)
+        count += queue->waiting[class].count;
+    return count;
 }
 
 static struct memory_waiter *waiter_of(struct fair_entry *entry)
@@ -68,6 +71,6 @@ static void start_class(struct memory_queue *queue, enum admission_class class)
 
 void memory_queue_start(struct memory_queue *queue)
 {
-    start_class(queue, ADMISSION_SMALL);
-    start_class(queue, ADMISSION_LARGE);
+    for (int class = 0; class < ADMISSION_CLASSES; class ++)
+        start_class(queue, (enum admission_class) class);
 }

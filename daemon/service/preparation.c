@@ -86,6 +86,42 @@ uint64_t preparation_guess(const struct control_item *item)
     return sum(sum(copy, least(copy, MOVED_BYTES)), sum(2 * rows, FIXED_BYTES));
 }
 
+/*
+ * Triangles with shared vertices and 16-bit indices have about 12 bytes each, and take some 250 while they are built;
+ * most payloads are larger. Instance records have 64 bytes.
+ */
+uint64_t preparation_guess_build(const struct control_item *item)
+{
+    enum { GEOMETRY_RATIO = 16, INSTANCE_RATIO = 4 };
+    return product(item->payload_size, item->type == STRUCTURE_TOP ? INSTANCE_RATIO : GEOMETRY_RATIO);
+}
+
+uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertices, bool high)
+{
+    /*
+     * Peak bytes per primitive, without its vertices, for as many threads as there are pieces, so that all pieces are
+     * built at once. A ref and its scratch take 64 bytes. The trees take up to 177 beside them: clusters
+     * (cluster_tree.h) do so when ploc.h gives up at once and binned.h takes over. Quality high has 1.4 refs per
+     * primitive, each of which takes 180 more during reinsertion. Top levels are never split.
+     */
+    enum { CLUSTERS = 248, HIGH = 344, VERTEX = 12, FIXED = 16 * 1024 };
+    return sum(sum(product(primitives, high ? HIGH : CLUSTERS), product(vertices, VERTEX)), FIXED);
+}
+
+/* Bounds what the build of an input takes, whatever its quality turns out to be. */
+static uint64_t build_bound(const struct build_input *input)
+{
+    enum build_quality quality = input->options.quality;
+    uint64_t primitives = 0, vertices = 0;
+    for (uint32_t i = 0; i < input->geometry_count; i++) {
+        const struct geometry *geometry = &input->geometries[i];
+        primitives = sum(primitives, geometry->range.primitive_count);
+        if (geometry->type == GEOMETRY_TRIANGLES)
+            vertices = sum(vertices, vertices_bound(geometry));
+    }
+    return preparation_build_bytes(primitives, vertices, quality != QUALITY_FAST && quality != QUALITY_BALANCED);
+}
+
 struct preparation *preparation_create(const struct control_item *item, uint32_t index,
                                        const struct preparation_source *source, struct memory *memory)
 {
@@ -199,6 +235,12 @@ static struct build_input describe(const struct preparation *preparation)
     };
 }
 
+static bool exceeds_promise(const struct preparation *preparation, uint64_t bytes, uint64_t build)
+{
+    return bytes > preparation->promised ||
+           (preparation->class == ADMISSION_LARGE && build > preparation->promised_build);
+}
+
 static enum bvhd_status run(struct preparation *preparation, const struct build_context *context)
 {
     const struct control_item *asked = &preparation->asked;
@@ -214,9 +256,11 @@ static enum bvhd_status run(struct preparation *preparation, const struct build_
     status =
         validate_input_until(&input, preparation->index, preparation->limits, context->cancel, &preparation->error);
     uint64_t bound = status == BVHD_OK ? preparation_bound(&input) : 0;
-    if (bound > preparation->promised)
-        preparation->needed = bound;
-    else if (status == BVHD_OK)
+    uint64_t build = status == BVHD_OK ? build_bound(&input) : 0;
+    if (exceeds_promise(preparation, bound, build)) {
+        preparation->needed = bound > preparation->promised ? bound : preparation->promised;
+        preparation->needed_build = build;
+    } else if (status == BVHD_OK)
         status = prepare_input(preparation, &input, context);
     rows_finish(&input, context->memory);
     return status;

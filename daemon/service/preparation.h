@@ -40,11 +40,13 @@ struct preparation {
     struct preparation_batch batch;
     const struct limits *limits;
     uint64_t promised; /* bytes */
+    uint64_t promised_build; /* bytes for the build that follows; only large preparations need that promise */
     enum admission_class class; /* of the promise */
     /* out */
     enum bvhd_status status;
     struct bvhd_error error;
-    uint64_t needed; /* 0, or more bytes than `promised`: then nothing else was done */
+    /* 0, or bytes of which more than was promised are needed, here or for the build: then nothing else was done */
+    uint64_t needed, needed_build;
     struct canonical canonical; /* its arrays are from `memory` */
     struct build_options options; /* as asked for; after success, with the quality that will be built */
     struct key key;
@@ -52,8 +54,12 @@ struct preparation {
     struct memory *within; /* the account that the struct itself is from */
 };
 
-/* The bytes to promise at first. */
+/* The bytes to promise at first, for the preparation and for the build that follows it. */
 uint64_t preparation_guess(const struct control_item *item);
+uint64_t preparation_guess_build(const struct control_item *item);
+
+/* Estimates the most bytes that a build takes at a time, without its canonical copy. */
+uint64_t preparation_build_bytes(uint64_t primitives, uint64_t vertices, bool high);
 
 /* Takes the refs of `source`, also when it fails; returns NULL without memory. */
 struct preparation *preparation_create(const struct control_item *item, uint32_t index,

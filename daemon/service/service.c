@@ -69,7 +69,8 @@ static void init_accounts(struct service *service)
     memory_init(&service->unlimited, UINT64_MAX);
     descriptors_init(&service->descriptors);
     blob_account_init(&service->account, &service->unlimited, &service->descriptors);
-    service->admission = (struct admission){.limit = options->memory, .memory = {&service->memory, &service->large}};
+    service->admission =
+        (struct admission){.limit = options->memory, .memory = {&service->memory, &service->large, &service->large}};
     memory_queue_init(&service->preparing, &service->admission, ADMISSION_PREPARE);
     service->started_ns = clock_ns();
 }

@@ -35,7 +35,9 @@ static void claim_more(struct item *item)
     struct preparation *preparation = item->preparation;
     struct bvhd_error error;
     admission_end(&item_service(item)->admission.prepares[preparation->class], preparation->promised);
+    admission_expect_end(&item_service(item)->admission, preparation->class, preparation->promised_build);
     item->memory.claim.bytes = preparation->needed;
+    item->memory.claim.build = preparation->needed_build;
     if (is_possible(item, &error)) {
         wait_for_memory(item);
         return;
@@ -44,14 +46,21 @@ static void claim_more(struct item *item)
     item_fail(item, &error);
 }
 
-/* Reduces the promise to what the canonical copy holds. */
+/* Reduces the promises to what the canonical copy holds, and to what its build will take. */
 static void trim_promise(struct item *item)
 {
     struct preparation *preparation = item->preparation;
+    struct admission *admission = &item_service(item)->admission;
+    uint64_t build = preparation->status == BVHD_OK ? flights_build_bytes(preparation) : 0;
+    if (build < preparation->promised_build) {
+        admission_expect_end(admission, preparation->class, preparation->promised_build);
+        admission_expect(admission, preparation->class, build);
+        preparation->promised_build = build;
+    }
     uint64_t held = atomic_load_explicit(&preparation->memory.live, memory_order_relaxed) + sizeof *preparation;
     if (held >= preparation->promised)
         return;
-    admission_shrink(&item_service(item)->admission.prepares[preparation->class], preparation->promised - held);
+    admission_shrink(&admission->prepares[preparation->class], preparation->promised - held);
     preparation->promised = held;
 }
 
@@ -167,6 +176,8 @@ static void start_preparing(struct memory_waiter *waiter)
     }
     item->preparation->promised = waiter->claim.bytes;
     item->preparation->class = waiter->claim.class;
+    item->preparation->promised_build = waiter->claim.build;
+    admission_expect(&item_service(item)->admission, waiter->claim.class, waiter->claim.build);
     preparation_account(item->preparation, item_service(item)->admission.memory[waiter->claim.class]);
     item_enter(item, ITEM_PREPARING);
     submit_prepare(item);
@@ -177,6 +188,7 @@ void item_start(struct item *item)
     struct bvhd_error error;
     item->memory.start = start_preparing;
     item->memory.claim.bytes = preparation_guess(&item->asked);
+    item->memory.claim.build = preparation_guess_build(&item->asked);
     item->memory.priority = item->request->priority;
     if (is_possible(item, &error))
         wait_for_memory(item);

@@ -9,7 +9,10 @@
 
 static uint32_t waiting_in(const struct memory_lanes *lanes)
 {
-    return lanes->lanes[ADMISSION_SMALL].count + lanes->lanes[ADMISSION_LARGE].count;
+    uint32_t count = 0;
+    for (int class = 0; class < ADMISSION_CLASSES; class ++)
+        count += lanes->lanes[class].count;
+    return count;
 }
 
 static uint32_t descriptors_of(const struct session *session)

@@ -29,16 +29,14 @@ static void builds_stop(void)
 {
     struct admission *admission = &world.service->admission;
     admission_give(&admission->builds[ADMISSION_SMALL], admission->limit);
-    admission_give(&admission->builds[ADMISSION_LARGE], 0);
-    admission->exclusive = true;
+    admission_give(&admission->builds[ADMISSION_ALONE], 0); /* no large one starts beside it */
 }
 
 static void builds_go(void)
 {
     struct admission *admission = &world.service->admission;
     admission_end(&admission->builds[ADMISSION_SMALL], admission->limit);
-    admission_end(&admission->builds[ADMISSION_LARGE], 0);
-    admission->exclusive = false;
+    admission_end(&admission->builds[ADMISSION_ALONE], 0);
 }
 
 static bool is_idle(void *context)
@@ -391,6 +389,132 @@ static void test_a_shortage_alone_is_an_error_and_not_kept(void **state)
     world_mesh_finish(&large);
 }
 
+/*
+ * Each of these builds fits, but not beside the copies of the others that half of the budget has room for. What is
+ * admitted can be built, so all of them end, and none is begun in vain.
+ */
+static void test_what_is_admitted_can_be_built(void **state)
+{
+    (void)state;
+    enum { CLIENTS = 4, EACH = 2 };
+    struct service_options options = world_options();
+    struct world_mesh meshes[CLIENTS * EACH];
+    struct world_client *clients[CLIENTS];
+    world_finish(&world);
+    options.memory = 16 << 20;
+    world_init(&world, &options);
+    for (uint32_t i = 0; i < CLIENTS * EACH; i++) {
+        world_mesh_init(&meshes[i], 48000, i); /* with its copy it takes 10.7 MiB of 12, and the copy 2.3 */
+        if (i < CLIENTS)
+            clients[i] = world_join_as(&world, i);
+        ask(clients[i % CLIENTS], i + 1, &meshes[i]);
+    }
+    world_settle(&world);
+    for (uint32_t i = 0; i < CLIENTS * EACH; i++) {
+        assert_int_equal(world_status(clients[i % CLIENTS], i + 1, 0), BVHD_OK);
+        world_mesh_finish(&meshes[i]);
+    }
+    assert_int_equal(world_counters(&world).builds_started, CLIENTS * EACH);
+}
+
+/* A build that ran short of memory waits until no copies are left but its own; meanwhile nothing large is prepared. */
+static void test_a_build_is_tried_again_when_it_is_alone(void **state)
+{
+    (void)state;
+    struct admission *admission = &world.service->admission;
+    struct memory *memory = &world.service->memory;
+    struct world_client *client = world_join(&world), *other = world_join_as(&world, 2);
+    struct world_mesh large, small_copy;
+    world_mesh_init(&large, 20000, 1);
+    world_mesh_init(&small_copy, 20000, 2);
+    builds_stop();
+    ask(client, 1, &large);
+    world_await_state(client, 1, 0, ITEM_JOINED);
+    admission_give(&admission->prepares[ADMISSION_LARGE], 1); /* a copy of somebody else */
+    void *block = memory_alloc(memory, memory->limit - atomic_load(&memory->live) - (1 << 20));
+    assert_non_null(block);
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    builds_go();
+    world_iterate(&world);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    while (world_counters(&world).jobs_running + world_counters(&world).jobs_queued > 0)
+        ;
+    memory_free(memory, block);
+    world_iterate(&world);
+    assert_int_equal(world_counters(&world).builds_retried, 1);
+    assert_int_equal(world_counters(&world).builds_waiting, 1);
+    ask(other, 1, &small_copy);
+    world_iterate(&world);
+    world_await_state(other, 1, 0, ITEM_WAITING);
+    assert_int_equal(world_counters(&world).builds_running, 0);
+    admission_end(&admission->prepares[ADMISSION_LARGE], 1);
+    world_check_bytes(world_await_result(client, 1, 0), &large.input);
+    world_check_bytes(world_await_result(other, 1, 0), &small_copy.input);
+    assert_int_equal(admission->alone + admission->alone_copies, 0);
+    world_mesh_finish(&large);
+    world_mesh_finish(&small_copy);
+}
+
+/* ---- turns ---- */
+
+/* Lets a flight that both wait for go on, and returns the flow in which it does. */
+static struct pool_flow *flow_of_flight(const struct world_client *client, uint64_t request)
+{
+    const struct item *item = &session_find(client->session, request)->items[0];
+    return flight_flow(&item->waiter);
+}
+
+/* A build that many wait for goes on in the turn of whoever is served earliest, not of whoever asked first. */
+static void test_a_shared_build_has_the_earliest_turn(void **state)
+{
+    (void)state;
+    struct world_client *busy = world_join_as(&world, 1), *idle = world_join_as(&world, 2),
+                        *third = world_join_as(&world, 3);
+    struct world_client *all[] = {busy, idle, third};
+    struct world_mesh first;
+    world_mesh_init(&first, 30000, 8);
+    builds_stop();
+    for (int i = 0; i < 3; i++) {
+        world_build_mesh(all[i], 2, &mesh);
+        world_await_state(all[i], 2, 0, ITEM_JOINED);
+    }
+    ask(busy, 1, &first);
+    world_await_state(busy, 1, 0, ITEM_JOINED); /* it has had more of the threads' time than the others */
+    struct world_gate *gates[] = {world_shut(&world), world_shut(&world)};
+    builds_go();
+    world_iterate(&world);
+    assert_ptr_not_equal(flow_of_flight(busy, 2), busy->session->client.member.flow);
+    world_leave(idle); /* while the job is queued */
+    assert_ptr_equal(flow_of_flight(busy, 2), third->session->client.member.flow);
+    assert_int_equal(world_cancel(third, 2, NULL, 0), BVHD_OK);
+    assert_ptr_equal(flow_of_flight(busy, 2), busy->session->client.member.flow);
+    world_open(gates[0]);
+    world_open(gates[1]);
+    world_check_bytes(world_await_result(busy, 2, 0), &mesh.input);
+    world_check_bytes(world_await_result(busy, 1, 0), &first.input);
+    world_mesh_finish(&first);
+}
+
+/* Among requests of one connection the highest priority decides. */
+static void test_a_shared_build_has_the_highest_priority(void **state)
+{
+    (void)state;
+    struct world_client *client = world_join(&world);
+    struct control_item item = world_item(&mesh.input, mesh.size, SOURCE_INLINE, 0);
+    builds_stop();
+    for (int priority = PRIORITY_LOW; priority <= PRIORITY_HIGH; priority++) {
+        uint64_t request = (uint64_t)(priority + 2);
+        struct control_build build = {.priority = priority, .item_count = 1, .items = &item};
+        world_build(client, request, &build, (struct bytes){mesh.payload, mesh.size}, NULL);
+        world_await_state(client, request, 0, ITEM_JOINED);
+        assert_int_equal(flight_priority(&session_find(client->session, 1)->items[0].waiter), priority);
+    }
+    builds_go();
+    world_settle(&world);
+    assert_int_equal(world_counters(&world).builds_started, 1);
+}
+
 /* A small request does not have to wait for all large requests of another client. */
 static void test_waiting_for_memory_is_fair(void **state)
 {
@@ -441,6 +565,10 @@ int main(void)
         TEST(test_builds_do_not_push_each_other_over),
         TEST(test_a_shortage_beside_others_is_tried_again),
         TEST(test_a_shortage_alone_is_an_error_and_not_kept),
+        TEST(test_what_is_admitted_can_be_built),
+        TEST(test_a_build_is_tried_again_when_it_is_alone),
+        TEST(test_a_shared_build_has_the_earliest_turn),
+        TEST(test_a_shared_build_has_the_highest_priority),
         TEST(test_waiting_for_memory_is_fair),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

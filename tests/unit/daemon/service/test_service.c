@@ -99,6 +99,7 @@ static void dispose_of_a_large_copy(struct service *service)
     preparation->promised = preparation->canonical.size = 2 << 20;
     preparation->canonical.owned = memory_alloc(&preparation->memory, preparation->canonical.size);
     admission_give(&service->admission.prepares[ADMISSION_LARGE], preparation->promised);
+    admission_expect(&service->admission, ADMISSION_LARGE, preparation->promised_build);
     disposals_add(&service->disposals, preparation);
     assert_int_equal(service->disposals.running, 1);
 }
