@@ -23,13 +23,12 @@ enum bvhd_status argument_check_size(const void *sized, size_t least, size_t kno
 {
     size_t size;
     memcpy(&size, sized, sizeof size);
-    struct place where = place("%s.struct_size", name);
     if (size < least || size > known + MAX_GROWTH)
-        return bvhd_error_set(error, BVHD_INVALID, where.text,
+        return bvhd_error_set(error, BVHD_INVALID, place("%s.struct_size", name).text,
                               "struct_size is %zu, not sizeof(struct %s), which is %zu", size, type, known);
     for (size_t at = known; at < size; at++)
         if (((const unsigned char *)sized)[at] != 0)
-            return bvhd_error_set(error, BVHD_UNSUPPORTED, where.text,
+            return bvhd_error_set(error, BVHD_UNSUPPORTED, place("%s.struct_size", name).text,
                                   "a field behind byte %zu is set, which version %s of the library does not know",
                                   known, bvhd_version());
     return BVHD_OK;
