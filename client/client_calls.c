@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* client_calls.c - the calls that wait for the daemon itself: connect, ping, counters, connections. */
+/* client_calls.c - the calls that wait for the daemon itself: connect, ping, counters, connections, caches. */
 #include "client/argument.h"
 #include "client/client_link.h"
 #include "client/client_wait.h"
@@ -153,5 +153,28 @@ enum bvhd_status bvhd_client_connections(struct bvhd_client *client, uint32_t fl
         status = bvhd_error_set(ret_error, BVHD_CORRUPT, "connections", "the daemon sent an error that is none");
     if (status == BVHD_OK)
         *ret_connections = call.waiter.connections;
+    return status;
+}
+
+enum bvhd_status bvhd_client_cache(struct bvhd_client *client, enum bvhd_cache_action action, uint64_t bytes,
+                                   int timeout_ms, struct bvhd_cache_state **ret_state, struct bvhd_error *ret_error)
+{
+    const struct control_cache message = {(uint32_t)action, action == BVHD_CACHE_TRIM ? bytes : 0};
+    struct bytes control;
+    enum bvhd_status status = ARGUMENTS_CHECK(ret_error, {client, "client"}, {ret_state, "ret_state"});
+    if (status == BVHD_OK && (uint32_t)action > BVHD_CACHE_CLEAR)
+        status = bvhd_error_set(ret_error, BVHD_INVALID, "action", "%u is no action", (unsigned)action);
+    if (status == BVHD_OK)
+        status = control_pack_cache(&message, &library_memory, &control, ret_error);
+    if (status != BVHD_OK)
+        return status;
+    client_lock(client);
+    struct waiting_call call = {.client = client};
+    status = ask(&call, FRAME_CACHE, control, timeout_ms, ret_error);
+    client_unlock(client);
+    if (status == BVHD_OK && !call.waiter.cache)
+        status = bvhd_error_set(ret_error, BVHD_CORRUPT, "cache", "the daemon sent an error that is none");
+    if (status == BVHD_OK)
+        *ret_state = call.waiter.cache;
     return status;
 }

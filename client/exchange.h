@@ -11,6 +11,7 @@
 
 #include <bvhd/bvhd.h>
 
+#include "client/cache_state.h"
 #include "client/connection_list.h"
 #include "client/counter_list.h"
 #include "proto/wire/frame.h"
@@ -24,12 +25,13 @@ struct exchange_entry {
     struct held held;
 };
 
-/* A thread that waits for PONG, COUNTERS or CLIENT_LIST; on that thread's stack. */
+/* A thread that waits for PONG, COUNTERS, CLIENT_LIST or CACHE_STATE; on that thread's stack. */
 struct exchange_waiter {
     bool done;
     struct bvhd_error error;
-    struct bvhd_counters *counters; /* these two are the thread's, if they came */
+    struct bvhd_counters *counters; /* these three are the thread's, if they came */
     struct bvhd_connections *connections;
+    struct bvhd_cache_state *cache;
 };
 
 /* One frame and its answers. */

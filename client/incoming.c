@@ -348,6 +348,28 @@ static enum bvhd_status take_client_list(const struct incoming_frame *arrival)
     return BVHD_OK;
 }
 
+static enum bvhd_status take_cache_state(const struct incoming_frame *arrival)
+{
+    struct exchange_waiter *waiter = arrival->exchange->waiter;
+    if (arrival->exchange->type != FRAME_CACHE)
+        return violation(arrival, "a state of caches that nobody asked for");
+    struct control_cache_state *message;
+    enum bvhd_status status =
+        control_unpack_cache_state(arrival->frame->control, &library_memory, &message, arrival->error);
+    if (status != BVHD_OK)
+        return status;
+    struct bvhd_cache_state *cache = cache_state_create(message);
+    struct bvhd_error result = {.status = BVHD_OK};
+    if (!cache)
+        bvhd_error_no_memory(&result, "cache", "no memory for its state");
+    if (waiter)
+        waiter->cache = cache;
+    else
+        bvhd_cache_state_destroy(cache);
+    end_call(arrival, &result);
+    return BVHD_OK;
+}
+
 /* Handles frames about the connection itself. */
 static enum bvhd_status take_connection_frame(const struct incoming_frame *arrival)
 {
@@ -391,6 +413,8 @@ static enum bvhd_status take_answer(struct incoming_frame *arrival)
         return take_pong(arrival);
     case FRAME_PROGRESS:
         return take_progress(arrival);
+    case FRAME_CACHE_STATE:
+        return take_cache_state(arrival);
     case FRAME_CLIENT_LIST:
         return take_client_list(arrival);
     default:

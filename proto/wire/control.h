@@ -35,6 +35,7 @@ enum {
     CONTROL_MAX_COUNTERS = 128,
     CONTROL_MAX_CLIENTS = 4096, /* in one CLIENT_LIST */
     CONTROL_NAME_SIZE = 64,
+    CONTROL_PATH_SIZE = 1024,
     CONTROL_HEAP_RATIO = 4,
     CONTROL_HEAP_FIXED = 32 * 1024,
 };
@@ -192,6 +193,22 @@ struct control_client_list {
     struct control_client *clients;
 };
 
+/* FRAME_CACHE: what to do with the caches. TRIM is for the one on disk, CLEAR for both. */
+enum control_cache_action { CACHE_SHOW = 0, CACHE_TRIM = 1, CACHE_CLEAR = 2 };
+
+struct control_cache {
+    uint32_t action; /* CACHE_ */
+    uint64_t bytes; /* TRIM: the most that are left */
+};
+
+/* FRAME_CACHE_STATE: what the caches on disk and in memory hold, after the action. */
+struct control_cache_state {
+    char directory[CONTROL_PATH_SIZE]; /* an absolute path; "": nothing is kept on disk, and the next four are 0 */
+    bool counted; /* the directory has been read; before, `entries` and `bytes` are only what this daemon has written */
+    uint64_t entries, bytes, budget; /* on disk */
+    uint64_t memory_entries, memory_bytes, memory_budget;
+};
+
 /* The control messages of FRAME_DONE, PING, PONG, STATS and GOODBYE are empty; FRAME_ERROR has a struct bvhd_error. */
 
 #define CONTROL_MESSAGE(name, type)                                                                                    \
@@ -211,6 +228,8 @@ CONTROL_MESSAGE(result, struct control_result)
 CONTROL_MESSAGE(error, struct bvhd_error)
 CONTROL_MESSAGE(busy, struct control_busy)
 CONTROL_MESSAGE(counters, struct control_counters)
+CONTROL_MESSAGE(cache, struct control_cache)
+CONTROL_MESSAGE(cache_state, struct control_cache_state)
 CONTROL_MESSAGE(clients, struct control_clients)
 CONTROL_MESSAGE(client_list, struct control_client_list)
 

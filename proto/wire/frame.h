@@ -36,6 +36,7 @@ enum frame_type {
     FRAME_CANCEL = 5, /* cancels items of the request with the same number */
     FRAME_STATS = 6, /* requests the daemon's counters */
     FRAME_PING = 7, /* requests a sign of life */
+    FRAME_CACHE = 9, /* shows, trims or clears the caches */
     FRAME_CLIENTS = 10, /* requests the list of the daemon's clients */
     FRAME_WELCOME = 64, /* answers HELLO; its layout never changes */
     FRAME_DONE = 65, /* answers POOL */
@@ -47,6 +48,7 @@ enum frame_type {
     FRAME_PONG = 71, /* answers PING */
     FRAME_GOODBYE = 72, /* the daemon takes no new requests and finishes those that it has */
     FRAME_PROGRESS = 73, /* how far builds of items are, for clients that have asked for it in HELLO */
+    FRAME_CACHE_STATE = 74, /* answers CACHE */
     FRAME_CLIENT_LIST = 75, /* answers CLIENTS */
 };
 

@@ -140,6 +140,8 @@ void test_service(const bvhd::Client &client)
     auto connections = client.connections(BVHD_CONNECTIONS_ALL).value();
     expect("its own connection", connections.size() > 0 && connections.total() >= connections.size() &&
                                      connections.hidden() == 0 && connections[0].pid == getpid());
+    auto cache = client.cache(BVHD_CACHE_CLEAR).value();
+    expect("nothing on disk", !*cache->directory && cache->memory_budget > 0);
     expect("a descriptor", client.descriptor() >= 0);
     client.dispatch();
 }

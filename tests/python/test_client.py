@@ -350,6 +350,13 @@ class ClientTest(unittest.TestCase):
         (own,) = (row for row in self.client.connections(True, 30) if row["pid"] == os.getpid())
         self.assertEqual(own["uid"], os.getuid())
         self.assertIn("libbvhd", own["software"])
+        kept = self.client.cache(timeout=30)
+        self.assertEqual(kept["directory"], "")
+        self.assertGreater(kept["memory_budget"], 0)
+        self.client.cache(bvhd.CacheAction.CLEAR, timeout=30)
+        with self.assertRaises(bvhd.Error) as raised:
+            self.client.cache(bvhd.CacheAction.TRIM, 0, 30)
+        self.assertEqual(raised.exception.status, bvhd.Status.UNSUPPORTED)
 
     def test_formats(self):
         with self.assertRaises(bvhd.Error) as raised:

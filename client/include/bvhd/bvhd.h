@@ -530,6 +530,34 @@ BVHD_API uint32_t bvhd_connections_total(const struct bvhd_connections *connecti
 BVHD_API uint32_t bvhd_connections_hidden(const struct bvhd_connections *connections);
 BVHD_API void bvhd_connections_destroy(struct bvhd_connections *connections);
 
+/* What bvhd_client_cache does with the results that the service keeps. */
+enum bvhd_cache_action {
+    BVHD_CACHE_SHOW = 0, /* nothing */
+    BVHD_CACHE_TRIM = 1, /* removes the least recently used results on disk, until at most `bytes` are left there */
+    BVHD_CACHE_CLEAR = 2, /* removes all results, on disk and in memory */
+};
+
+/* What the service keeps, on disk and in memory. Later versions of the library may append members. */
+struct bvhd_cache_state {
+    const char *directory; /* of the results on disk, an absolute path; "": there are none, and the next three are 0 */
+    uint64_t entries, bytes, budget; /* results on disk; the bytes of their files, damaged ones included; at most */
+    uint64_t memory_entries, memory_bytes, memory_budget; /* the same in memory */
+    /* 1: the daemon has read the directory; 0: `entries` and `bytes` are only what it has written itself */
+    uint32_t counted;
+};
+
+/*
+ * Trims or clears the service's caches, and waits for that and for their state afterwards. `bytes` is for
+ * BVHD_CACHE_TRIM. Fails as bvhd_client_counters does, and with BVHD_UNSUPPORTED when the daemon keeps nothing on disk
+ * that could be trimmed, when it is of a version without this request, and when the caller is neither root nor the user
+ * who runs the daemon: only these may trim and clear. BVHD_INVALID is for an action that does not exist. The caller
+ * destroys the state with bvhd_cache_state_destroy, which allows NULL.
+ */
+BVHD_API enum bvhd_status bvhd_client_cache(struct bvhd_client *client, enum bvhd_cache_action action, uint64_t bytes,
+                                            int timeout_ms, struct bvhd_cache_state **ret_state,
+                                            struct bvhd_error *ret_error);
+BVHD_API void bvhd_cache_state_destroy(struct bvhd_cache_state *state);
+
 #ifdef __cplusplus
 }
 #endif

@@ -356,6 +356,28 @@ class Connections
     std::unique_ptr<bvhd_connections, Destroy> connections_;
 };
 
+/* What the service keeps, on disk and in memory. The members are those of bvhd_cache_state. */
+class CacheState
+{
+  public:
+    explicit CacheState(bvhd_cache_state *state) : state_(state)
+    {
+    }
+    const bvhd_cache_state *operator->() const
+    {
+        return state_.get();
+    }
+
+  private:
+    struct Destroy {
+        void operator()(bvhd_cache_state *state) const
+        {
+            bvhd_cache_state_destroy(state);
+        }
+    };
+    std::unique_ptr<bvhd_cache_state, Destroy> state_;
+};
+
 /* How structures are built. The fields are those of bvhd_build. */
 struct BuildOptions {
     Span<const bvhd_reference> references = {};
@@ -417,6 +439,16 @@ class Client
         if (bvhd_client_connections(client_.get(), flags, limit(time), &connections, &error) != BVHD_OK)
             return error;
         return Connections(connections);
+    }
+    /* `bytes` is for BVHD_CACHE_TRIM. */
+    Expected<CacheState> cache(bvhd_cache_action action = BVHD_CACHE_SHOW, std::uint64_t bytes = 0,
+                               std::optional<Milliseconds> time = std::nullopt) const
+    {
+        Error error;
+        bvhd_cache_state *state = nullptr;
+        if (bvhd_client_cache(client_.get(), action, bytes, limit(time), &state, &error) != BVHD_OK)
+            return error;
+        return CacheState(state);
     }
     /* A descriptor for event loops: when it is readable, call dispatch. */
     int descriptor() const

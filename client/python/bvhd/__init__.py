@@ -12,6 +12,7 @@ It needs the library libbvhd, which exists for Linux only.
 from . import cpu
 from ._enums import (
     BuildFlags,
+    CacheAction,
     GeometryFlags,
     HitFlags,
     InstanceFlags,
@@ -39,6 +40,7 @@ __all__ = [
     "Batch",
     "BottomLevel",
     "BuildFlags",
+    "CacheAction",
     "Client",
     "Container",
     "Error",

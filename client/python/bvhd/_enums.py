@@ -47,6 +47,14 @@ class Quality(enum.IntEnum):
     AUTO = 4
 
 
+class CacheAction(enum.IntEnum):
+    """What to do with the results that the service keeps: enum bvhd_cache_action."""
+
+    SHOW = 0
+    TRIM = 1
+    CLEAR = 2
+
+
 class Target(enum.IntEnum):
     """The formats in which structures are written: enum bvhd_target."""
 

@@ -37,6 +37,8 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "bvhd_blob_size": (c.c_uint64, _HANDLE),
     "bvhd_blob_unref": (None, _HANDLE),
     "bvhd_client_connect": (c.c_int, _HANDLE, _ERROR),
+    "bvhd_cache_state_destroy": (None, _HANDLE),
+    "bvhd_client_cache": (c.c_int, _HANDLE, c.c_int, c.c_uint64, c.c_int, _RET_HANDLE, _ERROR),
     "bvhd_client_connections": (c.c_int, _HANDLE, c.c_uint32, c.c_int, _RET_HANDLE, _ERROR),
     "bvhd_client_counters": (c.c_int, _HANDLE, c.c_int, _RET_HANDLE, _ERROR),
     "bvhd_client_create": (c.c_int, c.POINTER(s.ClientOptions), _RET_HANDLE, _ERROR),

@@ -61,6 +61,21 @@ class Connection(c.Structure):
     ]
 
 
+class CacheState(c.Structure):
+    """struct bvhd_cache_state"""
+
+    _fields_ = [
+        ("directory", c.c_char_p),
+        ("entries", c.c_uint64),
+        ("bytes", c.c_uint64),
+        ("budget", c.c_uint64),
+        ("memory_entries", c.c_uint64),
+        ("memory_bytes", c.c_uint64),
+        ("memory_budget", c.c_uint64),
+        ("counted", c.c_uint32),
+    ]
+
+
 class Format(c.Structure):
     """struct bvhd_format"""
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _structs as s
-from ._enums import LayoutFlags, Local, Origin, Priority, Quality, Status, Target
+from ._enums import CacheAction, LayoutFlags, Local, Origin, Priority, Quality, Status, Target
 from ._errors import Error, check, error_from
 from ._handle import Handle
 from ._library import CALLBACK, lib
@@ -382,6 +382,26 @@ class Client:
             rows = [lib.bvhd_connections_get(connections, i).contents for i in range(count)]
             values = [{name: getattr(row, name) for name, _ in row._fields_} for row in rows]
         return [{**value, "software": value["software"].decode()} for value in values]
+
+    def cache(
+        self,
+        action: CacheAction = CacheAction.SHOW,
+        size: int = 0,
+        timeout: Optional[float] = None,
+    ) -> dict[str, Union[int, str]]:
+        """Returns what the service keeps, by the names of struct bvhd_cache_state's members.
+
+        TRIM first removes the least recently used results on disk until at most `size` bytes are
+        left; CLEAR removes all results. Only root and the user who runs the daemon may do either.
+        """
+        error, pointer = s.Error(), c.c_void_p()
+        with self._handle as client:
+            wait = _milliseconds(timeout)
+            check(lib.bvhd_client_cache(client, action, size, wait, pointer, error), error)
+        with Handle(pointer, lib.bvhd_cache_state_destroy) as state:
+            row = c.cast(state, c.POINTER(s.CacheState)).contents
+            values = {name: getattr(row, name) for name, _ in row._fields_}
+        return {**values, "directory": os.fsdecode(values["directory"])}
 
     def fileno(self) -> int:
         """Returns a descriptor for event loops: when it is readable, call `dispatch`."""

@@ -321,6 +321,22 @@ static void answer_clients(struct fake_daemon *fake, const struct frame *frame)
     fake_free(fake, asked);
 }
 
+/* Answers as a daemon does to a client that may not change anything. */
+static void answer_cache(struct fake_daemon *fake, const struct frame *frame)
+{
+    const struct control_cache_state state = {"/a/b", true, 1, 2, 3, 4, 5, 6};
+    struct bytes control = {NULL, 0};
+    struct control_cache *asked;
+    struct bvhd_error error;
+    if (control_unpack_cache(frame->control, &fake->peer.memory, &asked, NULL) != BVHD_OK)
+        return;
+    bvhd_error_set(&error, BVHD_UNSUPPORTED, "cache.action", "%u to %d bytes", asked->action, (int)asked->bytes);
+    enum bvhd_status status = asked->action ? control_pack_error(&error, &fake->peer.memory, &control, NULL)
+                                            : control_pack_cache_state(&state, &fake->peer.memory, &control, NULL);
+    send_packed(fake, asked->action ? FRAME_ERROR : FRAME_CACHE_STATE, frame->header.request, status, control);
+    fake_free(fake, asked);
+}
+
 static void answer(struct fake_daemon *fake, const struct frame *frame)
 {
     switch (frame->header.type) {
@@ -341,6 +357,9 @@ static void answer(struct fake_daemon *fake, const struct frame *frame)
         break;
     case FRAME_CLIENTS:
         answer_clients(fake, frame);
+        break;
+    case FRAME_CACHE:
+        answer_cache(fake, frame);
         break;
     case FRAME_PING:
         fake_send(fake, FRAME_PONG, frame->header.request, (struct bytes){NULL, 0});

@@ -29,6 +29,8 @@ struct messages {
     struct control_clients clients;
     struct control_client_list client_list;
     struct control_client client_rows[MESSAGES_CLIENTS];
+    struct control_cache cache;
+    struct control_cache_state cache_state;
 };
 
 /* Fills every field with a unique value. */
@@ -86,6 +88,15 @@ static inline void messages_fill(struct messages *all)
             UINT64_MAX - n, UINT32_MAX - n, -1 - (int32_t)i, n + 1, n + 2, n + 3,  n + 4,
             n + 5,          n + 6,          n + 7,           n + 8, n + 9, n + 10, "bvhctl 0.1.0"};
     }
+    all->cache = (struct control_cache){CACHE_TRIM, UINT64_C(10) << 30};
+    strcpy(all->cache_state.directory, "/var/lib/bvhd");
+    all->cache_state.counted = true;
+    all->cache_state.entries = 200000;
+    all->cache_state.bytes = UINT64_C(9) << 30;
+    all->cache_state.budget = UINT64_MAX;
+    all->cache_state.memory_entries = 7;
+    all->cache_state.memory_bytes = 8;
+    all->cache_state.memory_budget = 9;
 }
 
 /* One kind of message, with untyped members of struct messages. */
@@ -126,15 +137,18 @@ MESSAGES_KIND(busy)
 MESSAGES_KIND(counters)
 MESSAGES_KIND(clients)
 MESSAGES_KIND(client_list)
+MESSAGES_KIND(cache)
+MESSAGES_KIND(cache_state)
 
 #define MESSAGES_ROW(name)                                                                                             \
     {                                                                                                                  \
 #name, offsetof(struct messages, name), messages_pack_##name, messages_unpack_##name                           \
     }
 static const struct messages_kind messages_kinds[] = {
-    MESSAGES_ROW(hello),    MESSAGES_ROW(welcome),  MESSAGES_ROW(pool),        MESSAGES_ROW(build), MESSAGES_ROW(get),
-    MESSAGES_ROW(items),    MESSAGES_ROW(progress), MESSAGES_ROW(result),      MESSAGES_ROW(error), MESSAGES_ROW(busy),
-    MESSAGES_ROW(counters), MESSAGES_ROW(clients),  MESSAGES_ROW(client_list),
+    MESSAGES_ROW(hello),       MESSAGES_ROW(welcome), MESSAGES_ROW(pool),        MESSAGES_ROW(build),
+    MESSAGES_ROW(get),         MESSAGES_ROW(items),   MESSAGES_ROW(progress),    MESSAGES_ROW(result),
+    MESSAGES_ROW(error),       MESSAGES_ROW(busy),    MESSAGES_ROW(counters),    MESSAGES_ROW(clients),
+    MESSAGES_ROW(client_list), MESSAGES_ROW(cache),   MESSAGES_ROW(cache_state),
 };
 enum { MESSAGES_KINDS = sizeof messages_kinds / sizeof messages_kinds[0] };
 

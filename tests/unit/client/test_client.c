@@ -245,6 +245,21 @@ static void check_connections(struct bvhd_client *client)
     assert_string_equal(error.text, "not everybody");
 }
 
+static void check_cache(struct bvhd_client *client)
+{
+    struct bvhd_cache_state *cache;
+    struct bvhd_error error;
+    assert_int_equal(bvhd_client_cache(client, BVHD_CACHE_SHOW, 7, -1, &cache, NULL), BVHD_OK);
+    assert_string_equal(cache->directory, "/a/b");
+    assert_true(cache->counted == 1 && cache->entries == 1 && cache->bytes == 2 && cache->budget == 3);
+    assert_true(cache->memory_entries == 4 && cache->memory_bytes == 5 && cache->memory_budget == 6);
+    bvhd_cache_state_destroy(cache);
+    assert_int_equal(bvhd_client_cache(client, BVHD_CACHE_TRIM, 7, -1, &cache, &error), BVHD_UNSUPPORTED);
+    assert_string_equal(error.text, "1 to 7 bytes");
+    assert_int_equal(bvhd_client_cache(client, BVHD_CACHE_CLEAR, 7, -1, &cache, &error), BVHD_UNSUPPORTED);
+    assert_string_equal(error.text, "2 to 0 bytes");
+}
+
 static void test_calls(void **state)
 {
     (void)state;
@@ -265,6 +280,7 @@ static void test_calls(void **state)
     assert_string_equal(bvhd_counters_version(counters), "9.8.7");
     bvhd_counters_destroy(counters);
     check_connections(bed.client);
+    check_cache(bed.client);
     fake_serve_end(&bed.fake);
     assert_int_equal(bvhd_client_ping(bed.client, 10, NULL, NULL), BVHD_UNAVAILABLE);
     assert_true(bed_stop(&bed));

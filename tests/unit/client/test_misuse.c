@@ -183,6 +183,7 @@ static void clients(void)
     struct bvhd_client *client = NULL;
     struct bvhd_counters *counters = NULL;
     struct bvhd_connections *connections = NULL;
+    struct bvhd_cache_state *cache = NULL;
     struct bvhd_client_options options = {.struct_size = sizeof options};
     char bytes[sizeof options + 16] = {0};
     CALL(bvhd_client_create(NULL, NULL, &world.error), BVHD_INVALID, "ret_client", "ret_client is NULL");
@@ -210,6 +211,13 @@ static void clients(void)
          "ret_connections is NULL");
     CALL(bvhd_client_connections(world.client, 6, 1, &connections, &world.error), BVHD_INVALID, "flags",
          "0x6 has bits that mean nothing");
+    CALL(bvhd_client_cache(NULL, BVHD_CACHE_SHOW, 0, 1, &cache, &world.error), BVHD_INVALID, "client",
+         "client is NULL");
+    CALL(bvhd_client_cache(world.client, BVHD_CACHE_SHOW, 0, 1, NULL, &world.error), BVHD_INVALID, "ret_state",
+         "ret_state is NULL");
+    CALL(bvhd_client_cache(world.client, (enum bvhd_cache_action)3, 0, 1, &cache, &world.error), BVHD_INVALID, "action",
+         "3 is no action");
+    QUIET((bvhd_cache_state_destroy(NULL), true));
     QUIET(bvhd_client_descriptor(NULL) == -1);
     QUIET((bvhd_client_dispatch(NULL), bvhd_client_destroy(NULL), true));
     QUIET(bvhd_counters_count(NULL) == 0 && !bvhd_counters_name(NULL, 0) && bvhd_counters_value(NULL, 0) == 0);

@@ -60,6 +60,8 @@ static void plain_messages_come_back(void **state)
     compare_plain("error", &all.error, sizeof all.error);
     compare_plain("busy", &all.busy, sizeof all.busy);
     compare_plain("clients", &all.clients, sizeof all.clients);
+    compare_plain("cache", &all.cache, sizeof all.cache);
+    compare_plain("cache_state", &all.cache_state, sizeof all.cache_state);
 }
 
 static void builds_come_back(void **state)

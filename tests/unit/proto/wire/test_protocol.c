@@ -163,7 +163,9 @@ static void numbers_are_those_of_the_headers(void **state)
                  {FRAME_GOODBYE, "GOODBYE"},
                  {FRAME_PROGRESS, "PROGRESS"},
                  {FRAME_CLIENTS, "CLIENTS"},
-                 {FRAME_CLIENT_LIST, "CLIENT_LIST"}};
+                 {FRAME_CLIENT_LIST, "CLIENT_LIST"},
+                 {FRAME_CACHE, "CACHE"},
+                 {FRAME_CACHE_STATE, "CACHE_STATE"}};
     char line[100];
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
         snprintf(line, sizeof line, "\n| %d | %s |", types[i].number, types[i].name);

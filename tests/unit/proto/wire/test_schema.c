@@ -7,11 +7,12 @@
 #include "proto/wire/bvhd.pb-c.h"
 
 static const ProtobufCMessageDescriptor *const messages[] = {
-    &bvhd__hello__descriptor,    &bvhd__welcome__descriptor,     &bvhd__pool__descriptor,
-    &bvhd__build__descriptor,    &bvhd__get__descriptor,         &bvhd__items__descriptor,
-    &bvhd__progress__descriptor, &bvhd__error__descriptor,       &bvhd__result__descriptor,
-    &bvhd__busy__descriptor,     &bvhd__counter__descriptor,     &bvhd__counters__descriptor,
-    &bvhd__clients__descriptor,  &bvhd__client_list__descriptor,
+    &bvhd__hello__descriptor,       &bvhd__welcome__descriptor,     &bvhd__pool__descriptor,
+    &bvhd__build__descriptor,       &bvhd__get__descriptor,         &bvhd__items__descriptor,
+    &bvhd__progress__descriptor,    &bvhd__error__descriptor,       &bvhd__result__descriptor,
+    &bvhd__busy__descriptor,        &bvhd__counter__descriptor,     &bvhd__counters__descriptor,
+    &bvhd__clients__descriptor,     &bvhd__client_list__descriptor, &bvhd__cache__descriptor,
+    &bvhd__cache_state__descriptor,
 };
 enum { MESSAGES = sizeof messages / sizeof messages[0], DEEPEST = 2, LINE = 100 };
 
@@ -82,6 +83,16 @@ static const char *const fields[] = {
     "ClientList.clients 2 bytes",
     "ClientList.total 3 uint32",
     "ClientList.hidden 4 uint32",
+    "Cache.action 1 uint32",
+    "Cache.bytes 2 uint64",
+    "CacheState.directory 1 string",
+    "CacheState.counted 2 bool",
+    "CacheState.entries 3 uint64",
+    "CacheState.bytes 4 uint64",
+    "CacheState.budget 5 uint64",
+    "CacheState.memory_entries 6 uint64",
+    "CacheState.memory_bytes 7 uint64",
+    "CacheState.memory_budget 8 uint64",
 };
 enum { FIELDS = sizeof fields / sizeof fields[0] };
 
@@ -156,6 +167,8 @@ static const char *type_name(const ProtobufCFieldDescriptor *field)
         return "uint64";
     case PROTOBUF_C_TYPE_FIXED64:
         return "fixed64";
+    case PROTOBUF_C_TYPE_BOOL:
+        return "bool";
     case PROTOBUF_C_TYPE_FLOAT:
         return "float";
     case PROTOBUF_C_TYPE_STRING:
