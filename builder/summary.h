@@ -3,8 +3,8 @@
  * summary.h - what is known about a structure beside its bytes, in the fixed form in which the cache on disk keeps it
  * (builder/store/store.h).
  *
- * A summary has SUMMARY_SIZE bytes, little-endian and without gaps. It has no version of its own: the store keeps the
- * entries of different versions of bvhd apart. The times of stages and the sizes of sections are not kept.
+ * A summary has SUMMARY_SIZE bytes, little-endian and without gaps. It has no version of its own: a change of its form
+ * needs another generation (builder/store/generation.h). The times of stages and the sizes of sections are not kept.
  */
 #ifndef BVHD_SUMMARY_H
 #define BVHD_SUMMARY_H

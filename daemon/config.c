@@ -18,12 +18,14 @@ enum option_kind {
     KIND_MEMORY,
     KIND_CACHE_SIZE,
     KIND_CACHE,
+    KIND_DISK_CACHE_SIZE,
     KIND_CONNECTIONS,
     KIND_IDLE,
     KIND_DRAIN,
     KIND_SLOW,
     KIND_LEVEL,
     KIND_CONFIG, /* this and the following are for the command line only */
+    KIND_NO_CACHE,
     KIND_VERSION,
 };
 
@@ -42,8 +44,13 @@ static const struct config_option option_rows[] = {
     {"memory", "BYTES", KIND_MEMORY,
      "memory for requests and builds, at least 16M; K, M or G may\nfollow the number (default: half of the machine's "
      "memory, or\nof the limit of the daemon's control group)"},
-    {"cache-size", "BYTES", KIND_CACHE_SIZE, "results to keep in memory; 0 keeps none (default: 1G)"},
-    {"cache", "DIR", KIND_CACHE, "accepted with a warning: this version keeps results in\nmemory only"},
+    {"cache-size", "BYTES", KIND_CACHE_SIZE,
+     "results to keep in memory; 0 keeps none (default: 1G, or\na quarter of the machine's "
+     "memory, or of the limit of the\ndaemon's control group, if that is less)"},
+    {"cache", "DIR", KIND_CACHE,
+     "keep results on disk, too, in this directory, which is made\nif it is missing (default: they are kept in memory "
+     "only)"},
+    {"disk-cache-size", "BYTES", KIND_DISK_CACHE_SIZE, "results to keep on disk, at least 1M (default: 10G)"},
     {"max-connections", "N", KIND_CONNECTIONS,
      "clients at once (default: 1024), of one user at most\nthree quarters of them"},
     {"idle-exit", "SECONDS", KIND_IDLE, "exit after that time without clients (default: 0, never)"},
@@ -54,6 +61,7 @@ static const struct config_option option_rows[] = {
      "read lines of the form \"name = value\", with the names above;\nlines that begin with # are comments; the "
      "command "
      "line wins"},
+    {"no-cache", NULL, KIND_NO_CACHE, "keep nothing on disk, whatever the file says"},
     {"help", NULL, 'h', "print this help"},
     {"version", NULL, KIND_VERSION, "print the version"},
 };
@@ -110,6 +118,12 @@ static enum bvhd_status apply(int kind, const char *where, const char *text, str
         return number_read(where, text, (struct number_range){0, UINT64_MAX, true}, &config->service.cache, error);
     case KIND_CACHE:
         return read_path(where, text, config->cache, error);
+    case KIND_DISK_CACHE_SIZE:
+        return number_read(where, text, (struct number_range){CONFIG_LEAST_DISK, UINT64_MAX, true},
+                           &config->service.disk_budget, error);
+    case KIND_NO_CACHE:
+        *config->cache = '\0';
+        return BVHD_OK;
     case KIND_CONNECTIONS:
         return number_read32(where, text, (struct number_range){1, 1000000, false}, &config->max_connections, error);
     case KIND_IDLE:

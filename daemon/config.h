@@ -9,7 +9,8 @@
 #include "daemon/system/log.h"
 #include "daemon/service/service.h"
 
-enum { CONFIG_PATH_SIZE = 4096 };
+/* CONFIG_LEAST_DISK: the fewest bytes of a cache on disk. */
+enum { CONFIG_PATH_SIZE = 4096, CONFIG_LEAST_DISK = 1 << 20 };
 
 /* The purpose of the command line: to run the daemon, or only to print its help or version. */
 enum config_action { CONFIG_RUN, CONFIG_HELP, CONFIG_VERSION };
@@ -19,12 +20,12 @@ struct config {
     char socket[CONFIG_PATH_SIZE];
     bool socket_given; /* false: `socket` is the default */
     char file[CONFIG_PATH_SIZE]; /* the file that --config names; "": none */
-    char cache[CONFIG_PATH_SIZE]; /* a directory for results, which this version does not use; "": none */
+    char cache[CONFIG_PATH_SIZE]; /* the directory of the cache on disk; "": none */
     enum log_level log_level;
     uint64_t idle_exit_ms; /* time without connections and work after which the daemon exits; 0: it never does */
     uint64_t drain_ms; /* how long work under way may still take after SIGTERM or SIGINT */
     uint32_t max_connections; /* at least 1; further clients are refused */
-    struct service_options service;
+    struct service_options service; /* its disk_directory is NULL; `cache` has it */
 };
 
 /*

@@ -148,9 +148,11 @@ static enum bvhd_status open_service(struct server *server, struct bvhd_error *e
     init_handles(server);
     uv_signal_start(&server->terminate, on_signal, SIGTERM);
     uv_signal_start(&server->interrupt, on_signal, SIGINT);
+    struct service_options options = server->config->service;
+    options.disk_directory = *server->config->cache ? server->config->cache : NULL;
     enum bvhd_status status = open_socket(server, error);
     if (status == BVHD_OK)
-        status = service_create(&server->config->service, wake_loop, server, &server->service, error);
+        status = service_create(&options, wake_loop, server, &server->service, error);
     return status;
 }
 
@@ -189,9 +191,6 @@ static void announce(const struct server *server)
     snprintf(status, sizeof status, "listening on %s", *path ? path : "the socket handed over");
     log_event(LOG_INFO, "listening", "socket=%s version=%s", log_quote(*path ? path : "(handed over)").text,
               BVHD_DAEMON_VERSION);
-    if (*server->config->cache)
-        log_event(LOG_WARNING, "no_disk_cache", "dir=%s why=%s", log_quote(server->config->cache).text,
-                  log_quote("this version keeps results in memory only").text);
     notify_ready(status);
 }
 

@@ -49,6 +49,7 @@ struct cache {
     struct table tables[TABLES];
     struct order orders[KINDS];
     uint64_t budget, bytes, evicted, clock;
+    uint64_t forgotten; /* the clock at the last cache_clear: entries that have not been used since are forgotten */
 };
 
 struct cache *cache_create(uint64_t budget, struct memory *memory)
@@ -88,6 +89,11 @@ static struct entry *find(struct cache *cache, const struct key *key)
 {
     struct table *table = table_of(cache, key);
     return table->slots ? table->slots[find_slot(table, key)].entry : NULL;
+}
+
+static bool is_forgotten(const struct cache *cache, const struct entry *entry)
+{
+    return entry->used <= cache->forgotten;
 }
 
 static struct order *order_of(struct cache *cache, const struct entry *entry)
@@ -163,7 +169,7 @@ void cache_destroy(struct cache *cache)
 void cache_get(struct cache *cache, const struct key *key, cache_answer answer, void *context)
 {
     struct entry *entry = find(cache, key);
-    if (!entry) {
+    if (!entry || is_forgotten(cache, entry)) {
         answer(context, NULL);
         return;
     }
@@ -244,7 +250,9 @@ static struct entry *surplus(const struct cache *cache)
     struct entry *holder = least_recent_of(holders);
     if (holder && holders->count > descriptor_share(holder->blob))
         return holder;
-    return cache->bytes > cache->budget ? least_recent(cache) : NULL;
+    struct entry *oldest = least_recent(cache);
+    bool is_surplus = oldest && (cache->bytes > cache->budget || is_forgotten(cache, oldest));
+    return is_surplus ? oldest : NULL;
 }
 
 bool cache_trim(struct cache *cache)
@@ -257,9 +265,23 @@ bool cache_trim(struct cache *cache)
     return entry != NULL;
 }
 
+void cache_clear(struct cache *cache)
+{
+    cache->forgotten = cache->clock;
+}
+
+/* Evicts the entry of that key if it is forgotten, so that it is not in the way of a new one. */
+static void evict_forgotten(struct cache *cache, const struct key *key)
+{
+    struct entry *entry = find(cache, key);
+    if (entry && is_forgotten(cache, entry))
+        evict(cache, entry);
+}
+
 void cache_put(struct cache *cache, struct blob *blob)
 {
     struct table *table = table_of(cache, &blob->key);
+    evict_forgotten(cache, &blob->key);
     if (!fits(cache, blob) || find(cache, &blob->key) || !reserve_slot(table, cache->memory))
         return;
     struct entry *entry = memory_alloc(cache->memory, sizeof *entry);

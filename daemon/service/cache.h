@@ -42,10 +42,14 @@ void cache_get(struct cache *cache, const struct key *key, cache_answer answer, 
 void cache_put(struct cache *cache, struct blob *blob);
 
 /*
- * Evicts up to CACHE_TRIM_MOST entries while the cache is over its budget. Returns true if it still is. A large result
- * may push out many small ones, and then cache_put alone does not get back to the budget.
+ * Evicts up to CACHE_TRIM_MOST entries while the cache is over its budget or has forgotten ones. Returns true if it
+ * still is or has. A large result may push out many small ones, and then cache_put alone does not get back to the
+ * budget.
  */
 bool cache_trim(struct cache *cache);
+
+/* Forgets all entries, which cache_trim then evicts as if they exceeded the budget. */
+void cache_clear(struct cache *cache);
 
 struct cache_load {
     uint64_t entries;

@@ -3,9 +3,9 @@
  * counters.h - what the service has done, and its current state, as numbers with stable names: the answer to STATS.
  *
  * Sums count from the start of the service, where the work is done (service->counters.NAME++); levels describe the
- * moment in which STATS is answered. service_counters (service.c) fills in the levels, and the sums that the pool and
- * the cache keep. Names that end in _ms, _us, _ns or _bytes are in these units; memory_* and cache_budget are bytes;
- * all others are numbers of things. For the loop thread only.
+ * moment in which STATS is answered. service_counters (service.c) fills in the levels, and the sums that the pool, the
+ * cache and the disk keep. Names that end in _ms, _us, _ns or _bytes are in these units; memory_*, cache_budget and
+ * disk_budget are bytes; all others are numbers of things. For the loop thread only.
  */
 #ifndef BVHD_COUNTERS_H
 #define BVHD_COUNTERS_H
@@ -32,14 +32,20 @@
     X(builds_cancelled)                                                                                                \
     X(builds_retried) /* builds that ran short of memory beside others and were tried again alone */                   \
     X(hits_memory) /* items answered from the cache */                                                                 \
-    X(hits_disk) /* always 0: this version keeps results in memory only */                                             \
+    X(hits_disk) /* items answered from disk */                                                                        \
     X(coalesced) /* items that waited for a build that another item had started */                                     \
-    X(misses) /* items whose key was neither cached nor being built */                                                 \
+    X(misses) /* items whose key was neither kept nor being built */                                                   \
     X(payload_bytes) /* of items that were accepted */                                                                 \
     X(result_bytes) /* of results that were sent */                                                                    \
     X(busy_ns) /* time that threads have spent in jobs */                                                              \
     X(active_ns) /* wall time with jobs queued or running, short pauses included */                                    \
     X(cache_evicted) /* entries */                                                                                     \
+    X(disk_written) /* results that were written to disk */                                                            \
+    X(disk_write_errors) /* results that could not be written */                                                       \
+    X(disk_write_dropped) /* results that were not written because too much was waiting */                             \
+    X(disk_read_errors) /* results that could not be read, for other reasons than damage */                            \
+    X(disk_damaged) /* results on disk that were found damaged and set aside */                                        \
+    X(disk_evicted) /* entries */                                                                                      \
     /* levels */                                                                                                       \
     X(pid)                                                                                                             \
     X(uptime_ms)                                                                                                       \
@@ -58,6 +64,10 @@
     X(cache_entries)                                                                                                   \
     X(cache_bytes)                                                                                                     \
     X(cache_budget)                                                                                                    \
+    X(disk_entries)                                                                                                    \
+    X(disk_bytes)                                                                                                      \
+    X(disk_budget)                                                                                                     \
+    X(disk_queue_bytes) /* of results that wait to be written */                                                       \
     X(memory_live)                                                                                                     \
     X(memory_peak)                                                                                                     \
     X(memory_limit)                                                                                                    \

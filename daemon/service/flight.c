@@ -10,17 +10,18 @@
 #include "proto/base/container_of.h"
 
 /*
- * WAITING for memory -> BUILDING on a worker -> completed, or back to WAITING to be tried again alone. A flight is
- * ABANDONED when its last waiter has left while it was built: the worker has been told to stop.
+ * LOOKING on disk, if there is one -> WAITING for memory -> BUILDING on a worker -> completed, or back to WAITING to be
+ * tried again alone. A flight is ABANDONED when its last waiter has left while a worker had it: the worker has been
+ * told to stop.
  */
-enum flight_state { FLIGHT_WAITING, FLIGHT_BUILDING, FLIGHT_ABANDONED };
+enum flight_state { FLIGHT_LOOKING, FLIGHT_WAITING, FLIGHT_BUILDING, FLIGHT_ABANDONED };
 
 struct flight {
     struct flights *flights;
     struct flight *next; /* in its bucket */
     enum flight_state state;
     struct key key;
-    struct preparation *preparation; /* what is built */
+    struct preparation *preparation; /* what is built; NULL while all waiters are items of GET */
     struct list waiters; /* empty while ABANDONED */
     struct flight_waiter *turn; /* the waiter in whose client's turn it goes on: one whose turn is earliest */
     struct memory_waiter memory; /* waits while WAITING; its class is ADMISSION_ALONE when the build is tried again */
@@ -49,6 +50,7 @@ enum bvhd_status flights_init(struct flights *flights, uint32_t most, struct adm
     memset(flights->buckets, 0, size * sizeof *flights->buckets);
     flights->mask = size - 1;
     memory_queue_init(&flights->waiting, admission, ADMISSION_BUILD);
+    flights->looking = 0;
     flights->running = 0;
     return BVHD_OK;
 }
@@ -60,7 +62,7 @@ uint32_t flights_waiting(const struct flights *flights)
 
 void flights_finish(struct flights *flights)
 {
-    assert(flights->running == 0 && flights_waiting(flights) == 0);
+    assert(flights->looking == 0 && flights->running == 0 && flights_waiting(flights) == 0);
     memory_free(flights->memory, flights->buckets);
     flights->buckets = NULL;
 }
@@ -120,6 +122,14 @@ static void flight_destroy(struct flight *flight)
 static struct flight_waiter *first_waiter(const struct flight *flight)
 {
     return container_of(flight->waiters.first, struct flight_waiter, link);
+}
+
+static uint32_t count_waiters(const struct flight *flight)
+{
+    uint32_t count = 0;
+    for (const struct list_link *link = flight->waiters.first; link; link = link->next)
+        count++;
+    return count;
 }
 
 /* Queues the flight in the turn of one of its waiters. */
@@ -211,9 +221,10 @@ static void add_waiter(struct flight *flight, struct preparation *preparation, s
         flight->turn = waiter;
 }
 
+/* An item that joins a lookup is counted when the lookup ends. */
 void flight_join(struct flight *flight, struct preparation *preparation, struct flight_waiter *waiter)
 {
-    flight->flights->counters->coalesced++;
+    flight->flights->counters->coalesced += flight->state != FLIGHT_LOOKING;
     add_waiter(flight, preparation, waiter);
 }
 
@@ -252,7 +263,8 @@ void flight_leave(struct flights *flights, struct flight_waiter *waiter)
 
 struct pool_flow *flight_flow(const struct flight_waiter *waiter)
 {
-    return waiter->flight->job.flow ? waiter->flight->job.flow : waiter->flight->turn->client->flow;
+    const struct flight *flight = waiter->flight;
+    return flight->state == FLIGHT_WAITING ? flight->turn->client->flow : flight->job.flow;
 }
 
 int flight_priority(const struct flight_waiter *waiter)
@@ -364,14 +376,16 @@ static void log_end(const struct flight *flight, double ms)
  */
 static void complete(struct flight *flight)
 {
-    struct flight_completion completion = {
-        .blob = flight->blob, .error = &flight->error, .times = flight->times, .first = true};
+    struct flight_completion completion = {.blob = flight->blob,
+                                           .error = &flight->error,
+                                           .times = flight->times,
+                                           .waiters = count_waiters(flight),
+                                           .first = true};
+    bool built = flight->state == FLIGHT_BUILDING;
     leave_table(flight);
-    for (struct list_link *link = flight->waiters.first; link; link = link->next)
-        completion.waiters++;
     while (flight->waiters.first) {
         struct flight_waiter *waiter = first_waiter(flight);
-        completion.origin = waiter->own ? ORIGIN_BUILT : ORIGIN_COALESCED;
+        completion.origin = !built ? ORIGIN_DISK : waiter->own ? ORIGIN_BUILT : ORIGIN_COALESCED;
         remove_waiter(flight, waiter);
         waiter->completed(waiter, &completion);
         completion.first = false;
@@ -410,6 +424,13 @@ static void try_again_alone(struct flight *flight)
     wait_for_memory(flight);
 }
 
+/* The result of an update is made for one client, and its key is not asked for again. */
+static void keep_on_disk(struct flight *flight)
+{
+    if (flight->flights->disk && flight->preparation->asked.mode == MODE_BUILD)
+        disk_keep(flight->flights->disk, flight->blob);
+}
+
 static void build_done(struct pool_job *job)
 {
     struct flight *flight = flight_of_job(job);
@@ -433,6 +454,7 @@ static void build_done(struct pool_job *job)
     if (flight->blob) {
         flight->blob->build_ms = ms;
         cache_put(flights->cache, flight->blob);
+        keep_on_disk(flight);
     }
     if (flight->state == FLIGHT_BUILDING)
         complete(flight);
@@ -466,12 +488,72 @@ static void start_build(struct memory_waiter *waiter)
     find_turn(flight);
 }
 
+/* ---- on disk ---- */
+
+/* Runs on a worker. */
+static void look_run(struct pool_job *job, const struct parallel *parallel)
+{
+    struct flight *flight = flight_of_job(job);
+    (void)parallel;
+    flight->status = disk_read(flight->flights->disk, &flight->key, &job->cancel, &flight->blob, &flight->error);
+}
+
+static void count_lookup(struct flight *flight)
+{
+    struct counters *counters = flight->flights->counters;
+    uint32_t waiters = count_waiters(flight);
+    if (flight->status == BVHD_OK) {
+        counters->hits_disk += waiters;
+    } else if (flight->preparation) {
+        counters->misses++;
+        counters->coalesced += waiters - 1;
+    } else {
+        counters->misses += waiters;
+    }
+}
+
+/* A disk that fails costs builds, and nothing else. */
+static void look_done(struct pool_job *job)
+{
+    struct flight *flight = flight_of_job(job);
+    bool left = flight->state == FLIGHT_ABANDONED;
+    flight->flights->looking--;
+    if (!left)
+        count_lookup(flight);
+    if (!left && flight->status != BVHD_OK && flight->preparation) {
+        prepare_to_build(flight);
+        find_turn(flight);
+        return;
+    }
+    if (flight->blob)
+        cache_put(flight->flights->cache, flight->blob);
+    if (!left)
+        complete(flight);
+    flight_destroy(flight);
+}
+
+/* The size of the job is the least, so that a spare thread may run it while long builds have all workers. */
+static void look_on_disk(struct flight *flight)
+{
+    flight->state = FLIGHT_LOOKING;
+    flight->job = (struct pool_job){
+        .run = look_run,
+        .done = look_done,
+        .flow = flight->turn->client->flow,
+        .size = 1,
+        .priority = job_priority(flight->turn),
+    };
+    flight->flights->looking++;
+    pool_submit(flight->flights->pool, &flight->job);
+}
+
 /* ---- the start ---- */
 
 enum bvhd_status flights_start(struct flights *flights, const struct key *key, struct preparation *preparation,
                                struct flight_waiter *waiter, struct bvhd_error *error)
 {
     struct flight *flight = memory_alloc(flights->memory, sizeof *flight);
+    assert(preparation || flights->disk);
     if (!flight) {
         disposals_add(flights->disposals, preparation);
         return bvhd_error_no_memory(error, "", "no memory for another build");
@@ -481,8 +563,12 @@ enum bvhd_status flights_start(struct flights *flights, const struct key *key, s
     flight->next = *bucket;
     *bucket = flight;
     add_waiter(flight, preparation, waiter);
-    flights->counters->misses++;
-    prepare_to_build(flight);
+    if (flights->disk) {
+        look_on_disk(flight);
+    } else {
+        flights->counters->misses++;
+        prepare_to_build(flight);
+    }
     return BVHD_OK;
 }
 

@@ -2,11 +2,15 @@
 /*
  * flight.h - in-flight builds, by key: equal structures that several clients ask for at the same time are built once.
  *
- * A flight waits for memory, then for threads; it is then built, and completes: its blob goes to the cache and to every
- * waiter. Waiters may join at any time before the completion, and leave at any time. When the last one leaves, the
- * build is told to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A flight goes
- * on in the turn of the client that is served earliest among those that wait for it. A build that ran short of memory
- * beside others is tried again, alone (admission.h). For the loop thread only.
+ * Where results are kept on disk, a flight first looks its key up there. If the disk has no result, the flight waits for
+ * memory, then for threads; it is then built, and completes: its blob goes to the cache and to every waiter. Waiters may
+ * join at any time before the completion, and leave at any time. When the last one leaves, the lookup or build is told
+ * to stop, and its key is free for a new flight at once, so nobody inherits a cancellation. A flight goes on in the turn
+ * of the client that is served earliest among those that wait for it. A build that ran short of memory beside others is
+ * tried again, alone (admission.h). For the loop thread only.
+ *
+ * A flight that GET has started has nothing to build: unless an item of BUILD joins it, it ends with BVHD_NOT_FOUND when
+ * the disk has no result.
  */
 #ifndef BVHD_FLIGHT_H
 #define BVHD_FLIGHT_H
@@ -14,6 +18,7 @@
 #include "daemon/service/blob.h"
 #include "daemon/service/cache.h"
 #include "daemon/service/counters.h"
+#include "daemon/service/disk.h"
 #include "daemon/service/disposal.h"
 #include "daemon/service/memory_queue.h"
 #include "daemon/pool/pool.h"
@@ -33,7 +38,7 @@ struct flight_times {
 struct flight_completion {
     struct blob *blob; /* borrowed; NULL after a failure */
     const struct bvhd_error *error; /* set after a failure; borrowed */
-    enum result_origin origin; /* BUILT for the waiter whose preparation was built, else COALESCED */
+    enum result_origin origin; /* BUILT for the waiter whose preparation was built, else COALESCED or DISK */
     struct flight_times times; /* of the flight; a waiter with another origin than BUILT may have joined it later */
     uint32_t waiters; /* how many there were */
     bool first; /* this waiter is the first that is told */
@@ -60,14 +65,15 @@ struct flights {
     struct memory *memory; /* for the flights and their table */
     struct disposals *disposals;
     struct cache *cache;
+    struct disk *disk; /* NULL: results are not kept on disk */
     struct blob_account *account;
     struct counters *counters;
     /* ---- its own ---- */
     struct flight **buckets;
     uint64_t mask;
     struct memory_queue waiting; /* for memory */
-    uint32_t
-        running; /* jobs that are with the pool, including those of abandoned flights, which have no waiters left */
+    /* jobs that are with the pool, including those of abandoned flights, which have no waiters left */
+    uint32_t looking, running; /* lookups and builds */
 };
 
 /* Creates the table. `most` is roughly how many flights there may be at once. Fails with BVHD_NO_MEMORY only. */
@@ -81,8 +87,9 @@ void flights_finish(struct flights *flights);
 struct flight *flights_find(const struct flights *flights, const struct key *key);
 
 /*
- * Starts a flight for a key that must have none; `waiter` is the first to wait for it. `preparation`, which has that
- * key, is taken over, also on failure. The only error is BVHD_NO_MEMORY.
+ * Starts a flight for a key that must have none; `waiter` is the first to wait for it. `preparation` is what is built
+ * if the disk has no result; it may be NULL if there is a disk. It is taken over, also on failure. The only error is
+ * BVHD_NO_MEMORY.
  */
 enum bvhd_status flights_start(struct flights *flights, const struct key *key, struct preparation *preparation,
                                struct flight_waiter *waiter, struct bvhd_error *error);

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "proto/base/clock.h"
+#include "daemon/system/log.h"
 #include "daemon/system/machine.h"
 #include "daemon/service/service_internal.h"
 
@@ -14,6 +15,9 @@ enum {
     DEFAULT_CACHE = 1 << 30,
     DEFAULT_SLOW_MS = 10000
 };
+
+/* Results in memory may by default take the memory of the machine, or of the control group, divided by this. */
+enum { CACHE_DIVISOR = 4 };
 
 /*
  * Inline payloads may take up to the budget divided by INLINE_DIVISOR. Large steps leave the budget divided by
@@ -30,10 +34,15 @@ enum {
     REPLIES_DIVISOR = 16
 };
 
+/* Results that wait to be written to disk may take that many bytes, and the budget divided by QUEUE_DIVISOR. */
+enum { DISK_QUEUE = 256 << 20, QUEUE_DIVISOR = 8 };
+
 struct service_options service_options_default(void)
 {
+    uint64_t most = machine_memory() / CACHE_DIVISOR;
     return (struct service_options){
-        .cache = DEFAULT_CACHE,
+        .cache = most < DEFAULT_CACHE ? most : DEFAULT_CACHE,
+        .disk_budget = STORE_BUDGET_DEFAULT,
         .limits = limits_default(),
         .credits = DEFAULT_CREDITS,
         .max_pool = DEFAULT_POOL,
@@ -92,6 +101,20 @@ static void init_users(struct service *service)
     };
 }
 
+/* The service works without a cache on disk, too, if it cannot have one. */
+static void open_disk(struct service *service)
+{
+    const struct service_options *options = &service->options;
+    uint64_t queue = options->memory / QUEUE_DIVISOR;
+    const struct disk_options disk = {options->disk_directory, options->disk_budget,
+                                      queue < DISK_QUEUE ? queue : DISK_QUEUE};
+    struct bvhd_error error;
+    if (!options->disk_directory || disk_open(&disk, &service->account, &service->disk, &error) == BVHD_OK)
+        return;
+    log_event(LOG_WARNING, "no_disk_cache", "dir=%s where=%s why=%s", log_quote(options->disk_directory).text,
+              log_quote(error.where).text, log_quote(error.text).text);
+}
+
 static enum bvhd_status create_modules(struct service *service, void (*wake)(void *context), void *wake_context,
                                        struct bvhd_error *error)
 {
@@ -108,11 +131,13 @@ static enum bvhd_status create_modules(struct service *service, void (*wake)(voi
     };
     if (!service->disposals.flow || !service->cache)
         return out_of_memory(error);
+    open_disk(service);
     service->flights = (struct flights){
         .pool = service->pool,
         .memory = &service->memory,
         .disposals = &service->disposals,
         .cache = service->cache,
+        .disk = service->disk,
         .account = &service->account,
         .counters = &service->counters,
     };
@@ -126,6 +151,7 @@ static void destroy_modules(struct service *service)
     if (service->disposals.flow)
         pool_flow_end(service->pool, service->disposals.flow);
     pool_destroy(service->pool);
+    disk_close(service->disk);
     cache_destroy(service->cache);
 }
 
@@ -160,7 +186,8 @@ static void await_workers(struct service *service)
     for (;;) {
         while (service_collect(service))
             ;
-        if (service->flights.running == 0 && service->disposals.running == 0 && !service->sessions.all.first)
+        if (service->flights.looking == 0 && service->flights.running == 0 && service->disposals.running == 0 &&
+            service->cache_tasks == 0 && !service->sessions.all.first)
             return;
         nanosleep(&moment, NULL);
     }
@@ -234,6 +261,23 @@ void service_count_connections(struct service *service, uint32_t open)
     service->connections = open;
 }
 
+static void count_disk(const struct service *service, struct counters *counters)
+{
+    if (!service->disk)
+        return;
+    struct disk_state state = disk_state(service->disk);
+    counters->disk_written = state.store.written;
+    counters->disk_write_errors = state.store.write_errors;
+    counters->disk_write_dropped = state.dropped;
+    counters->disk_read_errors = state.read_errors;
+    counters->disk_damaged = state.store.damaged;
+    counters->disk_evicted = state.store.evicted;
+    counters->disk_entries = state.store.entries;
+    counters->disk_bytes = state.store.bytes;
+    counters->disk_budget = state.store.budget;
+    counters->disk_queue_bytes = state.queued_bytes;
+}
+
 static void count_memory(const struct service *service, struct counters *counters)
 {
     struct cache_load cache = cache_load(service->cache);
@@ -286,5 +330,6 @@ struct counters service_counters(const struct service *service)
     counters.builds_running = service->flights.running;
     count_memory(service, &counters);
     count_latencies(service, &counters);
+    count_disk(service, &counters);
     return counters;
 }

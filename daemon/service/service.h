@@ -19,7 +19,9 @@ struct service_options {
     unsigned workers; /* 0: one for each processor */
     /* the budget: bytes for requests and builds, at least SERVICE_LEAST_MEMORY; 0: half of machine_memory() */
     uint64_t memory;
-    uint64_t cache; /* bytes of results that are kept; 0: none are */
+    uint64_t cache; /* bytes of results that are kept in memory; 0: none are */
+    const char *disk_directory; /* where results are kept on disk; NULL: nowhere */
+    uint64_t disk_budget; /* bytes of results that are kept there */
     struct limits limits;
     uint32_t credits; /* the most items under way on one connection */
     uint64_t max_pool; /* the most bytes of one connection's pool */

@@ -48,6 +48,7 @@ struct service {
     /* modules */
     struct pool *pool;
     struct cache *cache;
+    struct disk *disk; /* NULL: results are not kept on disk */
     struct admission admission;
     struct memory_queue preparing; /* items that wait for memory to be prepared */
     struct users users; /* the shares of all sessions */
@@ -61,6 +62,7 @@ struct service {
     /* kept by others */
     struct session_totals sessions;
     uint32_t connections;
+    uint32_t cache_tasks; /* trims and clears of the disk that are with a worker */
     bool draining;
 };
 

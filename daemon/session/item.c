@@ -164,6 +164,8 @@ static void completed(struct flight_waiter *waiter, const struct flight_completi
     add_times(item, completion);
     if (completion->blob)
         answer_blob(item, completion->blob, completion->origin);
+    else if (completion->error->status == BVHD_NOT_FOUND)
+        answer_unknown(item);
     else
         answer_error(item, completion->error);
     request_settle(item->request);
@@ -215,6 +217,10 @@ static void get_was_looked_up(void *context, struct blob *blob)
     struct service *service = item_service(item);
     if (answer_or_join(item, blob))
         return;
+    if (service->flights.disk) {
+        start_flight(item);
+        return;
+    }
     service->counters.misses++;
     item_enter(item, ITEM_ANSWERED);
     answer_unknown(item);

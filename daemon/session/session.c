@@ -249,6 +249,7 @@ static void give_back(struct session *session)
     user_give(member, SHARE_ITEMS, session_uses(session, SHARE_ITEMS));
     user_give(member, SHARE_POOL, session_uses(session, SHARE_POOL));
     session_take_result(session, session_uses(session, SHARE_RESULTS));
+    session_cache_leave(session);
     service->sessions.open--;
     service->sessions.closing++;
     payload_unref(session->pool);

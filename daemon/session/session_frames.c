@@ -249,6 +249,8 @@ static enum bvhd_status dispatch(struct session *session, const struct frame *fr
         return take_get(session, frame, error);
     case FRAME_CANCEL:
         return take_cancel(session, frame, error);
+    case FRAME_CACHE:
+        return session_cache(session, frame, error);
     case FRAME_STATS:
         take_stats(session, request);
         return BVHD_OK;

@@ -3,8 +3,8 @@
  * session_internal.h - the inside of a session, for the files that it is made of.
  *
  * session.c: opening, closing, replies, requests by number, quotas. session_frames.c: one function for each type of
- * frame. session_build.c: FRAME_BUILD. session_clients.c: FRAME_CLIENTS. session_backlog.c: results that the client
- * has not read. session_progress.c: how far builds are.
+ * frame. session_build.c: FRAME_BUILD. session_cache.c: FRAME_CACHE. session_clients.c: FRAME_CLIENTS.
+ * session_backlog.c: results that the client has not read. session_progress.c: how far builds are.
  */
 #ifndef BVHD_SESSION_INTERNAL_H
 #define BVHD_SESSION_INTERNAL_H
@@ -30,6 +30,7 @@ struct session {
     uint32_t pool_users; /* items whose payload lies in the pool and is still needed */
     struct request *requests[SESSION_BUCKETS]; /* a hash table by request number, linked by request->next */
     uint32_t request_count;
+    struct cache_task *cache_task; /* the trim or clear of the cache that it waits for; NULL: none */
     uint32_t progress_ms; /* the shortest time between two reports of progress; 0: the client wants none */
     uint64_t progress_at; /* when the last one was made */
     uint32_t progress_unsent; /* PROGRESS frames that have not been sent or dropped */
@@ -95,6 +96,12 @@ enum bvhd_status session_build(struct session *session, const struct frame *fram
 
 /* Handles FRAME_CLIENTS. Any other result than BVHD_OK breaks the protocol. */
 enum bvhd_status session_list_clients(struct session *session, const struct frame *frame, struct bvhd_error *error);
+
+/* Handles FRAME_CACHE. Any other result than BVHD_OK breaks the protocol. */
+enum bvhd_status session_cache(struct session *session, const struct frame *frame, struct bvhd_error *error);
+
+/* Forgets the trim or clear that the session waits for: it goes on, and is not answered. */
+void session_cache_leave(struct session *session);
 
 /*
  * ---- backpressure ----

@@ -95,7 +95,7 @@ refused 2 --memory lots
 timeout 20 "$bvhd" --help >out 2>err
 expect 'help is no failure' [ $? -eq 0 ]
 for name in socket workers cache cache-size memory config help version log-level idle-exit drain-timeout \
-    max-connections slow-build; do
+    max-connections slow-build disk-cache-size no-cache; do
     expect "the help names --$name" has "--$name" out
 done
 timeout 20 "$bvhd" --version >out 2>err
@@ -106,13 +106,30 @@ for word in --help --version; do
     expect "a full disk is a failure of $word" [ $? -eq 1 ]
 done
 
-# A directory for results is accepted, with a warning that nothing is kept there.
+# A directory for results: they outlive the daemon. One that cannot be used is named, and the daemon works without it.
 start --cache d
-expect 'the disk cache is named' \
-    has 'level=warning event=no_disk_cache dir="d" why="this version keeps results in memory only"' log
-expect 'it is no error' [ "$(grep -c level=error log)" -eq 0 ]
+expect 'a build' quietly "$helper" build s 100
 kill -TERM "$daemon"
 ended 0 'a directory for results'
+start --cache d --disk-cache-size 2M
+eventually 'the result is found again' has "event=disk_cache dir=\"$scratch/d\" entries=1 " log
+kill -TERM "$daemon"
+ended 0 'a directory with results'
+echo precious >f
+start --cache f
+expect 'the directory is named' has 'level=warning event=no_disk_cache dir="f" .*no directory' log
+expect 'it is no error' [ "$(grep -c level=error log)" -eq 0 ]
+expect 'it builds' quietly "$helper" build s 100
+expect 'what is no directory stays' has precious f
+kill -TERM "$daemon"
+ended 0 'no directory for results'
+printf 'cache = d\n' >conf
+start --config conf --no-cache
+expect 'it builds' quietly "$helper" build s 100
+kill -TERM "$daemon"
+ended 0 --no-cache
+expect 'it keeps nothing' [ "$(grep -c disk_cache log)" -eq 0 ]
+refused 2 --disk-cache-size 1000
 
 # Options from a file.
 printf 'workers = 1\n# a comment\nnonsense = 3\n' >conf

@@ -68,6 +68,8 @@ static void record(struct world_client *client, const struct reply *reply)
         status = control_unpack_counters(reply->control, memory, &event.counters, NULL);
     if (event.type == FRAME_CLIENT_LIST)
         status = control_unpack_client_list(reply->control, memory, &event.clients, NULL);
+    if (event.type == FRAME_CACHE_STATE)
+        status = control_unpack_cache_state(reply->control, memory, &event.cache, NULL);
     if (event.type == FRAME_BUSY)
         status = control_unpack_busy(reply->control, memory, &event.busy, NULL);
     if (event.type == FRAME_ERROR)
@@ -184,7 +186,8 @@ static bool is_idle(void *context)
     bool requests = false;
     for (struct list_link *link = service->sessions.all.first; link; link = link->next)
         requests = requests || container_of(link, struct session, in_service)->request_count > 0;
-    bool is_flying = service->flights.running > 0 || service->disposals.running > 0;
+    bool is_flying = service->flights.looking > 0 || service->flights.running > 0 || service->disposals.running > 0 ||
+                     service->cache_tasks > 0;
     return load.queued == 0 && load.running == 0 && !is_flying && service->sessions.closing == 0 && !requests;
 }
 
@@ -213,7 +216,7 @@ void world_finish(struct session_world *world)
         for (uint32_t k = 0; k < client->event_count; k++) {
             struct world_event *event = &client->events[k];
             void *const blocks[] = {event->welcome, event->result, event->prepared, event->progress, event->counters,
-                                    event->clients, event->busy,   event->error,    event->bytes};
+                                    event->clients, event->cache,  event->busy,     event->error,    event->bytes};
             for (size_t j = 0; j < sizeof blocks / sizeof *blocks; j++)
                 memory_free(&client->memory, blocks[j]);
         }

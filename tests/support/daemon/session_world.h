@@ -27,6 +27,7 @@ struct world_event {
     struct control_progress *progress;
     struct control_counters *counters;
     struct control_client_list *clients;
+    struct control_cache_state *cache;
     struct control_busy *busy;
     struct bvhd_error *error;
     unsigned char *bytes; /* of a result */

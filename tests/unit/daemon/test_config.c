@@ -105,6 +105,11 @@ static void test_command_line(void **state)
     assert_string_equal(config.cache, "");
     assert_int_equal(parse(&config, &error, "--cache", "/var/cache/bvhd", NULL), BVHD_OK);
     assert_string_equal(config.cache, "/var/cache/bvhd");
+    assert_int_equal(config.service.disk_budget, UINT64_C(10) << 30);
+    assert_int_equal(parse(&config, &error, "--cache", "/var/cache/bvhd", "--no-cache", NULL), BVHD_OK);
+    assert_string_equal(config.cache, "");
+    assert_int_equal(parse(&config, &error, "--disk-cache-size", "1M", NULL), BVHD_OK);
+    assert_int_equal(config.service.disk_budget, 1 << 20);
     assert_int_equal(parse(&config, &error, "--help", NULL), BVHD_OK);
     assert_int_equal(config.action, CONFIG_HELP);
     assert_int_equal(parse(&config, &error, "-h", NULL), BVHD_OK);
@@ -143,6 +148,9 @@ static void test_usage(void **state)
     REFUSED(BVHD_INVALID, "--log-level", "--log-level", "loud");
     REFUSED(BVHD_INVALID, "--socket", "--socket", "");
     REFUSED(BVHD_INVALID, "--cache", "--cache", "");
+    REFUSED(BVHD_INVALID, "--disk-cache-size", "--disk-cache-size", "1048575");
+    REFUSED(BVHD_INVALID, "--disk-cache-size", "--disk-cache-size", "0");
+    REFUSED(BVHD_INVALID, "--no-cache=1", "--no-cache=1");
     REFUSED(BVHD_INVALID, "--memory", "--memory", "15M");
 }
 
@@ -161,6 +169,12 @@ static void test_file(void **state)
     assert_int_equal(config.log_level, LOG_ERROR);
     assert_int_equal(config.idle_exit_ms, 60000);
     assert_string_equal(config.file, path);
+    write_file("cache = /var/cache/bvhd\ndisk-cache-size = 3G\n");
+    assert_int_equal(parse(&config, &error, "--config", path, NULL), BVHD_OK);
+    assert_string_equal(config.cache, "/var/cache/bvhd");
+    assert_int_equal(config.service.disk_budget, UINT64_C(3) << 30);
+    assert_int_equal(parse(&config, &error, "--config", path, "--no-cache", NULL), BVHD_OK);
+    assert_string_equal(config.cache, "");
     write_file("");
     assert_int_equal(parse(&config, &error, "--config", path, NULL), BVHD_OK);
 }
@@ -188,6 +202,7 @@ static void test_broken_files(void **state)
     file_refused("version =\n", BVHD_INVALID, 1);
     file_refused("socket =\n", BVHD_INVALID, 1);
     file_refused("cache =\n", BVHD_INVALID, 1);
+    file_refused("no-cache = yes\n", BVHD_INVALID, 1);
     memset(much, 'x', sizeof much - 1);
     much[sizeof much - 1] = 0;
     file_refused(much, BVHD_INVALID, 1);

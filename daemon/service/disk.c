@@ -1,0 +1,184 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "daemon/service/disk.h"
+
+#include "builder/store/generation.h"
+#include "builder/summary.h"
+#include "daemon/service/disk_writer.h"
+#include "proto/base/container_of.h"
+
+struct disk {
+    struct store *store;
+    struct disk_writer *writer;
+    struct blob_account *account;
+    atomic_bool closing; /* ends long calls of the store */
+    _Atomic uint64_t read_errors;
+};
+
+/* Each call of the store may open some. Those of the writer are taken for as long as it lives. */
+static bool take_descriptors(struct blob_account *account, struct bvhd_error *error)
+{
+    if (descriptors_take(account->descriptors, STORE_DESCRIPTORS, DESCRIPTORS_RESERVE))
+        return true;
+    bvhd_error_set(error, BVHD_BUSY, "cache", "too many open descriptors");
+    return false;
+}
+
+static void give_descriptors(struct blob_account *account)
+{
+    descriptors_give(account->descriptors, STORE_DESCRIPTORS);
+}
+
+enum bvhd_status disk_open(const struct disk_options *options, struct blob_account *account, struct disk **ret_disk,
+                           struct bvhd_error *error)
+{
+    struct disk *disk = memory_alloc(account->memory, sizeof *disk);
+    if (!disk)
+        return bvhd_error_no_memory(error, "cache", "no memory for the cache on disk");
+    if (!take_descriptors(account, error)) {
+        memory_free(account->memory, disk);
+        return error->status;
+    }
+    *disk = (struct disk){.account = account};
+    const struct store_options store = {
+        .directory = options->directory,
+        .generation = store_generation(),
+        .budget = options->budget,
+        .keep_free = STORE_KEEP_FREE_DEFAULT,
+        .cancel = &disk->closing,
+    };
+    enum bvhd_status status = store_open(&store, account->memory, &disk->store, error);
+    if (status == BVHD_OK)
+        status = disk_writer_create(disk->store, options->queue, account->memory, &disk->writer, error);
+    if (status == BVHD_OK)
+        *ret_disk = disk;
+    else
+        disk_close(disk);
+    return status;
+}
+
+void disk_close(struct disk *disk)
+{
+    if (!disk)
+        return;
+    atomic_store_explicit(&disk->closing, true, memory_order_relaxed);
+    disk_writer_destroy(disk->writer, DISK_CLOSE_MS);
+    store_close(disk->store);
+    give_descriptors(disk->account);
+    memory_free(disk->account->memory, disk);
+}
+
+/* ---- reading ---- */
+
+/* One entry that is read into a blob. */
+struct reading {
+    struct store_sink sink;
+    const atomic_bool *cancel;
+    struct blob_writer writer;
+    struct summary summary;
+};
+
+static struct reading *reading_of(struct store_sink *sink)
+{
+    return container_of(sink, struct reading, sink);
+}
+
+static enum bvhd_status begin(struct store_sink *sink, const struct store_entry *entry, struct bvhd_error *error)
+{
+    struct reading *reading = reading_of(sink);
+    enum bvhd_status status = summary_read(entry->summary, entry->size, &reading->summary, error);
+    if (status == BVHD_OK && entry->size == 0)
+        status = bvhd_error_set(error, BVHD_CORRUPT, "size", "an empty result");
+    return status == BVHD_OK ? blob_writer_begin(&reading->writer, entry->size, error) : status;
+}
+
+static enum bvhd_status append(struct store_sink *sink, const void *bytes, uint64_t size, struct bvhd_error *error)
+{
+    struct reading *reading = reading_of(sink);
+    if (atomic_load_explicit(reading->cancel, memory_order_relaxed))
+        return bvhd_error_set(error, BVHD_CANCELLED, "", "cancelled");
+    return blob_writer_append(&reading->writer, bytes, size, error);
+}
+
+static enum bvhd_status finish(struct reading *reading, const struct key *key, struct blob **ret_blob,
+                               struct bvhd_error *error)
+{
+    const struct summary *summary = &reading->summary;
+    struct blob *blob;
+    enum bvhd_status status = blob_writer_finish(&reading->writer, &blob, error);
+    if (status != BVHD_OK)
+        return status;
+    blob->key = *key;
+    blob->target = summary->target;
+    blob->stats = summary->stats;
+    blob->build_ms = summary->build_ms;
+    blob->peak_bytes = summary->peak_bytes;
+    *ret_blob = blob;
+    return BVHD_OK;
+}
+
+static enum bvhd_status read_entry(struct disk *disk, const struct key *key, const atomic_bool *cancel,
+                                   struct blob **ret_blob, struct bvhd_error *error)
+{
+    struct reading reading = {.sink = {begin, append}, .cancel = cancel};
+    blob_writer_init(&reading.writer, disk->account);
+    enum bvhd_status status = store_get(disk->store, key, &reading.sink, error);
+    if (status == BVHD_OK)
+        return finish(&reading, key, ret_blob, error);
+    blob_writer_discard(&reading.writer);
+    return status;
+}
+
+enum bvhd_status disk_read(struct disk *disk, const struct key *key, const atomic_bool *cancel, struct blob **ret_blob,
+                           struct bvhd_error *error)
+{
+    enum bvhd_status status = BVHD_BUSY;
+    if (take_descriptors(disk->account, error)) {
+        status = read_entry(disk, key, cancel, ret_blob, error);
+        give_descriptors(disk->account);
+    }
+    if (status != BVHD_OK && status != BVHD_NOT_FOUND && status != BVHD_CANCELLED)
+        atomic_fetch_add_explicit(&disk->read_errors, 1, memory_order_relaxed);
+    return status;
+}
+
+/* ---- the rest ---- */
+
+void disk_keep(struct disk *disk, struct blob *blob)
+{
+    disk_writer_add(disk->writer, blob);
+}
+
+enum bvhd_status disk_trim(struct disk *disk, uint64_t bytes, struct bvhd_error *error)
+{
+    if (!take_descriptors(disk->account, error))
+        return error->status;
+    enum bvhd_status status = store_trim_to(disk->store, bytes, error);
+    give_descriptors(disk->account);
+    return status;
+}
+
+enum bvhd_status disk_clear(struct disk *disk, struct bvhd_error *error)
+{
+    if (!take_descriptors(disk->account, error))
+        return error->status;
+    enum bvhd_status status = store_clear(disk->store, error);
+    give_descriptors(disk->account);
+    return status;
+}
+
+struct disk_state disk_state(const struct disk *disk)
+{
+    struct disk_writer_load load = disk_writer_load(disk->writer);
+    return (struct disk_state){
+        .store = store_state(disk->store),
+        .read_errors = atomic_load_explicit(&disk->read_errors, memory_order_relaxed),
+        .dropped = load.dropped,
+        .queued = load.queued,
+        .queued_bytes = load.queued_bytes,
+    };
+}
+
+const char *disk_directory(const struct disk *disk)
+{
+    return store_directory(disk->store);
+}
