@@ -22,6 +22,7 @@ enum option_kind {
     KIND_CONNECTIONS,
     KIND_IDLE,
     KIND_DRAIN,
+    KIND_METRICS,
     KIND_SLOW,
     KIND_LEVEL,
     KIND_CONFIG, /* this and the following are for the command line only */
@@ -55,6 +56,8 @@ static const struct config_option option_rows[] = {
      "clients at once (default: 1024), of one user at most\nthree quarters of them"},
     {"idle-exit", "SECONDS", KIND_IDLE, "exit after that time without clients (default: 0, never)"},
     {"drain-timeout", "SECONDS", KIND_DRAIN, "time to finish what is under way after SIGTERM\n(default: 20)"},
+    {"metrics", "PATH", KIND_METRICS,
+     "also listen on this socket for monitoring: HTTP, GET /metrics,\nin the format of Prometheus (default: none)"},
     {"slow-build", "SECONDS", KIND_SLOW, "log structures that take as long, with the reason\n(default: 10; 0: none)"},
     {"log-level", "LEVEL", KIND_LEVEL, "error, warning, info (default) or debug"},
     {"config", "FILE", KIND_CONFIG,
@@ -130,6 +133,8 @@ static enum bvhd_status apply(int kind, const char *where, const char *text, str
         return read_seconds(where, text, &config->idle_exit_ms, error);
     case KIND_DRAIN:
         return read_seconds(where, text, &config->drain_ms, error);
+    case KIND_METRICS:
+        return read_path(where, text, config->metrics, error);
     case KIND_SLOW:
         return read_seconds(where, text, &config->service.slow_ms, error);
     case KIND_LEVEL:

@@ -21,6 +21,7 @@ struct config {
     bool socket_given; /* false: `socket` is the default */
     char file[CONFIG_PATH_SIZE]; /* the file that --config names; "": none */
     char cache[CONFIG_PATH_SIZE]; /* the directory of the cache on disk; "": none */
+    char metrics[CONFIG_PATH_SIZE]; /* the socket for monitoring; "": none */
     enum log_level log_level;
     uint64_t idle_exit_ms; /* time without connections and work after which the daemon exits; 0: it never does */
     uint64_t drain_ms; /* how long work under way may still take after SIGTERM or SIGINT */

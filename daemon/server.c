@@ -8,7 +8,9 @@
 #include <uv.h>
 
 #include "daemon/socket/accept.h"
+#include "daemon/service/metrics_text.h"
 #include "daemon/socket/listen.h"
+#include "daemon/socket/metrics.h"
 #include "daemon/system/notify.h"
 #include "daemon/pool/watchdog.h"
 
@@ -22,6 +24,7 @@ struct server {
     struct service *service;
     struct conn_group group;
     struct acceptor acceptor;
+    struct metrics metrics;
     struct watchdog watchdog;
     bool draining;
 };
@@ -168,6 +171,25 @@ static enum bvhd_status start_watchdog(struct server *server, struct bvhd_error 
     return status;
 }
 
+static char *write_metrics(void *context, struct memory *memory, uint64_t *ret_size)
+{
+    const struct server *server = context;
+    return metrics_text(server->service, memory, ret_size);
+}
+
+static enum bvhd_status open_metrics(struct server *server, struct bvhd_error *error)
+{
+    const struct metrics_options options = {
+        .path = server->config->metrics,
+        .descriptors = service_descriptors(server->service),
+        .memory = service_frame_memory(server->service),
+        .text = write_metrics,
+        .context = server,
+        .client_ms = METRICS_MS,
+    };
+    return *options.path ? metrics_open(&server->metrics, &server->loop, &options, error) : BVHD_OK;
+}
+
 static enum bvhd_status start(struct server *server, struct bvhd_error *error)
 {
     enum bvhd_status status = open_service(server, error);
@@ -179,6 +201,9 @@ static enum bvhd_status start(struct server *server, struct bvhd_error *error)
     server->group.context = server;
     status =
         accept_open(&server->acceptor, &server->group, server->listener.socket, server->config->max_connections, error);
+    if (status != BVHD_OK)
+        return status;
+    status = open_metrics(server, error);
     if (status != BVHD_OK)
         return status;
     return start_watchdog(server, error);
@@ -213,6 +238,7 @@ static void finish(struct server *server)
         conn_group_close(&server->group);
         conn_group_finish(&server->group);
     }
+    metrics_close(&server->metrics);
     watchdog_finish(&server->watchdog);
     service_destroy(server->service);
     server->service = NULL;

@@ -14,9 +14,8 @@
 #include "proto/base/memory.h"
 #include "proto/base/status.h"
 
-/* New counters are appended to their group. A name never changes its meaning. */
-#define COUNTERS(X)                                                                                                    \
-    /* sums */                                                                                                         \
+/* Sums since the start. New counters are appended to their group; a name never changes its meaning. */
+#define COUNTERS_OF_SUMS(X)                                                                                            \
     X(requests) /* BUILD and GET requests that were accepted */                                                        \
     X(items) /* items of those requests */                                                                             \
     X(refused) /* requests answered by BUSY, or by UNAVAILABLE while the service ends */                               \
@@ -45,8 +44,9 @@
     X(disk_write_dropped) /* results that were not written because too much was waiting */                             \
     X(disk_read_errors) /* results that could not be read, for other reasons than damage */                            \
     X(disk_damaged) /* results on disk that were found damaged and set aside */                                        \
-    X(disk_evicted) /* entries */                                                                                      \
-    /* levels */                                                                                                       \
+    X(disk_evicted) /* entries */
+
+#define COUNTERS_OF_LEVELS(X)                                                                                          \
     X(pid)                                                                                                             \
     X(uptime_ms)                                                                                                       \
     X(workers)                                                                                                         \
@@ -74,16 +74,18 @@
     X(memory_promised) /* to prepares and builds under way (admission.h) */                                            \
     X(pool_bytes) /* of clients' pools */                                                                              \
     X(descriptors_used)                                                                                                \
-    X(descriptors_limit)                                                                                               \
-    /* how long items took lately, by stage (latency.h) */                                                             \
+    X(descriptors_limit)
+
+/* How long items took lately, by stage (latency.h). */
+#define COUNTERS_OF_LATENCIES(X)                                                                                       \
     COUNTERS_OF_LATENCY(X, waiting)                                                                                    \
-    COUNTERS_OF_LATENCY(X, prepare)                                                                                    \
-    COUNTERS_OF_LATENCY(X, build)                                                                                      \
-    COUNTERS_OF_LATENCY(X, total)
+    COUNTERS_OF_LATENCY(X, prepare) COUNTERS_OF_LATENCY(X, build) COUNTERS_OF_LATENCY(X, total)
 
 #define COUNTERS_OF_LATENCY(X, stage)                                                                                  \
     X(latency_##stage##_items)                                                                                         \
     X(latency_##stage##_p50_us) X(latency_##stage##_p90_us) X(latency_##stage##_p99_us) X(latency_##stage##_max_us)
+
+#define COUNTERS(X) COUNTERS_OF_SUMS(X) COUNTERS_OF_LEVELS(X) COUNTERS_OF_LATENCIES(X)
 
 struct counters {
 #define COUNTER(name) uint64_t name;

@@ -95,7 +95,7 @@ refused 2 --memory lots
 timeout 20 "$bvhd" --help >out 2>err
 expect 'help is no failure' [ $? -eq 0 ]
 for name in socket workers cache cache-size memory config help version log-level idle-exit drain-timeout \
-    max-connections slow-build disk-cache-size no-cache; do
+    max-connections slow-build metrics disk-cache-size no-cache; do
     expect "the help names --$name" has "--$name" out
 done
 timeout 20 "$bvhd" --version >out 2>err
@@ -193,6 +193,28 @@ if (ulimit -n 64 && "$bvhd" --version) >/dev/null 2>&1; then
     kill -TERM "$daemon"
     ended 0 '64 descriptors'
 fi
+
+# What it says of itself: a line for each slow structure, and the socket for monitoring.
+start --slow-build 0.001 --metrics m
+"$helper" build s 100000 >built
+expect 'it was built' has 'result OK' built
+who='connection=[0-9]+ uid=[0-9]+ pid=[0-9]+ request=[0-9]+'
+expect "a slow structure: $(cat log)" grep -Eq "event=slow_build $who item=0 .* primitives=100000 .*why=.it" log
+expect 'the mode of the other socket' [ "$(stat -c %a m)" = 600 ]
+if command -v curl >/dev/null; then
+    curl --silent --unix-socket m http://bvhd/metrics >metrics
+    expect "what was built: $(head -n 5 metrics)" has '^bvhd_builds_done_total 1$' metrics
+    expect 'latencies' has '^bvhd_latency_seconds_count{stage="total"} 1$' metrics
+    curl --silent --head --unix-socket m http://bvhd/metrics >metrics
+    expect 'only GET' has '^HTTP/1.0 405 ' metrics
+else
+    echo "the metrics were not read: there is no curl"
+fi
+kill -TERM "$daemon"
+ended 0 'monitoring'
+expect 'both sockets are gone' gone m
+refused 1 --socket s --metrics no/such/place
+refused 2 --metrics ''
 
 # There are more connections than it may have.
 start --max-connections 1 --log-level debug

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# members.sh SOURCE MAKE_SCENE MAKE_PROBE BVHCTL BVHD - tests that the members of JSON output are those that docs/json.md
-# and docs/manifest.md list, and no others. It runs the commands so that each member is printed at least once. It prints
-# each expectation that does not hold, and its status is 1 if there is one.
+# members.sh SOURCE MAKE_SCENE MAKE_PROBE BVHCTL BVHD - tests that the members of JSON output are those that
+# docs/json.md and docs/manifest.md list, and no others. It runs the commands so that each member is printed at least
+# once. It prints each expectation that does not hold, and its status is 1 if there is one.
 set -u
 # shellcheck source=tests/support/expect.sh
 . "$(dirname "$0")/../support/expect.sh"
